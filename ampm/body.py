@@ -1,0 +1,153 @@
+"""What the rest of the code must know of a body: which joints, soles and segments are what.
+
+The model's builder fills one :class:`BodyDescription`; nothing else in the project names a joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+SOLE_POINT_GROUPS = ("heel", "ball", "tip")
+"""Contact groups of one sole, back to front. A sole has two points in each, left then right."""
+
+
+@dataclass(frozen=True)
+class SoleGeometry:
+    """Outline of one sole in the foot's sole frame: x forward, y left, z up, origin on the sole.
+
+    The origin is the foot's *reference point*, from which the planner measures x in single support.
+    The toe axis lies in the sole plane, on the line of the ball points.
+
+    Attributes:
+        heel_x: x of the two heel points [m], negative.
+        ball_x: x of the two ball points and of the toe axis [m].
+        tip_x: x of the two toe-tip points [m].
+        heel_half_width: half the distance of the heel points [m].
+        ball_half_width: half the distance of the ball points [m].
+        tip_half_width: half the distance of the tip points [m].
+        ankle_x: x of the ankle's flexion axis [m].
+        ankle_height: height of the ankle's flexion axis over the sole [m].
+    """
+
+    heel_x: float
+    ball_x: float
+    tip_x: float
+    heel_half_width: float
+    ball_half_width: float
+    tip_half_width: float
+    ankle_x: float
+    ankle_height: float
+
+    @property
+    def length(self) -> float:
+        """Length of the sole, heel to tip [m]."""
+        return self.tip_x - self.heel_x
+
+    @property
+    def half_width(self) -> float:
+        """Largest half width of the sole [m]."""
+        return max(self.heel_half_width, self.ball_half_width, self.tip_half_width)
+
+
+@dataclass(frozen=True)
+class LegDescription:
+    """Names of one leg's joints, segments and frames, hip to toe.
+
+    Attributes:
+        hip: three hip joints in chain order.
+        knee: knee flexion.
+        ankle: two ankle joints in chain order.
+        toe: toe extension, the hinge between the foot's two segments.
+        foot_segment: segment that carries heel and ball.
+        toe_segment: segment that carries the toe tip.
+        sole_frame: site at the foot's reference point, fixed to the foot segment.
+        toe_frame: site on the toe axis, fixed to the toe segment.
+        sole_points: six sites: heel left/right, ball left/right, tip left/right.
+    """
+
+    hip: tuple[str, str, str]
+    knee: str
+    ankle: tuple[str, str]
+    toe: str
+    foot_segment: str
+    toe_segment: str
+    sole_frame: str
+    toe_frame: str
+    sole_points: tuple[str, str, str, str, str, str]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """All joints of the leg in chain order."""
+        return (*self.hip, self.knee, *self.ankle, self.toe)
+
+
+@dataclass(frozen=True)
+class BodyDescription:
+    """The one place that says which joint, segment and frame of a body is what.
+
+    Every hinge turns about +x (roll), +y (pitch) or +z (yaw) of the neutral posture, which is upright with
+    hanging arms at ``q = 0``; all angles are right-handed about these axes.
+
+    Attributes:
+        name: name of the body, for reports.
+        height: stature [m].
+        mass: total mass [kg].
+        root_joint: the free joint.
+        root_segment: the segment that it moves (pelvis).
+        trunk_segment: segment whose pitch is the trunk's lean (thorax).
+        left_leg, right_leg: the legs.
+        waist: joints between pelvis and abdomen, chain order.
+        chest: joints between abdomen and thorax, chain order.
+        left_arm, right_arm: shoulder 3, elbow 2, wrist 2, chain order.
+        sole: outline of one sole, the same for both feet.
+        hip_height: height of the hip centres over the sole when standing straight [m].
+        hip_half_width: half the distance of the hip centres [m].
+        leg_length: hip centre to ankle with a straight knee [m].
+        imu_segment: segment that carries the accelerometer and gyroscope.
+        mirror: (joint, mirrored joint, sign) for every hinge: reflection in the sagittal plane.
+        torque_limits: (joint, largest torque [N m]) for every actuated hinge, in actuator order.
+        sources: literature from which masses, lengths and limits are taken.
+    """
+
+    name: str
+    height: float
+    mass: float
+    root_joint: str
+    root_segment: str
+    trunk_segment: str
+    left_leg: LegDescription
+    right_leg: LegDescription
+    waist: tuple[str, ...]
+    chest: tuple[str, ...]
+    left_arm: tuple[str, ...]
+    right_arm: tuple[str, ...]
+    sole: SoleGeometry
+    hip_height: float
+    hip_half_width: float
+    leg_length: float
+    imu_segment: str
+    mirror: tuple[tuple[str, str, float], ...]
+    torque_limits: tuple[tuple[str, float], ...]
+    sources: tuple[str, ...]
+
+    @property
+    def legs(self) -> tuple[LegDescription, LegDescription]:
+        """Left leg, right leg."""
+        return (self.left_leg, self.right_leg)
+
+    @property
+    def trunk(self) -> tuple[str, ...]:
+        """Waist and chest joints."""
+        return (*self.waist, *self.chest)
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """Joints of both arms, left first."""
+        return (*self.left_arm, *self.right_arm)
+
+    def sole_points(self) -> Iterator[tuple[int, str, str]]:
+        """Yield (foot index, group, site name) of all sole points: left foot first, heel, ball, tip."""
+        for foot, leg in enumerate(self.legs):
+            for index, site in enumerate(leg.sole_points):
+                yield foot, SOLE_POINT_GROUPS[index // 2], site

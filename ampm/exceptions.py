@@ -1,0 +1,54 @@
+"""The errors of the testbed: one root, and a leaf for every way in which a request can go wrong.
+
+A message is one sentence for the user: the value, the limit, and a way out.
+"""
+
+from __future__ import annotations
+
+
+class AmpmError(Exception):
+    """Root of every error that the testbed raises on purpose."""
+
+
+class InputError(AmpmError):
+    """The request itself is wrong: an unknown key, a value that is no number, a file that is missing."""
+
+
+class RefusedGait(AmpmError):
+    """A well-formed gait that cannot be walked.
+
+    Attributes:
+        reason: short name of the limit that was passed, for tables (``"switching_velocity_too_low"``).
+        value: the offending value, in ``unit``.
+        limit: the limit that it passed, in ``unit``.
+        unit: SI unit of both, ``"1"`` if they have none.
+        way_out: what the user can change.
+    """
+
+    kind = "refused"
+
+    def __init__(
+        self, message: str, *, reason: str, value: float, limit: float, unit: str, way_out: str
+    ) -> None:
+        super().__init__(f"{message}; {way_out}.")
+        self.reason = reason
+        self.value = value
+        self.limit = limit
+        self.unit = unit
+        self.way_out = way_out
+
+
+class MathematicalRefusal(RefusedGait):
+    """No body whatsoever can walk this plan: the closed form itself has no solution."""
+
+    kind = "mathematical"
+
+
+class BodilyRefusal(RefusedGait):
+    """The plan exists, but the body that was given cannot walk it."""
+
+    kind = "bodily"
+
+
+class SolverError(AmpmError):
+    """A numerical solver failed where no fallback makes sense."""
