@@ -1,0 +1,70 @@
+# Two commands: `make validate` runs the main job, `make test` checks the project. Both set up .venv first.
+PYTHON ?= python3
+GAITS ?= normal momentum
+ARGS ?=
+JOBS ?= 2
+
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+INSTALLED_TEST := $(VENV)/.installed-test
+SETTINGS := pyproject.toml constraints.txt
+
+# Headless: MuJoCo must not look for a display. One thread per process: the matrices are small, and a run's
+# bits must not depend on how many cores share the work.
+export MUJOCO_GL ?= disable
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help validate test lint types docs bench install clean
+
+help:  ## List the targets
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## */  make \1\t/' | expand -t 18
+
+validate: $(INSTALLED)  ## Plan, walk and judge both gaits of the paper (GAITS=... ARGS=... to change it)
+	@$(BIN)/ampm validate $(GAITS) $(ARGS)
+
+test: $(INSTALLED_TEST) lint types  ## Lint, types, and every test that is not marked slow
+	@$(BIN)/pytest -n $(JOBS) $(ARGS)
+
+lint: $(INSTALLED_TEST)  ## ruff: rules and formatting
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+
+types: $(INSTALLED_TEST)  ## mypy
+	@$(BIN)/mypy
+
+bench: $(INSTALLED_TEST)  ## Time the planner, the controller and the simulation
+	@$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[bench]'
+	@$(BIN)/python -m benchmarks $(ARGS)
+
+docs: $(INSTALLED)  ## Build the documentation as web pages in build/site
+	@$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[docs]'
+	@$(BIN)/mkdocs build --strict
+
+install: $(INSTALLED)  ## Only create .venv and install
+
+clean:  ## Remove .venv and caches (never runs/)
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache build
+
+$(BIN)/python:
+	@command -v $(PYTHON) >/dev/null 2>&1 || { \
+	  echo "make: there is no '$(PYTHON)' here; install Python 3.11 or newer, or name it: make PYTHON=/path/to/python3." >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "make: '$(PYTHON)' is older than Python 3.11; name a newer one: make PYTHON=/path/to/python3." >&2; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { \
+	  echo "make: Python cannot create a virtual environment here; on Debian, run 'sudo apt-get install python3-venv' and try again." >&2; exit 1; }
+	@echo "Creating $(VENV) ..."
+	@rm -rf $(VENV)
+	@$(PYTHON) -m venv $(VENV)
+
+$(INSTALLED): $(SETTINGS) | $(BIN)/python
+	@echo "Installing into $(VENV) (about 2 GB, a minute or two) ..."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(INSTALLED_TEST): $(SETTINGS) | $(INSTALLED)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	@touch $@
