@@ -1,0 +1,346 @@
+"""Every number a run depends on: frozen, validated, in SI units, and one TOML file to hold them all.
+
+Keys are namespaced (``gait.step_length``). A run starts from the defaults, takes a preset or a TOML file over
+them, then ``key=value`` overrides; :func:`dump_run` writes the result so that :func:`load_run` gives back the
+same bits.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+import tomli_w
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from ampm.exceptions import InputError
+
+GRAVITY = 9.81
+"""Gravitational acceleration of the paper [m/s^2]."""
+
+PRESETS: dict[str, str] = {
+    "normal": "the paper's gait: 0.6 m steps, 1.0 m/s at every switch, no angular momentum about the COM",
+    "momentum": "the same with angular momentum about both horizontal axes (c_s 1.2, c_y 0.4)",
+    "flat": "an easy gait: 0.4 m steps on flat feet",
+}
+"""Presets and what they are; each is ``ampm/presets/<name>.toml``."""
+
+
+def _not_nan(value: float) -> float:
+    if math.isnan(value):
+        raise ValueError("must be a number")
+    return value
+
+
+Real = Annotated[float, Field(allow_inf_nan=False)]
+"""A finite float."""
+
+RealOrInf = Annotated[float, AfterValidator(_not_nan)]
+"""A float that may be infinite, but not NaN."""
+
+
+class Section(BaseModel):
+    """Base of all parameter sections: immutable, no unknown keys, failures raised as :class:`InputError`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=True)
+    section: ClassVar[str] = ""
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise _input_error(error, type(self)) from None
+
+
+def _field(default: Any, description: str, unit: str, **bounds: Any) -> Any:
+    """A field with its default, meaning, SI unit and bounds."""
+    return Field(default, description=description, json_schema_extra={"unit": unit}, **bounds)
+
+
+class GaitParameters(Section):
+    """The closed-form gait, symbols of the paper (Kudoh & Komura, IROS 2003) in parentheses."""
+
+    section: ClassVar[str] = "gait"
+
+    com_height: Real = _field(0.888, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
+    step_length: Real = _field(
+        0.6, "distance of successive footprints of opposite feet along x (2 (l_s + l_d))", "m", gt=0, le=100
+    )
+    switching_velocity: Real = _field(
+        1.0, "forward speed of the COM at every switch of support (v0)", "m/s", gt=0, le=100
+    )
+    single_support_ratio: Real = _field(
+        0.79, "share of the COM's travel that falls in single support (l_s / (l_s + l_d))", "1", gt=0, lt=1
+    )
+    a_s: RealOrInf = _field(
+        1 / 0.35, "COM travel over ZMP travel in single support; inf holds the ZMP still", "1", gt=0
+    )
+    c_s: Real = _field(
+        1.0, "slope of the force line over the COM in single support; 1 passes through the COM", "1", le=100
+    )
+    c_y: Real = _field(
+        1.0, "slope of the force line in the frontal plane; 1 passes through the COM", "1", le=100
+    )
+    step_width: Real = _field(0.18, "lateral distance of the feet (2 (s + beta))", "m", gt=0, le=100)
+    steps: int = _field(30, "number of steps", "1", ge=1, le=100_000)
+
+
+class BodyParameters(Section):
+    """The walking body."""
+
+    section: ClassVar[str] = "body"
+
+    height: Real = _field(1.70, "stature", "m", ge=0.5, le=3)
+    mass: Real = _field(60.0, "total mass", "kg", gt=0, le=1000)
+    lean: Real = _field(0.0, "mean pitch of the trunk over a step, forward positive", "rad", ge=-0.5, le=0.5)
+    angular_momentum_z: Literal["free", "zero"] = _field(
+        "free", "angular momentum about the vertical: free with yaw held by posture, or held at zero", "1"
+    )
+
+
+class FootParameters(Section):
+    """Key-frames of the feet: initial contact, full contact, heel rise, toe off."""
+
+    section: ClassVar[str] = "foot"
+
+    schedule: Literal["flat", "roll"] = _field(
+        "roll", "flat: no heel rise before lift-off; roll: heel strike, flat, heel rise, toe off", "1"
+    )
+    swing_height: Real = _field(0.04, "extra lift of the foot at mid swing", "m", ge=0, le=0.5)
+    heel_strike_angle: Real = _field(
+        0.175, "pitch of the foot, toes up, at initial contact", "rad", ge=0, le=0.8
+    )
+    heel_strike_rate: Real = _field(
+        0.0, "speed at which the toes come down at initial contact", "rad/s", ge=0, le=20
+    )
+    full_contact: Real = _field(
+        0.9, "share of the double support after which the front foot is flat", "1", gt=0, le=1
+    )
+    heel_rise_lead: Real = _field(
+        0.0, "time by which the heel rise begins before the double support", "s", ge=0, le=1
+    )
+    toe_off_angle: Real = _field(0.45, "pitch of the foot, heel up, at toe off", "rad", ge=0, le=1.2)
+    toe_off_rate: Real = _field(6.5, "speed at which the heel rises at toe off", "rad/s", ge=0, le=30)
+    toe_return: Real = _field(0.5, "share of the swing in which the toe joint straightens", "1", gt=0, le=1)
+
+
+class ContactParameters(Section):
+    """Contact of the sole points with the floor (MuJoCo's soft contact model)."""
+
+    section: ClassVar[str] = "contact"
+
+    time_constant: Real = _field(0.015, "time constant of a contact", "s", gt=0, le=1)
+    damping_ratio: Real = _field(1.0, "damping ratio of a contact", "1", gt=0, le=10)
+    impedance_min: Real = _field(0.9, "constraint impedance at zero penetration", "1", gt=0, lt=1)
+    impedance_max: Real = _field(0.95, "constraint impedance at full penetration", "1", gt=0, lt=1)
+    impedance_width: Real = _field(0.001, "penetration over which the impedance rises", "m", gt=0, le=0.1)
+    friction: Real = _field(0.8, "sliding friction of soles and floor", "1", gt=0, le=10)
+    impratio: Real = _field(10.0, "ratio of frictional to normal impedance", "1", gt=0, le=1000)
+
+
+class ControllerParameters(Section):
+    """The torque-level tracking controller."""
+
+    section: ClassVar[str] = "controller"
+
+    frequency: Real = _field(500.0, "control ticks per second", "Hz", gt=0, le=10_000)
+    friction: Real = _field(0.6, "friction that the controller allows itself", "1", gt=0, le=10)
+
+
+class SimulationParameters(Section):
+    """The physics engine."""
+
+    section: ClassVar[str] = "simulation"
+
+    time_step: Real = _field(0.002, "time step of the physics", "s", gt=0, le=0.05)
+    integrator: Literal["Euler", "implicitfast"] = _field("Euler", "integrator of the physics", "1")
+
+
+class SolverParameters(Section):
+    """Numerical solvers and grids."""
+
+    section: ClassVar[str] = "solver"
+
+    qp: Literal["osqp", "daqp"] = _field("osqp", "solver of the controller's quadratic programme", "1")
+    ik_time_step: Real = _field(
+        0.002,
+        "largest step of the inverse kinematics' grid, which divides both phases exactly",
+        "s",
+        gt=0,
+        le=0.05,
+    )
+
+
+class RunParameters(Section):
+    """Everything that describes one run."""
+
+    gait: GaitParameters = Field(default_factory=GaitParameters)
+    body: BodyParameters = Field(default_factory=BodyParameters)
+    foot: FootParameters = Field(default_factory=FootParameters)
+    contact: ContactParameters = Field(default_factory=ContactParameters)
+    controller: ControllerParameters = Field(default_factory=ControllerParameters)
+    simulation: SimulationParameters = Field(default_factory=SimulationParameters)
+    solver: SolverParameters = Field(default_factory=SolverParameters)
+
+    def replace(self, values: Mapping[str, Any]) -> RunParameters:
+        """Copy with some namespaced keys changed, validated like any other input.
+
+        Args:
+            values: new values by namespaced key, for example ``{"gait.c_s": 1.2}``.
+
+        Raises:
+            InputError: unknown key or bad value.
+        """
+        table = self.model_dump()
+        for key, value in values.items():
+            _assign(table, key, value)
+        return RunParameters(**table)
+
+
+def keys() -> tuple[str, ...]:
+    """All namespaced keys, in the order of the file."""
+    return tuple(
+        f"{name}.{key}"
+        for name, field in RunParameters.model_fields.items()
+        for key in _section_type(field.annotation).model_fields
+    )
+
+
+def preset_names() -> tuple[str, ...]:
+    """Names of the presets."""
+    return tuple(PRESETS)
+
+
+def load_run(gait: str | Path | None = None, overrides: Sequence[str] = ()) -> RunParameters:
+    """Resolve a run from a preset or file and from overrides.
+
+    Args:
+        gait: name of a preset, path of a TOML file, or None for the defaults.
+        overrides: ``key=value`` texts, the key namespaced, the value as in TOML (quotes may be left out).
+
+    Raises:
+        InputError: no such preset or file, no valid TOML, an unknown key or a bad value.
+    """
+    table = {} if gait is None else _read(gait)
+    for override in overrides:
+        key, equals, text = override.partition("=")
+        if not equals:
+            raise InputError(f"override {override!r} is no key=value pair; write for example gait.c_s=1.2.")
+        _assign(table, key.strip(), _value(text.strip()))
+    return RunParameters(**table)
+
+
+def dump_run(run: RunParameters) -> str:
+    """TOML text of a run that :func:`load_run` reads back bit-exactly; keys without a value are left out."""
+    table = run.model_dump()
+    return tomli_w.dumps(
+        {name: {k: v for k, v in section.items() if v is not None} for name, section in table.items()}
+    )
+
+
+def _read(gait: str | Path) -> dict[str, Any]:
+    """Read the table of a preset or of a file."""
+    if isinstance(gait, str) and gait in PRESETS:
+        text = resources.files("ampm").joinpath("presets", f"{gait}.toml").read_text(encoding="utf-8")
+        return tomllib.loads(text)
+    path = Path(gait)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        hint = f"the presets are {', '.join(PRESETS)}"
+        close = difflib.get_close_matches(str(gait), PRESETS, n=1)
+        if close:
+            hint = f"did you mean {close[0]!r}? {hint}"
+        raise InputError(f"there is neither a preset nor a file {str(gait)!r}; {hint}.") from None
+    except (OSError, UnicodeDecodeError) as error:
+        message = f"the file {str(gait)!r} cannot be read ({error}); give a readable TOML file."
+        raise InputError(message) from None
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"the file {str(gait)!r} is no valid TOML: {error}; correct that line.") from None
+
+
+def _value(text: str) -> Any:
+    """Value of an override: TOML where it is TOML, else a number, else the text itself."""
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+        if parsed.keys() == {"value"}:
+            return parsed["value"]
+    except tomllib.TOMLDecodeError:
+        pass
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _assign(table: dict[str, Any], key: str, value: Any) -> None:
+    """Set one namespaced key in a nested table."""
+    name, dot, field = key.partition(".")
+    if not dot or name not in RunParameters.model_fields:
+        raise InputError(_unknown_key(key))
+    section = table.setdefault(name, {})
+    if not isinstance(section, dict):
+        raise InputError(f"{name} = {section!r} is no section; write [{name}] and its keys below.")
+    section[field] = value
+
+
+def _section_type(annotation: Any) -> type[Section]:
+    if not (isinstance(annotation, type) and issubclass(annotation, Section)):
+        raise TypeError(f"{annotation!r} is no section")
+    return annotation
+
+
+def _unknown_key(key: str) -> str:
+    """Sentence about an unknown key, with the nearest known one."""
+    known = keys()
+    leaf = key.rpartition(".")[2]
+    same_leaf = [k for k in known if k.rpartition(".")[2] == leaf]
+    close = same_leaf or difflib.get_close_matches(key, known, n=1, cutoff=0.0)
+    return f"unknown key {key!r}; did you mean {close[0]!r}?"
+
+
+_LIMITS = {
+    "greater_than": ("gt", "must be greater than"),
+    "greater_than_equal": ("ge", "must be at least"),
+    "less_than": ("lt", "must be less than"),
+    "less_than_equal": ("le", "must be at most"),
+}
+
+
+def _input_error(error: ValidationError, model: type[Section]) -> InputError:
+    """Translate the first failure of a validation into one sentence: key, value, limit, way out."""
+    detail = error.errors()[0]
+    location = [str(part) for part in detail["loc"]]
+    key = ".".join([model.section, *location] if model.section else location)
+    kind, value, context = detail["type"], detail.get("input"), detail.get("ctx", {})
+    if kind == "extra_forbidden":
+        return InputError(_unknown_key(key))
+    field = model.model_fields.get(location[0]) if location else None
+    if field is None or not model.section:
+        return InputError(f"{key} = {value!r} is no section of keys; write [{key}] and its keys below it.")
+    extra = field.json_schema_extra
+    unit = str(extra.get("unit", "1")) if isinstance(extra, dict) else "1"
+    shown_unit = "" if unit == "1" else f" {unit}"
+    if kind in _LIMITS:
+        name, words = _LIMITS[kind]
+        limit = f"{words} {context[name]:g}{shown_unit}"
+    elif kind == "literal_error":
+        limit = f"must be one of {context['expected']}"
+    elif kind == "int_type":
+        limit = "must be a whole number"
+    elif kind == "float_type":
+        limit = "must be a number"
+    else:
+        limit = "must be a finite number"
+    default = field.default
+    shown = f"{default:g}{shown_unit}" if isinstance(default, float) else repr(default)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    given = f"{value:g}{shown_unit}" if is_number else repr(value)
+    return InputError(f"{key} = {given} {limit}; the default is {shown}. Meaning: {field.description}.")
