@@ -9,6 +9,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 INSTALLED_TEST := $(VENV)/.installed-test
 SETTINGS := pyproject.toml constraints.txt
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
 # Headless: MuJoCo must not look for a display. One thread per process: the matrices are small, and a run's
 # bits must not depend on how many cores share the work.
@@ -37,11 +38,11 @@ types: $(INSTALLED_TEST)  ## mypy
 	@$(BIN)/mypy
 
 bench: $(INSTALLED_TEST)  ## Time the planner, the controller and the simulation
-	@$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[bench]'
+	@$(PIP_INSTALL) -e '.[bench]'
 	@$(BIN)/python -m benchmarks $(ARGS)
 
 docs: $(INSTALLED)  ## Build the documentation as web pages in build/site
-	@$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[docs]'
+	@$(PIP_INSTALL) -e '.[docs]'
 	@$(BIN)/mkdocs build --strict
 
 install: $(INSTALLED)  ## Only create .venv and install
@@ -62,9 +63,11 @@ $(BIN)/python:
 
 $(INSTALLED): $(SETTINGS) | $(BIN)/python
 	@echo "Installing into $(VENV) (about 2 GB, a minute or two) ..."
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@$(PIP_INSTALL) -e .
+	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 13))' || exit 0; \
+	  $(PIP_INSTALL) --no-deps dm-control  # see the reason in pyproject.toml
 	@touch $@
 
 $(INSTALLED_TEST): $(SETTINGS) | $(INSTALLED)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	@$(PIP_INSTALL) -e '.[test]'
 	@touch $@
