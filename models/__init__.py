@@ -1,0 +1,1 @@
+"""Bodies for the simulator, built from published tables."""

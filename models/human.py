@@ -1,0 +1,625 @@
+"""The 40-dof human of the paper: 17 segments, 34 hinges and a free root, for any stature and mass.
+
+The model is written with PyMJCF from the tables in :mod:`models.anthropometry`. Every segment has an explicit
+inertial; pictures have neither mass nor contact. Only the twelve points under the soles touch anything, and
+only the floor.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+
+from ampm.body import SOLE_POINT_GROUPS, BodyDescription, LegDescription, SoleGeometry
+from ampm.exceptions import InputError
+from models import anthropometry as table
+from models._pymjcf import mjcf
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ampm.parameters import BodyParameters, ContactParameters, SimulationParameters
+
+GRAVITY = 9.81
+"""Gravity [m/s^2], as in the paper."""
+SOLE_POINT_RADIUS = 0.001
+"""Radius of the spheres that touch the floor [m]."""
+SIDES = ("left", "right")
+
+_AXES = {"roll": (1, 0, 0), "pitch": (0, 1, 0), "yaw": (0, 0, 1)}
+_INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast")
+# Twelve digits: legible, the same text on every platform, and 1e-11 kg at most in the total mass.
+_XML_PRECISION = 12
+
+_TRUNK_JOINTS = ("yaw", "roll", "pitch")
+_HIP_JOINTS = ("pitch", "roll", "yaw")
+_SHOULDER_JOINTS = ("pitch", "roll", "yaw")
+
+_SKIN = (0.87, 0.72, 0.60, 1.0)
+_SHIRT = (0.25, 0.42, 0.62, 1.0)
+_TROUSERS = (0.23, 0.25, 0.31, 1.0)
+_LEFT_SHADE = (0.30, 0.33, 0.40, 1.0)
+_SHOE = (0.55, 0.16, 0.14, 1.0)
+_TOE_CAP = (0.72, 0.30, 0.24, 1.0)
+
+
+@dataclass(frozen=True)
+class BodyModel:
+    """A body ready to be simulated.
+
+    Attributes:
+        xml: MJCF text, complete in itself.
+        description: which joint, sole and segment is what.
+    """
+
+    xml: str
+    description: BodyDescription
+
+    def compile(self) -> mujoco.MjModel:
+        """Return the compiled MuJoCo model."""
+        return mujoco.MjModel.from_xml_string(self.xml)
+
+
+@dataclass(frozen=True)
+class _Inertial:
+    """Mass [kg], centre of mass in the segment's frame (3,) [m], inertia about it (3, 3) [kg m^2]."""
+
+    mass: float
+    com: NDArray[np.float64]
+    inertia: NDArray[np.float64]
+
+    def about(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Inertia (3, 3) about ``point`` (3,) of the same frame [kg m^2]."""
+        r = self.com - point
+        return self.inertia + self.mass * (r @ r * np.eye(3) - np.outer(r, r))
+
+    def plus(self, other: _Inertial) -> _Inertial:
+        """Both bodies taken together."""
+        mass = self.mass + other.mass
+        com = (self.mass * self.com + other.mass * other.com) / mass
+        return _Inertial(mass, com, self.about(com) + other.about(com))
+
+    def minus(self, part: _Inertial) -> _Inertial:
+        """What is left when ``part`` is cut off."""
+        mass = self.mass - part.mass
+        com = (self.mass * self.com - part.mass * part.com) / mass
+        rest = _Inertial(part.mass, part.com, part.inertia)
+        inertia = self.about(com) - rest.about(com)
+        return _Inertial(mass, com, inertia)
+
+
+def _inertial(
+    segment: table.Segment,
+    body_mass: float,
+    length: float,
+    com: tuple[float, float, float],
+    *,
+    forward: bool = False,
+) -> _Inertial:
+    """Inertial of a table row for a segment of ``length`` [m] with its centre of mass at ``com`` [m].
+
+    The longitudinal axis is z, or x if ``forward``; then the sagittal axis points up.
+    """
+    sagittal, transverse, longitudinal = (radius * length for radius in segment.radii)
+    radii = (longitudinal, transverse, sagittal) if forward else (sagittal, transverse, longitudinal)
+    mass = segment.mass * body_mass
+    return _Inertial(mass, np.array(com), mass * np.diag(np.square(radii)))
+
+
+def _box_inertial(
+    mass: float, com: tuple[float, float, float], size: tuple[float, float, float]
+) -> _Inertial:
+    """Inertial of a homogeneous box with the edge lengths ``size`` [m]."""
+    x, y, z = size
+    inertia = mass / 12.0 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y])
+    return _Inertial(mass, np.array(com), inertia)
+
+
+def sole_geometry(height: float) -> SoleGeometry:
+    """Outline of the sole of a body of stature ``height`` [m]."""
+    return SoleGeometry(
+        heel_x=table.SOLE_HEEL_X * height,
+        ball_x=table.SOLE_BALL_X * height,
+        tip_x=table.SOLE_TIP_X * height,
+        heel_half_width=table.SOLE_HEEL_HALF_WIDTH * height,
+        ball_half_width=table.SOLE_BALL_HALF_WIDTH * height,
+        tip_half_width=table.SOLE_TIP_HALF_WIDTH * height,
+        ankle_x=table.SOLE_ANKLE_X * height,
+        ankle_height=table.ANKLE_HEIGHT * height,
+    )
+
+
+def joint_range(joint: str) -> tuple[float, float]:
+    """Range of a hinge [rad], least and largest angle; a right limb's roll and yaw are mirrored."""
+    side, _, rest = joint.partition("_")
+    if side not in SIDES:
+        return table.RANGES[joint]
+    low, high = table.RANGES[rest]
+    if side == "right" and not rest.endswith("pitch"):
+        return (0.0 - high, 0.0 - low)
+    return (low, high)
+
+
+def _torque_share(joint: str) -> float:
+    side, _, rest = joint.partition("_")
+    return table.TORQUE_SHARES[rest if side in SIDES else joint]
+
+
+class _Builder:
+    """Writes the MJCF of one body, trunk first, then legs, then arms."""
+
+    def __init__(
+        self, body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters
+    ) -> None:
+        self.height = float(body.height)
+        self.mass = float(body.mass)
+        # The table adds up to 100.00 %; dividing by the sum keeps the total exact whatever is edited there.
+        self.table_mass = self.mass / table.TOTAL_MASS_SHARE
+        self.sole = sole_geometry(self.height)
+        self.root = mjcf.RootElement(model="human")
+        self.joints: list[str] = []
+        self.groups: dict[str, tuple[str, ...]] = {}
+        # De Leva's trunk, set upon Winter's hip, would make the body 1.6 % too tall.
+        trunk = (
+            table.HEAD.length
+            + table.UPPER_TRUNK.length
+            + table.MIDDLE_TRUNK.length
+            + table.LOWER_TRUNK.length
+        )
+        self.trunk_scale = (1.0 - table.HIP_HEIGHT) / trunk * self.height
+        self._options(contact, simulation)
+
+    def _options(self, contact: ContactParameters, simulation: SimulationParameters) -> None:
+        root = self.root
+        root.compiler.angle = "radian"
+        root.compiler.autolimits = True
+        root.compiler.inertiafromgeom = False
+        root.compiler.balanceinertia = False
+        root.option.timestep = simulation.time_step
+        root.option.integrator = simulation.integrator
+        root.option.gravity = (0, 0, -GRAVITY)
+        root.option.cone = "elliptic"
+        root.option.impratio = contact.impratio
+        root.option.solver = "Newton"
+        # The forces are what is measured: solve for them as far as doubles allow; Newton needs a few steps.
+        root.option.iterations = 100
+        root.option.tolerance = 1e-12
+        root.option.ls_iterations = 50
+        root.option.ls_tolerance = 1e-3
+        root.statistic.extent = 2.0
+        root.statistic.center = (0, 0, 0.5 * self.height)
+        root.visual.map.znear = 0.01
+        root.visual.headlight.ambient = (0.35, 0.35, 0.35)
+        root.visual.headlight.diffuse = (0.55, 0.55, 0.55)
+        getattr(root.visual, "global").offwidth = 1920
+        getattr(root.visual, "global").offheight = 1080
+
+        root.default.geom.contype = 0
+        root.default.geom.conaffinity = 0
+        root.default.geom.mass = 0
+        root.default.geom.group = 1
+        root.default.site.size = (0.004,)
+        root.default.site.group = 4
+        touching = root.default.add("default", dclass="contact")
+        touching.geom.condim = 3
+        touching.geom.friction = (contact.friction, 0.005, 0.0001)
+        touching.geom.solref = (contact.time_constant, contact.damping_ratio)
+        touching.geom.solimp = (contact.impedance_min, contact.impedance_max, contact.impedance_width, 0.5, 2)
+        touching.geom.group = 0
+
+        root.asset.add(
+            "texture",
+            name="sky",
+            type="skybox",
+            builtin="gradient",
+            rgb1=(0.93, 0.95, 0.97),
+            rgb2=(0.6, 0.7, 0.8),
+            width=256,
+            height=256,
+        )
+        root.asset.add(
+            "texture",
+            name="floor",
+            type="2d",
+            builtin="checker",
+            rgb1=(0.78, 0.80, 0.82),
+            rgb2=(0.70, 0.72, 0.75),
+            width=256,
+            height=256,
+        )
+        # One square is 0.5 m: the pattern repeats every metre.
+        root.asset.add("material", name="floor", texture="floor", texrepeat=(1, 1), texuniform=True)
+        world = root.worldbody
+        world.add(
+            "light",
+            name="sun",
+            directional=True,
+            castshadow=True,
+            pos=(0, 0, 4),
+            dir=(0.3, 0.4, -1),
+            diffuse=(0.5, 0.5, 0.5),
+            specular=(0.1, 0.1, 0.1),
+        )
+        # The floor offers contact and the points accept it, so that two points never touch each other.
+        world.add(
+            "geom",
+            name="floor",
+            dclass="contact",
+            type="plane",
+            size=(0, 0, 1),
+            material="floor",
+            contype=1,
+            conaffinity=0,
+        )
+
+    def _body(self, parent: Any, name: str, pos: tuple[float, float, float], inertial: _Inertial) -> Any:
+        body = parent.add("body", name=name, pos=pos)
+        values: dict[str, Any] = {"mass": inertial.mass, "pos": inertial.com}
+        i = inertial.inertia
+        if abs(i[0, 2]) > 0.0:
+            values["fullinertia"] = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
+        else:
+            values["diaginertia"] = np.diag(i)
+        body.add("inertial", **values)
+        return body
+
+    def _hinges(self, body: Any, prefix: str, kinds: tuple[str, ...]) -> tuple[str, ...]:
+        names = tuple(f"{prefix}_{kind}" for kind in kinds)
+        for name, kind in zip(names, kinds, strict=True):
+            body.add("joint", name=name, type="hinge", axis=_AXES[kind], range=joint_range(name))
+        self.joints.extend(names)
+        return names
+
+    def _capsule(
+        self,
+        body: Any,
+        start: tuple[float, float, float],
+        end: tuple[float, float, float],
+        radius: float,
+        rgba: tuple[float, ...],
+    ) -> None:
+        body.add("geom", type="capsule", fromto=(*start, *end), size=(radius,), rgba=rgba)
+
+    def _ellipsoid(
+        self,
+        body: Any,
+        pos: tuple[float, float, float],
+        size: tuple[float, float, float],
+        rgba: tuple[float, ...],
+    ) -> None:
+        body.add("geom", type="ellipsoid", pos=pos, size=size, rgba=rgba)
+
+    def build(self) -> BodyModel:
+        thorax, shoulder_z = self._trunk()
+        legs = tuple(self._leg(side) for side in SIDES)
+        arms = tuple(self._arm(thorax, side, shoulder_z) for side in SIDES)
+        self._sensors()
+        limits = tuple(
+            (name, _torque_share(name) * self.mass * GRAVITY * self.height) for name in self._chain_order()
+        )
+        for name, limit in limits:
+            self.root.actuator.add(
+                "motor",
+                name=name,
+                joint=name,
+                gear=(1,),
+                ctrllimited=True,
+                ctrlrange=(-limit, limit),
+                forcelimited=True,
+                forcerange=(-limit, limit),
+            )
+        description = BodyDescription(
+            name="human",
+            height=self.height,
+            mass=self.mass,
+            root_joint="root",
+            root_segment="pelvis",
+            trunk_segment="thorax",
+            left_leg=legs[0],
+            right_leg=legs[1],
+            waist=self.groups["waist"],
+            chest=self.groups["chest"],
+            left_arm=arms[0],
+            right_arm=arms[1],
+            sole=self.sole,
+            hip_height=table.HIP_HEIGHT * self.height,
+            hip_half_width=table.HIP_HALF_WIDTH * self.height,
+            leg_length=(table.HIP_HEIGHT - table.ANKLE_HEIGHT) * self.height,
+            imu_segment="thorax",
+            mirror=tuple(_mirrored(name) for name, _ in limits),
+            torque_limits=limits,
+            sources=table.SOURCES,
+        )
+        return BodyModel(self.root.to_xml_string(precision=_XML_PRECISION), description)
+
+    def _chain_order(self) -> list[str]:
+        """Hinges in MuJoCo's joint order, which is depth first."""
+        return [
+            joint.name
+            for joint in self.root.find_all("joint", exclude_attachments=True)
+            if joint.tag == "joint"
+        ]
+
+    def _trunk(self) -> tuple[Any, float]:
+        h, scale = self.height, self.trunk_scale
+        lower, middle = table.LOWER_TRUNK.length * scale, table.MIDDLE_TRUNK.length * scale
+        upper, head = table.UPPER_TRUNK.length * scale, table.HEAD.length * scale
+        # Table rows run downward from the upper endpoint; segment frames are at the lower one.
+        pelvis = self._body(
+            self.root.worldbody,
+            "pelvis",
+            (0, 0, table.HIP_HEIGHT * h),
+            _inertial(table.LOWER_TRUNK, self.table_mass, lower, (0, 0, (1 - table.LOWER_TRUNK.com) * lower)),
+        )
+        pelvis.add("freejoint", name="root")
+        pelvis.add("site", name="pelvis")
+        for name, mode, pos, xyaxes in (
+            ("side", "trackcom", (0.0, -3.2, 0.1), (1, 0, 0, 0, 0.03, 1)),
+            ("front", "trackcom", (3.2, 0.0, 0.1), (0, 1, 0, -0.03, 0, 1)),
+            ("oblique", "trackcom", (2.3, -2.3, 0.5), (0.707, 0.707, 0, -0.13, 0.13, 1)),
+        ):
+            pelvis.add("camera", name=name, mode=mode, pos=pos, xyaxes=xyaxes)
+        self._ellipsoid(pelvis, (0, 0, 0.035 * h), (0.068 * h, 0.099 * h, 0.062 * h), _TROUSERS)
+
+        abdomen = self._body(
+            pelvis,
+            "abdomen",
+            (0, 0, lower),
+            _inertial(
+                table.MIDDLE_TRUNK, self.table_mass, middle, (0, 0, (1 - table.MIDDLE_TRUNK.com) * middle)
+            ),
+        )
+        self.groups["waist"] = self._hinges(abdomen, "waist", _TRUNK_JOINTS)
+        self._ellipsoid(abdomen, (0, 0, 0.4 * middle), (0.062 * h, 0.088 * h, 0.085 * h), _SHIRT)
+
+        thorax = self._body(
+            abdomen,
+            "thorax",
+            (0, 0, middle),
+            _inertial(
+                table.UPPER_TRUNK, self.table_mass, upper, (0, 0, (1 - table.UPPER_TRUNK.com) * upper)
+            ).plus(_inertial(table.HEAD, self.table_mass, head, (0, 0, upper + (1 - table.HEAD.com) * head))),
+        )
+        self.groups["chest"] = self._hinges(thorax, "chest", _TRUNK_JOINTS)
+        self._ellipsoid(thorax, (0, 0, 0.40 * upper), (0.068 * h, 0.102 * h, 0.100 * h), _SHIRT)
+        shoulder_z = table.SHOULDER_HEIGHT * h - table.HIP_HEIGHT * h - lower - middle
+        half = table.SHOULDER_HALF_WIDTH * h
+        self._capsule(thorax, (0, -0.82 * half, shoulder_z), (0, 0.82 * half, shoulder_z), 0.031 * h, _SHIRT)
+        self._capsule(thorax, (0, 0, shoulder_z), (0.004 * h, 0, upper + 0.15 * head), 0.030 * h, _SKIN)
+        self._ellipsoid(
+            thorax, (0.012 * h, 0, upper + 0.53 * head), (0.054 * h, 0.045 * h, 0.47 * head), _SKIN
+        )
+        thorax.add(
+            "geom",
+            type="ellipsoid",
+            pos=(0.064 * h, 0, upper + 0.46 * head),
+            size=(0.010 * h, 0.007 * h, 0.013 * h),
+            rgba=_SKIN,
+        )
+        thorax.add("site", name="imu", pos=(0, 0, 0.5 * upper))
+        self.pelvis = pelvis
+        return thorax, shoulder_z
+
+    def _leg(self, side: str) -> LegDescription:
+        h, sole = self.height, self.sole
+        sign = 1.0 if side == "left" else -1.0
+        thigh_length = (table.HIP_HEIGHT - table.KNEE_HEIGHT) * h
+        shank_length = (table.KNEE_HEIGHT - table.ANKLE_HEIGHT) * h
+        rgba = _LEFT_SHADE if side == "left" else _TROUSERS
+
+        thigh = self._body(
+            self.pelvis,
+            f"{side}_thigh",
+            (0, sign * table.HIP_HALF_WIDTH * h, 0),
+            _inertial(table.THIGH, self.table_mass, thigh_length, (0, 0, -table.THIGH.com * thigh_length)),
+        )
+        hip = self._hinges(thigh, f"{side}_hip", _HIP_JOINTS)
+        self._capsule(thigh, (0, 0, -0.01 * h), (0, 0, -0.55 * thigh_length), 0.047 * h, rgba)
+        self._capsule(thigh, (0, 0, -0.45 * thigh_length), (0, 0, -thigh_length), 0.034 * h, rgba)
+
+        shank = self._body(
+            thigh,
+            f"{side}_shank",
+            (0, 0, -thigh_length),
+            _inertial(table.SHANK, self.table_mass, shank_length, (0, 0, -table.SHANK.com * shank_length)),
+        )
+        (knee,) = self._hinges(shank, f"{side}_knee", ("pitch",))
+        self._capsule(
+            shank,
+            (-0.006 * h, 0, -0.12 * shank_length),
+            (-0.004 * h, 0, -0.5 * shank_length),
+            0.032 * h,
+            rgba,
+        )
+        self._capsule(shank, (0, 0, -0.4 * shank_length), (0, 0, -0.96 * shank_length), 0.023 * h, rgba)
+
+        foot_inertial, toe_inertial = self._foot_inertials()
+        to_ankle = np.array([sole.ankle_x, 0.0, sole.ankle_height])  # of the foot's frame, in the sole frame
+        foot = self._body(
+            shank,
+            f"{side}_foot",
+            (0, 0, -shank_length),
+            _Inertial(foot_inertial.mass, foot_inertial.com - to_ankle, foot_inertial.inertia),
+        )
+        ankle = self._hinges(foot, f"{side}_ankle", ("pitch", "roll"))
+        foot.add("site", name=f"{side}_sole", pos=-to_ankle)
+        back, front = sole.heel_x - 0.004 * h, sole.ball_x
+        thickness = table.TOE_THICKNESS * h
+        foot.add(
+            "geom",
+            type="box",
+            pos=np.array([0.5 * (back + front), 0, 0.5 * thickness + 0.001]) - to_ankle,
+            size=(0.5 * (front - back), 0.9 * sole.ball_half_width, 0.5 * thickness),
+            rgba=_SHOE,
+        )
+        foot.add(
+            "geom",
+            type="ellipsoid",
+            pos=np.array([0.35 * front + 0.65 * back, 0, 0.55 * sole.ankle_height]) - to_ankle,
+            size=(0.46 * (front - back), 0.8 * sole.ball_half_width, 0.46 * sole.ankle_height),
+            rgba=_SHOE,
+        )
+
+        to_toe = np.array([sole.ball_x, 0.0, 0.0])
+        toe = self._body(
+            foot,
+            f"{side}_toe",
+            tuple(to_toe - to_ankle),
+            _Inertial(toe_inertial.mass, toe_inertial.com - to_toe, toe_inertial.inertia),
+        )
+        (toe_joint,) = self._hinges(toe, f"{side}_toe", ("pitch",))
+        toe.add("site", name=f"{side}_toe_axis")
+        length = sole.tip_x - sole.ball_x + 0.003 * h
+        toe.add(
+            "geom",
+            type="box",
+            pos=(0.5 * length, 0, 0.5 * thickness + 0.001),
+            size=(0.5 * length, 0.9 * sole.ball_half_width, 0.5 * thickness),
+            rgba=_TOE_CAP,
+        )
+
+        xs = {"heel": sole.heel_x, "ball": sole.ball_x, "tip": sole.tip_x}
+        widths = {"heel": sole.heel_half_width, "ball": sole.ball_half_width, "tip": sole.tip_half_width}
+        points: list[str] = []
+        for group in SOLE_POINT_GROUPS:
+            body, origin = (toe, to_toe) if group == "tip" else (foot, to_ankle)
+            for edge, edge_sign in (("left", 1.0), ("right", -1.0)):
+                name = f"{side}_{group}_{edge}"
+                pos = np.array([xs[group], edge_sign * widths[group], 0.0]) - origin
+                body.add("site", name=name, pos=pos)
+                # The sphere stands on the site, so the point that touches the floor is the site.
+                body.add(
+                    "geom",
+                    name=name,
+                    dclass="contact",
+                    type="sphere",
+                    size=(SOLE_POINT_RADIUS,),
+                    pos=pos + np.array([0, 0, SOLE_POINT_RADIUS]),
+                    contype=0,
+                    conaffinity=1,
+                    rgba=(0.1, 0.1, 0.1, 1),
+                )
+                points.append(name)
+        return LegDescription(
+            hip=(hip[0], hip[1], hip[2]),
+            knee=knee,
+            ankle=(ankle[0], ankle[1]),
+            toe=toe_joint,
+            foot_segment=f"{side}_foot",
+            toe_segment=f"{side}_toe",
+            sole_frame=f"{side}_sole",
+            toe_frame=f"{side}_toe_axis",
+            sole_points=(points[0], points[1], points[2], points[3], points[4], points[5]),
+        )
+
+    def _foot_inertials(self) -> tuple[_Inertial, _Inertial]:
+        """Inertials of foot and toes in the sole frame.
+
+        The toes are a homogeneous box in front of the toe axis with DELP's share of the mass; the rest is cut
+        so that both together have exactly the mass, centre of mass and inertia of DE_LEVA's foot.
+        """
+        h, sole = self.height, self.sole
+        whole = _inertial(
+            table.FOOT,
+            self.table_mass,
+            sole.length,
+            (sole.heel_x + table.FOOT.com * sole.length, 0, table.FOOT_COM_HEIGHT * sole.ankle_height),
+            forward=True,
+        )
+        thickness = table.TOE_THICKNESS * h
+        toes = _box_inertial(
+            table.TOE_MASS_SHARE * whole.mass,
+            (0.5 * (sole.ball_x + sole.tip_x), 0, 0.5 * thickness),
+            (sole.tip_x - sole.ball_x, 2.0 * sole.tip_half_width, thickness),
+        )
+        return whole.minus(toes), toes
+
+    def _arm(self, thorax: Any, side: str, shoulder_z: float) -> tuple[str, ...]:
+        h = self.height
+        sign = 1.0 if side == "left" else -1.0
+        upper_length, fore_length = table.UPPER_ARM.length * h, table.FOREARM.length * h
+        hand_length = table.HAND.length * h
+        upper = self._body(
+            thorax,
+            f"{side}_upper_arm",
+            (0, sign * table.SHOULDER_HALF_WIDTH * h, shoulder_z),
+            _inertial(
+                table.UPPER_ARM, self.table_mass, upper_length, (0, 0, -table.UPPER_ARM.com * upper_length)
+            ),
+        )
+        joints = list(self._hinges(upper, f"{side}_shoulder", _SHOULDER_JOINTS))
+        self._capsule(upper, (0, 0, 0), (0, 0, -0.45 * upper_length), 0.030 * h, _SHIRT)
+        self._capsule(upper, (0, 0, -0.4 * upper_length), (0, 0, -upper_length), 0.024 * h, _SKIN)
+        fore = self._body(
+            upper,
+            f"{side}_forearm",
+            (0, 0, -upper_length),
+            _inertial(table.FOREARM, self.table_mass, fore_length, (0, 0, -table.FOREARM.com * fore_length)),
+        )
+        joints += self._hinges(fore, f"{side}_elbow", ("pitch", "yaw"))
+        self._capsule(fore, (0, 0, 0), (0, 0, -0.5 * fore_length), 0.023 * h, _SKIN)
+        self._capsule(fore, (0, 0, -0.4 * fore_length), (0, 0, -0.97 * fore_length), 0.017 * h, _SKIN)
+        # The hand's row ends at the knuckle, with radii about axes of a hand whose palm faces forward; here it
+        # faces the thigh, so the fore-aft and left-right radii change places.
+        sagittal, transverse, longitudinal = table.HAND.radii
+        hand_row = table.Segment(
+            table.HAND.mass, table.HAND.length, table.HAND.com, (transverse, sagittal, longitudinal)
+        )
+        hand = self._body(
+            fore,
+            f"{side}_hand",
+            (0, 0, -fore_length),
+            _inertial(hand_row, self.table_mass, hand_length, (0, 0, -table.HAND.com * hand_length)),
+        )
+        joints += self._hinges(hand, f"{side}_wrist", ("pitch", "roll"))
+        self._ellipsoid(hand, (0, 0, -0.9 * hand_length), (0.024 * h, 0.009 * h, 0.054 * h), _SKIN)
+        return tuple(joints)
+
+    def _sensors(self) -> None:
+        sensor = self.root.sensor
+        sensor.add("accelerometer", name="imu_accelerometer", site="imu")
+        sensor.add("gyro", name="imu_gyro", site="imu")
+        sensor.add("framequat", name="imu_orientation", objtype="site", objname="imu")
+        sensor.add("subtreecom", name="com", body="pelvis")
+        sensor.add("subtreeangmom", name="angular_momentum", body="pelvis")
+        for name in self._chain_order():
+            sensor.add("jointpos", name=f"{name}_position", joint=name)
+            sensor.add("jointvel", name=f"{name}_velocity", joint=name)
+
+
+def _mirrored(joint: str) -> tuple[str, str, float]:
+    """(joint, its mirror image, sign): roll and yaw change sign under reflection in the sagittal plane."""
+    side, _, rest = joint.partition("_")
+    image = {"left": f"right_{rest}", "right": f"left_{rest}"}.get(side, joint)
+    return (joint, image, 1.0 if joint.endswith("pitch") else -1.0)
+
+
+def build(body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters) -> BodyModel:
+    """Build the human for a stature, a mass, a floor and a time step.
+
+    Args:
+        body: ``height`` [m] and ``mass`` [kg].
+        contact: stiffness and friction of the soles on the floor.
+        simulation: ``time_step`` [s] and ``integrator``.
+
+    Returns:
+        MJCF text and description. At ``q = 0`` the body stands upright with hanging arms, its hips at x = 0 and
+        its soles on the floor.
+
+    Raises:
+        InputError: if stature or mass is not a positive number, or the integrator is unknown.
+    """
+    for name, value, unit in (("body.height", body.height, "m"), ("body.mass", body.mass, "kg")):
+        if not (math.isfinite(value) and value > 0.0):
+            raise InputError(
+                f"{name} = {value} {unit} must be a positive number; take 1.70 m and 60 kg, for example."
+            )
+    if simulation.integrator not in _INTEGRATORS:
+        raise InputError(
+            f"simulation.integrator = {simulation.integrator!r} is unknown; choose one of {', '.join(_INTEGRATORS)}."
+        )
+    return _Builder(body, contact, simulation).build()
