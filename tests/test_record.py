@@ -1,0 +1,167 @@
+"""A record is lossless on disk, immutable in memory, and two records that differ say where."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, replace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from ampm.exceptions import InputError
+from tests.tiny import swinging
+from validation.record import (
+    RECORD_FILES,
+    Outcome,
+    OutcomeName,
+    SimulationRecord,
+    first_difference,
+    load_record,
+    save_record,
+)
+
+
+@pytest.fixture(scope="module")
+def record():
+    return swinging(steps=60)
+
+
+def same_bits(one, two):
+    return one.dtype == two.dtype and one.shape == two.shape and one.tobytes() == two.tobytes()
+
+
+def assert_equal(one, two):
+    for item in fields(SimulationRecord):
+        first, second = getattr(one, item.name), getattr(two, item.name)
+        if isinstance(first, np.ndarray):
+            assert same_bits(first, second), item.name
+        elif item.name == "sensors":
+            assert list(first) == list(second)
+            assert all(same_bits(first[name], second[name]) for name in first)
+        elif item.name == "metadata":
+            assert dict(first) == dict(second)
+        else:
+            assert first == second or first != first, item.name
+
+
+def test_round_trip_is_bit_exact(record, tmp_path):
+    save_record(record, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == set(RECORD_FILES)
+    assert_equal(record, load_record(tmp_path))
+
+
+def test_round_trip_keeps_awkward_floats(record, tmp_path):
+    awkward = np.array([0.0, -0.0, np.nan, -np.nan, np.inf, -np.inf, 5e-324, 1 + 2**-52, np.pi, 0.1])
+    payload = np.array([0x7FF8000000000123], dtype=np.int64).view(np.float64)[0]
+    q = record.q.copy()
+    q[:10, 0] = awkward
+    q[10, 0] = payload
+    odd = replace(record, q=q, friction=float("inf"), joint_range=np.array([[-np.inf, np.inf]]))
+    save_record(odd, tmp_path)
+    assert_equal(odd, load_record(tmp_path))
+
+
+def test_interrupted_before_the_first_step_is_still_a_record(record, tmp_path):
+    whole = {item.name: getattr(record, item.name) for item in fields(record)}
+    empty = {}
+    for name, value in whole.items():
+        if isinstance(value, np.ndarray) and name.startswith(("tick", "qp")):
+            empty[name] = value[:0]
+        elif isinstance(value, np.ndarray) and value.shape[:1] == (record.steps + 1,):
+            empty[name] = value[:1]
+        elif isinstance(value, np.ndarray) and value.shape[:1] == (record.steps,):
+            empty[name] = value[:0]
+    empty["sensors"] = {name: value[:1] for name, value in record.sensors.items()}
+    stub = replace(record, **empty, outcome=Outcome("interrupted", 0.0, "stopped by the user", 0))
+    save_record(stub, tmp_path)
+    assert_equal(stub, load_record(tmp_path))
+
+
+def test_columns_are_named_and_the_last_torque_is_null(record, tmp_path):
+    save_record(record, tmp_path)
+    table = pq.read_table(tmp_path / "joints.parquet")
+    assert {
+        "time",
+        "q_root_qw",
+        "q_swing",
+        "qd_root_wz",
+        "qd_swing",
+        "torque_swing",
+        "warmstart_swing",
+    } <= set(table.column_names)
+    assert table.column("torque_swing").null_count == 1
+    assert table.column("torque_swing")[-1].as_py() is None
+    contacts = pq.read_table(tmp_path / "contacts.parquet")
+    assert "left_heel_0_force_z" in contacts.column_names
+    json.loads(table.schema.metadata[b"ampm_record"], parse_constant=lambda name: pytest.fail(name))
+
+
+def test_arrays_are_read_only_copies(record):
+    source = record.q.copy()
+    other = replace(record, q=source)
+    source[0, 0] = 7.0
+    assert other.q[0, 0] != 7.0
+    with pytest.raises(ValueError, match="read-only"):
+        other.q[0, 0] = 1.0
+    with pytest.raises(TypeError):
+        other.sensors["new"] = source
+
+
+def test_equal_records_have_no_difference_whatever_the_clock_said(record):
+    assert first_difference(record, replace(record, qp_time=record.qp_time * 3)) is None
+
+
+def test_the_first_difference_is_named_with_its_time(record):
+    q, torque = record.q.copy(), record.torque.copy()
+    q[30, 7] = np.nextafter(q[30, 7], 10.0)
+    torque[20, 0] += 1e-15 + abs(torque[20, 0]) * 1e-15
+    found = first_difference(record, replace(record, q=q, torque=torque))
+    assert (found.signal, found.time) == ("torque_swing", record.time[20])
+    found = first_difference(record, replace(record, q=q))
+    assert (found.signal, found.time) == ("q_swing", record.time[30])
+    assert "q_swing differs at 0.06 s" in str(found)
+
+
+def test_minus_zero_is_not_zero(record):
+    force = record.command_zmp.copy()
+    force[5, 1] = -0.0
+    assert first_difference(record, replace(record, command_zmp=force)).signal == "command_zmp_y"
+
+
+def test_a_shorter_run_differs_where_it_ends(record):
+    k = 40
+    cut = {}
+    for item in fields(record):
+        value = getattr(record, item.name)
+        if isinstance(value, np.ndarray) and item.name.startswith(("tick", "qp")):
+            cut[item.name] = value[: k // 2]
+        elif isinstance(value, np.ndarray) and value.shape[:1] == (record.steps + 1,):
+            cut[item.name] = value[: k + 1]
+        elif isinstance(value, np.ndarray) and value.shape[:1] == (record.steps,):
+            cut[item.name] = value[:k]
+    cut["sensors"] = {name: value[: k + 1] for name, value in record.sensors.items()}
+    found = first_difference(record, replace(record, **cut))
+    assert found.time == pytest.approx(record.time[k])
+
+
+def test_wrong_shapes_are_refused_by_name(record):
+    with pytest.raises(InputError, match="torque has shape"):
+        replace(record, torque=record.torque[:-1])
+    with pytest.raises(InputError, match="sensor 'gyro'"):
+        replace(record, sensors={"gyro": np.zeros((3, 3))})
+    with pytest.raises(InputError, match="outcome 'tired'"):
+        Outcome("tired", 0.0, "", 0)
+
+
+def test_missing_and_foreign_files_are_input_errors(record, tmp_path):
+    with pytest.raises(InputError, match=r"joints\.parquet is missing"):
+        load_record(tmp_path)
+    save_record(record, tmp_path)
+    (tmp_path / "states.parquet").write_bytes(b"no parquet")
+    with pytest.raises(InputError, match="cannot be read"):
+        load_record(tmp_path)
+
+
+def test_every_outcome_has_a_sentence():
+    assert all(name.sentence.endswith(".") for name in OutcomeName)

@@ -1,0 +1,167 @@
+"""Bodies small enough to check by hand, simulated into records: a block on four points that swings an arm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from validation.record import Outcome, OutcomeName, SimulationRecord
+
+MASS = 10.0
+ARM_MASS = 2.0
+GRAVITY = 9.81
+CORNERS = ((-0.2, 0.15), (0.2, 0.15), (-0.2, -0.15), (0.2, -0.15))
+XML = """
+<mujoco>
+  <option timestep="{dt}" integrator="Euler" cone="elliptic" impratio="10"/>
+  <default><geom contype="1" conaffinity="0" condim="3" friction="0.8" solref="0.015 1"/></default>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 .1" contype="0" conaffinity="1"/>
+    <body name="block" pos="0 0 {height}">
+      <freejoint name="root"/>
+      <inertial pos="0 0 .25" mass="10" diaginertia=".4 .5 .3"/>
+      {points}
+      <body name="arm" pos="0 .02 .4">
+        <joint name="swing" type="hinge" axis="0 1 0" range="-2 2"/>
+        <inertial pos="0 0 -.3" mass="2" diaginertia=".02 .02 .005"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="swing" gear="1" ctrlrange="-50 50"/></actuator>
+  <sensor><subtreecom name="com" body="block"/><subtreeangmom name="momentum" body="block"/></sensor>
+</mujoco>
+"""
+
+
+def mujoco_model(dt=0.002, height=0.0):
+    points = "\n".join(
+        f'<geom name="p{i}" type="sphere" size=".001" pos="{x} {y} .001"/>'
+        for i, (x, y) in enumerate(CORNERS)
+    )
+    return mujoco.MjModel.from_xml_string(XML.format(dt=dt, height=height, points=points))
+
+
+def pinocchio_model():
+    """The same body by hand: written from the numbers above, not converted: a second witness."""
+    model = pin.Model()
+    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
+    model.appendBodyToJoint(
+        root, pin.Inertia(MASS, np.array([0, 0, 0.25]), np.diag([0.4, 0.5, 0.3])), pin.SE3.Identity()
+    )
+    placement = pin.SE3(np.eye(3), np.array([0, 0.02, 0.4]))
+    swing = model.addJoint(root, pin.JointModelRY(), placement, "swing")
+    arm = pin.Inertia(ARM_MASS, np.array([0, 0, -0.3]), np.diag([0.02, 0.02, 0.005]))
+    model.appendBodyToJoint(swing, arm, pin.SE3.Identity())
+    return model
+
+
+def to_pinocchio(q, qd):
+    """MuJoCo's free joint (wxyz, velocity in world) to Pinocchio's (xyzw, velocity in the body)."""
+    q, qd = np.atleast_2d(q), np.atleast_2d(qd)
+    out_q, out_v = q.copy(), qd.copy()
+    out_q[:, 3:7] = q[:, [4, 5, 6, 3]]
+    for row in range(q.shape[0]):
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, q[row, 3:7])
+        out_v[row, :3] = rotation.reshape(3, 3).T @ qd[row, :3]
+    return out_q, out_v
+
+
+def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0, spin=None):
+    """Step the block and log it as the testbed logs a walk: forces of step k belong to the state at t_k."""
+    model = mujoco_model(dt, height - sink)
+    data = mujoco.MjData(model)
+    data.qpos[2] = height - sink
+    if spin is not None:
+        data.qvel[:] = spin
+    log = {
+        name: [] for name in ("q", "qd", "torque", "warm", "force", "place", "depth", "velocity", "com", "l")
+    }
+    geoms = [model.geom(f"p{i}").id for i in range(4)]
+    jacobian = np.zeros((3, model.nv))
+    for k in range(steps):
+        log["q"].append(data.qpos.copy())
+        log["qd"].append(data.qvel.copy())
+        log["warm"].append(data.qacc_warmstart.copy())
+        data.ctrl[:] = torque(k * dt)
+        log["torque"].append(data.ctrl.copy())
+        velocity = data.qvel.copy()
+        mujoco.mj_step1(model, data)
+        positions = data.geom_xpos[geoms].copy()
+        speeds = []
+        for i, geom in enumerate(geoms):
+            mujoco.mj_jac(model, data, jacobian, None, positions[i], model.geom_bodyid[geom])
+            speeds.append(jacobian @ velocity)
+        mujoco.mj_step2(model, data)
+        force, depth = np.zeros((4, 3)), np.zeros(4)
+        for index, contact in enumerate(data.contact):
+            local = np.zeros(6)
+            mujoco.mj_contactForce(model, data, index, local)
+            i = geoms.index(contact.geom2)
+            force[i] = contact.frame.reshape(3, 3).T @ local[:3]
+            positions[i] = contact.pos
+            depth[i] = max(0.0, -contact.dist)
+        log["force"].append(force)
+        log["place"].append(positions)
+        log["depth"].append(depth)
+        log["velocity"].append(speeds)
+        log["com"].append(data.sensor("com").data.copy())
+        log["l"].append(data.sensor("momentum").data.copy())
+    log["q"].append(data.qpos.copy())
+    log["qd"].append(data.qvel.copy())
+    mujoco.mj_forward(model, data)
+    log["com"].append(data.sensor("com").data.copy())
+    log["l"].append(data.sensor("momentum").data.copy())
+    q = np.array(log["q"])
+    force = np.array(log["force"])
+    net = force.sum(axis=1)
+    ticks = np.arange(0, steps, 2)
+    return SimulationRecord(
+        time=np.arange(steps + 1) * dt,
+        q=q,
+        qd=np.array(log["qd"]),
+        torque=np.array(log["torque"]),
+        warmstart=np.array(log["warm"]),
+        point_force=force,
+        point_position=np.array(log["place"]),
+        point_penetration=np.array(log["depth"]),
+        point_velocity=np.array(log["velocity"]),
+        point_foot=np.array([0, 0, 1, 1]),
+        point_group=np.array([0, 2, 0, 2]),
+        com=np.array(log["com"]),
+        angular_momentum=np.array(log["l"]),
+        foot_position=np.stack([q[:, :3], q[:, :3]], axis=1),
+        foot_rotation=np.stack([q[:, 3:7], q[:, 3:7]], axis=1),
+        sensors={"gyro": np.array(log["qd"])[:, 3:6], "clock": np.arange(steps + 1.0)},
+        command_com=np.array(log["com"])[:-1],
+        command_zmp=np.zeros((steps, 2)),
+        command_force=net,
+        command_angular_momentum=np.array(log["l"])[:-1],
+        command_point_force=force,
+        tick_time=ticks * dt,
+        qp_status=np.zeros(ticks.size),
+        qp_residual=np.full(ticks.size, 1e-7),
+        qp_iterations=np.full(ticks.size, 12),
+        qp_time=np.full(ticks.size, 2e-5),
+        outcome=Outcome(OutcomeName.COMPLETED, steps * dt, "", 4),
+        mass=MASS + ARM_MASS,
+        gravity=GRAVITY,
+        time_step=dt,
+        friction=0.8,
+        torque_limit=np.array([50.0]),
+        joint_range=np.array([[-2.0, 2.0]]),
+        joint_names=("swing",),
+        metadata={"body": "block"},
+    )
+
+
+def swinging(steps=500, dt=0.002):
+    """A walk's stand-in: the arm swings hard enough to move the ZMP by centimetres, the block stays down."""
+    return simulate(steps, dt, torque=lambda time: 6.0 * np.sin(2 * np.pi * 1.5 * time), sink=0.0005)
+
+
+def without_outcome(record, name=OutcomeName.FELL):
+    return replace(record, outcome=Outcome(name, record.time[-1], "test", 0))
