@@ -101,6 +101,12 @@ class BodyParameters(Section):
     angular_momentum_z: Literal["free", "zero"] = _field(
         "free", "angular momentum about the vertical: free with yaw held by posture, or held at zero", "1"
     )
+    posture_stiffness: Real = _field(
+        100.0, "elastic constant of the upright posture in the inverse kinematics (k)", "1/s^2", gt=0, le=1e5
+    )
+    posture_damping: Real = _field(
+        20.0, "viscosity constant of the upright posture in the inverse kinematics (d)", "1/s", gt=0, le=1e4
+    )
 
 
 class FootParameters(Section):

@@ -1,0 +1,382 @@
+"""Whole-body motion from a plan: accelerations that meet the plan's constraints and keep the body upright.
+
+At every instant (paper, section 2.3, Eqs. 8-12)
+
+    minimise    1/2 || qdd + k (q - q0) + d qd ||^2_W
+    subject to  J qdd + dJ/dt qd = lambda,     lower <= qdd <= upper,
+
+where the rows of J are the COM (3), the angular momentum about it (2, or 3 with L_z held at zero), both feet
+(6 each) and both toes (2). The sign of k is corrected: as printed, the posture runs away. The printed cost weighs
+loins and chest only, which leaves 40 - 20 directions with several minimisers; here every coordinate has a weight
+(:data:`POSTURE_WEIGHTS`), so the minimiser is unique.
+
+The QP is handed to OSQP after the change of variables ``u = W^(1/2) (qdd - qdd_0)`` and with orthonormal
+constraint rows, on which ADMM converges to rounding error in a few iterations.
+
+The grid divides both phases exactly. After every step of the grid the state is projected back on the
+constraints (position and velocity), in the metric of the same weights, so that nothing drifts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import lapack
+
+from ampm.exceptions import BodilyRefusal, InputError
+from ampm.qp import OsqpBackend, QPSettings
+from ampm.robot import LEFT, RIGHT, TASK_ROWS, Robot
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ampm.gait import GaitPlan
+    from ampm.parameters import RunParameters
+
+POSTURE_WEIGHTS = {
+    "root_linear": 1e-3,
+    "root_angular": 1.0,
+    "trunk": 1.0,
+    "arms": 0.3,
+    "legs": 1e-3,
+}
+"""Weights W of the posture form by group of coordinates [1]; the legs' and the root's position follow from the
+feet and the COM and need only enough to be unique."""
+
+ARM_BEND = 0.3
+"""How far the arms' rest posture stays inside the joint limits [rad]: hanging, with slightly bent elbows."""
+
+KNEE_MINIMUM = 0.1
+"""A knee straighter than this [rad] has lost its authority over the hip's height."""
+
+_LIMIT_HORIZON = 0.02  # time over which a joint limit may be approached [s]
+_L_Z = 5  # row of the angular momentum about z
+
+
+@dataclass(frozen=True)
+class StepReference:
+    """What one step asks of the body, at the n + 1 times of the grid.
+
+    Attributes:
+        time: shape (n+1,) [s], the first step of the plan.
+        position: com, left sole, right sole, shape (n+1, 3, 3) [m].
+        velocity: the task velocities in the order of the task rows, shape (n+1, 20).
+        acceleration: the same for accelerations, shape (n+1, 20).
+        pitch: pitch of left and right foot, shape (n+1, 2) [rad].
+        toe: angles of left and right toe joint, shape (n+1, 2) [rad].
+    """
+
+    time: NDArray[np.float64]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    pitch: NDArray[np.float64]
+    toe: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            value.setflags(write=False)
+
+
+@dataclass(frozen=True)
+class StepTrajectory:
+    """One integrated step: states and accelerations at the n + 1 times of the grid.
+
+    Attributes:
+        q: Pinocchio configurations, shape (n+1, nq).
+        v: Pinocchio velocities, shape (n+1, nv).
+        acceleration: Pinocchio accelerations, shape (n+1, nv).
+        trunk_pitch: pitch of the trunk segment, shape (n+1,) [rad].
+        angular_momentum_z: about the COM, shape (n+1,) [N m s].
+        constraint_position: largest position error of any task before projection [m, rad].
+        constraint_velocity: largest velocity error before projection [m/s, rad/s].
+        constraint_acceleration: largest residual of the acceleration constraints [m/s^2, rad/s^2].
+    """
+
+    q: NDArray[np.float64]
+    v: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    trunk_pitch: NDArray[np.float64]
+    angular_momentum_z: NDArray[np.float64]
+    constraint_position: float
+    constraint_velocity: float
+    constraint_acceleration: float
+
+
+def step_grid(plan: GaitPlan, largest_step: float) -> NDArray[np.float64]:
+    """Times of the first step's grid, uniform within each phase, with a node on every switch [s]."""
+    single, double = plan.constants.single_support_duration, plan.constants.double_support_duration
+    n1, n2 = max(2, int(np.ceil(single / largest_step))), max(2, int(np.ceil(double / largest_step)))
+    return np.concatenate([single * np.arange(n1) / n1, single + double * np.arange(n2 + 1) / n2])
+
+
+def step_reference(plan: GaitPlan, time: NDArray[np.float64]) -> StepReference:
+    """Evaluate the plan and its feet as task references.
+
+    Raises:
+        InputError: the plan was made without a body and has no feet.
+    """
+    if plan.feet is None:
+        raise InputError("the plan has no feet; plan the gait with the body's sole and foot parameters")
+    sample, feet = plan.sample(time), plan.feet.sample(time)
+    n = len(time)
+    position, velocity, acceleration = np.zeros((n, 3, 3)), np.zeros((n, TASK_ROWS)), np.zeros((n, TASK_ROWS))
+    position[:, 0] = sample.com
+    velocity[:, 0:3], acceleration[:, 0:3] = sample.com_velocity, sample.com_acceleration
+    velocity[:, 3:5] = sample.angular_momentum / plan.mass
+    acceleration[:, 3:5] = sample.moment / plan.mass
+    for foot, motion in enumerate(feet):
+        row = 6 + 6 * foot
+        position[:, 1 + foot] = motion.position
+        velocity[:, row : row + 3], acceleration[:, row : row + 3] = motion.velocity, motion.acceleration
+        velocity[:, row + 4], acceleration[:, row + 4] = motion.pitch_velocity, motion.pitch_acceleration
+        velocity[:, 18 + foot], acceleration[:, 18 + foot] = motion.toe_velocity, motion.toe_acceleration
+    return StepReference(
+        time=np.array(time),
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+        pitch=np.stack([f.pitch for f in feet], axis=1),
+        toe=np.stack([f.toe for f in feet], axis=1),
+    )
+
+
+class Unreachable(Exception):
+    """The feet cannot be where the plan wants them with the COM where it wants it."""
+
+    def __init__(self, time: float, error: float) -> None:
+        super().__init__(f"at {time:.3f} s the legs miss their feet by {error:.3g} m")
+        self.time, self.error = time, error
+
+
+class InverseKinematics:
+    """Integrates one step of a plan for one body.
+
+    Args:
+        robot: the body.
+        run: supplies posture gains and the choice for L_z.
+    """
+
+    def __init__(self, robot: Robot, run: RunParameters) -> None:
+        self.robot = robot
+        self.stiffness = run.body.posture_stiffness
+        self.damping = run.body.posture_damping
+        self.zero_yaw_momentum = run.body.angular_momentum_z == "zero"
+        rows = np.arange(TASK_ROWS)
+        self.rows = rows if self.zero_yaw_momentum else np.delete(rows, _L_Z)
+        self.weights = self._weights()
+        self._root_weight = np.sqrt(self.weights)
+        self.rest = np.zeros(robot.nu)
+        arms = robot.arm_joints - 6
+        inside = np.minimum(ARM_BEND, 0.5 * (robot.upper - robot.lower))
+        self.rest[arms] = np.clip(0.0, (robot.lower + inside)[arms], (robot.upper - inside)[arms])
+        # Joint limits bind only where there is freedom to respect them; the legs' are checked on the orbit.
+        self.limited = np.concatenate([robot.trunk_joints, robot.arm_joints])
+        m = len(self.rows)
+        self._A = np.zeros((m + len(self.limited), robot.nv))
+        self._A[m + np.arange(len(self.limited)), self.limited] = 1.0
+        mask = self._A != 0.0
+        mask[:m] = True
+        self._P, self._q = np.eye(robot.nv), np.zeros(robot.nv)
+        settings = QPSettings(
+            tolerance=1e-12, max_iterations=4000, rho=1.0, adaptive_rho=False, alpha=1.0, check_every=2
+        )
+        self._solver = OsqpBackend(np.eye(robot.nv, dtype=bool), mask, settings)
+        self._error = np.zeros(TASK_ROWS)
+
+    def _weights(self) -> NDArray[np.float64]:
+        robot = self.robot
+        weights = np.empty(robot.nv)
+        weights[:3] = POSTURE_WEIGHTS["root_linear"]
+        weights[3:6] = POSTURE_WEIGHTS["root_angular"]
+        for legs in robot.leg_joints:
+            weights[legs] = POSTURE_WEIGHTS["legs"]
+        weights[robot.trunk_joints] = POSTURE_WEIGHTS["trunk"]
+        weights[robot.arm_joints] = POSTURE_WEIGHTS["arms"]
+        return weights
+
+    # ------------------------------------------------------------- one instant
+
+    def _factor(self, jacobian: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Scaled rows J W^(-1/2) and the Cholesky factor of their Gram matrix."""
+        scaled = jacobian[self.rows] / self._root_weight
+        factor, info = lapack.dpotrf(scaled @ scaled.T, lower=1)
+        if info != 0:
+            raise np.linalg.LinAlgError("the constraints of the inverse kinematics are dependent")
+        return scaled, factor
+
+    def _position_error(self, reference: StepReference, k: int, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        robot, error = self.robot, self._error
+        error[:3] = reference.position[k, 0] - robot._terms.com
+        for foot in (LEFT, RIGHT):
+            pose = robot.sole_pose(foot)
+            row = 6 + 6 * foot
+            error[row : row + 3] = reference.position[k, 1 + foot] - pose.translation
+            c, s = np.cos(reference.pitch[k, foot]), np.sin(reference.pitch[k, foot])
+            wanted = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+            error[row + 3 : row + 6] = pin.log3(wanted @ pose.rotation.T)
+            error[18 + foot] = reference.toe[k, foot] - q[robot.toe_joints[foot] + 1]
+        return error
+
+    def project(
+        self,
+        reference: StepReference,
+        k: int,
+        q: NDArray[np.float64],
+        v: NDArray[np.float64],
+        offset: float,
+        iterations: int = 25,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Nearest state on the constraints at grid node k, by Newton in the metric of the posture weights.
+
+        Raises:
+            Unreachable: Newton does not converge; the legs are too short for this instant.
+        """
+        robot = self.robot
+        for iteration in range(iterations):
+            terms = robot.jacobian(q, v)
+            error = self._position_error(reference, k, q)
+            size = float(np.abs(error[self.rows]).max())
+            scaled, factor = self._factor(terms.jacobian)
+            if size < 1e-13:
+                break
+            step = self._pull(scaled, factor, error[self.rows])
+            largest = float(np.abs(step).max())
+            q = pin.integrate(robot.model, q, step * min(1.0, 0.3 / largest) if largest > 0.3 else step)
+            if iteration >= 6 and size < 1e-11:
+                break
+        else:
+            if not size < 1e-10:
+                raise Unreachable(float(reference.time[k]), size)
+        terms = robot.jacobian(q, v)
+        scaled, factor = self._factor(terms.jacobian)
+        v = v + self._pull(scaled, factor, self._velocity_error(reference, k, terms.jacobian, v, offset))
+        return q, v
+
+    def _pull(
+        self, scaled: NDArray[np.float64], factor: NDArray[np.float64], error: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Weighted least-norm change of the coordinates that cancels a task error."""
+        multiplier, _ = lapack.dpotrs(factor, error, lower=1)
+        return (scaled.T @ multiplier) / self._root_weight
+
+    def _velocity_error(
+        self, reference: StepReference, k: int, jacobian: NDArray[np.float64], v: NDArray[np.float64], offset: float
+    ) -> NDArray[np.float64]:
+        error = reference.velocity[k] - jacobian @ v
+        error[4] += offset / self.robot.mass
+        return error[self.rows]
+
+    def _posture(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Acceleration that the posture form wants: -k (q - q0) - d qd (Eq. 12, sign corrected)."""
+        wanted = -self.damping * v
+        wanted[:3] = 0.0
+        x, y, z, w = q[3:7]
+        vector = np.array([x, y, z])
+        norm = float(np.sqrt(vector @ vector))
+        angle = 2.0 * np.arctan2(norm, w) / norm if norm > 1e-12 else 2.0
+        wanted[3:6] -= self.stiffness * angle * vector
+        wanted[6:] -= self.stiffness * (q[7:] - self.rest)
+        for legs in self.robot.leg_joints:
+            wanted[legs] = 0.0
+        return wanted
+
+    # ---------------------------------------------------------------- one step
+
+    def integrate(
+        self, reference: StepReference, q: NDArray[np.float64], v: NDArray[np.float64], offset: float
+    ) -> StepTrajectory:
+        """Integrate a step from a state that is projected on the constraints first.
+
+        Args:
+            reference: the step's tasks on its grid.
+            q: start configuration, shape (nq,).
+            v: start velocity, shape (nv,).
+            offset: constant of L_y [N m s].
+
+        Raises:
+            Unreachable: the legs cannot follow.
+            BodilyRefusal: joint limits and constraints contradict each other.
+        """
+        robot, time = self.robot, reference.time
+        n = len(time) - 1
+        qs, vs, accelerations = np.empty((n + 1, robot.nq)), np.empty((n + 1, robot.nv)), np.empty((n + 1, robot.nv))
+        pitch, yaw_momentum = np.empty(n + 1), np.empty(n + 1)
+        worst_position = worst_velocity = worst_acceleration = 0.0
+        q, v = self.project(reference, 0, q, v, offset)
+        for k in range(n + 1):
+            terms = robot.jacobian(q, v)
+            scaled, factor = self._factor(terms.jacobian)
+            if k > 0:
+                error = self._position_error(reference, k, q)[self.rows]
+                size = float(np.abs(error).max())
+                worst_position = max(worst_position, size)
+                if not size < 0.05:
+                    raise Unreachable(float(time[k]), size)
+                q = pin.integrate(robot.model, q, self._pull(scaled, factor, error))
+                velocity_error = self._velocity_error(reference, k, terms.jacobian, v, offset)
+                worst_velocity = max(worst_velocity, float(np.abs(velocity_error).max()))
+                v = v + self._pull(scaled, factor, velocity_error)
+            terms = robot.drift(q, v)
+            wanted = reference.acceleration[k] - terms.drift
+            acceleration = self._accelerate(scaled, factor, wanted[self.rows], q, v, float(time[k]))
+            residual = terms.jacobian @ acceleration - wanted
+            worst_acceleration = max(worst_acceleration, float(np.abs(residual[self.rows]).max()))
+            qs[k], vs[k], accelerations[k] = q, v, acceleration
+            yaw_momentum[k] = robot.mass * float(terms.jacobian[_L_Z] @ v)
+            rotation = robot.rotation_of(robot.trunk_frame)
+            pitch[k] = np.arctan2(rotation[0, 2], rotation[2, 2])
+            if k < n:
+                dt = time[k + 1] - time[k]
+                q = pin.integrate(robot.model, q, dt * v + (0.5 * dt * dt) * acceleration)
+                v = v + dt * acceleration
+        return StepTrajectory(
+            q=qs,
+            v=vs,
+            acceleration=accelerations,
+            trunk_pitch=pitch,
+            angular_momentum_z=yaw_momentum,
+            constraint_position=worst_position,
+            constraint_velocity=worst_velocity,
+            constraint_acceleration=worst_acceleration,
+        )
+
+    def _accelerate(
+        self,
+        scaled: NDArray[np.float64],
+        factor: NDArray[np.float64],
+        wanted: NDArray[np.float64],
+        q: NDArray[np.float64],
+        v: NDArray[np.float64],
+        time: float,
+    ) -> NDArray[np.float64]:
+        """The QP of one instant, in u = W^(1/2) (qdd - posture) with orthonormal rows."""
+        m = len(self.rows)
+        posture = self._posture(q, v)
+        rhs = wanted - scaled @ (posture * self._root_weight)
+        orthonormal, _ = lapack.dtrtrs(factor, scaled, lower=1)
+        level, _ = lapack.dtrtrs(factor, rhs, lower=1)
+        self._A[:m] = orthonormal
+        joints = self.limited
+        angle, rate = q[joints + 1], v[joints]
+        h = _LIMIT_HORIZON
+        scale, shift = self._root_weight[joints], posture[joints]
+        low = (2.0 * (self.robot.lower[joints - 6] - angle - rate * h) / h**2 - shift) * scale
+        high = (2.0 * (self.robot.upper[joints - 6] - angle - rate * h) / h**2 - shift) * scale
+        solution = self._solver.solve(
+            self._P, self._q, self._A, np.concatenate([level, low]), np.concatenate([level, high])
+        )
+        if not solution.solved:
+            raise BodilyRefusal(
+                f"at {time:.3f} s of the step the joint limits of trunk and arms leave no acceleration that meets "
+                f"the plan (the QP's residual is {solution.residual:.2g} after {solution.iterations} iterations)",
+                reason="joint_limits",
+                value=solution.residual,
+                limit=1e-12,
+                unit="1",
+                way_out="plan less angular momentum (c_s, c_y nearer to 1) or shorter steps",
+            )
+        return posture + solution.x / self._root_weight

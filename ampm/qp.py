@@ -1,0 +1,243 @@
+"""Convex quadratic programs ``min 1/2 x'Px + q'x  s.t.  l <= A x <= u`` behind one small interface.
+
+A :class:`QPBackend` keeps its workspace between calls: the sparsity pattern is fixed when it is made, and a
+call hands over new numbers only. :class:`OsqpBackend` is the default; :class:`DaqpBackend` is an active-set
+solver that serves as a cross-check. No backend stops on a clock: the same numbers give the same answer.
+"""
+
+from __future__ import annotations
+
+import enum
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+import osqp
+import scipy.sparse as sparse
+
+from ampm.exceptions import InputError, SolverError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+BACKENDS = ("osqp", "daqp")
+
+
+class QPStatus(enum.IntEnum):
+    """How a QP ended."""
+
+    SOLVED = 0
+    UNSOLVED = 1
+    INFEASIBLE = 2
+
+
+@dataclass(frozen=True)
+class QPSolution:
+    """Answer of one solve.
+
+    Attributes:
+        x: minimiser, or the last iterate, shape (n,).
+        status: solved, unsolved (iterations used up) or infeasible.
+        residual: largest violation of ``l <= A x <= u``, in the rows' own units.
+        iterations: of the solver.
+        seconds: wall-clock time of update and solve [s]; for statistics only.
+    """
+
+    x: NDArray[np.float64]
+    status: QPStatus
+    residual: float
+    iterations: int
+    seconds: float
+
+    @property
+    def solved(self) -> bool:
+        """Whether the solver met its tolerance."""
+        return self.status == QPStatus.SOLVED
+
+
+@dataclass(frozen=True)
+class QPSettings:
+    """Settings of the ADMM solver; all tolerances are in the units of the scaled problem.
+
+    Attributes:
+        tolerance: absolute and relative tolerance.
+        max_iterations: iterations after which a QP counts as unsolved.
+        rho: ADMM penalty.
+        adaptive_rho: whether the penalty adapts (by iterations, never by time).
+        alpha: over-relaxation.
+        check_every: iterations between two termination checks.
+    """
+
+    tolerance: float = 3e-4
+    max_iterations: int = 400
+    rho: float = 1.0
+    adaptive_rho: bool = True
+    alpha: float = 1.1
+    check_every: int = 5
+
+
+class QPBackend(Protocol):
+    """What controller and inverse kinematics need of a solver."""
+
+    def solve(
+        self,
+        P: NDArray[np.float64],
+        q: NDArray[np.float64],
+        A: NDArray[np.float64],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+    ) -> QPSolution:
+        """Solve with new numbers: P upper triangle values by pattern, the rest dense."""
+        ...
+
+
+class Pattern:
+    """Sparsity pattern of a matrix, and the gather that takes a dense array to its CSC values."""
+
+    def __init__(self, mask: NDArray[np.bool_]) -> None:
+        self.shape = mask.shape
+        columns, rows = np.nonzero(mask.T)  # column-major order, as CSC wants
+        self.gather = rows * mask.shape[1] + columns
+        self.rows, self.columns = rows, columns
+        self.indptr = np.concatenate([[0], np.cumsum(mask.sum(axis=0))]).astype(np.int32)
+
+    def values(self, dense: NDArray[np.float64]) -> NDArray[np.float64]:
+        """CSC values of ``dense`` (C-contiguous, same shape as the mask)."""
+        return dense.ravel()[self.gather]
+
+    def matrix(self, dense: NDArray[np.float64]) -> sparse.csc_matrix:
+        """The sparse matrix itself, explicit zeros kept."""
+        return sparse.csc_matrix((self.values(dense), self.rows.astype(np.int32), self.indptr), shape=self.shape)
+
+
+class OsqpBackend:
+    """OSQP with one workspace and fixed patterns (Stellato et al. 2020).
+
+    Args:
+        P_mask: pattern of the symmetric cost matrix, shape (n, n).
+        A_mask: pattern of the constraint matrix, shape (m, n).
+        settings: tolerances and penalties.
+    """
+
+    def __init__(self, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings) -> None:
+        self._P, self._A = Pattern(np.triu(P_mask)), Pattern(A_mask)
+        self._settings = settings
+        self._solver: osqp.OSQP | None = None
+
+    def solve(
+        self,
+        P: NDArray[np.float64],
+        q: NDArray[np.float64],
+        A: NDArray[np.float64],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+    ) -> QPSolution:
+        """See :class:`QPBackend`; warm-started from the last answer."""
+        start = time.perf_counter()
+        if self._solver is None:
+            self._setup(P, q, A, lower, upper)
+        else:
+            self._solver.update(q=q, l=lower, u=upper, Px=self._P.values(P), Ax=self._A.values(A))
+        assert_solver = self._solver
+        if assert_solver is None:  # pragma: no cover - for the type checker
+            raise SolverError("OSQP has no workspace")
+        result = assert_solver.solve(raise_error=False)
+        seconds = time.perf_counter() - start
+        x = np.array(result.x, dtype=np.float64)
+        code = result.info.status_val
+        if code in (osqp.SolverStatus.OSQP_SOLVED, osqp.SolverStatus.OSQP_SOLVED_INACCURATE):
+            status = QPStatus.SOLVED if code == osqp.SolverStatus.OSQP_SOLVED else QPStatus.UNSOLVED
+        elif code == osqp.SolverStatus.OSQP_MAX_ITER_REACHED:
+            status = QPStatus.UNSOLVED
+        else:
+            status = QPStatus.INFEASIBLE
+            self._solver = None  # an infeasible warm start would poison the next solve
+        return QPSolution(x, status, float(result.info.prim_res), int(result.info.iter), seconds)
+
+    def _setup(
+        self,
+        P: NDArray[np.float64],
+        q: NDArray[np.float64],
+        A: NDArray[np.float64],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+    ) -> None:
+        s = self._settings
+        self._solver = osqp.OSQP(algebra="builtin")
+        self._solver.setup(
+            self._P.matrix(P),
+            q,
+            self._A.matrix(A),
+            lower,
+            upper,
+            eps_abs=s.tolerance,
+            eps_rel=s.tolerance,
+            max_iter=s.max_iterations,
+            rho=s.rho,
+            adaptive_rho=int(s.adaptive_rho),  # 1: by iterations; a time-based interval would not repeat
+            adaptive_rho_interval=50,
+            alpha=s.alpha,
+            sigma=1e-6,
+            scaling=0,
+            check_termination=s.check_every,
+            check_dualgap=False,
+            polishing=False,
+            time_limit=0,
+            warm_starting=True,
+            verbose=False,
+        )
+
+
+class DaqpBackend:
+    """DAQP, a dual active-set solver (Arnström et al. 2022); exact, needs ``pip install ampm[daqp]``.
+
+    Args:
+        size: number of variables.
+        rows: number of constraints.
+    """
+
+    def __init__(self, size: int, rows: int) -> None:
+        try:
+            import daqp
+        except ImportError as error:
+            raise InputError(
+                "solver.qp = daqp needs the package daqp, which is not installed; "
+                "install it with 'pip install ampm[daqp]' or use solver.qp = osqp"
+            ) from error
+        self._daqp = daqp
+        self._sense = np.zeros(rows, dtype=np.int32)
+
+    def solve(
+        self,
+        P: NDArray[np.float64],
+        q: NDArray[np.float64],
+        A: NDArray[np.float64],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+    ) -> QPSolution:
+        """See :class:`QPBackend`; cold-started every time."""
+        start = time.perf_counter()
+        up, low = np.minimum(upper, 1e30), np.maximum(lower, -1e30)
+        x, _, flag, info = self._daqp.solve(P, q, np.ascontiguousarray(A), up, low, self._sense)
+        seconds = time.perf_counter() - start
+        x = np.array(x, dtype=np.float64)
+        status = QPStatus.SOLVED if flag > 0 else QPStatus.INFEASIBLE if flag == -1 else QPStatus.UNSOLVED
+        rows = A @ x
+        residual = float(np.max(np.maximum(np.maximum(low - rows, rows - up), 0.0), initial=0.0))
+        return QPSolution(x, status, residual, int(info.get("iterations", 0)), seconds)
+
+
+def make_backend(
+    name: str, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings
+) -> QPBackend:
+    """The backend called ``name`` for a problem of this pattern.
+
+    Raises:
+        InputError: no such backend, or its package is not installed.
+    """
+    if name == "osqp":
+        return OsqpBackend(P_mask, A_mask, settings)
+    if name == "daqp":
+        return DaqpBackend(A_mask.shape[1], A_mask.shape[0])
+    raise InputError(f"there is no QP solver {name!r}; choose one of {', '.join(BACKENDS)}")
