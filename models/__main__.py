@@ -1,4 +1,4 @@
-"""Write ``models/human.xml``: the default body as MJCF, committed so that a change of the body shows as a diff."""
+"""Write ``models/human.xml``: the default body as MJCF, committed so that a change shows as a diff."""
 
 from __future__ import annotations
 

@@ -3,12 +3,12 @@
 Every number that describes a human stands in this file, next to where it was taken from.
 
 Sources:
-    DE_LEVA: P. de Leva, "Adjustments to Zatsiorsky-Seluyanov's segment inertia parameters", J. Biomech. 29(9),
-        1996, table 4, males (stature 1.741 m, mass 73.0 kg).
+    DE_LEVA: P. de Leva, "Adjustments to Zatsiorsky-Seluyanov's segment inertia parameters", J. Biomech.
+        29(9), 1996, table 4, males (stature 1.741 m, mass 73.0 kg).
     WINTER: D. A. Winter, "Biomechanics and Motor Control of Human Movement", 4th ed., Wiley 2009, figure 4.1
         (after Drillis & Contini 1966).
-    BELL: A. L. Bell, D. R. Pedersen, R. A. Brand, "A comparison of the accuracy of several hip center location
-        prediction methods", J. Biomech. 23(6), 1990.
+    BELL: A. L. Bell, D. R. Pedersen, R. A. Brand, "A comparison of the accuracy of several hip center
+        location prediction methods", J. Biomech. 23(6), 1990.
     DELP: S. L. Delp et al., "An interactive graphics-based model of the lower extremity to study orthopaedic
         surgical procedures", IEEE Trans. Biomed. Eng. 37(8), 1990 (as distributed with OpenSim: talus 0.1 kg,
         calcaneus 1.25 kg, toes 0.2166 kg).
@@ -98,9 +98,8 @@ SHOULDER_HALF_WIDTH = 0.129
 HIP_HALF_WIDTH = 0.050
 """BELL: hip centres lie 14 % of the breadth between the spines (.139 of stature) inside of them."""
 
-# The sole, from the reference point, as shares of stature; foot length .152 (WINTER), ball at 74 % of it, ankle
-# at 25 %. The reference point is the middle of the way that the ZMP may take while the sole is flat, moved a
-# little forward.
+# The sole, from the reference point, as shares of stature; foot length .152 (WINTER), ball at 74 % of it,
+# ankle at 25 %. The reference point lies a little in front of the middle between heel and ball.
 SOLE_HEEL_X = -0.107 / 1.70
 SOLE_BALL_X = 0.083 / 1.70
 SOLE_TIP_X = 0.151 / 1.70

@@ -356,7 +356,6 @@ class _Builder:
             _inertial(table.LOWER_TRUNK, self.table_mass, lower, (0, 0, (1 - table.LOWER_TRUNK.com) * lower)),
         )
         pelvis.add("freejoint", name="root")
-        pelvis.add("site", name="pelvis")
         for name, mode, pos, xyaxes in (
             ("side", "trackcom", (0.0, -3.2, 0.1), (1, 0, 0, 0, 0.03, 1)),
             ("front", "trackcom", (3.2, 0.0, 0.1), (0, 1, 0, -0.03, 0, 1)),
@@ -563,8 +562,8 @@ class _Builder:
         joints += self._hinges(fore, f"{side}_elbow", ("pitch", "yaw"))
         self._capsule(fore, (0, 0, 0), (0, 0, -0.5 * fore_length), 0.023 * h, _SKIN)
         self._capsule(fore, (0, 0, -0.4 * fore_length), (0, 0, -0.97 * fore_length), 0.017 * h, _SKIN)
-        # The hand's row ends at the knuckle, with radii about axes of a hand whose palm faces forward; here it
-        # faces the thigh, so the fore-aft and left-right radii change places.
+        # The row's radii belong to a hand whose palm faces forward; here it faces the thigh, so the fore-aft and
+        # left-right radii change places.
         sagittal, transverse, longitudinal = table.HAND.radii
         hand_row = table.Segment(
             table.HAND.mass, table.HAND.length, table.HAND.com, (transverse, sagittal, longitudinal)
@@ -607,8 +606,8 @@ def build(body: BodyParameters, contact: ContactParameters, simulation: Simulati
         simulation: ``time_step`` [s] and ``integrator``.
 
     Returns:
-        MJCF text and description. At ``q = 0`` the body stands upright with hanging arms, its hips at x = 0 and
-        its soles on the floor.
+        MJCF text and description. At ``q = 0`` the body stands upright with hanging arms, its hips at x = 0
+        and its soles on the floor.
 
     Raises:
         InputError: if stature or mass is not a positive number, or the integrator is unknown.
@@ -620,6 +619,7 @@ def build(body: BodyParameters, contact: ContactParameters, simulation: Simulati
             )
     if simulation.integrator not in _INTEGRATORS:
         raise InputError(
-            f"simulation.integrator = {simulation.integrator!r} is unknown; choose one of {', '.join(_INTEGRATORS)}."
+            f"simulation.integrator = {simulation.integrator!r} is unknown; "
+            f"choose one of {', '.join(_INTEGRATORS)}."
         )
     return _Builder(body, contact, simulation).build()

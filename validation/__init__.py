@@ -1,0 +1,1 @@
+"""The trial: simulation, measurement, comparison, reports. Sole owner of MuJoCo data."""
