@@ -1,0 +1,179 @@
+"""Measurement against bodies whose forces, momenta and ZMP are known."""
+
+from __future__ import annotations
+
+import ast
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import validation.measure as module
+from ampm.exceptions import InputError
+from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, pinocchio_model, simulate, swinging, to_pinocchio
+from validation.measure import measure, polygon_margin, standing_check, without_point
+
+WEIGHT = (MASS + ARM_MASS) * GRAVITY
+
+
+@pytest.fixture(scope="module")
+def swing():
+    record = swinging()
+    return record, measure(record, pinocchio_model(), to_pinocchio)
+
+
+@pytest.fixture(scope="module")
+def still():
+    record = simulate(steps=2000)
+    return record, measure(record, pinocchio_model(), to_pinocchio)
+
+
+def test_measurement_never_sees_a_plan_or_the_simulator():
+    tree = ast.parse(Path(module.__file__).read_text())
+    names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    names |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    assert not {name for name in names if name.startswith(("ampm.gait", "ampm.feet", "mujoco", "models"))}
+
+
+def test_a_still_block_weighs_its_weight_under_its_com(still):
+    _, measured = still
+    check = standing_check(measured, settle=3.5)
+    assert check.still
+    assert check.relative_error < 1e-6
+    # The hinge has no damping, so the arm must hang plumb for the block to be still: it does.
+    np.testing.assert_allclose(check.zmp_error, 0.0, atol=1e-6)
+    np.testing.assert_allclose(measured.zmp[-1], [0.0, 0.02 * ARM_MASS / (MASS + ARM_MASS)], atol=1e-5)
+    assert abs(measured.self_checks.impulse_residual) < 1e-6
+
+
+def test_standing_needs_something_recorded(still):
+    with pytest.raises(InputError, match="nothing was recorded after 99 s"):
+        standing_check(still[1], settle=99.0)
+
+
+def test_falling_body_has_no_zmp_and_loses_momentum_by_its_weight():
+    record = simulate(steps=50, height=1.0)
+    measured = measure(record, pinocchio_model(), to_pinocchio)
+    assert np.isnan(measured.zmp).all()
+    assert np.isnan(measured.zmp_momentum).all()
+    assert np.isnan(measured.polygon_margin).all()
+    assert measured.self_checks.unsupported == 50
+    np.testing.assert_allclose(measured.momentum_force, 0.0, atol=1e-9)
+    np.testing.assert_allclose(measured.com_acceleration, np.tile([0, 0, -GRAVITY], (50, 1)), atol=1e-9)
+    assert not measured.foot_contact.any()
+
+
+def test_contact_zmp_of_hand_made_forces(swing):
+    record = swing[0]
+    force = np.zeros_like(record.point_force)
+    position = np.zeros_like(record.point_position)
+    force[:, 0], force[:, 3] = [10.0, -5.0, 90.0], [0.0, 5.0, 30.0]
+    position[:, 0], position[:, 3] = [0.3, 0.2, 0.0], [-0.1, -0.4, -0.01]
+    made = measure(
+        replace(record, point_force=force, point_position=position), pinocchio_model(), to_pinocchio
+    )
+    # A force under the floor is carried up its own line of action: (0, 5, 30) moves by 0.01 / 6 in y.
+    np.testing.assert_allclose(made.zmp[:, 0], (0.3 * 90 - 0.1 * 30) / 120)
+    np.testing.assert_allclose(made.zmp[:, 1], (0.2 * 90 + (-0.4 + 0.01 * 5 / 30) * 30) / 120)
+    np.testing.assert_allclose(made.foot_force[:, 1], np.tile([0.0, 5.0, 30.0], (record.steps, 1)))
+    np.testing.assert_allclose(made.foot_zmp[:, 0], np.tile([0.3, 0.2], (record.steps, 1)))
+
+
+def test_the_two_zmps_agree_while_the_zmp_moves_by_centimetres(swing):
+    _, measured = swing
+    assert np.ptp(measured.zmp[:, 0]) > 0.05
+    checks = measured.self_checks
+    assert checks.zmp_agreement < 2e-4
+    assert max(checks.force_agreement) < 2e-3 * WEIGHT
+    assert checks.com_agreement < 1e-12
+    assert checks.angular_momentum_agreement < 1e-12
+    assert abs(checks.impulse_residual) < 1e-6
+
+
+def test_the_gap_of_the_two_zmps_shrinks_with_the_time_step():
+    gaps = []
+    for dt in (0.002, 0.001, 0.0005):
+        record = swinging(steps=round(0.6 / dt), dt=dt)
+        measured = measure(record, pinocchio_model(), to_pinocchio)
+        rows = measured.time > 0.2  # the block lands on its points before that
+        gaps.append(np.sqrt(np.mean((measured.zmp - measured.zmp_momentum)[rows, 0] ** 2)))
+    order = np.log2(np.array(gaps[:-1]) / np.array(gaps[1:]))
+    np.testing.assert_allclose(order, 1.0, atol=0.2)
+
+
+@pytest.mark.parametrize("index", [None, 0, 1, 2, 3])
+def test_a_contact_left_out_of_the_log_breaks_the_agreement(swing, index):
+    broken = measure(without_point(swing[0], index), pinocchio_model(), to_pinocchio)
+    assert broken.self_checks.zmp_agreement > 5e-3
+    assert max(broken.self_checks.force_agreement) > 0.05 * WEIGHT
+    assert abs(broken.self_checks.impulse_residual) > 0.05
+
+
+def test_zmp_lies_in_the_hull_of_the_loaded_points(swing):
+    _, measured = swing
+    loaded = measured.point_contact.sum(axis=1) == 4
+    assert loaded.any()
+    assert measured.polygon_margin[loaded].min() > 0.0
+    x, y = np.abs(np.array(CORNERS)[0])
+    shift = np.abs(measured.zmp - swing[0].q[:-1, :2])
+    rectangle = np.minimum(x - shift[:, 0], y - shift[:, 1])
+    np.testing.assert_allclose(measured.polygon_margin[loaded], rectangle[loaded], atol=2e-3)
+
+
+def test_polygon_margin_of_known_shapes():
+    square = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0], [1.0, 1.0]])
+    queries = np.array([[1.0, 0.5], [1.0, 1.0], [2.0, 1.0], [3.0, 3.0], [1.0, -0.5], [np.nan, 1.0]])
+    points = np.broadcast_to(square, (len(queries), 5, 2))
+    active = np.ones((len(queries), 5), dtype=bool)
+    expected = [0.5, 1.0, 0.0, -np.sqrt(2.0), -0.5, np.nan]
+    np.testing.assert_allclose(polygon_margin(points, active, queries), expected, atol=1e-12)
+    segment, point, nothing = active.copy(), active.copy(), active.copy()
+    segment[:, 2:], point[:, 1:], nothing[:] = False, False, False
+    np.testing.assert_allclose(polygon_margin(points, segment, queries)[:2], [-0.5, -1.0])
+    np.testing.assert_allclose(polygon_margin(points, point, queries)[:1], [-np.hypot(1.0, 0.5)])
+    assert np.isnan(polygon_margin(points, nothing, queries)).all()
+
+
+def test_slip_is_the_way_slid_since_touch_down(swing):
+    record = swing[0]
+    velocity, force = np.zeros_like(record.point_velocity), np.zeros_like(record.point_force)
+    velocity[..., 0], velocity[..., 1] = 0.03, 0.04
+    force[10:60, 0, 2] = force[100:150, 0, 2] = 50.0
+    made = measure(
+        replace(record, point_velocity=velocity, point_force=force), pinocchio_model(), to_pinocchio
+    )
+    np.testing.assert_allclose(made.slip_speed[20, 0], 0.05)
+    np.testing.assert_allclose(made.slip[[9, 59, 60, 149], 0], [0.0, 0.005, 0.0, 0.005], atol=1e-12)
+    assert made.slip[:, 1].max() == 0.0
+
+
+def test_another_body_is_refused(swing):
+    other = pinocchio_model()
+    other.appendBodyToJoint(2, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    with pytest.raises(InputError, match="measure with the model that was simulated"):
+        measure(swing[0], other, to_pinocchio)
+
+
+def test_measuring_ten_thousand_steps_takes_less_than_a_second(swing):
+    record = swing[0]
+    many = {
+        name: np.resize(value, (10_000 + extra, *value.shape[1:]))
+        for name, value, extra in (
+            (name, getattr(record, name), int(getattr(record, name).shape[0] == record.steps + 1))
+            for name in (
+                "time", "q", "qd", "torque", "warmstart", "point_force", "point_position",
+                "point_penetration", "point_velocity", "com", "angular_momentum", "foot_position",
+                "foot_rotation", "command_com", "command_zmp", "command_force", "command_angular_momentum",
+                "command_point_force",
+            )
+        )
+    }  # fmt: skip
+    long = replace(record, **many, sensors={})
+    model = pinocchio_model()
+    converted = to_pinocchio(long.q, long.qd)  # the test's own conversion is a slow loop
+    start = time.perf_counter()
+    measure(long, model, lambda q, qd: converted)
+    assert time.perf_counter() - start < 1.0
