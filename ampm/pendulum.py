@@ -1,0 +1,324 @@
+"""The closed form of the AMPM: one axis, one phase, one linear law.
+
+The AMPM (Kudoh & Komura, IROS 2003, section 2) lets the ZMP and the direction of the ground reaction force
+depend linearly on the COM. With ``u`` the distance of the COM from the point where the force is vertical,
+
+    zmp = a u + b,    the force line meets the COM's height at c u + b,    u'' = (g/H) (c - a) u.
+
+``c - a`` is called the *bracket*. With ``k = sqrt((g/H) |c - a|)`` every phase is
+``u = A cosh(k t) + B sinh(k t)`` where it is positive and ``u = A cos(k t) + B sin(k t)`` where it is negative,
+t counted from the *middle* of the phase: there a periodic gait is purely odd (B) or even (A), and no digits
+cancel near the least speed.
+
+Everything here is a pure function of numbers or arrays; nothing is sampled or integrated numerically.
+See ``docs/theory.md`` for the derivation and for the errata of the printed paper.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class LawState(NamedTuple):
+    """What a law says at some times; every field has the broadcast shape of law and times.
+
+    Attributes:
+        position: COM from the law's origin [m].
+        velocity: of the COM [m/s].
+        acceleration: of the COM [m/s^2].
+        zmp: ZMP from the law's origin [m].
+        moment_arm: distance by which the force line misses the COM [m]; times the weight it is the moment
+            about the COM: ``M_x = +m g arm`` in the frontal plane, ``M_y = -m g arm`` in the sagittal plane.
+        moment_arm_integral: integral of ``moment_arm`` since the start of the phase [m s].
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    zmp: Array
+    moment_arm: Array
+    moment_arm_integral: Array
+
+
+@dataclass(frozen=True)
+class AffineLaw:
+    """One axis of one phase, or arrays of such laws with a common shape.
+
+    Equation: ``u'' = (g/H) (force_slope - zmp_slope) u`` and ``zmp = zmp_slope u + zmp_offset``.
+
+    Attributes:
+        rate: ``(g/H) (force_slope - zmp_slope)`` [1/s^2]; positive: hyperbolic, negative: trigonometric; never zero.
+        zmp_slope: ``1/a_s`` or ``1/a_d`` in the sagittal plane [1].
+        force_slope: ``c_s`` or ``c_d`` in the sagittal plane [1]; 1 passes through the COM.
+        duration: of the phase [s].
+        even: amplitude of the part that is even about the middle of the phase [m].
+        odd: amplitude of the part that is odd about it [m].
+        zmp_offset: ``b`` of the general law [m].
+    """
+
+    rate: Any
+    zmp_slope: Any
+    force_slope: Any
+    duration: Any
+    even: Any
+    odd: Any
+    zmp_offset: Any = 0.0
+
+    def evaluate(self, time: Any) -> LawState:
+        """Evaluate at times since the start of the phase [s], broadcast against the law."""
+        since_middle = time - 0.5 * self.duration
+        position, velocity = solution(self.rate, self.even, self.odd, since_middle)
+        travel = position_integral(self.rate, self.even, self.odd, -0.5 * self.duration, since_middle)
+        return LawState(
+            position=position,
+            velocity=velocity,
+            acceleration=self.rate * position,
+            zmp=self.zmp_slope * position + self.zmp_offset,
+            moment_arm=(self.force_slope - 1.0) * position + self.zmp_offset,
+            moment_arm_integral=(self.force_slope - 1.0) * travel + self.zmp_offset * time,
+        )
+
+
+def solution(rate: Any, even: Any, odd: Any, time: Any) -> tuple[Array, Array]:
+    """Position and velocity of ``u'' = rate u``.
+
+    Args:
+        rate: [1/s^2], not zero; positive hyperbolic, negative trigonometric.
+        even: amplitude of cosh or cos [m].
+        odd: amplitude of sinh or sin [m].
+        time: since the instant at which the even part is even [s].
+
+    Returns:
+        Position [m] and velocity [m/s].
+    """
+    rate = np.asarray(rate, dtype=np.float64)
+    k = np.sqrt(np.abs(rate))
+    angle = k * time
+    hyperbolic = rate > 0.0
+    safe = np.where(hyperbolic, angle, 0.0)
+    c = np.where(hyperbolic, np.cosh(safe), np.cos(angle))
+    s = np.where(hyperbolic, np.sinh(safe), np.sin(angle))
+    return even * c + odd * s, k * (np.sign(rate) * even * s + odd * c)
+
+
+def position_integral(rate: Any, even: Any, odd: Any, start: Any, end: Any) -> Array:
+    """Integral of the position of ``u'' = rate u`` from ``start`` to ``end`` [m s].
+
+    The obvious ``(u'(end) - u'(start)) / rate`` cancels for short times; as a product it does not:
+    ``(2/k) sinh(k (end - start)/2) u((start + end)/2)``, with sin for a negative rate.
+    """
+    rate = np.asarray(rate, dtype=np.float64)
+    k = np.sqrt(np.abs(rate))
+    half = 0.5 * k * (end - start)
+    hyperbolic = rate > 0.0
+    width = np.where(hyperbolic, np.sinh(np.where(hyperbolic, half, 0.0)), np.sin(half))
+    middle, _ = solution(rate, even, odd, 0.5 * (start + end))
+    return 2.0 / k * width * middle
+
+
+def odd_double_integral(rate: float, odd: float, duration: float) -> float:
+    """Integral over a phase of the integral, since its start, of an odd solution [m s^2].
+
+    ``(2 B / rate) (sinh h - h cosh h)`` with ``h = k duration / 2``; sin and cos for a negative rate.
+    Times weight and slope it is the phase's share in the mean of the angular momentum.
+    """
+    k = math.sqrt(abs(rate))
+    h = 0.5 * k * duration
+    sign = math.copysign(1.0, rate)
+    if h < 0.5:  # the difference cancels like h^3: its series does not
+        total, term = 0.0, h  # term = h^(2n+1) / (2n)!
+        for n in range(1, 9):
+            term *= sign * h * h / (2 * n * (2 * n - 1))
+            total += term * (1.0 / (2 * n + 1) - 1.0)
+        difference = total
+    elif rate > 0.0:
+        difference = math.sinh(h) - h * math.cosh(h)
+    else:
+        difference = math.sin(h) - h * math.cos(h)
+    return 2.0 * odd / rate * difference
+
+
+@dataclass(frozen=True)
+class SagittalPlane:
+    """Sagittal constants of a periodic gait (paper, section 2.1) and its two laws.
+
+    Attributes:
+        l_s: half the COM's travel in single support [m].
+        l_d: half the COM's travel in double support [m].
+        inverse_a_s: ZMP slope in single support, ``1/a_s`` [1].
+        a_d: COM travel over ZMP travel in double support [1].
+        c_d: force slope in double support [1].
+        single: law of single support, from the stance foot's reference point.
+        double: law of double support, from the midpoint of both feet's reference points.
+    """
+
+    l_s: float
+    l_d: float
+    inverse_a_s: float
+    a_d: float
+    c_d: float
+    single: AffineLaw
+    double: AffineLaw
+
+
+@dataclass(frozen=True)
+class FrontalPlane:
+    """Frontal constants of a periodic gait (paper, section 2.2) and its two laws, for left stance.
+
+    Attributes:
+        s: lateral distance of COM and stance foot at a switch [m].
+        beta: lateral distance of COM and midline at a switch [m].
+        velocity: lateral speed of the COM at a switch, ``v`` [m/s].
+        single: law of single support, from the stance foot.
+        double: law of the double support after it, from the midline.
+    """
+
+    s: float
+    beta: float
+    velocity: float
+    single: AffineLaw
+    double: AffineLaw
+
+    def mirrored(self) -> tuple[AffineLaw, AffineLaw]:
+        """Both laws for right stance."""
+        return _mirror(self.single), _mirror(self.double)
+
+
+def _mirror(law: AffineLaw) -> AffineLaw:
+    return AffineLaw(
+        rate=law.rate,
+        zmp_slope=law.zmp_slope,
+        force_slope=law.force_slope,
+        duration=law.duration,
+        even=-law.even,
+        odd=-law.odd,
+        zmp_offset=-law.zmp_offset,
+    )
+
+
+def sagittal_time_constant(com_height: float, bracket: float, gravity: float) -> float:
+    """``T_s = sqrt(H / ((c_s - 1/a_s) g))`` [s]; the bracket must be positive."""
+    return math.sqrt(com_height / (bracket * gravity))
+
+
+def sagittal_plane(
+    *,
+    com_height: float,
+    step_length: float,
+    single_support_ratio: float,
+    switching_velocity: float,
+    inverse_a_s: float,
+    c_s: float,
+    gravity: float,
+) -> SagittalPlane:
+    """Close the sagittal plane: continuity of ZMP and force at the switches fixes the double support.
+
+    ``c_s l_s + c_d l_d = l_s + l_d`` (paper Eq. 4, corrected) and ``l_s/a_s + l_d/a_d = l_s + l_d``.
+
+    Args:
+        com_height: H [m].
+        step_length: S [m].
+        single_support_ratio: l_s / (l_s + l_d) [1].
+        switching_velocity: v0 [m/s], greater than ``l_s / T_s``.
+        inverse_a_s: 1/a_s [1], less than ``c_s``.
+        c_s: force slope in single support [1].
+        gravity: g [m/s^2].
+    """
+    half = 0.5 * step_length
+    l_s = half * single_support_ratio
+    l_d = half * (1.0 - single_support_ratio)
+    ratio = l_s / l_d
+    # Written from 1, so that c_s = 1 leaves c_d exactly 1 and the moment exactly zero.
+    c_d = 1.0 - (c_s - 1.0) * ratio
+    inverse_a_d = 1.0 + (1.0 - inverse_a_s) * ratio
+    # From both continuity conditions: the bracket of double support is negative where the other is positive.
+    rate_s = gravity / com_height * (c_s - inverse_a_s)
+    rate_d = -rate_s * ratio
+    k_s, k_d = math.sqrt(rate_s), math.sqrt(-rate_d)
+    reach_s, reach_d = switching_velocity / k_s, switching_velocity / k_d  # v0 T_s, v0 T_d
+    odd_s = math.sqrt((reach_s - l_s) * (reach_s + l_s))
+    duration_s = 2.0 / k_s * math.asinh(l_s / odd_s)
+    duration_d = 2.0 / k_d * math.atan2(l_d, reach_d)
+    return SagittalPlane(
+        l_s=l_s,
+        l_d=l_d,
+        inverse_a_s=inverse_a_s,
+        a_d=math.inf if inverse_a_d == 0.0 else 1.0 / inverse_a_d,
+        c_d=c_d,
+        single=AffineLaw(rate_s, inverse_a_s, c_s, duration_s, 0.0, odd_s),
+        double=AffineLaw(rate_d, inverse_a_d, c_d, duration_d, 0.0, math.hypot(l_d, reach_d)),
+    )
+
+
+def frontal_plane(
+    *,
+    com_height: float,
+    half_width: float,
+    c_y: float,
+    single_support_duration: float,
+    double_support_duration: float,
+    gravity: float,
+) -> FrontalPlane:
+    """Close the frontal plane: both durations are given, so beta is the unknown.
+
+    Args:
+        com_height: H [m].
+        half_width: half the lateral distance of the feet, ``w = s + beta`` [m].
+        c_y: force slope of single support [1], positive.
+        single_support_duration: T_SS [s].
+        double_support_duration: T_DS [s].
+        gravity: g [m/s^2].
+    """
+    k = math.sqrt(c_y * gravity / com_height)  # 1 / T_l
+    h = 0.5 * k * single_support_duration
+    tau = math.tanh(h)
+    rho = float(double_support_root(tau, 0.5 * k * double_support_duration))
+    s = half_width / (1.0 + rho * rho)
+    beta = s * rho * rho
+    slope = 1.0 / (rho * rho)  # s / beta
+    return FrontalPlane(
+        s=s,
+        beta=beta,
+        velocity=s * k * tau,
+        single=AffineLaw(k * k, 0.0, c_y, single_support_duration, -s / math.cosh(h), 0.0),
+        double=AffineLaw(
+            rate=-k * k * slope,
+            zmp_slope=1.0 + slope,
+            force_slope=1.0 + (1.0 - c_y) * slope,
+            duration=double_support_duration,
+            even=0.0,
+            odd=-s * rho * math.hypot(rho, tau),
+        ),
+    )
+
+
+def double_support_root(tau: Any, half_angle: Any) -> Array:
+    """The root ``rho = sqrt(beta/s)`` of ``rho atan(rho / tau) = half_angle``.
+
+    The left side rises from 0 to infinity and is convex, so there is exactly one root and Newton from above
+    falls onto it without a safeguard; ``atan z >= z / (1 + 2 z / pi)`` supplies the start above. The root
+    belongs to the double support without extra oscillations; the tangent form has others.
+
+    Args:
+        tau: ``tanh(k T_SS / 2)``, positive, any shape [1].
+        half_angle: ``k T_DS / 2``, positive, same shape [1].
+
+    Returns:
+        rho, same shape [1], to machine precision.
+    """
+    tau, q = np.broadcast_arrays(np.asarray(tau, dtype=np.float64), np.asarray(half_angle, dtype=np.float64))
+    rho = q / np.pi + np.sqrt((q / np.pi) ** 2 + q * tau)
+    for _ in range(30):
+        angle = np.arctan2(rho, tau)
+        step = (rho * angle - q) / (angle + rho * tau / (tau * tau + rho * rho))
+        rho = rho - step
+        if np.all(np.abs(step) <= 4.0 * np.finfo(np.float64).eps * rho):
+            break
+    return rho
