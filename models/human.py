@@ -562,8 +562,8 @@ class _Builder:
         joints += self._hinges(fore, f"{side}_elbow", ("pitch", "yaw"))
         self._capsule(fore, (0, 0, 0), (0, 0, -0.5 * fore_length), 0.023 * h, _SKIN)
         self._capsule(fore, (0, 0, -0.4 * fore_length), (0, 0, -0.97 * fore_length), 0.017 * h, _SKIN)
-        # The row's radii belong to a hand whose palm faces forward; here it faces the thigh, so the fore-aft and
-        # left-right radii change places.
+        # The row's radii belong to a hand whose palm faces forward; here it faces the thigh, so the fore-aft
+        # and left-right radii change places.
         sagittal, transverse, longitudinal = table.HAND.radii
         hand_row = table.Segment(
             table.HAND.mass, table.HAND.length, table.HAND.com, (transverse, sagittal, longitudinal)

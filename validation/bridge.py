@@ -1,8 +1,8 @@
 """From MuJoCo to Pinocchio: the same body for the planner's and controller's algebra.
 
 The Pinocchio model is built from the *compiled* MuJoCo model, so both hold the very same numbers; Pinocchio's
-own MJCF reader loses the mass of geoms that touch nothing, the joint names of hinge stacks and the effort limits.
-Joint, velocity and actuator order are MuJoCo's.
+own MJCF reader loses the mass of geoms that touch nothing, the joint names of hinge stacks and the effort
+limits. Joint, velocity and actuator order are MuJoCo's.
 
 Conventions (R is the root's rotation, root to world):
 
@@ -69,7 +69,7 @@ def pinocchio_model(model: mujoco.MjModel) -> pin.Model:
 
     One Pinocchio joint per MuJoCo joint, of the same name and in the same order, chained through hinge
     stacks; inertias from ``body_mass/ipos/iquat/inertia``; armature; gravity; limits of position and effort
-    (motors on joints). Frames: one per body (``BODY``), one per site (``OP_FRAME``), one per joint (``JOINT``).
+    (motors on joints). Frames: one per body (``BODY``), per site (``OP_FRAME``) and per joint (``JOINT``).
 
     Args:
         model: compiled model with a free root or none, and hinges and slides.
@@ -191,7 +191,7 @@ def _rotate(quaternion_wxyz: Array, vector: Array, *, inverse: bool = False) -> 
     a, b, c = (vector[..., i] for i in range(3))
     # v + 2 w (u x v) + 2 u x (u x v), written out: this runs in every control tick.
     s, t, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    result = np.empty(np.broadcast_shapes(quaternion_wxyz.shape[:-1], vector.shape[:-1]) + (3,))
+    result = np.empty((*np.broadcast_shapes(quaternion_wxyz.shape[:-1], vector.shape[:-1]), 3))
     result[..., 0] = a + w * s + (y * r - z * t)
     result[..., 1] = b + w * t + (z * s - x * r)
     result[..., 2] = c + w * r + (x * t - y * s)

@@ -1,0 +1,246 @@
+"""MuJoCo and Pinocchio must be the same body: every term that planner or controller uses agrees to 1e-9."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ampm.exceptions import InputError
+from ampm.parameters import BodyParameters, RunParameters
+from models.human import build
+from validation.bridge import (
+    acceleration_to_mujoco,
+    acceleration_to_pinocchio,
+    pinocchio_model,
+    to_mujoco,
+    to_pinocchio,
+)
+
+TOLERANCE = 1e-9
+SIZES = [(1.70, 60.0), (1.55, 95.0)]
+
+# What the human does not exercise: rotated and offset bodies, anchors off the origin, oblique axes, slides, a
+# welded segment, armature, turned inertia.
+ODD_XML = """
+<mujoco model="odd">
+  <compiler angle="radian"/>
+  <option gravity="0.3 0 -9.7"/>
+  <worldbody>
+    <body name="base" pos="0.1 0.2 0.9" quat="0.8 0.2 0.5 0.1">
+      <freejoint name="free"/>
+      <inertial pos="0.02 -0.01 0.05" mass="4" fullinertia="0.05 0.07 0.06 0.004 -0.006 0.003"/>
+      <body name="arm" pos="0.1 0 0.2" quat="0.7 0.1 -0.3 0.4">
+        <joint name="oblique" axis="1 2 -1" pos="0.02 0.03 -0.05" armature="0.02"/>
+        <joint name="second" axis="0 0 1" pos="-0.01 0.01 0.04" range="-1 2"/>
+        <inertial pos="0 0.1 0.1" quat="0.9 0.1 0.3 0.2" mass="1.5" diaginertia="0.01 0.02 0.015"/>
+        <body name="welded" pos="0 0 0.3" quat="0.5 0.5 0.5 0.5">
+          <inertial pos="0.1 0 0" mass="0.5" diaginertia="0.001 0.002 0.0015"/>
+          <site name="tip" pos="0.1 0.2 0.3" quat="0.6 0.1 0.2 0.7"/>
+          <body name="rod" pos="0 0.1 0">
+            <joint name="slide" type="slide" axis="0 1 0" armature="0.1"/>
+            <joint name="oblique_slide" type="slide" axis="0.6 0 0.8" pos="0.1 0 0"/>
+            <inertial pos="0 0 0.05" mass="0.7" diaginertia="0.003 0.002 0.001"/>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor name="m" joint="second" gear="2" ctrlrange="-3 4" forcerange="-5 3.5"/></actuator>
+</mujoco>
+"""
+
+
+def human_model(height: float, mass: float) -> mujoco.MjModel:
+    run = RunParameters()
+    return build(BodyParameters(height=height, mass=mass), run.contact, run.simulation).compile()
+
+
+@pytest.fixture(scope="module", params=["odd", *SIZES], ids=str)
+def model(request: pytest.FixtureRequest) -> mujoco.MjModel:
+    result = (
+        mujoco.MjModel.from_xml_string(ODD_XML) if request.param == "odd" else human_model(*request.param)
+    )
+    result.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    return result
+
+
+class Both:
+    """The same random state in both libraries; ``map`` turns MuJoCo's velocities into Pinocchio's."""
+
+    def __init__(self, model: mujoco.MjModel, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        self.model, self.data = model, mujoco.MjData(model)
+        self.qpos = rng.uniform(-1.2, 1.2, model.nq)
+        self.qpos[:3] *= 3.0
+        self.qpos[3:7] = rng.normal(size=4)
+        self.qpos[3:7] /= np.linalg.norm(self.qpos[3:7])
+        self.qvel = rng.normal(size=model.nv) * 2.0
+        self.qacc = rng.normal(size=model.nv) * 10.0
+        self.data.qpos, self.data.qvel = self.qpos, self.qvel
+        mujoco.mj_forward(model, self.data)
+        mujoco.mj_subtreeVel(model, self.data)
+        self.pin_model = pinocchio_model(model)
+        self.pin_data = self.pin_model.createData()
+        self.q, self.v = to_pinocchio(self.qpos, self.qvel)
+        self.map = np.eye(model.nv)
+        self.map[:3, :3] = pin.Quaternion(self.q[3:7]).toRotationMatrix().T
+        self.mass = float(model.body_mass.sum())
+
+
+@pytest.fixture(params=range(3))
+def both(model: mujoco.MjModel, request: pytest.FixtureRequest) -> Both:
+    return Both(model, request.param)
+
+
+def close(actual: np.ndarray, expected: np.ndarray) -> None:
+    np.testing.assert_allclose(actual, expected, rtol=0.0, atol=TOLERANCE * max(1.0, np.abs(expected).max()))
+
+
+def test_joint_order_names_and_limits(model: mujoco.MjModel) -> None:
+    twin = pinocchio_model(model)
+    assert list(twin.names)[1:] == [model.joint(i).name for i in range(model.njnt)]
+    for i in range(model.njnt):
+        entry = twin.joints[twin.getJointId(model.joint(i).name)]
+        assert entry.idx_v == model.jnt_dofadr[i]
+        assert entry.idx_q == model.jnt_qposadr[i]
+        if model.jnt_limited[i]:
+            assert twin.lowerPositionLimit[entry.idx_q] == model.jnt_range[i, 0]
+            assert twin.upperPositionLimit[entry.idx_q] == model.jnt_range[i, 1]
+    assert pin.computeTotalMass(twin) == pytest.approx(model.body_mass.sum(), abs=1e-12)
+
+
+def test_effort_limits() -> None:
+    twin = pinocchio_model(mujoco.MjModel.from_xml_string(ODD_XML))
+    index = twin.joints[twin.getJointId("second")].idx_v
+    assert twin.upperEffortLimit[index] == pytest.approx(7.0)
+    assert twin.lowerEffortLimit[index] == pytest.approx(-6.0)
+    human = human_model(1.7, 60.0)
+    np.testing.assert_array_equal(pinocchio_model(human).upperEffortLimit[6:], human.actuator_ctrlrange[:, 1])
+    np.testing.assert_array_equal(pinocchio_model(human).upperEffortLimit[:6], 0.0)
+
+
+def test_mass_matrix(both: Both) -> None:
+    full = np.zeros((both.model.nv, both.model.nv))
+    mujoco.mj_fullM(both.model, both.data, full)
+    upper = np.triu(pin.crba(both.pin_model, both.pin_data, both.q))
+    close(both.map.T @ (upper + np.triu(upper, 1).T) @ both.map, full)
+
+
+def test_bias(both: Both) -> None:
+    still = acceleration_to_pinocchio(both.qpos, both.qvel, np.zeros(both.model.nv))
+    close(both.map.T @ pin.rnea(both.pin_model, both.pin_data, both.q, both.v, still), both.data.qfrc_bias)
+
+
+def test_inverse_dynamics(both: Both) -> None:
+    both.data.qacc = both.qacc
+    mujoco.mj_inverse(both.model, both.data)
+    a = acceleration_to_pinocchio(both.qpos, both.qvel, both.qacc)
+    close(both.map.T @ pin.rnea(both.pin_model, both.pin_data, both.q, both.v, a), both.data.qfrc_inverse)
+
+
+def test_com_and_its_velocity(both: Both) -> None:
+    pin.centerOfMass(both.pin_model, both.pin_data, both.q, both.v)
+    close(both.pin_data.com[0], both.data.subtree_com[0])
+    close(both.pin_data.vcom[0], both.data.subtree_linvel[0])
+
+
+def test_centroidal_momentum(both: Both) -> None:
+    momentum = pin.computeCentroidalMomentum(both.pin_model, both.pin_data, both.q, both.v)
+    close(momentum.linear, both.mass * both.data.subtree_linvel[0])
+    close(momentum.angular, both.data.subtree_angmom[0])
+
+
+def test_rate_of_centroidal_momentum(both: Both) -> None:
+    """MuJoCo's rate follows from its own inverse dynamics: the root's wrench and gravity."""
+    a = acceleration_to_pinocchio(both.qpos, both.qvel, both.qacc)
+    pin.computeCentroidalMomentumTimeVariation(both.pin_model, both.pin_data, both.q, both.v, a)
+    both.data.qacc = both.qacc
+    mujoco.mj_inverse(both.model, both.data)
+    force = both.data.qfrc_inverse[:3]
+    torque = both.data.xmat[1].reshape(3, 3) @ both.data.qfrc_inverse[3:6]
+    arm = both.data.xpos[1] - both.data.subtree_com[0]
+    close(both.pin_data.dhg.linear, force + both.mass * both.model.opt.gravity)
+    close(both.pin_data.dhg.angular, torque + np.cross(arm, force))
+
+
+def frame_names(model: mujoco.MjModel) -> list[tuple[str, bool]]:
+    sites = [(model.site(i).name, True) for i in range(model.nsite)]
+    return sites + [(model.body(i).name, False) for i in range(1, model.nbody)]
+
+
+def test_frames_their_jacobians_and_drift(both: Both) -> None:
+    still = acceleration_to_pinocchio(both.qpos, both.qvel, np.zeros(both.model.nv))
+    pin.forwardKinematics(both.pin_model, both.pin_data, both.q, both.v, still)
+    pin.computeJointJacobians(both.pin_model, both.pin_data)
+    pin.updateFramePlacements(both.pin_model, both.pin_data)
+    aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    linear, angular = np.zeros((2, 3, both.model.nv))
+    for name, is_site in frame_names(both.model):
+        frame = both.pin_model.getFrameId(name)
+        there = both.data.site(name) if is_site else both.data.body(name)
+        position = there.xpos.copy()
+        body = both.model.site(name).bodyid[0] if is_site else both.model.body(name).id
+        close(both.pin_data.oMf[frame].translation, position)
+        close(both.pin_data.oMf[frame].rotation.ravel(), there.xmat)
+        mujoco.mj_jac(both.model, both.data, linear, angular, position, body)
+        jacobian = pin.getFrameJacobian(both.pin_model, both.pin_data, frame, aligned) @ both.map
+        close(jacobian, np.vstack([linear, angular]))
+        mujoco.mj_jacDot(both.model, both.data, linear, angular, position, body)
+        drift = pin.getFrameClassicalAcceleration(both.pin_model, both.pin_data, frame, aligned).vector
+        close(drift, np.concatenate([linear @ both.qvel, angular @ both.qvel]))
+
+
+def test_conversion_is_vectorised_and_reversible() -> None:
+    rng = np.random.default_rng(1)
+    qpos, qvel, qacc = (rng.normal(size=(4, 5, n)) for n in (41, 40, 40))
+    qpos[..., 3:7] /= np.linalg.norm(qpos[..., 3:7], axis=-1, keepdims=True)
+    q, v = to_pinocchio(qpos, qvel)
+    a = acceleration_to_pinocchio(qpos, qvel, qacc)
+    one_q, one_v = to_pinocchio(qpos[2, 3], qvel[2, 3])
+    np.testing.assert_array_equal(q[2, 3], one_q)
+    np.testing.assert_array_equal(v[2, 3], one_v)
+    np.testing.assert_array_equal(a[2, 3], acceleration_to_pinocchio(qpos[2, 3], qvel[2, 3], qacc[2, 3]))
+    back_qpos, back_qvel = to_mujoco(q, v)
+    np.testing.assert_array_equal(back_qpos, qpos)
+    np.testing.assert_allclose(back_qvel, qvel, atol=1e-14)
+    np.testing.assert_allclose(acceleration_to_mujoco(q, v, a), qacc, atol=1e-13)
+
+
+def test_acceleration_is_the_rate_of_the_converted_velocity() -> None:
+    """A central difference along a motion, of which both libraries see the same states."""
+    model = human_model(1.7, 60.0)
+    both = Both(model, 7)
+    step = 1e-5
+    converted = []
+    for sign in (-1.0, 1.0):
+        qvel = both.qvel + sign * step * both.qacc
+        qpos = both.qpos.copy()
+        mujoco.mj_integratePos(model, qpos, both.qvel, sign * step)
+        converted.append(to_pinocchio(qpos, qvel)[1])
+    rate = (converted[1] - converted[0]) / (2.0 * step)
+    np.testing.assert_allclose(rate, acceleration_to_pinocchio(both.qpos, both.qvel, both.qacc), atol=1e-6)
+
+
+def test_shapes_are_checked() -> None:
+    with pytest.raises(InputError, match="free-root"):
+        to_pinocchio(np.zeros(41), np.zeros(41))
+    with pytest.raises(InputError, match="free-root"):
+        to_mujoco(np.zeros((3, 41)), np.zeros((2, 40)))
+
+
+@pytest.mark.parametrize(
+    ("joint", "message"),
+    [
+        ('<joint name="j" type="ball"/>', "ball joint 'j'"),
+        ('<joint name="j" ref="0.3"/>', "reference angle"),
+        ("<joint/>", "no name"),
+        ('<joint name="b"/>', "used twice"),
+    ],
+)
+def test_what_has_no_counterpart_is_refused(joint: str, message: str) -> None:
+    xml = f"""<mujoco><worldbody><body name="b">{joint}
+        <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>"""
+    with pytest.raises(InputError, match=message):
+        pinocchio_model(mujoco.MjModel.from_xml_string(xml))

@@ -1,0 +1,341 @@
+"""The human: masses, proportions, symmetry, and that the description tells the truth about the model."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+
+from ampm.body import BodyDescription
+from ampm.exceptions import InputError
+from ampm.parameters import BodyParameters, ContactParameters, RunParameters, SimulationParameters
+from models import anthropometry as table
+from models.__main__ import TARGET, default_xml
+from models.human import GRAVITY, build
+
+SIZES = [(1.70, 60.0), (1.50, 45.0), (1.95, 110.0), (1.20, 25.0)]
+
+
+class Standing:
+    """A body in its neutral posture."""
+
+    def __init__(self, height: float, mass: float) -> None:
+        run = RunParameters()
+        built = build(BodyParameters(height=height, mass=mass), run.contact, run.simulation)
+        self.height, self.mass = height, mass
+        self.description: BodyDescription = built.description
+        self.model = built.compile()
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, self.data)
+
+
+@pytest.fixture(scope="module", params=SIZES, ids=str)
+def body(request: pytest.FixtureRequest) -> Standing:
+    return Standing(*request.param)
+
+
+@pytest.fixture(scope="module")
+def default() -> Standing:
+    return Standing(1.70, 60.0)
+
+
+def test_committed_xml_is_what_the_builder_writes() -> None:
+    assert TARGET.read_text(encoding="utf-8") == default_xml(), "run `python -m models`"
+
+
+def test_import_needs_no_display() -> None:
+    environment = {
+        k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL")
+    }
+    subprocess.run(
+        [
+            sys.executable,
+            "-W",
+            "error",
+            "-c",
+            "import models.human, os; assert 'MUJOCO_GL' not in os.environ",
+        ],
+        env=environment,
+        check=True,
+        timeout=60,
+    )
+
+
+def test_forty_degrees_of_freedom(body: Standing) -> None:
+    assert (body.model.nv, body.model.nu, body.model.nbody - 1) == (40, 34, 17)
+    for leg in body.description.legs:
+        assert (len(leg.hip), len(leg.ankle), len(leg.joints)) == (3, 2, 7)
+    assert (len(body.description.waist), len(body.description.chest)) == (3, 3)
+    assert (len(body.description.left_arm), len(body.description.right_arm)) == (7, 7)
+
+
+def test_total_mass_is_the_bodys(body: Standing) -> None:
+    assert body.model.body_mass.sum() == pytest.approx(body.mass, rel=1e-11)
+
+
+def test_proportions(body: Standing) -> None:
+    assert 0.55 <= body.data.subtree_com[0][2] / body.height <= 0.57
+    assert body.data.subtree_com[0][1] == pytest.approx(0.0, abs=1e-12)
+    head = max(
+        body.data.geom_xpos[i][2] + body.model.geom_size[i][2]
+        for i in range(body.model.ngeom)
+        if body.model.geom_bodyid[i] == body.model.body("thorax").id
+    )
+    assert head == pytest.approx(body.height, rel=2e-3)
+    assert body.description.hip_height == pytest.approx(0.53 * body.height)
+
+
+def test_inertias_are_physical(body: Standing) -> None:
+    for inertia in body.model.body_inertia[1:]:
+        assert inertia.min() > 0.0
+        assert inertia.sum() >= 2.0 * inertia.max()
+
+
+def test_split_foot_is_the_tables_foot(default: Standing) -> None:
+    """Foot and toes together have the mass, centre of mass and inertia of the undivided foot."""
+    leg, sole = default.description.left_leg, default.description.sole
+    parts = [default.model.body(name).id for name in (leg.foot_segment, leg.toe_segment)]
+    masses = default.model.body_mass[parts]
+    coms = default.data.xipos[parts] - default.data.site(leg.sole_frame).xpos
+    com = masses @ coms / masses.sum()
+    inertia = np.zeros((3, 3))
+    for part, mass, position in zip(parts, masses, coms, strict=True):
+        axes = default.data.ximat[part].reshape(3, 3)
+        arm = position - com
+        inertia += axes @ np.diag(default.model.body_inertia[part]) @ axes.T
+        inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    sagittal, transverse, longitudinal = (radius * sole.length for radius in table.FOOT.radii)
+    assert masses.sum() == pytest.approx(table.FOOT.mass * default.mass)
+    assert com[0] == pytest.approx(sole.heel_x + table.FOOT.com * sole.length)
+    expected = masses.sum() * np.diag(np.square([longitudinal, transverse, sagittal]))
+    np.testing.assert_allclose(inertia, expected, atol=1e-11)
+
+
+def test_table_adds_up() -> None:
+    assert abs(table.TOTAL_MASS_SHARE - 1.0) < 1e-12
+    # The same segment given between two pairs of landmarks must be the same body: de Leva's upper trunk from
+    # suprasternale (170.7 mm, com 29.99 %) and from cervicale (242.1 mm).
+    assert 242.1 * table.UPPER_TRUNK.com == pytest.approx(242.1 - 170.7 + 0.2999 * 170.7, abs=0.1)
+    assert 242.1 * table.UPPER_TRUNK.radii[0] == pytest.approx(0.716 * 170.7, abs=0.1)
+
+
+def test_soles_lie_on_the_floor(body: Standing) -> None:
+    sole = body.description.sole
+    xs = {"heel": sole.heel_x, "ball": sole.ball_x, "tip": sole.tip_x}
+    widths = {
+        "heel": sole.heel_half_width, "ball": sole.ball_half_width, "tip": sole.tip_half_width
+    }  # fmt: skip
+    for index, (foot, group, name) in enumerate(body.description.sole_points()):
+        leg = body.description.legs[foot]
+        frame = body.data.site(leg.sole_frame)
+        edge = 1.0 if index % 2 == 0 else -1.0
+        local = body.data.site(name).xpos - frame.xpos
+        np.testing.assert_allclose(local, [xs[group], edge * widths[group], 0.0], atol=1e-10)
+        assert body.data.site(name).xpos[2] == pytest.approx(0.0, abs=1e-10)
+        segment = leg.toe_segment if group == "tip" else leg.foot_segment
+        assert body.model.site(name).bodyid[0] == body.model.body(segment).id
+        # The lowest point of the sphere of the same name is the site.
+        centre, radius = body.data.geom(name).xpos, body.model.geom(name).size[0]
+        np.testing.assert_allclose(centre - [0, 0, radius], body.data.site(name).xpos, atol=1e-10)
+        np.testing.assert_allclose(frame.xmat, np.eye(3).ravel(), atol=1e-12)
+
+
+def test_toe_axis_passes_through_the_ball_points(body: Standing) -> None:
+    """Bending the toe must not move the ball points, nor the toe axis relative to the foot."""
+    data = mujoco.MjData(body.model)
+    leg = body.description.left_leg
+    data.qpos[body.model.joint(leg.toe).qposadr[0]] = -0.5
+    mujoco.mj_kinematics(body.model, data)
+    axis = data.site(leg.toe_frame).xpos
+    for name in leg.sole_points[2:4]:
+        np.testing.assert_allclose(data.site(name).xpos[[0, 2]], axis[[0, 2]], atol=1e-10)
+    assert data.site(leg.sole_points[4]).xpos[2] > 0.02, "negative toe angles lift the tip"
+
+
+def test_description_geometry(body: Standing) -> None:
+    d, data = body.description, body.data
+    for leg, sign in zip(d.legs, (1.0, -1.0), strict=True):
+        hip, ankle = (data.xanchor[body.model.joint(name).id] for name in (leg.hip[0], leg.ankle[0]))
+        np.testing.assert_allclose(hip, [0, sign * d.hip_half_width, d.hip_height], atol=1e-10)
+        assert hip[2] - ankle[2] == pytest.approx(d.leg_length)
+        sole = data.site(leg.sole_frame).xpos
+        np.testing.assert_allclose(ankle - sole, [d.sole.ankle_x, 0.0, d.sole.ankle_height], atol=1e-10)
+    assert body.model.body(d.root_segment).jntnum[0] == 1
+    assert body.model.joint(d.root_joint).type[0] == mujoco.mjtJoint.mjJNT_FREE
+    assert body.model.body(d.trunk_segment).id > 0
+    assert d.sources
+    assert (d.height, d.mass) == (body.height, body.mass)
+
+
+def test_positive_directions(default: Standing) -> None:
+    """Knee flexion is positive, hip flexion and elbow flexion are negative about +y."""
+    d, model = default.description, default.model
+
+    def moved(joint: str, angle: float, point: str) -> np.ndarray:
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        before = data.body(point).xpos.copy()
+        data.qpos[model.joint(joint).qposadr[0]] = angle
+        mujoco.mj_kinematics(model, data)
+        return data.body(point).xpos - before
+
+    leg = d.left_leg
+    assert moved(leg.knee, 0.5, leg.foot_segment)[0] < -0.1
+    assert moved(leg.hip[0], -0.5, leg.foot_segment)[0] > 0.1
+    assert moved(d.left_arm[3], -0.5, "left_hand")[0] > 0.1
+    assert moved(d.waist[2], 0.3, d.trunk_segment)[0] > 0.03
+    assert model.joint(leg.knee).range[0] == 0.0
+
+
+def test_actuators_are_torque_motors_in_joint_order(body: Standing) -> None:
+    model = body.model
+    names = [name for name, _ in body.description.torque_limits]
+    assert [model.joint(i).name for i in range(1, model.njnt)] == names
+    np.testing.assert_array_equal(model.actuator_trnid[:, 0], np.arange(1, model.njnt))
+    np.testing.assert_array_equal(model.actuator_gear[:, 0], 1.0)
+    np.testing.assert_array_equal(model.actuator_gainprm[:, 0], 1.0)
+    np.testing.assert_array_equal(model.actuator_biastype, mujoco.mjtBias.mjBIAS_NONE)
+    limits = np.array([limit for _, limit in body.description.torque_limits])
+    np.testing.assert_allclose(model.actuator_ctrlrange, np.stack([-limits, limits], axis=1), rtol=1e-11)
+    np.testing.assert_allclose(model.actuator_forcerange, model.actuator_ctrlrange)
+    knee = dict(body.description.torque_limits)[body.description.left_leg.knee]
+    assert knee == pytest.approx(table.TORQUE_SHARES["knee_pitch"] * body.mass * GRAVITY * body.height)
+
+
+def test_nothing_passive_disturbs_the_controllers_model(body: Standing) -> None:
+    for values in (
+        body.model.dof_damping, body.model.dof_armature, body.model.dof_frictionloss, body.model.jnt_stiffness
+    ):  # fmt: skip
+        assert not np.any(values)
+    assert np.all(body.model.jnt_limited[1:])
+
+
+def test_only_sole_points_touch_only_the_floor(body: Standing) -> None:
+    points = {name for _, _, name in body.description.sole_points()}
+    model = body.model
+    for i in range(model.ngeom):
+        for j in range(i):
+            touch = (model.geom_contype[i] & model.geom_conaffinity[j]) or (
+                model.geom_contype[j] & model.geom_conaffinity[i]
+            )
+            names = {model.geom(i).name, model.geom(j).name}
+            expected = "floor" in names and bool(names & points)
+            assert bool(touch) == expected
+    assert all(model.geom(name).condim[0] == 3 for name in points)
+
+
+def test_contact_and_solver_parameters_arrive_in_the_model() -> None:
+    contact = ContactParameters(time_constant=0.02, friction=0.7, impratio=5.0, impedance_width=0.002)
+    simulation = SimulationParameters(time_step=0.001, integrator="implicitfast")
+    model = build(BodyParameters(), contact, simulation).compile()
+    assert model.opt.timestep == 0.001
+    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    assert model.opt.impratio == 5.0
+    assert model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
+    assert model.opt.gravity[2] == -9.81
+    for name in ("floor", "left_heel_left", "right_tip_right"):
+        geom = model.geom(name)
+        assert geom.friction[0] == 0.7
+        np.testing.assert_array_equal(geom.solref, [0.02, contact.damping_ratio])
+        expected = [contact.impedance_min, contact.impedance_max, 0.002, 0.5, 2]
+        np.testing.assert_allclose(geom.solimp, expected)
+
+
+def mirrored(body: Standing, qpos: np.ndarray) -> np.ndarray:
+    """Reflect a posture in the sagittal plane by the description's map."""
+    result = qpos.copy()
+    result[1] *= -1.0
+    result[[4, 6]] *= -1.0
+    for joint, image, sign in body.description.mirror:
+        result[body.model.joint(image).qposadr[0]] = sign * qpos[body.model.joint(joint).qposadr[0]]
+    return result
+
+
+def test_mirror_map(body: Standing) -> None:
+    pairs = {joint: (image, sign) for joint, image, sign in body.description.mirror}
+    assert len(pairs) == 34
+    limits = dict(body.description.torque_limits)
+    for joint, (image, sign) in pairs.items():
+        assert pairs[image] == (joint, sign)
+        assert limits[image] == limits[joint]
+        low, high = body.model.joint(joint).range
+        np.testing.assert_allclose(np.sort([sign * low, sign * high]), body.model.joint(image).range)
+    left, right = body.description.legs
+    assert [pairs[name][0] for name in left.joints] == list(right.joints)
+
+
+def test_mirrored_posture_is_the_mirror_image(body: Standing) -> None:
+    rng = np.random.default_rng(3)
+    qpos = body.data.qpos.copy()
+    qpos[:3] = rng.normal(size=3)
+    qpos[3:7] = rng.normal(size=4)
+    qpos[3:7] /= np.linalg.norm(qpos[3:7])
+    qpos[7:] = rng.uniform(-0.8, 0.8, 34)
+    flip = np.array([1.0, -1.0, 1.0])
+    results = []
+    for posture in (qpos, mirrored(body, qpos)):
+        data = mujoco.MjData(body.model)
+        data.qpos = posture
+        mujoco.mj_forward(body.model, data)
+        results.append(data)
+    one, other = results
+    np.testing.assert_allclose(other.subtree_com[0], flip * one.subtree_com[0], atol=1e-12)
+    for i in range(1, body.model.nbody):
+        name = body.model.body(i).name
+        side, _, rest = name.partition("_")
+        image = {"left": f"right_{rest}", "right": f"left_{rest}"}.get(side, name)
+        assert body.model.body(image).mass == body.model.body(name).mass
+        np.testing.assert_allclose(other.body(image).xipos, flip * one.body(name).xipos, atol=1e-12)
+        axes, image_axes = (d.body(n).ximat.reshape(3, 3) for d, n in ((one, name), (other, image)))
+        spread = axes @ np.diag(body.model.body(name).inertia) @ axes.T
+        image_spread = image_axes @ np.diag(body.model.body(image).inertia) @ image_axes.T
+        np.testing.assert_allclose(image_spread, np.outer(flip, flip) * spread, atol=1e-12)
+    for leg, image_leg in zip(body.description.legs, body.description.legs[::-1], strict=True):
+        np.testing.assert_allclose(
+            other.site(image_leg.sole_frame).xpos, flip * one.site(leg.sole_frame).xpos, atol=1e-12
+        )
+
+
+def test_sensors(default: Standing) -> None:
+    data = mujoco.MjData(default.model)
+    data.qpos[2] += 1.0
+    data.qvel[:] = 0.1
+    mujoco.mj_forward(default.model, data)
+    mujoco.mj_subtreeVel(default.model, data)
+    np.testing.assert_allclose(data.sensor("com").data, data.subtree_com[1])
+    np.testing.assert_allclose(data.sensor("angular_momentum").data, data.subtree_angmom[1])
+    assert data.sensor("imu_gyro").data.shape == (3,)
+    assert data.sensor("imu_orientation").data.shape == (4,)
+    for i in range(1, default.model.njnt):
+        name = default.model.joint(i).name
+        assert data.sensor(f"{name}_position").data[0] == data.joint(name).qpos[0]
+        assert data.sensor(f"{name}_velocity").data[0] == data.joint(name).qvel[0]
+    # An accelerometer in free fall without rotation reads nothing.
+    data.qvel[:] = 0.0
+    mujoco.mj_forward(default.model, data)
+    np.testing.assert_allclose(data.sensor("imu_accelerometer").data, 0.0, atol=1e-9)
+
+
+def test_size_scales(default: Standing) -> None:
+    """Lengths go with stature, masses with mass, inertias with mass times stature squared."""
+    other = Standing(1.70 * 1.1, 60.0 * 1.3)
+    np.testing.assert_allclose(other.model.body_pos, 1.1 * default.model.body_pos, atol=1e-11)
+    np.testing.assert_allclose(other.model.body_mass, 1.3 * default.model.body_mass, atol=1e-10)
+    np.testing.assert_allclose(other.model.body_inertia, 1.3 * 1.21 * default.model.body_inertia, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("height", -1.0), ("height", math.nan), ("mass", 0.0), ("mass", math.inf)]
+)
+def test_nonsense_is_refused(key: str, value: float) -> None:
+    run = RunParameters()
+    body = SimpleNamespace(height=1.7, mass=60.0)
+    setattr(body, key, value)
+    with pytest.raises(InputError, match=f"body.{key}"):
+        build(body, run.contact, run.simulation)  # type: ignore[arg-type]
