@@ -269,7 +269,12 @@ class GaitPlan:
     def _table(self) -> _Table:
         phases = self.phases
         names = [f.name for f in fields(AffineLaw)]
-        law = np.array([[[getattr(p.x, n), getattr(p.y, n)] for n in names] for p in phases])
+        # Phases share few laws: each is unpacked once.
+        laws = list({id(law): law for p in phases for law in (p.x, p.y)}.values())
+        number = {id(law): i for i, law in enumerate(laws)}
+        law = np.array([[getattr(law, n) for n in names] for law in laws])[
+            [[number[id(p.x)], number[id(p.y)]] for p in phases]
+        ]
         position = np.array([f.position for f in self.footsteps])
         return _Table(
             start=np.array([p.start for p in phases]),
@@ -277,7 +282,7 @@ class GaitPlan:
             phase=np.array([PHASE_NAMES.index(p.kind) for p in phases], dtype=np.int8),
             stance=np.array([STANCE_NAMES.index(p.stance) for p in phases], dtype=np.int8),
             origin=np.array([p.origin for p in phases]),
-            law=AffineLaw(*(law[:, i] for i in range(len(names)))),
+            law=AffineLaw(*(law[:, :, i] for i in range(len(names)))),
             placement=position[np.array([p.footsteps for p in phases])],
             angular_momentum=np.array([p.angular_momentum for p in phases]),
         )

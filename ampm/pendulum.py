@@ -6,9 +6,9 @@ depend linearly on the COM. With ``u`` the distance of the COM from the point wh
     zmp = a u + b,    the force line meets the COM's height at c u + b,    u'' = (g/H) (c - a) u.
 
 ``c - a`` is called the *bracket*. With ``k = sqrt((g/H) |c - a|)`` every phase is
-``u = A cosh(k t) + B sinh(k t)`` where it is positive and ``u = A cos(k t) + B sin(k t)`` where it is negative,
-t counted from the *middle* of the phase: there a periodic gait is purely odd (B) or even (A), and no digits
-cancel near the least speed.
+``u = A cosh(k t) + B sinh(k t)`` where it is positive and ``u = A cos(k t) + B sin(k t)`` where it is
+negative, t counted from the *middle* of the phase: there a periodic gait is purely odd (B) or even (A), and
+no digits cancel near the least speed.
 
 Everything here is a pure function of numbers or arrays; nothing is sampled or integrated numerically.
 See ``docs/theory.md`` for the derivation and for the errata of the printed paper.
@@ -54,7 +54,8 @@ class AffineLaw:
     Equation: ``u'' = (g/H) (force_slope - zmp_slope) u`` and ``zmp = zmp_slope u + zmp_offset``.
 
     Attributes:
-        rate: ``(g/H) (force_slope - zmp_slope)`` [1/s^2]; positive: hyperbolic, negative: trigonometric; never zero.
+        rate: ``(g/H) (force_slope - zmp_slope)`` [1/s^2]; positive: hyperbolic,
+            negative: trigonometric; never zero.
         zmp_slope: ``1/a_s`` or ``1/a_d`` in the sagittal plane [1].
         force_slope: ``c_s`` or ``c_d`` in the sagittal plane [1]; 1 passes through the COM.
         duration: of the phase [s].
