@@ -1,0 +1,590 @@
+"""The recording: a run folder drawn as a Rerun file with its own blueprint.
+
+World frame, SI units, timeline ``sim_time``. What is drawn in 3D is float32 and about 100 pictures a second; the
+time series are float64 and hold every simulation step, so they can be read back as data.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from ampm.gait import GaitPlan
+from validation.saved import SavedRun, load_saved_run
+
+Array = NDArray[np.float64]
+Color = tuple[int, int, int, int]
+
+RECORDING_FILE = "recording.rrd"
+TIMELINE = "sim_time"
+
+PICTURE_RATE = 100.0
+"""Pictures of the body per second [Hz]: beyond what an eye or a screen follows."""
+
+FORCE_SCALE = 1.0 / 1000.0
+"""Length of a force arrow [m/N]: the weight of a person is about half a metre."""
+
+PLAN: Color = (86, 180, 233, 255)
+COMMAND: Color = (46, 200, 140, 255)
+MEASURED: Color = (255, 138, 61, 255)
+LEFT: Color = (240, 98, 146, 255)
+RIGHT: Color = (255, 213, 79, 255)
+SKIN: Color = (176, 186, 200, 255)
+FOOT: Color = (110, 122, 140, 255)
+FAINT: Color = (130, 140, 155, 90)
+
+SERIES = ("plan", "command", "measured")
+SERIES_COLORS = (PLAN, COMMAND, MEASURED)
+
+
+class _Log:
+    """One recording stream with the project's conventions: columns only, one timeline."""
+
+    def __init__(self, stream: rr.RecordingStream) -> None:
+        self.stream = stream
+
+    def static(self, entity: str, *archetypes: Any) -> None:
+        for archetype in archetypes:
+            self.stream.log(entity, archetype, static=True)
+
+    def columns(self, entity: str, times: Array, columns: Iterable[Any]) -> None:
+        index = rr.TimeColumn(TIMELINE, duration=times)
+        self.stream.send_columns(entity, indexes=[index], columns=columns)
+
+    def series(
+        self, entity: str, times: Array, values: Array, names: Sequence[str], colors: Sequence[Color]
+    ) -> None:
+        """Send ``values`` (N, k) as one wide entity: a third of the size of k narrow ones."""
+        self.static(
+            # The plan is drawn broad beneath the others, or it would be hidden where they agree.
+            entity,
+            rr.SeriesLines(
+                names=list(names), colors=list(colors), widths=[4.0 if n == "plan" else 1.5 for n in names]
+            ),
+        )
+        flat = np.ascontiguousarray(values)
+        # A gap is a NaN, which the plots leave out.
+        self.columns(entity, times, rr.Scalars.columns(scalars=flat))
+
+
+def write_recording(run_dir: Path) -> Path:
+    """Write ``recording.rrd`` into a run folder from what the folder holds.
+
+    Args:
+        run_dir: folder of a finished run; an existing recording in it is replaced.
+
+    Returns:
+        Path of the recording.
+
+    Raises:
+        InputError: the folder is no run folder.
+    """
+    return record_run(load_saved_run(Path(run_dir)))
+
+
+def record_run(saved: SavedRun) -> Path:
+    """Write the recording of a loaded run into its folder; see :func:`write_recording`."""
+    path = saved.directory / RECORDING_FILE
+    # The SDK announces on its own logger what it saves; a library keeps quiet.
+    logging.getLogger("rerun").setLevel(logging.ERROR)
+    # A fixed id: two identical runs give identical recordings (`rerun rrd compare`).
+    stream = rr.RecordingStream("ampm", recording_id="ampm-run", send_properties=False)
+    stream.save(str(path), default_blueprint=_blueprint(saved))
+    try:
+        log = _Log(stream)
+        plan = saved.plan()
+        frames = _frames(saved)
+        log.static("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        log.static("verdict", rr.TextDocument(verdict_markdown(saved), media_type=rr.MediaType.MARKDOWN))
+        _log_body(log, saved, frames)
+        _log_ground(log, saved, frames, plan)
+        _log_series(log, saved)
+        _log_states(log, saved)
+        _log_events(log, saved)
+    finally:
+        # Without the footer that this writes the file does not verify.
+        stream.flush()
+        stream.disconnect()
+    return path
+
+
+def _frames(saved: SavedRun) -> NDArray[np.intp]:
+    """Rows of the signals of which a picture is drawn."""
+    rows = len(saved.signals)
+    step = saved.record.time_step
+    return np.arange(0, rows, max(1, round(1.0 / (PICTURE_RATE * step))))
+
+
+# ----------------------------------------------------------------------------------------------- body
+
+
+def _log_body(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None:
+    """Segments as they are in the model, moved by forward kinematics of the recorded q."""
+    model = mujoco.MjModel.from_xml_string(saved.model_xml)
+    data = mujoco.MjData(model)
+    q = saved.record.q[frames]
+    position = np.empty((len(frames), model.nbody, 3))
+    quaternion = np.empty((len(frames), model.nbody, 4))
+    for row, qpos in enumerate(q):
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        position[row] = data.xpos
+        quaternion[row] = data.xquat
+    times = saved.record.time[frames]
+    for body in range(1, model.nbody):
+        entity = f"world/body/{model.body(body).name}"
+        if not _log_shapes(log, entity, model, body):
+            continue
+        if len(frames):
+            log.columns(
+                entity,
+                times,
+                rr.Transform3D.columns(
+                    translation=position[:, body], quaternion=np.roll(quaternion[:, body], -1, axis=-1)
+                ),
+            )
+
+
+def _log_shapes(log: _Log, entity: str, model: Any, body: int) -> bool:
+    """Draw one body's geoms once, in its own frame; say whether there are any.
+
+    The millimetre spheres of the soles are left out: the contact points are drawn where they act.
+    """
+    start = int(model.body_geomadr[body])
+    shapes: dict[int, list[int]] = {}
+    for geom in range(start, start + int(model.body_geomnum[body])):
+        if model.geom_rbound[geom] > 0.005:
+            shapes.setdefault(int(model.geom_type[geom]), []).append(geom)
+    drawn = False
+    for kind, geoms in shapes.items():
+        size = model.geom_size[geoms]
+        center = model.geom_pos[geoms].copy()
+        rotation = np.roll(model.geom_quat[geoms], -1, axis=-1)
+        color = [_shape_color(model.geom_rgba[geom]) for geom in geoms]
+        fill = rr.components.FillMode.Solid
+        if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+            # MuJoCo centres a capsule, Rerun starts it at its lower hemisphere's centre.
+            for row, geom in enumerate(geoms):
+                axis = np.empty(3)
+                mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, 1.0]), model.geom_quat[geom])
+                center[row] -= axis * size[row, 1]
+            shape: Any = rr.Capsules3D(
+                lengths=2 * size[:, 1], radii=size[:, 0], translations=center, quaternions=rotation,
+                colors=color, fill_mode=fill,
+            )  # fmt: skip
+        elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            shape = rr.Cylinders3D(
+                lengths=2 * size[:, 1], radii=size[:, 0], centers=center, quaternions=rotation,
+                colors=color, fill_mode=fill,
+            )  # fmt: skip
+        elif kind == mujoco.mjtGeom.mjGEOM_BOX:
+            shape = rr.Boxes3D(
+                half_sizes=size, centers=center, quaternions=rotation, colors=color, fill_mode=fill
+            )
+        elif kind in (mujoco.mjtGeom.mjGEOM_ELLIPSOID, mujoco.mjtGeom.mjGEOM_SPHERE):
+            half = size if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else np.repeat(size[:, :1], 3, axis=1)
+            shape = rr.Ellipsoids3D(
+                half_sizes=half, centers=center, quaternions=rotation, colors=color, fill_mode=fill
+            )
+        else:
+            continue  # planes and meshes: the floor is the grid
+        log.static(f"{entity}/{mujoco.mjtGeom(kind).name.removeprefix('mjGEOM_').lower()}", shape)
+        drawn = True
+    return drawn
+
+
+def _shape_color(rgba: Array) -> Color:
+    """Colour of the model; MuJoCo's untouched grey becomes the body's own."""
+    if np.allclose(rgba, (0.5, 0.5, 0.5, 1.0)):
+        return SKIN
+    r, g, b, _ = (round(255 * float(c)) for c in rgba)
+    return (r, g, b, 255)
+
+
+# --------------------------------------------------------------------------------------------- ground
+
+
+def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: GaitPlan | None) -> None:
+    """Soles, contact points, support polygon, ZMPs, forces and COM."""
+    if not len(frames):
+        return
+    record, signals = saved.record, saved.signals
+    times = signals.time[frames]
+
+    # The views stand on this frame, so the body walks on the spot and the floor passes by.
+    com = signals.vector("plan_com")[frames]
+    follow = np.column_stack([com[:, 0], np.zeros((len(frames), 2))])
+    log.columns("world/follow", times, rr.Transform3D.columns(translation=follow))
+
+    point = record.point_position[frames]
+    load = record.point_force[frames][..., 2]
+    for foot, (name, color) in enumerate((("left", LEFT), ("right", RIGHT))):
+        mine = np.flatnonzero(record.point_foot == foot)
+        outline = point[:, mine[[0, 2, 4, 5, 3, 1, 0]]]
+        _strips(log, f"world/feet/{name}/sole", times, outline, color, 0.004)
+        # The area of a point's disc is its share of the load; an unloaded one vanishes.
+        radius = 0.028 * np.sqrt(np.clip(load[:, mine], 0.0, None) / (record.mass * record.gravity))
+        log.static(f"world/feet/{name}/contact", rr.Points3D.from_fields(colors=[color]))
+        log.columns(
+            f"world/feet/{name}/contact",
+            times,
+            rr.Points3D.columns(positions=point[:, mine].reshape(-1, 3), radii=radius.ravel()).partition(
+                np.full(len(frames), len(mine))
+            ),
+        )
+
+    zmp = {kind: _on_floor(signals.vector(f"{kind}_zmp", "xy")[frames]) for kind in SERIES}
+    force = {kind: signals.vector(f"{kind}_force")[frames] for kind in SERIES}
+    for kind, color, radius_m in zip(SERIES, SERIES_COLORS, (0.016, 0.009, 0.011), strict=True):
+        _point(log, f"world/floor/zmp/{kind}", times, zmp[kind] + (0, 0, 0.01), color, radius_m)
+    for kind, color, width, lift in (("plan", PLAN, 0.004, 0.0), ("measured", MEASURED, 0.002, 0.002)):
+        _arrow(log, f"world/force/{kind}", times, zmp[kind], force[kind], color, 4 * width)
+        path = signals.vector(f"{kind}_com")[frames]
+        _point(log, f"world/com/{kind}", times, path, color, 0.03 if kind == "plan" else 0.022)
+        log.static(f"world/com/{kind}/trail", _line(path, color, width))
+        # From above everything lies on the floor: nearer things would hide and outgrow the ZMP.
+        shadow = _on_floor(path[:, :2])
+        _point(log, f"world/floor/com/{kind}", times, shadow, color, 0.007)
+        rise = np.array([0.0, 0.0, lift])
+        log.static(f"world/floor/com/{kind}/trail", _line(shadow + rise, color, 0.4 * width))
+        log.static(f"world/floor/zmp/{kind}/trail", _line(zmp[kind] + rise, color, width))
+    for foot, (name, color) in enumerate((("left", LEFT), ("right", RIGHT))):
+        mine = np.flatnonzero(record.point_foot == foot)
+        share = load[:, mine]
+        total = share.sum(axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            centre = np.einsum("np,npd->nd", share, point[:, mine]) / total[:, None]
+        centre[total < 1.0] = np.nan
+        _arrow(
+            log,
+            f"world/force/{name}",
+            times,
+            _on_floor(centre[:, :2]),
+            record.point_force[frames][:, mine].sum(axis=1),
+            color,
+            0.005,
+        )
+
+    if plan is not None:
+        log.static("world/plan/footprints", _footprints(plan))
+        _log_polygon(log, plan, times)
+
+
+def _on_floor(xy: Array) -> Array:
+    """Lift (N, 2) floor points a hair so that they are not hidden by the floor's lines."""
+    return np.column_stack([xy, np.full(len(xy), 0.002)])
+
+
+def _line(path: Array, color: Color, radius: float) -> rr.LineStrips3D:
+    path = path[np.isfinite(path).all(axis=1)]
+    return rr.LineStrips3D([path[::2]], colors=[color[:3] + (110,)], radii=radius)
+
+
+def _strips(log: _Log, entity: str, times: Array, strips: Array, color: Color, radius: float) -> None:
+    """One line strip (N, k, 3) per picture."""
+    log.static(entity, rr.LineStrips3D.from_fields(colors=[color], radii=[radius]))
+    log.columns(entity, times, rr.LineStrips3D.columns(strips=list(strips.astype(np.float32))))
+
+
+def _point(log: _Log, entity: str, times: Array, position: Array, color: Color, radius: float) -> None:
+    """A point per picture; none where it is not defined."""
+    log.static(entity, rr.Points3D.from_fields(colors=[color], radii=[radius]))
+    there = np.isfinite(position).all(axis=1)
+    log.columns(entity, times, rr.Points3D.columns(positions=position[there]).partition(there.astype(int)))
+
+
+def _arrow(
+    log: _Log, entity: str, times: Array, origin: Array, force: Array, color: Color, radius: float
+) -> None:
+    """A force arrow per picture; none where there is no force."""
+    log.static(entity, rr.Arrows3D.from_fields(colors=[color], radii=[radius]))
+    there = np.isfinite(origin).all(axis=1) & np.isfinite(force).all(axis=1)
+    log.columns(
+        entity,
+        times,
+        rr.Arrows3D.columns(origins=origin[there], vectors=force[there] * FORCE_SCALE).partition(
+            there.astype(int)
+        ),
+    )
+
+
+def _log_polygon(log: _Log, plan: GaitPlan, times: Array) -> None:
+    """Support polygon of the points planned in contact: sent when it changes, it stands still in between."""
+    if plan.feet is None:
+        return
+    within = np.minimum(times, plan.duration)
+    contact = np.concatenate([foot.contact for foot in plan.feet.sample(within)], axis=1)
+    change = np.flatnonzero(np.r_[True, (contact[1:] != contact[:-1]).any(axis=1)])
+    polygons = [_on_floor(plan.support_polygon(float(within[row]))) for row in change]
+    entity = "world/plan/polygon"
+    log.static(entity, rr.LineStrips3D.from_fields(colors=[PLAN], radii=[0.004]))
+    strips = [np.vstack([polygon, polygon[:1]]).astype(np.float32) for polygon in polygons]
+    log.columns(entity, times[change], rr.LineStrips3D.columns(strips=strips))
+
+
+def _footprints(plan: GaitPlan) -> rr.LineStrips3D:
+    """Outlines of all planned footsteps."""
+    if plan.feet is None:
+        return rr.LineStrips3D([])
+    sole = plan.feet.sole
+    x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
+    half = np.array([sole.heel_half_width, sole.ball_half_width, sole.tip_half_width])
+    outline = np.column_stack([np.r_[x, x[::-1], x[0]], np.r_[half, -half[::-1], half[0]]])
+    strips, colors = [], []
+    for step in plan.footsteps:
+        c, s = np.cos(step.heading), np.sin(step.heading)
+        xy = outline @ np.array([[c, s], [-s, c]]) + np.asarray(step.position)
+        strips.append(_on_floor(xy) - np.array([0.0, 0.0, 0.001]))
+        colors.append(FAINT)
+    return rr.LineStrips3D(strips, colors=colors, radii=0.002)
+
+
+# ------------------------------------------------------------------------------------------ time series
+
+
+def _log_series(log: _Log, saved: SavedRun) -> None:
+    """Plan, command and measurement of every step, and what lies between them."""
+    signals = saved.signals
+    if not len(signals):
+        return
+    times = signals.time
+    weight = saved.record.mass * saved.record.gravity
+
+    def three(name: str) -> Array:
+        return np.column_stack([signals[f"{kind}_{name}"] for kind in SERIES])
+
+    # Metres walked would flatten every curve: x is drawn about the planned COM.
+    com_x = signals["plan_com_x"][:, None]
+    log.series("signals/zmp_x", times, 1e3 * (three("zmp_x") - com_x), SERIES, SERIES_COLORS)
+    log.series("signals/zmp_y", times, 1e3 * three("zmp_y"), SERIES, SERIES_COLORS)
+    for axis in "xyz":
+        log.series(f"signals/force_{axis}", times, three(f"force_{axis}"), SERIES, SERIES_COLORS)
+    for axis in "xy":
+        name = f"angular_momentum_{axis}"
+        log.series(f"signals/{name}", times, three(name), SERIES, SERIES_COLORS)
+    log.series(
+        "signals/angular_momentum_z",
+        times,
+        np.column_stack([signals["motion_angular_momentum_z"], signals["measured_angular_momentum_z"]]),
+        ("motion", "measured"),
+        (PLAN, MEASURED),
+    )
+    for axis, about in zip("xyz", (com_x, 0.0, 0.0), strict=True):
+        log.series(f"signals/com_{axis}", times, three(f"com_{axis}") - about, SERIES, SERIES_COLORS)
+
+    def residual(name: str, axes: str, scale: float) -> Array:
+        return scale * (signals.vector(f"measured_{name}", axes) - signals.vector(f"plan_{name}", axes))
+
+    xyz = ((255, 99, 99, 255), (120, 220, 120, 255), (110, 160, 255, 255))
+    log.series("residual/zmp", times, residual("zmp", "xy", 1e3), ("x", "y"), xyz[:2])
+    log.series("residual/force", times, residual("force", "xyz", 100.0 / weight), ("x", "y", "z"), xyz)
+    log.series(
+        "residual/angular_momentum", times, residual("angular_momentum", "xy", 1.0), ("x", "y"), xyz[:2]
+    )
+    log.series("residual/com", times, residual("com", "xyz", 1e3), ("x", "y", "z"), xyz)
+    feedback = 1e3 * (signals.vector("command_zmp", "xy") - signals.vector("plan_zmp", "xy"))
+    log.series("feedback/zmp", times, feedback, ("x", "y"), xyz[:2])
+    both = 1e3 * (signals.vector("measured_zmp_momentum", "xy") - signals.vector("measured_zmp", "xy"))
+    log.series("selfcheck/zmp", times, both, ("x", "y"), xyz[:2])
+    feet = np.column_stack([signals["left_force_z"], signals["right_force_z"], signals["plan_force_z"]])
+    log.series("signals/foot_force_z", times, feet, ("left", "right", "plan, both"), (LEFT, RIGHT, PLAN))
+    use = np.abs(saved.record.torque) / saved.record.torque_limit
+    if len(use) == len(times):
+        log.series("effort/torque", times, 100 * use.max(axis=1)[:, None], ("busiest motor",), (MEASURED,))
+
+
+def _log_states(log: _Log, saved: SavedRun) -> None:
+    """Phase of the plan and contact of the feet as lanes."""
+    signals = saved.signals
+    if not len(signals):
+        return
+    planned = np.array(
+        ["both feet" if stance == "both" else f"{stance} foot" for stance in signals["stance"]],
+        dtype=object,
+    )
+    lanes = {"planned stance": planned}
+    for foot in ("left", "right"):
+        lanes[f"{foot} foot on the floor"] = np.where(signals[f"{foot}_contact"], foot, "")
+    colors = {
+        "both feet": FAINT[:3] + (255,),
+        "left foot": LEFT,
+        "right foot": RIGHT,
+        "left": LEFT,
+        "right": RIGHT,
+    }
+    for name, states in lanes.items():
+        entity = "phase/" + name.replace(" ", "_")
+        log.static(entity, rr.StateConfiguration(values=list(colors), colors=list(colors.values())))
+        change = np.flatnonzero(np.r_[True, states[1:] != states[:-1]])
+        log.columns(
+            entity, signals.time[change], rr.StateChange.columns(state=[str(s) for s in states[change]])
+        )
+
+
+def _log_events(log: _Log, saved: SavedRun) -> None:
+    """What happened, in words: footfalls, the largest error, unsolved QPs, how it ended."""
+    events = sorted(run_events(saved), key=lambda event: event[0])
+    log.columns(
+        "events",
+        np.array([event[0] for event in events]),
+        rr.TextLog.columns(
+            text=[plain_text(event[2]) for event in events], level=[event[1] for event in events]
+        ),
+    )
+
+
+def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:
+    """List (time [s], level, sentence) of what happened in a run."""
+    signals, record = saved.signals, saved.record
+    events: list[tuple[float, str, str]] = []
+    if len(signals):
+        time = signals.time
+        for foot in ("left", "right"):
+            contact = signals[f"{foot}_contact"]
+            for row in np.flatnonzero(contact[1:] != contact[:-1]) + 1:
+                verb = "touches the floor" if contact[row] else "leaves the floor"
+                events.append((float(time[row]), "DEBUG", f"The {foot} foot {verb}."))
+        for axis in "xy":
+            error = np.abs(signals[f"measured_zmp_{axis}"] - signals[f"plan_zmp_{axis}"])
+            if np.isfinite(error).any():
+                row = int(np.nanargmax(error))
+                events.append(
+                    (float(time[row]), "INFO", f"Largest ZMP error in {axis}: {1e3 * error[row]:.1f} mm.")
+                )
+    unsolved = record.tick_time[record.qp_status == 2]
+    begins = unsolved[np.r_[True, np.diff(unsolved) > 0.05]] if len(unsolved) else unsolved
+    events += [(float(t), "ERROR", "The QP was not solved; the fallback gave the torques.") for t in begins]
+    outcome = record.outcome
+    level = "INFO" if outcome.name == "completed" else "CRITICAL"
+    events.append((float(outcome.time), level, f"Outcome: {outcome.name}. {outcome.cause}".strip()))
+    return events
+
+
+# -------------------------------------------------------------------------------------------- blueprint
+
+
+def verdict_markdown(saved: SavedRun) -> str:
+    """The verdict and its figures as Markdown, for the recording's first panel."""
+    summary = saved.summary
+    verdict = str(summary.get("verdict", "not measured"))
+    lines = [f"# {verdict} ({saved.record.outcome.name})", ""]
+    if saved.record.outcome.cause:
+        lines += [saved.record.outcome.cause, ""]
+    lines += ["| | value | tolerance | |", "|---|---|---|---|"]
+    metrics: Mapping[str, Mapping[str, Any]] = summary.get("metrics", {})
+    for name, metric in metrics.items():
+        if metric.get("tolerance") is None:
+            continue
+        value = metric.get("value")
+        shown = "not measured" if value is None else f"{value:.3g}"
+        passed = {True: "pass", False: "**FAIL**"}.get(metric.get("pass"), "")  # type: ignore[call-overload]
+        lines.append(f"| {name} | {shown} {metric.get('unit', '')} | {metric['tolerance']:.3g} | {passed} |")
+    return plain_text("\n".join(lines) + "\n")
+
+
+def plain_text(text: str) -> str:
+    """Keep what the viewer's one font surely has: some versions end at the first glyph that it lacks."""
+    return text.encode("latin-1", errors="replace").decode("latin-1")
+
+
+def _blueprint(saved: SavedRun) -> rrb.Blueprint:
+    """Body and ZMP from above on the left; verdict and curves on the right."""
+    window = rr.TimeRange(
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-1.5),
+        end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.5),
+    )
+    near = rrb.TimeAxis(view_range=window)
+
+    def plot(name: str, origin: str, *, whole: bool = False, span: tuple[float, float] | None = None) -> Any:
+        options: dict[str, Any] = {} if whole else {"axis_x": near}
+        if span is not None:
+            options["axis_y"] = rrb.ScalarAxis(range=span)
+        return rrb.TimeSeriesView(
+            name=name, origin=origin, plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop), **options
+        )
+
+    dark = rrb.Background(color=(24, 27, 33))
+    body = rrb.Spatial3DView(
+        name="Body, with planned (blue) and measured (orange) ground force",
+        origin="/world/follow",
+        contents=["/world/**", "- /world/floor/**", "- /world/feet/**", "+ /world/feet/+/contact"],
+        background=dark,
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.2, color=(90, 98, 110, 120)),
+        eye_controls=rrb.EyeControls3D(
+            position=(1.05, -1.95, 1.2), look_target=(0.05, 0.0, 0.8), eye_up=(0, 0, 1)
+        ),
+    )
+    above = rrb.Spatial3DView(
+        name="From above: planned (blue), commanded (green), measured (orange) ZMP; planned support (blue)",
+        origin="/world/follow",
+        contents=["/world/follow", "/world/feet/**", "/world/floor/**", "/world/plan/**"],
+        background=dark,
+        line_grid=rrb.LineGrid3D(visible=False),
+        eye_controls=rrb.EyeControls3D(position=(0, 0, 0.85), look_target=(0, 0, 0), eye_up=(0, 1, 0)),
+    )
+    curves = rrb.Tabs(
+        rrb.Vertical(
+            plot("ZMP x about the planned COM [mm]", "/signals/zmp_x"),
+            plot("ZMP y [mm]", "/signals/zmp_y"),
+            plot("ZMP error, measured - plan [mm]", "/residual/zmp", whole=True),
+            name="ZMP",
+        ),
+        rrb.Vertical(
+            *[plot(f"F{a} [N]", f"/signals/force_{a}") for a in "xyz"],
+            plot("Load of each foot [N]", "/signals/foot_force_z"),
+            plot("Force error [% of body weight]", "/residual/force", whole=True),
+            name="Force",
+        ),
+        rrb.Vertical(
+            *[plot(f"L{a} about the COM [N m s]", f"/signals/angular_momentum_{a}") for a in "xyz"],
+            plot("Error [N m s]", "/residual/angular_momentum", whole=True),
+            name="Momentum",
+        ),
+        rrb.Vertical(
+            plot("COM x about the plan [m]", "/signals/com_x"),
+            plot("COM y [m]", "/signals/com_y"),
+            plot("COM z [m]", "/signals/com_z"),
+            plot("COM error [mm]", "/residual/com", whole=True),
+            name="COM",
+        ),
+        rrb.Vertical(
+            plot("Feedback: commanded - planned ZMP [mm]", "/feedback/zmp", whole=True),
+            plot("Torque of the busiest motor [% of its limit]", "/effort/torque", whole=True),
+            plot("Self-check: ZMP by momentum - by contact [mm]", "/selfcheck/zmp", whole=True),
+            name="Cost",
+        ),
+        active_tab=0,
+    )
+    right = rrb.Vertical(
+        rrb.Horizontal(
+            rrb.TextDocumentView(name="Verdict", origin="/verdict"),
+            rrb.TextLogView(
+                name="Events",
+                origin="/events",
+                columns=rrb.TextLogColumns(
+                    timeline_columns=[TIMELINE], text_log_columns=["loglevel", "body"]
+                ),
+            ),
+            column_shares=[3, 2],
+        ),
+        curves,
+        rrb.StateTimelineView(name="Phase and contact", origin="/phase", time_view=near),
+        row_shares=[3, 6, 2],
+    )
+    left = rrb.Vertical(body, above, row_shares=[3, 2])
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[1, 1]),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="playing", loop_mode="all"),
+        auto_layout=False,
+        auto_views=False,
+    )

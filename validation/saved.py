@@ -1,0 +1,158 @@
+"""A finished run as its folder holds it: what the recording and the report are drawn from.
+
+Nothing here simulates or measures. The closed-form plan alone is evaluated again from ``run.toml``, because it is
+exact and the support polygons are cheaper to recompute than to keep.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from ampm.exceptions import AmpmError, InputError
+from ampm.gait import GaitPlan, plan_gait
+from ampm.parameters import RunParameters, load_run
+from models.human import sole_geometry
+from validation.record import SimulationRecord, load_record
+
+Array = NDArray[np.float64]
+
+RUN_FILE = "run.toml"
+MODEL_FILE = "model.xml"
+SIGNALS_FILE = "signals.parquet"
+SUMMARY_FILE = "summary.json"
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Columns of ``signals.parquet``; a null is NaN.
+
+    Attributes:
+        columns: name to array (N,): float64, bool, or object for the labels.
+    """
+
+    columns: Mapping[str, NDArray[Any]]
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self.columns:
+            raise InputError(
+                f"{SIGNALS_FILE} has no column '{name}': the run was saved by another version; run it again."
+            )
+        return self.columns[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.columns
+
+    def __len__(self) -> int:
+        return len(self["time"])
+
+    @property
+    def time(self) -> Array:
+        """Start of each step (N,) [s]."""
+        return self["time"]
+
+    def vector(self, name: str, axes: str = "xyz") -> Array:
+        """Stack ``{name}_{axis}`` of the given axes.
+
+        Returns:
+            (N, len(axes)), in the unit of the columns.
+
+        Raises:
+            InputError: a column is missing.
+        """
+        return np.column_stack([self[f"{name}_{axis}"] for axis in axes])
+
+
+@dataclass(frozen=True)
+class SavedRun:
+    """Everything that a run folder says.
+
+    Attributes:
+        directory: the folder.
+        parameters: the resolved parameters.
+        parameters_text: ``run.toml`` as written.
+        model_xml: the compiled model's source (MJCF).
+        record: states, torques and contact forces of every step.
+        signals: plan, command and measurement on the common clock.
+        summary: ``summary.json``.
+    """
+
+    directory: Path
+    parameters: RunParameters
+    parameters_text: str
+    model_xml: str
+    record: SimulationRecord
+    signals: Signals
+    summary: Mapping[str, Any]
+
+    def plan(self) -> GaitPlan | None:
+        """Evaluate the closed-form plan again, with feet; None if this version of the planner refuses it."""
+        run = self.parameters
+        try:
+            sole = sole_geometry(run.body.height)
+            return plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=sole)
+        except AmpmError:
+            return None
+
+
+def read_signals(path: Path) -> Signals:
+    """Read ``signals.parquet``.
+
+    Raises:
+        InputError: the file is missing or is no parquet file.
+    """
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowInvalid) as error:
+        raise InputError(f"{path} cannot be read ({error}); give the folder of a finished run.") from error
+    columns: dict[str, NDArray[Any]] = {}
+    for name in table.column_names:
+        column = table.column(name)
+        if pa.types.is_dictionary(column.type):
+            column = column.cast(column.type.value_type)
+        if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+            array = np.array(column.to_pylist(), dtype=object)
+        elif pa.types.is_boolean(column.type):
+            array = np.array(column.to_numpy(), dtype=bool)
+        else:
+            # Null, integer and float columns alike: an absent value is NaN.
+            array = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64).copy()
+        array.setflags(write=False)
+        columns[name] = array
+    return Signals(columns)
+
+
+def load_saved_run(directory: Path) -> SavedRun:
+    """Read a run folder.
+
+    Args:
+        directory: folder with ``run.toml``, ``model.xml``, the record, ``signals.parquet`` and ``summary.json``.
+
+    Raises:
+        InputError: the folder or one of its files is missing or cannot be read.
+    """
+    directory = Path(directory)
+    missing = [f for f in (RUN_FILE, MODEL_FILE, SIGNALS_FILE, SUMMARY_FILE) if not (directory / f).is_file()]
+    if missing:
+        raise InputError(f"{directory} has no {', '.join(missing)}; give the folder of a finished run.")
+    try:
+        summary = json.loads((directory / SUMMARY_FILE).read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise InputError(f"{directory / SUMMARY_FILE} is no JSON ({error}); run the gait again.") from error
+    return SavedRun(
+        directory=directory,
+        parameters=load_run(directory / RUN_FILE, ()),
+        parameters_text=(directory / RUN_FILE).read_text(encoding="utf-8"),
+        model_xml=(directory / MODEL_FILE).read_text(encoding="utf-8"),
+        record=load_record(directory),
+        signals=read_signals(directory / SIGNALS_FILE),
+        summary=summary,
+    )
