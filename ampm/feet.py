@@ -323,6 +323,7 @@ def _add_swing(
     )
     path[1, :_ORDER] = quintic((behind[1], 0.0, 0.0), (ahead[1], 0.0, 0.0), single)
     path[2, :_ORDER] = quintic((0.0, 0.0, 0.0), (-x * s, -x * c * rate, x * s * rate**2), single)
+    path[0] -= foot.swing_lag * (ahead[0] - behind[0]) * _LIFT / single ** np.arange(_ORDER + 1)
     path[2] += foot.swing_height * _LIFT / single ** np.arange(_ORDER + 1)
     none = (False, False, False)
     if roll:

@@ -166,6 +166,7 @@ class InverseKinematics:
         self.damping = run.body.posture_damping
         self.zero_yaw_momentum = run.body.angular_momentum_z == "zero"
         rows = np.arange(TASK_ROWS)
+        self.position_rows = np.delete(rows, [3, 4, 5])  # a configuration has no angular momentum
         self.rows = rows if self.zero_yaw_momentum else np.delete(rows, _L_Z)
         self.weights = self._weights()
         self._root_weight = np.sqrt(self.weights)
@@ -200,9 +201,11 @@ class InverseKinematics:
 
     # ------------------------------------------------------------- one instant
 
-    def _factor(self, jacobian: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _factor(
+        self, jacobian: NDArray[np.float64], rows: NDArray[np.intp]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Scaled rows J W^(-1/2) and the Cholesky factor of their Gram matrix."""
-        scaled = jacobian[self.rows] / self._root_weight
+        scaled = jacobian[rows] / self._root_weight
         factor, info = lapack.dpotrf(scaled @ scaled.T, lower=1)
         if info != 0:
             raise np.linalg.LinAlgError("the constraints of the inverse kinematics are dependent")
@@ -239,11 +242,12 @@ class InverseKinematics:
         for iteration in range(iterations):
             terms = robot.jacobian(q, v)
             error = self._position_error(reference, k, q)
-            size = float(np.abs(error[self.rows]).max())
-            scaled, factor = self._factor(terms.jacobian)
+            error = error[self.position_rows]
+            size = float(np.abs(error).max())
             if size < 1e-13:
                 break
-            step = self._pull(scaled, factor, error[self.rows])
+            scaled, factor = self._factor(terms.jacobian, self.position_rows)
+            step = self._pull(scaled, factor, error)
             largest = float(np.abs(step).max())
             q = pin.integrate(robot.model, q, step * min(1.0, 0.3 / largest) if largest > 0.3 else step)
             if iteration >= 6 and size < 1e-11:
@@ -252,9 +256,30 @@ class InverseKinematics:
             if not size < 1e-10:
                 raise Unreachable(float(reference.time[k]), size)
         terms = robot.jacobian(q, v)
-        scaled, factor = self._factor(terms.jacobian)
+        scaled, factor = self._factor(terms.jacobian, self.rows)
         v = v + self._pull(scaled, factor, self._velocity_error(reference, k, terms.jacobian, v, offset))
         return q, v
+
+    def upright(self, reference: StepReference, k: int, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Configuration on the constraints at grid node k that is nearest to the upright posture.
+
+        Raises:
+            Unreachable: no such configuration was found.
+        """
+        robot = self.robot
+        still = np.zeros(robot.nv)
+        for _ in range(60):
+            terms = robot.jacobian(q, still)
+            rows = self.position_rows
+            error = self._position_error(reference, k, q)[rows]
+            wanted = self._posture(q, still) / self.stiffness
+            scaled, factor = self._factor(terms.jacobian, rows)
+            step = wanted + self._pull(scaled, factor, error - terms.jacobian[rows] @ wanted)
+            largest = float(np.abs(step).max())
+            q = pin.integrate(robot.model, q, step * min(1.0, 0.2 / max(largest, 1e-300)))
+            if largest < 1e-6:
+                break
+        return self.project(reference, k, q, still, 0.0)[0]
 
     def _pull(
         self, scaled: NDArray[np.float64], factor: NDArray[np.float64], error: NDArray[np.float64]
@@ -307,16 +332,20 @@ class InverseKinematics:
         pitch, yaw_momentum = np.empty(n + 1), np.empty(n + 1)
         worst_position = worst_velocity = worst_acceleration = 0.0
         q, v = self.project(reference, 0, q, v, offset)
+        last_step = 0.0
         for k in range(n + 1):
-            terms = robot.jacobian(q, v)
-            scaled, factor = self._factor(terms.jacobian)
             if k > 0:
-                error = self._position_error(reference, k, q)[self.rows]
+                terms = robot.jacobian(q, v)
+                error = self._position_error(reference, k, q)[self.position_rows]
                 size = float(np.abs(error).max())
                 worst_position = max(worst_position, size)
                 if not size < 0.05:
                     raise Unreachable(float(time[k]), size)
-                q = pin.integrate(robot.model, q, self._pull(scaled, factor, error))
+                pull = self._pull(*self._factor(terms.jacobian, self.position_rows), error)
+                q = pin.integrate(robot.model, q, pull)
+            terms = robot.jacobian(q, v)
+            scaled, factor = self._factor(terms.jacobian, self.rows)
+            if k > 0:
                 velocity_error = self._velocity_error(reference, k, terms.jacobian, v, offset)
                 worst_velocity = max(worst_velocity, float(np.abs(velocity_error).max()))
                 v = v + self._pull(scaled, factor, velocity_error)
@@ -331,8 +360,12 @@ class InverseKinematics:
             pitch[k] = np.arctan2(rotation[0, 2], rotation[2, 2])
             if k < n:
                 dt = time[k + 1] - time[k]
-                q = pin.integrate(robot.model, q, dt * v + (0.5 * dt * dt) * acceleration)
-                v = v + dt * acceleration
+                # Second order (Adams-Bashforth): the slope of the acceleration from the last interval.
+                slope = (acceleration - accelerations[k - 1]) / last_step if k > 0 else 0.0 * acceleration
+                move = dt * v + (0.5 * dt**2) * acceleration + (dt**3 / 6.0) * slope
+                q = pin.integrate(robot.model, q, move)
+                v = v + dt * acceleration + (0.5 * dt**2) * slope
+                last_step = dt
         return StepTrajectory(
             q=qs,
             v=vs,

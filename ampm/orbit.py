@@ -218,12 +218,18 @@ class _Orbit:
         )
 
     def _guess(self) -> NDArray[np.float64]:
-        """A few plain steps let the fast modes settle; the slow ones hardly move in so few."""
-        robot = self.robot
-        q, v = self.ik.project(self.reference, 0, self.origin, np.zeros(robot.nv), 0.0)
-        z = self._encode(q, v, 0.4)
-        for _ in range(2):
-            z = self._returned(self._step(z), 0.4)
+        """A few plain steps let the fast modes settle; the trunk's mean pitch, which is slow, is set by hand."""
+        robot, lean, nv = self.robot, self.run.body.lean, self.robot.nv
+        offset = 0.4
+        q = self.ik.upright(self.reference, 0, self.origin)
+        q, v = self.ik.project(self.reference, 0, q, np.zeros(nv), offset)
+        z = self._encode(q, v, offset)
+        for _ in range(5):
+            trajectory = self._step(z)
+            z = self._returned(trajectory, offset)
+            change = trajectory.trunk_pitch[-1] - trajectory.trunk_pitch[0]
+            z[4] += lean - self._mean_pitch(trajectory)
+            z[nv + 4] -= change / self.reference.time[-1] * _VELOCITY_SCALE
         return z
 
     def _newton(self, z: NDArray[np.float64]) -> NDArray[np.float64]:

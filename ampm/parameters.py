@@ -118,6 +118,9 @@ class FootParameters(Section):
         "roll", "flat: no heel rise before lift-off; roll: heel strike, flat, heel rise, toe off", "1"
     )
     swing_height: Real = _field(0.04, "extra lift of the foot at mid swing", "m", ge=0, le=0.5)
+    swing_lag: Real = _field(
+        0.0, "how far the foot lags behind at mid swing, as share of its travel", "1", ge=-0.2, le=0.3
+    )
     heel_strike_angle: Real = _field(
         0.175, "pitch of the foot, toes up, at initial contact", "rad", ge=0, le=0.8
     )

@@ -183,7 +183,7 @@ class OsqpBackend:
             check_termination=s.check_every,
             check_dualgap=False,
             polishing=False,
-            time_limit=0,
+            time_limit=1e10,  # never: a clock would make runs irreproducible
             warm_starting=True,
             verbose=False,
         )
