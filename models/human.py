@@ -193,6 +193,7 @@ class _Builder:
         root.statistic.extent = 2.0
         root.statistic.center = (0, 0, 0.5 * self.height)
         root.visual.map.znear = 0.01
+        root.visual.quality.shadowsize = 4096
         root.visual.headlight.ambient = (0.35, 0.35, 0.35)
         root.visual.headlight.diffuse = (0.55, 0.55, 0.55)
         getattr(root.visual, "global").offwidth = 1920
@@ -234,16 +235,6 @@ class _Builder:
         # One square is 0.5 m: the pattern repeats every metre.
         root.asset.add("material", name="floor", texture="floor", texrepeat=(1, 1), texuniform=True)
         world = root.worldbody
-        world.add(
-            "light",
-            name="sun",
-            directional=True,
-            castshadow=True,
-            pos=(0, 0, 4),
-            dir=(0.3, 0.4, -1),
-            diffuse=(0.5, 0.5, 0.5),
-            specular=(0.1, 0.1, 0.1),
-        )
         # The floor offers contact and the points accept it, so that two points never touch each other.
         world.add(
             "geom",
@@ -283,6 +274,9 @@ class _Builder:
         rgba: tuple[float, ...],
     ) -> None:
         body.add("geom", type="capsule", fromto=(*start, *end), size=(radius,), rgba=rgba)
+
+    def _limb(self, body: Any, length: float, radius: float, rgba: tuple[float, ...]) -> None:
+        self._capsule(body, (0, 0, 0), (0, 0, -length), radius, rgba)
 
     def _ellipsoid(
         self,
@@ -356,6 +350,19 @@ class _Builder:
             _inertial(table.LOWER_TRUNK, self.table_mass, lower, (0, 0, (1 - table.LOWER_TRUNK.com) * lower)),
         )
         pelvis.add("freejoint", name="root")
+        # A lamp that goes along: a fixed sun casts grainy shadows on an endless floor.
+        pelvis.add(
+            "light",
+            name="lamp",
+            mode="trackcom",
+            pos=(-1.2, -1.6, 3.2),
+            dir=(0.33, 0.42, -1),
+            cutoff=75,
+            exponent=0,
+            castshadow=True,
+            diffuse=(0.5, 0.5, 0.5),
+            specular=(0.1, 0.1, 0.1),
+        )
         for name, mode, pos, xyaxes in (
             ("side", "trackcom", (0.0, -3.2, 0.1), (1, 0, 0, 0, 0.03, 1)),
             ("front", "trackcom", (3.2, 0.0, 0.1), (0, 1, 0, -0.03, 0, 1)),
@@ -373,7 +380,7 @@ class _Builder:
             ),
         )
         self.groups["waist"] = self._hinges(abdomen, "waist", _TRUNK_JOINTS)
-        self._ellipsoid(abdomen, (0, 0, 0.4 * middle), (0.062 * h, 0.088 * h, 0.085 * h), _SHIRT)
+        self._ellipsoid(abdomen, (0, 0, 0.45 * middle), (0.062 * h, 0.088 * h, 0.105 * h), _SHIRT)
 
         thorax = self._body(
             abdomen,
@@ -384,7 +391,7 @@ class _Builder:
             ).plus(_inertial(table.HEAD, self.table_mass, head, (0, 0, upper + (1 - table.HEAD.com) * head))),
         )
         self.groups["chest"] = self._hinges(thorax, "chest", _TRUNK_JOINTS)
-        self._ellipsoid(thorax, (0, 0, 0.40 * upper), (0.068 * h, 0.102 * h, 0.100 * h), _SHIRT)
+        self._ellipsoid(thorax, (0, 0, 0.40 * upper), (0.068 * h, 0.102 * h, 0.112 * h), _SHIRT)
         shoulder_z = table.SHOULDER_HEIGHT * h - table.HIP_HEIGHT * h - lower - middle
         half = table.SHOULDER_HALF_WIDTH * h
         self._capsule(thorax, (0, -0.82 * half, shoulder_z), (0, 0.82 * half, shoulder_z), 0.031 * h, _SHIRT)
@@ -417,8 +424,10 @@ class _Builder:
             _inertial(table.THIGH, self.table_mass, thigh_length, (0, 0, -table.THIGH.com * thigh_length)),
         )
         hip = self._hinges(thigh, f"{side}_hip", _HIP_JOINTS)
-        self._capsule(thigh, (0, 0, -0.01 * h), (0, 0, -0.55 * thigh_length), 0.047 * h, rgba)
-        self._capsule(thigh, (0, 0, -0.45 * thigh_length), (0, 0, -thigh_length), 0.034 * h, rgba)
+        self._limb(thigh, thigh_length, 0.035 * h, rgba)
+        self._ellipsoid(
+            thigh, (0, 0, -0.36 * thigh_length), (0.051 * h, 0.048 * h, 0.46 * thigh_length), rgba
+        )
 
         shank = self._body(
             thigh,
@@ -427,14 +436,9 @@ class _Builder:
             _inertial(table.SHANK, self.table_mass, shank_length, (0, 0, -table.SHANK.com * shank_length)),
         )
         (knee,) = self._hinges(shank, f"{side}_knee", ("pitch",))
-        self._capsule(
-            shank,
-            (-0.006 * h, 0, -0.12 * shank_length),
-            (-0.004 * h, 0, -0.5 * shank_length),
-            0.032 * h,
-            rgba,
-        )
-        self._capsule(shank, (0, 0, -0.4 * shank_length), (0, 0, -0.96 * shank_length), 0.023 * h, rgba)
+        self._limb(shank, 0.97 * shank_length, 0.023 * h, rgba)
+        belly = (-0.010 * h, 0, -0.30 * shank_length)
+        self._ellipsoid(shank, belly, (0.034 * h, 0.033 * h, 0.32 * shank_length), rgba)
 
         foot_inertial, toe_inertial = self._foot_inertials()
         to_ankle = np.array([sole.ankle_x, 0.0, sole.ankle_height])  # of the foot's frame, in the sole frame
@@ -551,8 +555,10 @@ class _Builder:
             ),
         )
         joints = list(self._hinges(upper, f"{side}_shoulder", _SHOULDER_JOINTS))
-        self._capsule(upper, (0, 0, 0), (0, 0, -0.45 * upper_length), 0.030 * h, _SHIRT)
-        self._capsule(upper, (0, 0, -0.4 * upper_length), (0, 0, -upper_length), 0.024 * h, _SKIN)
+        self._capsule(upper, (0, 0, -0.3 * upper_length), (0, 0, -upper_length), 0.023 * h, _SKIN)
+        self._ellipsoid(
+            upper, (0, 0, -0.26 * upper_length), (0.034 * h, 0.032 * h, 0.40 * upper_length), _SHIRT
+        )
         fore = self._body(
             upper,
             f"{side}_forearm",
@@ -560,8 +566,8 @@ class _Builder:
             _inertial(table.FOREARM, self.table_mass, fore_length, (0, 0, -table.FOREARM.com * fore_length)),
         )
         joints += self._hinges(fore, f"{side}_elbow", ("pitch", "yaw"))
-        self._capsule(fore, (0, 0, 0), (0, 0, -0.5 * fore_length), 0.023 * h, _SKIN)
-        self._capsule(fore, (0, 0, -0.4 * fore_length), (0, 0, -0.97 * fore_length), 0.017 * h, _SKIN)
+        self._limb(fore, 0.98 * fore_length, 0.017 * h, _SKIN)
+        self._ellipsoid(fore, (0, 0, -0.28 * fore_length), (0.025 * h, 0.024 * h, 0.34 * fore_length), _SKIN)
         # The row's radii belong to a hand whose palm faces forward; here it faces the thigh, so the fore-aft
         # and left-right radii change places.
         sagittal, transverse, longitudinal = table.HAND.radii
