@@ -1,0 +1,67 @@
+"""Shared by all tests: no display, and real runs that are simulated once and read by whoever needs them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+os.environ.setdefault("MUJOCO_GL", "disable")
+
+import pytest
+
+RunOf = Callable[..., Path]
+
+
+@pytest.fixture(scope="session")
+def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One folder for all workers of a parallel test session."""
+    base = tmp_path_factory.getbasetemp()
+    if os.environ.get("PYTEST_XDIST_WORKER"):
+        base = base.parent  # each worker has its own below it
+    folder = base / "shared-runs"
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def run_of(shared_folder: Path) -> RunOf:
+    """Folder of a real run, simulated by the first test that asks for it.
+
+    ``run_of("normal", {"gait.c_y": 0.4}, steps=8)``: gait, settings by namespaced key, number of steps.
+    """
+
+    def get(gait: str = "normal", settings: dict[str, object] | None = None, *, steps: int = 8) -> Path:
+        from validation.run import Options, validate
+
+        from validation.planning import request
+
+        changed = {**(settings or {}), "gait.steps": steps}
+        parts = [gait, *(f"{key}={value}" for key, value in changed.items())]
+        name = "-".join("".join(c if c.isalnum() or c in "=." else "_" for c in part) for part in parts)
+        target = shared_folder / name
+        with _locked(shared_folder / f"{name}.lock"):
+            if not (target / "summary.json").is_file():
+                shutil.rmtree(target, ignore_errors=True)
+                asked = request(gait, [f"{key}={value}" for key, value in changed.items()])
+                validate(asked, target, Options(recording=False))
+        return target
+
+    return get
+
+
+class _locked:
+    """Exclusive lock on a file, so that two workers do not simulate the same run."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __enter__(self) -> None:
+        import fcntl
+
+        self.file = self.path.open("w")
+        fcntl.flock(self.file, fcntl.LOCK_EX)
+
+    def __exit__(self, *_: object) -> None:
+        self.file.close()

@@ -1,0 +1,335 @@
+"""The command line as a user meets it: answers, refusals, exit statuses, files."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from validation import cli
+from validation.cli import Status, call
+
+COLUMNS = (
+    "time phase stance com_x com_y com_z com_velocity_x com_velocity_y com_velocity_z com_acceleration_x "
+    "com_acceleration_y com_acceleration_z dcm_x dcm_y zmp_x zmp_y force_x force_y force_z moment_x moment_y "
+    "angular_momentum_x angular_momentum_y"
+).split()  # noqa: SIM905
+CONSTANTS = (
+    "l_s l_d inverse_a_s a_d c_d single_support_duration double_support_duration s beta "
+    "lateral_switching_velocity mean_velocity angular_momentum_y_offset"
+).split()  # noqa: SIM905
+
+
+class Answer:
+    def __init__(self, status: int, out: str, err: str) -> None:
+        self.status, self.out, self.err = status, out, err
+
+    @property
+    def json(self):
+        return json.loads(self.out)
+
+
+@pytest.fixture
+def ampm(capsys):
+    """Run a command line in this process."""
+
+    def run(*arguments: object) -> Answer:
+        capsys.readouterr()
+        status = call([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return Answer(status, captured.out, captured.err)
+
+    return run
+
+
+# ---------------------------------------------------------------- plan
+
+
+def test_plan_json_has_the_contract(ampm):
+    answer = ampm("plan", "normal", "--no-body", "--json")
+    assert answer.status == Status.PASS
+    assert set(CONSTANTS) <= answer.json.keys()
+    assert answer.json["parameters"]["gait"]["step_length"] == 0.6
+    assert answer.json["angular_momentum_y_offset"] == 0.0
+    assert max(answer.json["residuals"].values()) <= 1e-9
+
+
+def test_plan_takes_settings(ampm):
+    answer = ampm("plan", "--no-body", "--json", "--set", "gait.a_s=inf", "--set", "body.mass=60")
+    assert answer.json["inverse_a_s"] == 0.0
+    assert answer.json["parameters"]["gait"]["a_s"] == "inf"
+    assert answer.json["parameters"]["body"]["mass"] == 60.0
+
+
+def test_plan_without_json_is_for_readers(ampm):
+    answer = ampm("plan", "normal", "--no-body")
+    assert "single_support_duration" in answer.out
+    assert "largest jump" in answer.out
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_samples_follow_the_contract(ampm, tmp_path, suffix):
+    path = tmp_path / f"samples{suffix}"
+    answer = ampm("plan", "--no-body", "--set", "gait.steps=3", "--samples", path, "--rate", 1000, "--json")
+    assert answer.status == Status.PASS
+    duration = 3 * (answer.json["single_support_duration"] + answer.json["double_support_duration"])
+    if suffix == ".csv":
+        lines = path.read_text().splitlines()
+        assert lines[0].split(",")[: len(COLUMNS)] == COLUMNS
+        rows = [dict(zip(lines[0].split(","), line.split(","), strict=True)) for line in lines[1:]]
+        times = np.array([float(row["time"]) for row in rows])
+        first = rows[0]
+    else:
+        table = pq.read_table(path)
+        assert table.column_names[: len(COLUMNS)] == COLUMNS
+        times = table["time"].to_numpy()
+        first = table.slice(0, 1).to_pylist()[0]
+    np.testing.assert_array_equal(times, np.arange(len(times)) / 1000)
+    assert times[-1] <= duration < times[-1] + 1e-3
+    assert first["phase"] == "single_support"
+    assert first["stance"] == "left"
+    assert float(first["zmp_y"]) == pytest.approx(0.09)
+    assert float(first["left_placement_x"]) == 0.0
+    assert float(first["left_placement_y"]) == pytest.approx(0.09)
+
+
+def test_csv_keeps_every_bit(ampm, tmp_path):
+    for suffix in ("csv", "parquet"):
+        ampm("plan", "--no-body", "--set", "gait.steps=2", "--samples", tmp_path / f"plan.{suffix}")
+    table = pq.read_table(tmp_path / "plan.parquet")
+    lines = [line.split(",") for line in (tmp_path / "plan.csv").read_text().splitlines()]
+    column = lines[0].index("com_x")
+    np.testing.assert_array_equal(table["com_x"].to_numpy(), [float(line[column]) for line in lines[1:]])
+
+
+def test_plot_is_a_picture(ampm, tmp_path):
+    path = tmp_path / "plan.png"
+    assert ampm("plan", "--no-body", "--plot", path).status == Status.PASS
+    assert path.read_bytes().startswith(b"\x89PNG")
+    assert path.stat().st_size > 50_000
+
+
+# ------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["norml"], "did you mean 'normal'"),
+        (["--set", "gait.step_lenght=0.5"], "gait.step_length"),
+        (["--set", "gait.step_length=nan"], "gait.step_length"),
+        (["--set", "gait.step_length=-1"], "-1 m"),
+        (["--set", "gait.steps=2.5"], "whole number"),
+        (["--set", "gait.steps=0"], "at least 1"),
+        (["--set", "gait.step_length"], "key=value"),
+        (["--set", "gait.a_s=nan"], "gait.a_s"),
+        (["--set", "gait.switching_velocity=0.3"], "the least is"),
+        (["--set", "gait.c_y=0"], "gait.c_y"),
+        (["--set", "gait.c_s=0.2"], "gait.c_s"),
+        (["--rate", "0", "--samples", "x.csv"], "--rate"),
+        (["--rate", "nan", "--samples", "x.csv"], "--rate"),
+        (["--rate", "1e12", "--samples", "x.csv"], "lower rate"),
+        (["--samples", "x.txt"], ".parquet"),
+        (["--plot", "x.jpeg2"], ".png"),
+        (["--bogus"], "--bogus"),
+        (["--rate", "fast"], "--rate"),
+        (["normal", "momentum"], "momentum"),
+    ],
+)
+def test_bad_input_is_one_sentence(ampm, arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    answer = ampm("plan", "--no-body", *arguments)
+    assert answer.status == Status.REFUSED
+    assert answer.out == ""
+    assert answer.err.startswith("ampm: ")
+    assert answer.err.count("\n") == 1
+    assert words in answer.err
+    assert "Traceback" not in answer.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_refusal_in_json_is_an_object_alone(ampm):
+    answer = ampm("plan", "--no-body", "--json", "--set", "gait.switching_velocity=0.3")
+    assert answer.status == Status.REFUSED
+    error = answer.json["error"]
+    assert error["kind"] == "mathematical"
+    assert error["value"] == 0.3
+    assert error["limit"] > 0.3
+    assert error["unit"] == "m/s"
+    assert error["way_out"] in error["message"]
+
+
+def test_usage_error_in_json(ampm):
+    answer = ampm("plan", "--json", "--bogus")
+    assert answer.status == Status.REFUSED
+    assert answer.json["error"]["kind"] == "input"
+
+
+def test_bodily_refusal(ampm):
+    answer = ampm("plan", "--json", "--set", "gait.step_width=0.02")
+    assert answer.status == Status.REFUSED
+    assert answer.json["error"]["kind"] == "bodily"
+    assert answer.json["error"]["reason"] == "soles_overlap"
+
+
+def test_broken_toml(ampm, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text("[gait\n")
+    answer = ampm("plan", path, "--no-body")
+    assert answer.status == Status.REFUSED
+    assert "TOML" in answer.err
+
+
+def test_own_gait_from_a_file(ampm, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text("[gait]\nstep_length = 0.5\n")
+    answer = ampm("plan", path, "--no-body", "--json")
+    assert answer.json["gait"] == "mine"
+    assert answer.json["parameters"]["gait"]["step_length"] == 0.5
+
+
+def test_same_gait_twice_is_refused(ampm, tmp_path):
+    answer = ampm("validate", "normal", "normal", "--out", tmp_path / "out")
+    assert answer.status == Status.REFUSED
+    assert "'normal'" in answer.err
+
+
+def test_unknown_profile_names_the_known_ones(ampm, tmp_path):
+    answer = ampm("validate", "normal", "--profile", "lenient", "--out", tmp_path / "out")
+    assert answer.status == Status.REFUSED
+    assert "strict" in answer.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_unknown_qp_solver(ampm, tmp_path):
+    answer = ampm("validate", "normal", "--qp", "magic", "--out", tmp_path / "out")
+    assert answer.status == Status.REFUSED
+    assert "osqp" in answer.err
+
+
+def test_mathematical_refusal_comes_before_any_walk(ampm, tmp_path):
+    bad = tmp_path / "bad.toml"
+    bad.write_text("[gait]\nc_y = -1.0\n")
+    answer = ampm("validate", "normal", bad, "--out", tmp_path / "out", "--json")
+    assert answer.status == Status.REFUSED
+    assert answer.json["error"]["kind"] == "mathematical"
+    assert not (tmp_path / "out").exists()
+
+
+def test_out_is_never_overwritten(ampm, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "notes.txt").write_text("mine")
+    answer = ampm("validate", "normal", "--out", out)
+    assert answer.status == Status.REFUSED
+    assert "--force" in answer.err
+    answer = ampm("validate", "normal", "--out", out, "--force")
+    assert answer.status == Status.REFUSED
+    assert "notes.txt" in answer.err
+    assert (out / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("command", ["replay", "report", "view"])
+def test_missing_run_folder(ampm, command, tmp_path):
+    answer = ampm(command, tmp_path / "nothing")
+    assert answer.status == Status.REFUSED
+    assert answer.err.count("\n") == 1
+
+
+def test_view_without_a_display_says_what_to_do(ampm, tmp_path, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    (tmp_path / "recording.rrd").write_bytes(b"")
+    answer = ampm("view", tmp_path)
+    assert answer.status == Status.REFUSED
+    assert "--web" in answer.err
+
+
+# ------------------------------------------------------------ our crash
+
+
+def test_crash_is_one_sentence_and_keeps_its_traceback(ampm, monkeypatch):
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("by zero")
+
+    monkeypatch.setattr("validation.planning.request", broken)
+    answer = ampm("plan", "--json")
+    assert answer.status == Status.CRASH
+    assert answer.json["error"]["kind"] == "crash"
+    assert answer.err.count("\n") == 1
+    kept = Path(answer.err.split("traceback is in ")[1].split(",")[0])
+    assert "ZeroDivisionError: by zero" in kept.read_text()
+    kept.unlink()
+
+
+def test_debug_shows_the_traceback(ampm, monkeypatch):
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("by zero")
+
+    monkeypatch.setattr("validation.planning.request", broken)
+    answer = ampm("plan", "--debug")
+    assert answer.status == Status.CRASH
+    assert "Traceback" in answer.err
+
+
+def test_interrupt_outside_a_simulation(ampm, monkeypatch):
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("validation.planning.request", interrupted)
+    assert ampm("plan").status == Status.INTERRUPTED
+
+
+def test_disk_errors_are_the_users(ampm, tmp_path):
+    (tmp_path / "file").write_text("")
+    answer = ampm("plan", "--no-body", "--samples", tmp_path / "file" / "x.csv")
+    assert answer.status == Status.REFUSED
+    assert "x.csv" in answer.err
+
+
+# ------------------------------------------------------- as a subprocess
+
+
+def script(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
+    program = Path(sys.executable).with_name("ampm")
+    return subprocess.run([str(program), *map(str, arguments)], capture_output=True, text=True, **options)
+
+
+def test_console_script():
+    answer = script("plan", "--no-body", "--json", "--set", "gait.switching_velocity=0.3")
+    assert answer.returncode == Status.REFUSED
+    assert json.loads(answer.stdout)["error"]["reason"] == "switching_velocity_too_low"
+
+
+def test_help_is_quick_and_lists_the_commands():
+    answer = script("--help", env={**os.environ, "TERM": "dumb"})
+    assert answer.returncode == 0
+    for command in ("plan", "motion", "validate", "replay", "view", "report"):
+        assert command in answer.stdout
+
+
+def test_version():
+    import ampm
+
+    assert script("--version").stdout.strip() == f"ampm {ampm.__version__}"
+
+
+def test_reader_that_leaves_early_is_no_crash():
+    program = Path(sys.executable).with_name("ampm")
+    command = f"{program} plan --no-body --json | head -c 1"
+    answer = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert answer.stderr == ""
+
+
+def test_every_error_class_has_a_status():
+    from ampm import exceptions
+
+    for name in ("InputError", "SolverError"):
+        status, _ = cli.explain(getattr(exceptions, name)("x"))
+        assert status in (Status.REFUSED, Status.NOT_COMPLETED)

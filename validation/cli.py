@@ -1,0 +1,374 @@
+"""The console script ``ampm``.
+
+Results go to stdout, everything else to stderr. Exit status: 0 pass, 1 out of tolerance, 2 bad input or
+refused, 3 did not complete, 4 our crash, 130 interrupted. Modules that simulate are imported by the command
+that needs them, so that ``ampm --help`` and ``ampm plan --no-body`` answer at once.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import tempfile
+import traceback
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from enum import IntEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import ampm
+from ampm.exceptions import AmpmError, RefusedGait, SolverError
+from ampm.parameters import PRESETS
+from validation.console import Narrator, print_json, print_line
+
+
+class Status(IntEnum):
+    """Exit statuses."""
+
+    PASS = 0
+    OUT_OF_TOLERANCE = 1
+    REFUSED = 2
+    NOT_COMPLETED = 3
+    CRASH = 4
+    INTERRUPTED = 130
+    BROKEN_PIPE = 141
+
+
+_PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.items())
+_EPILOG = (
+    "Exit status: 0 pass, 1 out of tolerance, 2 bad input or refused, 3 did not complete (fell, diverged, "
+    "infeasible), 4 crash of ampm itself, 130 interrupted."
+)
+
+app = typer.Typer(
+    name="ampm",
+    help="Plan the gait of the angular-momentum-inducing pendulum, walk it in MuJoCo under torque control, "
+    "and say how far physics and formula agree.",
+    epilog=_EPILOG,
+    no_args_is_help=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    rich_markup_mode="rich",
+)
+
+Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace an earlier result at --out.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on stdout.")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change one parameter, e.g. gait.c_s=1.2; repeatable."),
+]
+Gait = Annotated[str, typer.Argument(help=f"Preset ({', '.join(PRESETS)}) or TOML file.", metavar="[GAIT]")]
+Gaits = Annotated[
+    list[str] | None,
+    typer.Argument(help=f"Presets ({', '.join(PRESETS)}) or TOML files.", metavar="[GAIT]..."),
+]
+RunDir = Annotated[Path, typer.Argument(help="Folder of a run.", metavar="DIR")]
+
+
+def _version(value: bool) -> None:
+    if value:
+        print_line(f"ampm {ampm.__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    if context.invoked_subcommand is None:
+        print_line(context.get_help())
+
+
+@app.command(epilog=f"Presets.\n\n{_PRESET_LINES}")
+def plan(
+    gait: Gait = "normal",
+    settings: Settings = None,
+    no_body: Annotated[
+        bool, typer.Option("--no-body", help="Pure mathematics: no soles, no joints, mean L_y zero.")
+    ] = False,
+    as_json: Json = False,
+    samples: Annotated[
+        Path | None,
+        typer.Option("--samples", metavar="FILE.csv|.parquet", help="Write the plan's signals at k / rate."),
+    ] = None,
+    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Samples per second.")] = 200.0,
+    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.png", help="Draw the plan.")] = None,
+    debug: Debug = False,
+) -> int:
+    """Plan a gait in closed form: constants, residuals, samples, a picture.
+
+    With a body (the default) the plan is checked against its soles, legs and joints, and the constant of L_y
+    is the one that makes the body's motion periodic.
+    """
+    from validation import planning
+
+    request = planning.request(gait, settings or ())
+    if samples is not None:
+        planning.check_samples(samples, request.run, rate)
+    if plot is not None:
+        planning.check_picture(plot)
+    narrator = Narrator()
+    planned = planning.plan(request, with_body=not no_body, stages=narrator)
+    if samples is not None:
+        planning.write_samples(planned, samples, rate)
+    if plot is not None:
+        planning.write_picture(planned, plot)
+    if as_json:
+        print_json(planning.describe(planned))
+    else:
+        planning.print_plan(planned)
+    for path in (samples, plot):
+        if path is not None:
+            narrator.say(f"wrote {path}")
+    return Status.PASS
+
+
+@app.command()
+def motion(
+    gaits: Gaits = None,
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE.parquet", help="Write one step's joints, all gaits in one."),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> int:
+    """Solve the periodic whole-body motion of one step: what every joint does."""
+    from validation import planning
+    from validation.folders import check_output_file
+
+    if out is not None:
+        check_output_file(out, force=force)
+    requests = planning.requests(gaits or ["normal"], settings or ())
+    narrator = Narrator()
+    planned = [planning.plan(request, with_body=True, stages=narrator) for request in requests]
+    if out is not None:
+        planning.write_motions(planned, out, force=force)
+    if as_json:
+        print_json([planning.describe_motion(item) for item in planned])
+    else:
+        for item in planned:
+            planning.print_motion(item)
+    if out is not None:
+        narrator.say(f"wrote {out}")
+    return Status.PASS
+
+
+@app.command(epilog=_EPILOG)
+def validate(
+    gaits: Gaits = None,
+    settings: Settings = None,
+    steps: Annotated[int | None, typer.Option("--steps", metavar="N", help="Short for gait.steps=N.")] = None,
+    profile: Annotated[
+        str, typer.Option("--profile", metavar="P", help="Tolerance profile: default or strict.")
+    ] = "default",
+    qp: Annotated[str | None, typer.Option("--qp", metavar="osqp|daqp", help="Short for solver.qp.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            help="Folder of the run; with several gaits, one sub-folder each. runs/GAIT-TIME if not given.",
+        ),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> int:
+    """Plan, walk, measure and judge: the trial. Leaves a verdict, a recording and a report.
+
+    What it shows is whether a body with real mass distribution, unilateral contact, friction and limited
+    torque can realise the plan, how closely, and at what cost. The controller follows the plan: agreement is
+    no prophecy.
+    """
+    from validation import planning, run, summary_text
+
+    extra = list(settings or ())
+    if steps is not None:
+        extra.append(f"gait.steps={steps}")
+    if qp is not None:
+        extra.append(f'solver.qp="{qp}"')
+    requests = planning.requests(gaits or ["normal"], extra)
+    options = run.Options(profile=profile, force=force)
+    targets = run.targets(requests, out, force=force)
+    narrator = Narrator()
+    answers: list[dict[str, Any]] = []
+    statuses = [Status.PASS]
+    for request, target in zip(requests, targets, strict=True):
+        try:
+            result = run.validate(request, target, options, stages=narrator)
+        except RefusedGait as error:  # the other gaits may still walk
+            narrator.say(f"ampm: {request.name}: {error}")
+            answers.append({"gait": request.name, **describe_error(error)})
+            statuses.append(Status.REFUSED)
+            continue
+        answers.append({**result.summary, "directory": str(result.directory)})
+        statuses.append(_status(result.summary))
+        if not as_json:
+            summary_text.print_result(result)
+        if statuses[-1] is Status.INTERRUPTED:
+            break
+    if as_json:
+        print_json(answers[0] if len(requests) == 1 else answers)
+    return max(statuses)
+
+
+@app.command()
+def replay(directory: RunDir, debug: Debug = False) -> int:
+    """Step MuJoCo again from a run's recorded start with its recorded torques, and compare every bit."""
+    from validation.replay import replay as step_again
+
+    narrator = Narrator()
+    result = step_again(directory, stages=narrator)
+    if result.note:
+        narrator.say(result.note)
+    print_line(str(result))
+    return Status.PASS if result.identical else Status.OUT_OF_TOLERANCE
+
+
+@app.command()
+def view(
+    target: Annotated[Path, typer.Argument(help="Folder of a run, or a recording.", metavar="DIR|FILE.rrd")],
+    web: Annotated[bool, typer.Option("--web", help="Show it in a web browser.")] = False,
+    debug: Debug = False,
+) -> int:
+    """Open a recording in the Rerun viewer."""
+    from validation.viewer import view as open_viewer
+
+    return open_viewer(target, web=web)
+
+
+@app.command()
+def report(directory: RunDir, debug: Debug = False) -> int:
+    """Write a run's report.html again from its saved files."""
+    from validation.report import write_report
+
+    narrator = Narrator()
+    with narrator.stage("report"):
+        path = write_report(directory)
+    print_line(str(path))
+    return Status.PASS
+
+
+def _status(summary: dict[str, Any]) -> Status:
+    """Exit status of one finished run."""
+    if summary["outcome"]["name"] == "interrupted":
+        return Status.INTERRUPTED
+    if summary["outcome"]["name"] != "completed":
+        return Status.NOT_COMPLETED
+    return Status.PASS if summary["verdict"] == "pass" else Status.OUT_OF_TOLERANCE
+
+
+def describe_error(error: BaseException) -> dict[str, Any]:
+    """JSON object of an error: ``{"error": {"kind", "message"}}``.
+
+    ``kind`` is ``input``, ``mathematical``, ``bodily``, ``solver``, ``interrupted`` or ``crash``; the two
+    refusals of a gait add ``reason``, ``value``, ``limit``, ``unit`` and ``way_out``.
+    """
+    status, message = explain(error)
+    kinds = {Status.REFUSED: "input", Status.NOT_COMPLETED: "solver", Status.INTERRUPTED: "interrupted"}
+    answer: dict[str, Any] = {"kind": kinds.get(status, "crash"), "message": message}
+    if isinstance(error, RefusedGait):
+        answer["kind"] = error.kind
+        for name in ("reason", "value", "limit", "unit", "way_out"):
+            answer[name] = getattr(error, name)
+    return {"error": answer}
+
+
+def explain(error: BaseException) -> tuple[Status, str]:
+    """Exit status and one sentence for an error."""
+    if isinstance(error, KeyboardInterrupt | typer.Abort):
+        return Status.INTERRUPTED, "interrupted"
+    if isinstance(error, typer.TyperException):
+        return (
+            Status.REFUSED,
+            f"{_one_line(error.format_message()).rstrip('.')}; see '{_command_path(error)} --help'.",
+        )
+    if isinstance(error, SolverError):
+        return Status.NOT_COMPLETED, _one_line(str(error))
+    if isinstance(error, AmpmError):
+        return Status.REFUSED, _one_line(str(error))
+    if isinstance(error, OSError) and error.filename is not None:
+        return Status.REFUSED, f"{error.filename}: {error.strerror}; give another file or folder."
+    name = type(error).__name__
+    return Status.CRASH, f"crash of ampm itself ({name}: {_one_line(str(error))})"
+
+
+def _command_path(error: typer.TyperException) -> str:
+    """The command that did not understand its options."""
+    context = getattr(error, "ctx", None)
+    return context.command_path if context is not None else "ampm"
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _keep_traceback(error: BaseException) -> Path | None:
+    """Write an error's traceback to a file of its own."""
+    stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
+    try:
+        handle, name = tempfile.mkstemp(prefix=f"ampm-crash-{stamp}-", suffix=".txt")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            traceback.print_exception(error, file=file)
+    except OSError:
+        return None
+    return Path(name)
+
+
+def call(arguments: Sequence[str]) -> int:
+    """Run one command line, with every error turned into one sentence on stderr.
+
+    Args:
+        arguments: without the program's name.
+
+    Returns:
+        The exit status.
+    """
+    arguments = list(arguments)
+    command = typer.main.get_command(app)
+    try:
+        with command.make_context("ampm", arguments) as context:
+            return int(command.invoke(context) or 0)
+    except typer.Exit as end:
+        return end.exit_code
+    except BrokenPipeError:  # the reader has left: nobody to tell
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return Status.BROKEN_PIPE
+    except (Exception, KeyboardInterrupt) as error:
+        status, text = explain(error)
+        if "--json" in arguments:
+            print_json(describe_error(error))
+        if "--debug" in arguments:
+            traceback.print_exc()
+        elif status is Status.CRASH:
+            kept = _keep_traceback(error)
+            text += (
+                f"; the traceback is in {kept}" if kept else "; run it again with --debug for the traceback"
+            )
+            text += ", please report it."
+        print(f"ampm: {text}", file=sys.stderr)  # noqa: T201
+        return status
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    if "_AMPM_COMPLETE" in os.environ:  # a shell asks for completions
+        app()
+    # A terminated run keeps what it has, like an interrupted one.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    sys.exit(call(sys.argv[1:]))
+
+
+if __name__ == "__main__":
+    main()

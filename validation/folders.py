@@ -1,0 +1,147 @@
+"""Output files and folders: nothing that exists is lost without ``--force``, nothing is seen half written.
+
+A run is written into a folder beside its target, ``<name>.partial-...``, and takes the target's name when it
+is complete, so a folder under its own name is always a whole run. If the program is killed in between, the
+partial folder stays with everything that was written until then.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ampm.exceptions import InputError
+
+RUN_FILES = frozenset(
+    {
+        "run.toml",
+        "model.xml",
+        "environment.json",
+        "summary.json",
+        "signals.parquet",
+        "joints.parquet",
+        "contacts.parquet",
+        "states.parquet",
+        "ticks.parquet",
+        "recording.rrd",
+        "report.html",
+    }
+)
+"""All that a run folder may hold; a folder with anything else in it is never replaced."""
+
+
+def check_run_folder(target: Path, *, force: bool) -> None:
+    """Refuse a target that must not be written.
+
+    Args:
+        target: the folder that a run is to have.
+        force: whether an earlier run there may be replaced.
+
+    Raises:
+        InputError: the target exists and is not an empty folder, and ``force`` is off or it is no run folder.
+    """
+    if not target.exists() and not target.is_symlink():
+        return
+    if not target.is_dir():
+        raise InputError(f"--out {target} is a file, not a folder; give another folder.")
+    entries = {entry.name for entry in target.iterdir()}
+    if not entries:
+        return
+    if not force:
+        raise InputError(
+            f"--out {target} exists and is not empty; give another folder, or --force to replace it."
+        )
+    foreign = sorted(entries - RUN_FILES)
+    if foreign or "run.toml" not in entries:
+        what = f"holds {foreign[0]!r}, which no run writes" if foreign else "holds no run"
+        raise InputError(f"--out {target} {what}, so --force does not replace it; give another folder.")
+
+
+@contextmanager
+def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
+    """Write a run folder whole: the body of the ``with`` fills the folder that it is given.
+
+    A target that exists and is empty (a mounted volume, say) is filled in place.
+
+    Args:
+        target: the folder that the run is to have.
+        force: whether an earlier run there may be replaced.
+
+    Yields:
+        The folder to write into; it is renamed to ``target`` at the end, or left behind on an exception.
+
+    Raises:
+        InputError: see :func:`check_run_folder`, or the folder cannot be created.
+    """
+    target = target.resolve()
+    check_run_folder(target, force=force)
+    if target.is_dir() and not any(target.iterdir()):
+        yield target
+        return
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(prefix=f"{target.name}.partial-", dir=target.parent))
+        work.chmod(0o777 & ~_umask())
+    except OSError as error:
+        raise InputError(
+            f"--out {target} cannot be created ({error.strerror}); give another folder."
+        ) from error
+    try:
+        yield work
+    except BaseException:
+        if not any(work.iterdir()):
+            work.rmdir()
+        raise
+    check_run_folder(target, force=force)  # something may have appeared there in the meantime
+    if target.exists():
+        old = Path(tempfile.mkdtemp(prefix=f"{target.name}.old-", dir=target.parent))
+        target.rename(old / target.name)
+        work.rename(target)
+        shutil.rmtree(old)
+    else:
+        work.rename(target)
+
+
+@contextmanager
+def output_file(target: Path, *, force: bool = True) -> Iterator[Path]:
+    """Write a file whole: the body of the ``with`` fills the path that it is given, with the same suffix.
+
+    Raises:
+        InputError: the target exists and ``force`` is off, is a folder, or cannot be created.
+    """
+    check_output_file(target, force=force)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{target.stem}-", suffix=target.suffix, dir=target.parent)
+    except OSError as error:
+        raise InputError(f"{target} cannot be written ({error.strerror}); give another file.") from error
+    os.close(handle)
+    work = Path(name)
+    try:
+        yield work
+        work.chmod(0o666 & ~_umask())
+        work.replace(target)
+    finally:
+        work.unlink(missing_ok=True)
+
+
+def check_output_file(target: Path, *, force: bool) -> None:
+    """Refuse a file that must not be written.
+
+    Raises:
+        InputError: the target exists and ``force`` is off, or it is a folder.
+    """
+    if target.is_dir():
+        raise InputError(f"{target} is a folder; give the name of a file.")
+    if target.exists() and not force:
+        raise InputError(f"--out {target} exists; give another file, or --force to replace it.")
+
+
+def _umask() -> int:
+    current = os.umask(0)
+    os.umask(current)
+    return current
