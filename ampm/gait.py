@@ -459,9 +459,9 @@ def plan_gait(
             f"the angular momentum offset is {angular_momentum_y_offset}; give a finite number [N m s]."
         )
     try:
-        sagittal, frontal = _solve(gait)
-        plan = _assemble(gait, float(mass), sagittal, frontal, float(angular_momentum_y_offset))
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):  # what overflows is refused below, by its residual
+            sagittal, frontal = _solve(gait)
+            plan = _assemble(gait, float(mass), sagittal, frontal, float(angular_momentum_y_offset))
             residual = plan.residuals().largest
     except (OverflowError, ZeroDivisionError):
         residual = math.inf
@@ -710,7 +710,11 @@ def hull_distance(points: Array, query: Array) -> Array:
         inside = np.where(is_edge, distance, np.inf).min(axis=(1, 2))
         along = unit[..., 0] * to_query[:, :, None, 0] + unit[..., 1] * to_query[:, :, None, 1]
         beyond = along - np.clip(along, 0.0, length)
-        outside = np.hypot(distance, beyond).min(axis=(1, 2))
+        # Of a point paired with itself, the distance of that point.
+        apart = np.where(
+            proper, np.hypot(distance, beyond), np.hypot(*np.moveaxis(to_query, -1, 0))[:, :, None]
+        )
+        outside = apart.min(axis=(1, 2))
         flat = ~is_edge.any(axis=(1, 2))
         result[block] = np.where((inside >= 0.0) & ~flat, inside, -outside)
     return result

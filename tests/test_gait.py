@@ -1,0 +1,556 @@
+"""The plan as a whole: golden values, continuity, an independent integration, refusals, property tests."""
+
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import cumulative_simpson, solve_ivp
+
+from ampm.body import SoleGeometry
+from ampm.exceptions import InputError, MathematicalRefusal
+from ampm.gait import RESIDUAL_LIMIT, convex_hull, hull_distance, plan_gait
+from ampm.parameters import FootParameters, GaitParameters
+
+G = 9.81
+GOLDEN = GaitParameters(
+    com_height=0.88,
+    step_length=0.6,
+    single_support_ratio=0.7,
+    switching_velocity=1.0,
+    a_s=4.0,
+    c_s=1.2,
+    c_y=0.6,
+    step_width=0.18,
+    steps=6,
+)
+SOLE = SoleGeometry(
+    heel_x=-0.107,
+    ball_x=0.083,
+    tip_x=0.151,
+    heel_half_width=0.03,
+    ball_half_width=0.04,
+    tip_half_width=0.035,
+    ankle_x=-0.042,
+    ankle_height=0.066,
+)
+
+
+def changed(**values):
+    return GOLDEN.model_copy(update=values)
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return plan_gait(GOLDEN)
+
+
+# --- golden values ---
+
+
+def test_golden_constants(plan):
+    expected = {
+        "l_s": 0.21,
+        "l_d": 0.09,
+        "inverse_a_s": 0.25,
+        "a_d": 1 / 2.75,
+        "c_d": 0.5333333333,
+        "single_support_duration": 0.5134552944,
+        "double_support_duration": 0.1692542239,
+        "s": 0.07870614488,
+        "beta": 0.01129385512,
+        "lateral_switching_velocity": 0.1182626956,
+        "mean_velocity": 0.6 / (0.5134552944 + 0.1692542239),
+        "angular_momentum_y_offset": 0.0,
+    }
+    for name, value in expected.items():
+        assert getattr(plan.constants, name) == pytest.approx(value, abs=1e-9), name
+
+
+def test_golden_values_at_the_switch(plan):
+    sample = plan.sample(plan.switch_times[0])
+    assert sample.com_acceleration[0] == pytest.approx([2.223972, -0.526437, 0.0], abs=1e-6)
+    assert sample.moment[0] == pytest.approx([18.53057, -24.72120], abs=1e-5)
+
+
+def peak_to_peak_of_lx(parameters):
+    plan = plan_gait(parameters)
+    # L_x turns where the moment vanishes: at the switches' midpoints and nowhere else.
+    starts = [p.start + 0.5 * p.duration for p in plan.phases] + [p.start for p in plan.phases]
+    return np.ptp(plan.sample(starts).angular_momentum[:, 0])
+
+
+def test_golden_angular_momentum(plan):
+    assert peak_to_peak_of_lx(GOLDEN) == pytest.approx(9.939015536, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("c_y", "peak_to_peak", "beta"),
+    [
+        (0.1, 26.2587285, 0.00224253866),
+        (0.4, 15.5492366, 0.007943312),
+        (0.7, 7.0083411, 0.012493978),
+        (1.0, 0.0, 0.0162313873),
+    ],
+)
+def test_golden_angular_momentum_over_c_y(c_y, peak_to_peak, beta):
+    parameters = changed(c_s=1.0, c_y=c_y)
+    constants = plan_gait(parameters).constants
+    assert constants.single_support_duration == pytest.approx(0.487289114, abs=1e-9)
+    assert constants.double_support_duration == pytest.approx(0.171327364, abs=1e-9)
+    assert constants.beta == pytest.approx(beta, abs=1e-9)
+    assert peak_to_peak_of_lx(parameters) == pytest.approx(peak_to_peak, abs=1e-7)
+
+
+# --- conventions ---
+
+
+def test_start_and_footsteps(plan):
+    first = plan.sample(0.0)
+    assert first.com[0] == pytest.approx([-0.21, plan.constants.beta, 0.88])
+    assert first.com_velocity[0] == pytest.approx([1.0, plan.constants.lateral_switching_velocity, 0.0])
+    assert (first.stance_name[0], first.phase_name[0]) == ("left", "single_support")
+    steps = [(f.foot, f.position) for f in plan.footsteps]
+    assert len(steps) == GOLDEN.steps + 2
+    assert [foot for foot, _ in steps[:4]] == ["right", "left", "right", "left"]
+    np.testing.assert_allclose([p for _, p in steps[:3]], [(-0.6, -0.09), (0.0, 0.09), (0.6, -0.09)])
+    assert plan.duration == pytest.approx(GOLDEN.steps * plan.constants.step_duration)
+    assert len(plan.switch_times) == 2 * GOLDEN.steps - 1
+
+
+def test_a_switch_carries_the_label_of_the_phase_that_begins(plan):
+    sample = plan.sample(plan.switch_times)
+    assert list(sample.phase_name[:3]) == ["double_support", "single_support", "double_support"]
+    assert list(sample.stance_name[:4]) == ["both", "right", "both", "left"]
+    t_ss, step = plan.constants.single_support_duration, plan.constants.step_duration
+    computed = plan.sample([t_ss, step, step + t_ss, 2 * step, 3 * step, 5 * step])
+    assert list(computed.phase) == [1, 0, 1, 0, 0, 0]
+    assert plan.sample(plan.duration).phase_name[0] == "double_support"
+
+
+def test_placements_in_force(plan):
+    step = plan.constants.step_duration
+    sample = plan.sample([0.1, step - 1e-3, step + 0.1])
+    np.testing.assert_allclose(sample.left_placement, [[0, 0.09], [0, 0.09], [1.2, 0.09]], atol=1e-12)
+    np.testing.assert_allclose(sample.right_placement, [[0.6, -0.09]] * 3, atol=1e-12)
+
+
+def test_times_in_any_order_and_read_only(plan):
+    times = np.random.default_rng(1).uniform(0.0, plan.duration, 50)
+    sample = plan.sample(times)
+    one_by_one = np.array([plan.sample(t).com[0] for t in times])
+    np.testing.assert_array_equal(sample.com, one_by_one)
+    with pytest.raises(ValueError, match="read-only"):
+        sample.com[0, 0] = 1.0
+    assert len(plan.sample([])) == 0
+
+
+@pytest.mark.parametrize("bad", [-1e-6, 1e9, math.nan, math.inf])
+def test_times_outside_are_refused(plan, bad):
+    with pytest.raises(InputError, match="outside the plan"):
+        plan.sample([0.1, bad])
+
+
+def test_times_of_two_dimensions_are_refused(plan):
+    with pytest.raises(InputError, match="shape"):
+        plan.sample(np.zeros((2, 2)))
+
+
+# --- laws ---
+
+
+def test_residuals_compare_neighbouring_phases(plan):
+    assert plan.residuals().largest <= 1e-13
+    broken = replace(plan.phases[2], origin=(0.61, -0.09))
+    jumped = replace(plan, phases=(*plan.phases[:2], broken, *plan.phases[3:])).residuals()
+    assert jumped.position == pytest.approx(0.01 / 0.88)
+    assert jumped.zmp == pytest.approx(0.01 / 0.88)
+    assert jumped.velocity < 1e-13
+
+
+def test_everything_is_continuous_across_switches(plan):
+    before, after = plan.sample(plan.switch_times - 1e-7), plan.sample(plan.switch_times + 1e-7)
+    for name in (
+        "com",
+        "com_velocity",
+        "com_acceleration",
+        "dcm",
+        "zmp",
+        "force",
+        "moment",
+        "angular_momentum",
+    ):
+        a, b = getattr(before, name), getattr(after, name)
+        scale = max(1.0, float(np.abs(a).max()))
+        np.testing.assert_allclose(a, b, atol=2e-5 * scale, err_msg=name)
+
+
+def test_the_two_identities_hold_at_every_instant(plan):
+    s = plan.sample(np.linspace(0.0, plan.duration, 1000))
+    np.testing.assert_allclose(s.force, 60.0 * (s.com_acceleration + np.array([0.0, 0.0, G])), atol=1e-12)
+    x = s.com[:, 0] - (0.88 * s.force[:, 0] + s.moment[:, 1]) / s.force[:, 2]
+    y = s.com[:, 1] - (0.88 * s.force[:, 1] - s.moment[:, 0]) / s.force[:, 2]
+    np.testing.assert_allclose(s.zmp, np.stack([x, y], axis=1), atol=1e-12)
+
+
+def test_plain_pendulum():
+    """1/a_s = 0 and c = 1: a fixed ZMP, no moment, xdd = g/H (x - zmp)."""
+    plan = plan_gait(changed(a_s=math.inf, c_s=1.0, c_y=1.0))
+    s = plan.sample(np.linspace(0.0, plan.duration, 1000))
+    assert plan.constants.inverse_a_s == 0.0
+    assert np.abs(s.moment).max() == 0.0
+    assert np.abs(s.angular_momentum).max() == 0.0
+    single = s.phase == 0
+    stance = np.where((s.stance == 0)[:, None], s.left_placement, s.right_placement)
+    np.testing.assert_allclose(s.zmp[single], stance[single], atol=1e-12)
+    np.testing.assert_allclose(s.com_acceleration[:, :2], G / 0.88 * (s.com[:, :2] - s.zmp), atol=1e-11)
+
+
+def force_law_integration(parameters, steps):
+    """Integrate xdd = F/m from the ZMP and force laws alone; switch where the COM has travelled its share.
+
+    Returns the switch times and, per phase, a dense solution of (x, y, vx, vy, L_x, L_y).
+    """
+    p, m = parameters, 60.0
+    half = p.step_length / 2
+    l_s, l_d = half * p.single_support_ratio, half * (1 - p.single_support_ratio)
+    a_d, c_d = l_d / (half - l_s / p.a_s), (half - p.c_s * l_s) / l_d
+    constants = plan_gait(p).constants  # beta and v have no simpler definition than the root itself
+    beta, s = constants.beta, constants.s
+    w = p.step_width / 2
+
+    def single(k):
+        foot, side = k * p.step_length, (-1) ** k * w
+
+        def laws(x, y):
+            zmp = np.array([foot + (x - foot) / p.a_s, side])
+            top = np.array([foot + p.c_s * (x - foot), side + p.c_y * (y - side)])
+            return zmp, top
+
+        return laws, foot + l_s
+
+    def double(k):
+        middle = (k + 0.5) * p.step_length
+
+        def laws(x, y):
+            zmp = np.array([middle + (x - middle) / a_d, (beta + s) / beta * y])
+            force_y = p.c_y * (y - zmp[1])  # over m g / H
+            return zmp, np.array([middle + c_d * (x - middle), zmp[1] + force_y])
+
+        return laws, middle + l_d
+
+    state = np.array([-l_s, beta, p.switching_velocity, constants.lateral_switching_velocity, 0.0, 0.0])
+    now, switches, pieces = 0.0, [], []
+    for k in range(steps):
+        for laws, end in (single(k), double(k)):
+
+            def derivative(t, u, laws=laws):
+                com = np.array([u[0], u[1], p.com_height])
+                zmp, top = laws(u[0], u[1])
+                force = m * G * np.array([*(top - zmp) / p.com_height, 1.0])
+                moment = np.cross(np.array([*zmp, 0.0]) - com, force)
+                return [u[2], u[3], force[0] / m, force[1] / m, moment[0], moment[1]]
+
+            def passed(t, u, end=end):
+                return u[0] - end
+
+            passed.terminal = True  # type: ignore[attr-defined]
+            found = solve_ivp(
+                derivative,
+                (now, now + 2.0),
+                state,
+                method="DOP853",
+                rtol=1e-12,
+                atol=1e-13,
+                events=passed,
+                dense_output=True,
+            )
+            now, state = found.t_events[0][0], found.y_events[0][0]
+            switches.append(now)
+            pieces.append(found.sol)
+    return switches, pieces
+
+
+@pytest.mark.parametrize("parameters", [GOLDEN, changed(c_s=0.9, c_y=1.2, a_s=2.5, switching_velocity=1.3)])
+def test_an_independent_integration_of_force_and_zmp_laws(parameters):
+    steps = 3
+    plan = plan_gait(parameters)
+    switches, pieces = force_law_integration(parameters, steps)
+    np.testing.assert_allclose(switches[:-1], plan.switch_times[: 2 * steps - 1], atol=1e-10)
+    start = plan.sample(0.0).angular_momentum[0]
+    for begin, end, piece in zip([0.0, *switches[:-1]], switches, pieces, strict=True):
+        t = np.linspace(begin, end - 1e-9, 40)
+        s = plan.sample(t)
+        x, y, vx, vy, lx, ly = piece(t)
+        # Lateral errors grow by the pendulum's own instability, e^(T_SS/T_l) a step.
+        np.testing.assert_allclose(s.com[:, :2], np.stack([x, y], axis=1), atol=2e-8)
+        np.testing.assert_allclose(s.com_velocity[:, :2], np.stack([vx, vy], axis=1), atol=1e-7)
+        np.testing.assert_allclose(s.angular_momentum - start, np.stack([lx, ly], axis=1), atol=1e-5)
+
+
+def test_angular_momentum_is_the_integral_of_the_moment(plan):
+    t = np.linspace(0.0, plan.constants.single_support_duration, 2001)
+    s = plan.sample(t)
+    expected = cumulative_simpson(s.moment, x=t, axis=0, initial=0.0)
+    np.testing.assert_allclose(s.angular_momentum - s.angular_momentum[0], expected, atol=1e-9)
+
+
+def test_angular_momentum_x_is_mirror_antisymmetric(plan):
+    t = np.linspace(0.0, plan.constants.step_duration * 0.999, 100)
+    now, later = plan.sample(t), plan.sample(t + plan.constants.step_duration)
+    np.testing.assert_allclose(later.angular_momentum[:, 0], -now.angular_momentum[:, 0], atol=1e-10)
+    np.testing.assert_allclose(later.angular_momentum[:, 1], now.angular_momentum[:, 1], atol=1e-10)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.45])
+def test_the_mean_of_angular_momentum_y_is_the_offset(offset):
+    plan = plan_gait(GOLDEN, angular_momentum_y_offset=offset)
+    nodes, weights = np.polynomial.legendre.leggauss(20)
+    total = 0.0
+    for phase in plan.phases[:2]:
+        t = phase.start + 0.5 * phase.duration * (nodes + 1.0)
+        total += 0.5 * phase.duration * float(weights @ plan.sample(t).angular_momentum[:, 1])
+    assert total / plan.constants.step_duration == pytest.approx(offset, abs=1e-12)
+
+
+def test_with_angular_momentum_offset_changes_nothing_else(plan):
+    shifted = plan.with_angular_momentum_offset(0.4)
+    t = np.linspace(0.0, plan.duration, 100)
+    a, b = plan.sample(t), shifted.sample(t)
+    np.testing.assert_allclose(b.angular_momentum - a.angular_momentum, [[0.0, 0.4]] * 100, atol=1e-13)
+    np.testing.assert_array_equal(a.zmp, b.zmp)
+    assert shifted.constants.angular_momentum_y_offset == 0.4
+    assert plan_gait(GOLDEN, angular_momentum_y_offset=0.4) == shifted
+    with pytest.raises(InputError, match="finite"):
+        plan.with_angular_momentum_offset(math.nan)
+
+
+def test_dcm_and_mass(plan):
+    s, heavy = plan.sample(0.2), plan_gait(GOLDEN, mass=120.0).sample(0.2)
+    np.testing.assert_allclose(s.dcm, s.com[:, :2] + s.com_velocity[:, :2] * math.sqrt(0.88 / G))
+    np.testing.assert_allclose(heavy.force, 2 * s.force)
+    np.testing.assert_allclose(heavy.angular_momentum, 2 * s.angular_momentum)
+    np.testing.assert_array_equal(heavy.com, s.com)
+
+
+def test_planning_takes_less_than_a_millisecond():
+    def once():
+        start = time.process_time()
+        plan_gait(GaitParameters(steps=30))
+        return time.process_time() - start
+
+    assert min(once() for _ in range(50)) < 1e-3
+
+
+# --- refusals ---
+
+
+@pytest.mark.parametrize(
+    ("values", "reason", "limit", "words"),
+    [
+        (
+            {"switching_velocity": 0.3},
+            "switching_velocity_too_low",
+            0.68339,
+            ["0.3 m/s", "0.683", "raise gait.swi"],
+        ),
+        (
+            {"switching_velocity": 0.69},
+            "mid_stance_too_slow",
+            0.138,
+            ["0.138 m/s", "20%", "0.683", "0.6975 m/s"],
+        ),
+        ({"a_s": 0.5}, "single_support_not_driven", 0.0, ["c_s - 1/gait.a_s = -0.8", "0.8333"]),
+        ({"a_s": 1 / 1.2}, "single_support_not_driven", 0.0, ["c_s"]),
+        ({"c_s": -1.0}, "single_support_not_driven", 0.0, ["raise gait.c_s above 0.25"]),
+        ({"c_y": 0.0}, "c_y_not_positive", 0.0, ["gait.c_y = 0 "]),
+        ({"c_y": -0.5}, "c_y_not_positive", 0.0, ["gait.c_y = -0.5"]),
+        (
+            {"c_s": 0.251, "c_y": 100.0, "switching_velocity": 0.024},
+            "single_support_too_long",
+            600.0,
+            ["lateral pendulum"],
+        ),
+        ({"c_y": 5e-324}, "ill_conditioned", 1e-9, ["jump"]),
+    ],
+)
+def test_a_mathematical_refusal_names_value_limit_and_way_out(values, reason, limit, words):
+    with pytest.raises(MathematicalRefusal) as caught:
+        plan_gait(changed(**values))
+    refusal = caught.value
+    assert refusal.reason == reason
+    assert refusal.limit == pytest.approx(limit, rel=1e-4)
+    assert refusal.way_out in str(refusal)
+    for word in words:
+        assert word in str(refusal)
+
+
+def test_the_least_speed_is_the_least_speed():
+    with pytest.raises(MathematicalRefusal) as caught:
+        plan_gait(changed(switching_velocity=0.3))
+    least = caught.value.limit
+    assert least == pytest.approx(0.21 * math.sqrt(0.95 * G / 0.88), rel=1e-15)
+    # The way out names a speed that is accepted, no more than a rounding above the least accepted one.
+    enough = float(caught.value.way_out.split(" to ")[1].split(" ")[0])
+    plan = plan_gait(changed(switching_velocity=enough))
+    slowest = plan.sample(plan.constants.single_support_duration / 2).com_velocity[0, 0]
+    assert 0.2 * enough <= slowest < 0.205 * enough
+    assert slowest == pytest.approx(math.sqrt(enough**2 - least**2))
+
+
+@pytest.mark.parametrize("mass", [0.0, -60.0, math.nan, math.inf])
+def test_a_mass_that_is_no_mass(mass):
+    with pytest.raises(InputError, match="mass"):
+        plan_gait(GOLDEN, mass=mass)
+
+
+# Well beyond anything that walks: every draw is a valid plan or a named refusal.
+WIDE = st.builds(
+    GaitParameters,
+    com_height=st.floats(0.05, 10.0),
+    step_length=st.floats(1e-3, 5.0),
+    switching_velocity=st.floats(1e-3, 10.0),
+    single_support_ratio=st.floats(1e-3, 1 - 1e-3),
+    a_s=st.one_of(st.just(math.inf), st.floats(0.01, 1e6)),
+    c_s=st.floats(-5.0, 20.0),
+    c_y=st.floats(-1.0, 20.0),
+    step_width=st.floats(1e-3, 5.0),
+    steps=st.integers(1, 40),
+)
+WALKABLE = st.builds(
+    GaitParameters,
+    com_height=st.floats(0.5, 1.2),
+    step_length=st.floats(0.1, 0.9),
+    switching_velocity=st.floats(0.3, 2.5),
+    single_support_ratio=st.floats(0.3, 0.95),
+    a_s=st.one_of(st.just(math.inf), st.floats(2.0, 20.0)),
+    c_s=st.floats(0.7, 2.0),
+    c_y=st.floats(0.01, 1.5),
+    step_width=st.floats(0.05, 0.4),
+    steps=st.integers(1, 12),
+)
+EDGE = st.builds(
+    GaitParameters,
+    com_height=st.floats(1e-300, 100.0, exclude_min=True),
+    step_length=st.floats(1e-300, 100.0, exclude_min=True),
+    switching_velocity=st.floats(1e-300, 100.0, exclude_min=True),
+    single_support_ratio=st.floats(0, 1, exclude_min=True, exclude_max=True),
+    a_s=st.floats(0, exclude_min=True),
+    c_s=st.floats(-100, 100),
+    c_y=st.floats(-100, 100),
+    step_width=st.floats(1e-300, 100.0, exclude_min=True),
+    steps=st.integers(1, 5),
+)
+
+
+def check_plan_or_refusal(parameters):
+    try:
+        plan = plan_gait(parameters)
+    except MathematicalRefusal as caught:
+        refusal = caught
+    else:
+        return check_plan(plan)
+    assert refusal.reason
+    assert refusal.way_out in str(refusal)
+    assert not math.isnan(refusal.limit)
+    return None
+
+
+def check_plan(plan):
+    assert plan.residuals().largest <= RESIDUAL_LIMIT
+    times = np.linspace(0.0, plan.duration, 60)
+    s = plan.sample(times)
+    for name in ("com", "com_velocity", "com_acceleration", "zmp", "force", "moment", "angular_momentum"):
+        assert np.isfinite(getattr(s, name)).all(), name
+    assert np.diff(s.com[:, 0]).min() >= 0.0
+    return plan
+
+
+@given(parameters=WIDE)
+@settings(max_examples=150, deadline=None)
+def test_a_wide_space_of_parameters(parameters):
+    check_plan_or_refusal(parameters)
+
+
+@given(parameters=EDGE)
+@settings(max_examples=150, deadline=None)
+def test_the_edges_of_what_parameters_allow(parameters):
+    check_plan_or_refusal(parameters)
+
+
+@given(parameters=WALKABLE)
+@settings(max_examples=150, deadline=None)
+def test_every_plan_keeps_the_laws(parameters):
+    plan = check_plan_or_refusal(parameters)
+    if plan is None:
+        return
+    c = plan.constants
+    assert plan.residuals().largest <= 1e-11
+    assert c.s + c.beta == pytest.approx(parameters.step_width / 2)
+    assert 0.0 < c.beta < parameters.step_width / 2
+    s = plan.sample(plan.switch_times)
+    np.testing.assert_allclose(s.com_velocity[:, 0], parameters.switching_velocity, rtol=1e-9)
+    np.testing.assert_allclose(np.abs(s.com[:, 1]), c.beta, rtol=1e-7)
+    s = plan.sample(np.linspace(0.0, plan.duration, 100))
+    x = s.com[:, 0] - (parameters.com_height * s.force[:, 0] + s.moment[:, 1]) / s.force[:, 2]
+    np.testing.assert_allclose(s.zmp[:, 0], x, atol=1e-10)
+    assert s.com_velocity[:, 0].min() >= 0.2 * parameters.switching_velocity * (1 - 1e-9)
+    assert (np.abs(s.zmp[:, 1]) <= parameters.step_width / 2 + 1e-12).all()
+
+
+# --- support polygon ---
+
+
+@given(
+    points=st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=3, max_size=12, unique=True),
+    query=st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5)),
+)
+@settings(max_examples=100, deadline=None)
+def test_hull_distance_against_the_hull(points, query):
+    array = np.round(np.array(points), 3)
+    hull = convex_hull(array)
+    q = np.round(np.array(query), 3)
+    if len(hull) < 3:
+        return
+    edges = np.roll(hull, -1, axis=0) - hull
+    length = np.hypot(*edges.T)
+    signed = (edges[:, 0] * (q - hull)[:, 1] - edges[:, 1] * (q - hull)[:, 0]) / length
+    along = np.clip(np.sum((q - hull) * edges, axis=1) / length**2, 0.0, 1.0)
+    nearest = np.hypot(*(q - hull - along[:, None] * edges).T).min()
+    expected = signed.min() if signed.min() >= 0.0 else -nearest
+    assert hull_distance(array[None], q[None])[0] == pytest.approx(expected, abs=1e-9)
+
+
+def test_convex_hull_drops_what_lies_inside_or_on_an_edge():
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5], [0.5, 0.0], [1, 1]], dtype=float)
+    np.testing.assert_array_equal(convex_hull(square), [[0, 0], [1, 0], [1, 1], [0, 1]])
+    assert len(convex_hull(np.array([[0.0, 1.0], [0.0, 2.0], [0.0, 1.0]]))) == 2
+
+
+def test_the_support_polygon_of_flat_feet():
+    plan = plan_gait(
+        GaitParameters(step_length=0.4, switching_velocity=0.8, steps=4),
+        foot=FootParameters(schedule="flat"),
+        sole=SOLE,
+    )
+    single = plan.support_polygon(0.1)
+    np.testing.assert_allclose([single[:, 0].min(), single[:, 0].max()], [-0.107, 0.151])
+    np.testing.assert_allclose([single[:, 1].min(), single[:, 1].max()], [0.05, 0.13])
+    double = plan.support_polygon(plan.switch_times[0] + 0.01)
+    np.testing.assert_allclose([double[:, 0].min(), double[:, 0].max()], [-0.107, 0.551])
+    times = np.linspace(0.0, plan.duration, 300)
+    margin = plan.zmp_margin(times)
+    assert margin.min() > 0.0
+    # In single support the nearest edge is the heel, the toe or a side.
+    middle = plan.zmp_margin(plan.constants.single_support_duration / 2)[0]
+    assert 0.03 < middle < 0.04
+
+
+def test_the_margin_needs_soles(plan):
+    with pytest.raises(InputError, match="sole"):
+        plan.zmp_margin([0.1])
+    with pytest.raises(InputError, match="sole"):
+        plan.support_polygon(0.1)
