@@ -74,6 +74,7 @@ class MeasuredGait:
         zmp: from contact forces, shape (K, 2) [m].
         zmp_momentum: from momentum rates, shape (K, 2) [m].
         com: the simulator's COM at t_k, shape (K, 3) [m].
+        com_pin: Pinocchio's COM at t_k, shape (K, 3) [m].
         com_velocity: Pinocchio's COM velocity at t_k, shape (K, 3) [m/s].
         com_acceleration: forward difference of ``com_velocity`` over the step, shape (K, 3) [m/s^2].
         momentum_force: ``m (com_acceleration + g e_z)``, shape (K, 3) [N].
@@ -102,6 +103,7 @@ class MeasuredGait:
     zmp: Array
     zmp_momentum: Array
     com: Array
+    com_pin: Array
     com_velocity: Array
     com_acceleration: Array
     momentum_force: Array
@@ -232,6 +234,7 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
         zmp=zmp,
         zmp_momentum=zmp_momentum,
         com=record.com[:-1].copy(),
+        com_pin=com_pin[:-1].copy(),
         com_velocity=com_velocity[:-1].copy(),
         com_acceleration=com_acceleration,
         momentum_force=momentum_force,

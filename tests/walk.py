@@ -1,0 +1,118 @@
+"""A walk that follows its plan to the last bit, and ways to spoil it by a known amount."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ampm.body import SoleGeometry
+from ampm.gait import plan_gait
+from ampm.parameters import load_run
+from validation.measure import MeasuredGait, SelfChecks, zmp_from_momentum
+from validation.record import Outcome, OutcomeName, SimulationRecord
+
+MASS = 60.0
+SOLE = SoleGeometry(-0.107, 0.083, 0.151, 0.03, 0.045, 0.03, -0.042, 0.066)
+
+
+def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
+    """Plan, record and measurement; ``count`` cuts the run short."""
+    run = load_run(gait, [f"gait.steps={steps}"])
+    plan = plan_gait(run.gait, mass=MASS, foot=run.foot, sole=SOLE)
+    whole = int(plan.duration / dt)
+    k = whole if count is None else count
+    time = dt * np.arange(k + 1)
+    sample = plan.sample(time)
+    left, right = plan.feet.sample(time)
+    contact = np.concatenate([np.repeat(foot.contact, 2, axis=1) for foot in (left, right)], axis=1)[:k]
+    share = contact / np.maximum(contact.sum(axis=1, keepdims=True), 1)
+    force = share[..., None] * sample.force[:k, None]
+    points = np.concatenate([left.sole_points, right.sole_points], axis=1)[:k]
+    momentum = np.column_stack([sample.angular_momentum, 0.5 * np.sin(3 * time)])
+    name = OutcomeName.COMPLETED if k == whole else OutcomeName.FELL
+    record = SimulationRecord(
+        time=time,
+        q=np.zeros((k + 1, 9)),
+        qd=np.zeros((k + 1, 8)),
+        torque=np.zeros((k, 2)),
+        warmstart=np.zeros((k, 8)),
+        point_force=force,
+        point_position=points,
+        point_penetration=np.zeros((k, 12)),
+        point_velocity=np.zeros((k, 12, 3)),
+        point_foot=np.repeat([0, 1], 6),
+        point_group=np.tile(np.repeat([0, 1, 2], 2), 2),
+        com=sample.com,
+        angular_momentum=momentum,
+        foot_position=np.stack([left.position, right.position], axis=1),
+        foot_rotation=np.tile([1.0, 0.0, 0.0, 0.0], (k + 1, 2, 1)),
+        sensors={},
+        command_com=sample.com[:k],
+        command_zmp=sample.zmp[:k],
+        command_force=sample.force[:k],
+        command_angular_momentum=momentum[:k],
+        command_point_force=force,
+        tick_time=time[:k],
+        qp_status=np.zeros(k),
+        qp_residual=np.full(k, 1e-8),
+        qp_iterations=np.full(k, 25),
+        qp_time=np.full(k, 2e-5),
+        outcome=Outcome(name, float(time[-1]), "" if name == "completed" else "The test ended it.", steps),
+        mass=MASS,
+        gravity=9.81,
+        time_step=dt,
+        friction=0.8,
+        torque_limit=np.array([100.0, 50.0]),
+        joint_range=np.array([[-1.0, 2.0], [-2.0, 2.0]]),
+        joint_names=("knee", "hip"),
+    )
+    rate = np.column_stack([sample.moment[:k], np.zeros(k)])
+    foot_force = np.stack([force[:, :6].sum(axis=1), force[:, 6:].sum(axis=1)], axis=1)
+    measured = MeasuredGait(
+        time=time[:k].copy(),
+        foot_force=foot_force,
+        foot_torque=np.zeros((k, 2, 3)),
+        force=sample.force[:k].copy(),
+        torque=np.zeros((k, 3)),
+        zmp=sample.zmp[:k].copy(),
+        zmp_momentum=sample.zmp[:k].copy(),
+        com=sample.com[:k].copy(),
+        com_pin=sample.com[:k].copy(),
+        com_velocity=sample.com_velocity[:k].copy(),
+        com_acceleration=sample.com_acceleration[:k].copy(),
+        momentum_force=sample.force[:k].copy(),
+        angular_momentum=momentum[:k].copy(),
+        angular_momentum_pin=momentum[:k].copy(),
+        angular_momentum_rate=rate,
+        foot_contact=foot_force[:, :, 2] > 0,
+        point_contact=contact,
+        foot_position=record.foot_position[:k].copy(),
+        slip_speed=np.zeros((k, 2)),
+        slip=np.zeros((k, 2)),
+        penetration=np.zeros((k, 2)),
+        polygon_margin=np.full(k, 0.01),
+        mass=MASS,
+        gravity=9.81,
+        time_step=dt,
+        self_checks=SelfChecks(0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0),
+    )
+    return plan, record, measured
+
+
+def with_state(plan, measured, com_shift=0.0, force_shift=0.0, moment_shift=0.0, instrument=0.0):
+    """The same walk with another COM [m], force [N], moment [N m] and contact ZMP [m]: always consistent."""
+    com = measured.com + com_shift
+    force = measured.momentum_force + force_shift
+    rate = measured.angular_momentum_rate + moment_shift
+    zmp = zmp_from_momentum(com, force, rate, 0.0)
+    return replace(
+        measured,
+        com=com,
+        com_pin=com,
+        momentum_force=force,
+        force=force,
+        angular_momentum_rate=rate,
+        zmp_momentum=zmp,
+        zmp=zmp + instrument,
+    )

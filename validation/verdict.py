@@ -1,0 +1,286 @@
+"""Pass, fail or not measured: a comparison held against a tolerance profile, and the summary of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from validation.compare import FIRST_STEP, Comparison, statistics_table
+from validation.profiles import BODY_WEIGHT, Profile, Tolerance
+
+if TYPE_CHECKING:
+    from validation.measure import MeasuredGait
+    from validation.record import Outcome, SimulationRecord
+
+
+class VerdictName(StrEnum):
+    """What a verdict says."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    NOT_MEASURED = "not_measured"
+
+
+@dataclass(frozen=True)
+class MetricResult:
+    """One metric, judged or only reported.
+
+    Attributes:
+        name: metric.
+        value: measured value in ``unit``, NaN if there is none.
+        unit: SI unit.
+        tolerance: largest value that passes, in ``unit``; None if the profile has none.
+        passed: None where nothing is judged.
+        margin: share of the tolerance that is left, 1 - value / tolerance; negative if failed, None if
+            unjudged. Where the tolerance is zero, 1 if met and -infinity if not.
+        reason: of the tolerance, empty if there is none.
+        display_value, display_tolerance: the same two numbers in ``display_unit``.
+        display_unit: what tables show: mm, % of body weight, N m s.
+        normalised: value over foot length, body weight and the like [1].
+        first_step: the same figure for the first step, in ``unit``, None if it has none.
+    """
+
+    name: str
+    value: float
+    unit: str
+    tolerance: float | None
+    passed: bool | None
+    margin: float | None
+    reason: str
+    display_value: float
+    display_tolerance: float | None
+    display_unit: str
+    normalised: Mapping[str, float]
+    first_step: float | None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a profile says of a run.
+
+    Attributes:
+        name: pass only if every tolerance was judged and met.
+        profile: name of the profile.
+        reason: one sentence.
+        metrics: judged ones first, in the profile's order, then those only reported.
+    """
+
+    name: VerdictName
+    profile: str
+    reason: str
+    metrics: tuple[MetricResult, ...]
+
+    @property
+    def judged(self) -> tuple[MetricResult, ...]:
+        """Metrics that have a tolerance."""
+        return tuple(item for item in self.metrics if item.tolerance is not None)
+
+    @property
+    def failed(self) -> tuple[MetricResult, ...]:
+        """Metrics out of tolerance."""
+        return tuple(item for item in self.metrics if item.passed is False)
+
+    @property
+    def tightest(self) -> MetricResult | None:
+        """The judged metric with the least margin."""
+        judged = [item for item in self.judged if item.margin is not None]
+        return min(judged, key=lambda item: item.margin or 0.0, default=None)
+
+
+def judge(comparison: Comparison, outcome: Outcome, profile: Profile) -> Verdict:
+    """Hold a comparison against a profile.
+
+    A run that did not complete has no verdict on tolerances: its figures would be of a walk that did not
+    happen. They are reported all the same, unjudged.
+    """
+    limits = {item.metric: item for item in profile.tolerances}
+    weight = comparison.scales["body_weight"]
+    names = [name for name in limits if name in comparison.metrics]
+    names += [name for name in comparison.metrics if name not in limits]
+    results = tuple(
+        _result(name, comparison, limits.get(name), weight, judged=outcome.completed) for name in names
+    )
+    missing = [name for name in limits if name not in comparison.metrics]
+    missing += [item.name for item in results if item.tolerance is not None and math.isnan(item.value)]
+    failed = [item for item in results if item.passed is False]
+    if not outcome.completed:
+        name = VerdictName.NOT_MEASURED
+        reason = f"{outcome.name.sentence[:-1]}, at {outcome.time:.3f} s"
+        reason += f": {outcome.cause.rstrip('.')}." if outcome.cause else "."
+    elif failed:
+        name = VerdictName.FAIL
+        worst = min(failed, key=lambda item: item.margin or 0.0)
+        reason = (
+            f"{len(failed)} of {len(limits)} tolerances not met; the furthest is {worst.name}: "
+            f"{worst.display_value:.3g} {worst.display_unit}, limit {worst.display_tolerance:.3g}."
+        )
+    elif missing:
+        name = VerdictName.NOT_MEASURED
+        reason = f"No figure for {', '.join(missing)}: a run must last longer than its first step."
+    else:
+        name = VerdictName.PASS
+        judged = [item for item in results if item.margin is not None and item.tolerance]
+        tight = min(judged, key=lambda item: item.margin or 0.0)
+        reason = (
+            f"All {len(limits)} tolerances met; the tightest is {tight.name}: "
+            f"{tight.display_value:.3g} {tight.display_unit}, limit {tight.display_tolerance:.3g}."
+        )
+    return Verdict(name, profile.name, reason, results)
+
+
+def build_summary(
+    record: SimulationRecord,
+    measured: MeasuredGait,
+    comparison: Comparison,
+    verdict: Verdict,
+    *,
+    timing: Mapping[str, Any] | None = None,
+    environment: Mapping[str, Any] | None = None,
+    extra: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Contents of ``summary.json``: plain JSON values in SI units, None for what is undefined.
+
+    Args:
+        record: the run.
+        measured: its measurement.
+        comparison: with the plan.
+        verdict: of a profile.
+        timing: wall-clock times [s] and what follows from them.
+        environment: versions and platform.
+        extra: further top-level entries, such as the gait's name or the motion's residuals.
+    """
+    status = record.qp_status
+    summary = {
+        "outcome": str(record.outcome.name),
+        "verdict": str(verdict.name),
+        "steps_completed": record.outcome.steps_completed,
+        "reason": verdict.reason,
+        "profile": verdict.profile,
+        "end": {"time": record.outcome.time, "cause": record.outcome.cause},
+        "metrics": {item.name: _metric_entry(item) for item in verdict.metrics},
+        "timing": dict(timing or {}),
+        "statistics": statistics_table(comparison),
+        "zmp_error_split": {
+            "residual": comparison.zmp_split.residual,
+            "rmse": {name: list(pair) for name, pair in comparison.zmp_split.rmse.items()},
+            "share": {name: list(pair) for name, pair in comparison.zmp_split.share.items()},
+            "unit": "m",
+        },
+        "effort": asdict(comparison.effort),
+        "effort_first_step": asdict(comparison.effort_first_step),
+        "margins": asdict(comparison.margins),
+        "energy": asdict(comparison.energy),
+        "self_checks": asdict(measured.self_checks),
+        "solver": {
+            "ticks": int(status.size),
+            "solved": int(np.count_nonzero(status == 0)),
+            "solved_with_limits": int(np.count_nonzero(status == 1)),
+            "unsolved": int(np.count_nonzero(status == 2)),
+            "residual_maximum": _maximum(record.qp_residual),
+            "iterations_median": _quantile(record.qp_iterations, 0.5),
+            "iterations_maximum": _maximum(record.qp_iterations),
+            "time_median": _quantile(record.qp_time, 0.5),
+            "time_p99": _quantile(record.qp_time, 0.99),
+        },
+        "scales": dict(comparison.scales),
+        "environment": dict(environment or {}),
+        **(extra or {}),
+    }
+    return _plain(summary)
+
+
+def _result(
+    name: str, comparison: Comparison, tolerance: Tolerance | None, weight: float, *, judged: bool
+) -> MetricResult:
+    metric = comparison.metrics[name]
+    factor, display_unit = _display(metric.unit, weight)
+    limit: float | None = None
+    if tolerance is not None:
+        limit = tolerance.limit * (weight if tolerance.unit == BODY_WEIGHT else 1.0)
+    passed: bool | None = None
+    margin: float | None = None
+    if limit is not None and judged and not math.isnan(metric.value):
+        passed = metric.value <= limit
+        if limit > 0.0:
+            margin = 1.0 - metric.value / limit
+        else:
+            margin = 1.0 if passed else -math.inf
+    return MetricResult(
+        name=name,
+        value=metric.value,
+        unit=metric.unit,
+        tolerance=limit,
+        passed=passed,
+        margin=margin,
+        reason=tolerance.reason if tolerance is not None else "",
+        display_value=metric.value * factor,
+        display_tolerance=None if limit is None else limit * factor,
+        display_unit=display_unit,
+        normalised=metric.normalised,
+        first_step=_first_step(name, comparison),
+    )
+
+
+def _display(unit: str, weight: float) -> tuple[float, str]:
+    """Factor and unit for people: millimetres, percent of body weight."""
+    if unit == "m":
+        return 1e3, "mm"
+    if unit == "N":
+        return 100.0 / weight, "% of body weight"
+    return 1.0, "" if unit == "1" else unit
+
+
+def _first_step(name: str, comparison: Comparison) -> float | None:
+    signal, _, figure = name.rpartition("_")
+    if signal not in comparison.signals or figure not in ("rmse", "maximum"):
+        return None
+    value = getattr(comparison.signals[signal].windows[FIRST_STEP], figure)
+    return None if math.isnan(value) else float(value)
+
+
+def _metric_entry(item: MetricResult) -> dict[str, Any]:
+    return {
+        "value": item.value,
+        "unit": item.unit,
+        "tolerance": item.tolerance,
+        "pass": item.passed,
+        "margin": item.margin,
+        "first_step": item.first_step,
+        "normalised": dict(item.normalised),
+        "display": {
+            "value": item.display_value,
+            "unit": item.display_unit,
+            "tolerance": item.display_tolerance,
+        },
+        "reason": item.reason or None,
+    }
+
+
+def _maximum(values: Any) -> float:
+    return float(values.max()) if values.size else math.nan
+
+
+def _quantile(values: Any, share: float) -> float:
+    return float(np.quantile(values, share)) if values.size else math.nan
+
+
+def _plain(value: Any) -> Any:
+    """Only what JSON has: NaN and infinities become None."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, StrEnum):
+        return str(value)
+    return value
