@@ -14,6 +14,9 @@ Sources:
         calcaneus 1.25 kg, toes 0.2166 kg).
     AAOS: W. B. Greene, J. D. Heckman (eds.), "The Clinical Measurement of Joint Motion", American Academy of
         Orthopaedic Surgeons, 1994.
+    ANDERSON: D. E. Anderson, M. L. Madigan, M. A. Nussbaum, "Maximum voluntary joint torque as a function of
+        joint angle and angular velocity", J. Biomech. 40(14), 2007, table 3, men of 18 to 25 years.
+The sources of the remaining ranges and torques are in docs/body.md.
 """
 
 from __future__ import annotations
@@ -121,10 +124,10 @@ RANGES: dict[str, tuple[float, float]] = {
     # plantar flexion. Left side for roll and yaw: abduction, eversion and outward rotation are positive.
     "waist_yaw": (-0.6, 0.6),
     "waist_roll": (-0.5, 0.5),
-    "waist_pitch": (-0.8, 0.8),
+    "waist_pitch": (-0.6, 0.8),
     "chest_yaw": (-0.6, 0.6),
     "chest_roll": (-0.6, 0.6),
-    "chest_pitch": (-0.6, 0.7),
+    "chest_pitch": (-0.5, 0.6),
     "hip_pitch": (-2.10, 0.52),
     "hip_roll": (-0.52, 0.79),
     "hip_yaw": (-0.79, 0.79),
@@ -140,7 +143,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "wrist_pitch": (-0.35, 0.58),
     "wrist_roll": (-1.27, 1.24),
 }
-"""Range of each hinge [rad]; those of a right limb are mirrored. See docs/body.md for the sources."""
+"""Range of each hinge [rad]; those of a right limb are mirrored. Sources, joint by joint: docs/body.md."""
 
 TORQUE_SHARES: dict[str, float] = {
     "waist_yaw": 0.10,
@@ -149,11 +152,11 @@ TORQUE_SHARES: dict[str, float] = {
     "chest_yaw": 0.10,
     "chest_roll": 0.14,
     "chest_pitch": 0.20,
-    "hip_pitch": 0.16,
-    "hip_roll": 0.11,
+    "hip_pitch": 0.161,
+    "hip_roll": 0.105,
     "hip_yaw": 0.06,
-    "knee_pitch": 0.16,
-    "ankle_pitch": 0.14,
+    "knee_pitch": 0.163,
+    "ankle_pitch": 0.139,
     "ankle_roll": 0.035,
     "toe_pitch": 0.04,
     "shoulder_pitch": 0.07,
@@ -164,7 +167,7 @@ TORQUE_SHARES: dict[str, float] = {
     "wrist_pitch": 0.012,
     "wrist_roll": 0.012,
 }
-"""Largest torque of each hinge as a share of weight times stature [1]. See docs/body.md for the sources."""
+"""Largest torque of each hinge as a share of weight times stature [1]. Sources: docs/body.md."""
 
 SOURCES: tuple[str, ...] = (
     "de Leva 1996 (segment masses, centres of mass, radii of gyration; male)",
@@ -172,6 +175,6 @@ SOURCES: tuple[str, ...] = (
     "Bell et al. 1990 (distance of the hip centres)",
     "Delp et al. 1990 (mass of the toes)",
     "Greene & Heckman 1994 (joint ranges)",
-    "Anderson et al. 2007 (strength of hip and knee)",
+    "Anderson et al. 2007 (strength of hip, knee and ankle)",
 )
 """Short form of the sources, for reports."""

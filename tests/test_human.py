@@ -214,6 +214,8 @@ def test_nothing_passive_disturbs_the_controllers_model(body: Standing) -> None:
     ):  # fmt: skip
         assert not np.any(values)
     assert np.all(body.model.jnt_limited[1:])
+    assert np.all(body.model.jnt_range[1:, 0] <= 0.0), "the neutral posture must be allowed"
+    assert np.all(body.model.jnt_range[1:, 1] > 0.0)
 
 
 def test_only_sole_points_touch_only_the_floor(body: Standing) -> None:
