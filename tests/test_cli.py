@@ -19,11 +19,11 @@ COLUMNS = (
     "time phase stance com_x com_y com_z com_velocity_x com_velocity_y com_velocity_z com_acceleration_x "
     "com_acceleration_y com_acceleration_z dcm_x dcm_y zmp_x zmp_y force_x force_y force_z moment_x moment_y "
     "angular_momentum_x angular_momentum_y"
-).split()  # noqa: SIM905
+).split()
 CONSTANTS = (
     "l_s l_d inverse_a_s a_d c_d single_support_duration double_support_duration s beta "
     "lateral_switching_velocity mean_velocity angular_momentum_y_offset"
-).split()  # noqa: SIM905
+).split()
 
 
 class Answer:

@@ -170,7 +170,7 @@ def validate(
     settings: Settings = None,
     steps: Annotated[int | None, typer.Option("--steps", metavar="N", help="Short for gait.steps=N.")] = None,
     profile: Annotated[
-        str, typer.Option("--profile", metavar="P", help="Tolerance profile: default or strict.")
+        str, typer.Option("--profile", metavar="P", help="Tolerance profile: default, strict, or wide.")
     ] = "default",
     qp: Annotated[str | None, typer.Option("--qp", metavar="osqp|daqp", help="Short for solver.qp.")] = None,
     out: Annotated[
@@ -191,7 +191,7 @@ def validate(
     torque can realise the plan, how closely, and at what cost. The controller follows the plan: agreement is
     no prophecy.
     """
-    from validation import planning, run, summary_text
+    from validation import planning, profiles, run, summary_text
 
     extra = list(settings or ())
     if steps is not None:
@@ -199,7 +199,7 @@ def validate(
     if qp is not None:
         extra.append(f'solver.qp="{qp}"')
     requests = planning.requests(gaits or ["normal"], extra)
-    options = run.Options(profile=profile, force=force)
+    options = run.Options(profile=profiles.profile(profile), force=force)
     targets = run.targets(requests, out, force=force)
     narrator = Narrator()
     answers: list[dict[str, Any]] = []
@@ -262,9 +262,9 @@ def report(directory: RunDir, debug: Debug = False) -> int:
 
 def _status(summary: dict[str, Any]) -> Status:
     """Exit status of one finished run."""
-    if summary["outcome"]["name"] == "interrupted":
+    if summary["outcome"] == "interrupted":
         return Status.INTERRUPTED
-    if summary["outcome"]["name"] != "completed":
+    if summary["outcome"] != "completed":
         return Status.NOT_COMPLETED
     return Status.PASS if summary["verdict"] == "pass" else Status.OUT_OF_TOLERANCE
 
@@ -288,26 +288,31 @@ def describe_error(error: BaseException) -> dict[str, Any]:
 def explain(error: BaseException) -> tuple[Status, str]:
     """Exit status and one sentence for an error."""
     if isinstance(error, KeyboardInterrupt | typer.Abort):
-        return Status.INTERRUPTED, "interrupted"
+        return Status.INTERRUPTED, "interrupted" + _notes(error)
     if isinstance(error, typer.TyperException):
         return (
             Status.REFUSED,
             f"{_one_line(error.format_message()).rstrip('.')}; see '{_command_path(error)} --help'.",
         )
     if isinstance(error, SolverError):
-        return Status.NOT_COMPLETED, _one_line(str(error))
+        return Status.NOT_COMPLETED, _one_line(str(error)) + _notes(error)
     if isinstance(error, AmpmError):
         return Status.REFUSED, _one_line(str(error))
     if isinstance(error, OSError) and error.filename is not None:
         return Status.REFUSED, f"{error.filename}: {error.strerror}; give another file or folder."
     name = type(error).__name__
-    return Status.CRASH, f"crash of ampm itself ({name}: {_one_line(str(error))})"
+    return Status.CRASH, f"crash of ampm itself ({name}: {_one_line(str(error))})" + _notes(error)
 
 
 def _command_path(error: typer.TyperException) -> str:
     """The command that did not understand its options."""
     context = getattr(error, "ctx", None)
     return context.command_path if context is not None else "ampm"
+
+
+def _notes(error: BaseException) -> str:
+    """What others had to say of an error on its way here."""
+    return "".join(f"; {_one_line(note)}" for note in getattr(error, "__notes__", ()))
 
 
 def _one_line(text: str) -> str:

@@ -124,10 +124,9 @@ def print_table(title: str, columns: Sequence[tuple[str, str]], rows: Sequence[S
         rows: cells, rich markup allowed.
     """
     table = Table(title=title, title_justify="left", title_style="bold")
-    for header, justify in columns:
-        table.add_column(
-            header, justify="right" if justify == "right" else "left", no_wrap=justify == "right"
-        )
+    for number, (header, justify) in enumerate(columns):
+        right = justify == "right"
+        table.add_column(header, justify="right" if right else "left", no_wrap=right or number == 0)
     for row in rows:
         table.add_row(*row)
     Console(highlight=False).print(table)

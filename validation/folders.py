@@ -92,8 +92,10 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
         ) from error
     try:
         yield work
-    except BaseException:
-        if not any(work.iterdir()):
+    except BaseException as error:
+        if any(work.iterdir()):
+            error.add_note(f"what was written until then is in {work}")
+        else:
             work.rmdir()
         raise
     check_run_folder(target, force=force)  # something may have appeared there in the meantime

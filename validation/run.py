@@ -1,0 +1,235 @@
+"""The trial of one gait: plan, motion, simulation, measurement, comparison, verdict, run folder.
+
+The order of writing is the order of worth: parameters and environment before the walk starts, the record as
+soon as it ends, then signals and summary, and last what can be drawn again from the saved files.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from ampm.exceptions import InputError
+from ampm.parameters import dump_run
+from validation.bridge import to_pinocchio
+from validation.compare import Comparison, compare
+from validation.console import Silent, json_ready
+from validation.environment import describe_environment
+from validation.folders import RUN_FILES, check_run_folder, run_folder
+from validation.measure import MeasuredGait, measure
+from validation.planning import Planned, Request, plan
+from validation.profiles import DEFAULT, Profile
+from validation.record import SimulationRecord, save_record
+from validation.signals import save_signals, signals_table
+from validation.simulate import simulate
+from validation.verdict import Verdict, build_summary, judge
+
+RUNS = Path("runs")
+"""Where runs go that were given no place of their own."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a trial is judged and kept.
+
+    Attributes:
+        profile: tolerances.
+        force: replace an earlier run in the same folder.
+        recording: write ``recording.rrd`` and ``report.html``; both can be written later from the folder.
+    """
+
+    profile: Profile = DEFAULT
+    force: bool = False
+    recording: bool = True
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A finished trial.
+
+    Attributes:
+        planned: plan and motion.
+        record: of the simulation.
+        measured: blind to the plan.
+        comparison: with the plan.
+        verdict: of the profile.
+        summary: contents of ``summary.json``.
+        directory: the run folder.
+    """
+
+    planned: Planned
+    record: SimulationRecord
+    measured: MeasuredGait
+    comparison: Comparison
+    verdict: Verdict
+    summary: dict[str, Any]
+    directory: Path
+
+
+def targets(asked: Sequence[Request], out: Path | None, *, force: bool) -> list[Path]:
+    """Folder of every run, all of them checked before anything runs.
+
+    ``out`` itself for one gait, a folder of each gait's name in it for several; without it
+    ``runs/<gait>-<time>``.
+
+    Raises:
+        InputError: a folder must not be written.
+    """
+    if out is None:
+        stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+        folders = [_unused(RUNS / f"{item.name}-{stamp}") for item in asked]
+    elif len(asked) == 1:
+        folders = [out]
+    else:
+        if out.exists() and not out.is_dir():
+            raise InputError(f"--out {out} is a file, not a folder; give another folder.")
+        if (out / "run.toml").exists():
+            raise InputError(f"--out {out} is itself the folder of a run; give another folder.")
+        folders = [out / item.name for item in asked]
+    for folder in folders:
+        check_run_folder(folder, force=force)
+    return folders
+
+
+def validate(
+    asked: Request, target: Path, options: Options | None = None, *, stages: Silent | None = None
+) -> Trial:
+    """Plan, walk, measure and judge one gait, and keep everything in a folder.
+
+    A walk that is interrupted (``KeyboardInterrupt``) is measured and kept as far as it went.
+
+    Args:
+        asked: the gait.
+        target: the run folder, see :func:`validation.folders.run_folder`.
+        options: profile and what to keep.
+        stages: where to report progress.
+
+    Raises:
+        InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met; nothing is written.
+    """
+    options, stages = options or Options(), stages or Silent()
+    clock = _Clock(stages, asked.name)
+    check_run_folder(target, force=options.force)
+    with clock("planning"):
+        planned = plan(asked, with_body=True, stages=stages)
+    body, motion = planned.body, planned.motion
+    if body is None or motion is None:
+        raise TypeError("a trial needs a body")
+    environment = describe_environment()
+    late: BaseException | None = None
+    with run_folder(target, force=options.force) as folder:
+        (folder / "run.toml").write_text(dump_run(asked.run), encoding="utf-8")
+        (folder / "model.xml").write_text(body.model.xml, encoding="utf-8")
+        _write_json(folder / "environment.json", environment)
+        with clock.stage("simulation", "steps") as advance:
+            record = simulate(
+                planned.plan, motion, asked.run, body.model, steps=asked.run.gait.steps, progress=advance
+            )
+        save_record(record, folder)
+        with clock.stage("measurement"):
+            motion_z = motion.sample(record.time[:-1], body.robot).angular_momentum_z
+            measured = measure(record, body.robot.model, to_pinocchio)
+            comparison = compare(
+                planned.plan,
+                record,
+                measured,
+                description=body.model.description,
+                motion_angular_momentum_z=motion_z,
+            )
+            verdict = judge(comparison, record.outcome, options.profile)
+            signals = signals_table(
+                planned.plan, record, measured, comparison, motion_angular_momentum_z=motion_z
+            )
+            save_signals(signals, folder / "signals.parquet")
+            summary = build_summary(
+                record,
+                measured,
+                comparison,
+                verdict,
+                timing=clock.timing(record),
+                environment=environment,
+                extra={
+                    "gait": asked.name,
+                    "motion": motion.report.as_dict(),
+                    "memory_peak": {"value": _memory_peak(), "unit": "MB"},
+                },
+            )
+            _write_json(folder / "summary.json", summary)
+        if options.recording:
+            late = _draw(folder, target, clock)
+    if late is not None:
+        raise late
+    return Trial(planned, record, measured, comparison, verdict, summary, target)
+
+
+def _draw(folder: Path, target: Path, clock: _Clock) -> BaseException | None:
+    """Write recording and report from the saved files; what goes wrong must not cost the run its folder."""
+    from validation.report import write_report
+    from validation.rerun_log import write_recording
+
+    try:
+        with clock.stage("recording"):
+            write_recording(folder)
+        with clock.stage("report"):
+            write_report(folder)
+    except (Exception, KeyboardInterrupt) as error:
+        error.add_note(f"the run itself is complete in {target}, and 'ampm report' draws it again")
+        return error
+    return None
+
+
+class _Clock:
+    """Wall-clock time of the stages, reported as they pass."""
+
+    def __init__(self, stages: Silent, name: str) -> None:
+        self.stages, self.name = stages, name
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, label: str) -> Iterator[None]:
+        """Time a stage that reports for itself."""
+        start = time.perf_counter()
+        yield
+        self.seconds[label] = time.perf_counter() - start
+
+    @contextmanager
+    def stage(self, label: str, unit: str = "") -> Iterator[Callable[[int, int], None]]:
+        """Time and report a stage; yields its ``advance(done, total)``."""
+        with self(label), self.stages.stage(f"{self.name}: {label}", unit) as stage:
+            yield stage.advance
+
+    def timing(self, record: SimulationRecord) -> dict[str, float | None]:
+        """Seconds of every stage so far, and the closed loop's speed as a multiple of real time."""
+        simulated = float(record.time[-1] - record.time[0])
+        return {
+            **self.seconds,
+            "simulated": simulated,
+            "real_time_factor": simulated / self.seconds["simulation"],
+        }
+
+
+def _unused(folder: Path) -> Path:
+    """The folder, with a number behind it if there is one of that name already."""
+    candidate, number = folder, 2
+    while candidate.exists():
+        candidate = folder.with_name(f"{folder.name}-{number}")
+        number += 1
+    return candidate
+
+
+def _write_json(path: Path, value: Any) -> None:
+    if path.name not in RUN_FILES:
+        raise ValueError(f"{path.name} is no file of a run folder")
+    path.write_text(json.dumps(json_ready(value), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _memory_peak() -> float:
+    """Largest resident memory of this process so far [MB]; Linux counts it in KiB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6

@@ -1,0 +1,99 @@
+"""A trial's summary for the terminal: the verdict, its figures, and beside them what the agreement cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from validation.console import figure, print_line, print_table
+
+if TYPE_CHECKING:
+    from validation.run import Trial
+
+_COLOURS = {"pass": "green", "fail": "red", "not_measured": "yellow"}
+
+
+def print_result(trial: Trial) -> None:
+    """Print what a trial found."""
+    summary = trial.summary
+    print_table(
+        f"{summary['gait']}: measured against plan, without the first step (profile {summary['profile']})",
+        (("metric", "left"), ("value", "right"), ("limit", "right"), ("unit", "left"), ("", "left")),
+        [
+            _row(name, metric)
+            for name, metric in summary["metrics"].items()
+            if metric["tolerance"] is not None
+        ],
+    )
+    for name, text in cost(summary):
+        print_line(f"  {name:<18}{text}")
+    colour = _COLOURS[summary["verdict"]]
+    word = summary["verdict"].replace("_", " ").upper()
+    print_line(f"[bold {colour}]{summary['gait']}: {word}[/]  {_escaped(summary['reason'])}")
+    folder = trial.directory
+    for file, what in (("recording.rrd", f"ampm view {folder}"), ("report.html", "open in a browser")):
+        if (folder / file).is_file():
+            print_line(f"  {_escaped(str(folder / file))}  ({_escaped(what)})")
+    print_line("")
+
+
+def _row(name: str, metric: Mapping[str, Any]) -> tuple[str, ...]:
+    shown = metric["display"]
+    if metric["pass"] is None:
+        mark = "not judged"
+    else:
+        mark = "[green]pass[/]" if metric["pass"] else "[red]FAIL[/]"
+    return (name, figure(shown["value"], 3), figure(shown["tolerance"], 3), shown["unit"], mark)
+
+
+def cost(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What the walk cost, as (name, text)."""
+    margins, effort, solver = summary["margins"], summary["effort"], summary["solver"]
+    timing = summary["timing"]
+    feedback = " ".join(figure(1000 * value, 2) for value in _numbers(effort["zmp"]))
+    return [
+        (
+            "outcome",
+            f"{summary['outcome']}, {summary['steps_completed']} steps in {figure(timing['simulated'])} s",
+        ),
+        ("feedback", f"command minus plan, RMS: ZMP x y {feedback} mm"),
+        (
+            "torque",
+            f"{_percent(margins['torque']['value'])} of a motor's limit at most ({margins['torque']['where']})",
+        ),
+        (
+            "friction",
+            f"{figure(margins['friction']['value'], 2)} used of {figure(margins['friction_available'], 2)}",
+        ),
+        (
+            "support",
+            f"measured ZMP at least {_millimetres(margins['measured_polygon']['value'])} inside",
+        ),
+        ("knee", f"bent by {figure(margins['knee']['value'], 3)} rad at least"),
+        (
+            "QP",
+            f"{solver['ticks']} ticks, {solver['unsolved']} unsolved, "
+            f"{_micro(solver['time_median'])} median, {_micro(solver['time_p99'])} at the 99th percentile",
+        ),
+        ("speed", f"closed loop at {figure(timing['real_time_factor'], 3)} times real time"),
+    ]
+
+
+def _numbers(values: Any) -> list[float]:
+    return [float("nan") if value is None else float(value) for value in values]
+
+
+def _percent(value: float | None) -> str:
+    return "-" if value is None else f"{100 * value:.0f} %"
+
+
+def _millimetres(value: float | None) -> str:
+    return "-" if value is None else f"{1000 * value:.1f} mm"
+
+
+def _micro(value: float | None) -> str:
+    return "-" if value is None else f"{1e6 * value:.0f} us"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("[", "\\[")
