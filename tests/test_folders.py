@@ -90,9 +90,14 @@ def test_a_file_appears_whole(tmp_path):
     target.write_text("old")
     with pytest.raises(InputError, match="--force"), output_file(target, force=False):
         pass
-    with pytest.raises(ValueError), output_file(target) as work:
-        work.write_text("half")
-        raise ValueError
+
+    def write_and_fail():
+        with output_file(target) as work:
+            work.write_text("half")
+            raise ValueError
+
+    with pytest.raises(ValueError):
+        write_and_fail()
     assert target.read_text() == "old"
     with output_file(target) as work:
         work.write_text("new")

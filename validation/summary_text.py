@@ -49,7 +49,7 @@ def _row(name: str, metric: Mapping[str, Any]) -> tuple[str, ...]:
 def cost(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What the walk cost, as (name, text)."""
     margins, effort, solver = summary["margins"], summary["effort"], summary["solver"]
-    timing = summary["timing"]
+    timing, torque = summary["timing"], margins["torque"]
     feedback = " ".join(figure(1000 * value, 2) for value in _numbers(effort["zmp"]))
     return [
         (
@@ -59,7 +59,7 @@ def cost(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("feedback", f"command minus plan, RMS: ZMP x y {feedback} mm"),
         (
             "torque",
-            f"{_percent(margins['torque']['value'])} of a motor's limit at most ({margins['torque']['where']})",
+            f"{_percent(torque['value'])} of a motor's limit at most ({torque['where']})",
         ),
         (
             "friction",
