@@ -549,6 +549,20 @@ def test_the_support_polygon_of_flat_feet():
     assert 0.03 < middle < 0.04
 
 
+@pytest.mark.parametrize("schedule", ["flat", "roll"])
+def test_e17_the_feet_do_not_jump_into_their_swing(schedule):
+    plan = plan_gait(GaitParameters(steps=4), foot=FootParameters(schedule=schedule), sole=SOLE)
+    assert plan.feet is not None
+    for before, after in zip(
+        plan.feet.sample(plan.switch_times - 1e-6), plan.feet.sample(plan.switch_times + 1e-6), strict=True
+    ):
+        np.testing.assert_allclose(after.velocity, before.velocity, atol=1e-3)
+        np.testing.assert_allclose(after.acceleration, before.acceleration, atol=1e-1)
+    printed = plan.constants.l_s / plan.constants.single_support_duration  # from a resting foot
+    left, _ = plan.feet.sample(plan.constants.step_duration + 1e-6)
+    assert abs(printed - left.velocity[0, 0]) > 0.1
+
+
 def test_the_margin_needs_soles(plan):
     with pytest.raises(InputError, match="sole"):
         plan.zmp_margin([0.1])

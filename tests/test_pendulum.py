@@ -372,3 +372,12 @@ def test_e15_the_lateral_double_support_has_its_own_time_constant(frontal):
     w_d = math.sqrt(-frontal.double.rate)
     assert w_d == pytest.approx(math.sqrt(G * C_Y * frontal.s / (H * frontal.beta)))
     assert abs(w_d * t_c - 1.0) > 0.5
+
+
+def test_e14_the_printed_sign_makes_the_posture_run_away():
+    for k in (1.0, 100.0):
+        for d in (0.0, 5.0, 50.0):
+            printed = np.array([[0.0, 1.0], [k, -d]])  # minimiser of qdd - k q + d qd
+            corrected = np.array([[0.0, 1.0], [-k, -d]])
+            assert np.linalg.eigvals(printed).real.max() > 0.0
+            assert np.linalg.eigvals(corrected).real.max() <= 0.0
