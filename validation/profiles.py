@@ -98,9 +98,10 @@ _INSTRUMENT = (
     ),
     Tolerance(
         "force_agreement_rmse",
-        0.005,
+        0.002,
         BODY_WEIGHT,
-        "F = m (a + g) is exact but for the time step. Below every force tolerance.",
+        "F = m (a + g) is exact but for the time step. Half of the smallest tolerance on a force, so that the "
+        "instrument is finer than what it measures.",
     ),
     Tolerance(
         "impulse_residual",
