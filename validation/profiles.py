@@ -100,8 +100,8 @@ _INSTRUMENT = (
         "force_agreement_rmse",
         0.002,
         BODY_WEIGHT,
-        "F = m (a + g) is exact but for the time step. Half of the smallest tolerance on a force, so that the "
-        "instrument is finer than what it measures.",
+        "F = m (a + g) is exact but for the time step. Half of the smallest tolerance on a force, so that "
+        "the instrument is finer than what it measures.",
     ),
     Tolerance(
         "impulse_residual",
