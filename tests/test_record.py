@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -29,6 +30,12 @@ def record():
 
 def same_bits(one, two):
     return one.dtype == two.dtype and one.shape == two.shape and one.tobytes() == two.tobytes()
+
+
+def difference(one, two):
+    found = first_difference(one, two)
+    assert found is not None
+    return found
 
 
 def assert_equal(one, two):
@@ -64,7 +71,7 @@ def test_round_trip_keeps_awkward_floats(record, tmp_path):
 
 def test_interrupted_before_the_first_step_is_still_a_record(record, tmp_path):
     whole = {item.name: getattr(record, item.name) for item in fields(record)}
-    empty = {}
+    empty: dict[str, Any] = {}
     for name, value in whole.items():
         if isinstance(value, np.ndarray) and name.startswith(("tick", "qp")):
             empty[name] = value[:0]
@@ -73,7 +80,7 @@ def test_interrupted_before_the_first_step_is_still_a_record(record, tmp_path):
         elif isinstance(value, np.ndarray) and value.shape[:1] == (record.steps,):
             empty[name] = value[:0]
     empty["sensors"] = {name: value[:1] for name, value in record.sensors.items()}
-    stub = replace(record, **empty, outcome=Outcome("interrupted", 0.0, "stopped by the user", 0))
+    stub = replace(record, **empty, outcome=Outcome(OutcomeName.INTERRUPTED, 0.0, "stopped by the user", 0))
     save_record(stub, tmp_path)
     assert_equal(stub, load_record(tmp_path))
 
@@ -116,9 +123,9 @@ def test_the_first_difference_is_named_with_its_time(record):
     q, torque = record.q.copy(), record.torque.copy()
     q[30, 7] = np.nextafter(q[30, 7], 10.0)
     torque[20, 0] += 1e-15 + abs(torque[20, 0]) * 1e-15
-    found = first_difference(record, replace(record, q=q, torque=torque))
+    found = difference(record, replace(record, q=q, torque=torque))
     assert (found.signal, found.time) == ("torque_swing", record.time[20])
-    found = first_difference(record, replace(record, q=q))
+    found = difference(record, replace(record, q=q))
     assert (found.signal, found.time) == ("q_swing", record.time[30])
     assert "q_swing differs at 0.06 s" in str(found)
 
@@ -126,12 +133,12 @@ def test_the_first_difference_is_named_with_its_time(record):
 def test_minus_zero_is_not_zero(record):
     force = record.command_zmp.copy()
     force[5, 1] = -0.0
-    assert first_difference(record, replace(record, command_zmp=force)).signal == "command_zmp_y"
+    assert difference(record, replace(record, command_zmp=force)).signal == "command_zmp_y"
 
 
 def test_a_shorter_run_differs_where_it_ends(record):
     k = 40
-    cut = {}
+    cut: dict[str, Any] = {}
     for item in fields(record):
         value = getattr(record, item.name)
         if isinstance(value, np.ndarray) and item.name.startswith(("tick", "qp")):
@@ -141,7 +148,7 @@ def test_a_shorter_run_differs_where_it_ends(record):
         elif isinstance(value, np.ndarray) and value.shape[:1] == (record.steps,):
             cut[item.name] = value[:k]
     cut["sensors"] = {name: value[: k + 1] for name, value in record.sensors.items()}
-    found = first_difference(record, replace(record, **cut))
+    found = difference(record, replace(record, **cut))
     assert found.time == pytest.approx(record.time[k])
 
 
@@ -151,7 +158,7 @@ def test_wrong_shapes_are_refused_by_name(record):
     with pytest.raises(InputError, match="sensor 'gyro'"):
         replace(record, sensors={"gyro": np.zeros((3, 3))})
     with pytest.raises(InputError, match="outcome 'tired'"):
-        Outcome("tired", 0.0, "", 0)
+        Outcome("tired", 0.0, "", 0)  # type: ignore[arg-type]
 
 
 def test_missing_and_foreign_files_are_input_errors(record, tmp_path):

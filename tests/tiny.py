@@ -77,7 +77,7 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
     data.qpos[2] = height - sink
     if spin is not None:
         data.qvel[:] = spin
-    log = {
+    log: dict[str, list] = {
         name: [] for name in ("q", "qd", "torque", "warm", "force", "place", "depth", "velocity", "com", "l")
     }
     geoms = [model.geom(f"p{i}").id for i in range(4)]
@@ -129,8 +129,8 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
         point_position=np.array(log["place"]),
         point_penetration=np.array(log["depth"]),
         point_velocity=np.array(log["velocity"]),
-        point_foot=np.array([0, 0, 1, 1]),
-        point_group=np.array([0, 2, 0, 2]),
+        point_foot=np.array([0, 0, 1, 1], dtype=np.int8),
+        point_group=np.array([0, 2, 0, 2], dtype=np.int8),
         com=np.array(log["com"]),
         angular_momentum=np.array(log["l"]),
         foot_position=np.stack([q[:, :3], q[:, :3]], axis=1),
@@ -142,9 +142,9 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
         command_angular_momentum=np.array(log["l"])[:-1],
         command_point_force=force,
         tick_time=ticks * dt,
-        qp_status=np.zeros(ticks.size),
+        qp_status=np.zeros(ticks.size, dtype=np.int8),
         qp_residual=np.full(ticks.size, 1e-7),
-        qp_iterations=np.full(ticks.size, 12),
+        qp_iterations=np.full(ticks.size, 12, dtype=np.int32),
         qp_time=np.full(ticks.size, 2e-5),
         outcome=Outcome(OutcomeName.COMPLETED, steps * dt, "", 4),
         mass=MASS + ARM_MASS,

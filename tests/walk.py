@@ -24,6 +24,8 @@ def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
     k = whole if count is None else count
     time = dt * np.arange(k + 1)
     sample = plan.sample(time)
+    if plan.feet is None:
+        raise TypeError("a plan with soles has feet")
     left, right = plan.feet.sample(time)
     contact = np.concatenate([np.repeat(foot.contact, 2, axis=1) for foot in (left, right)], axis=1)[:k]
     share = contact / np.maximum(contact.sum(axis=1, keepdims=True), 1)
