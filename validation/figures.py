@@ -1,7 +1,7 @@
 """Plots of a saved run, as vector graphics that follow the page's light or dark colours.
 
-Every function takes what the run folder holds and returns a matplotlib figure; :func:`to_svg` turns it into an
-inline SVG whose colours are CSS variables. Nothing here opens a window or uses matplotlib's global state.
+Every function takes what the run folder holds and returns a matplotlib figure, drawn within :func:`style`;
+:func:`to_svg` turns it into an inline SVG whose colours are CSS variables. Nothing here opens a window.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import io
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import matplotlib as mpl
@@ -38,7 +39,7 @@ _VARIABLES: Mapping[str, str] = {
 WIDTH = 5.2
 """Width of an ordinary figure [in]: 500 px, so that its 9 pt text stays readable on a telephone."""
 
-_STYLE: Mapping[str, Any] = {
+_STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "ampm",
     "font.family": "sans-serif",
@@ -70,8 +71,22 @@ _STYLE: Mapping[str, Any] = {
     "path.simplify_threshold": 0.3,
 }
 
+CAUSES: Mapping[str, str] = {
+    "com_position": "COM position",
+    "com_acceleration": "COM acceleration",
+    "momentum_rate": "momentum rate",
+    "vertical_force": "vertical force",
+    "instrument": "instrument",
+}
+"""Parts of the ZMP error, by their names in the signals."""
+
 _BUCKETS = 420
 """Buckets over a whole run: each keeps its smallest and largest sample, so no spike is lost."""
+
+
+def style() -> Any:
+    """Context in which every figure is drawn and written: matplotlib reads its settings at each call."""
+    return mpl.rc_context(_STYLE)
 
 
 def new_figure(
@@ -85,12 +100,11 @@ def new_figure(
         width: of the figure [in].
         **grid: further arguments of ``Figure.subplots``.
     """
-    with mpl.rc_context(dict(_STYLE)):
-        figure = Figure(figsize=(width, height), layout="constrained")
-        axes = figure.subplots(rows, 1, squeeze=False, **grid)[:, 0]
-        figure.patch.set_alpha(0.0)
-        for axis in axes:
-            axis.patch.set_alpha(0.0)
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(rows, 1, squeeze=False, **grid)[:, 0]
+    figure.patch.set_alpha(0.0)
+    for axis in axes:
+        axis.patch.set_alpha(0.0)
     return figure, list(axes)
 
 
@@ -103,8 +117,7 @@ def to_svg(figure: Figure, name: str, label: str) -> str:
         label: what the picture shows, for those who cannot see it.
     """
     buffer = io.StringIO()
-    with mpl.rc_context(dict(_STYLE)):
-        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
+    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
@@ -180,7 +193,7 @@ def strides(signals: Signals) -> list[Window]:
     left = [
         int(row) for row in starts if phase[row] == "single_support" and stance[row] == "left" and row > 0
     ]
-    return [Window(a, b) for a, b in zip(left[:-1], left[1:], strict=True)]
+    return [Window(a, b) for a, b in pairwise(left)]
 
 
 def middle(signals: Signals) -> Window:
@@ -199,7 +212,7 @@ def shade_double_support(axis: Axes, signals: Signals, window: Window, *, origin
     """Shade the planned double supports."""
     starts = [int(s) for s in switches(signals)] + [len(signals)]
     step = _step(signals)
-    for a, b in zip(starts[:-1], starts[1:], strict=True):
+    for a, b in pairwise(starts):
         a, b = max(a, window.first), min(b, window.last)
         if a < b and signals["phase"][a] == "double_support":
             begin = float(signals.time[a]) - origin
@@ -303,8 +316,8 @@ def tracking(
 
     scale = curve.scale if curve.residual_scale is None else curve.residual_scale
     unit = curve.unit if curve.residual_unit is None else curve.residual_unit
-    _band(lower, tolerance_rmse, tolerance_maximum)
     lower.plot(*decimate(time, scale * error), color=MEASURED, linewidth=0.8)
+    _band(lower, tolerance_rmse, tolerance_maximum)
     lower.set_ylabel(f"error [{unit}]")
     lower.set_xlabel("time [s]")
     lower.margins(x=0)
@@ -312,23 +325,31 @@ def tracking(
     return figure
 
 
-def _legend(axis: Axes, columns: int = 4) -> None:
+def _legend(axis: Axes, columns: int = 5) -> None:
     """Legend over the axes, beside nothing: curves fill the axes themselves."""
     handles, labels = axis.get_legend_handles_labels()
     if labels:
         axis.legend(
-            handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, borderaxespad=0.1,
-            handlelength=1.2, columnspacing=1.0,
+            handles, labels, loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, borderaxespad=0.1,
+            handlelength=1.2, columnspacing=1.0, handletextpad=0.4, borderpad=0.1,
         )  # fmt: skip
+        lines = -(-len(labels) // columns)
+        axis.set_title(axis.get_title(loc="left"), pad=6 + 13 * lines)
 
 
 def _band(axis: Axes, rmse: float | None, maximum: float | None) -> None:
+    """Draw tolerances about zero, without letting a wide one flatten the error."""
     axis.axhline(0.0, color=FAINT, linewidth=0.7)
+    reach = 1.15 * max(abs(limit) for limit in axis.get_ylim())
     if rmse is not None:
         axis.axhspan(-rmse, rmse, color=GOOD, alpha=0.22, linewidth=0)
+        reach = max(reach, 1.6 * rmse)
     if maximum is not None:
+        if 0.4 * maximum < reach:
+            reach = max(reach, 1.1 * maximum)
         for sign in (-1, 1):
             axis.axhline(sign * maximum, color=BAD, linewidth=0.9, linestyle=(0, (4, 3)))
+    axis.set_ylim(-reach, reach)
 
 
 def _first_step_line(axis: Axes, signals: Signals) -> None:
@@ -374,8 +395,10 @@ def top_view(saved: SavedRun, plan: GaitPlan | None, steps: int = 4) -> Figure:
     begin = max(0, min(len(bounds) // 2 - steps // 2, len(bounds) - 1 - steps))
     window = Window(bounds[begin], bounds[min(begin + steps, len(bounds) - 1)])
     part = window.rows
-    figure, (axis,) = new_figure(2.9, width=2 * WIDTH)
     com = signals.vector("plan_com", "xy")[part]
+    span = float(np.ptp(com[:, 0])) + 0.9 if len(com) else 3.0
+    # As high as equal scales make it, plus legend and labels.
+    figure, (axis,) = new_figure(0.95 + 1.9 * WIDTH * min(0.4 / span, 0.5), width=2 * WIDTH)
     if plan is not None and plan.feet is not None and len(com):
         sole = plan.feet.sole
         x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
@@ -398,7 +421,7 @@ def top_view(saved: SavedRun, plan: GaitPlan | None, steps: int = 4) -> Figure:
     axis.set_xlabel("x, forward [m]")
     axis.set_ylabel("y, left [m]")
     axis.margins(x=0.02)
-    _legend(axis, 5)
+    _legend(axis)
     return figure
 
 
@@ -474,12 +497,11 @@ def qp_statistics(saved: SavedRun) -> Figure:
         micro = 1e6 * record.qp_time
         top = float(np.percentile(micro, 99.5))
         upper.hist(micro, bins=60, range=(0.0, max(top, 1e-3)), color=PLAN, linewidth=0)
-        for share, name in ((50, "median"), (99, "99 %")):
-            at = float(np.percentile(micro, share))
+        marks = {name: float(np.percentile(micro, share)) for share, name in ((50, "median"), (99, "99 %"))}
+        for at in marks.values():
             upper.axvline(at, color=INK, linewidth=0.9, linestyle=":")
-            upper.annotate(
-                f" {name} {at:.0f}", (at, 0.93), xycoords=("data", "axes fraction"), va="top", fontsize=8
-            )
+        shown = ", ".join(f"{name} {at:.0f} µs" for name, at in marks.items())
+        upper.set_title(f"The controller's QP: {shown}")
         finite = np.where(record.qp_residual > 0, record.qp_residual, np.nan)
         if np.isfinite(finite).any():
             lower.plot(*decimate(record.tick_time, finite), color=PLAN, linewidth=0.7)
@@ -493,9 +515,59 @@ def qp_statistics(saved: SavedRun) -> Figure:
                 )  # fmt: skip
     upper.set_xlabel("time of a solve [µs]")
     upper.set_ylabel("ticks")
-    upper.set_title("The controller's QP")
     lower.set_xlabel("time [s]")
     lower.set_ylabel("residual [1]")
     lower.margins(x=0)
     _legend(lower)
+    return figure
+
+
+def zmp_error_split(signals: Signals, axis: str) -> Figure:
+    """Causes of the ZMP error over one stride, stacked, with the error itself as a line."""
+    figure, (axes,) = new_figure(2.7)
+    window = middle(signals)
+    rows = np.arange(window.first, window.last, max(1, (window.last - window.first) // 280))
+    shade_double_support(axes, signals, window)
+    if len(rows):
+        parts = 1e3 * np.column_stack([signals[f"zmp_error_{part}_{axis}"][rows] for part in CAUSES])
+        time = signals.time[rows]
+        up, down = np.zeros(len(rows)), np.zeros(len(rows))
+        for part, name, color in zip(np.nan_to_num(parts).T, CAUSES.values(), (*PARTS, FAINT), strict=True):
+            rise, fall = np.maximum(part, 0.0), np.minimum(part, 0.0)
+            axes.fill_between(time, up, up + rise, color=color, alpha=0.75, linewidth=0, label=name)
+            axes.fill_between(time, down, down + fall, color=color, alpha=0.75, linewidth=0)
+            up, down = up + rise, down + fall
+        axes.plot(time, parts.sum(axis=1), color=INK, linewidth=1.1, label="error")
+    axes.set_title(f"Causes of the ZMP error in {axis}")
+    axes.set_ylabel("[mm]")
+    axes.set_xlabel("time [s]")
+    axes.margins(x=0)
+    _legend(axes, 3)
+    return figure
+
+
+def opening(signals: Signals, axis: str) -> Figure:
+    """ZMP of the first step and the two after it, with its error."""
+    figure, (upper, lower) = new_figure(3.3, 2, height_ratios=[3, 2])
+    starts = switches(signals)
+    window = Window(0, int(starts[6]) if len(starts) > 6 else len(signals))
+    part = window.rows
+    time = signals.time[part]
+    about = signals["plan_com_x"][part] if axis == "x" else 0.0
+    for panel in (upper, lower):
+        shade_double_support(panel, signals, window)
+    for kind, color, width in (("plan", PLAN, 2.4), ("command", COMMAND, 1.1), ("measured", MEASURED, 1.1)):
+        values = 1e3 * (signals[f"{kind}_zmp_{axis}"][part] - about)
+        upper.plot(time, values, color=color, linewidth=width, label=kind)
+    error = 1e3 * (signals[f"measured_zmp_{axis}"] - signals[f"plan_zmp_{axis}"])[part]
+    lower.axhline(0.0, color=FAINT, linewidth=0.7)
+    lower.plot(time, error, color=MEASURED, linewidth=0.9)
+    _first_step_line(lower, signals)
+    upper.set_ylabel("[mm]")
+    upper.set_title("ZMP x about the planned COM" if axis == "x" else "ZMP y")
+    lower.set_ylabel("error [mm]")
+    lower.set_xlabel("time [s]")
+    for panel in (upper, lower):
+        panel.margins(x=0)
+    _legend(upper)
     return figure

@@ -1,7 +1,7 @@
 """The recording: a run folder drawn as a Rerun file with its own blueprint.
 
-World frame, SI units, timeline ``sim_time``. What is drawn in 3D is float32 and about 100 pictures a second; the
-time series are float64 and hold every simulation step, so they can be read back as data.
+World frame, SI units, timeline ``sim_time``. What is drawn in 3D is float32 and about 100 pictures a second;
+the time series are float64 and hold every simulation step, so they can be read back as data.
 """
 
 from __future__ import annotations
@@ -285,7 +285,7 @@ def _on_floor(xy: Array) -> Array:
 
 def _line(path: Array, color: Color, radius: float) -> rr.LineStrips3D:
     path = path[np.isfinite(path).all(axis=1)]
-    return rr.LineStrips3D([path[::2]], colors=[color[:3] + (110,)], radii=radius)
+    return rr.LineStrips3D([path[::2]], colors=[(*color[:3], 110)], radii=radius)
 
 
 def _strips(log: _Log, entity: str, times: Array, strips: Array, color: Color, radius: float) -> None:
@@ -377,8 +377,11 @@ def _log_series(log: _Log, saved: SavedRun) -> None:
         ("motion", "measured"),
         (PLAN, MEASURED),
     )
-    for axis, about in zip("xyz", (com_x, 0.0, 0.0), strict=True):
-        log.series(f"signals/com_{axis}", times, three(f"com_{axis}") - about, SERIES, SERIES_COLORS)
+    for axis in "xyz":
+        values = three(f"com_{axis}")
+        log.series(
+            f"signals/com_{axis}", times, values - com_x if axis == "x" else values, SERIES, SERIES_COLORS
+        )
 
     def residual(name: str, axes: str, scale: float) -> Array:
         return scale * (signals.vector(f"measured_{name}", axes) - signals.vector(f"plan_{name}", axes))
@@ -414,7 +417,7 @@ def _log_states(log: _Log, saved: SavedRun) -> None:
     for foot in ("left", "right"):
         lanes[f"{foot} foot on the floor"] = np.where(signals[f"{foot}_contact"], foot, "")
     colors = {
-        "both feet": FAINT[:3] + (255,),
+        "both feet": (*FAINT[:3], 255),
         "left foot": LEFT,
         "right foot": RIGHT,
         "left": LEFT,
@@ -455,9 +458,9 @@ def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:
         for axis in "xy":
             error = np.abs(signals[f"measured_zmp_{axis}"] - signals[f"plan_zmp_{axis}"])
             if np.isfinite(error).any():
-                row = int(np.nanargmax(error))
+                worst = int(np.nanargmax(error))
                 events.append(
-                    (float(time[row]), "INFO", f"Largest ZMP error in {axis}: {1e3 * error[row]:.1f} mm.")
+                    (float(time[worst]), "INFO", f"Largest ZMP error in {axis}: {1e3 * error[worst]:.1f} mm.")
                 )
     unsolved = record.tick_time[record.qp_status == 2]
     begins = unsolved[np.r_[True, np.diff(unsolved) > 0.05]] if len(unsolved) else unsolved
@@ -476,17 +479,16 @@ def verdict_markdown(saved: SavedRun) -> str:
     summary = saved.summary
     verdict = str(summary.get("verdict", "not measured"))
     lines = [f"# {verdict} ({saved.record.outcome.name})", ""]
-    if saved.record.outcome.cause:
-        lines += [saved.record.outcome.cause, ""]
+    if summary.get("reason"):
+        lines += [str(summary["reason"]), ""]
     lines += ["| | value | tolerance | |", "|---|---|---|---|"]
-    metrics: Mapping[str, Mapping[str, Any]] = summary.get("metrics", {})
-    for name, metric in metrics.items():
-        if metric.get("tolerance") is None:
+    for name, metric in summary.get("metrics", {}).items():
+        shown = metric.get("display") or metric
+        if shown.get("tolerance") is None:
             continue
-        value = metric.get("value")
-        shown = "not measured" if value is None else f"{value:.3g}"
-        passed = {True: "pass", False: "**FAIL**"}.get(metric.get("pass"), "")  # type: ignore[call-overload]
-        lines.append(f"| {name} | {shown} {metric.get('unit', '')} | {metric['tolerance']:.3g} | {passed} |")
+        value = "not measured" if shown["value"] is None else f"{shown['value']:.3g} {shown['unit']}"
+        passed = {True: "pass", False: "**FAIL**", None: ""}[metric.get("pass")]
+        lines.append(f"| {name.replace('_', ' ')} | {value} | {shown['tolerance']:.3g} | {passed} |")
     return plain_text("\n".join(lines) + "\n")
 
 

@@ -1,7 +1,7 @@
 """A finished run as its folder holds it: what the recording and the report are drawn from.
 
-Nothing here simulates or measures. The closed-form plan alone is evaluated again from ``run.toml``, because it is
-exact and the support polygons are cheaper to recompute than to keep.
+Nothing here simulates or measures. The closed-form plan alone is evaluated again from ``run.toml``, because
+it is exact, and the support polygons are cheaper to recompute than to keep.
 """
 
 from __future__ import annotations
@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from ampm.exceptions import AmpmError, InputError
@@ -22,6 +20,7 @@ from ampm.gait import GaitPlan, plan_gait
 from ampm.parameters import RunParameters, load_run
 from models.human import sole_geometry
 from validation.record import SimulationRecord, load_record
+from validation.signals import load_signals
 
 Array = NDArray[np.float64]
 
@@ -103,38 +102,11 @@ class SavedRun:
             return None
 
 
-def read_signals(path: Path) -> Signals:
-    """Read ``signals.parquet``.
-
-    Raises:
-        InputError: the file is missing or is no parquet file.
-    """
-    try:
-        table = pq.read_table(path)
-    except (OSError, pa.ArrowInvalid) as error:
-        raise InputError(f"{path} cannot be read ({error}); give the folder of a finished run.") from error
-    columns: dict[str, NDArray[Any]] = {}
-    for name in table.column_names:
-        column = table.column(name)
-        if pa.types.is_dictionary(column.type):
-            column = column.cast(column.type.value_type)
-        if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
-            array = np.array(column.to_pylist(), dtype=object)
-        elif pa.types.is_boolean(column.type):
-            array = np.array(column.to_numpy(), dtype=bool)
-        else:
-            # Null, integer and float columns alike: an absent value is NaN.
-            array = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64).copy()
-        array.setflags(write=False)
-        columns[name] = array
-    return Signals(columns)
-
-
 def load_saved_run(directory: Path) -> SavedRun:
     """Read a run folder.
 
     Args:
-        directory: folder with ``run.toml``, ``model.xml``, the record, ``signals.parquet`` and ``summary.json``.
+        directory: folder with ``run.toml``, ``model.xml``, the record, the signals and the summary.
 
     Raises:
         InputError: the folder or one of its files is missing or cannot be read.
@@ -153,6 +125,6 @@ def load_saved_run(directory: Path) -> SavedRun:
         parameters_text=(directory / RUN_FILE).read_text(encoding="utf-8"),
         model_xml=(directory / MODEL_FILE).read_text(encoding="utf-8"),
         record=load_record(directory),
-        signals=read_signals(directory / SIGNALS_FILE),
+        signals=Signals(load_signals(directory / SIGNALS_FILE)),
         summary=summary,
     )
