@@ -33,9 +33,8 @@ def run_of(shared_folder: Path) -> RunOf:
     """
 
     def get(gait: str = "normal", settings: dict[str, object] | None = None, *, steps: int = 8) -> Path:
-        from validation.run import Options, validate
-
         from validation.planning import request
+        from validation.run import Options, validate
 
         changed = {**(settings or {}), "gait.steps": steps}
         parts = [gait, *(f"{key}={value}" for key, value in changed.items())]

@@ -1,0 +1,170 @@
+"""The trial from the command line: folders, contracts, replay, interruption, repeatability."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from validation.cli import Status, call
+from validation.folders import RUN_FILES
+from validation.record import JOINTS_FILE, first_difference, load_record
+from validation.signals import COLUMNS
+
+STEPS = 2
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory):
+    """A short trial by the command line, with recording and report, and what it printed."""
+    out = tmp_path_factory.mktemp("trial") / "run"
+    program = Path(sys.executable).with_name("ampm")
+    command = [program, "validate", "normal", "--steps", str(STEPS), "--out", out, "--json"]
+    answer = subprocess.run([str(part) for part in command], capture_output=True, text=True)
+    return out, answer
+
+
+def test_trial_passes_and_fills_its_folder(walked):
+    out, answer = walked
+    assert answer.returncode == Status.PASS, answer.stderr
+    assert {path.name for path in out.iterdir()} == RUN_FILES
+    assert "Traceback" not in answer.stderr
+
+
+def test_json_is_alone_on_stdout(walked):
+    out, answer = walked
+    printed = json.loads(answer.stdout)
+    assert printed.pop("directory") == str(out)
+    assert printed == json.loads((out / "summary.json").read_text())
+    assert "simulation" in answer.stderr
+
+
+def test_summary_follows_the_contract(walked):
+    summary = json.loads((walked[0] / "summary.json").read_text())
+    assert summary["outcome"] == "completed"
+    assert summary["verdict"] == "pass"
+    assert summary["steps_completed"] == STEPS
+    assert summary["timing"]["simulation"] > 0
+    for metric in summary["metrics"].values():
+        assert {"value", "unit", "tolerance", "pass"} <= metric.keys()
+    text = (walked[0] / "environment.json").read_text()
+    assert json.loads(text)["versions"]["mujoco"] == "3.17.0"
+
+
+def test_signals_follow_the_contract(walked):
+    table = pq.read_table(walked[0] / "signals.parquet")
+    assert set(COLUMNS) <= set(table.column_names)
+    assert table["plan_angular_momentum_z"].null_count == table.num_rows
+    assert set(table["phase"].to_pylist()) == {"single_support", "double_support"}
+    assert set(table["stance"].to_pylist()) == {"left", "right", "both"}
+    assert table["time"][0].as_py() == 0.0
+    assert table["plan_zmp_y"][0].as_py() > 0  # left stance
+
+
+def test_run_toml_is_the_whole_run(walked):
+    out, _ = walked
+    from ampm.parameters import dump_run, load_run
+
+    text = (out / "run.toml").read_text()
+    assert dump_run(load_run(out / "run.toml")) == text
+    assert load_run(out / "run.toml").gait.steps == STEPS
+
+
+def test_an_existing_run_is_not_overwritten(walked, capsys):
+    out, _ = walked
+    before = (out / "joints.parquet").stat().st_mtime_ns
+    assert call(["validate", "normal", "--steps", "1", "--out", str(out)]) == Status.REFUSED
+    assert "--force" in capsys.readouterr().err
+    assert (out / "joints.parquet").stat().st_mtime_ns == before
+
+
+def test_replay_is_identical(walked, capsys):
+    assert call(["replay", str(walked[0])]) == Status.PASS
+    assert capsys.readouterr().out.startswith("identical")
+
+
+def test_replay_names_the_first_difference(walked, tmp_path, capsys):
+    changed = tmp_path / "changed"
+    shutil.copytree(walked[0], changed)
+    table = pq.read_table(changed / JOINTS_FILE)
+    name = next(name for name in table.column_names if name.startswith("torque_"))
+    values = table[name].to_numpy().copy()
+    values[200] = np.nextafter(values[200], np.inf)
+    column = table.schema.get_field_index(name)
+    pq.write_table(table.set_column(column, table.schema.field(name), [values]), changed / JOINTS_FILE)
+    assert call(["replay", str(changed)]) == Status.OUT_OF_TOLERANCE
+    out = capsys.readouterr().out
+    assert "differs first, at 0.402 s" in out
+
+
+def test_report_can_be_written_again(walked, tmp_path, capsys):
+    copy = tmp_path / "copy"
+    shutil.copytree(walked[0], copy)
+    (copy / "report.html").unlink()
+    assert call(["report", str(copy)]) == Status.PASS
+    assert (copy / "report.html").stat().st_size > 50_000
+
+
+def test_the_same_run_has_the_same_bits(walked, tmp_path):
+    again = tmp_path / "again"
+    assert call(["validate", str(walked[0] / "run.toml"), "--out", str(again)]) == Status.PASS
+    assert first_difference(load_record(walked[0]), load_record(again)) is None
+    one, two = (pq.read_table(folder / "signals.parquet") for folder in (walked[0], again))
+    assert one.equals(two)
+
+
+def test_several_gaits_get_a_folder_each(tmp_path, capsys):
+    out = tmp_path / "both"
+    status = call(["validate", "normal", "flat", "--steps", "2", "--out", str(out), "--json"])
+    printed = json.loads(capsys.readouterr().out)
+    assert status == Status.PASS
+    assert [item["gait"] for item in printed] == ["normal", "flat"]
+    assert sorted(path.name for path in out.iterdir()) == ["flat", "normal"]
+
+
+def test_ctrl_c_keeps_what_was_walked(tmp_path):
+    out = tmp_path / "run"
+    program = Path(sys.executable).with_name("ampm")
+    command = [str(program), "validate", "normal", "--steps", "2000", "--out", str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        deadline = time.monotonic() + 60
+        while not list(tmp_path.glob("run.partial-*/environment.json")):
+            assert process.poll() is None, process.communicate()
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        time.sleep(3.0)  # let it walk a little
+        process.send_signal(signal.SIGINT)
+        printed, noise = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert process.returncode == Status.INTERRUPTED, noise
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["outcome"] == "interrupted"
+    assert summary["verdict"] == "not_measured"
+    record = load_record(out)
+    assert record.steps > 0
+    assert "NOT MEASURED" in printed
+    assert "Traceback" not in noise
+    assert call(["replay", str(out)]) == Status.PASS
+
+
+def test_a_fall_is_an_outcome(tmp_path, capsys):
+    """Hardly any friction: the walk cannot complete, and says so."""
+    out = tmp_path / "ice"
+    status = call(
+        ["validate", "normal", "--steps", "4", "--set", "contact.friction=0.05", "--out", str(out), "--json"]
+    )
+    summary = json.loads(capsys.readouterr().out)
+    assert status == Status.NOT_COMPLETED
+    assert summary["outcome"] in ("fell", "diverged", "infeasible")
+    assert summary["end"]["cause"]
+    assert summary["verdict"] == "not_measured"
