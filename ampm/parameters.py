@@ -159,6 +159,49 @@ class ControllerParameters(Section):
 
     frequency: Real = _field(500.0, "control ticks per second", "Hz", gt=0, le=10_000)
     friction: Real = _field(0.6, "friction that the controller allows itself", "1", gt=0, le=10)
+    com_stiffness: Real = _field(
+        60.0, "feedback from COM position to its acceleration", "1/s^2", ge=0, le=1e5
+    )
+    com_damping: Real = _field(15.0, "feedback from COM velocity to its acceleration", "1/s", ge=0, le=1e4)
+    momentum_gain: Real = _field(15.0, "feedback from angular momentum to its rate", "1/s", ge=0, le=1e4)
+    trunk_gain: Real = _field(
+        3.0,
+        "slow feedback from trunk pitch and roll to the commanded angular momentum",
+        "N m s/rad",
+        ge=0,
+        le=1e3,
+    )
+    posture_stiffness: Real = _field(
+        100.0, "feedback from posture to its acceleration", "1/s^2", ge=0, le=1e5
+    )
+    posture_damping: Real = _field(
+        20.0, "feedback from posture rate to its acceleration", "1/s", ge=0, le=1e4
+    )
+    swing_stiffness: Real = _field(
+        400.0, "feedback from the swing foot's pose to its acceleration", "1/s^2", ge=0, le=1e5
+    )
+    swing_damping: Real = _field(
+        40.0, "feedback from the swing foot's velocity to its acceleration", "1/s", ge=0, le=1e4
+    )
+    stance_damping: Real = _field(
+        50.0, "feedback from the stance foot's velocity to its acceleration", "1/s", ge=0, le=1e4
+    )
+    contact_ramp: Real = _field(
+        0.03,
+        "time in which a point's force limit opens after touch-down and closes before lift-off",
+        "s",
+        gt=0,
+        le=1,
+    )
+    touchdown_velocity: Real = _field(
+        0.1, "speed at which a foot that is late closes in on the floor", "m/s", ge=0, le=2
+    )
+    touchdown_rate: Real = _field(
+        0.5, "rate at which a sole that is late turns to the floor", "rad/s", ge=0, le=20
+    )
+    unsolved_limit: Real = _field(
+        0.05, "time for which the QP may stay unsolved before the run ends as infeasible", "s", gt=0, le=10
+    )
 
 
 class SimulationParameters(Section):
@@ -168,6 +211,9 @@ class SimulationParameters(Section):
 
     time_step: Real = _field(0.002, "time step of the physics", "s", gt=0, le=0.05)
     integrator: Literal["Euler", "implicitfast"] = _field("Euler", "integrator of the physics", "1")
+    start_depth: Real = _field(
+        0.001, "depth at which the soles start under the floor, so that they carry weight at once", "m", ge=0, le=0.01
+    )
 
 
 class SolverParameters(Section):
@@ -176,6 +222,12 @@ class SolverParameters(Section):
     section: ClassVar[str] = "solver"
 
     qp: Literal["osqp", "daqp"] = _field("osqp", "solver of the controller's quadratic programme", "1")
+    tolerance: Real = _field(
+        3e-4, "tolerance of the controller's OSQP, forces in body weights", "1", gt=0, le=1e-2
+    )
+    max_iterations: int = _field(
+        400, "iterations after which a QP counts as unsolved", "1", ge=10, le=100_000
+    )
     ik_time_step: Real = _field(
         0.002,
         "largest step of the inverse kinematics' grid, which divides both phases exactly",

@@ -1,0 +1,135 @@
+"""Everything a controller follows that does not depend on the state, evaluated once per run.
+
+A tick of the closed loop only looks up a row: the plan, the feet and the periodic motion are sampled at all
+control ticks beforehand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ampm.exceptions import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ampm.gait import GaitPlan
+    from ampm.motion import WholeBodyMotion
+    from ampm.robot import Robot
+
+
+@dataclass(frozen=True)
+class TrackingReference:
+    """References at T control ticks, world frame.
+
+    Attributes:
+        time: shape (T,) [s].
+        com, com_velocity, com_acceleration: shape (T, 3) [m, m/s, m/s^2].
+        angular_momentum: about the COM; x and y the plan's, z the motion's, shape (T, 3) [N m s].
+        moment: its rate, shape (T, 3) [N m].
+        foot_position, foot_velocity, foot_acceleration: sole reference points, shape (T, 2, 3).
+        pitch, pitch_velocity, pitch_acceleration: of the feet, shape (T, 2) [rad].
+        toe, toe_velocity, toe_acceleration: toe joints, shape (T, 2) [rad].
+        contact: heel, ball, tip of each foot planned in contact, shape (T, 2, 3), bool.
+        until_lift: time until the group's planned lift-off, infinite if none comes, shape (T, 2, 3) [s].
+        right_load: share of the weight planned on the right foot, shape (T,) [1].
+        q, v, acceleration: the periodic motion, shapes (T, nq), (T, nv), (T, nv).
+    """
+
+    time: NDArray[np.float64]
+    com: NDArray[np.float64]
+    com_velocity: NDArray[np.float64]
+    com_acceleration: NDArray[np.float64]
+    angular_momentum: NDArray[np.float64]
+    moment: NDArray[np.float64]
+    foot_position: NDArray[np.float64]
+    foot_velocity: NDArray[np.float64]
+    foot_acceleration: NDArray[np.float64]
+    pitch: NDArray[np.float64]
+    pitch_velocity: NDArray[np.float64]
+    pitch_acceleration: NDArray[np.float64]
+    toe: NDArray[np.float64]
+    toe_velocity: NDArray[np.float64]
+    toe_acceleration: NDArray[np.float64]
+    contact: NDArray[np.bool_]
+    until_lift: NDArray[np.float64]
+    right_load: NDArray[np.float64]
+    q: NDArray[np.float64]
+    v: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            value.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+def tracking_reference(
+    plan: GaitPlan, motion: WholeBodyMotion, robot: Robot, times: NDArray[np.float64]
+) -> TrackingReference:
+    """Sample plan, feet and motion at the control ticks.
+
+    Args:
+        plan: carries the motion's constant of L_y, and feet.
+        motion: the periodic whole-body step.
+        robot: the body.
+        times: control ticks, ascending, shape (T,) [s].
+
+    Raises:
+        InputError: the plan has no feet, or a time lies outside it.
+    """
+    if plan.feet is None:
+        raise InputError("the plan has no feet; plan the gait with the body's sole and foot parameters")
+    sample, feet, body = plan.sample(times), plan.feet.sample(times), motion.sample(times, robot)
+    yaw_rate = np.gradient(body.angular_momentum_z, times) if len(times) > 1 else np.zeros(len(times))
+    contact = np.stack([f.contact for f in feet], axis=1)
+    zero = np.zeros((len(times), 1))
+    return TrackingReference(
+        time=np.array(times),
+        com=sample.com.copy(),
+        com_velocity=sample.com_velocity.copy(),
+        com_acceleration=sample.com_acceleration.copy(),
+        angular_momentum=np.hstack([sample.angular_momentum, body.angular_momentum_z[:, None]]),
+        moment=np.hstack([sample.moment, yaw_rate[:, None] + zero]),
+        foot_position=np.stack([f.position for f in feet], axis=1),
+        foot_velocity=np.stack([f.velocity for f in feet], axis=1),
+        foot_acceleration=np.stack([f.acceleration for f in feet], axis=1),
+        pitch=np.stack([f.pitch for f in feet], axis=1),
+        pitch_velocity=np.stack([f.pitch_velocity for f in feet], axis=1),
+        pitch_acceleration=np.stack([f.pitch_acceleration for f in feet], axis=1),
+        toe=np.stack([f.toe for f in feet], axis=1),
+        toe_velocity=np.stack([f.toe_velocity for f in feet], axis=1),
+        toe_acceleration=np.stack([f.toe_acceleration for f in feet], axis=1),
+        contact=contact,
+        until_lift=_until_lift(times, contact),
+        right_load=_right_load(sample.zmp, sample.left_placement, sample.right_placement, sample.stance),
+        q=body.q,
+        v=body.v,
+        acceleration=body.acceleration,
+    )
+
+
+def _until_lift(times: NDArray[np.float64], contact: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Time from each tick to the first later tick without contact."""
+    until = np.full(contact.shape, np.inf)
+    lift = np.full(contact.shape[1:], np.inf)
+    for k in range(len(times) - 1, -1, -1):
+        lift = np.where(contact[k], lift, times[k])
+        until[k] = lift - times[k]
+    return until
+
+
+def _right_load(
+    zmp: NDArray[np.float64],
+    left: NDArray[np.float64],
+    right: NDArray[np.float64],
+    stance: NDArray[np.int8],
+) -> NDArray[np.float64]:
+    """Share of the right foot: where the planned ZMP lies between the feet's centre lines."""
+    share = (left[:, 1] - zmp[:, 1]) / (left[:, 1] - right[:, 1])
+    return np.where(stance == 0, 0.0, np.where(stance == 1, 1.0, np.clip(share, 0.0, 1.0)))

@@ -1,0 +1,319 @@
+"""The controller's quadratic program, condensed on the contact forces.
+
+Units: forces in m g, accelerations in g (``alpha = qdd / g``), angular momentum rows in m and times
+:data:`ANGULAR` so that all rows are of one size. With B the task rows (momentum / m, feet, toes),
+
+    momentum rate      B_c alpha = W phi - e_z - drift_c       (physics: exact)
+    feet and toes      B_f alpha ~ wanted                      (softness :data:`STANCE`, :data:`SWING`)
+    posture            alpha ~ alpha_p                         (metric of the posture weights)
+
+are eliminated by one Cholesky factorisation of the 20 x 20 matrix ``S = B W^-1 B' + softness``; what is left is a
+QP in 24 unknowns: nine forces per foot (six normal, two tangential, one twist about the vertical) and six slacks
+of the wanted momentum rate. One workspace serves all contact modes: a point without contact has zero bounds, so
+the sparsity pattern and the warm start survive every switch.
+
+When its answer breaks a torque or joint limit, :class:`LimitedForm` solves the whole problem with those limits as
+constraints: clipping torques afterwards would throw the ZMP away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ampm.qp import QPBackend, QPSettings, QPSolution, make_backend
+from ampm.robot import TASK_ROWS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+ANGULAR = 3.0
+"""Scale of the angular momentum rows [1/m]: makes a metre of lever as large as a third of a weight."""
+
+TWIST_ARM = 0.1
+"""Lever that turns a twisting moment into a force of the size of the others [m]."""
+
+STANCE, SWING = 1e-8, 1e-4
+"""Softness of a foot's acceleration task when it stands and when it swings, in the metric of the posture."""
+
+NORMAL_COST, TANGENT_COST = 0.6, 0.15
+"""Regularisation of normal and of tangential forces and twists."""
+
+LOAD_COST = 3.0
+"""Cost of leaving the planned share of the load between the feet in double support."""
+
+LARGEST_NORMAL = 0.6
+"""Largest normal force of one point [m g]."""
+
+TWIST_FRICTION = 0.3
+"""Largest twist over normal force, in units of :data:`TWIST_ARM`."""
+
+MOMENTUM_SLACK = np.array([1.0, 1.0, 1.0, ANGULAR, ANGULAR, ANGULAR]) / np.sqrt(
+    [1e4, 1e4, 1e4, 4e3, 4e3, 0.04]
+)
+"""Scale of the slacks: linear and horizontal angular momentum far above everything else, L_z far below."""
+
+POINTS = 6  # of one foot
+_FOOT = POINTS + 3  # unknowns of one foot
+_FORCES = 2 * _FOOT
+_SIZE = _FORCES + 6
+_ROWS = 6 + 12 + 2 * POINTS
+_L_Z = 5
+_NORMAL = np.concatenate([np.arange(POINTS), _FOOT + np.arange(POINTS)])
+_TANGENT = np.array([6, 7, 8, 15, 16, 17])
+
+
+@dataclass
+class ForceMap:
+    """How the 18 force unknowns act; arrays are overwritten every tick.
+
+    Attributes:
+        wrench: W, net force [m g] and moment about the COM times ANGULAR [m g m], shape (6, 18).
+        arm: points relative to the COM, shape (2, 6, 3) [m].
+        share: how tangential forces spread over a foot's points, shape (2, 6).
+        twist: horizontal force at each point per unit of twist, shape (2, 6, 2).
+    """
+
+    wrench: NDArray[np.float64]
+    arm: NDArray[np.float64]
+    share: NDArray[np.float64]
+    twist: NDArray[np.float64]
+
+    @classmethod
+    def empty(cls) -> ForceMap:
+        """Arrays to be filled by :meth:`update`."""
+        return cls(
+            np.zeros((6, _FORCES)), np.zeros((2, POINTS, 3)), np.zeros((2, POINTS)), np.zeros((2, POINTS, 2))
+        )
+
+    def update(self, arm: NDArray[np.float64], opening: NDArray[np.float64]) -> None:
+        """Fill from the points' arms about the COM (2, 6, 3) and their opening (2, 6)."""
+        wrench = self.wrench
+        self.arm = arm
+        share = np.maximum(opening, 1e-3)
+        share = share / share.sum(axis=1, keepdims=True)
+        self.share = share
+        centre = np.einsum("fp,fpk->fk", share, arm)
+        offset = arm[:, :, :2] - centre[:, None, :2]
+        inertia = np.einsum("fp,fpk,fpk->f", share, offset, offset)
+        pull = share * (TWIST_ARM / inertia)[:, None]
+        twist = self.twist
+        twist[:, :, 0] = -pull * offset[:, :, 1]
+        twist[:, :, 1] = pull * offset[:, :, 0]
+        tilt = np.einsum("fp,fpk->fk", arm[:, :, 2], twist)
+        for foot in (0, 1):
+            c = _FOOT * foot
+            wrench[2, c : c + POINTS] = 1.0
+            wrench[3, c : c + POINTS] = ANGULAR * arm[foot, :, 1]
+            wrench[4, c : c + POINTS] = -ANGULAR * arm[foot, :, 0]
+            x, y, z = centre[foot]
+            wrench[0, c + 6] = wrench[1, c + 7] = 1.0
+            wrench[4, c + 6], wrench[5, c + 6] = ANGULAR * z, -ANGULAR * y
+            wrench[3, c + 7], wrench[5, c + 7] = -ANGULAR * z, ANGULAR * x
+            # A twist of points at unequal heights tips the body as well.
+            wrench[3, c + 8], wrench[4, c + 8] = -ANGULAR * tilt[foot, 1], ANGULAR * tilt[foot, 0]
+            wrench[5, c + 8] = ANGULAR * TWIST_ARM
+
+    def point_forces(self, phi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Forces at the points for the unknowns phi, shape (2, 6, 3) [m g]."""
+        unknowns = phi.reshape(2, _FOOT)
+        forces = np.empty((2, POINTS, 3))
+        forces[:, :, 2] = unknowns[:, :POINTS]
+        forces[:, :, :2] = self.share[:, :, None] * unknowns[:, None, 6:8]
+        forces[:, :, :2] += self.twist * unknowns[:, 8, None, None]
+        return forces
+
+
+class CondensedForm:
+    """The QP in 24 unknowns: builds its matrices, and hands them to a backend.
+
+    Args:
+        backend: name of the solver.
+        settings: of the ADMM solver.
+        friction: coefficient that the forces may use [1].
+    """
+
+    def __init__(self, backend: str, settings: QPSettings, friction: float) -> None:
+        self.P = np.zeros((_SIZE, _SIZE))
+        self.q = np.zeros(_SIZE)
+        self.A = np.zeros((_ROWS, _SIZE))
+        self.lower, self.upper = np.full(_ROWS, -np.inf), np.zeros(_ROWS)
+        self._base = np.zeros(_SIZE)
+        self._base[_NORMAL], self._base[_TANGENT], self._base[_FORCES:] = NORMAL_COST, TANGENT_COST, 1.0
+        self.P[np.arange(_SIZE), np.arange(_SIZE)] = self._base
+        self._tangent = np.ix_(_TANGENT, _TANGENT)
+        self._right = slice(_FOOT, _FOOT + POINTS)
+        self.A[np.arange(6), _FORCES + np.arange(6)] = -MOMENTUM_SLACK
+        row = 6
+        for foot in (0, 1):
+            for k, limit in enumerate((friction, friction, TWIST_FRICTION)):
+                for sign in (1.0, -1.0):
+                    self.A[row, _FOOT * foot : _FOOT * foot + POINTS] = -limit
+                    self.A[row, _FOOT * foot + POINTS + k] = sign
+                    row += 1
+        self.A[row + np.arange(2 * POINTS), _NORMAL] = 1.0
+        self._normal_rows = slice(row, row + 2 * POINTS)
+        self.lower[self._normal_rows] = 0.0
+        self._backend: QPBackend = make_backend(backend, self._P_mask(), self._A_mask(), settings)
+
+    def _P_mask(self) -> NDArray[np.bool_]:
+        mask = np.eye(_SIZE, dtype=bool)
+        mask[self._tangent] = True
+        mask[self._right, self._right] = True
+        return mask
+
+    def _A_mask(self) -> NDArray[np.bool_]:
+        mask = self.A != 0.0
+        for foot in (0, 1):
+            c = _FOOT * foot
+            mask[2:5, c : c + POINTS] = True
+            for column, rows in ((6, (0, 4, 5)), (7, (1, 3, 5)), (8, (3, 4, 5))):
+                mask[rows, c + column] = True
+        return mask
+
+    def build(
+        self,
+        wrench: NDArray[np.float64],
+        wanted: NDArray[np.float64],
+        opening: NDArray[np.float64],
+        right_load: float,
+        points: NDArray[np.float64],
+        yaw_curvature: float,
+        yaw_gradient: float,
+    ) -> None:
+        """Fill the matrices.
+
+        Args:
+            wrench: W of the :class:`ForceMap`, shape (6, 18).
+            wanted: momentum rate plus weight, [m g] and ANGULAR [m g m], shape (6,).
+            opening: share of the force limit per point, shape (12,).
+            right_load: planned share of the right foot [1].
+            points: number of open points of each foot, shape (2,), at least 1.
+            yaw_curvature, yaw_gradient: what the posture costs per unit of vertical moment.
+        """
+        row = wrench[_L_Z, _TANGENT]
+        P, q = self.P, self.q
+        P[self._tangent] = np.outer(row, yaw_curvature * row)
+        P[_TANGENT, _TANGENT] += TANGENT_COST
+        q[_TANGENT] = yaw_gradient * row
+        both = 0.0 < right_load < 1.0
+        P[self._right, self._right] = LOAD_COST if both else 0.0
+        P[_NORMAL, _NORMAL] = NORMAL_COST + (LOAD_COST if both else 0.0) * self._on_right
+        q[:POINTS] = -NORMAL_COST * (1.0 - right_load) / points[0]
+        q[self._right] = -NORMAL_COST * right_load / points[1] - (LOAD_COST * right_load if both else 0.0)
+        self.A[:6, :_FORCES] = wrench
+        self.lower[:6] = self.upper[:6] = wanted
+        self.upper[self._normal_rows] = LARGEST_NORMAL * opening
+
+    _on_right = np.repeat([0.0, 1.0], POINTS)
+
+    def solve(self) -> QPSolution:
+        """Solve what :meth:`build` filled in; the first 18 unknowns are phi."""
+        return self._backend.solve(self.P, self.q, self.A, self.lower, self.upper)
+
+
+class LimitedForm:
+    """The whole problem, torque and joint limits as constraints: 40 accelerations, 18 forces, 20 slacks.
+
+    Args:
+        backend: name of the solver.
+        settings: of the ADMM solver.
+        nv: number of velocities.
+        weights: posture weights, shape (nv,).
+        condensed: supplies the force part of cost and constraints.
+    """
+
+    POSTURE_COST = 1e-3
+    """Cost of leaving the posture, against the momentum slacks' one."""
+
+    def __init__(
+        self,
+        backend: str,
+        settings: QPSettings,
+        nv: int,
+        weights: NDArray[np.float64],
+        condensed: CondensedForm,
+    ) -> None:
+        self.nv, self.nu = nv, nv - 6
+        self._weights = self.POSTURE_COST * weights
+        self._condensed = condensed
+        self._soft = TASK_ROWS - 6
+        n = nv + _FORCES + 6 + self._soft
+        self._phi = slice(nv, nv + _FORCES)
+        self._force_unknowns = slice(nv, nv + _SIZE)
+        m = 6 + _ROWS + self._soft + 2 * self.nu
+        self.P, self.q = np.zeros((n, n)), np.zeros(n)
+        self.A, self.lower, self.upper = np.zeros((m, n)), np.zeros(m), np.zeros(m)
+        self.P[np.arange(nv), np.arange(nv)] = self._weights
+        self.P[-self._soft :, -self._soft :] = np.eye(self._soft)
+        self._dynamics, self._force_rows = slice(0, 6), slice(6, 6 + _ROWS)
+        self._task_rows = slice(6 + _ROWS, 6 + _ROWS + self._soft)
+        start = 6 + _ROWS + self._soft
+        self._torque_rows, self._joint_rows = slice(start, start + self.nu), slice(start + self.nu, m)
+        self.A[self._joint_rows, 6:nv] = np.eye(self.nu)
+        self._backend = make_backend(backend, self._P_mask(n), self._A_mask(m, n), settings)
+
+    def _P_mask(self, n: int) -> NDArray[np.bool_]:
+        mask = np.eye(n, dtype=bool)
+        mask[self._force_unknowns, self._force_unknowns] = self._condensed._P_mask()
+        return mask
+
+    def _A_mask(self, m: int, n: int) -> NDArray[np.bool_]:
+        mask = self.A != 0.0
+        mask[self._dynamics, : self.nv] = True
+        mask[self._dynamics, self._phi] = self._condensed._A_mask()[:6, :_FORCES]
+        mask[self._force_rows, self._force_unknowns] = self._condensed._A_mask()
+        mask[self._task_rows, : self.nv] = True
+        mask[self._task_rows, -self._soft :] = np.eye(self._soft, dtype=bool)
+        mask[self._torque_rows, : self.nv + _FORCES] = True
+        return mask
+
+    def solve(
+        self,
+        rows: NDArray[np.float64],
+        offset: NDArray[np.float64],
+        wrench: NDArray[np.float64],
+        softness: NDArray[np.float64],
+        posture: NDArray[np.float64],
+        torque_map: NDArray[np.float64],
+        torque_bias: NDArray[np.float64],
+        torque_limit: NDArray[np.float64],
+        joint_lower: NDArray[np.float64],
+        joint_upper: NDArray[np.float64],
+    ) -> QPSolution:
+        """Solve with the condensed form's current forces, costs and wanted momentum.
+
+        Args:
+            rows: B, shape (20, nv).
+            offset: right-hand side of the 20 rows: the first six without forces, shape (20,).
+            wrench: W, shape (6, 18).
+            softness: of the 14 foot and toe rows, shape (14,).
+            posture: wanted accelerations, shape (nv,) [g].
+            torque_map: torques over the limit per unit of (alpha, phi), shape (nu, nv + 18).
+            torque_bias: torques over the limit at zero, shape (nu,).
+            torque_limit: largest share of the limit, shape (nu,), usually one.
+            joint_lower, joint_upper: bounds of the hinges' accelerations, shape (nu,) [g].
+
+        Returns:
+            Unknowns alpha, phi, slacks.
+        """
+        c, nv = self._condensed, self.nv
+        self.P[self._force_unknowns, self._force_unknowns] = c.P
+        self.q[:nv] = -self._weights * posture
+        self.q[self._force_unknowns] = c.q
+        A, lower, upper = self.A, self.lower, self.upper
+        A[self._dynamics, :nv], A[self._dynamics, self._phi] = rows[:6], -wrench
+        A[self._force_rows, self._force_unknowns] = c.A
+        A[self._task_rows, :nv] = rows[6:]
+        index = np.arange(self._soft)
+        A[self._task_rows, -self._soft :][index, index] = np.sqrt(softness)
+        A[self._torque_rows, : nv + _FORCES] = torque_map
+        lower[self._dynamics] = upper[self._dynamics] = offset[:6]
+        lower[self._force_rows], upper[self._force_rows] = c.lower, c.upper
+        lower[self._task_rows] = upper[self._task_rows] = offset[6:]
+        lower[self._torque_rows] = -torque_limit - torque_bias
+        upper[self._torque_rows] = torque_limit - torque_bias
+        lower[self._joint_rows], upper[self._joint_rows] = joint_lower, joint_upper
+        return self._backend.solve(self.P, self.q, A, lower, upper)
