@@ -7,7 +7,7 @@ the time series are float64 and hold every simulation step, so they can be read 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,9 @@ class _Log:
             self.stream.log(entity, archetype, static=True)
 
     def columns(self, entity: str, times: Array, columns: Iterable[Any]) -> None:
-        index = rr.TimeColumn(TIMELINE, duration=times)
+        # Rounded: the SDK cuts seconds off to nanoseconds, and 2.05 s would become 2.049999999 s.
+        nanoseconds = np.round(1e9 * np.asarray(times)).astype("timedelta64[ns]")
+        index = rr.TimeColumn(TIMELINE, duration=nanoseconds)
         self.stream.send_columns(entity, indexes=[index], columns=columns)
 
     def series(

@@ -1,0 +1,121 @@
+"""The recording verifies, holds the data it is drawn from, and can be written of any run."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from ampm.exceptions import InputError
+from tests.saved_run import ZMP_ERROR, make_run
+from validation.record import Outcome, OutcomeName, load_record
+from validation.rerun_log import RECORDING_FILE, plain_text, run_events, verdict_markdown, write_recording
+from validation.saved import load_saved_run
+from validation.signals import load_signals
+
+RERUN = [sys.executable, "-m", "rerun"]
+
+
+@pytest.fixture(scope="module")
+def run_dir(tmp_path_factory):
+    directory = make_run(tmp_path_factory.mktemp("run"), steps=4)
+    assert write_recording(directory) == directory / RECORDING_FILE
+    return directory
+
+
+def columns(path: Path, entity: str) -> dict[str, np.ndarray]:
+    """Temporal columns of one entity, list values as arrays."""
+    for chunk in RrdReader(path).stream().filter(content=entity):
+        if not chunk.is_static and chunk.num_rows:
+            batch = chunk.to_record_batch()
+            return {
+                name: np.array(batch.column(name).to_pylist()) for name in batch.schema.names if ":" in name
+            } | {"time": batch.column("sim_time").to_numpy() / np.timedelta64(1, "s")}
+    raise AssertionError(f"{entity} has no rows")
+
+
+def entities(path: Path) -> set[str]:
+    return {chunk.entity_path for chunk in RrdReader(path).stream().collect().stream()}
+
+
+def test_recording_verifies(run_dir):
+    done = subprocess.run(
+        [*RERUN, "rrd", "verify", str(run_dir / RECORDING_FILE)], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_series_are_the_signals_bit_for_bit(run_dir):
+    signals = load_signals(run_dir / "signals.parquet")
+    kept = columns(run_dir / RECORDING_FILE, "/signals/force_z")
+    for index, kind in enumerate(("plan", "command", "measured")):
+        assert np.array_equal(kept["Scalars:scalars"][:, index], signals[f"{kind}_force_z"])
+    np.testing.assert_allclose(kept["time"], signals["time"], rtol=0, atol=1e-12)
+    zmp = columns(run_dir / RECORDING_FILE, "/residual/zmp")["Scalars:scalars"]
+    assert np.abs(zmp).max(axis=0) == pytest.approx([1e3 * e for e in ZMP_ERROR], rel=1e-3)
+
+
+def test_segments_move_as_the_model_says(run_dir):
+    record = load_record(run_dir)
+    model = mujoco.MjModel.from_xml_string((run_dir / "model.xml").read_text(encoding="utf-8"))
+    data = mujoco.MjData(model)
+    name = model.body(model.nbody - 1).name
+    moved = columns(run_dir / RECORDING_FILE, f"/world/body/{name}")
+    translation = moved["Transform3D:translation"].reshape(-1, 3)
+    quaternion = moved["Transform3D:quaternion"].reshape(-1, 4)
+    for row in (0, len(translation) // 2, len(translation) - 1):
+        data.qpos[:] = record.q[5 * row]
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(translation[row], data.body(name).xpos, atol=1e-6)
+        np.testing.assert_allclose(quaternion[row], np.roll(data.body(name).xquat, -1), atol=1e-6)
+
+
+def test_what_a_viewer_must_show_is_there(run_dir):
+    found = entities(run_dir / RECORDING_FILE)
+    wanted = (
+        "world/follow", "world/plan/polygon", "world/plan/footprints", "world/floor/zmp/plan",
+        "world/floor/zmp/measured", "world/force/plan", "world/force/measured", "world/force/left",
+        "world/force/right", "world/com/measured/trail", "world/feet/left/sole", "phase/planned_stance",
+        "verdict", "events",
+    )  # fmt: skip
+    assert {f"/{name}" for name in wanted} <= found
+
+
+def test_identical_runs_give_identical_recordings(run_dir, tmp_path):
+    other = make_run(tmp_path / "run", steps=4)
+    write_recording(other)
+    done = subprocess.run(
+        [*RERUN, "rrd", "compare", str(run_dir / RECORDING_FILE), str(other / RECORDING_FILE)],
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_recording_is_small(run_dir):
+    seconds = load_record(run_dir).time[-1]
+    assert (run_dir / RECORDING_FILE).stat().st_size / seconds < 1e6
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.002, 0.9])
+def test_a_run_that_ended_early_is_recorded(tmp_path, seconds):
+    cause = "The pelvis sank below half of its height \N{SKULL}."
+    end = Outcome(OutcomeName.FELL, seconds, cause, 0)
+    directory = make_run(tmp_path, steps=4, seconds=seconds, outcome=end)
+    write_recording(directory)
+    saved = load_saved_run(directory)
+    assert any(level == "CRITICAL" and "fell" in text for _, level, text in run_events(saved))
+    assert "fell" in verdict_markdown(saved)
+
+
+def test_text_is_kept_to_glyphs_that_the_viewer_has():
+    assert plain_text("fell at 2.5 s \N{SKULL} °") == "fell at 2.5 s ? °"
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"run\.toml"):
+        write_recording(tmp_path)
