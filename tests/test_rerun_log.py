@@ -14,8 +14,8 @@ from rerun.chunk import RrdReader
 from ampm.exceptions import InputError
 from tests.saved_run import ZMP_ERROR, make_run
 from validation.record import Outcome, OutcomeName, load_record
-from validation.rerun_log import RECORDING_FILE, plain_text, run_events, verdict_markdown, write_recording
-from validation.saved import load_saved_run
+from validation.rerun_log import RECORDING_FILE, plain_text, verdict_markdown, write_recording
+from validation.saved import load_saved_run, run_events
 from validation.signals import load_signals
 
 RERUN = [sys.executable, "-m", "rerun"]

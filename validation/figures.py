@@ -90,21 +90,39 @@ def style() -> Any:
 
 
 def new_figure(
-    height: float, rows: int = 1, *, width: float = WIDTH, **grid: Any
+    height: float,
+    rows: int = 1,
+    *,
+    width: float = WIDTH,
+    left: float = 0.62,
+    top: float = 0.42,
+    gap: float = 0.3,
+    ratios: Sequence[float] | None = None,
 ) -> tuple[Figure, list[Axes]]:
     """Make a figure of ``rows`` axes over each other.
+
+    Margins are given, not searched for: matplotlib's automatic layout takes longer than all the drawing.
 
     Args:
         height: of the figure [in].
         rows: number of axes.
         width: of the figure [in].
-        **grid: further arguments of ``Figure.subplots``.
+        left: room for the labels of the vertical axis [in].
+        top: room for title and legend [in].
+        gap: between two axes [in].
+        ratios: relative heights of the axes.
     """
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(rows, 1, squeeze=False, **grid)[:, 0]
+    figure = Figure(figsize=(width, height))
+    inner = (height - top - 0.42 - gap * (rows - 1)) / rows
+    axes = figure.subplots(rows, 1, squeeze=False, height_ratios=ratios)[:, 0]
+    figure.subplots_adjust(
+        left=left / width, right=1.0 - 0.12 / width, bottom=0.42 / height, top=1.0 - top / height,
+        hspace=gap / inner,
+    )  # fmt: skip
     figure.patch.set_alpha(0.0)
     for axis in axes:
         axis.patch.set_alpha(0.0)
+        axis.yaxis.set_label_coords(-(left - 0.14) / (width - left - 0.12), 0.5)
     return figure, list(axes)
 
 
@@ -284,7 +302,7 @@ def tracking(
         extra: draws further curves into the upper axes.
         reference: prefix and label of what the measurement is compared with.
     """
-    figure, (upper, lower) = new_figure(3.9, 2, height_ratios=[3, 2])
+    figure, (upper, lower) = new_figure(3.9, 2, ratios=[3, 2])
     window = middle(signals)
     prefix, label = reference
     reference_values = signals[f"{prefix}_{curve.name}"]
@@ -398,7 +416,7 @@ def top_view(saved: SavedRun, plan: GaitPlan | None, steps: int = 4) -> Figure:
     com = signals.vector("plan_com", "xy")[part]
     span = float(np.ptp(com[:, 0])) + 0.9 if len(com) else 3.0
     # As high as equal scales make it, plus legend and labels.
-    figure, (axis,) = new_figure(0.95 + 1.9 * WIDTH * min(0.4 / span, 0.5), width=2 * WIDTH)
+    figure, (axis,) = new_figure(0.7 + (2 * WIDTH - 0.74) * min(0.36 / span, 0.5), width=2 * WIDTH, top=0.24)
     if plan is not None and plan.feet is not None and len(com):
         sole = plan.feet.sole
         x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
@@ -431,7 +449,7 @@ def contact_timeline(saved: SavedRun, plan: GaitPlan | None) -> Figure:
     window = middle(signals)
     part = window.rows
     time = signals.time[part]
-    figure, (axis,) = new_figure(2.6)
+    figure, (axis,) = new_figure(2.6, left=0.85, top=0.28)
     shade_double_support(axis, signals, window)
     planned = None
     if plan is not None and plan.feet is not None and len(time):
@@ -470,7 +488,7 @@ def _bars(axis: Axes, time: Array, on: NDArray[np.bool_], row: float, height: fl
 def torque_use(saved: SavedRun, count: int = 16) -> Figure:
     """Largest and RMS torque of the busiest motors, as shares of their limits."""
     record = saved.record
-    figure, (axis,) = new_figure(3.9)
+    figure, (axis,) = new_figure(3.9, left=1.45)
     share = 100.0 * np.abs(record.torque) / record.torque_limit
     if len(share):
         peak, rms = share.max(axis=0), np.sqrt((share**2).mean(axis=0))
@@ -492,7 +510,7 @@ def torque_use(saved: SavedRun, count: int = 16) -> Figure:
 def qp_statistics(saved: SavedRun) -> Figure:
     """Wall-clock time of the controller's QP, and its residual at every tick."""
     record = saved.record
-    figure, (upper, lower) = new_figure(3.9, 2)
+    figure, (upper, lower) = new_figure(3.9, 2, gap=0.6)
     if len(record.qp_time):
         micro = 1e6 * record.qp_time
         top = float(np.percentile(micro, 99.5))
@@ -524,7 +542,7 @@ def qp_statistics(saved: SavedRun) -> Figure:
 
 def zmp_error_split(signals: Signals, axis: str) -> Figure:
     """Causes of the ZMP error over one stride, stacked, with the error itself as a line."""
-    figure, (axes,) = new_figure(2.7)
+    figure, (axes,) = new_figure(2.7, top=0.6)
     window = middle(signals)
     rows = np.arange(window.first, window.last, max(1, (window.last - window.first) // 280))
     shade_double_support(axes, signals, window)
@@ -548,7 +566,7 @@ def zmp_error_split(signals: Signals, axis: str) -> Figure:
 
 def opening(signals: Signals, axis: str) -> Figure:
     """ZMP of the first step and the two after it, with its error."""
-    figure, (upper, lower) = new_figure(3.3, 2, height_ratios=[3, 2])
+    figure, (upper, lower) = new_figure(3.3, 2, ratios=[3, 2])
     starts = switches(signals)
     window = Window(0, int(starts[6]) if len(starts) > 6 else len(signals))
     part = window.rows

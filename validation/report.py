@@ -21,7 +21,7 @@ from ampm.gait import GaitPlan
 from ampm.parameters import RunParameters
 from validation import figures
 from validation.figures import Curve, Window
-from validation.saved import SavedRun, load_saved_run
+from validation.saved import SavedRun, load_saved_run, run_events
 
 REPORT_FILE = "report.html"
 BODY_WEIGHT = "% BW"
@@ -443,8 +443,6 @@ def _parameters(run: RunParameters) -> list[dict[str, Any]]:
 
 def _events(saved: SavedRun) -> list[tuple[str, str]]:
     """What happened, apart from footfalls."""
-    from validation.rerun_log import run_events
-
     return [(f"{time:.3f} s", text) for time, level, text in sorted(run_events(saved)) if level != "DEBUG"]
 
 

@@ -18,7 +18,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from ampm.gait import GaitPlan
-from validation.saved import SavedRun, load_saved_run
+from validation.saved import SavedRun, load_saved_run, run_events
 
 Array = NDArray[np.float64]
 Color = tuple[int, int, int, int]
@@ -444,33 +444,6 @@ def _log_events(log: _Log, saved: SavedRun) -> None:
             text=[plain_text(event[2]) for event in events], level=[event[1] for event in events]
         ),
     )
-
-
-def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:
-    """List (time [s], level, sentence) of what happened in a run."""
-    signals, record = saved.signals, saved.record
-    events: list[tuple[float, str, str]] = []
-    if len(signals):
-        time = signals.time
-        for foot in ("left", "right"):
-            contact = signals[f"{foot}_contact"]
-            for row in np.flatnonzero(contact[1:] != contact[:-1]) + 1:
-                verb = "touches the floor" if contact[row] else "leaves the floor"
-                events.append((float(time[row]), "DEBUG", f"The {foot} foot {verb}."))
-        for axis in "xy":
-            error = np.abs(signals[f"measured_zmp_{axis}"] - signals[f"plan_zmp_{axis}"])
-            if np.isfinite(error).any():
-                worst = int(np.nanargmax(error))
-                events.append(
-                    (float(time[worst]), "INFO", f"Largest ZMP error in {axis}: {1e3 * error[worst]:.1f} mm.")
-                )
-    unsolved = record.tick_time[record.qp_status == 2]
-    begins = unsolved[np.r_[True, np.diff(unsolved) > 0.05]] if len(unsolved) else unsolved
-    events += [(float(t), "ERROR", "The QP was not solved; the fallback gave the torques.") for t in begins]
-    outcome = record.outcome
-    level = "INFO" if outcome.name == "completed" else "CRITICAL"
-    events.append((float(outcome.time), level, f"Outcome: {outcome.name}. {outcome.cause}".strip()))
-    return events
 
 
 # -------------------------------------------------------------------------------------------- blueprint
