@@ -370,6 +370,10 @@ def main() -> None:
     """Entry point of the console script."""
     if "_AMPM_COMPLETE" in os.environ:  # a shell asks for completions
         app()
+    # Before numpy is loaded: threads on matrices this small cost three times what they save, and a run's bits
+    # must not depend on how many cores share a sum.
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
     # A terminated run keeps what it has, like an interrupted one.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     sys.exit(call(sys.argv[1:]))
