@@ -32,21 +32,26 @@ class ContactGate:
         self._open: NDArray[np.float64] | None = None
 
     def update(
-        self, planned: NDArray[np.bool_], until_lift: NDArray[np.float64], sensed: NDArray[np.bool_]
+        self,
+        planned: NDArray[np.bool_],
+        due: NDArray[np.bool_],
+        until_lift: NDArray[np.float64],
+        sensed: NDArray[np.bool_],
     ) -> NDArray[np.float64]:
         """Advance one tick.
 
         Args:
             planned: contact groups in contact, shape (2, 3).
+            due: groups in contact now or shortly, shape (2, 3).
             until_lift: time to their planned lift-off, shape (2, 3) [s].
             sensed: points in contact, shape (P,).
 
         Returns:
             Share of the full force limit of every point, 0 ... 1, shape (P,).
         """
-        wanted = planned[self._foot, self._group]
         if self._open is None:  # a run starts standing on whatever is planned
-            self._open = wanted.astype(np.float64)
-        np.clip(self._open + np.where(wanted & sensed, self._rate, -self._rate), 0.0, 1.0, out=self._open)
+            self._open = planned[self._foot, self._group].astype(np.float64)
+        loaded = due[self._foot, self._group] & sensed
+        np.clip(self._open + np.where(loaded, self._rate, -self._rate), 0.0, 1.0, out=self._open)
         closing = np.minimum(until_lift[self._foot, self._group] / self._ramp, 1.0)
-        return np.where(wanted & sensed, np.minimum(self._open, closing), 0.0)
+        return np.where(loaded, np.minimum(self._open, closing), 0.0)

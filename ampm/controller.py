@@ -152,7 +152,7 @@ class TrackingController:
         robot.jacobian(q, v)
         terms = robot.drift(q, v)
         momentum = terms.jacobian[:6] @ v * robot.mass
-        opening = self._gate.update(ref.contact[k], ref.until_lift[k], sensed)
+        opening = self._gate.update(ref.contact[k], ref.due[k], ref.until_lift[k], sensed)
         self._locate_points(terms.com)
         self.forces.update(self._arm, opening.reshape(2, POINTS))
 
@@ -175,7 +175,7 @@ class TrackingController:
         if info != 0:
             return self._hold(k, force, moment, wanted_momentum, terms.com)
         wanted = np.concatenate([force / self._weight, moment * (ANGULAR / self._weight)])
-        open_points = np.maximum((opening.reshape(2, POINTS) > 0.0).sum(axis=1), 1)
+        open_points = np.maximum((opening.reshape(2, POINTS)[:, :4] > 0.0).sum(axis=1), 1)
         self.condensed.build(
             self.forces.wrench,
             wanted,
@@ -323,8 +323,8 @@ class TrackingController:
         for foot in (0, 1):
             row = 6 + 6 * foot
             velocity, omega = rates[6 * foot : 6 * foot + 3], rates[6 * foot + 3 : 6 * foot + 6]
-            planned = ref.contact[k, foot]
             touching = sensed[POINTS * foot : POINTS * (foot + 1)].reshape(3, 2).any(axis=1)
+            planned = ref.contact[k, foot] | (ref.due[k, foot] & touching)
             pose = robot.sole_pose(foot)
             pitch, pitch_rate = ref.pitch[k, foot], ref.pitch_velocity[k, foot]
             c, s = np.cos(pitch), np.sin(pitch)
@@ -345,15 +345,17 @@ class TrackingController:
                 pivot = self._pivot(foot, planned)
                 spin = -gains.stance_damping * omega
                 if not planned.all():  # rolling on heel or toes
-                    spin += gains.swing_stiffness * tilt + (gains.stance_damping - gains.swing_damping) * omega
-                    spin[1] += ref.pitch_acceleration[k, foot] + gains.swing_damping * pitch_rate
+                    spin = gains.roll_stiffness * tilt - gains.roll_damping * omega
+                    spin[1] += ref.pitch_acceleration[k, foot] + gains.roll_damping * pitch_rate
                 elif touching[_HEEL] and not touching[_BALL]:  # the ball is late: turn it to the floor
                     spin[1] += gains.stance_damping * gains.touchdown_rate
                 drop = velocity + _cross(omega, pivot)
+                damping = gains.stance_damping
                 if not touching.any():  # the whole foot is late: let it down
                     drop[2] += gains.touchdown_velocity
+                    damping = gains.touchdown_damping
                 acceleration = (
-                    -gains.stance_damping * drop - _cross(spin, pivot) - _cross(omega, _cross(omega, pivot))
+                    -damping * drop - _cross(spin, pivot) - _cross(omega, _cross(omega, pivot))
                 )
                 softness = STANCE
             rhs[row : row + 3], rhs[row + 3 : row + 6] = acceleration, spin

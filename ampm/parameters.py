@@ -186,12 +186,27 @@ class ControllerParameters(Section):
     stance_damping: Real = _field(
         50.0, "feedback from the stance foot's velocity to its acceleration", "1/s", ge=0, le=1e4
     )
+    roll_stiffness: Real = _field(
+        1500.0, "feedback from the pose of a foot that rolls on heel or toes to its rotation", "1/s^2", ge=0, le=1e5
+    )
+    roll_damping: Real = _field(
+        80.0, "feedback from the rate of a foot that rolls on heel or toes to its rotation", "1/s", ge=0, le=1e4
+    )
+    touchdown_damping: Real = _field(
+        200.0, "how fast a late foot takes up the touch-down velocity", "1/s", ge=0, le=1e4
+    )
     contact_ramp: Real = _field(
         0.03,
         "time in which a point's force limit opens after touch-down and closes before lift-off",
         "s",
         gt=0,
         le=1,
+    )
+    touchdown_lead: Real = _field(
+        0.006, "time before its planned contact from which a foot is let down", "s", ge=0, le=0.2
+    )
+    touchdown_window: Real = _field(
+        0.04, "time before its planned contact from which a touch counts as contact", "s", ge=0, le=0.5
     )
     touchdown_velocity: Real = _field(
         0.1, "speed at which a foot that is late closes in on the floor", "m/s", ge=0, le=2

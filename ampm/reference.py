@@ -34,6 +34,7 @@ class TrackingReference:
         pitch, pitch_velocity, pitch_acceleration: of the feet, shape (T, 2) [rad].
         toe, toe_velocity, toe_acceleration: toe joints, shape (T, 2) [rad].
         contact: heel, ball, tip of each foot planned in contact, shape (T, 2, 3), bool.
+        due: groups whose contact is planned now or shortly: what touches early is taken as contact, shape (T, 2, 3).
         until_lift: time until the group's planned lift-off, infinite if none comes, shape (T, 2, 3) [s].
         right_load: share of the weight planned on the right foot, shape (T,) [1].
         q, v, acceleration: the periodic motion, shapes (T, nq), (T, nv), (T, nv).
@@ -55,6 +56,7 @@ class TrackingReference:
     toe_velocity: NDArray[np.float64]
     toe_acceleration: NDArray[np.float64]
     contact: NDArray[np.bool_]
+    due: NDArray[np.bool_]
     until_lift: NDArray[np.float64]
     right_load: NDArray[np.float64]
     q: NDArray[np.float64]
@@ -70,7 +72,14 @@ class TrackingReference:
 
 
 def tracking_reference(
-    plan: GaitPlan, motion: WholeBodyMotion, robot: Robot, times: NDArray[np.float64]
+    plan: GaitPlan,
+    motion: WholeBodyMotion,
+    robot: Robot,
+    times: NDArray[np.float64],
+    *,
+    lead: float = 0.0,
+    early: float = 0.0,
+    velocity_lag: float = 0.0,
 ) -> TrackingReference:
     """Sample plan, feet and motion at the control ticks.
 
@@ -79,6 +88,11 @@ def tracking_reference(
         motion: the periodic whole-body step.
         robot: the body.
         times: control ticks, ascending, shape (T,) [s].
+        lead: time by which a foot is let down before its planned contact [s].
+        early: time before planned contact from which a touch counts as contact [s].
+        velocity_lag: how much older the sensed velocities are than the sensed positions [s]. A semi-implicit
+            integrator's velocity is the mean over the last step, half a step old; comparing it with the present
+            reference would leave a position error of half a step times every change of velocity.
 
     Raises:
         InputError: the plan has no feet, or a time lies outside it.
@@ -88,38 +102,47 @@ def tracking_reference(
     sample, feet, body = plan.sample(times), plan.feet.sample(times), motion.sample(times, robot)
     yaw_rate = np.gradient(body.angular_momentum_z, times) if len(times) > 1 else np.zeros(len(times))
     contact = np.stack([f.contact for f in feet], axis=1)
+    ahead = [
+        contact | np.stack([f.contact for f in plan.feet.sample(np.minimum(times + by, plan.duration))], axis=1)
+        for by in (lead, early)
+    ]
     zero = np.zeros((len(times), 1))
+
+    def lagged(velocity: NDArray[np.float64], acceleration: NDArray[np.float64]) -> NDArray[np.float64]:
+        return velocity - velocity_lag * acceleration
+
     return TrackingReference(
         time=np.array(times),
         com=sample.com.copy(),
-        com_velocity=sample.com_velocity.copy(),
+        com_velocity=lagged(sample.com_velocity, sample.com_acceleration),
         com_acceleration=sample.com_acceleration.copy(),
         angular_momentum=np.hstack([sample.angular_momentum, body.angular_momentum_z[:, None]]),
         moment=np.hstack([sample.moment, yaw_rate[:, None] + zero]),
         foot_position=np.stack([f.position for f in feet], axis=1),
-        foot_velocity=np.stack([f.velocity for f in feet], axis=1),
+        foot_velocity=np.stack([lagged(f.velocity, f.acceleration) for f in feet], axis=1),
         foot_acceleration=np.stack([f.acceleration for f in feet], axis=1),
         pitch=np.stack([f.pitch for f in feet], axis=1),
-        pitch_velocity=np.stack([f.pitch_velocity for f in feet], axis=1),
+        pitch_velocity=np.stack([lagged(f.pitch_velocity, f.pitch_acceleration) for f in feet], axis=1),
         pitch_acceleration=np.stack([f.pitch_acceleration for f in feet], axis=1),
         toe=np.stack([f.toe for f in feet], axis=1),
-        toe_velocity=np.stack([f.toe_velocity for f in feet], axis=1),
+        toe_velocity=np.stack([lagged(f.toe_velocity, f.toe_acceleration) for f in feet], axis=1),
         toe_acceleration=np.stack([f.toe_acceleration for f in feet], axis=1),
-        contact=contact,
+        contact=ahead[0],
+        due=ahead[1],
         until_lift=_until_lift(times, contact),
         right_load=_right_load(sample.zmp, sample.left_placement, sample.right_placement, sample.stance),
         q=body.q,
-        v=body.v,
+        v=lagged(body.v, body.acceleration),
         acceleration=body.acceleration,
     )
 
 
 def _until_lift(times: NDArray[np.float64], contact: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Time from each tick to the first later tick without contact."""
+    """Time from each tick to the end of the present contact, or of the next one."""
     until = np.full(contact.shape, np.inf)
     lift = np.full(contact.shape[1:], np.inf)
-    for k in range(len(times) - 1, -1, -1):
-        lift = np.where(contact[k], lift, times[k])
+    for k in range(len(times) - 2, -1, -1):
+        lift = np.where(contact[k] & ~contact[k + 1], times[k + 1], lift)
         until[k] = lift - times[k]
     return until
 

@@ -41,6 +41,10 @@ STANCE, SWING = 1e-8, 1e-4
 NORMAL_COST, TANGENT_COST = 0.6, 0.15
 """Regularisation of normal and of tangential forces and twists."""
 
+TIP_COST = 6.0
+"""Regularisation of the toe tips' normal forces: the light toe segment yields under load, so it is left to follow
+the floor unless the ZMP needs it."""
+
 LOAD_COST = 3.0
 """Cost of leaving the planned share of the load between the feet in double support."""
 
@@ -62,6 +66,8 @@ _SIZE = _FORCES + 6
 _ROWS = 6 + 12 + 2 * POINTS
 _L_Z = 5
 _NORMAL = np.concatenate([np.arange(POINTS), _FOOT + np.arange(POINTS)])
+_COST = np.tile([NORMAL_COST, NORMAL_COST, NORMAL_COST, NORMAL_COST, TIP_COST, TIP_COST], 2)
+_SOLE = np.array([0, 1, 2, 3])  # points that share the planned load: heel and ball
 _TANGENT = np.array([6, 7, 8, 15, 16, 17])
 
 
@@ -141,7 +147,7 @@ class CondensedForm:
         self.A = np.zeros((_ROWS, _SIZE))
         self.lower, self.upper = np.full(_ROWS, -np.inf), np.zeros(_ROWS)
         self._base = np.zeros(_SIZE)
-        self._base[_NORMAL], self._base[_TANGENT], self._base[_FORCES:] = NORMAL_COST, TANGENT_COST, 1.0
+        self._base[_NORMAL], self._base[_TANGENT], self._base[_FORCES:] = _COST, TANGENT_COST, 1.0
         self.P[np.arange(_SIZE), np.arange(_SIZE)] = self._base
         self._tangent = np.ix_(_TANGENT, _TANGENT)
         self._right = slice(_FOOT, _FOOT + POINTS)
@@ -190,7 +196,7 @@ class CondensedForm:
             wanted: momentum rate plus weight, [m g] and ANGULAR [m g m], shape (6,).
             opening: share of the force limit per point, shape (12,).
             right_load: planned share of the right foot [1].
-            points: number of open points of each foot, shape (2,), at least 1.
+            points: number of open heel and ball points of each foot, shape (2,), at least 1.
             yaw_curvature, yaw_gradient: what the posture costs per unit of vertical moment.
         """
         row = wrench[_L_Z, _TANGENT]
@@ -200,9 +206,10 @@ class CondensedForm:
         q[_TANGENT] = yaw_gradient * row
         both = 0.0 < right_load < 1.0
         P[self._right, self._right] = LOAD_COST if both else 0.0
-        P[_NORMAL, _NORMAL] = NORMAL_COST + (LOAD_COST if both else 0.0) * self._on_right
-        q[:POINTS] = -NORMAL_COST * (1.0 - right_load) / points[0]
-        q[self._right] = -NORMAL_COST * right_load / points[1] - (LOAD_COST * right_load if both else 0.0)
+        P[_NORMAL, _NORMAL] = _COST + (LOAD_COST if both else 0.0) * self._on_right
+        q[_SOLE] = -NORMAL_COST * (1.0 - right_load) / points[0]
+        q[self._right] = -LOAD_COST * right_load if both else 0.0
+        q[_FOOT + _SOLE] -= NORMAL_COST * right_load / points[1]
         self.A[:6, :_FORCES] = wrench
         self.lower[:6] = self.upper[:6] = wanted
         self.upper[self._normal_rows] = LARGEST_NORMAL * opening

@@ -10,7 +10,7 @@ from validation.folders import output_file, run_folder
 
 def fill(folder, text="first"):
     (folder / "run.toml").write_text(text)
-    (folder / "summary.json").write_text("{}")
+    (folder / "joints.parquet").write_text("")
 
 
 def test_a_run_appears_whole(tmp_path):
@@ -18,7 +18,7 @@ def test_a_run_appears_whole(tmp_path):
     with run_folder(target, force=False) as folder:
         fill(folder)
         assert not target.exists()
-    assert sorted(path.name for path in target.iterdir()) == ["run.toml", "summary.json"]
+    assert sorted(path.name for path in target.iterdir()) == ["joints.parquet", "run.toml"]
     assert [path.name for path in target.parent.iterdir()] == ["run"]
 
 
@@ -73,10 +73,20 @@ def test_an_error_leaves_the_old_run_and_what_was_written(tmp_path):
     assert str(partial) in caught.value.__notes__[0]
 
 
-def test_an_error_before_anything_was_written_leaves_nothing(tmp_path):
-    with pytest.raises(ValueError), run_folder(tmp_path / "run", force=False):
-        raise ValueError
-    assert not list(tmp_path.iterdir())
+@pytest.mark.parametrize("exists", [False, True])
+def test_an_error_before_anything_was_recorded_leaves_nothing(tmp_path, exists):
+    target = tmp_path / "run"
+    if exists:
+        target.mkdir()
+
+    def write_and_fail():
+        with run_folder(target, force=False) as folder:
+            (folder / "run.toml").write_text("")
+            raise ValueError
+
+    with pytest.raises(ValueError):
+        write_and_fail()
+    assert list(tmp_path.rglob("*")) == ([target] if exists else [])
 
 
 def test_a_file_is_no_folder(tmp_path):

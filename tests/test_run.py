@@ -133,7 +133,7 @@ def test_several_gaits_get_a_folder_each(tmp_path, capsys):
 def test_ctrl_c_keeps_what_was_walked(tmp_path):
     out = tmp_path / "run"
     program = Path(sys.executable).with_name("ampm")
-    command = [str(program), "validate", "normal", "--steps", "2000", "--out", str(out)]
+    command = [str(program), "validate", "normal", "--steps", "300", "--out", str(out)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         deadline = time.monotonic() + 60
@@ -141,7 +141,7 @@ def test_ctrl_c_keeps_what_was_walked(tmp_path):
             assert process.poll() is None, process.communicate()
             assert time.monotonic() < deadline
             time.sleep(0.05)
-        time.sleep(3.0)  # let it walk a little
+        time.sleep(1.5)  # let it walk a little
         process.send_signal(signal.SIGINT)
         printed, noise = process.communicate(timeout=120)
     finally:

@@ -34,6 +34,10 @@ RUN_FILES = frozenset(
 """All that a run folder may hold; a folder with anything else in it is never replaced."""
 
 
+RECORDED = "joints.parquet"
+"""File from which on a folder is worth keeping."""
+
+
 def check_run_folder(target: Path, *, force: bool) -> None:
     """Refuse a target that must not be written.
 
@@ -72,7 +76,8 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
         force: whether an earlier run there may be replaced.
 
     Yields:
-        The folder to write into; it is renamed to ``target`` at the end, or left behind on an exception.
+        The folder to write into; it is renamed to ``target`` at the end. On an exception it stays behind if
+        it holds a record, and vanishes otherwise.
 
     Raises:
         InputError: see :func:`check_run_folder`, or the folder cannot be created.
@@ -80,7 +85,8 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
     target = target.resolve()
     check_run_folder(target, force=force)
     if target.is_dir() and not any(target.iterdir()):
-        yield target
+        with _tidied(target):
+            yield target
         return
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -90,14 +96,8 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
         raise InputError(
             f"--out {target} cannot be created ({error.strerror}); give another folder."
         ) from error
-    try:
+    with _tidied(work):
         yield work
-    except BaseException as error:
-        if any(work.iterdir()):
-            error.add_note(f"what was written until then is in {work}")
-        else:
-            work.rmdir()
-        raise
     check_run_folder(target, force=force)  # something may have appeared there in the meantime
     if target.exists():
         old = Path(tempfile.mkdtemp(prefix=f"{target.name}.old-", dir=target.parent))
@@ -106,6 +106,22 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
         shutil.rmtree(old)
     else:
         work.rename(target)
+
+
+@contextmanager
+def _tidied(work: Path) -> Iterator[None]:
+    """On an exception, keep a folder that holds a record, and empty one that holds none."""
+    try:
+        yield
+    except BaseException as error:
+        if (work / RECORDED).exists():
+            error.add_note(f"what was recorded is in {work}")
+        else:  # parameters and model: the command line says as much
+            for name in RUN_FILES:
+                (work / name).unlink(missing_ok=True)
+            if ".partial-" in work.name and not any(work.iterdir()):
+                work.rmdir()
+        raise
 
 
 @contextmanager

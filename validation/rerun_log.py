@@ -208,7 +208,7 @@ def _shape_color(rgba: Array) -> Color:
     if np.allclose(rgba, (0.5, 0.5, 0.5, 1.0)):
         return SKIN
     r, g, b, _ = (round(255 * float(c)) for c in rgba)
-    return (r, g, b, 255)
+    return (r, g, b, 120)
 
 
 # --------------------------------------------------------------------------------------------- ground

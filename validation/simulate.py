@@ -198,7 +198,15 @@ def simulate(
     duration = steps * plan.constants.step_duration
     total = int(np.floor(duration / dt + 1e-9))
     ticks = np.arange(0, total, physics.substeps) * dt
-    reference = tracking_reference(plan, motion, physics.robot, ticks)
+    reference = tracking_reference(
+        plan,
+        motion,
+        physics.robot,
+        ticks,
+        lead=run.controller.touchdown_lead,
+        early=run.controller.touchdown_window,
+        velocity_lag=0.5 * dt,
+    )
     controller = TrackingController(physics.robot, reference, run)
     start = motion.sample(np.zeros(1), physics.robot)
     q = start.q[0].copy()
