@@ -31,9 +31,9 @@ class Limits:
         agreement: RMSE of the two measured ZMPs [mm].
     """
 
-    zmp: tuple[float, float]
-    zmp_maximum: tuple[float, float]
-    force: tuple[float, float, float]
+    zmp: tuple[float, ...]
+    zmp_maximum: tuple[float, ...]
+    force: tuple[float, ...]
     momentum: float
     agreement: float = 0.5
 
