@@ -169,8 +169,8 @@ def test_strides_are_two_steps_each_and_leave_out_the_first(run_dir):
     assert [round(saved.signals.time[s.first] / plan.constants.step_duration, 2) for s in strides] == [2.0]
     length = (strides[0].last - strides[0].first) * saved.record.time_step
     assert length == pytest.approx(2 * plan.constants.step_duration, abs=saved.record.time_step)
-    first = figures.first_step(saved.signals)
-    assert saved.signals.time[first.last] == pytest.approx(plan.constants.step_duration, abs=0.002)
+    first = saved.signals.first_step()
+    assert saved.signals.time[first] == pytest.approx(plan.constants.step_duration, abs=0.002)
 
 
 @settings(max_examples=50, deadline=None)

@@ -195,18 +195,9 @@ class Window:
         return slice(self.first, self.last)
 
 
-def switches(signals: Signals) -> NDArray[np.intp]:
-    """Rows at which a planned phase begins, the first row included."""
-    phase, stance = signals["phase"], signals["stance"]
-    if not len(phase):
-        return np.zeros(0, dtype=np.intp)
-    change = (phase[1:] != phase[:-1]) | (stance[1:] != stance[:-1])
-    return np.flatnonzero(np.r_[True, change])
-
-
 def strides(signals: Signals) -> list[Window]:
     """Complete strides (two steps), each from the start of a left stance, the first step left out."""
-    starts = switches(signals)
+    starts = signals.switches()
     phase, stance = signals["phase"], signals["stance"]
     left = [
         int(row) for row in starts if phase[row] == "single_support" and stance[row] == "left" and row > 0
@@ -220,15 +211,9 @@ def middle(signals: Signals) -> Window:
     return all_strides[len(all_strides) // 2] if all_strides else Window(0, len(signals))
 
 
-def first_step(signals: Signals) -> Window:
-    """The first step: one single and one double support."""
-    starts = switches(signals)
-    return Window(0, int(starts[2]) if len(starts) > 2 else len(signals))
-
-
 def shade_double_support(axis: Axes, signals: Signals, window: Window, *, origin: float = 0.0) -> None:
     """Shade the planned double supports."""
-    starts = [int(s) for s in switches(signals)] + [len(signals)]
+    starts = [int(s) for s in signals.switches()] + [len(signals)]
     step = _step(signals)
     for a, b in pairwise(starts):
         a, b = max(a, window.first), min(b, window.last)
@@ -372,9 +357,9 @@ def _band(axis: Axes, rmse: float | None, maximum: float | None) -> None:
 
 def _first_step_line(axis: Axes, signals: Signals) -> None:
     """Mark where the first step, which is judged apart, ends."""
-    window = first_step(signals)
-    if 0 < window.last < len(signals):
-        axis.axvline(float(signals.time[window.last]), color=FAINT, linewidth=0.8, linestyle=":")
+    end = signals.first_step()
+    if 0 < end < len(signals):
+        axis.axvline(float(signals.time[end]), color=FAINT, linewidth=0.8, linestyle=":")
 
 
 def residuals(
@@ -408,15 +393,18 @@ def residuals(
 def top_view(saved: SavedRun, plan: GaitPlan | None, steps: int = 4) -> Figure:
     """ZMP and COM over the footprints, some steps from the middle of the run, seen from above."""
     signals = saved.signals
-    starts = switches(signals)[::2]
+    starts = signals.switches()[::2]
     bounds = [*(int(s) for s in starts), len(signals)]
     begin = max(0, min(len(bounds) // 2 - steps // 2, len(bounds) - 1 - steps))
     window = Window(bounds[begin], bounds[min(begin + steps, len(bounds) - 1)])
     part = window.rows
     com = signals.vector("plan_com", "xy")[part]
-    span = float(np.ptp(com[:, 0])) + 0.9 if len(com) else 3.0
+    ahead, behind, side = 0.35, 0.35, 0.17
+    low, high = (com[0, 0] - behind, com[-1, 0] + ahead) if len(com) else (-behind, ahead)
+    width, left, top = 2 * WIDTH, 0.62, 0.24
     # As high as equal scales make it, plus legend and labels.
-    figure, (axis,) = new_figure(0.7 + (2 * WIDTH - 0.74) * min(0.36 / span, 0.5), width=2 * WIDTH, top=0.24)
+    inner = (width - left - 0.12) * 2 * side / (high - low)
+    figure, (axis,) = new_figure(inner + top + 0.42, width=width, left=left, top=top)
     if plan is not None and plan.feet is not None and len(com):
         sole = plan.feet.sole
         x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
@@ -436,9 +424,10 @@ def top_view(saved: SavedRun, plan: GaitPlan | None, steps: int = 4) -> Figure:
         xy = signals.vector(f"{kind}_com", "xy")[part]
         axis.plot(*xy.T, color=color, linewidth=1.0, linestyle=(0, (4, 2)), label=f"COM, {kind}")
     axis.set_aspect("equal")
+    axis.set_xlim(low, high)
+    axis.set_ylim(-side, side)
     axis.set_xlabel("x, forward [m]")
     axis.set_ylabel("y, left [m]")
-    axis.margins(x=0.02)
     _legend(axis)
     return figure
 
@@ -513,11 +502,13 @@ def qp_statistics(saved: SavedRun) -> Figure:
     figure, (upper, lower) = new_figure(3.9, 2, gap=0.6)
     if len(record.qp_time):
         micro = 1e6 * record.qp_time
-        top = float(np.percentile(micro, 99.5))
-        upper.hist(micro, bins=60, range=(0.0, max(top, 1e-3)), color=PLAN, linewidth=0)
+        # A few ticks are interrupted by other processes: they are counted in the last bar.
+        top = max(min(float(micro.max()), 5.0 * float(np.median(micro))), 1e-3)
+        upper.hist(np.minimum(micro, top), bins=60, range=(0.0, top), color=PLAN, linewidth=0)
         marks = {name: float(np.percentile(micro, share)) for share, name in ((50, "median"), (99, "99 %"))}
         for at in marks.values():
-            upper.axvline(at, color=INK, linewidth=0.9, linestyle=":")
+            if at <= top:
+                upper.axvline(at, color=INK, linewidth=0.9, linestyle=":")
         shown = ", ".join(f"{name} {at:.0f} µs" for name, at in marks.items())
         upper.set_title(f"The controller's QP: {shown}")
         finite = np.where(record.qp_residual > 0, record.qp_residual, np.nan)
@@ -567,7 +558,7 @@ def zmp_error_split(signals: Signals, axis: str) -> Figure:
 def opening(signals: Signals, axis: str) -> Figure:
     """ZMP of the first step and the two after it, with its error."""
     figure, (upper, lower) = new_figure(3.3, 2, ratios=[3, 2])
-    starts = switches(signals)
+    starts = signals.switches()
     window = Window(0, int(starts[6]) if len(starts) > 6 else len(signals))
     part = window.rows
     time = signals.time[part]

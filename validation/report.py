@@ -410,6 +410,24 @@ def _solver_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     return rows
 
 
+_UNITS: Mapping[str, str] = {
+    "planning": "s",
+    "simulation": "s",
+    "measurement": "s",
+    "simulated": "s",
+    "angular_momentum_y_offset": "N m s",
+    "mean_trunk_pitch": "rad",
+    "knee_minimum": "rad",
+    "joint_limit_margin": "rad",
+    "constraint_position": "m, rad",
+    "constraint_velocity": "m/s, rad/s",
+    "constraint_acceleration": "m/s², rad/s²",
+    "acceleration_jump": "rad/s²",
+    "memory": "GB",
+}
+"""Units of entries of the summary that carry none, by their documented SI."""
+
+
 def _plain_rows(entry: Any, prefix: str = "") -> list[tuple[str, str]]:
     """Any table of the summary as (name, value) rows, nested names joined by a dot."""
     rows: list[tuple[str, str]] = []
@@ -419,10 +437,19 @@ def _plain_rows(entry: Any, prefix: str = "") -> list[tuple[str, str]]:
             if isinstance(value, Mapping):
                 rows += _plain_rows(value, f"{name} · ")
             elif isinstance(value, Sequence) and not isinstance(value, str):
-                rows.append((name, ", ".join(number(item, 4) for item in value)))
+                rows.append((name, ", ".join(_item(item) for item in value)))
             else:
-                rows.append((name, number(value, 4)))
+                rows.append((name, with_unit(value, _UNITS.get(str(key), ""), 4)))
     return rows
+
+
+def _item(value: Any) -> str:
+    """An entry of a list; a pair of numbers is a complex one."""
+    if isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 2:
+        real, imaginary = (float(part) for part in value)
+        sign = "−" if imaginary < 0 else "+"
+        return number(real, 4) + (f" {sign} {number(abs(imaginary), 4)}i" if imaginary else "")
+    return number(value, 4)
 
 
 def _parameters(run: RunParameters) -> list[dict[str, Any]]:

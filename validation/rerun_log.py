@@ -29,16 +29,15 @@ TIMELINE = "sim_time"
 PICTURE_RATE = 100.0
 """Pictures of the body per second [Hz]: beyond what an eye or a screen follows."""
 
-FORCE_SCALE = 1.0 / 1000.0
-"""Length of a force arrow [m/N]: the weight of a person is about half a metre."""
+FORCE_SCALE = 1.0 / 500.0
+"""Length of a force arrow [m/N]: the weight of a person reaches from the floor past the COM, so that one sees
+whether the line of the force meets it."""
 
 PLAN: Color = (86, 180, 233, 255)
 COMMAND: Color = (46, 200, 140, 255)
 MEASURED: Color = (255, 138, 61, 255)
 LEFT: Color = (240, 98, 146, 255)
 RIGHT: Color = (255, 213, 79, 255)
-SKIN: Color = (176, 186, 200, 255)
-FOOT: Color = (110, 122, 140, 255)
 FAINT: Color = (130, 140, 155, 90)
 
 SERIES = ("plan", "command", "measured")
@@ -204,11 +203,9 @@ def _log_shapes(log: _Log, entity: str, model: Any, body: int) -> bool:
 
 
 def _shape_color(rgba: Array) -> Color:
-    """Colour of the model; MuJoCo's untouched grey becomes the body's own."""
-    if np.allclose(rgba, (0.5, 0.5, 0.5, 1.0)):
-        return SKIN
-    r, g, b, _ = (round(255 * float(c)) for c in rgba)
-    return (r, g, b, 120)
+    """Colour of the model, lightened for a dark ground; clear, so that force and COM show within the body."""
+    r, g, b = (round(255 * (0.7 * float(c) + 0.3)) for c in rgba[:3])
+    return (r, g, b, 125)
 
 
 # --------------------------------------------------------------------------------------------- ground
@@ -247,7 +244,9 @@ def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: Gait
     force = {kind: signals.vector(f"{kind}_force")[frames] for kind in SERIES}
     for kind, color, radius_m in zip(SERIES, SERIES_COLORS, (0.016, 0.009, 0.011), strict=True):
         _point(log, f"world/floor/zmp/{kind}", times, zmp[kind] + (0, 0, 0.01), color, radius_m)
-    for kind, color, width, lift in (("plan", PLAN, 0.004, 0.0), ("measured", MEASURED, 0.002, 0.002)):
+    # The plan is broad and clear, the measurement thin and solid: where they agree one sees it within the plan.
+    clear = (*PLAN[:3], 110)
+    for kind, color, width, lift in (("plan", clear, 0.005, 0.0), ("measured", MEASURED, 0.0025, 0.002)):
         _arrow(log, f"world/force/{kind}", times, zmp[kind], force[kind], color, 4 * width)
         path = signals.vector(f"{kind}_com")[frames]
         _point(log, f"world/com/{kind}", times, path, color, 0.03 if kind == "plan" else 0.022)
@@ -496,7 +495,7 @@ def _blueprint(saved: SavedRun) -> rrb.Blueprint:
         background=dark,
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.2, color=(90, 98, 110, 120)),
         eye_controls=rrb.EyeControls3D(
-            position=(1.05, -1.95, 1.2), look_target=(0.05, 0.0, 0.8), eye_up=(0, 0, 1)
+            position=(1.0, -1.85, 1.15), look_target=(0.05, 0.0, 0.82), eye_up=(0, 0, 1)
         ),
     )
     above = rrb.Spatial3DView(

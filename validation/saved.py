@@ -58,6 +58,19 @@ class Signals:
         """Start of each step (N,) [s]."""
         return self["time"]
 
+    def switches(self) -> NDArray[np.intp]:
+        """Rows at which a planned phase begins, the first row included."""
+        phase, stance = self["phase"], self["stance"]
+        if not len(phase):
+            return np.zeros(0, dtype=np.intp)
+        change = (phase[1:] != phase[:-1]) | (stance[1:] != stance[:-1])
+        return np.flatnonzero(np.r_[True, change])
+
+    def first_step(self) -> int:
+        """Number of rows of the first step: one single and one double support."""
+        starts = self.switches()
+        return int(starts[2]) if len(starts) > 2 else len(self)
+
     def vector(self, name: str, axes: str = "xyz") -> Array:
         """Stack ``{name}_{axis}`` of the given axes.
 
@@ -143,8 +156,9 @@ def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:
                 events.append((float(time[row]), "DEBUG", f"The {foot} foot {verb}."))
         for axis in "xy":
             error = np.abs(signals[f"measured_zmp_{axis}"] - signals[f"plan_zmp_{axis}"])
-            if np.isfinite(error).any():
-                worst = int(np.nanargmax(error))
+            first = signals.first_step() if signals.first_step() < len(signals) else 0
+            if np.isfinite(error[first:]).any():
+                worst = first + int(np.nanargmax(error[first:]))
                 events.append(
                     (float(time[worst]), "INFO", f"Largest ZMP error in {axis}: {1e3 * error[worst]:.1f} mm.")
                 )
