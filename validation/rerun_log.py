@@ -205,7 +205,7 @@ def _log_shapes(log: _Log, entity: str, model: Any, body: int) -> bool:
 def _shape_color(rgba: Array) -> Color:
     """Colour of the model, lightened for a dark ground; clear, so that force and COM show within the body."""
     r, g, b = (round(255 * (0.7 * float(c) + 0.3)) for c in rgba[:3])
-    return (r, g, b, 125)
+    return (r, g, b, 90)
 
 
 # --------------------------------------------------------------------------------------------- ground
@@ -242,21 +242,24 @@ def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: Gait
 
     zmp = {kind: _on_floor(signals.vector(f"{kind}_zmp", "xy")[frames]) for kind in SERIES}
     force = {kind: signals.vector(f"{kind}_force")[frames] for kind in SERIES}
-    for kind, color, radius_m in zip(SERIES, SERIES_COLORS, (0.016, 0.009, 0.011), strict=True):
-        _point(log, f"world/floor/zmp/{kind}", times, zmp[kind] + (0, 0, 0.01), color, radius_m)
-    # The plan is broad and clear, the measurement thin and solid: where they agree one sees it within the plan.
-    clear = (*PLAN[:3], 110)
-    for kind, color, width, lift in (("plan", clear, 0.005, 0.0), ("measured", MEASURED, 0.0025, 0.002)):
-        _arrow(log, f"world/force/{kind}", times, zmp[kind], force[kind], color, 4 * width)
+    # Concentric from above: the smaller ones lie higher.
+    for kind, color, size, lift in (
+        ("plan", PLAN, 0.016, 0.01), ("command", COMMAND, 0.011, 0.03), ("measured", MEASURED, 0.007, 0.05)
+    ):  # fmt: skip
+        _point(log, f"world/floor/zmp/{kind}", times, zmp[kind] + (0.0, 0.0, lift), color, size)
+    # The plan's arrow is thin and a third longer: it goes on where the measured one ends, if the two agree.
+    for kind, color, scale, size in (("plan", PLAN, 1.33, 0.006), ("measured", MEASURED, 1.0, 0.013)):
+        _arrow(log, f"world/force/{kind}", times, zmp[kind], scale * force[kind], color, size)
+    for kind, color, size, lift in (("plan", PLAN, 0.004, 0.0), ("measured", MEASURED, 0.002, 0.002)):
         path = signals.vector(f"{kind}_com")[frames]
-        _point(log, f"world/com/{kind}", times, path, color, 0.03 if kind == "plan" else 0.022)
-        log.static(f"world/com/{kind}/trail", _line(path, color, width))
+        _point(log, f"world/com/{kind}", times, path, color, 0.03)
+        log.static(f"world/com/{kind}/trail", _line(path, color, size))
         # From above everything lies on the floor: nearer things would hide and outgrow the ZMP.
         shadow = _on_floor(path[:, :2])
         _point(log, f"world/floor/com/{kind}", times, shadow, color, 0.007)
         rise = np.array([0.0, 0.0, lift])
-        log.static(f"world/floor/com/{kind}/trail", _line(shadow + rise, color, 0.4 * width))
-        log.static(f"world/floor/zmp/{kind}/trail", _line(zmp[kind] + rise, color, width))
+        log.static(f"world/floor/com/{kind}/trail", _line(shadow + rise, color, 0.4 * size))
+        log.static(f"world/floor/zmp/{kind}/trail", _line(zmp[kind] + rise, color, size))
     for foot, (name, color) in enumerate((("left", LEFT), ("right", RIGHT))):
         mine = np.flatnonzero(record.point_foot == foot)
         share = load[:, mine]
@@ -553,7 +556,7 @@ def _blueprint(saved: SavedRun) -> rrb.Blueprint:
         ),
         curves,
         rrb.StateTimelineView(name="Phase and contact", origin="/phase", time_view=near),
-        row_shares=[3, 6, 2],
+        row_shares=[8, 14, 5],
     )
     left = rrb.Vertical(body, above, row_shares=[3, 2])
     return rrb.Blueprint(
