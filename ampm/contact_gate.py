@@ -1,7 +1,9 @@
-"""Which sole points may carry force: planned *and* sensed, opened and closed over a short time.
+"""Which sole points may carry force: planned, and sensed since; opened and closed over a short time.
 
 On the plan's clock alone the controller would load points that are still tenths of a millimetre above the floor,
-or already off it, and the ZMP would jump by centimetres.
+and the ZMP would jump by centimetres. A group (the two heel, ball or tip points) opens when either of its points
+touches and stays open until its planned lift-off: a foot that stands on one point of a line is turned back by the
+very force that the other point was meant to carry, and would be turned over if that force were taken away.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ class ContactGate:
         self._rate = period / ramp
         self._ramp = ramp
         self._open: NDArray[np.float64] | None = None
+        self._touched: NDArray[np.bool_] | None = None
 
     def update(
         self,
@@ -50,8 +53,10 @@ class ContactGate:
             Share of the full force limit of every point, 0 ... 1, shape (P,).
         """
         if self._open is None:  # a run starts standing on whatever is planned
-            self._open = planned[self._foot, self._group].astype(np.float64)
-        loaded = due[self._foot, self._group] & sensed
-        np.clip(self._open + np.where(loaded, self._rate, -self._rate), 0.0, 1.0, out=self._open)
-        closing = np.minimum(until_lift[self._foot, self._group] / self._ramp, 1.0)
-        return np.where(loaded, np.minimum(self._open, closing), 0.0)
+            self._open = planned.astype(np.float64)
+            self._touched = planned.copy()
+        touching = sensed.reshape(2, 3, 2).any(axis=2)
+        self._touched = due & (self._touched | touching)
+        np.clip(self._open + np.where(self._touched, self._rate, -1.0), 0.0, 1.0, out=self._open)
+        closing = np.minimum(until_lift / self._ramp, 1.0)
+        return np.minimum(self._open, closing)[self._foot, self._group]

@@ -71,9 +71,13 @@ class TrackingController:
         robot: the body, as the controller knows it.
         reference: one row per control tick.
         run: gains, friction, solver.
+        velocity_lag: how much older the sensed velocities are than the sensed positions [s]. A difference
+            quotient, and a semi-implicit integrator's velocity, is the mean over the last step: half a step old.
     """
 
-    def __init__(self, robot: Robot, reference: TrackingReference, run: RunParameters) -> None:
+    def __init__(
+        self, robot: Robot, reference: TrackingReference, run: RunParameters, *, velocity_lag: float = 0.0
+    ) -> None:
         self.robot, self.reference = robot, reference
         self.gains = run.controller
         self._gate = ContactGate(robot, 1.0 / run.controller.frequency, run.controller.contact_ramp)
@@ -90,6 +94,8 @@ class TrackingController:
         self.forces = ForceMap.empty()
         self._local = self._local_points()
         self._trunk = self._reference_trunk()
+        self._lag = velocity_lag
+        self._acceleration = reference.acceleration[0].copy()
         self._tick = 0
         self._unsolved = 0
         self._phi = np.zeros(18)
@@ -150,20 +156,21 @@ class TrackingController:
         self._tick += 1
         ref, robot, gains = self.reference, self.robot, self.gains
         robot.jacobian(q, v)
-        terms = robot.drift(q, v)
-        momentum = terms.jacobian[:6] @ v * robot.mass
+        now = v + self._lag * self._acceleration  # the velocity at the instant of q
+        terms = robot.drift(q, v, now)
+        momentum = terms.jacobian[:6] @ now * robot.mass
         opening = self._gate.update(ref.contact[k], ref.due[k], ref.until_lift[k], sensed)
         self._locate_points(terms.com)
         self.forces.update(self._arm, opening.reshape(2, POINTS))
 
         force, moment, wanted_momentum = self._wanted_momentum(k, q, terms.com, momentum)
-        posture = self._posture(k, q, v)
+        posture = self._posture(k, q, now)
         rows = terms.jacobian * _ROW_SCALE[:, None]
         drift = terms.drift * _ROW_SCALE / self._g
         rhs, soft = self._rhs, self._soft
         rhs[:6] = -drift[:6]
         rhs[2] -= 1.0
-        self._foot_tasks(k, q, v, sensed, terms.jacobian, rhs, soft)
+        self._foot_tasks(k, q, now, sensed, terms.jacobian, rhs, soft)
         rhs[6:] -= drift[6:]
 
         scaled = rows / self._root_weight
@@ -210,6 +217,7 @@ class TrackingController:
                 solution.seconds + limited.seconds,
             )
         self._phi = phi
+        self._acceleration = self._g * alpha
         self._unsolved = self._unsolved + 1 if status == UNSOLVED else 0
         limit = robot.torque_limit
         return ControlOutput(

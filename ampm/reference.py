@@ -79,7 +79,6 @@ def tracking_reference(
     *,
     lead: float = 0.0,
     early: float = 0.0,
-    velocity_lag: float = 0.0,
 ) -> TrackingReference:
     """Sample plan, feet and motion at the control ticks.
 
@@ -90,9 +89,6 @@ def tracking_reference(
         times: control ticks, ascending, shape (T,) [s].
         lead: time by which a foot is let down before its planned contact [s].
         early: time before planned contact from which a touch counts as contact [s].
-        velocity_lag: how much older the sensed velocities are than the sensed positions [s]. A semi-implicit
-            integrator's velocity is the mean over the last step, half a step old; comparing it with the present
-            reference would leave a position error of half a step times every change of velocity.
 
     Raises:
         InputError: the plan has no feet, or a time lies outside it.
@@ -108,31 +104,28 @@ def tracking_reference(
     ]
     zero = np.zeros((len(times), 1))
 
-    def lagged(velocity: NDArray[np.float64], acceleration: NDArray[np.float64]) -> NDArray[np.float64]:
-        return velocity - velocity_lag * acceleration
-
     return TrackingReference(
         time=np.array(times),
         com=sample.com.copy(),
-        com_velocity=lagged(sample.com_velocity, sample.com_acceleration),
+        com_velocity=sample.com_velocity.copy(),
         com_acceleration=sample.com_acceleration.copy(),
         angular_momentum=np.hstack([sample.angular_momentum, body.angular_momentum_z[:, None]]),
         moment=np.hstack([sample.moment, yaw_rate[:, None] + zero]),
         foot_position=np.stack([f.position for f in feet], axis=1),
-        foot_velocity=np.stack([lagged(f.velocity, f.acceleration) for f in feet], axis=1),
+        foot_velocity=np.stack([f.velocity for f in feet], axis=1),
         foot_acceleration=np.stack([f.acceleration for f in feet], axis=1),
         pitch=np.stack([f.pitch for f in feet], axis=1),
-        pitch_velocity=np.stack([lagged(f.pitch_velocity, f.pitch_acceleration) for f in feet], axis=1),
+        pitch_velocity=np.stack([f.pitch_velocity for f in feet], axis=1),
         pitch_acceleration=np.stack([f.pitch_acceleration for f in feet], axis=1),
         toe=np.stack([f.toe for f in feet], axis=1),
-        toe_velocity=np.stack([lagged(f.toe_velocity, f.toe_acceleration) for f in feet], axis=1),
+        toe_velocity=np.stack([f.toe_velocity for f in feet], axis=1),
         toe_acceleration=np.stack([f.toe_acceleration for f in feet], axis=1),
         contact=ahead[0],
         due=ahead[1],
         until_lift=_until_lift(times, contact),
         right_load=_right_load(sample.zmp, sample.left_placement, sample.right_placement, sample.stance),
         q=body.q,
-        v=lagged(body.v, body.acceleration),
+        v=body.v,
         acceleration=body.acceleration,
     )
 

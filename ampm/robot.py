@@ -170,11 +170,21 @@ class Robot:
         terms.com[:] = data.com[0]
         return terms
 
-    def drift(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> TaskTerms:
-        """Add ``d(jacobian)/dt v`` at (q, v) to the terms of the last :meth:`jacobian` call."""
+    def drift(
+        self, q: NDArray[np.float64], v: NDArray[np.float64], feet_v: NDArray[np.float64] | None = None
+    ) -> TaskTerms:
+        """Add ``d(jacobian)/dt v`` at (q, v) to the terms of the last :meth:`jacobian` call.
+
+        Args:
+            q: configuration of that call, shape (nq,).
+            v: velocity for the momentum rows, shape (nv,).
+            feet_v: velocity for the feet's rows, ``v`` by default, shape (nv,).
+        """
         model, data, terms = self.model, self.data, self._terms
         pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero)
         terms.drift[:6] = data.dhg.vector / self.mass
+        if feet_v is not None:
+            pin.forwardKinematics(model, data, q, feet_v, self._zero)
         for foot, frame in enumerate(self.sole_frames):
             a = pin.getFrameClassicalAcceleration(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
             terms.drift[6 + 6 * foot : 12 + 6 * foot] = a.vector

@@ -205,9 +205,8 @@ def simulate(
         ticks,
         lead=run.controller.touchdown_lead,
         early=run.controller.touchdown_window,
-        velocity_lag=0.5 * dt,
     )
-    controller = TrackingController(physics.robot, reference, run)
+    controller = TrackingController(physics.robot, reference, run, velocity_lag=0.5 * dt)
     start = motion.sample(np.zeros(1), physics.robot)
     q = start.q[0].copy()
     q[2] -= run.simulation.start_depth  # the soles carry weight from the first instant
