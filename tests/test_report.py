@@ -134,7 +134,7 @@ def test_a_fall_is_told_as_one(tmp_path, seconds):
     html = write_report(directory).read_text(encoding="utf-8")
     page = Page(html)
     assert "fell" in page.text
-    assert 'class="card verdict none"' in html
+    assert 'class="card verdict fail"' in html
     assert "<b>pelvis</b>" not in html
     assert "The <b>pelvis</b> sank & stayed." in page.text
 

@@ -21,11 +21,16 @@ from ampm.gait import GaitPlan
 from ampm.parameters import RunParameters
 from validation import figures
 from validation.figures import Curve, Window
+from validation.record import OutcomeName
 from validation.saved import SavedRun, load_saved_run, run_events
 
 REPORT_FILE = "report.html"
 BODY_WEIGHT = "% BW"
 """Percent of body weight, as tables have room for it."""
+
+
+_LOST = (OutcomeName.FELL, OutcomeName.DIVERGED, OutcomeName.INFEASIBLE)
+"""Outcomes that are failures without a look at any figure."""
 
 
 @dataclass(frozen=True)
@@ -109,15 +114,21 @@ def _context(saved: SavedRun) -> dict[str, Any]:
     outcome = saved.record.outcome
     verdict = str(summary.get("verdict", "not_measured"))
     gait = str(summary.get("gait", "gait"))
+    headline = {"pass": "pass", "fail": "out of tolerance"}.get(verdict, verdict.replace("_", " "))
+    if not outcome.completed:
+        headline = f"{outcome.name}, {headline}"
     with figures.style():
         pictures = _pictures(saved, plan) if len(saved.signals) > 1 else {}
     return {
         "gait": gait,
         "verdict": verdict,
-        "verdict_class": verdict if verdict in ("pass", "fail") else "none",
-        "headline": {"pass": "pass", "fail": "out of tolerance"}.get(verdict, verdict.replace("_", " ")),
+        "verdict_class": "fail"
+        if outcome.name in _LOST
+        else verdict
+        if verdict in ("pass", "fail")
+        else "open",
+        "headline": headline,
         "reason": _readable(str(summary.get("reason", "")), summary),
-        "outcome": f"{outcome.name}",
         "outcome_sentence": outcome.name.sentence,
         "profile": str(summary.get("profile", "")),
         "facts": _facts(saved, plan),
