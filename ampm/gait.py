@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.body import SoleGeometry
 from ampm.exceptions import InputError, MathematicalRefusal
+from ampm.geometry import convex_hull, polygon_margin
 from ampm.parameters import GRAVITY, FootParameters, GaitParameters
 from ampm.pendulum import (
     AffineLaw,
@@ -421,13 +422,7 @@ class GaitPlan:
         time = self._clipped(times)
         points, contact = self._points_in_contact(time)
         zmp = self.sample(time).zmp
-        margin = np.full(len(time), -np.inf)
-        patterns, which = np.unique(contact, axis=0, return_inverse=True)
-        for number, pattern in enumerate(patterns):
-            if pattern.any():
-                rows = np.flatnonzero(which.ravel() == number)
-                margin[rows] = hull_distance(points[np.ix_(rows, np.flatnonzero(pattern))], zmp[rows])
-        return margin
+        return np.where(contact.any(axis=1), polygon_margin(points, contact, zmp), -np.inf)
 
 
 def plan_gait(
@@ -648,73 +643,3 @@ def _assemble(
         angular_momentum_y_offset=offset,
     )
     return GaitPlan(gait, mass, GRAVITY, constants, footsteps, tuple(phases))
-
-
-def convex_hull(points: Array) -> Array:
-    """Corners of the convex hull, anticlockwise from the least x (Andrew's monotone chain).
-
-    Args:
-        points: shape (n, 2) [m].
-
-    Returns:
-        Shape (k, 2) [m], without points on the edges.
-    """
-    order = sorted({(float(x), float(y)) for x, y in points})
-    if len(order) < 3:
-        return np.array(order).reshape(-1, 2)
-
-    def chain(ordered: list[tuple[float, float]]) -> list[tuple[float, float]]:
-        kept: list[tuple[float, float]] = []
-        for p in ordered:
-            while len(kept) >= 2:
-                (ax, ay), (bx, by) = kept[-2], kept[-1]
-                if (bx - ax) * (p[1] - ay) - (by - ay) * (p[0] - ax) > 0.0:
-                    break
-                kept.pop()
-            kept.append(p)
-        return kept[:-1]
-
-    return np.array(chain(order) + chain(order[::-1]))
-
-
-def hull_distance(points: Array, query: Array) -> Array:
-    """Signed distance of points to the edge of convex hulls.
-
-    No hull is built: an ordered pair of points is an edge where every point lies on its left. Outside, the
-    nearest point of the hull lies on a segment between two of its points.
-
-    Args:
-        points: N sets of k points, shape (N, k, 2) [m].
-        query: one point per set, shape (N, 2) [m].
-
-    Returns:
-        Positive inside, negative outside, shape (N,) [m].
-    """
-    n = len(points)
-    result = np.empty(n)
-    for first in range(0, n, 2000):  # bounds the memory of the k^3 array
-        block = slice(first, min(first + 2000, n))
-        p, q = points[block], query[block]
-        edge = p[:, None, :, :] - p[:, :, None, :]  # i -> j, (n, k, k, 2)
-        length = np.hypot(edge[..., 0], edge[..., 1])
-        proper = length > 1e-12
-        unit = edge / np.where(proper, length, 1.0)[..., None]
-        arm = p[:, None, :, :] - p[:, :, None, :]  # i -> m, (n, k, k, 2)
-        side = (
-            unit[..., 0][:, :, :, None] * arm[..., 1][:, :, None, :]
-            - unit[..., 1][:, :, :, None] * arm[..., 0][:, :, None, :]
-        )
-        is_edge = proper & (side.min(axis=3) >= -1e-12)
-        to_query = q[:, None, :] - p  # (n, k, 2)
-        distance = unit[..., 0] * to_query[:, :, None, 1] - unit[..., 1] * to_query[:, :, None, 0]
-        inside = np.where(is_edge, distance, np.inf).min(axis=(1, 2))
-        along = unit[..., 0] * to_query[:, :, None, 0] + unit[..., 1] * to_query[:, :, None, 1]
-        beyond = along - np.clip(along, 0.0, length)
-        # Of a point paired with itself, the distance of that point.
-        apart = np.where(
-            proper, np.hypot(distance, beyond), np.hypot(*np.moveaxis(to_query, -1, 0))[:, :, None]
-        )
-        outside = apart.min(axis=(1, 2))
-        flat = ~is_edge.any(axis=(1, 2))
-        result[block] = np.where((inside >= 0.0) & ~flat, inside, -outside)
-    return result

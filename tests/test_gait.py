@@ -12,7 +12,7 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 
 from ampm.body import SoleGeometry
 from ampm.exceptions import InputError, MathematicalRefusal
-from ampm.gait import RESIDUAL_LIMIT, convex_hull, hull_distance, plan_gait
+from ampm.gait import RESIDUAL_LIMIT, plan_gait
 from ampm.parameters import FootParameters, GaitParameters
 
 G = 9.81
@@ -502,32 +502,6 @@ def test_every_plan_keeps_the_laws(parameters):
 
 
 # --- support polygon ---
-
-
-@given(
-    points=st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=3, max_size=12, unique=True),
-    query=st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5)),
-)
-@settings(max_examples=100, deadline=None)
-def test_hull_distance_against_the_hull(points, query):
-    array = np.round(np.array(points), 3)
-    hull = convex_hull(array)
-    q = np.round(np.array(query), 3)
-    if len(hull) < 3:
-        return
-    edges = np.roll(hull, -1, axis=0) - hull
-    length = np.hypot(*edges.T)
-    signed = (edges[:, 0] * (q - hull)[:, 1] - edges[:, 1] * (q - hull)[:, 0]) / length
-    along = np.clip(np.sum((q - hull) * edges, axis=1) / length**2, 0.0, 1.0)
-    nearest = np.hypot(*(q - hull - along[:, None] * edges).T).min()
-    expected = signed.min() if signed.min() >= 0.0 else -nearest
-    assert hull_distance(array[None], q[None])[0] == pytest.approx(expected, abs=1e-9)
-
-
-def test_convex_hull_drops_what_lies_inside_or_on_an_edge():
-    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5], [0.5, 0.0], [1, 1]], dtype=float)
-    np.testing.assert_array_equal(convex_hull(square), [[0, 0], [1, 0], [1, 1], [0, 1]])
-    assert len(convex_hull(np.array([[0.0, 1.0], [0.0, 2.0], [0.0, 1.0]]))) == 2
 
 
 def test_the_support_polygon_of_flat_feet():

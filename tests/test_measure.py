@@ -14,7 +14,7 @@ import pytest
 import validation.measure as module
 from ampm.exceptions import InputError
 from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, pinocchio_model, simulate, swinging, to_pinocchio
-from validation.measure import measure, polygon_margin, standing_check, without_point
+from validation.measure import measure, standing_check, without_point
 
 WEIGHT = (MASS + ARM_MASS) * GRAVITY
 
@@ -121,20 +121,6 @@ def test_zmp_lies_in_the_hull_of_the_loaded_points(swing):
     shift = np.abs(measured.zmp - swing[0].q[:-1, :2])
     rectangle = np.minimum(x - shift[:, 0], y - shift[:, 1])
     np.testing.assert_allclose(measured.polygon_margin[loaded], rectangle[loaded], atol=2e-3)
-
-
-def test_polygon_margin_of_known_shapes():
-    square = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0], [1.0, 1.0]])
-    queries = np.array([[1.0, 0.5], [1.0, 1.0], [2.0, 1.0], [3.0, 3.0], [1.0, -0.5], [np.nan, 1.0]])
-    points = np.broadcast_to(square, (len(queries), 5, 2))
-    active = np.ones((len(queries), 5), dtype=bool)
-    expected = [0.5, 1.0, 0.0, -np.sqrt(2.0), -0.5, np.nan]
-    np.testing.assert_allclose(polygon_margin(points, active, queries), expected, atol=1e-12)
-    segment, point, nothing = active.copy(), active.copy(), active.copy()
-    segment[:, 2:], point[:, 1:], nothing[:] = False, False, False
-    np.testing.assert_allclose(polygon_margin(points, segment, queries)[:2], [-0.5, -1.0])
-    np.testing.assert_allclose(polygon_margin(points, point, queries)[:1], [-np.hypot(1.0, 0.5)])
-    assert np.isnan(polygon_margin(points, nothing, queries)).all()
 
 
 def test_slip_is_the_way_slid_since_touch_down(swing):

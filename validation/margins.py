@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from validation.measure import polygon_margin
+from ampm.geometry import polygon_margin
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from ampm.exceptions import InputError
+from ampm.geometry import polygon_margin
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -310,53 +311,6 @@ def zmp_from_momentum(com: Array, force: Array, angular_momentum_rate: Array, le
     x = com[:, 0] - (com[:, 2] * force[:, 0] + angular_momentum_rate[:, 1]) / vertical
     y = com[:, 1] - (com[:, 2] * force[:, 1] - angular_momentum_rate[:, 0]) / vertical
     return np.stack([x, y], axis=1)
-
-
-def polygon_margin(points: Array, active: NDArray[np.bool_], query: Array) -> Array:
-    """Signed distance of each query point to the convex hull of the active points, inside positive.
-
-    Args:
-        points: shape (N, M, 2) [m].
-        active: which of them span the hull, shape (N, M).
-        query: shape (N, 2) [m].
-
-    Returns:
-        shape (N,) [m]; NaN where no point is active or the query is NaN. A hull without area has no inside.
-    """
-    margin = np.full(query.shape[0], np.nan)
-    # Few patterns of contact occur in a walk, and each has few points: far cheaper than all P points at once.
-    patterns, which = np.unique(active, axis=0, return_inverse=True)
-    for index, pattern in enumerate(patterns):
-        rows = np.flatnonzero(which.reshape(-1) == index)
-        if not pattern.any():
-            continue
-        for start in range(0, rows.size, 2048):
-            part = rows[start : start + 2048]
-            margin[part] = _hull_distance(points[part][:, pattern], query[part])
-    return margin
-
-
-def _hull_distance(points: Array, query: Array) -> Array:
-    """Signed distance of query (N, 2) to the hull of points (N, M, 2)."""
-    edge = points[:, None, :, :] - points[:, :, None, :]  # [n, i, j] from i to j
-    length = np.hypot(edge[..., 0], edge[..., 1])
-    proper = length > 1e-12
-    unit = edge / np.where(proper, length, 1.0)[..., None]
-    # How far every point lies to the left of the line i -> j.
-    offset = points[:, None, :, :] - points[:, :, None, :]  # [n, i, k] from i to k
-    left = (
-        unit[:, :, :, None, 0] * offset[:, :, None, :, 1] - unit[:, :, :, None, 1] * offset[:, :, None, :, 0]
-    )
-    on_hull = proper & (left >= -1e-12).all(axis=-1)
-    to_query = query[:, None, :] - points  # [n, i]
-    side = unit[..., 0] * to_query[:, :, None, 1] - unit[..., 1] * to_query[:, :, None, 0]
-    inside = np.where(on_hull, side, np.inf).min(axis=(1, 2), initial=np.inf)
-    along = unit[..., 0] * to_query[:, :, None, 0] + unit[..., 1] * to_query[:, :, None, 1]
-    along = np.clip(along, 0.0, length)
-    rest = to_query[:, :, None, :] - unit * along[..., None]
-    outside = np.hypot(rest[..., 0], rest[..., 1]).min(axis=(1, 2))
-    enclosed = (inside >= 0.0) & np.isfinite(inside)
-    return np.where(np.isnan(query).any(axis=1), np.nan, np.where(enclosed, inside, -outside))
 
 
 def _centroidal(model: pin.Model, q: Array, v: Array) -> tuple[Array, Array, Array]:
