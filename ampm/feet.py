@@ -1,16 +1,17 @@
-"""Where the feet are planned to be: key-frames, heel rise, swing, heel strike, and the sole points in contact.
+"""Where the feet are planned to be: key-frames, heel rise, swing, heel strike, sole points in contact.
 
 A foot passes four key-frames in every stride (paper, Fig. 7): initial contact (heel only), full contact, heel
 rise, toe off. Between two key-frames its pitch is one quintic in time; the heel is fixed while the foot rolls
 down after initial contact, the ball while the heel rises, and in the swing the ball follows a quintic with an
-extra lift at mid swing. Pitch, toe angle and the pivot's path are C2 across every key-frame: the paper's cubic
-with a resting foot lifted at ``l_s / T_swing`` would let the foot's velocity jump.
+extra lift at mid swing. Pitch, toe angle and the pivot's path are C2 across every key-frame: the paper's
+cubic, which lifts a resting foot at ``l_s / T_swing``, would let the foot's velocity jump.
 
 Everything is closed form; nothing is sampled or integrated.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -117,31 +118,29 @@ class FeetPlan:
         return _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
 
 
-def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> NDArray[np.float64]:
-    """Quintic through (position, velocity, acceleration) at both ends.
+def quintic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> NDArray[np.float64]:
+    """Quintics through (position, velocity, acceleration) at both ends.
 
     Args:
-        start: value, first and second derivative at time 0.
-        end: the same at ``duration``.
-        duration: [s], positive.
+        start: value, first and second derivative at time 0, shape (3, ...).
+        end: the same at ``duration``, shape (3, ...).
+        duration: [s], positive, shape (...).
 
     Returns:
-        Six coefficients, lowest order first, in time since the start.
+        Coefficients, lowest order first, in time since the start, shape (..., 6).
     """
     p0, v0, a0 = np.asarray(start, dtype=np.float64)
     p1, v1, a1 = np.asarray(end, dtype=np.float64)
-    T = duration
-    dp, dv, da = p1 - p0 - v0 * T - 0.5 * a0 * T * T, (v1 - v0 - a0 * T) * T, (a1 - a0) * T * T
-    return np.array(
-        [
-            p0,
-            v0,
-            0.5 * a0,
-            (10.0 * dp - 4.0 * dv + 0.5 * da) / T**3,
-            (-15.0 * dp + 7.0 * dv - da) / T**4,
-            (6.0 * dp - 3.0 * dv + 0.5 * da) / T**5,
-        ]
-    )
+    T = np.asarray(duration, dtype=np.float64)
+    T2 = T * T
+    T3 = T2 * T
+    dp, dv, da = p1 - p0 - v0 * T - 0.5 * a0 * T2, (v1 - v0 - a0 * T) * T, (a1 - a0) * T2
+    out = np.empty((*dp.shape, _ORDER))
+    out[..., 0], out[..., 1], out[..., 2] = p0, v0, 0.5 * a0
+    out[..., 3] = (10.0 * dp - 4.0 * dv + 0.5 * da) / T3
+    out[..., 4] = (-15.0 * dp + 7.0 * dv - da) / (T3 * T)
+    out[..., 5] = (6.0 * dp - 3.0 * dv + 0.5 * da) / (T3 * T2)
+    return out
 
 
 def _evaluate(
@@ -208,54 +207,32 @@ def _sole_points(
     return points
 
 
-class _PathBuilder:
-    """Collects the segments of one foot in order of time."""
+@dataclass
+class _Segment:
+    """One segment of the stride in each of n steps; what is left out rests: no motion, flat, straight toe.
 
-    def __init__(self, sole: SoleGeometry) -> None:
-        self.sole = sole
-        self.start: list[float] = []
-        self.pivot: list[int] = []
-        self.path: list[NDArray[np.float64]] = []
-        self.pitch: list[NDArray[np.float64]] = []
-        self.toe: list[NDArray[np.float64]] = []
-        self.contact: list[tuple[bool, bool, bool]] = []
+    Attributes:
+        start: shape (n,) [s].
+        pivot: the point that ``path`` is written for.
+        contact: heel, ball, tip.
+        path: shape (n, 3, 7).
+        pitch: shape (n, 6).
+        toe: shape (n, 6).
+    """
 
-    def add(
-        self,
-        start: float,
-        pivot: int,
-        path: NDArray[np.float64],
-        pitch: NDArray[np.float64],
-        toe: NDArray[np.float64],
-        contact: tuple[bool, bool, bool],
-    ) -> None:
-        self.start.append(start)
-        self.pivot.append(pivot)
-        self.path.append(path)
-        self.pitch.append(pitch)
-        self.toe.append(toe)
-        self.contact.append(contact)
-
-    def resting(self, start: float, pivot: int, at: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Path of a pivot that rests on the floor of the placement ``at`` (x, y)."""
-        path = np.zeros((3, _ORDER + 1))
-        path[0, 0] = at[0] + (self.sole.heel_x if pivot == _PIVOT_HEEL else self.sole.ball_x)
-        path[1, 0] = at[1]
-        return path
-
-    def build(self) -> FootPath:
-        return FootPath(
-            start=np.array(self.start),
-            pivot=np.array(self.pivot, dtype=np.int8),
-            path=np.array(self.path),
-            pitch=np.array(self.pitch),
-            toe=np.array(self.toe),
-            contact=np.array(self.contact, dtype=bool),
-        )
+    start: NDArray[np.float64]
+    pivot: int
+    contact: tuple[bool, bool, bool]
+    path: NDArray[np.float64]
+    pitch: NDArray[np.float64] | None = None
+    toe: NDArray[np.float64] | None = None
 
 
 def plan_feet(plan: GaitPlan, foot: FootParameters, sole: SoleGeometry) -> FeetPlan:
     """Plan both feet's motion for a plan's footsteps and phases.
+
+    All steps are built at once: every segment of the stride is an array over the steps, so footsteps and
+    durations may differ from step to step.
 
     Args:
         plan: supplies phases (who stands, when) and footsteps (where).
@@ -264,95 +241,141 @@ def plan_feet(plan: GaitPlan, foot: FootParameters, sole: SoleGeometry) -> FeetP
 
     Returns:
         Closed-form paths of both feet over the whole plan.
+
+    Raises:
+        InputError: the phases are not single and double supports in turn, or the heel would rise before the
+            foot stands alone.
     """
-    builders = {name: _PathBuilder(sole) for name in ("left", "right")}
-    steps = [p for p in plan.phases if p.kind == "single_support"]
-    placements = [np.array(f.position, dtype=np.float64) for f in plan.footsteps]
-    for k, single in enumerate(steps):
-        double_start = single.start + single.duration
-        double = next((p for p in plan.phases if p.kind == "double_support" and p.start >= double_start - 1e-12))
-        swing_foot = "right" if single.stance == "left" else "left"
-        behind, here, ahead = placements[k], placements[k + 1], placements[k + 2]
-        _add_stance(builders[single.stance], foot, single.start, single.duration, double.duration, here)
-        _add_swing(builders[swing_foot], foot, single.start, single.duration, double.duration, behind, ahead)
-    return FeetPlan(sole=sole, left=builders["left"].build(), right=builders["right"].build(), duration=plan.duration)
-
-
-def _add_stance(
-    builder: _PathBuilder,
-    foot: FootParameters,
-    start: float,
-    single: float,
-    double: float,
-    here: NDArray[np.float64],
-) -> None:
-    """Flat through single support, then the heel rises about the ball until toe off."""
-    still = np.zeros(_ORDER)
-    builder.add(start, _PIVOT_BALL, builder.resting(start, _PIVOT_BALL, here), still, still, (True, True, True))
-    if foot.schedule == "flat":
-        return
-    rise = double + foot.heel_rise_lead
-    pitch = quintic((0.0, 0.0, 0.0), (foot.toe_off_angle, foot.toe_off_rate, 0.0), rise)
-    path = builder.resting(start, _PIVOT_BALL, here)
-    builder.add(start + single + double - rise, _PIVOT_BALL, path, pitch, -pitch, (False, True, True))
-
-
-def _add_swing(
-    builder: _PathBuilder,
-    foot: FootParameters,
-    start: float,
-    single: float,
-    double: float,
-    behind: NDArray[np.float64],
-    ahead: NDArray[np.float64],
-) -> None:
-    """Swing from toe off to initial contact, then roll down about the heel to full contact."""
-    sole = builder.sole
-    roll = foot.schedule == "roll"
-    lift = (foot.toe_off_angle, foot.toe_off_rate, 0.0) if roll else (0.0, 0.0, 0.0)
-    land = (-foot.heel_strike_angle, foot.heel_strike_rate, 0.0) if roll else (0.0, 0.0, 0.0)
-    pitch = quintic(lift, land, single)
-    # The ball leaves its place from rest; it arrives turning about the heel that has just landed.
-    x = sole.ball_x - sole.heel_x
-    c, s, rate = np.cos(land[0]), np.sin(land[0]), land[1]
-    path = np.zeros((3, _ORDER + 1))
-    path[0, :_ORDER] = quintic(
-        (behind[0] + sole.ball_x, 0.0, 0.0),
-        (ahead[0] + sole.heel_x + x * c, -x * s * rate, -x * c * rate**2),
-        single,
+    singles, doubles = plan.phases[0::2], plan.phases[1::2]
+    alternate = all(p.kind == "single_support" for p in singles) and all(
+        p.kind == "double_support" for p in doubles
     )
-    path[1, :_ORDER] = quintic((behind[1], 0.0, 0.0), (ahead[1], 0.0, 0.0), single)
-    path[2, :_ORDER] = quintic((0.0, 0.0, 0.0), (-x * s, -x * c * rate, x * s * rate**2), single)
-    path[0] -= foot.swing_lag * (ahead[0] - behind[0]) * _LIFT / single ** np.arange(_ORDER + 1)
-    path[2] += foot.swing_height * _LIFT / single ** np.arange(_ORDER + 1)
-    none = (False, False, False)
-    if roll:
-        straighten = foot.toe_return * single
-        toe = quintic((-lift[0], -lift[1], 0.0), (0.0, 0.0, 0.0), straighten)
-        builder.add(start, _PIVOT_BALL, path, pitch, toe, none)
-        if foot.toe_return < 1.0:  # the same polynomials, their time counted from a later start
-            builder.add(
-                start + straighten, _PIVOT_BALL, _shift(path, straighten), _shift(pitch, straighten), np.zeros(_ORDER), none
-            )
-        down = foot.full_contact * double
-        roll_down = quintic(land, (0.0, 0.0, 0.0), down)
-        rest = builder.resting(start, _PIVOT_HEEL, ahead)
-        builder.add(start + single, _PIVOT_HEEL, rest, roll_down, np.zeros(_ORDER), (True, False, False))
-        start_flat = start + single + down
+    if not alternate or len(singles) != len(doubles):
+        raise InputError(
+            "feet are planned for single and double supports in turn; give a plan of such phases."
+        )
+    start, single, double = np.array(
+        [(s.start, s.duration, d.duration) for s, d in zip(singles, doubles, strict=True)]
+    ).T
+    if foot.schedule == "roll" and not foot.heel_rise_lead < single.min():
+        raise InputError(
+            f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets the heel rise before the foot stands "
+            f"alone: the single support lasts {single.min():.4g} s; take less than that."
+        )
+    placement = np.array([f.position for f in plan.footsteps])
+    n = len(singles)
+    behind, here, ahead = placement[:n], placement[1 : n + 1], placement[2 : n + 2]
+    stance, swing = _stride(foot, sole, start, single, double, behind, here, ahead)
+    stands_left = np.array([p.stance == "left" for p in singles])
+    return FeetPlan(
+        sole=sole,
+        left=_foot_path(stance, swing, stands_left),
+        right=_foot_path(stance, swing, ~stands_left),
+        duration=plan.duration,
+    )
+
+
+def _stride(
+    foot: FootParameters,
+    sole: SoleGeometry,
+    start: NDArray[np.float64],
+    single: NDArray[np.float64],
+    double: NDArray[np.float64],
+    behind: NDArray[np.float64],
+    here: NDArray[np.float64],
+    ahead: NDArray[np.float64],
+) -> tuple[list[_Segment], list[_Segment]]:
+    """Segments of the foot that stands, and of the one that swings from ``behind`` to ``ahead``.
+
+    The times have the shape (n,) [s], the placements (n, 2) [m].
+    """
+    roll = foot.schedule == "roll"
+    lift = (foot.toe_off_angle, foot.toe_off_rate) if roll else (0.0, 0.0)
+    land = (-foot.heel_strike_angle, foot.heel_strike_rate) if roll else (0.0, 0.0)
+    rise, straighten, down = (
+        double + foot.heel_rise_lead,
+        foot.toe_return * single,
+        foot.full_contact * double,
+    )
+    # The ball leaves its place from rest; it arrives turning about the heel that has just landed.
+    x, rate = sole.ball_x - sole.heel_x, land[1]
+    c, s = math.cos(land[0]), math.sin(land[0])
+    # Rows: heel rise, pitch in the swing, the ball's x, y, z in the swing, toe joint, roll down.
+    begin, end = np.zeros((2, 3, 7, len(start)))
+    end[:2, 0] = begin[:2, 1] = np.array(lift)[:, None]
+    end[:2, 1] = begin[:2, 6] = np.array(land)[:, None]
+    begin[:2, 5] = -begin[:2, 1]
+    begin[0, 2], begin[0, 3] = behind[:, 0] + sole.ball_x, behind[:, 1]
+    end[0, 2], end[0, 3], end[0, 4] = ahead[:, 0] + sole.heel_x + x * c, ahead[:, 1], -x * s
+    end[1, 2], end[1, 4] = -x * s * rate, -x * c * rate
+    end[2, 2], end[2, 4] = -x * c * rate**2, x * s * rate**2
+    curves = quintic(begin, end, np.stack([rise, single, single, single, single, straighten, down]))
+    pitch_up, pitch, toe, pitch_down = curves[0], curves[1], curves[5], curves[6]
+
+    path = np.zeros((len(start), 3, _ORDER + 1))
+    path[:, :, :_ORDER] = curves[2:5].swapaxes(0, 1)
+    lift_shape = _LIFT / single[:, None] ** np.arange(_ORDER + 1)
+    path[:, 0] -= (foot.swing_lag * (ahead[:, 0] - behind[:, 0]))[:, None] * lift_shape
+    path[:, 2] += foot.swing_height * lift_shape
+
+    def resting(at: NDArray[np.float64], pivot_x: float) -> NDArray[np.float64]:
+        still = np.zeros((len(start), 3, _ORDER + 1))
+        still[:, 0, 0], still[:, 1, 0] = at[:, 0] + pivot_x, at[:, 1]
+        return still
+
+    none, flat = (False, False, False), (True, True, True)
+    standing = resting(here, sole.ball_x)
+    stance = [_Segment(start, _PIVOT_BALL, flat, standing)]
+    if not roll:
+        swing = [_Segment(start, _PIVOT_BALL, none, path, pitch)]
+        landed = start + single
     else:
-        builder.add(start, _PIVOT_BALL, path, pitch, np.zeros(_ORDER), none)
-        start_flat = start + single
+        off = start + single + double
+        stance.append(_Segment(off - rise, _PIVOT_BALL, (False, True, True), standing, pitch_up, -pitch_up))
+        swing = [_Segment(start, _PIVOT_BALL, none, path, pitch, toe)]
+        if foot.toe_return < 1.0:  # the same polynomials, their time counted from a later start
+            later = _shift(path, straighten), _shift(pitch, straighten)
+            swing.append(_Segment(start + straighten, _PIVOT_BALL, none, *later))
+        on_heel = resting(ahead, sole.heel_x)
+        swing.append(_Segment(start + single, _PIVOT_HEEL, (True, False, False), on_heel, pitch_down))
+        landed = start + single + down
     if not roll or foot.full_contact < 1.0:
-        still = np.zeros(_ORDER)
-        rest = builder.resting(start, _PIVOT_BALL, ahead)
-        builder.add(start_flat, _PIVOT_BALL, rest, still, still, (True, True, True))
+        swing.append(_Segment(landed, _PIVOT_BALL, flat, resting(ahead, sole.ball_x)))
+    return stance, swing
 
 
-def _shift(coefficients: NDArray[np.float64], by: float) -> NDArray[np.float64]:
-    """Coefficients of p(t + by), by Taylor expansion (repeated Horner)."""
-    shifted = np.array(coefficients, dtype=np.float64)
-    n = shifted.shape[-1]
-    for k in range(n - 1):
-        for j in range(n - 2, k - 1, -1):
+def _foot_path(stance: list[_Segment], swing: list[_Segment], stands: NDArray[np.bool_]) -> FootPath:
+    """Path of the foot that stands in the steps where ``stands`` holds and swings in the others."""
+    parts = [(segment, stands) for segment in stance] + [(segment, ~stands) for segment in swing]
+    start = np.concatenate([segment.start[steps] for segment, steps in parts])
+    order = np.argsort(start, kind="stable")
+    still = np.zeros((len(stands), _ORDER))
+
+    def gather(values: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+        return np.concatenate([v[steps] for v, (_, steps) in zip(values, parts, strict=True)])[order]
+
+    lengths = [int(np.count_nonzero(steps)) for _, steps in parts]
+    return FootPath(
+        start=start[order],
+        pivot=np.repeat(np.array([segment.pivot for segment, _ in parts], dtype=np.int8), lengths)[order],
+        path=gather([segment.path for segment, _ in parts]),
+        pitch=gather([still if segment.pitch is None else segment.pitch for segment, _ in parts]),
+        toe=gather([still if segment.toe is None else segment.toe for segment, _ in parts]),
+        contact=np.repeat(np.array([segment.contact for segment, _ in parts]), lengths, axis=0)[order],
+    )
+
+
+def _shift(coefficients: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Coefficients of p(t + by) from those of p(t), by Taylor expansion (repeated Horner).
+
+    Args:
+        coefficients: lowest order first, shape (n, ..., K).
+        by: shape (n,) [s].
+    """
+    shifted = coefficients.copy()
+    by = by.reshape(-1, *(1,) * (coefficients.ndim - 2))
+    size = coefficients.shape[-1]
+    for k in range(size - 1):
+        for j in range(size - 2, k - 1, -1):
             shifted[..., j] += by * shifted[..., j + 1]
     return shifted
