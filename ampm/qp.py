@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 BACKENDS = ("osqp", "daqp")
+"""Names that :func:`make_backend` knows."""
 
 
 class QPStatus(enum.IntEnum):
@@ -32,14 +33,22 @@ class QPStatus(enum.IntEnum):
     INFEASIBLE = 2
 
 
+_OSQP_STATUS = {
+    osqp.SolverStatus.OSQP_SOLVED: QPStatus.SOLVED,
+    osqp.SolverStatus.OSQP_SOLVED_INACCURATE: QPStatus.UNSOLVED,
+    osqp.SolverStatus.OSQP_MAX_ITER_REACHED: QPStatus.UNSOLVED,
+}
+"""All others are certificates of infeasibility."""
+
+
 @dataclass(frozen=True)
 class QPSolution:
     """Answer of one solve.
 
     Attributes:
-        x: minimiser, or the last iterate, shape (n,).
-        status: solved, unsolved (iterations used up) or infeasible.
-        residual: largest violation of ``l <= A x <= u``, in the rows' own units.
+        x: minimiser, or the last iterate if unsolved; of no meaning if infeasible, shape (n,).
+        status: solved, unsolved (iterations used up, or not finite) or infeasible.
+        residual: bound of the violation of ``l <= A x <= u``, in the rows' own units.
         iterations: of the solver.
         seconds: wall-clock time of update and solve [s]; for statistics only.
     """
@@ -88,7 +97,15 @@ class QPBackend(Protocol):
         lower: NDArray[np.float64],
         upper: NDArray[np.float64],
     ) -> QPSolution:
-        """Solve with new numbers: P upper triangle values by pattern, the rest dense."""
+        """Solve with new numbers.
+
+        Args:
+            P: symmetric positive semidefinite cost matrix, dense, shape (n, n).
+            q: linear cost, shape (n,).
+            A: rows of the constraints, dense, C-contiguous, shape (m, n); zero outside the pattern.
+            lower: shape (m,), may be ``-inf``.
+            upper: shape (m,), may be ``inf``.
+        """
         ...
 
 
@@ -108,7 +125,9 @@ class Pattern:
 
     def matrix(self, dense: NDArray[np.float64]) -> sparse.csc_matrix:
         """The sparse matrix itself, explicit zeros kept."""
-        return sparse.csc_matrix((self.values(dense), self.rows.astype(np.int32), self.indptr), shape=self.shape)
+        return sparse.csc_matrix(
+            (self.values(dense), self.rows.astype(np.int32), self.indptr), shape=self.shape
+        )
 
 
 class OsqpBackend:
@@ -133,26 +152,35 @@ class OsqpBackend:
         lower: NDArray[np.float64],
         upper: NDArray[np.float64],
     ) -> QPSolution:
-        """See :class:`QPBackend`; warm-started from the last answer."""
+        """See :class:`QPBackend`; warm-started from the last answer.
+
+        Raises:
+            SolverError: OSQP does not take the problem, for example because the cost is not convex.
+            KeyboardInterrupt: the user interrupted the solve.
+        """
         start = time.perf_counter()
-        if self._solver is None:
-            self._setup(P, q, A, lower, upper)
+        if (lower > upper).any():  # OSQP would keep the last bounds and solve with those
+            gap = float((lower - upper).max())
+            return QPSolution(
+                np.full(len(q), np.nan), QPStatus.INFEASIBLE, gap, 0, time.perf_counter() - start
+            )
+        solver = self._solver
+        if solver is None:
+            solver = self._solver = self._setup(P, q, A, lower, upper)
         else:
-            self._solver.update(q=q, l=lower, u=upper, Px=self._P.values(P), Ax=self._A.values(A))
-        assert_solver = self._solver
-        if assert_solver is None:  # pragma: no cover - for the type checker
-            raise SolverError("OSQP has no workspace")
-        result = assert_solver.solve(raise_error=False)
+            solver.update(q=q, l=lower, u=upper, Px=self._P.values(P), Ax=self._A.values(A))
+        result = solver.solve(raise_error=False)
         seconds = time.perf_counter() - start
         x = np.array(result.x, dtype=np.float64)
         code = result.info.status_val
-        if code in (osqp.SolverStatus.OSQP_SOLVED, osqp.SolverStatus.OSQP_SOLVED_INACCURATE):
-            status = QPStatus.SOLVED if code == osqp.SolverStatus.OSQP_SOLVED else QPStatus.UNSOLVED
-        elif code == osqp.SolverStatus.OSQP_MAX_ITER_REACHED:
-            status = QPStatus.UNSOLVED
-        else:
-            status = QPStatus.INFEASIBLE
-            self._solver = None  # an infeasible warm start would poison the next solve
+        status = _OSQP_STATUS.get(code, QPStatus.INFEASIBLE)
+        if status != QPStatus.INFEASIBLE and not np.isfinite(x).all():
+            status = QPStatus.UNSOLVED  # OSQP calls a problem with a NaN solved
+            self._solver = None
+        if status == QPStatus.INFEASIBLE:
+            self._solver = None  # its iterates would poison the next solve
+        if code == osqp.SolverStatus.OSQP_SIGINT:
+            raise KeyboardInterrupt  # OSQP catches the signal for itself
         return QPSolution(x, status, float(result.info.prim_res), int(result.info.iter), seconds)
 
     def _setup(
@@ -162,31 +190,37 @@ class OsqpBackend:
         A: NDArray[np.float64],
         lower: NDArray[np.float64],
         upper: NDArray[np.float64],
-    ) -> None:
+    ) -> osqp.OSQP:
         s = self._settings
-        self._solver = osqp.OSQP(algebra="builtin")
-        self._solver.setup(
-            self._P.matrix(P),
-            q,
-            self._A.matrix(A),
-            lower,
-            upper,
-            eps_abs=s.tolerance,
-            eps_rel=s.tolerance,
-            max_iter=s.max_iterations,
-            rho=s.rho,
-            adaptive_rho=int(s.adaptive_rho),  # 1: by iterations; a time-based interval would not repeat
-            adaptive_rho_interval=50,
-            alpha=s.alpha,
-            sigma=1e-6,
-            scaling=0,
-            check_termination=s.check_every,
-            check_dualgap=False,
-            polishing=False,
-            time_limit=1e10,  # never: a clock would make runs irreproducible
-            warm_starting=True,
-            verbose=False,
-        )
+        solver = osqp.OSQP(algebra="builtin")
+        try:
+            solver.setup(
+                self._P.matrix(P),
+                q,
+                self._A.matrix(A),
+                lower,
+                upper,
+                eps_abs=s.tolerance,
+                eps_rel=s.tolerance,
+                max_iter=s.max_iterations,
+                rho=s.rho,
+                adaptive_rho=int(s.adaptive_rho),  # 1: by iterations; a time-based interval would not repeat
+                adaptive_rho_interval=50,
+                alpha=s.alpha,
+                sigma=1e-6,
+                scaling=0,
+                check_termination=s.check_every,
+                check_dualgap=False,
+                polishing=False,
+                time_limit=1e10,  # never: a clock would make runs irreproducible
+                warm_starting=True,
+                verbose=False,
+            )
+        except osqp.OSQPException as error:
+            raise SolverError(
+                f"OSQP does not take the problem (error {error}); is its cost convex?"
+            ) from error
+        return solver
 
 
 class DaqpBackend:
@@ -222,7 +256,10 @@ class DaqpBackend:
         x, _, flag, info = self._daqp.solve(P, q, np.ascontiguousarray(A), up, low, self._sense)
         seconds = time.perf_counter() - start
         x = np.array(x, dtype=np.float64)
-        status = QPStatus.SOLVED if flag > 0 else QPStatus.INFEASIBLE if flag == -1 else QPStatus.UNSOLVED
+        if flag == -1:
+            status = QPStatus.INFEASIBLE
+        else:
+            status = QPStatus.SOLVED if flag > 0 and np.isfinite(x).all() else QPStatus.UNSOLVED
         rows = A @ x
         residual = float(np.max(np.maximum(np.maximum(low - rows, rows - up), 0.0), initial=0.0))
         return QPSolution(x, status, residual, int(info.get("iterations", 0)), seconds)
