@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from ampm.robot import Robot
 
 
+_BALL, _TIP = 1, 2
+
+
 class ContactGate:
     """Force limits of the sole points from planned and sensed contact.
 
@@ -57,6 +60,21 @@ class ContactGate:
             self._touched = planned.copy()
         touching = sensed.reshape(2, 3, 2).any(axis=2)
         self._touched = due & (self._touched | touching)
+        self._touched[:, _TIP] &= self._touched[:, _BALL]  # a loaded tip would keep the ball off the floor
         np.clip(self._open + np.where(self._touched, self._rate, -1.0), 0.0, 1.0, out=self._open)
         closing = np.minimum(until_lift / self._ramp, 1.0)
         return np.minimum(self._open, closing)[self._foot, self._group]
+
+    @property
+    def touched(self) -> NDArray[np.bool_]:
+        """Groups that have touched down since their contact was due, shape (2, 3)."""
+        if self._touched is None:
+            return np.ones((2, 3), dtype=bool)
+        return self._touched
+
+    @property
+    def opening(self) -> NDArray[np.float64]:
+        """How far each group has opened since its touch-down, 0 ... 1, shape (2, 3)."""
+        if self._open is None:
+            return np.ones((2, 3))
+        return self._open

@@ -182,13 +182,11 @@ class TrackingController:
         if info != 0:
             return self._hold(k, force, moment, wanted_momentum, terms.com)
         wanted = np.concatenate([force / self._weight, moment * (ANGULAR / self._weight)])
-        open_points = np.maximum((opening.reshape(2, POINTS)[:, :4] > 0.0).sum(axis=1), 1)
         self.condensed.build(
             self.forces.wrench,
             wanted,
             opening,
             float(ref.right_load[k]),
-            open_points,
             columns[5, 5],
             columns[5, 6],
         )
@@ -350,18 +348,26 @@ class TrackingController:
                 )
                 softness = SWING
             else:
-                pivot = self._pivot(foot, planned)
-                spin = -gains.stance_damping * omega
-                if not planned.all():  # rolling on heel or toes
+                held = self._gate.touched[foot]
+                flat = planned.all() and held[_HEEL] and held[_BALL]
+                pivot = np.zeros(3) if flat else self._pivot(foot, held if held.any() else planned)
+                if flat:
+                    spin = -gains.stance_damping * omega
+                else:  # rolling on heel or toes
                     spin = gains.roll_stiffness * tilt - gains.roll_damping * omega
-                    spin[1] += ref.pitch_acceleration[k, foot] + gains.roll_damping * pitch_rate
-                elif touching[_HEEL] and not touching[_BALL]:  # the ball is late: turn it to the floor
-                    spin[1] += gains.stance_damping * gains.touchdown_rate
+                    if planned.all():  # a line is late: turn it to the floor
+                        rate = gains.touchdown_rate if held[_HEEL] else -gains.touchdown_rate
+                        spin[1] = gains.roll_damping * ((rate if held.any() else 0.0) - omega[1])
+                    else:
+                        spin[1] += ref.pitch_acceleration[k, foot] + gains.roll_damping * pitch_rate
+                        if not planned[_BALL]:
+                            spin[1] -= gains.roll_stiffness * gains.roll_down_bias
+                # A foot that has not yet taken its load is pressed down, or it would bounce.
+                opening = self._gate.opening[foot]
+                press = 1.0 - max(opening[_HEEL], opening[_BALL]) if ref.contact[k, foot].any() else 0.0
+                damping = gains.stance_damping + press * (gains.touchdown_damping - gains.stance_damping)
                 drop = velocity + _cross(omega, pivot)
-                damping = gains.stance_damping
-                if not touching.any():  # the whole foot is late: let it down
-                    drop[2] += gains.touchdown_velocity
-                    damping = gains.touchdown_damping
+                drop[2] += press * gains.touchdown_velocity
                 acceleration = (
                     -damping * drop - _cross(spin, pivot) - _cross(omega, _cross(omega, pivot))
                 )
@@ -376,12 +382,10 @@ class TrackingController:
             )
         rhs[6:] /= self._g
 
-    def _pivot(self, foot: int, planned: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Point that the contact holds, from the sole's reference point, world axes, shape (3,) [m]."""
+    def _pivot(self, foot: int, held: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Middle of the line that holds a rolling foot, from the sole's reference point, shape (3,) [m]."""
         relative = self._relative[foot]
-        if planned.all():
-            return np.zeros(3)
-        first = 0 if planned[_HEEL] else 2
+        first = 0 if held[_HEEL] else 2
         return 0.5 * (relative[first] + relative[first + 1])
 
     # ---------------------------------------------------------------- results

@@ -67,7 +67,7 @@ class GaitParameters(Section):
 
     section: ClassVar[str] = "gait"
 
-    com_height: Real = _field(0.888, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
+    com_height: Real = _field(0.88, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
     step_length: Real = _field(
         0.6, "distance of successive footprints of opposite feet along x (2 (l_s + l_d))", "m", gt=0, le=100
     )
@@ -78,7 +78,7 @@ class GaitParameters(Section):
         0.79, "share of the COM's travel that falls in single support (l_s / (l_s + l_d))", "1", gt=0, lt=1
     )
     a_s: RealOrInf = _field(
-        1 / 0.35, "COM travel over ZMP travel in single support; inf holds the ZMP still", "1", gt=0
+        2.63, "COM travel over ZMP travel in single support; inf holds the ZMP still", "1", gt=0
     )
     c_s: Real = _field(
         1.0, "slope of the force line over the COM in single support; 1 passes through the COM", "1", le=100
@@ -117,25 +117,25 @@ class FootParameters(Section):
     schedule: Literal["flat", "roll"] = _field(
         "roll", "flat: no heel rise before lift-off; roll: heel strike, flat, heel rise, toe off", "1"
     )
-    swing_height: Real = _field(0.04, "extra lift of the foot at mid swing", "m", ge=0, le=0.5)
+    swing_height: Real = _field(0.05, "extra lift of the foot at mid swing", "m", ge=0, le=0.5)
     swing_lag: Real = _field(
-        0.0, "how far the foot lags behind at mid swing, as share of its travel", "1", ge=-0.2, le=0.3
+        0.08, "how far the foot lags behind at mid swing, as share of its travel", "1", ge=-0.2, le=0.3
     )
     heel_strike_angle: Real = _field(
-        0.175, "pitch of the foot, toes up, at initial contact", "rad", ge=0, le=0.8
+        0.2, "pitch of the foot, toes up, at initial contact", "rad", ge=0, le=0.8
     )
     heel_strike_rate: Real = _field(
         0.0, "speed at which the toes come down at initial contact", "rad/s", ge=0, le=20
     )
     full_contact: Real = _field(
-        0.9, "share of the double support after which the front foot is flat", "1", gt=0, le=1
+        1.0, "share of the double support after which the front foot is flat", "1", gt=0, le=1
     )
     heel_rise_lead: Real = _field(
         0.0, "time by which the heel rise begins before the double support", "s", ge=0, le=1
     )
     toe_off_angle: Real = _field(0.45, "pitch of the foot, heel up, at toe off", "rad", ge=0, le=1.2)
     toe_off_rate: Real = _field(6.5, "speed at which the heel rises at toe off", "rad/s", ge=0, le=30)
-    toe_return: Real = _field(0.5, "share of the swing in which the toe joint straightens", "1", gt=0, le=1)
+    toe_return: Real = _field(0.8, "share of the swing in which the toe joint straightens", "1", gt=0, le=1)
 
 
 class ContactParameters(Section):
@@ -207,6 +207,9 @@ class ControllerParameters(Section):
     )
     touchdown_window: Real = _field(
         0.04, "time before its planned contact from which a touch counts as contact", "s", ge=0, le=0.5
+    )
+    roll_down_bias: Real = _field(
+        0.004, "how much later than planned the front foot's ball comes down, as pitch", "rad", ge=0, le=0.1
     )
     touchdown_velocity: Real = _field(
         0.1, "speed at which a foot that is late closes in on the floor", "m/s", ge=0, le=2

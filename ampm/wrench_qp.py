@@ -45,11 +45,14 @@ TIP_COST = 6.0
 """Regularisation of the toe tips' normal forces: the light toe segment yields under load, so it is left to follow
 the floor unless the ZMP needs it."""
 
-LOAD_COST = 3.0
-"""Cost of leaving the planned share of the load between the feet in double support."""
+LOAD_COST = 30.0
+"""Cost of leaving the planned share of the load between the feet, also for a foot that touches early."""
 
 LARGEST_NORMAL = 0.6
 """Largest normal force of one point [m g]."""
+
+LEAST_NORMAL = 0.005
+"""Least normal force of an open point [m g]: enough to keep it from chattering on a compliant floor."""
 
 TWIST_FRICTION = 0.3
 """Largest twist over normal force, in units of :data:`TWIST_ARM`."""
@@ -149,6 +152,7 @@ class CondensedForm:
         self._base = np.zeros(_SIZE)
         self._base[_NORMAL], self._base[_TANGENT], self._base[_FORCES:] = _COST, TANGENT_COST, 1.0
         self.P[np.arange(_SIZE), np.arange(_SIZE)] = self._base
+        self.P[_FOOT : _FOOT + POINTS, _FOOT : _FOOT + POINTS] += LOAD_COST
         self._tangent = np.ix_(_TANGENT, _TANGENT)
         self._right = slice(_FOOT, _FOOT + POINTS)
         self.A[np.arange(6), _FORCES + np.arange(6)] = -MOMENTUM_SLACK
@@ -185,7 +189,6 @@ class CondensedForm:
         wanted: NDArray[np.float64],
         opening: NDArray[np.float64],
         right_load: float,
-        points: NDArray[np.float64],
         yaw_curvature: float,
         yaw_gradient: float,
     ) -> None:
@@ -196,7 +199,6 @@ class CondensedForm:
             wanted: momentum rate plus weight, [m g] and ANGULAR [m g m], shape (6,).
             opening: share of the force limit per point, shape (12,).
             right_load: planned share of the right foot [1].
-            points: number of open heel and ball points of each foot, shape (2,), at least 1.
             yaw_curvature, yaw_gradient: what the posture costs per unit of vertical moment.
         """
         row = wrench[_L_Z, _TANGENT]
@@ -204,17 +206,15 @@ class CondensedForm:
         P[self._tangent] = np.outer(row, yaw_curvature * row)
         P[_TANGENT, _TANGENT] += TANGENT_COST
         q[_TANGENT] = yaw_gradient * row
-        both = 0.0 < right_load < 1.0
-        P[self._right, self._right] = LOAD_COST if both else 0.0
-        P[_NORMAL, _NORMAL] = _COST + (LOAD_COST if both else 0.0) * self._on_right
-        q[_SOLE] = -NORMAL_COST * (1.0 - right_load) / points[0]
-        q[self._right] = -LOAD_COST * right_load if both else 0.0
-        q[_FOOT + _SOLE] -= NORMAL_COST * right_load / points[1]
+        target = np.maximum(opening.reshape(2, POINTS)[:, _SOLE], 1e-3)
+        target *= (NORMAL_COST / target.sum(axis=1) * (1.0 - right_load, right_load))[:, None]
+        q[_SOLE] = -target[0]
+        q[self._right] = -LOAD_COST * right_load
+        q[_FOOT + _SOLE] -= target[1]
         self.A[:6, :_FORCES] = wrench
         self.lower[:6] = self.upper[:6] = wanted
+        self.lower[self._normal_rows] = LEAST_NORMAL * opening
         self.upper[self._normal_rows] = LARGEST_NORMAL * opening
-
-    _on_right = np.repeat([0.0, 1.0], POINTS)
 
     def solve(self) -> QPSolution:
         """Solve what :meth:`build` filled in; the first 18 unknowns are phi."""

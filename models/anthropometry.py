@@ -103,10 +103,10 @@ HIP_HALF_WIDTH = 0.050
 
 # The sole, from the reference point, as shares of stature; foot length .152 (WINTER), ball at 74 % of it,
 # ankle at 25 %. The reference point lies a little in front of the middle between heel and ball.
-SOLE_HEEL_X = -0.107 / 1.70
-SOLE_BALL_X = 0.083 / 1.70
-SOLE_TIP_X = 0.151 / 1.70
-SOLE_ANKLE_X = -0.042 / 1.70
+SOLE_HEEL_X = -0.100 / 1.70
+SOLE_BALL_X = 0.090 / 1.70
+SOLE_TIP_X = 0.158 / 1.70
+SOLE_ANKLE_X = -0.035 / 1.70
 SOLE_HEEL_HALF_WIDTH = 0.028 / 1.70
 SOLE_BALL_HALF_WIDTH = 0.040 / 1.70
 SOLE_TIP_HALF_WIDTH = 0.032 / 1.70
