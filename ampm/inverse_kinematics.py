@@ -6,12 +6,14 @@ At every instant (paper, section 2.3, Eqs. 8-12)
     subject to  J qdd + dJ/dt qd = lambda,     lower <= qdd <= upper,
 
 where the rows of J are the COM (3), the angular momentum about it (2, or 3 with L_z held at zero), both feet
-(6 each) and both toes (2). The sign of k is corrected: as printed, the posture runs away. The printed cost weighs
-loins and chest only, which leaves 40 - 20 directions with several minimisers; here every coordinate has a weight
-(:data:`POSTURE_WEIGHTS`), so the minimiser is unique.
+(6 each) and both toes (2). The sign of k is corrected: as printed, the posture runs away. The printed cost
+weighs loins and chest only, which leaves 40 - 20 directions with several minimisers; here every coordinate
+has a weight (:data:`POSTURE_WEIGHTS`), so the minimiser is unique.
 
 The QP is handed to OSQP after the change of variables ``u = W^(1/2) (qdd - qdd_0)`` and with orthonormal
-constraint rows, on which ADMM converges to rounding error in a few iterations.
+constraint rows, on which ADMM converges to rounding error in a few iterations. Where no joint limit binds,
+the same minimiser is the projection of zero on those rows; a search that only needs the end of the step takes
+it from there (``draft``) and leaves OSQP to the step that is handed out.
 
 The grid divides both phases exactly. After every step of the grid the state is projected back on the
 constraints (position and velocity), in the metric of the same weights, so that nothing drifts.
@@ -19,14 +21,16 @@ constraints (position and velocity), in the metric of the same weights, so that 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import InputError
 from ampm.qp import OsqpBackend, QPSettings
 from ampm.robot import LEFT, RIGHT, TASK_ROWS, Robot
 
@@ -43,8 +47,8 @@ POSTURE_WEIGHTS = {
     "arms": 0.3,
     "legs": 1e-3,
 }
-"""Weights W of the posture form by group of coordinates [1]; the legs' and the root's position follow from the
-feet and the COM and need only enough to be unique."""
+"""Weights W of the posture form by group of coordinates [1]; the legs and the root's position follow from
+feet and COM and need only enough to be unique."""
 
 ARM_BEND = 0.3
 """How far the arms' rest posture stays inside the joint limits [rad]: hanging, with slightly bent elbows."""
@@ -53,6 +57,9 @@ KNEE_MINIMUM = 0.1
 """A knee straighter than this [rad] has lost its authority over the hip's height."""
 
 _LIMIT_HORIZON = 0.02  # time over which a joint limit may be approached [s]
+_LOST = 0.05  # error after a step of the grid at which the legs no longer follow [m, rad]
+CORRECTED = 1e-9
+"""Position error that a corrected grid node may keep [m, rad]."""
 _L_Z = 5  # row of the angular momentum about z
 
 
@@ -80,6 +87,32 @@ class StepReference:
         for value in vars(self).values():
             value.setflags(write=False)
 
+    @cached_property
+    def rotation(self) -> NDArray[np.float64]:
+        """Orientation of left and right sole, shape (n+1, 2, 3, 3)."""
+        rotation = np.zeros((*self.pitch.shape, 3, 3))
+        rotation[..., 0, 0] = rotation[..., 2, 2] = np.cos(self.pitch)
+        rotation[..., 0, 2] = np.sin(self.pitch)
+        rotation[..., 2, 0] = -rotation[..., 0, 2]
+        rotation[..., 1, 1] = 1.0
+        rotation.setflags(write=False)
+        return rotation
+
+    def eased(self, drop: float, share: float) -> StepReference:
+        """The same step with the COM lower by ``drop`` [m] and only a ``share`` [1] of the angular momentum.
+
+        A neighbour that is easier for legs and trunk, and not another plan: feet and times are the same.
+        """
+        position, velocity, acceleration = (
+            self.position.copy(),
+            self.velocity.copy(),
+            self.acceleration.copy(),
+        )
+        position[:, 0, 2] -= drop
+        velocity[:, 3:6] *= share
+        acceleration[:, 3:6] *= share
+        return replace(self, position=position, velocity=velocity, acceleration=acceleration)
+
 
 @dataclass(frozen=True)
 class StepTrajectory:
@@ -104,6 +137,11 @@ class StepTrajectory:
     constraint_position: float
     constraint_velocity: float
     constraint_acceleration: float
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
 
 
 def step_grid(plan: GaitPlan, largest_step: float) -> NDArray[np.float64]:
@@ -145,11 +183,19 @@ def step_reference(plan: GaitPlan, time: NDArray[np.float64]) -> StepReference:
 
 
 class Unreachable(Exception):
-    """The feet cannot be where the plan wants them with the COM where it wants it."""
+    """The body cannot follow at one instant; a search may try elsewhere.
 
-    def __init__(self, time: float, error: float) -> None:
-        super().__init__(f"at {time:.3f} s the legs miss their feet by {error:.3g} m")
-        self.time, self.error = time, error
+    Attributes:
+        time: of the step [s].
+        what: clause that says what cannot be done at that time.
+        value: by how much, or how far, in ``unit``.
+        limit: what it should have been at most or at least.
+        unit: of both.
+    """
+
+    def __init__(self, time: float, what: str, value: float, limit: float, unit: str) -> None:
+        super().__init__(f"at {time:.3f} s of the step {what}")
+        self.time, self.what, self.value, self.limit, self.unit = time, what, value, limit, unit
 
 
 class InverseKinematics:
@@ -182,11 +228,20 @@ class InverseKinematics:
         mask = self._A != 0.0
         mask[:m] = True
         self._P, self._q = np.eye(robot.nv), np.zeros(robot.nv)
+        self.tolerance = 1e-12
         settings = QPSettings(
-            tolerance=1e-12, max_iterations=4000, rho=1.0, adaptive_rho=False, alpha=1.0, check_every=2
+            tolerance=self.tolerance,
+            max_iterations=4000,
+            rho=1.0,
+            adaptive_rho=False,
+            alpha=1.0,
+            check_every=2,
         )
         self._solver = OsqpBackend(np.eye(robot.nv, dtype=bool), mask, settings)
         self._error = np.zeros(TASK_ROWS)
+        self._still = np.zeros(robot.nv)
+        self._legs = np.concatenate(robot.leg_joints)
+        self._limits_low, self._limits_high = robot.lower[self.limited - 6], robot.upper[self.limited - 6]
 
     def _weights(self) -> NDArray[np.float64]:
         robot = self.robot
@@ -202,27 +257,49 @@ class InverseKinematics:
     # ------------------------------------------------------------- one instant
 
     def _factor(
-        self, jacobian: NDArray[np.float64], rows: NDArray[np.intp]
+        self, jacobian: NDArray[np.float64], rows: NDArray[np.intp], time: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Scaled rows J W^(-1/2) and the Cholesky factor of their Gram matrix."""
+        """Scaled rows J W^(-1/2) and the Cholesky factor of their Gram matrix.
+
+        Raises:
+            Unreachable: the rows are dependent, as with a straight leg.
+        """
         scaled = jacobian[rows] / self._root_weight
         factor, info = lapack.dpotrf(scaled @ scaled.T, lower=1)
         if info != 0:
-            raise np.linalg.LinAlgError("the constraints of the inverse kinematics are dependent")
+            what = "feet, COM and angular momentum cannot be chosen independently: a leg is straight"
+            raise Unreachable(time, what, 0.0, 0.0, "1")
         return scaled, factor
 
-    def _position_error(self, reference: StepReference, k: int, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _position_error(
+        self, reference: StepReference, k: int, q: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Task errors of the configuration of the last Jacobian, in the order of ``position_rows``."""
         robot, error = self.robot, self._error
-        error[:3] = reference.position[k, 0] - robot._terms.com
+        error[:3] = reference.position[k, 0] - robot.data.com[0]
         for foot in (LEFT, RIGHT):
             pose = robot.sole_pose(foot)
             row = 6 + 6 * foot
             error[row : row + 3] = reference.position[k, 1 + foot] - pose.translation
-            c, s = np.cos(reference.pitch[k, foot]), np.sin(reference.pitch[k, foot])
-            wanted = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-            error[row + 3 : row + 6] = pin.log3(wanted @ pose.rotation.T)
+            error[row + 3 : row + 6] = pin.log3(reference.rotation[k, foot] @ pose.rotation.T)
             error[18 + foot] = reference.toe[k, foot] - q[robot.toe_joints[foot] + 1]
-        return error
+        return error[self.position_rows]
+
+    def _miss(self, reference: StepReference, k: int, error: NDArray[np.float64]) -> Unreachable:
+        """What an error of the position rows at node k says."""
+        com, left, right = (
+            float(np.abs(error[part]).max()) for part in (slice(0, 3), slice(3, 9), slice(9, 15))
+        )
+        side = "left" if left >= right else "right"
+        size = max(com, left, right)
+        what = f"the {side} leg does not reach from the hip to the planned foot (it misses by {size:.2g} m)"
+        return Unreachable(float(reference.time[k]), what, size, 0.0, "m")
+
+    def _check_knees(self, reference: StepReference, k: int, q: NDArray[np.float64]) -> None:
+        for foot, joint in enumerate(self.robot.knee_joints):
+            if q[joint + 1] < 0.0:
+                what = f"the {('left', 'right')[foot]} knee would bend backwards: the leg is too short"
+                raise Unreachable(float(reference.time[k]), what, float(q[joint + 1]), 0.0, "rad")
 
     def project(
         self,
@@ -238,25 +315,23 @@ class InverseKinematics:
         Raises:
             Unreachable: Newton does not converge; the legs are too short for this instant.
         """
-        robot = self.robot
+        robot, time = self.robot, float(reference.time[k])
         for iteration in range(iterations):
             terms = robot.jacobian(q, v)
             error = self._position_error(reference, k, q)
-            error = error[self.position_rows]
             size = float(np.abs(error).max())
-            if size < 1e-13:
+            if size < 1e-13 or (iteration >= 6 and size < 1e-11):
                 break
-            scaled, factor = self._factor(terms.jacobian, self.position_rows)
-            step = self._pull(scaled, factor, error)
+            step = self._pull(*self._factor(terms.jacobian, self.position_rows, time), error)
             largest = float(np.abs(step).max())
             q = pin.integrate(robot.model, q, step * min(1.0, 0.3 / largest) if largest > 0.3 else step)
-            if iteration >= 6 and size < 1e-11:
-                break
         else:
-            if not size < 1e-10:
-                raise Unreachable(float(reference.time[k]), size)
-        terms = robot.jacobian(q, v)
-        scaled, factor = self._factor(terms.jacobian, self.rows)
+            terms = robot.jacobian(q, v)
+            error = self._position_error(reference, k, q)
+            if not float(np.abs(error).max()) < 1e-10:
+                raise self._miss(reference, k, error)
+        self._check_knees(reference, k, q)
+        scaled, factor = self._factor(terms.jacobian, self.rows, time)
         v = v + self._pull(scaled, factor, self._velocity_error(reference, k, terms.jacobian, v, offset))
         return q, v
 
@@ -266,14 +341,12 @@ class InverseKinematics:
         Raises:
             Unreachable: no such configuration was found.
         """
-        robot = self.robot
-        still = np.zeros(robot.nv)
+        robot, still, rows = self.robot, self._still, self.position_rows
         for _ in range(60):
             terms = robot.jacobian(q, still)
-            rows = self.position_rows
-            error = self._position_error(reference, k, q)[rows]
+            error = self._position_error(reference, k, q)
             wanted = self._posture(q, still) / self.stiffness
-            scaled, factor = self._factor(terms.jacobian, rows)
+            scaled, factor = self._factor(terms.jacobian, rows, float(reference.time[k]))
             step = wanted + self._pull(scaled, factor, error - terms.jacobian[rows] @ wanted)
             largest = float(np.abs(step).max())
             q = pin.integrate(robot.model, q, step * min(1.0, 0.2 / max(largest, 1e-300)))
@@ -289,7 +362,12 @@ class InverseKinematics:
         return (scaled.T @ multiplier) / self._root_weight
 
     def _velocity_error(
-        self, reference: StepReference, k: int, jacobian: NDArray[np.float64], v: NDArray[np.float64], offset: float
+        self,
+        reference: StepReference,
+        k: int,
+        jacobian: NDArray[np.float64],
+        v: NDArray[np.float64],
+        offset: float,
     ) -> NDArray[np.float64]:
         error = reference.velocity[k] - jacobian @ v
         error[4] += offset / self.robot.mass
@@ -299,20 +377,24 @@ class InverseKinematics:
         """Acceleration that the posture form wants: -k (q - q0) - d qd (Eq. 12, sign corrected)."""
         wanted = -self.damping * v
         wanted[:3] = 0.0
-        x, y, z, w = q[3:7]
-        vector = np.array([x, y, z])
-        norm = float(np.sqrt(vector @ vector))
-        angle = 2.0 * np.arctan2(norm, w) / norm if norm > 1e-12 else 2.0
-        wanted[3:6] -= self.stiffness * angle * vector
+        vector, w = q[3:6], float(q[6])
+        norm = math.sqrt(vector @ vector)
+        angle = 2.0 * math.atan2(norm, w) / norm if norm > 1e-12 else 2.0
+        wanted[3:6] -= (self.stiffness * angle) * vector
         wanted[6:] -= self.stiffness * (q[7:] - self.rest)
-        for legs in self.robot.leg_joints:
-            wanted[legs] = 0.0
+        wanted[self._legs] = 0.0
         return wanted
 
     # ---------------------------------------------------------------- one step
 
     def integrate(
-        self, reference: StepReference, q: NDArray[np.float64], v: NDArray[np.float64], offset: float
+        self,
+        reference: StepReference,
+        q: NDArray[np.float64],
+        v: NDArray[np.float64],
+        offset: float,
+        *,
+        draft: bool = False,
     ) -> StepTrajectory:
         """Integrate a step from a state that is projected on the constraints first.
 
@@ -321,47 +403,48 @@ class InverseKinematics:
             q: start configuration, shape (nq,).
             v: start velocity, shape (nv,).
             offset: constant of L_y [N m s].
+            draft: take the minimiser in closed form where no joint limit binds, instead of from OSQP.
 
         Raises:
-            Unreachable: the legs cannot follow.
-            BodilyRefusal: joint limits and constraints contradict each other.
+            Unreachable: the legs cannot follow, or joint limits and constraints contradict each other.
         """
         robot, time = self.robot, reference.time
         n = len(time) - 1
-        qs, vs, accelerations = np.empty((n + 1, robot.nq)), np.empty((n + 1, robot.nv)), np.empty((n + 1, robot.nv))
+        qs, vs, accelerations = (
+            np.empty((n + 1, robot.nq)),
+            np.empty((n + 1, robot.nv)),
+            np.empty((n + 1, robot.nv)),
+        )
         pitch, yaw_momentum = np.empty(n + 1), np.empty(n + 1)
         worst_position = worst_velocity = worst_acceleration = 0.0
         q, v = self.project(reference, 0, q, v, offset)
         last_step = 0.0
         for k in range(n + 1):
             if k > 0:
-                terms = robot.jacobian(q, v)
-                error = self._position_error(reference, k, q)[self.position_rows]
-                size = float(np.abs(error).max())
+                q, size = self._correct(reference, k, q, v, 1e-12 if k == n else CORRECTED)
                 worst_position = max(worst_position, size)
-                if not size < 0.05:
-                    raise Unreachable(float(time[k]), size)
-                pull = self._pull(*self._factor(terms.jacobian, self.position_rows), error)
-                q = pin.integrate(robot.model, q, pull)
+                self._check_knees(reference, k, q)
             terms = robot.jacobian(q, v)
-            scaled, factor = self._factor(terms.jacobian, self.rows)
+            jacobian = terms.jacobian
+            scaled, factor = self._factor(jacobian, self.rows, float(time[k]))
             if k > 0:
-                velocity_error = self._velocity_error(reference, k, terms.jacobian, v, offset)
+                velocity_error = self._velocity_error(reference, k, jacobian, v, offset)
                 worst_velocity = max(worst_velocity, float(np.abs(velocity_error).max()))
                 v = v + self._pull(scaled, factor, velocity_error)
-            terms = robot.drift(q, v)
-            wanted = reference.acceleration[k] - terms.drift
-            acceleration = self._accelerate(scaled, factor, wanted[self.rows], q, v, float(time[k]))
-            residual = terms.jacobian @ acceleration - wanted
-            worst_acceleration = max(worst_acceleration, float(np.abs(residual[self.rows]).max()))
+            wanted = reference.acceleration[k] - robot.drift(q, v).drift
+            acceleration = self._accelerate(
+                scaled, factor, wanted[self.rows], q, v, float(time[k]), draft=draft
+            )
+            residual = (jacobian @ acceleration - wanted)[self.rows]
+            worst_acceleration = max(worst_acceleration, float(np.abs(residual).max()))
             qs[k], vs[k], accelerations[k] = q, v, acceleration
-            yaw_momentum[k] = robot.mass * float(terms.jacobian[_L_Z] @ v)
+            yaw_momentum[k] = robot.mass * float(jacobian[_L_Z] @ v)
             rotation = robot.rotation_of(robot.trunk_frame)
-            pitch[k] = np.arctan2(rotation[0, 2], rotation[2, 2])
+            pitch[k] = math.atan2(rotation[0, 2], rotation[2, 2])
             if k < n:
                 dt = time[k + 1] - time[k]
                 # Second order (Adams-Bashforth): the slope of the acceleration from the last interval.
-                slope = (acceleration - accelerations[k - 1]) / last_step if k > 0 else 0.0 * acceleration
+                slope = (acceleration - accelerations[k - 1]) / last_step if k > 0 else self._still
                 move = dt * v + (0.5 * dt**2) * acceleration + (dt**3 / 6.0) * slope
                 q = pin.integrate(robot.model, q, move)
                 v = v + dt * acceleration + (0.5 * dt**2) * slope
@@ -377,6 +460,42 @@ class InverseKinematics:
             constraint_acceleration=worst_acceleration,
         )
 
+    def _correct(
+        self,
+        reference: StepReference,
+        k: int,
+        q: NDArray[np.float64],
+        v: NDArray[np.float64],
+        tolerance: float,
+    ) -> tuple[NDArray[np.float64], float]:
+        """Take off what integration has drifted: one Newton step, more where it was coarse.
+
+        Returns:
+            The corrected configuration, and the largest error before [m, rad].
+
+        Raises:
+            Unreachable: the error is so large that the legs do not follow.
+        """
+        first, time = 0.0, float(reference.time[k])
+        for iteration in range(4):
+            terms = self.robot.jacobian(q, v)
+            error = self._position_error(reference, k, q)
+            size = float(np.abs(error).max())
+            if iteration == 0:
+                first = size
+            if not size < _LOST:
+                raise self._miss(reference, k, error)
+            if size < tolerance:
+                break
+            q = pin.integrate(
+                self.robot.model,
+                q,
+                self._pull(*self._factor(terms.jacobian, self.position_rows, time), error),
+            )
+            if size * size < tolerance:  # the step left its square
+                break
+        return q, first
+
     def _accelerate(
         self,
         scaled: NDArray[np.float64],
@@ -385,31 +504,34 @@ class InverseKinematics:
         q: NDArray[np.float64],
         v: NDArray[np.float64],
         time: float,
+        *,
+        draft: bool = False,
     ) -> NDArray[np.float64]:
         """The QP of one instant, in u = W^(1/2) (qdd - posture) with orthonormal rows."""
-        m = len(self.rows)
         posture = self._posture(q, v)
         rhs = wanted - scaled @ (posture * self._root_weight)
-        orthonormal, _ = lapack.dtrtrs(factor, scaled, lower=1)
+        joints, h = self.limited, _LIMIT_HORIZON
+        reach = q[joints + 1] + h * v[joints]
+        low = (2.0 / h**2) * (self._limits_low - reach)
+        high = (2.0 / h**2) * (self._limits_high - reach)
+        if draft:
+            acceleration = posture + self._pull(scaled, factor, rhs)
+            bounded = acceleration[joints]
+            if (bounded >= low).all() and (bounded <= high).all():
+                return acceleration
+        m = len(self.rows)
+        rows, _ = lapack.dtrtrs(factor, scaled, lower=1)
         level, _ = lapack.dtrtrs(factor, rhs, lower=1)
-        self._A[:m] = orthonormal
-        joints = self.limited
-        angle, rate = q[joints + 1], v[joints]
-        h = _LIMIT_HORIZON
+        self._A[:m] = rows
         scale, shift = self._root_weight[joints], posture[joints]
-        low = (2.0 * (self.robot.lower[joints - 6] - angle - rate * h) / h**2 - shift) * scale
-        high = (2.0 * (self.robot.upper[joints - 6] - angle - rate * h) / h**2 - shift) * scale
         solution = self._solver.solve(
-            self._P, self._q, self._A, np.concatenate([level, low]), np.concatenate([level, high])
+            self._P,
+            self._q,
+            self._A,
+            np.concatenate([level, (low - shift) * scale]),
+            np.concatenate([level, (high - shift) * scale]),
         )
         if not solution.solved:
-            raise BodilyRefusal(
-                f"at {time:.3f} s of the step the joint limits of trunk and arms leave no acceleration that meets "
-                f"the plan (the QP's residual is {solution.residual:.2g} after {solution.iterations} iterations)",
-                reason="joint_limits",
-                value=solution.residual,
-                limit=1e-12,
-                unit="1",
-                way_out="plan less angular momentum (c_s, c_y nearer to 1) or shorter steps",
-            )
+            what = "the joint limits of trunk and arms leave no acceleration that meets the plan"
+            raise Unreachable(time, what, solution.residual, self.tolerance, "1")
         return posture + solution.x / self._root_weight

@@ -1,14 +1,19 @@
 """The whole-body motion of one step, tiled over a walk by mirroring.
 
-The one-step map of the inverse kinematics is unstable (an error grows every step), so a walk is never obtained
-by integrating on: one step is solved as a periodic orbit (:mod:`ampm.orbit`) and every later step is its mirror
+The one-step map of the inverse kinematics is unstable (an error grows every step), so a walk is never had by
+integrating on: one step is solved as a periodic orbit (:mod:`ampm.orbit`) and every later step is its mirror
 image, moved forward by a step length.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+import os
+import tempfile
+import zipfile
+import zlib
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +25,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from ampm.robot import Robot
+
+
+_DAMAGED = (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True)
@@ -35,9 +43,14 @@ class MotionReport:
         constraint_velocity: likewise [m/s, rad/s].
         constraint_acceleration: largest residual of the acceleration constraints [m/s^2, rad/s^2].
         knee_minimum: smallest knee flexion [rad].
-        joint_limit_margin: smallest distance of any joint from its limits [rad], and the joint.
+        knee_minimum_time: its time within the step [s].
+        knee_minimum_side: left or right, the left foot standing.
+        joint_limit_margin: smallest distance of any joint from its limits, negative beyond them [rad].
         joint_limit_joint: that joint.
-        acceleration_jump: largest change of a joint's acceleration over the grid interval at a switch [rad/s^2].
+        joint_limit_group: where it is: hip, knee, ankle, toe, trunk or arms.
+        joint_limit_time: when, within the step [s].
+        acceleration_jump: largest change of a joint's acceleration over a grid interval beside a switch
+            [rad/s^2].
         evaluations: one-step integrations that the solution took.
     """
 
@@ -49,8 +62,12 @@ class MotionReport:
     constraint_velocity: float
     constraint_acceleration: float
     knee_minimum: float
+    knee_minimum_time: float
+    knee_minimum_side: str
     joint_limit_margin: float
     joint_limit_joint: str
+    joint_limit_group: str
+    joint_limit_time: float
     acceleration_jump: float
     evaluations: int
 
@@ -74,6 +91,10 @@ class MotionSample:
     v: NDArray[np.float64]
     acceleration: NDArray[np.float64]
     angular_momentum_z: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            value.setflags(write=False)
 
 
 @dataclass(frozen=True)
@@ -114,6 +135,11 @@ class WholeBodyMotion:
         """Duration of the step [s]."""
         return float(self.time[-1])
 
+    @cached_property
+    def _rates(self) -> NDArray[np.float64]:
+        """Time derivative of q at the grid's nodes, shape (n+1, nq)."""
+        return _configuration_rate(self.q, self.v)
+
     def sample(self, times: ArrayLike, robot: Robot) -> MotionSample:
         """Evaluate the tiled motion by cubic Hermite interpolation between grid nodes.
 
@@ -132,20 +158,16 @@ class WholeBodyMotion:
         index = np.clip(np.searchsorted(self.time, local + 1e-12, side="right") - 1, 0, len(self.time) - 2)
         h = (self.time[index + 1] - self.time[index])[:, None]
         s = (local - self.time[index])[:, None] / h
-        rates = np.array([_configuration_rate(q, v) for q, v in zip(self.q, self.v, strict=True)])
+        rates = self._rates
         q = _hermite(s, h, self.q[index], self.q[index + 1], rates[index], rates[index + 1])
         q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
-        v = _hermite(
-            s, h, self.v[index], self.v[index + 1], self.acceleration[index], self.acceleration[index + 1]
-        )
-        acceleration = (1.0 - s) * self.acceleration[index] + s * self.acceleration[index + 1]
+        rates = self.acceleration
+        v = _hermite(s, h, self.v[index], self.v[index + 1], rates[index], rates[index + 1])
+        acceleration = (1.0 - s) * rates[index] + s * rates[index + 1]
         yaw = (1.0 - s[:, 0]) * self.angular_momentum_z[index] + s[:, 0] * self.angular_momentum_z[index + 1]
         odd = np.mod(step, 2.0) == 1.0
-        q[odd], v[odd], acceleration[odd] = (
-            robot.mirror_q(q[odd]),
-            robot.mirror_v(v[odd]),
-            robot.mirror_v(acceleration[odd]),
-        )
+        q[odd] = robot.mirror_q(q[odd])
+        v[odd], acceleration[odd] = robot.mirror_v(v[odd]), robot.mirror_v(acceleration[odd])
         q[:, 0] += step * self.step_length
         return MotionSample(q, v, acceleration, np.where(odd, -yaw, yaw))
 
@@ -168,52 +190,71 @@ class WholeBodyMotion:
         return columns
 
     def save(self, path: Path) -> None:
-        """Write as ``.npz`` that needs no pickle."""
-        arrays = {k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+        """Write as ``.npz`` that needs no pickle.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        arrays: dict[str, Any] = {k: v for k, v in values.items() if isinstance(v, np.ndarray)}
         meta = {
             "joint_names": self.joint_names,
             "step_length": self.step_length,
             "double_support_start": self.double_support_start,
             "report": self.report.as_dict(),
         }
-        # Written beside and renamed, so that a reader never sees half a file.
-        partial = path.with_name(f"{path.name}.{id(self):x}.partial")
-        with partial.open("wb") as file:
-            np.savez(file, meta=np.array(json.dumps(meta)), **arrays)
-        partial.replace(path)
+        # Written beside and renamed, so that no reader sees half a file, however many write at once.
+        handle, partial = tempfile.mkstemp(dir=path.parent, prefix=f"{path.stem}.", suffix=".partial")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                np.savez(file, meta=np.array(json.dumps(meta)), **arrays)
+            os.replace(partial, path)
+        except BaseException:
+            Path(partial).unlink(missing_ok=True)
+            raise
 
     @classmethod
     def load(cls, path: Path) -> WholeBodyMotion:
-        """Read what :meth:`save` wrote."""
-        with np.load(path, allow_pickle=False) as stored:
-            meta = json.loads(str(stored["meta"]))
-            arrays = {k: stored[k] for k in stored.files if k != "meta"}
-        report = dict(meta["report"])
-        report["multipliers"] = tuple((float(a), float(b)) for a, b in report["multipliers"])
-        return cls(
-            joint_names=tuple(meta["joint_names"]),
-            step_length=meta["step_length"],
-            double_support_start=meta["double_support_start"],
-            report=MotionReport(**report),
-            **arrays,
-        )
+        """Read what :meth:`save` wrote, to the last bit.
+
+        Raises:
+            OSError: there is no such file, or it cannot be read.
+            InputError: it holds no motion, or a damaged one.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                meta = json.loads(str(stored["meta"]))
+                arrays = {name: stored[name] for name in stored.files if name != "meta"}
+            report = dict(meta["report"])
+            report["multipliers"] = tuple((float(a), float(b)) for a, b in report["multipliers"])
+            motion = cls(
+                joint_names=tuple(meta["joint_names"]),
+                step_length=meta["step_length"],
+                double_support_start=meta["double_support_start"],
+                report=MotionReport(**report),
+                **arrays,
+            )
+            n, nu = len(motion.time), len(motion.joint_names)
+            shapes = [motion.q.shape, motion.v.shape, motion.acceleration.shape]
+            if shapes != [(n, nu + 7), (n, nu + 6), (n, nu + 6)]:
+                raise ValueError("arrays of unequal length")
+        except _DAMAGED as error:
+            raise InputError(f"{path} holds no whole-body motion ({error}); delete it.") from error
+        return motion
 
 
 def _configuration_rate(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Time derivative of q: root velocity turned to world, quaternion rate, joint rates."""
-    x, y, z, w = q[3:7]
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    a, b, c = v[3:6]
-    quaternion = 0.5 * np.array(
-        [w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c]
-    )
-    return np.concatenate([rotation @ v[:3], quaternion, v[6:]])
+    """Time derivative of configurations (n, nq): root velocity in world, quaternion rate, joint rates."""
+    rate = np.empty_like(q)
+    vector, w = q[:, 3:6], q[:, 6:7]
+    # R u = u + 2 r x (r x u + w u), and for the quaternion half its product with the angular velocity.
+    turned = np.cross(vector, v[:, :3]) + w * v[:, :3]
+    rate[:, :3] = v[:, :3] + 2.0 * np.cross(vector, turned)
+    omega = v[:, 3:6]
+    rate[:, 3:6] = 0.5 * (w * omega + np.cross(vector, omega))
+    rate[:, 6] = -0.5 * np.sum(vector * omega, axis=1)
+    rate[:, 7:] = v[:, 6:]
+    return rate
 
 
 def _hermite(

@@ -1,9 +1,14 @@
 """The periodic whole-body step: a fixed point of the inverse kinematics' mirrored one-step map.
 
-Unknowns are the state at the start of the step and the constant of L_y, which AMPM leaves free; equations are the
-mirrored return of the state and the mean pitch of the trunk. Only a few modes of the map are slow (trunk pitch,
-trunk roll), all others die within a step, so Newton works on a small Krylov space: where the map forgets, the
-Jacobian of ``return - start`` is minus the identity, and Broyden's updates keep the rest up to date.
+Unknowns are the state at the start of the step and the constant of L_y, which AMPM leaves free; equations are
+the mirrored return of the state and the mean pitch of the trunk. Only a few modes of the map are slow (trunk
+pitch, trunk roll), all others die within a step, so Newton works on a small Krylov space: where the map
+forgets, the Jacobian of ``return - start`` is minus the identity, and Broyden's updates keep the rest up to
+date.
+
+The search runs on a coarse grid and ends on the fine one. Where it fails from a standing start, it begins
+with an easier neighbour (the COM a little lower, no angular momentum) and follows the orbit from there to the
+gait that was asked for.
 """
 
 from __future__ import annotations
@@ -11,13 +16,15 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import osqp
 import pinocchio as pin
 
-from ampm.exceptions import BodilyRefusal
+from ampm.exceptions import BodilyRefusal, InputError
 from ampm.inverse_kinematics import (
     KNEE_MINIMUM,
     InverseKinematics,
@@ -39,10 +46,40 @@ if TYPE_CHECKING:
 TOLERANCE = 1e-9
 """Largest component of the mirrored return's residual [rad, m, rad/s, m/s]."""
 
-_CACHE_VERSION = 1  # raise when the solution for the same inputs changes
+COARSE_STEP = 0.008
+"""Largest step of the grid on which the orbit is searched [s]."""
+
+MULTIPLIERS = 4
+"""How many multipliers of the return map are reported."""
+
+_LESS = "bring gait.c_s and gait.c_y nearer to 1, lower gait.com_height or shorten gait.step_length"
+_WAYS_OUT = {
+    "knee": "lower gait.com_height, shorten gait.step_length or raise foot.toe_off_angle",
+    "ankle": "raise gait.com_height, shorten gait.step_length or raise foot.heel_rise_lead",
+    "toe": "lower foot.toe_off_angle",
+    "trunk": "bring gait.c_s and gait.c_y nearer to 1",
+    "arms": "bring gait.c_s and gait.c_y nearer to 1",
+}
+_COARSE_TOLERANCE = 1e-7
+_RUNG_TOLERANCE = 1e-5  # of the orbits on the way to the one that was asked for
 _VELOCITY_SCALE = 0.1  # weighs velocities against positions in the Krylov norm [s]
 _OFFSET_SCALE = 1.0  # likewise for the constant of L_y [1/(N m s)]
 _MAX_STEP = 0.5  # of a Newton step, in scaled units
+_DIFFERENCE = 1e-5  # step of finite differences, in scaled units
+_KRYLOV = 10  # directions in which Newton knows the map
+_DROPS = (0.03, 0.06, 0.1)  # by how much the COM is lowered to find a first orbit [m]
+_FIRST_RUNG, _LAST_RUNG = 0.5, 0.02  # share of the way gone at a time, at first and at least
+_BUDGET = 700  # coarse steps that a search may take
+_SOURCES = (
+    "feet.py",
+    "gait.py",
+    "inverse_kinematics.py",
+    "motion.py",
+    "orbit.py",
+    "pendulum.py",
+    "qp.py",
+    "robot.py",
+)
 
 
 def solve_motion(
@@ -68,43 +105,55 @@ def solve_motion(
     Raises:
         BodilyRefusal: no orbit, a knee too straight, or a joint beyond its limits.
     """
-    path = None
-    if cache is not None:
-        path = cache / f"motion-{_fingerprint(plan, run, robot)}.npz"
-        if path.exists():
-            try:
-                motion = WholeBodyMotion.load(path)
-            except (OSError, ValueError, KeyError, TypeError):  # unreadable: solve again and write over it
-                motion = None
-            if motion is not None:
-                _check(motion.report)
-                return motion
-    motion = _Orbit(plan, run, robot, progress).solve()
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        motion.save(path)
+    path = None if cache is None else cache / f"motion-{_fingerprint(plan, run, robot)}.npz"
+    motion = None if path is None else _cached(path)
+    if motion is None:
+        motion = _Search(plan, run, robot, progress).solve()
+        if path is not None:
+            _keep(motion, path)
     _check(motion.report)
     return motion
 
 
+def _cached(path: Path) -> WholeBodyMotion | None:
+    """A stored motion; None if there is none that can be read: it is solved again and written over."""
+    try:
+        return WholeBodyMotion.load(path)
+    except (OSError, InputError):
+        return None
+
+
+def _keep(motion: WholeBodyMotion, path: Path) -> None:
+    """Store a motion; a folder that cannot be written costs time at the next call, nothing else."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        motion.save(path)
+    except OSError:
+        return
+
+
 def _fingerprint(plan: GaitPlan, run: RunParameters, robot: Robot) -> str:
-    """Hash of everything that the motion depends on."""
-    digest = hashlib.sha256()
+    """Hash of all that the motion depends on: inputs, body, and the code and libraries that solve it."""
     sections = {
-        "version": _CACHE_VERSION,
+        "versions": [np.__version__, osqp.__version__, pin.__version__],
         "gait": {k: v for k, v in run.gait.model_dump().items() if k != "steps"},
         "body": run.body.model_dump(),
         "foot": run.foot.model_dump(),
         "grid": run.solver.ik_time_step,
         "mass": plan.mass,
+        "gravity": plan.gravity,
         "joints": robot.joint_names,
         "body_description": repr(robot.description),
     }
-    digest.update(json.dumps(sections, sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps(sections, sort_keys=True).encode())
+    for name in _SOURCES:
+        digest.update(Path(__file__).with_name(name).read_bytes())
     model = robot.model
     for inertia, placement in zip(model.inertias, model.jointPlacements, strict=True):
         digest.update(inertia.toDynamicParameters().tobytes() + placement.homogeneous.tobytes())
-    digest.update(robot.lower.tobytes() + robot.upper.tobytes() + robot.torque_limit.tobytes())
+    for frame in model.frames:
+        digest.update(frame.placement.homogeneous.tobytes())
+    digest.update(robot.lower.tobytes() + robot.upper.tobytes())
     return digest.hexdigest()[:24]
 
 
@@ -112,26 +161,254 @@ def _check(report: MotionReport) -> None:
     """Refuse motions that the body's joints cannot make."""
     if report.knee_minimum < KNEE_MINIMUM:
         raise BodilyRefusal(
-            f"the knee straightens to {report.knee_minimum:.3f} rad, under the least flexion of {KNEE_MINIMUM} rad",
+            f"the {report.knee_minimum_side} knee straightens to {report.knee_minimum:.3f} rad at "
+            f"{report.knee_minimum_time:.3f} s of the step; it must stay bent by {KNEE_MINIMUM} rad",
             reason="knee_too_straight",
             value=report.knee_minimum,
             limit=KNEE_MINIMUM,
             unit="rad",
-            way_out="lower gait.com_height, shorten gait.step_length or raise foot.toe_off_angle",
+            way_out=_WAYS_OUT["knee"],
         )
     if report.joint_limit_margin < 0.0:
         raise BodilyRefusal(
-            f"joint {report.joint_limit_joint} would pass its limit by {-report.joint_limit_margin:.3f} rad",
+            f"joint {report.joint_limit_joint} would pass its limit by {-report.joint_limit_margin:.3f} rad "
+            f"at {report.joint_limit_time:.3f} s of the step",
             reason="joint_limits",
             value=report.joint_limit_margin,
             limit=0.0,
             unit="rad",
-            way_out="plan less angular momentum (c_s, c_y nearer to 1), shorter steps or a lower gait.com_height",
+            way_out=_WAYS_OUT.get(report.joint_limit_group, _LESS),
         )
 
 
-class _Orbit:
-    """Newton on the return map of one plan and body."""
+class _StepMap:
+    """The mirrored one-step map of one reference, in scaled unknowns ``z``.
+
+    ``z`` holds the start configuration as a tangent vector at ``origin``, the start velocity and the constant
+    of L_y, each times ``scale``.
+    """
+
+    def __init__(self, search: _Search, reference: StepReference) -> None:
+        self._search = search
+        self.ik, self.reference, self.origin = search.ik, reference, search.origin
+        self.step_length, self.lean = search.plan.parameters.step_length, search.run.body.lean
+        self.draft = True
+        nv = self.ik.robot.nv
+        self.n = 2 * nv + 1
+        self.scale = np.concatenate([np.ones(nv), np.full(nv, _VELOCITY_SCALE), [_OFFSET_SCALE]])
+
+    def encode(self, q: NDArray[np.float64], v: NDArray[np.float64], offset: float) -> NDArray[np.float64]:
+        """Unknowns of a start state and a constant of L_y [N m s]."""
+        tangent = pin.difference(self.ik.robot.model, self.origin, q)
+        return np.concatenate([tangent, v, [offset]]) * self.scale
+
+    def decode(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Start configuration, start velocity, constant of L_y [N m s]."""
+        plain, nv = z / self.scale, self.ik.robot.nv
+        return pin.integrate(self.ik.robot.model, self.origin, plain[:nv]), plain[nv:-1], float(plain[-1])
+
+    def offset(self, z: NDArray[np.float64]) -> float:
+        """Constant of L_y [N m s]."""
+        return float(z[-1] / self.scale[-1])
+
+    def step(self, z: NDArray[np.float64]) -> StepTrajectory:
+        """Integrate the step.
+
+        Raises:
+            Unreachable: the body cannot follow.
+        """
+        self._search.evaluations += 1
+        return self.ik.integrate(self.reference, *self.decode(z), draft=self.draft)
+
+    def returned(self, trajectory: StepTrajectory, offset: float) -> NDArray[np.float64]:
+        """Unknowns of the step's mirrored end."""
+        robot = self.ik.robot
+        q = robot.mirror_q(trajectory.q[-1])
+        q[0] -= self.step_length
+        return self.encode(q, robot.mirror_v(trajectory.v[-1]), offset)
+
+    def mean_pitch(self, trajectory: StepTrajectory) -> float:
+        """Mean pitch of the trunk over the step [rad]."""
+        time = self.reference.time
+        return float(np.trapezoid(trajectory.trunk_pitch, time) / time[-1])
+
+    def residual(self, z: NDArray[np.float64], trajectory: StepTrajectory) -> NDArray[np.float64]:
+        """Mirrored return minus start, and mean trunk pitch minus lean; scaled."""
+        out = self.returned(trajectory, 0.0) - z
+        out[-1] = self.mean_pitch(trajectory) - self.lean
+        return out
+
+    def size(self, value: NDArray[np.float64]) -> float:
+        """Largest component of a residual [rad, m, rad/s, m/s]."""
+        return float(np.abs(value / self.scale).max())
+
+    def guess(self) -> NDArray[np.float64]:
+        """A few plain steps let the fast modes settle; the trunk's mean pitch, which is slow, is set by hand.
+
+        Raises:
+            Unreachable: the body cannot even stand at the start of the step, or walk these steps.
+        """
+        nv, offset = self.ik.robot.nv, 0.4
+        q = self.ik.upright(self.reference, 0, self.origin)
+        q, v = self.ik.project(self.reference, 0, q, np.zeros(nv), offset)
+        z = self.encode(q, v, offset)
+        for _ in range(5):
+            trajectory = self.step(z)
+            z = self.returned(trajectory, offset)
+            change = trajectory.trunk_pitch[-1] - trajectory.trunk_pitch[0]
+            z[4] += self.lean - self.mean_pitch(trajectory)
+            z[nv + 4] -= change / self.reference.time[-1] * _VELOCITY_SCALE
+        return z
+
+
+class _Stalled(Exception):
+    """Newton gave up.
+
+    Attributes:
+        residual: the smallest that it reached [rad, m, rad/s, m/s].
+        cause: what the last trial could not do, if the body was the reason.
+    """
+
+    def __init__(self, residual: float, cause: Unreachable | None) -> None:
+        super().__init__(f"Newton stalls at a residual of {residual:.2g}")
+        self.residual, self.cause = residual, cause
+
+
+@dataclass
+class _Solution:
+    """A fixed point of one map, and what Newton knew of the map there."""
+
+    z: NDArray[np.float64]
+    trajectory: StepTrajectory
+    inverse: _BroydenInverse | None
+
+
+def _newton(
+    step_map: _StepMap,
+    z: NDArray[np.float64],
+    tolerance: float,
+    inverse: _BroydenInverse | None = None,
+    *,
+    rebuilds: int = 8,
+    say: Callable[[str], None] | None = None,
+) -> _Solution:
+    """Fixed point of a map near ``z``.
+
+    Args:
+        step_map: the map.
+        z: first guess.
+        tolerance: of the residual [rad, m, rad/s, m/s].
+        inverse: of the Jacobian at a neighbour; it is built here where it is missing or no longer good.
+        rebuilds: how many times it may be built.
+        say: called with a line of text before every step.
+
+    Raises:
+        Unreachable: the guess itself, or its neighbourhood, cannot be walked.
+        _Stalled: no convergence.
+    """
+    trajectory = step_map.step(z)
+    value = step_map.residual(z, trajectory)
+    best = step_map.size(value)
+    cause: Unreachable | None = None
+    while best > tolerance:
+        if say is not None:
+            say(f"residual {best:.2e}")
+        fresh = inverse is None
+        if inverse is None:
+            if rebuilds == 0:
+                raise _Stalled(best, cause)
+            rebuilds -= 1
+            inverse = _approximate_inverse(step_map, z, value)
+        step = -inverse(value)
+        largest = float(np.abs(step[: step_map.ik.robot.nv]).max())
+        damping = min(1.0, _MAX_STEP / largest)
+        for _ in range(5):
+            trial = z + damping * step
+            try:
+                moved = step_map.step(trial)
+                new = step_map.residual(trial, moved)
+                size = step_map.size(new)
+                if size < (1.0 - 0.2 * damping) * best:
+                    break
+            except Unreachable as error:
+                cause = error
+            damping *= 0.4
+        else:
+            if fresh:
+                raise _Stalled(best, cause)
+            inverse = None
+            continue
+        if damping == 1.0 and size < 0.3 * best:
+            inverse.update(trial - z, new - value)
+        else:
+            inverse = None
+        z, trajectory, value, best = trial, moved, new, size
+    return _Solution(z, trajectory, inverse)
+
+
+def _approximate_inverse(
+    step_map: _StepMap, z: NDArray[np.float64], value: NDArray[np.float64]
+) -> _BroydenInverse:
+    """Inverse Jacobian from directional differences along a Krylov space grown from the residual.
+
+    Raises:
+        Unreachable: a neighbour of ``z`` cannot be walked.
+    """
+    basis, images = np.zeros((_KRYLOV, step_map.n)), np.zeros((_KRYLOV, step_map.n))
+    direction = np.zeros(step_map.n)
+    direction[-1] = 1.0  # the constant of L_y always matters
+    following = value
+    used = 0
+    while True:
+        moved = z + _DIFFERENCE * direction
+        image = (step_map.residual(moved, step_map.step(moved)) - value) / _DIFFERENCE
+        basis[used], images[used] = direction, image
+        if used > 0:
+            following = image + direction  # the part that the map remembers
+        used += 1
+        if used == _KRYLOV:
+            break
+        known = basis[:used]
+        direction = following - known.T @ (known @ following)
+        direction = direction - known.T @ (known @ direction)  # twice is enough
+        norm = float(np.linalg.norm(direction))
+        if norm < 1e-12:
+            break
+        direction = direction / norm
+    return _BroydenInverse(basis[:used].T, images[:used].T)
+
+
+def _multipliers(step_map: _StepMap, solution: _Solution) -> tuple[tuple[float, float], ...]:
+    """Leading eigenvalues of the return map at a fixed constant of L_y: Arnoldi from a fixed start vector."""
+    most, n = 12, step_map.n - 1
+    z = solution.z
+    offset = step_map.offset(z)
+    base = step_map.returned(solution.trajectory, offset)
+    basis, hessenberg = np.zeros((most + 1, n)), np.zeros((most + 1, most))
+    start = np.random.default_rng(0).normal(size=n)
+    basis[0] = start / np.linalg.norm(start)
+    leading = np.zeros(0, dtype=complex)
+    for k in range(most):
+        moved = z.copy()
+        moved[:-1] += _DIFFERENCE * basis[k]
+        image = (step_map.returned(step_map.step(moved), offset) - base)[:-1] / _DIFFERENCE
+        for j in range(k + 1):
+            hessenberg[j, k] = basis[j] @ image
+            image = image - hessenberg[j, k] * basis[j]
+        rest = float(np.linalg.norm(image))
+        hessenberg[k + 1, k] = rest
+        values, vectors = np.linalg.eig(hessenberg[: k + 1, : k + 1])
+        order = np.argsort(-np.abs(values), kind="stable")[:MULTIPLIERS]
+        leading = values[order]
+        # A Ritz value's residual is what the next direction would add to its vector.
+        if rest < 1e-8 or (k + 1 >= MULTIPLIERS and (rest * np.abs(vectors[-1, order[:2]]) < 1e-5).all()):
+            break
+        basis[k + 1] = image / rest
+    return tuple((float(x.real), float(x.imag)) for x in leading)
+
+
+class _Search:
+    """From a plan and a body to the periodic step, or to the reason why there is none."""
 
     def __init__(
         self, plan: GaitPlan, run: RunParameters, robot: Robot, progress: Callable[[str], None] | None
@@ -139,230 +416,184 @@ class _Orbit:
         self.plan, self.run, self.robot = plan, run, robot
         self.progress = progress
         self.ik = InverseKinematics(robot, run)
-        self.reference: StepReference = step_reference(plan, step_grid(plan, run.solver.ik_time_step))
-        self.n = 2 * robot.nv + 1
-        self.scale = np.concatenate(
-            [np.ones(robot.nv), np.full(robot.nv, _VELOCITY_SCALE), [_OFFSET_SCALE]]
-        )
         self.evaluations = 0
+        fine = run.solver.ik_time_step
+        self.fine = step_reference(plan, step_grid(plan, fine))
+        self.coarse = self.fine if fine >= COARSE_STEP else step_reference(plan, step_grid(plan, COARSE_STEP))
         self.origin = self._standing()
-        self.trajectory: StepTrajectory | None = None
-
-    # ------------------------------------------------------------- unknowns
 
     def _standing(self) -> NDArray[np.float64]:
-        """Start configuration of Newton: upright over the planned COM, knees bent, arms at rest."""
-        robot, body = self.robot, self.robot.description
+        """Where unknowns are counted from: upright at the planned COM, knees bent, arms at rest."""
+        robot = self.robot
         q = pin.neutral(robot.model)
         q[7:] = self.ik.rest
-        bend = 0.3
-        for leg in body.legs:
-            knee = robot.velocity_indices((leg.knee,))[0] + 1
-            q[knee] = 2.0 * bend
-        robot.jacobian(q, np.zeros(robot.nv))
-        q[:3] += self.reference.position[0, 0] - robot._terms.com
+        q[robot.knee_joints + 1] = 0.6
+        q[:3] += self.coarse.position[0, 0] - robot.jacobian(q, np.zeros(robot.nv)).com
         return q
 
-    def _encode(self, q: NDArray[np.float64], v: NDArray[np.float64], offset: float) -> NDArray[np.float64]:
-        return np.concatenate([pin.difference(self.robot.model, self.origin, q), v, [offset]]) * self.scale
+    def _map(self, reference: StepReference) -> _StepMap:
+        return _StepMap(self, reference)
 
-    def _decode(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        plain = z / self.scale
-        nv = self.robot.nv
-        return pin.integrate(self.robot.model, self.origin, plain[:nv]), plain[nv:-1], float(plain[-1])
-
-    def _step(self, z: NDArray[np.float64]) -> StepTrajectory:
-        self.evaluations += 1
-        return self.ik.integrate(self.reference, *self._decode(z))
-
-    def _returned(self, trajectory: StepTrajectory, offset: float) -> NDArray[np.float64]:
-        robot = self.robot
-        q = robot.mirror_q(trajectory.q[-1])
-        q[0] -= self.plan.parameters.step_length
-        return self._encode(q, robot.mirror_v(trajectory.v[-1]), offset)
-
-    def _mean_pitch(self, trajectory: StepTrajectory) -> float:
-        time = self.reference.time
-        return float(np.trapezoid(trajectory.trunk_pitch, time) / time[-1])
-
-    def residual(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Mirrored return minus start, and mean trunk pitch minus lean; scaled."""
-        trajectory = self._step(z)
-        self.trajectory = trajectory
-        out = self._returned(trajectory, 0.0) - z
-        out[-1] = self._mean_pitch(trajectory) - self.run.body.lean
-        return out
-
-    # --------------------------------------------------------------- Newton
+    # --------------------------------------------------------------- search
 
     def solve(self) -> WholeBodyMotion:
+        """The motion.
+
+        Raises:
+            BodilyRefusal: there is none.
+        """
+        rough = self._rough()
+        fine = self._map(self.fine)
         try:
-            z = self._newton(self._guess())
-        except (Unreachable, np.linalg.LinAlgError) as error:
-            raise self._no_orbit(str(error)) from error
-        trajectory = self.trajectory
-        if trajectory is None:
-            raise self._no_orbit("no step was integrated")
-        return self._motion(z, trajectory)
+            solution = _newton(fine, rough.z, TOLERANCE, rough.inverse, say=self._say)
+            solution = self._by_osqp(fine, solution)
+        except (Unreachable, _Stalled) as error:
+            raise self._refusal(error) from error
+        return self._motion(fine, solution)
 
-    def _no_orbit(self, why: str) -> BodilyRefusal:
-        error = getattr(self, "best", np.inf)
-        return BodilyRefusal(
-            f"the body finds no periodic motion for this plan: {why} (residual {error:.2g} after "
-            f"{self.evaluations} steps, limit {TOLERANCE:g})",
-            reason="no_periodic_motion",
-            value=float(error),
-            limit=TOLERANCE,
-            unit="rad",
-            way_out="plan less angular momentum (c_s, c_y nearer to 1), shorter steps or a lower gait.com_height",
-        )
+    def _by_osqp(self, fine: _StepMap, solution: _Solution) -> _Solution:
+        """The step that is handed out has every acceleration from OSQP."""
+        fine.draft = False
+        return _newton(fine, solution.z, TOLERANCE, solution.inverse, say=self._say)
 
-    def _guess(self) -> NDArray[np.float64]:
-        """A few plain steps let the fast modes settle; the trunk's mean pitch, which is slow, is set by hand."""
-        robot, lean, nv = self.robot, self.run.body.lean, self.robot.nv
-        offset = 0.4
-        q = self.ik.upright(self.reference, 0, self.origin)
-        q, v = self.ik.project(self.reference, 0, q, np.zeros(nv), offset)
-        z = self._encode(q, v, offset)
-        for _ in range(5):
-            trajectory = self._step(z)
-            z = self._returned(trajectory, offset)
-            change = trajectory.trunk_pitch[-1] - trajectory.trunk_pitch[0]
-            z[4] += lean - self._mean_pitch(trajectory)
-            z[nv + 4] -= change / self.reference.time[-1] * _VELOCITY_SCALE
-        return z
+    def _rough(self) -> _Solution:
+        """Orbit on the coarse grid: from a standing start, else along a path from an easier one.
 
-    def _newton(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
-        value = self.residual(z)
-        self.best = self._size(value)
-        inverse = None
-        rebuilt = 0
-        for iteration in range(60):
-            self._say(f"residual {self.best:.2e} after {self.evaluations} steps")
-            if self.best <= TOLERANCE:
-                return z
-            if inverse is None:
-                inverse = self._approximate_inverse(z, value)
-                rebuilt = iteration
-            step = -inverse(value)
-            largest = float(np.abs(step[: self.robot.nv]).max())
-            damping = min(1.0, _MAX_STEP / largest)
-            for _ in range(6):
-                try:
-                    trial = z + damping * step
-                    new = self.residual(trial)
-                    if self._size(new) < max(1.0, 3.0 * damping) * self.best:
-                        break
-                except Unreachable:
-                    pass
-                damping *= 0.4
-            else:
-                if rebuilt == iteration:
-                    raise self._no_orbit("Newton's steps no longer shrink the residual")
-                inverse = None
+        Raises:
+            BodilyRefusal: there is none, or none that was found.
+        """
+        coarse = self._map(self.coarse)
+        try:
+            return _newton(coarse, coarse.guess(), _COARSE_TOLERANCE, say=self._say)
+        except (Unreachable, _Stalled) as error:
+            failed: Unreachable | _Stalled = error
+        spins = bool(np.abs(self.coarse.acceleration[:, 3:6]).max() > 1e-9)
+        refusal = self._refusal(failed)
+        for drop in _DROPS:
+            eased = self._map(self.coarse.eased(drop, 0.0))
+            try:
+                solution = _newton(eased, eased.guess(), _RUNG_TOLERANCE, say=self._say)
+            except (Unreachable, _Stalled):
                 continue
-            size = self._size(new)
-            if size > 0.3 * self.best and damping == 1.0 or damping < 1.0:
-                inverse = None
-            else:
-                inverse.update(trial - z, new - value)
-            z, value, self.best = trial, new, size
-        raise self._no_orbit("Newton did not converge")
+            if spins:
+                solution, way, cause = self._follow(solution, (drop, 0.0), (drop, 1.0))
+                if way < 1.0:  # lower still, there may be room for all of it
+                    refusal = self._refusal(cause, share=way)
+                    continue
+            solution, way, cause = self._follow(solution, (drop, 1.0), (0.0, 1.0))
+            if way < 1.0:
+                raise self._refusal(cause, drop=drop * (1.0 - way))
+            return solution
+        raise refusal from failed
 
-    def _size(self, value: NDArray[np.float64]) -> float:
-        return float(np.abs(value / self.scale).max())
+    def _follow(
+        self, solution: _Solution, begin: tuple[float, float], end: tuple[float, float]
+    ) -> tuple[_Solution, float, Unreachable | _Stalled | None]:
+        """Follow the orbit from one easing of the reference towards another.
 
-    def _approximate_inverse(self, z: NDArray[np.float64], value: NDArray[np.float64]) -> _BroydenInverse:
-        """Inverse Jacobian from directional differences along a Krylov space grown from the residual."""
-        n = self.n
-        offset_axis = np.zeros(n)
-        offset_axis[-1] = 1.0
-        basis = [offset_axis]
-        images = [self._derivative(z, value, offset_axis)]
-        direction = value.copy()
-        for _ in range(9):
-            for b in basis:
-                direction = direction - (b @ direction) * b
-            for b in basis:
-                direction = direction - (b @ direction) * b
-            norm = float(np.linalg.norm(direction))
-            if norm < 1e-12:
-                break
-            direction /= norm
-            image = self._derivative(z, value, direction)
-            basis.append(direction)
-            images.append(image)
-            direction = image + direction  # the part that the map remembers
-        return _BroydenInverse(np.array(basis).T, np.array(images).T)
+        Args:
+            solution: at ``begin``.
+            begin: COM's drop [m] and share of the angular momentum.
+            end: the same.
 
-    def _derivative(
-        self, z: NDArray[np.float64], value: NDArray[np.float64], direction: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        h = 1e-5
-        kept = self.trajectory
-        image = (self.residual(z + h * direction) - value) / h
-        self.trajectory = kept
-        return image
+        Returns:
+            The farthest solution, how much of the way it has come, and why no farther.
+        """
+        here, stride = 0.0, _FIRST_RUNG
+        before: tuple[float, NDArray[np.float64]] | None = None
+        failed: Unreachable | _Stalled | None = None
+        while here < 1.0:
+            there = min(1.0, here + stride)
+            guess = solution.z
+            if before is not None:  # along the chord
+                guess = guess + (guess - before[1]) * ((there - here) / (here - before[0]))
+            drop, share = ((1.0 - there) * a + there * b for a, b in zip(begin, end, strict=True))
+            eased = self._map(self.coarse.eased(drop, share))
+            self._say(f"{there:.0%} of the way")
+            try:
+                found = _newton(eased, guess, _RUNG_TOLERANCE, solution.inverse, rebuilds=2)
+            except (Unreachable, _Stalled) as error:
+                failed = error
+                stride *= 0.4
+                if stride < _LAST_RUNG or self.evaluations > _BUDGET:
+                    return solution, here, failed
+                continue
+            before, solution, here = (here, solution.z), found, there
+            stride *= 1.6
+        return solution, 1.0, None
+
+    def _refusal(
+        self, error: Unreachable | _Stalled | None, *, drop: float = 0.0, share: float = 1.0
+    ) -> BodilyRefusal:
+        """Why there is no orbit; ``drop`` and ``share`` say how near the search came."""
+        cause = error.cause if isinstance(error, _Stalled) and error.cause is not None else error
+        if isinstance(cause, Unreachable):
+            value, limit, unit = cause.value, cause.limit, cause.unit
+        elif isinstance(cause, _Stalled):
+            value, limit, unit = cause.residual, TOLERANCE, "rad"
+        else:
+            value, limit, unit = 1.0, TOLERANCE, "1"
+        why = str(cause)
+        height = self.plan.parameters.com_height
+        way_out = _LESS
+        if drop > 0.0:
+            why += f", and one is found only with the COM {1000.0 * drop:.0f} mm lower"
+            value, limit, unit = height, height - drop, "m"
+            way_out = f"lower gait.com_height below {height - drop:.3f} m, or shorten gait.step_length"
+        elif share < 1.0:
+            why += f", and one is found only with {share:.0%} of the planned angular momentum"
+            value, limit, unit = 1.0, share, "1"
+        return BodilyRefusal(
+            f"the body finds no periodic motion for this plan: {why}",
+            reason="no_periodic_motion",
+            value=float(value),
+            limit=float(limit),
+            unit=unit,
+            way_out=way_out,
+        )
 
     def _say(self, text: str) -> None:
         if self.progress is not None:
-            self.progress(text)
+            self.progress(f"{text} after {self.evaluations} steps")
 
     # --------------------------------------------------------------- result
 
-    def _multipliers(self, z: NDArray[np.float64], trajectory: StepTrajectory) -> tuple[tuple[float, float], ...]:
-        """Leading eigenvalues of the return map at fixed offset, by Arnoldi from a fixed start vector."""
-        m, n = 10, self.n - 1
-        offset = float(z[-1] / self.scale[-1])
-        base = self._returned(trajectory, offset)
-        basis = np.zeros((m + 1, n))
-        hessenberg = np.zeros((m + 1, m))
-        start = np.random.default_rng(0).normal(size=n)
-        basis[0] = start / np.linalg.norm(start)
-        h = 1e-5
-        for k in range(m):
-            moved = z.copy()
-            moved[:-1] += h * basis[k]
-            image = (self._returned(self._step(moved), offset) - base)[:-1] / h
-            for j in range(k + 1):
-                hessenberg[j, k] = basis[j] @ image
-                image = image - hessenberg[j, k] * basis[j]
-            hessenberg[k + 1, k] = np.linalg.norm(image)
-            if hessenberg[k + 1, k] < 1e-8:
-                m = k + 1
-                break
-            basis[k + 1] = image / hessenberg[k + 1, k]
-        values = np.linalg.eigvals(hessenberg[:m, :m])
-        values = values[np.argsort(-np.abs(values), kind="stable")][:4]
-        return tuple((float(x.real), float(x.imag)) for x in values)
-
-    def _motion(self, z: NDArray[np.float64], trajectory: StepTrajectory) -> WholeBodyMotion:
-        robot = self.robot
-        value = self._returned(trajectory, float(z[-1])) - self._encode(
-            trajectory.q[0], trajectory.v[0], float(z[-1])
-        )
+    def _motion(self, fine: _StepMap, solution: _Solution) -> WholeBodyMotion:
+        robot, trajectory, z = self.robot, solution.trajectory, solution.z
+        offset = fine.offset(z)
+        value = fine.returned(trajectory, offset) - fine.encode(trajectory.q[0], trajectory.v[0], offset)
+        fine.draft = True
+        multipliers = _multipliers(fine, solution)
         knees = trajectory.q[:, robot.knee_joints + 1]
+        when, side = np.unravel_index(int(np.argmin(knees)), knees.shape)
         angles = trajectory.q[:, 7:]
-        margins = np.minimum(angles - robot.lower, robot.upper - angles).min(axis=0)
-        closest = int(np.argmin(margins))
-        switch = int(np.searchsorted(self.reference.time, self.plan.constants.single_support_duration - 1e-12))
+        margins = np.minimum(angles - robot.lower, robot.upper - angles)
+        closest = int(np.argmin(margins.min(axis=0)))
+        joint = robot.joint_names[closest]
+        switch = int(
+            np.searchsorted(fine.reference.time, self.plan.constants.single_support_duration - 1e-12)
+        )
         report = MotionReport(
-            angular_momentum_y_offset=float(z[-1] / self.scale[-1]),
-            residual=float(np.abs(value[:-1] / self.scale[:-1]).max()),
-            mean_trunk_pitch=self._mean_pitch(trajectory),
-            multipliers=self._multipliers(z, trajectory),
+            angular_momentum_y_offset=offset,
+            residual=fine.size(value),
+            mean_trunk_pitch=fine.mean_pitch(trajectory),
+            multipliers=multipliers,
             constraint_position=trajectory.constraint_position,
             constraint_velocity=trajectory.constraint_velocity,
             constraint_acceleration=trajectory.constraint_acceleration,
-            knee_minimum=float(knees.min()),
-            joint_limit_margin=float(margins[closest]),
-            joint_limit_joint=robot.joint_names[closest],
+            knee_minimum=float(knees[when, side]),
+            knee_minimum_time=float(fine.reference.time[when]),
+            knee_minimum_side=("left", "right")[int(side)],
+            joint_limit_margin=float(margins[:, closest].min()),
+            joint_limit_joint=joint,
+            joint_limit_group=_group(robot, joint),
+            joint_limit_time=float(fine.reference.time[margins[:, closest].argmin()]),
             acceleration_jump=self._jump(trajectory, switch),
             evaluations=self.evaluations,
         )
         return WholeBodyMotion(
             joint_names=robot.joint_names,
-            time=np.array(self.reference.time),
+            time=np.array(fine.reference.time),
             q=trajectory.q,
             v=trajectory.v,
             acceleration=trajectory.acceleration,
@@ -387,8 +618,18 @@ class _Orbit:
         )
 
 
+def _group(robot: Robot, joint: str) -> str:
+    """Where a joint is: hip, knee, ankle, toe, trunk or arms."""
+    for leg in robot.description.legs:
+        groups = {"hip": leg.hip, "knee": (leg.knee,), "ankle": leg.ankle, "toe": (leg.toe,)}
+        for name, joints in groups.items():
+            if joint in joints:
+                return name
+    return "trunk" if joint in robot.description.trunk else "arms"
+
+
 class _BroydenInverse:
-    """Inverse of a Jacobian that is minus the identity off a small known space, with Broyden's good updates."""
+    """Inverse of a Jacobian that is minus the identity off a small known space, with Broyden's updates."""
 
     def __init__(self, basis: NDArray[np.float64], images: NDArray[np.float64]) -> None:
         # J = -I + (images + basis) basis^T, inverted by Woodbury.

@@ -8,6 +8,7 @@ solver that serves as a cross-check. No backend stops on a clock: the same numbe
 from __future__ import annotations
 
 import enum
+import math
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
@@ -173,15 +174,16 @@ class OsqpBackend:
         seconds = time.perf_counter() - start
         x = np.array(result.x, dtype=np.float64)
         code = result.info.status_val
-        status = _OSQP_STATUS.get(code, QPStatus.INFEASIBLE)
+        status, residual = _OSQP_STATUS.get(code, QPStatus.INFEASIBLE), float(result.info.prim_res)
         if status != QPStatus.INFEASIBLE and not np.isfinite(x).all():
             status = QPStatus.UNSOLVED  # OSQP calls a problem with a NaN solved
+            residual = math.inf
             self._solver = None
         if status == QPStatus.INFEASIBLE:
             self._solver = None  # its iterates would poison the next solve
         if code == osqp.SolverStatus.OSQP_SIGINT:
             raise KeyboardInterrupt  # OSQP catches the signal for itself
-        return QPSolution(x, status, float(result.info.prim_res), int(result.info.iter), seconds)
+        return QPSolution(x, status, residual, int(result.info.iter), seconds)
 
     def _setup(
         self,

@@ -83,7 +83,7 @@ class Robot:
 
     def _frame(self, name: str) -> int:
         if not self.model.existFrame(name):
-            raise InputError(f"the model has no frame {name!r}, which the body's description names; add it or rename")
+            raise InputError(f"the model has no frame {name!r}, which the body's description names; add it.")
         return int(self.model.getFrameId(name))
 
     def velocity_indices(self, joints: tuple[str, ...]) -> NDArray[np.intp]:
@@ -91,7 +91,9 @@ class Robot:
         indices = []
         for name in joints:
             if not self.model.existJointName(name):
-                raise InputError(f"the model has no joint {name!r}, which the body's description names; rename it")
+                raise InputError(
+                    f"the model has no joint {name!r}, which the body's description names; add it."
+                )
             indices.append(self.model.joints[self.model.getJointId(name)].idx_v)
         return np.array(indices, dtype=np.intp)
 
