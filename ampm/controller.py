@@ -143,7 +143,11 @@ class TrackingController:
     # ------------------------------------------------------------------- tick
 
     def update(
-        self, q: NDArray[np.float64], v: NDArray[np.float64], sensed: NDArray[np.bool_]
+        self,
+        q: NDArray[np.float64],
+        v: NDArray[np.float64],
+        sensed: NDArray[np.bool_],
+        normal_force: NDArray[np.float64],
     ) -> ControlOutput:
         """One control tick.
 
@@ -151,6 +155,7 @@ class TrackingController:
             q: Pinocchio configuration, shape (nq,).
             v: Pinocchio velocity, shape (nv,).
             sensed: sole points in contact, shape (P,).
+            normal_force: latest sensed normal force of every sole point, shape (P,) [N].
         """
         k = self._tick
         self._tick += 1
@@ -186,6 +191,7 @@ class TrackingController:
             self.forces.wrench,
             wanted,
             opening,
+            self._landing_force(sensed, normal_force),
             float(ref.right_load[k]),
             columns[5, 5],
             columns[5, 6],
@@ -253,6 +259,17 @@ class TrackingController:
             iterations=0,
             seconds=0.0,
         )
+
+    def _landing_force(
+        self, sensed: NDArray[np.bool_], normal_force: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Force that points of a landing line already carry, whatever is asked of them, shape (P,) [m g].
+
+        The floor pushes as the foot arrives. Told of it, the QP shifts the other foot's load instead of letting
+        the ZMP jump.
+        """
+        landing = sensed & (self._gate.opening[self.robot.point_foot, self.robot.point_group] < 1.0)
+        return np.where(landing, normal_force * (self.gains.landing_share / self._weight), 0.0)
 
     # ------------------------------------------------------------------ tasks
 

@@ -67,7 +67,7 @@ class GaitParameters(Section):
 
     section: ClassVar[str] = "gait"
 
-    com_height: Real = _field(0.88, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
+    com_height: Real = _field(0.885, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
     step_length: Real = _field(
         0.6, "distance of successive footprints of opposite feet along x (2 (l_s + l_d))", "m", gt=0, le=100
     )
@@ -125,10 +125,10 @@ class FootParameters(Section):
         0.2, "pitch of the foot, toes up, at initial contact", "rad", ge=0, le=0.8
     )
     heel_strike_rate: Real = _field(
-        0.0, "speed at which the toes come down at initial contact", "rad/s", ge=0, le=20
+        3.0, "speed at which the toes come down at initial contact", "rad/s", ge=0, le=20
     )
     full_contact: Real = _field(
-        1.0, "share of the double support after which the front foot is flat", "1", gt=0, le=1
+        0.9, "share of the double support after which the front foot is flat", "1", gt=0, le=1
     )
     heel_rise_lead: Real = _field(
         0.0, "time by which the heel rise begins before the double support", "s", ge=0, le=1
@@ -145,7 +145,7 @@ class ContactParameters(Section):
 
     time_constant: Real = _field(0.015, "time constant of a contact", "s", gt=0, le=1)
     damping_ratio: Real = _field(1.0, "damping ratio of a contact", "1", gt=0, le=10)
-    impedance_min: Real = _field(0.9, "constraint impedance at zero penetration", "1", gt=0, lt=1)
+    impedance_min: Real = _field(0.6, "constraint impedance at zero penetration", "1", gt=0, lt=1)
     impedance_max: Real = _field(0.95, "constraint impedance at full penetration", "1", gt=0, lt=1)
     impedance_width: Real = _field(0.001, "penetration over which the impedance rises", "m", gt=0, le=0.1)
     friction: Real = _field(0.8, "sliding friction of soles and floor", "1", gt=0, le=10)
@@ -196,14 +196,17 @@ class ControllerParameters(Section):
         200.0, "how fast a late foot takes up the touch-down velocity", "1/s", ge=0, le=1e4
     )
     contact_ramp: Real = _field(
-        0.03,
+        0.04,
         "time in which a point's force limit opens after touch-down and closes before lift-off",
         "s",
         gt=0,
         le=1,
     )
+    landing_share: Real = _field(
+        0.6, "share of a landing foot's sensed force that the QP takes as given", "1", ge=0, le=1
+    )
     touchdown_lead: Real = _field(
-        0.006, "time before its planned contact from which a foot is let down", "s", ge=0, le=0.2
+        0.0, "time before its planned contact from which a foot is let down", "s", ge=0, le=0.2
     )
     touchdown_window: Real = _field(
         0.04, "time before its planned contact from which a touch counts as contact", "s", ge=0, le=0.5
@@ -212,7 +215,7 @@ class ControllerParameters(Section):
         0.004, "how much later than planned the front foot's ball comes down, as pitch", "rad", ge=0, le=0.1
     )
     touchdown_velocity: Real = _field(
-        0.1, "speed at which a foot that is late closes in on the floor", "m/s", ge=0, le=2
+        0.05, "speed at which a foot that is late closes in on the floor", "m/s", ge=0, le=2
     )
     touchdown_rate: Real = _field(
         0.5, "rate at which a sole that is late turns to the floor", "rad/s", ge=0, le=20

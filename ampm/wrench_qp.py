@@ -51,7 +51,7 @@ LOAD_COST = 30.0
 LARGEST_NORMAL = 0.6
 """Largest normal force of one point [m g]."""
 
-LEAST_NORMAL = 0.005
+LEAST_NORMAL = 0.004
 """Least normal force of an open point [m g]: enough to keep it from chattering on a compliant floor."""
 
 TWIST_FRICTION = 0.3
@@ -188,6 +188,7 @@ class CondensedForm:
         wrench: NDArray[np.float64],
         wanted: NDArray[np.float64],
         opening: NDArray[np.float64],
+        landing: NDArray[np.float64],
         right_load: float,
         yaw_curvature: float,
         yaw_gradient: float,
@@ -198,6 +199,7 @@ class CondensedForm:
             wrench: W of the :class:`ForceMap`, shape (6, 18).
             wanted: momentum rate plus weight, [m g] and ANGULAR [m g m], shape (6,).
             opening: share of the force limit per point, shape (12,).
+            landing: force that landing points carry already, shape (12,) [m g].
             right_load: planned share of the right foot [1].
             yaw_curvature, yaw_gradient: what the posture costs per unit of vertical moment.
         """
@@ -213,8 +215,9 @@ class CondensedForm:
         q[_FOOT + _SOLE] -= target[1]
         self.A[:6, :_FORCES] = wrench
         self.lower[:6] = self.upper[:6] = wanted
-        self.lower[self._normal_rows] = LEAST_NORMAL * opening
-        self.upper[self._normal_rows] = LARGEST_NORMAL * opening
+        least = np.maximum(LEAST_NORMAL * opening, landing)
+        self.lower[self._normal_rows] = least
+        self.upper[self._normal_rows] = np.maximum(LARGEST_NORMAL * opening, least)
 
     def solve(self) -> QPSolution:
         """Solve what :meth:`build` filled in; the first 18 unknowns are phi."""

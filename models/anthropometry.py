@@ -132,7 +132,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "hip_roll": (-0.52, 0.79),
     "hip_yaw": (-0.79, 0.79),
     "knee_pitch": (0.0, 2.40),
-    "ankle_pitch": (-0.70, 0.87),
+    "ankle_pitch": (-0.80, 0.87),
     "ankle_roll": (-0.61, 0.35),
     "toe_pitch": (-1.22, 0.79),
     "shoulder_pitch": (-3.14, 1.05),

@@ -270,7 +270,8 @@ class _Walk:
         log.rotation[k] = data.site_xmat[physics.points.soles]
         if k % physics.substeps == 0:
             q, v = physics.state()
-            output = self.controller.update(q, v, physics.sensed())
+            normal = log.force[k - 1, :, 2] if k else np.zeros(log.force.shape[1])
+            output = self.controller.update(q, v, physics.sensed(), normal)
             self.outputs.append(output)
             data.ctrl[:] = output.torque
             ended = self._watch(k, output)
