@@ -11,7 +11,7 @@ import enum
 import math
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import osqp
@@ -40,6 +40,8 @@ _OSQP_STATUS = {
     osqp.SolverStatus.OSQP_MAX_ITER_REACHED: QPStatus.UNSOLVED,
 }
 """All others are certificates of infeasibility."""
+
+_INFINITY = 1e30  # what OSQP takes for a bound that is none
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,7 @@ class OsqpBackend:
     def __init__(self, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings) -> None:
         self._P, self._A = Pattern(np.triu(P_mask)), Pattern(A_mask)
         self._settings = settings
-        self._solver: osqp.OSQP | None = None
+        self._solver: Any = None
 
     def solve(
         self,
@@ -169,12 +171,14 @@ class OsqpBackend:
         if solver is None:
             solver = self._solver = self._setup(P, q, A, lower, upper)
         else:
-            solver.update(q=q, l=lower, u=upper, Px=self._P.values(P), Ax=self._A.values(A))
-        result = solver.solve(raise_error=False)
+            solver.update_data_vec(q=q, l=np.maximum(lower, -_INFINITY), u=np.minimum(upper, _INFINITY))
+            solver.update_data_mat(P_x=self._P.values(P), P_i=None, A_x=self._A.values(A), A_i=None)
+        solver.solve()
+        x = np.array(solver.solution.x, dtype=np.float64)
         seconds = time.perf_counter() - start
-        x = np.array(result.x, dtype=np.float64)
-        code = result.info.status_val
-        status, residual = _OSQP_STATUS.get(code, QPStatus.INFEASIBLE), float(result.info.prim_res)
+        info = solver.info
+        code = info.status_val
+        status, residual = _OSQP_STATUS.get(code, QPStatus.INFEASIBLE), float(info.prim_res)
         if status != QPStatus.INFEASIBLE and not np.isfinite(x).all():
             status = QPStatus.UNSOLVED  # OSQP calls a problem with a NaN solved
             residual = math.inf
@@ -183,7 +187,7 @@ class OsqpBackend:
             self._solver = None  # its iterates would poison the next solve
         if code == osqp.SolverStatus.OSQP_SIGINT:
             raise KeyboardInterrupt  # OSQP catches the signal for itself
-        return QPSolution(x, status, residual, int(result.info.iter), seconds)
+        return QPSolution(x, status, residual, int(info.iter), seconds)
 
     def _setup(
         self,
@@ -192,7 +196,8 @@ class OsqpBackend:
         A: NDArray[np.float64],
         lower: NDArray[np.float64],
         upper: NDArray[np.float64],
-    ) -> osqp.OSQP:
+    ) -> Any:
+        """A workspace: OSQP's compiled solver, without the wrapper that takes longer than a small solve."""
         s = self._settings
         solver = osqp.OSQP(algebra="builtin")
         try:
@@ -222,7 +227,7 @@ class OsqpBackend:
             raise SolverError(
                 f"OSQP does not take the problem (error {error}); is its cost convex?"
             ) from error
-        return solver
+        return solver._solver
 
 
 class DaqpBackend:
@@ -264,6 +269,8 @@ class DaqpBackend:
             status = QPStatus.SOLVED if flag > 0 and np.isfinite(x).all() else QPStatus.UNSOLVED
         rows = A @ x
         residual = float(np.max(np.maximum(np.maximum(low - rows, rows - up), 0.0), initial=0.0))
+        if not math.isfinite(residual):
+            residual = math.inf
         return QPSolution(x, status, residual, int(info.get("iterations", 0)), seconds)
 
 
