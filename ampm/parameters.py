@@ -172,10 +172,10 @@ class ControllerParameters(Section):
         le=1e3,
     )
     posture_stiffness: Real = _field(
-        100.0, "feedback from posture to its acceleration", "1/s^2", ge=0, le=1e5
+        900.0, "feedback from posture to its acceleration", "1/s^2", ge=0, le=1e5
     )
     posture_damping: Real = _field(
-        20.0, "feedback from posture rate to its acceleration", "1/s", ge=0, le=1e4
+        60.0, "feedback from posture rate to its acceleration", "1/s", ge=0, le=1e4
     )
     swing_stiffness: Real = _field(
         400.0, "feedback from the swing foot's pose to its acceleration", "1/s^2", ge=0, le=1e5

@@ -48,6 +48,9 @@ the floor unless the ZMP needs it."""
 LOAD_COST = 30.0
 """Cost of leaving the planned share of the load between the feet, also for a foot that touches early."""
 
+YAW_COST = 100.0
+"""Weight of the posture's say in the vertical moment, which no plan has: large, so that yaw follows the motion."""
+
 LARGEST_NORMAL = 0.6
 """Largest normal force of one point [m g]."""
 
@@ -205,9 +208,9 @@ class CondensedForm:
         """
         row = wrench[_L_Z, _TANGENT]
         P, q = self.P, self.q
-        P[self._tangent] = np.outer(row, yaw_curvature * row)
+        P[self._tangent] = np.outer(row, YAW_COST * yaw_curvature * row)
         P[_TANGENT, _TANGENT] += TANGENT_COST
-        q[_TANGENT] = yaw_gradient * row
+        q[_TANGENT] = YAW_COST * yaw_gradient * row
         target = np.maximum(opening.reshape(2, POINTS)[:, _SOLE], 1e-3)
         target *= (NORMAL_COST / target.sum(axis=1) * (1.0 - right_load, right_load))[:, None]
         q[_SOLE] = -target[0]
