@@ -1,0 +1,56 @@
+"""Bodies, plans and periodic steps that several test modules share; each is made once per process."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+from ampm.gait import GaitPlan, plan_gait
+from ampm.motion import WholeBodyMotion
+from ampm.orbit import solve_motion
+from ampm.parameters import RunParameters, load_run
+from ampm.robot import Robot
+from models.human import build
+from validation.bridge import pinocchio_model
+
+WALK = (
+    "gait.com_height=0.875",
+    "gait.step_length=0.6",
+    "gait.switching_velocity=1.0",
+    "gait.steps=4",
+    "foot.swing_height=0.05",
+    "foot.swing_lag=0.05",
+    "foot.toe_return=0.8",
+    "foot.toe_off_angle=0.45",
+    "foot.toe_off_rate=6.5",
+    "foot.heel_strike_angle=0.175",
+)
+"""A walk well within the body's reach, whatever the presets are tuned to."""
+
+COARSE = "solver.ik_time_step=0.004"
+"""Half the default's instants, for tests that need no more."""
+
+
+class Walk(NamedTuple):
+    """A gait, its plan with feet, and the body that is to walk it."""
+
+    run: RunParameters
+    plan: GaitPlan
+    robot: Robot
+
+
+@cache
+def walk_of(*overrides: str) -> Walk:
+    """The walk :data:`WALK` with some settings changed."""
+    run = load_run(None, [*WALK, *overrides])
+    model = build(run.body, run.contact, run.simulation)
+    robot = Robot(pinocchio_model(model.compile()), model.description)
+    plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=model.description.sole)
+    return Walk(run, plan, robot)
+
+
+@cache
+def motion_of(*overrides: str) -> WholeBodyMotion:
+    """Its periodic step."""
+    walk = walk_of(*overrides)
+    return solve_motion(walk.plan, walk.run, walk.robot)

@@ -1,0 +1,232 @@
+"""Foot paths: derivatives, smoothness over key-frames, pivots that rest, soles over the floor."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ampm.body import SoleGeometry
+from ampm.exceptions import InputError
+from ampm.feet import BALL, HEEL, TIP, FootSample, plan_feet, quintic
+from ampm.gait import Footstep, plan_gait
+from ampm.parameters import FootParameters, load_run, preset_names
+from models.human import build
+
+SOLE = SoleGeometry(-0.1, 0.09, 0.16, 0.03, 0.04, 0.035, -0.035, 0.066)
+SCHEDULES = {
+    "flat": FootParameters(schedule="flat"),
+    "roll": FootParameters(swing_height=0.08, swing_lag=0.05, toe_return=0.8, heel_strike_rate=0.0),
+    "turning": FootParameters(
+        swing_height=0.08, swing_lag=-0.1, toe_return=1.0, heel_strike_rate=2.0, full_contact=1.0
+    ),
+    "early": FootParameters(swing_height=0.08, toe_return=0.3, heel_rise_lead=0.05, full_contact=0.5),
+}
+STEPS = 5
+
+
+def gait(**values):
+    return load_run("normal", [f"gait.steps={STEPS}"]).gait.model_copy(update=values)
+
+
+def planned(foot, **values):
+    return plan_gait(gait(**values), mass=60.0, foot=foot, sole=SOLE)
+
+
+@pytest.fixture(scope="module", params=SCHEDULES)
+def plan(request):
+    return planned(SCHEDULES[request.param])
+
+
+def between_key_frames(plan, count=400, margin=2e-4):
+    """Times that are no nearer than ``margin`` to any key-frame."""
+    frames = np.concatenate([plan.feet.left.start, plan.feet.right.start])
+    times = np.linspace(0.01, plan.duration - 0.01, count)
+    return times[np.abs(times[:, None] - frames).min(axis=1) > margin]
+
+
+def point_motion(sample: FootSample, x: float):
+    """Position, velocity and acceleration of a point of the foot segment at ``x`` on its centre line."""
+    c, s = np.cos(sample.pitch), np.sin(sample.pitch)
+    zero = np.zeros_like(c)
+    arm, turned = x * np.stack([c, zero, -s], axis=1), x * np.stack([-s, zero, -c], axis=1)
+    rate, acceleration = sample.pitch_velocity[:, None], sample.pitch_acceleration[:, None]
+    return (
+        sample.position + arm,
+        sample.velocity + rate * turned,
+        sample.acceleration + acceleration * turned - rate**2 * arm,
+    )
+
+
+def test_derivatives_are_those_of_the_values(plan):
+    times, h = between_key_frames(plan), 1e-5
+    for before, here, after in zip(
+        plan.feet.sample(times - h), plan.feet.sample(times), plan.feet.sample(times + h), strict=True
+    ):
+        for value, first, second, scale in (
+            ("position", "velocity", "acceleration", 1.0),
+            ("pitch", "pitch_velocity", "pitch_acceleration", 1.0),
+            ("toe", "toe_velocity", "toe_acceleration", 1.0),
+        ):
+            low, high = getattr(before, value), getattr(after, value)
+            np.testing.assert_allclose((high - low) / (2 * h), getattr(here, first), atol=1e-5 * scale)
+            low, high = getattr(before, first), getattr(after, first)
+            np.testing.assert_allclose((high - low) / (2 * h), getattr(here, second), atol=1e-3 * scale)
+
+
+def test_paths_are_c2_over_every_key_frame(plan):
+    for index, path in enumerate((plan.feet.left, plan.feet.right)):
+        frames = path.start[path.start > 0.0]
+        before = plan.feet.sample(frames - 2e-12)[index]  # evaluates the segment that ends
+        after = plan.feet.sample(frames)[index]
+        for name in ("position", "pitch", "toe", "sole_points"):
+            np.testing.assert_allclose(getattr(before, name), getattr(after, name), atol=1e-9)
+        for name in ("velocity", "pitch_velocity", "toe_velocity"):
+            np.testing.assert_allclose(getattr(before, name), getattr(after, name), atol=1e-8)
+        for name in ("acceleration", "pitch_acceleration", "toe_acceleration"):
+            np.testing.assert_allclose(getattr(before, name), getattr(after, name), atol=1e-6)
+
+
+def test_swing_begins_and_ends_without_acceleration(plan):
+    """E17: the foot leaves and lands at rest, or already turning about the point that stays."""
+    single, step = plan.constants.single_support_duration, plan.constants.step_duration
+    lift = step * np.arange(1, STEPS, 2)  # the left foot swings in odd steps
+    left = plan.feet.sample(lift)[0]
+    _, velocity, acceleration = point_motion(left, SOLE.ball_x)
+    np.testing.assert_allclose(velocity, 0.0, atol=1e-10)
+    np.testing.assert_allclose(acceleration, 0.0, atol=1e-8)
+    np.testing.assert_allclose(left.pitch_acceleration, 0.0, atol=1e-8)
+    np.testing.assert_allclose(left.toe_acceleration, 0.0, atol=1e-8)
+    landed = plan.feet.sample(lift + single)[0]
+    _, velocity, acceleration = point_motion(landed, SOLE.heel_x)
+    np.testing.assert_allclose(velocity, 0.0, atol=1e-10)
+    np.testing.assert_allclose(acceleration, 0.0, atol=1e-8)
+    np.testing.assert_allclose(landed.pitch_acceleration, 0.0, atol=1e-8)
+
+
+def test_points_in_contact_rest_on_the_floor(plan):
+    """Also the pivot: the heel while the foot rolls down, ball and tip while the heel rises."""
+    times = np.linspace(0.0, plan.duration, 3001)
+    for index, path in enumerate((plan.feet.left, plan.feet.right)):
+        sample = plan.feet.sample(times)[index]
+        contact = sample.contact.repeat(2, axis=1)
+        np.testing.assert_allclose(sample.sole_points[..., 2][contact], 0.0, atol=1e-12)
+        segment = np.searchsorted(path.start, times + 1e-12, side="right")
+        same = np.diff(segment) == 0
+        moved = np.abs(np.diff(sample.sole_points, axis=0)).max(axis=2)
+        assert moved[same][contact[:-1][same]].max() < 1e-12
+
+
+def test_contact_groups_follow_the_schedule():
+    plan = planned(SCHEDULES["roll"])
+    single, double = plan.constants.single_support_duration, plan.constants.double_support_duration
+    left, right = plan.feet.sample([0.5 * single, single + 0.5 * double, single + 0.95 * double])
+    assert left.contact.tolist() == [[True] * 3, [False, True, True], [False, True, True]]
+    assert right.contact.tolist() == [[False] * 3, [True, False, False], [True] * 3]
+    assert (HEEL, BALL, TIP) == (0, 1, 2)
+    flat = planned(SCHEDULES["flat"]).feet
+    assert flat is not None
+    for foot in flat.sample([0.5 * single, single + 0.5 * double]):
+        assert (foot.contact.all(axis=1) | ~foot.contact.any(axis=1)).all()
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_presets_keep_the_soles_over_the_floor(name):
+    run = load_run(name, ["gait.steps=4"])
+    sole = build(run.body, run.contact, run.simulation).description.sole
+    plan = plan_gait(run.gait, mass=60.0, foot=run.foot, sole=sole)
+    assert plan.feet is not None
+    for foot in plan.feet.sample(np.linspace(0.0, plan.duration, 20001)):
+        assert foot.sole_points[..., 2].min() > -1e-12
+
+
+def test_feet_stand_on_their_placements(plan):
+    for k, step in enumerate(plan.footsteps[1:-1]):
+        middle = (k + 0.3) * plan.constants.step_duration
+        foot = plan.feet.sample(middle)[0 if step.foot == "left" else 1]
+        np.testing.assert_allclose(foot.position[0], np.array([*step.position, 0.0]), atol=1e-12)
+        assert foot.pitch[0] == foot.toe[0] == 0.0
+
+
+def test_unequal_footsteps_need_no_other_code():
+    plan = planned(SCHEDULES["roll"])
+    moves = np.array([0.0, 0.02, -0.05, 0.07, 0.01, -0.03, 0.04])
+    steps = tuple(
+        Footstep(f.foot, (f.position[0] + m, f.position[1] + 0.2 * m))
+        for f, m in zip(plan.footsteps, moves, strict=True)
+    )
+    feet = plan_feet(replace(plan, footsteps=steps), SCHEDULES["roll"], SOLE)
+    for k, step in enumerate(steps[1:-1]):
+        foot = feet.sample((k + 0.3) * plan.constants.step_duration)[0 if step.foot == "left" else 1]
+        np.testing.assert_allclose(foot.position[0, :2], step.position, atol=1e-12)
+
+
+def test_right_foot_is_the_left_foot_mirrored_one_step_later(plan):
+    times = np.linspace(0.0, plan.duration - plan.constants.step_duration - 1e-6, 500)
+    left, _ = plan.feet.sample(times)
+    _, right = plan.feet.sample(times + plan.constants.step_duration)
+    mirrored = left.position * [1, -1, 1] + [plan.parameters.step_length, 0, 0]
+    np.testing.assert_allclose(right.position, mirrored, atol=1e-9)
+    np.testing.assert_allclose(right.pitch, left.pitch, atol=1e-9)
+    np.testing.assert_allclose(right.toe, left.toe, atol=1e-9)
+
+
+def test_swing_lag_holds_the_foot_back_at_mid_swing_only():
+    plain, late = (planned(FootParameters(swing_lag=lag)).feet for lag in (0.0, 0.1))
+    assert plain is not None
+    assert late is not None
+    single = planned(FootParameters()).constants.single_support_duration
+    times = single * np.array([0.0, 0.5, 1.0])
+    shift = late.sample(times)[1].position - plain.sample(times)[1].position
+    np.testing.assert_allclose(shift, -0.12 * np.outer([0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), atol=1e-12)
+
+
+@given(
+    st.lists(st.floats(-3, 3), min_size=6, max_size=6),
+    st.floats(0.05, 3.0),
+)
+def test_quintic_meets_both_ends(values, duration):
+    coefficients = quintic(values[:3], values[3:], duration)
+    powers = np.arange(6)
+    for t, wanted in ((0.0, values[:3]), (duration, values[3:])):
+        value = np.sum(coefficients * t**powers)
+        first = np.sum((powers * coefficients)[1:] * t ** powers[:-1])
+        second = np.sum((powers * (powers - 1) * coefficients)[2:] * t ** powers[:-2])
+        scale = np.array([1.0, 1.0 / duration, 1.0 / duration**2])
+        size = 1.0 + np.abs(values).max() * (1.0 + duration**2)
+        np.testing.assert_allclose([value, first, second], wanted, atol=1e-11 * size * scale.max())
+
+
+def test_quintics_of_many_steps_at_once():
+    durations = np.array([0.3, 0.7])
+    both = quintic(np.array([[1.0, 2.0], [0.0, 1.0], [0.0, -1.0]]), np.zeros((3, 2)), durations)
+    assert both.shape == (2, 6)
+    np.testing.assert_array_equal(both[1], quintic([2.0, 1.0, -1.0], np.zeros(3), 0.7))
+
+
+def test_samples_cannot_be_changed(plan):
+    sample = plan.feet.sample(0.1)[0]
+    for item in fields(sample):
+        assert not getattr(sample, item.name).flags.writeable
+    with pytest.raises(ValueError):
+        plan.feet.left.path[0] = 0.0
+
+
+@pytest.mark.parametrize("time", [-0.1, 100.0, np.nan])
+def test_times_outside_are_refused(plan, time):
+    with pytest.raises(InputError, match="outside the plan"):
+        plan.feet.sample(time)
+
+
+def test_heel_may_not_rise_before_the_foot_stands_alone():
+    with pytest.raises(InputError, match=r"foot\.heel_rise_lead = 0\.9 s"):
+        planned(FootParameters(heel_rise_lead=0.9))
+
+
+def test_phases_must_alternate():
+    plan = planned(SCHEDULES["roll"])
+    with pytest.raises(InputError, match="in turn"):
+        plan_feet(replace(plan, phases=plan.phases[1:]), SCHEDULES["roll"], SOLE)

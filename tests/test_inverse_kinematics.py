@@ -1,0 +1,283 @@
+"""The QP of one instant against dense references, and the integration of one step."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.linalg import null_space
+
+from ampm.exceptions import InputError
+from ampm.gait import plan_gait
+from ampm.inverse_kinematics import (
+    POSTURE_WEIGHTS,
+    InverseKinematics,
+    Unreachable,
+    step_grid,
+    step_reference,
+)
+from ampm.orbit import COARSE_STEP
+from tests.solved import COARSE, motion_of, walk_of
+
+NODES = (0, 40, 90, 120, 150)
+
+
+@pytest.fixture(scope="module", params=["free", "zero"])
+def solved(request):
+    """Inverse kinematics, reference and periodic step of one gait, with L_z free and held at zero."""
+    settings = (f"body.angular_momentum_z={request.param}", "gait.c_y=0.7", COARSE)
+    run, plan, robot = walk_of(*settings)
+    motion = motion_of(*settings)
+    return InverseKinematics(robot, run), step_reference(plan, motion.time), motion
+
+
+def posture(ik, q, v):
+    """-k (q - q0) - d qd, written down anew (Eq. 12 with the sign that holds the body upright)."""
+    robot, k, d = ik.robot, ik.stiffness, ik.damping
+    wanted = -d * v
+    wanted[:3] = 0.0
+    wanted[3:6] -= k * pin.log3(pin.Quaternion(q[3:7]).toRotationMatrix())
+    wanted[6:] -= k * (q[7:] - ik.rest)
+    for leg in robot.leg_joints:
+        wanted[leg] = 0.0
+    return wanted
+
+
+def task(ik, reference, k, q, v):
+    """Jacobian and right-hand side of the constraints at a node."""
+    jacobian = ik.robot.jacobian(q, v).jacobian.copy()
+    return jacobian[ik.rows], (reference.acceleration[k] - ik.robot.drift(q, v).drift)[ik.rows]
+
+
+def accelerate(ik, reference, k, q, v, *, draft=False):
+    jacobian = ik.robot.jacobian(q, v).jacobian
+    scaled, factor = ik._factor(jacobian, ik.rows, 0.0)
+    wanted = (reference.acceleration[k] - ik.robot.drift(q, v).drift)[ik.rows]
+    return ik._accelerate(scaled, factor, wanted, q, v, 0.0, draft=draft)
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_acceleration_meets_the_constraints_and_is_the_minimiser(solved, node):
+    """Against the KKT system solved dense: [W J'; J 0] [qdd; multiplier] = [W posture; wanted]."""
+    ik, reference, motion = solved
+    q, v = motion.q[node], motion.v[node]
+    jacobian, wanted = task(ik, reference, node, q, v)
+    np.testing.assert_allclose(jacobian @ motion.acceleration[node], wanted, atol=1e-9)
+    m, n = jacobian.shape
+    kkt = np.block([[np.diag(ik.weights), jacobian.T], [jacobian, np.zeros((m, m))]])
+    right = np.concatenate([ik.weights * posture(ik, q, v), wanted])
+    exact = np.linalg.solve(kkt, right)[:n]
+    np.testing.assert_allclose(motion.acceleration[node], exact, atol=1e-8 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("node", NODES[:2])
+def test_minimiser_at_a_joint_limit(solved, node):
+    """An arm that runs at its limit is braked and the constraints hold: as an active-set solver finds it."""
+    daqp = pytest.importorskip("daqp")
+    ik, reference, motion = solved
+    q, v = motion.q[node].copy(), motion.v[node].copy()
+    joint = ik.robot.arm_joints[0]
+    q[joint + 1], v[joint] = ik.robot.upper[joint - 6] - 0.001, 2.0
+    got = accelerate(ik, reference, node, q, v)
+    jacobian, wanted = task(ik, reference, node, q, v)
+    joints, h = ik.limited, 0.02
+    low, high = (
+        2.0 / h**2 * (limit[joints - 6] - q[joints + 1] - h * v[joints])
+        for limit in (ik.robot.lower, ik.robot.upper)
+    )
+    np.testing.assert_allclose(got[joint], high[list(joints).index(joint)], rtol=1e-8)
+    root, target = np.sqrt(ik.weights), posture(ik, q, v)
+    rows = np.vstack([jacobian, np.eye(ik.robot.nv)[joints]]) / root
+    shift = np.concatenate([jacobian @ target, target[joints]])
+    lower, upper = np.concatenate([wanted, low]) - shift, np.concatenate([wanted, high]) - shift
+    sense = np.zeros(len(shift), dtype=np.int32)
+    sense[: len(wanted)] = 5
+    eye, zero = np.eye(ik.robot.nv), np.zeros(ik.robot.nv)
+    u, _, flag, _ = daqp.solve(eye, zero, np.ascontiguousarray(rows), upper, lower, sense)
+    assert flag == 1
+    np.testing.assert_allclose(got, target + u / root, atol=1e-6 * np.abs(got).max())
+    draft = accelerate(ik, reference, node, q, v, draft=True)
+    np.testing.assert_allclose(draft, got, atol=1e-8)
+
+
+def test_limits_that_leave_no_way_are_unreachable(solved):
+    ik, reference, motion = solved
+    torn = InverseKinematics(ik.robot, walk_of().run)
+    torn._limits_low = torn._limits_high + 0.1
+    with pytest.raises(Unreachable, match="joint limits") as caught:
+        torn.integrate(reference, motion.q[0], motion.v[0], 0.4)
+    assert np.isfinite(caught.value.value)
+
+
+def test_closed_form_is_the_qps_minimiser_where_no_limit_binds(solved):
+    ik, reference, motion = solved
+    start = motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset
+    exact = ik.integrate(reference, *start)
+    draft = ik.integrate(reference, *start, draft=True)
+    np.testing.assert_allclose(draft.acceleration, exact.acceleration, atol=1e-7)
+    np.testing.assert_allclose(draft.q, exact.q, atol=1e-10)
+
+
+def test_cost_is_strictly_convex_where_the_printed_one_is_not(solved):
+    """E18: the printed cost weighs loins and chest; more directions than these are free."""
+    ik, reference, motion = solved
+    jacobian, _ = task(ik, reference, 0, motion.q[0], motion.v[0])
+    free = null_space(jacobian)
+    assert free.shape[1] == ik.robot.nv - len(ik.rows)
+    ours = np.linalg.eigvalsh(free.T @ (ik.weights[:, None] * free))
+    assert ours[0] > 1e-4
+    printed = np.zeros(ik.robot.nv)
+    printed[ik.robot.trunk_joints] = 1.0
+    theirs = np.linalg.eigvalsh(free.T @ (printed[:, None] * free))
+    assert np.count_nonzero(theirs < 1e-12) == free.shape[1] - len(ik.robot.trunk_joints)
+
+
+def test_weights_cover_every_coordinate(solved):
+    ik = solved[0]
+    assert (ik.weights > 0.0).all()
+    assert set(np.unique(ik.weights)) == set(POSTURE_WEIGHTS.values())
+
+
+# ------------------------------------------------------------- states and steps
+
+
+def task_errors(ik, reference, k, q, v, offset):
+    """Errors of the position tasks and of all task velocities, recomputed from frames."""
+    robot = ik.robot
+    velocity = robot.jacobian(q, v).jacobian @ v - reference.velocity[k]
+    velocity[4] -= offset / robot.mass
+    position = [
+        robot.jacobian(q, v).com - reference.position[k, 0],
+        q[robot.toe_joints + 1] - reference.toe[k],
+    ]
+    for foot in (0, 1):
+        pose = robot.sole_pose(foot)
+        position.append(pose.translation - reference.position[k, 1 + foot])
+        pitch = pin.utils.rotate("y", reference.pitch[k, foot])
+        position.append(pin.log3(pose.rotation @ pitch.T))
+    return np.abs(np.concatenate(position)).max(), np.abs(velocity[ik.rows]).max()
+
+
+def test_projection_meets_all_constraints(solved):
+    ik, reference, motion = solved
+    rng = np.random.default_rng(0)
+    for node in NODES:
+        q = pin.integrate(ik.robot.model, motion.q[node], 0.05 * rng.normal(size=ik.robot.nv))
+        q, v = ik.project(reference, node, q, motion.v[node] + rng.normal(size=ik.robot.nv), 0.4)
+        position, velocity = task_errors(ik, reference, node, q, v, 0.4)
+        assert position < 1e-11
+        assert velocity < 1e-11
+
+
+def test_projection_leaves_a_state_on_the_constraints_alone(solved):
+    ik, reference, motion = solved
+    q, v = ik.project(reference, 0, motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset)
+    np.testing.assert_allclose(q, motion.q[0], atol=1e-11)
+    np.testing.assert_allclose(v, motion.v[0], atol=1e-10)
+
+
+def test_integration_keeps_to_the_constraints(solved):
+    ik, reference, motion = solved
+    offset = motion.report.angular_momentum_y_offset
+    for node in range(0, len(motion.time), 10):
+        position, velocity = task_errors(ik, reference, node, motion.q[node], motion.v[node], offset)
+        assert position < 1e-8
+        assert velocity < 1e-9
+
+
+def test_velocity_and_acceleration_are_the_positions_rates(solved):
+    """Within rounding of the grid: the integration is of second order."""
+    ik, _, motion = solved
+    model = ik.robot.model
+    for k in NODES[1:-1]:
+        h = motion.time[k + 1] - motion.time[k]
+        step = pin.difference(model, motion.q[k - 1], motion.q[k + 1]) / (2 * h)
+        np.testing.assert_allclose(step[6:], motion.v[k, 6:], atol=2e-2)
+        step = (motion.v[k + 1] - motion.v[k - 1]) / (2 * h)
+        np.testing.assert_allclose(step[6:], motion.acceleration[k, 6:], atol=2.0)
+
+
+def test_second_order_in_the_grid():
+    """The end of a step from one start: the error falls by four when the grid is halved."""
+    run, plan, robot = walk_of()
+    ik, motion = InverseKinematics(robot, run), motion_of()
+    start = motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset
+    ends = [
+        ik.integrate(step_reference(plan, step_grid(plan, h)), *start, draft=True).q[-1]
+        for h in (0.008, 0.004, 0.002)
+    ]
+    first, second = (np.abs(a - b).max() for a, b in pairwise(ends))
+    assert 2.5 < first / second < 6.0
+
+
+def test_unreachable_says_when_and_what(solved):
+    ik, reference, motion = solved
+    high = reference.eased(-0.3, 1.0)
+    with pytest.raises(Unreachable, match=r"at 0\.\d+ s of the step the (left|right) leg") as caught:
+        ik.project(high, NODES[1], motion.q[NODES[1]], motion.v[NODES[1]], 0.0)
+    assert caught.value.time == pytest.approx(reference.time[NODES[1]])
+    assert caught.value.value > 0.01
+    assert caught.value.unit == "m"
+    with pytest.raises(Unreachable, match=r"at 0\.\d+ s of the step"):
+        ik.integrate(reference.eased(-0.06, 1.0), motion.q[0], motion.v[0], 0.4, draft=True)
+
+
+def test_knees_bend_one_way(solved):
+    ik, reference, motion = solved
+    q = motion.q[0].copy()
+    q[ik.robot.knee_joints[1] + 1] = -0.1
+    with pytest.raises(Unreachable, match="right knee would bend backwards"):
+        ik._check_knees(reference, 0, q)
+
+
+def test_grid_has_a_node_on_every_switch():
+    _, plan, _ = walk_of()
+    single, step = plan.constants.single_support_duration, plan.constants.step_duration
+    for largest in (0.05, 0.002, single / 7.0):
+        grid = step_grid(plan, largest)
+        assert grid[0] == 0.0
+        assert grid[-1] == pytest.approx(step, abs=1e-15)
+        assert np.abs(grid - single).min() < 1e-15
+        switch = int(np.abs(grid - single).argmin())
+        for part in (np.diff(grid[: switch + 1]), np.diff(grid[switch:])):
+            assert part.max() <= largest * (1 + 1e-9)
+            np.testing.assert_allclose(part, part[0], rtol=1e-9)
+    assert len(step_grid(plan, 1.0)) == 5  # never fewer than two intervals in a phase
+    assert walk_of().run.solver.ik_time_step < COARSE_STEP
+
+
+def test_reference_holds_the_plan_and_its_derivatives():
+    _, plan, _ = walk_of("gait.c_y=0.7")
+    time = np.linspace(0.003, plan.constants.single_support_duration - 0.003, 50)
+    h = 1e-6
+    low, here, high = (step_reference(plan, time + s) for s in (-h, 0.0, h))
+    rate = (high.position - low.position).reshape(len(time), 9) / (2 * h)
+    velocity = here.velocity[:, [0, 1, 2, 6, 7, 8, 12, 13, 14]]
+    np.testing.assert_allclose(rate, velocity, atol=1e-6)
+    np.testing.assert_allclose((high.velocity - low.velocity) / (2 * h), here.acceleration, atol=1e-3)
+    np.testing.assert_allclose(here.velocity[:, [10, 16]], (high.pitch - low.pitch) / (2 * h), atol=1e-6)
+    for foot in (0, 1):
+        np.testing.assert_allclose(
+            here.rotation[7, foot], pin.utils.rotate("y", here.pitch[7, foot]), atol=1e-15
+        )
+    with pytest.raises(ValueError):
+        here.position[0] = 0.0
+
+
+def test_easing_lowers_the_com_and_takes_momentum_off():
+    _, plan, _ = walk_of("gait.c_y=0.7")
+    full = step_reference(plan, step_grid(plan, 0.01))
+    eased = full.eased(0.03, 0.5)
+    np.testing.assert_allclose(full.position[:, 0, 2] - eased.position[:, 0, 2], 0.03, atol=1e-15)
+    np.testing.assert_array_equal(eased.acceleration[:, 3:6], 0.5 * full.acceleration[:, 3:6])
+    np.testing.assert_array_equal(eased.velocity[:, 6:], full.velocity[:, 6:])
+    same = full.eased(0.0, 1.0)
+    np.testing.assert_array_equal(same.position, full.position)
+
+
+def test_a_plan_without_feet_has_no_reference():
+    plan = plan_gait(walk_of().run.gait, mass=60.0)
+    with pytest.raises(InputError, match="no feet"):
+        step_reference(plan, np.zeros(1))

@@ -1,0 +1,193 @@
+"""QP backends against known answers, against each other, and what they say when there is no answer."""
+
+from __future__ import annotations
+
+import math
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import osqp
+import pytest
+
+from ampm.exceptions import InputError, SolverError
+from ampm.qp import OsqpBackend, Pattern, QPSettings, QPStatus, make_backend
+
+EXACT = QPSettings(tolerance=1e-10, max_iterations=20000)
+N, M = 12, 16
+
+
+def problem(seed, *, n=N, m=M, equalities=3):
+    """A strictly convex QP made around its solution: ``P, q, A, lower, upper, x``.
+
+    The KKT conditions are met by construction: a multiplier is positive at an upper bound, negative at a
+    lower one, zero in between.
+    """
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(n, n))
+    P = root @ root.T / n + np.eye(n)
+    A = rng.normal(size=(m, n)) * (rng.random((m, n)) < 0.6)
+    x = rng.normal(size=n)
+    rows = A @ x
+    lower, upper = rows - rng.uniform(0.5, 2.0, m), rows + rng.uniform(0.5, 2.0, m)
+    multiplier = np.zeros(m)
+    lower[:equalities] = upper[:equalities] = rows[:equalities]
+    multiplier[:equalities] = rng.normal(size=equalities)
+    for row in range(equalities, equalities + 4):
+        multiplier[row] = rng.uniform(0.2, 1.0) * (1 if row % 2 else -1)
+        (upper if row % 2 else lower)[row] = rows[row]
+    lower[-1], upper[-2] = -np.inf, np.inf
+    return P, -(P @ x + A.T @ multiplier), A, lower, upper, x
+
+
+def backend(name, settings=EXACT, n=N, m=M):
+    return make_backend(name, np.ones((n, n), dtype=bool), np.ones((m, n), dtype=bool), settings)
+
+
+@pytest.mark.parametrize("name", ["osqp", "daqp"])
+def test_known_solutions(name):
+    solver = backend(name)
+    for seed in range(20):
+        P, q, A, lower, upper, x = problem(seed)
+        solution = solver.solve(P, q, A, lower, upper)
+        assert solution.status == QPStatus.SOLVED
+        assert solution.solved
+        np.testing.assert_allclose(solution.x, x, atol=1e-6)
+        assert solution.residual < 1e-6
+        assert solution.seconds > 0.0
+
+
+def test_backends_agree_at_the_controllers_tolerance():
+    settings = QPSettings(tolerance=3e-4)
+    one, other = backend("osqp", settings), backend("daqp", settings)
+    for seed in range(20):
+        P, q, A, lower, upper, _ = problem(seed)
+        difference = one.solve(P, q, A, lower, upper).x - other.solve(P, q, A, lower, upper).x
+        assert np.abs(difference).max() < 0.02
+
+
+def test_one_workspace_serves_all_problems_of_a_pattern():
+    solver = backend("osqp")
+    first = None
+    for seed in range(6):
+        P, q, A, lower, upper, x = problem(seed)
+        if seed % 2:  # a contact that opens: bounds that are none become an equality and go back
+            lower[-1] = upper[-1] = A[-1] @ x
+        np.testing.assert_allclose(solver.solve(P, q, A, lower, upper).x, x, atol=1e-6)
+        first = first or solver._solver
+        assert solver._solver is first
+
+
+def test_warm_start_saves_iterations():
+    solver = backend("osqp")
+    *numbers, _ = problem(1)
+    cold = solver.solve(*numbers).iterations
+    assert solver.solve(*numbers).iterations < cold
+
+
+def test_the_same_calls_give_the_same_bits():
+    answers = []
+    for _ in range(2):
+        solver = backend("osqp", QPSettings())
+        answers.append([solver.solve(*problem(seed)[:5]).x for seed in range(8)])
+    np.testing.assert_array_equal(answers[0], answers[1])
+
+
+def test_only_the_pattern_is_read():
+    mask = np.eye(3, dtype=bool)
+    solver = OsqpBackend(mask, mask, EXACT)
+    dense = np.diag([1.0, 2.0, 4.0])
+    x = solver.solve(dense, np.array([-1.0, -2.0, -4.0]), np.eye(3), np.zeros(3), np.full(3, 0.5)).x
+    np.testing.assert_allclose(x, 0.5, atol=1e-8)
+    x = solver.solve(2.0 * dense, np.array([-0.2, -0.8, 1.0]), 2.0 * np.eye(3), np.zeros(3), np.ones(3)).x
+    np.testing.assert_allclose(x, [0.1, 0.2, 0.0], atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["osqp", "daqp"])
+def test_infeasible_problems_are_named_and_leave_no_trace(name):
+    solver = backend(name, n=2, m=2)
+    P, q, A = np.eye(2), np.zeros(2), np.array([[1.0, 0.0], [1.0, 0.0]])
+    low, high = np.array([1.0, -1.0]), np.array([2.0, 0.5])
+    assert solver.solve(P, q, A, low, high).status == QPStatus.INFEASIBLE
+    good = solver.solve(P, q, A, low, np.array([2.0, 3.0]))
+    assert good.solved
+    np.testing.assert_allclose(good.x, [1.0, 0.0], atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["osqp", "daqp"])
+@pytest.mark.parametrize("used", [False, True], ids=["fresh", "used"])
+def test_contradicting_bounds_are_infeasible(name, used):
+    """OSQP's own update would keep the last bounds and call the last problem's answer solved."""
+    solver = backend(name, n=2, m=2)
+    P, q, A = np.eye(2), np.zeros(2), np.eye(2)
+    if used:
+        assert solver.solve(P, q, A, np.ones(2), np.ones(2)).solved
+    solution = solver.solve(P, q, A, np.array([2.0, 0.0]), np.array([1.0, 1.0]))
+    assert solution.status == QPStatus.INFEASIBLE
+    assert solution.residual > 0.0
+    assert solver.solve(P, q, A, np.ones(2), np.ones(2)).solved
+
+
+def test_running_out_of_iterations_gives_the_last_iterate():
+    solver = backend("osqp", QPSettings(tolerance=1e-12, max_iterations=10))
+    solution = solver.solve(*problem(3)[:5])
+    assert solution.status == QPStatus.UNSOLVED
+    assert not solution.solved
+    assert np.isfinite(solution.x).all()
+    assert solution.iterations == 10
+
+
+@pytest.mark.parametrize("used", [False, True], ids=["fresh", "used"])
+def test_a_nan_is_not_a_solution(used):
+    solver = backend("osqp")
+    P, q, A, lower, upper, x = problem(4)
+    if used:
+        solver.solve(P, q, A, lower, upper)
+    solution = solver.solve(P, q * np.nan, A, lower, upper)
+    assert solution.status == QPStatus.UNSOLVED
+    assert solution.residual == math.inf
+    np.testing.assert_allclose(solver.solve(P, q, A, lower, upper).x, x, atol=1e-6)
+
+
+def test_interrupt_during_a_solve_is_raised():
+    """OSQP catches the signal and comes back with a status of its own."""
+    solver = OsqpBackend(np.eye(1, dtype=bool), np.eye(1, dtype=bool), EXACT)
+    status = osqp.SolverStatus.OSQP_SIGINT
+    solver._solver = SimpleNamespace(
+        update_data_vec=lambda **_: None,
+        update_data_mat=lambda **_: None,
+        solve=lambda: None,
+        solution=SimpleNamespace(x=np.zeros(1)),
+        info=SimpleNamespace(status_val=status, prim_res=0.0, iter=1),
+    )
+    with pytest.raises(KeyboardInterrupt):
+        solver.solve(np.eye(1), np.zeros(1), np.eye(1), np.zeros(1), np.ones(1))
+    assert solver.solve(np.eye(1), np.zeros(1), np.eye(1), np.ones(1), np.ones(1)).solved
+
+
+def test_a_cost_that_is_not_convex_is_refused(capfd):
+    with pytest.raises(SolverError, match="convex"):
+        backend("osqp", n=2, m=2).solve(-9.0 * np.eye(2), np.zeros(2), np.eye(2), -np.ones(2), np.ones(2))
+
+
+def test_unknown_backend():
+    with pytest.raises(InputError, match="osqp, daqp"):
+        backend("simplex")
+
+
+def test_missing_package_says_how_to_install_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "daqp", None)
+    with pytest.raises(InputError, match=r"pip install ampm\[daqp\]"):
+        backend("daqp")
+
+
+def test_pattern_gathers_in_the_order_of_the_sparse_matrix():
+    rng = np.random.default_rng(0)
+    mask = rng.random((5, 7)) < 0.5
+    dense = np.where(mask, rng.normal(size=(5, 7)), 0.0)
+    dense[tuple(np.argwhere(mask)[0])] = 0.0  # an explicit zero belongs to the pattern
+    pattern = Pattern(mask)
+    matrix = pattern.matrix(dense)
+    assert matrix.nnz == mask.sum()
+    np.testing.assert_array_equal(matrix.toarray(), dense)
+    np.testing.assert_array_equal(pattern.values(dense), matrix.data)

@@ -1,0 +1,179 @@
+"""Task Jacobian and drift against finite differences; the mirror map against what a mirror must keep."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ampm.exceptions import InputError
+from ampm.robot import LEFT, RIGHT, TASK_ROWS, Robot
+from tests.solved import walk_of
+
+SEEDS = range(4)
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return walk_of().robot
+
+
+def state(robot, seed):
+    """A random posture and velocity of the whole body, its root turned any way."""
+    rng = np.random.default_rng(seed)
+    tangent = rng.normal(size=robot.nv) * 0.5
+    q = pin.integrate(robot.model, pin.neutral(robot.model), tangent)
+    return q, rng.normal(size=robot.nv)
+
+
+def task_position(robot, q):
+    """COM, soles and toe joints; rotations as matrices."""
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    com = pin.centerOfMass(robot.model, data, q)
+    return com.copy(), [data.oMf[f].copy() for f in robot.sole_frames], q[robot.toe_joints + 1]
+
+
+def task_velocity(robot, q, v):
+    """Task velocities without any Jacobian: momentum summed over bodies, points by differences."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q, v)
+    com = pin.centerOfMass(robot.model, data, q, v).copy()
+    total = pin.Force.Zero()
+    for joint in range(1, robot.model.njoints):
+        momentum = robot.model.inertias[joint] * data.v[joint]
+        total += data.oMi[joint].act(momentum)
+    angular = total.angular - np.cross(com, total.linear)
+    h = 1e-6
+    before = task_position(robot, pin.integrate(robot.model, q, -h * v))
+    after = task_position(robot, pin.integrate(robot.model, q, h * v))
+    rates = [total.linear / robot.mass, angular / robot.mass]
+    for low, high in zip(before[1], after[1], strict=True):
+        rates.append((high.translation - low.translation) / (2 * h))
+        rates.append(pin.log3(high.rotation @ low.rotation.T) / (2 * h))
+    return np.concatenate([*rates, (after[2] - before[2]) / (2 * h)])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_jacobian_gives_task_velocities(robot, seed):
+    q, v = state(robot, seed)
+    terms = robot.jacobian(q, v)
+    assert terms.jacobian.shape == (TASK_ROWS, robot.nv)
+    np.testing.assert_allclose(terms.jacobian @ v, task_velocity(robot, q, v), atol=1e-7)
+    np.testing.assert_allclose(terms.com, task_position(robot, q)[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_com_rows_are_the_coms_rate(robot, seed):
+    q, v = state(robot, seed)
+    h = 1e-6
+    low, high = (task_position(robot, pin.integrate(robot.model, q, s * h * v))[0] for s in (-1, 1))
+    np.testing.assert_allclose(robot.jacobian(q, v).jacobian[:3] @ v, (high - low) / (2 * h), atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_drift_is_the_jacobians_rate_times_velocity(robot, seed):
+    q, v = state(robot, seed)
+    h = 1e-6
+
+    def rows(s):
+        moved = pin.integrate(robot.model, q, s * h * v)
+        return robot.jacobian(moved, v).jacobian @ v
+
+    wanted = (rows(1) - rows(-1)) / (2 * h)
+    robot.jacobian(q, v)
+    np.testing.assert_allclose(robot.drift(q, v).drift, wanted, atol=2e-6)
+
+
+def test_drift_of_the_feet_at_a_velocity_of_their_own(robot):
+    q, v = state(robot, 0)
+    other = state(robot, 1)[1]
+    robot.jacobian(q, other)
+    feet = robot.drift(q, other).drift[6:].copy()
+    robot.jacobian(q, v)
+    own = robot.drift(q, v).drift[:6].copy()
+    robot.jacobian(q, v)
+    mixed = robot.drift(q, v, other).drift
+    np.testing.assert_allclose(mixed, np.concatenate([own, feet]), atol=1e-12)
+
+
+def test_sole_pose_and_rotations(robot):
+    q, v = state(robot, 2)
+    robot.jacobian(q, v)
+    _, soles, _ = task_position(robot, q)
+    for foot in (LEFT, RIGHT):
+        np.testing.assert_allclose(robot.sole_pose(foot).homogeneous, soles[foot].homogeneous, atol=1e-12)
+        np.testing.assert_allclose(
+            robot.rotation_of(robot.sole_frames[foot]), soles[foot].rotation, atol=1e-12
+        )
+
+
+def test_groups_of_joints_cover_every_hinge_once(robot):
+    groups = [*robot.leg_joints, robot.trunk_joints, robot.arm_joints]
+    assert sorted(np.concatenate(groups)) == list(range(6, robot.nv))
+    assert len(robot.joint_names) == robot.nu == 34
+    assert (robot.upper > robot.lower).all()
+    assert (robot.torque_limit > 0.0).all()
+    assert robot.mass == pytest.approx(60.0)
+    assert robot.gravity == pytest.approx(9.81)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_two_mirrors_give_back_the_state(robot, seed):
+    q, v = state(robot, seed)
+    np.testing.assert_allclose(robot.mirror_q(robot.mirror_q(q, 0.6), -0.6), q, atol=1e-15)
+    np.testing.assert_array_equal(robot.mirror_v(robot.mirror_v(v)), v)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_mirrored_body_has_the_same_mass_matrix(robot, seed):
+    q, _ = state(robot, seed)
+    mirror = np.stack([robot.mirror_v(e) for e in np.eye(robot.nv)], axis=1)
+
+    def mass(configuration):
+        m = pin.crba(robot.model, robot.model.createData(), configuration)
+        return np.triu(m) + np.triu(m, 1).T
+
+    reflected = mass(robot.mirror_q(q, 0.6))
+    np.testing.assert_allclose(mirror.T @ reflected @ mirror, mass(q), atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_mirrored_momentum_is_the_momentum_mirrored(robot, seed):
+    """Linear momentum is a vector, angular momentum an axial one; the feet change places."""
+    q, v = state(robot, seed)
+    plain = (robot.jacobian(q, v).jacobian @ v).copy()
+    com = task_position(robot, q)[0]
+    mirrored_q = robot.mirror_q(q, 0.6)
+    seen = robot.jacobian(mirrored_q, robot.mirror_v(v)).jacobian @ robot.mirror_v(v)
+    vector, axial = np.array([1.0, -1.0, 1.0]), np.array([-1.0, 1.0, -1.0])
+    wanted = np.concatenate(
+        [
+            plain[0:3] * vector,
+            plain[3:6] * axial,
+            plain[12:15] * vector,
+            plain[15:18] * axial,
+            plain[6:9] * vector,
+            plain[9:12] * axial,
+            plain[[19, 18]],
+        ]
+    )
+    np.testing.assert_allclose(seen, wanted, atol=1e-12)
+    np.testing.assert_allclose(task_position(robot, mirrored_q)[0], com * vector + [0.6, 0, 0], atol=1e-12)
+
+
+def test_mirror_takes_many_states_at_once(robot):
+    states = [state(robot, seed) for seed in SEEDS]
+    q, v = (np.stack(part) for part in zip(*states, strict=True))
+    np.testing.assert_array_equal(robot.mirror_q(q, 0.6)[1], robot.mirror_q(q[1], 0.6))
+    np.testing.assert_array_equal(robot.mirror_v(v)[2], robot.mirror_v(v[2]))
+
+
+def test_names_that_the_model_lacks_are_refused(robot):
+    legs = robot.description.left_leg
+    for change in ({"knee": "no_such_knee"}, {"sole_frame": "no_such_sole"}):
+        wrong = replace(robot.description, left_leg=replace(legs, **change))
+        with pytest.raises(InputError, match=next(iter(change.values()))):
+            Robot(robot.model, wrong)
