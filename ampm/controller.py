@@ -31,7 +31,8 @@ SOLVED, LIMITED, UNSOLVED = 0, 1, 2
 """Status of a tick: solved; solved in the form with limits; unsolved, the fallback's torques were used."""
 
 _HEEL, _BALL, _TIP = 0, 1, 2
-_JOINT_HORIZON = 0.05  # time over which a joint limit may be approached [s]
+_BRAKE = 500.0  # deceleration with which a joint may run towards its limit [rad/s^2]
+_BRAKE_TIME = 0.01  # time in which a joint that runs faster is slowed down [s]
 _ROW_SCALE = np.concatenate([np.ones(3), np.full(3, ANGULAR), np.ones(TASK_ROWS - 6)])
 
 
@@ -448,9 +449,18 @@ class TrackingController:
     ) -> bool:
         if (np.abs(torque) > self.robot.torque_limit).any():
             return True
-        h = _JOINT_HORIZON
-        ahead = q[7:] + h * v[6:] + (0.5 * h * h * self._g) * alpha[6:]
-        return bool((ahead < self.robot.lower).any() or (ahead > self.robot.upper).any())
+        low, high = self._joint_bounds(q, v)
+        return bool((alpha[6:] < low).any() or (alpha[6:] > high).any())
+
+    def _joint_bounds(
+        self, q: NDArray[np.float64], v: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Accelerations that keep every joint able to brake before its limits, shape (nu,) each [g]."""
+        robot, angle, rate = self.robot, q[7:], v[6:]
+        down = np.sqrt(2.0 * _BRAKE * np.maximum(angle - robot.lower, 0.0))
+        up = np.sqrt(2.0 * _BRAKE * np.maximum(robot.upper - angle, 0.0))
+        scale = 1.0 / (_BRAKE_TIME * self._g)
+        return scale * (-down - rate), scale * (up - rate)
 
     def _solve_limited(
         self,
@@ -473,10 +483,7 @@ class TrackingController:
             unit[i] = 1.0
             forces[:, i] = self._torque(q, v, np.zeros(robot.nv), unit) + still
         torque_map = np.hstack([g * mass[6:], forces]) / limit[:, None]
-        h = _JOINT_HORIZON
-        scale = 2.0 / (h * h * g)
-        low = scale * (robot.lower - q[7:] - h * v[6:])
-        high = scale * (robot.upper - q[7:] - h * v[6:])
+        low, high = self._joint_bounds(q, v)
         ceiling = 200.0  # a joint far outside is brought back no harder than this [g]
         return self.limited.solve(
             rows,

@@ -222,7 +222,8 @@ class WholeBodyMotion:
             InputError: it holds no motion, or a damaged one.
         """
         try:
-            with np.load(path, allow_pickle=False) as stored:
+            # Opened here: numpy leaves a damaged archive open.
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
                 meta = json.loads(str(stored["meta"]))
                 arrays = {name: stored[name] for name in stored.files if name != "meta"}
             report = dict(meta["report"])

@@ -67,7 +67,7 @@ class GaitParameters(Section):
 
     section: ClassVar[str] = "gait"
 
-    com_height: Real = _field(0.885, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
+    com_height: Real = _field(0.87, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
     step_length: Real = _field(
         0.6, "distance of successive footprints of opposite feet along x (2 (l_s + l_d))", "m", gt=0, le=100
     )

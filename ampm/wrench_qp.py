@@ -48,8 +48,9 @@ the floor unless the ZMP needs it."""
 LOAD_COST = 30.0
 """Cost of leaving the planned share of the load between the feet, also for a foot that touches early."""
 
-YAW_COST = 100.0
-"""Weight of the posture's say in the vertical moment, which no plan has: large, so that yaw follows the motion."""
+YAW_COST = 0.3
+"""Weight of the posture's say in the vertical moment, which no plan has: far below the momentum's, or a yaw that
+the friction cannot give would move the ZMP."""
 
 LARGEST_NORMAL = 0.6
 """Largest normal force of one point [m g]."""
@@ -238,8 +239,8 @@ class LimitedForm:
         condensed: supplies the force part of cost and constraints.
     """
 
-    POSTURE_COST = 1e-3
-    """Cost of leaving the posture, against the momentum slacks' one."""
+    TASK_COST = 1e-3
+    """Cost of leaving posture, feet and toes, against the momentum slacks' one: the momentum comes first here too."""
 
     def __init__(
         self,
@@ -250,7 +251,7 @@ class LimitedForm:
         condensed: CondensedForm,
     ) -> None:
         self.nv, self.nu = nv, nv - 6
-        self._weights = self.POSTURE_COST * weights
+        self._weights = self.TASK_COST * weights
         self._condensed = condensed
         self._soft = TASK_ROWS - 6
         n = nv + _FORCES + 6 + self._soft
@@ -260,7 +261,7 @@ class LimitedForm:
         self.P, self.q = np.zeros((n, n)), np.zeros(n)
         self.A, self.lower, self.upper = np.zeros((m, n)), np.zeros(m), np.zeros(m)
         self.P[np.arange(nv), np.arange(nv)] = self._weights
-        self.P[-self._soft :, -self._soft :] = np.eye(self._soft)
+        self.P[-self._soft :, -self._soft :] = self.TASK_COST * np.eye(self._soft)
         self._dynamics, self._force_rows = slice(0, 6), slice(6, 6 + _ROWS)
         self._task_rows = slice(6 + _ROWS, 6 + _ROWS + self._soft)
         start = 6 + _ROWS + self._soft
