@@ -1,0 +1,187 @@
+"""The tiled motion: one step and its mirror images, kept to the last bit on disk."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import fields
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ampm.exceptions import InputError
+from ampm.motion import WholeBodyMotion
+from tests.solved import COARSE, motion_of, walk_of
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return walk_of(COARSE).robot
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return motion_of(COARSE)
+
+
+def same(one: WholeBodyMotion, other: WholeBodyMotion) -> bool:
+    """Equal to the last bit."""
+    for item in fields(one):
+        a, b = getattr(one, item.name), getattr(other, item.name)
+        if isinstance(a, np.ndarray):
+            if a.tobytes() != b.tobytes() or a.shape != b.shape:
+                return False
+        elif a != b:
+            return False
+    return True
+
+
+def test_first_step_is_the_solved_one(motion, robot):
+    sample = motion.sample(motion.time[:-1], robot)
+    np.testing.assert_allclose(sample.q, motion.q[:-1], atol=1e-14)
+    np.testing.assert_allclose(sample.v, motion.v[:-1], atol=1e-14)
+    np.testing.assert_allclose(sample.acceleration, motion.acceleration[:-1], atol=1e-12)
+    np.testing.assert_allclose(sample.angular_momentum_z, motion.angular_momentum_z[:-1], atol=1e-14)
+
+
+def test_every_next_step_is_the_mirror_image_moved_on(motion, robot):
+    times = np.linspace(0.0, motion.step_duration, 50, endpoint=False)
+    first = motion.sample(times, robot)
+    for step in (1, 2, 7):
+        later = motion.sample(times + step * motion.step_duration, robot)
+        q, v, turn = first.q, first.v, 1.0
+        if step % 2:
+            q, v, turn = robot.mirror_q(first.q), robot.mirror_v(first.v), -1.0
+        q = q + np.eye(robot.nq)[0] * step * motion.step_length
+        np.testing.assert_allclose(later.q, q, atol=1e-9)
+        np.testing.assert_allclose(later.v, v, atol=1e-7)
+        np.testing.assert_allclose(later.angular_momentum_z, turn * first.angular_momentum_z, atol=1e-7)
+
+
+def test_steps_join_without_a_jump(motion, robot):
+    joints = motion.step_duration * np.arange(1, 5)
+    before, after = motion.sample(joints - 1e-8, robot), motion.sample(joints + 1e-8, robot)
+    np.testing.assert_allclose(before.q, after.q, atol=1e-6)
+    np.testing.assert_allclose(before.v, after.v, atol=1e-5)
+    np.testing.assert_allclose(before.acceleration, after.acceleration, atol=1e-2)
+
+
+def test_velocity_is_the_rate_of_the_configuration(motion, robot):
+    times, h = np.linspace(0.01, 2.5, 300), 1e-6
+    low, here, high = (motion.sample(times + s, robot) for s in (-h, 0.0, h))
+    for k in range(len(times)):
+        rate = pin.difference(robot.model, low.q[k], high.q[k]) / (2 * h)
+        np.testing.assert_allclose(rate, here.v[k], atol=2e-3 * np.abs(here.v[k]).max())
+
+
+def test_quaternions_are_of_unit_length(motion, robot):
+    q = motion.sample(np.linspace(0.0, 3.0, 777), robot).q
+    np.testing.assert_allclose(np.linalg.norm(q[:, 3:7], axis=1), 1.0, atol=1e-14)
+
+
+def test_a_run_of_samples_takes_no_time(motion, robot):
+    times = np.linspace(0.0, 40.0, 20_000)
+    motion.sample(times[:2], robot)
+    start = time.perf_counter()
+    assert len(motion.sample(times, robot).q) == len(times)
+    assert time.perf_counter() - start < 1.0  # some 50 ms
+
+
+def test_times_before_the_start_are_refused(motion, robot):
+    with pytest.raises(InputError, match="before the motion's start"):
+        motion.sample([-0.01], robot)
+
+
+def test_nothing_can_be_changed(motion, robot):
+    with pytest.raises(AttributeError):
+        motion.q = motion.v
+    sample = motion.sample([0.1], robot)
+    for holder in (motion, sample):
+        for item in fields(holder):
+            value = getattr(holder, item.name)
+            if isinstance(value, np.ndarray):
+                assert not value.flags.writeable, item.name
+
+
+def test_table_has_a_column_for_every_number(motion, robot):
+    table = motion.table()
+    assert {len(column) for column in table.values()} == {len(motion.time)}
+    assert len(table) == 1 + 7 + 6 + 3 * robot.nu + 2
+    name = robot.joint_names[3]
+    np.testing.assert_array_equal(table[f"q_{name}"], motion.q[:, 10])
+    np.testing.assert_array_equal(table[f"qdd_{name}"], motion.acceleration[:, 9])
+
+
+def test_saved_and_loaded_to_the_last_bit(motion, robot, tmp_path):
+    motion.sample([0.1], robot)  # what sampling keeps for itself is not saved
+    motion.save(tmp_path / "step.npz")
+    loaded = WholeBodyMotion.load(tmp_path / "step.npz")
+    assert same(loaded, motion)
+    assert not loaded.q.flags.writeable
+
+
+DAMAGE = {
+    "empty": lambda data: b"",
+    "cut": lambda data: data[: len(data) // 2],
+    "text": lambda data: b"no archive at all",
+    "flipped": lambda data: data[:5000] + bytes([data[5000] ^ 255]) + data[5001:],
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_damaged_files_are_told(motion, tmp_path, damage):
+    path = tmp_path / "step.npz"
+    motion.save(path)
+    path.write_bytes(DAMAGE[damage](path.read_bytes()))
+    with pytest.raises(InputError, match="holds no whole-body motion"):
+        WholeBodyMotion.load(path)
+
+
+def test_archives_of_something_else_are_told(motion, tmp_path):
+    path = tmp_path / "step.npz"
+    np.savez(path, a=np.zeros(3))
+    with pytest.raises(InputError, match="holds no whole-body motion"):
+        WholeBodyMotion.load(path)
+    motion.save(path)
+    with np.load(path) as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    arrays["v"] = arrays["v"][:-1]
+    np.savez(path, **arrays)
+    with pytest.raises(InputError, match="unequal length"):
+        WholeBodyMotion.load(path)
+    with pytest.raises(FileNotFoundError):
+        WholeBodyMotion.load(tmp_path / "none.npz")
+
+
+def test_writers_do_not_disturb_each_other_or_a_reader(motion, tmp_path):
+    path = tmp_path / "step.npz"
+    motion.save(path)
+    failures: list[BaseException] = []
+
+    def write():
+        try:
+            for _ in range(10):
+                motion.save(path)
+        except BaseException as error:
+            failures.append(error)
+
+    writers = [threading.Thread(target=write) for _ in range(4)]
+    for writer in writers:
+        writer.start()
+    while any(writer.is_alive() for writer in writers):
+        assert same(WholeBodyMotion.load(path), motion)
+    for writer in writers:
+        writer.join()
+    assert not failures
+    assert [p.name for p in tmp_path.iterdir()] == ["step.npz"]
+
+
+def test_a_failed_write_leaves_nothing_behind(motion, tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(np, "savez", full)
+    with pytest.raises(OSError, match="no space"):
+        motion.save(tmp_path / "step.npz")
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,344 @@
+"""The periodic step: does it return, its constant of L_y, how unstable it is, what when there is none."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ampm import orbit
+from ampm.exceptions import BodilyRefusal
+from ampm.inverse_kinematics import Unreachable
+from ampm.orbit import solve_motion
+from tests.solved import COARSE, motion_of, walk_of
+from tests.test_motion import same
+
+GAITS = {
+    "plain": (COARSE,),
+    "momentum": (COARSE, "gait.c_y=0.4"),
+    "lean": (COARSE, "body.lean=0.05"),
+    "no yaw": (COARSE, "body.angular_momentum_z=zero"),
+    "flat": (
+        COARSE,
+        "foot.schedule=flat",
+        "gait.step_length=0.3",
+        "gait.switching_velocity=0.7",
+        "gait.com_height=0.885",
+        "gait.a_s=inf",
+    ),
+}
+
+
+@pytest.fixture(params=GAITS)
+def settings(request):
+    return GAITS[request.param]
+
+
+def solve(*settings, **options):
+    """Solve anew, whatever was solved before."""
+    run, plan, robot = walk_of(*settings)
+    return solve_motion(plan, run, robot, **options)
+
+
+def outcome(*settings):
+    """The motion, or the refusal."""
+    try:
+        return solve(*settings)
+    except BodilyRefusal as refusal:
+        return refusal
+
+
+def trunk_pitch(robot, q):
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    rotation = pin.updateFramePlacement(robot.model, data, robot.trunk_frame).rotation
+    return np.arctan2(rotation[0, 2], rotation[2, 2])
+
+
+# --------------------------------------------------------------------- the orbit
+
+
+def test_step_ends_where_its_mirror_image_begins(settings):
+    robot, motion = walk_of(*settings).robot, motion_of(*settings)
+    end = robot.mirror_q(motion.q[-1], -motion.step_length)
+    np.testing.assert_allclose(pin.difference(robot.model, motion.q[0], end), 0.0, atol=1e-8)
+    np.testing.assert_allclose(robot.mirror_v(motion.v[-1]), motion.v[0], atol=1e-8)
+    assert motion.report.residual <= 1e-8
+    scale = np.abs(motion.acceleration[0]).max()
+    np.testing.assert_allclose(
+        robot.mirror_v(motion.acceleration[-1]), motion.acceleration[0], atol=1e-6 * scale
+    )
+
+
+def test_mean_trunk_pitch_is_the_lean(settings):
+    run, _, robot = walk_of(*settings)
+    motion = motion_of(*settings)
+    pitch = np.array([trunk_pitch(robot, q) for q in motion.q])
+    np.testing.assert_allclose(pitch, motion.trunk_pitch, atol=1e-12)
+    mean = np.trapezoid(pitch, motion.time) / motion.step_duration
+    assert mean == pytest.approx(run.body.lean, abs=1e-8)
+    assert motion.report.mean_trunk_pitch == pytest.approx(mean, abs=1e-12)
+
+
+def test_body_moves_as_planned_with_the_constant_of_l_y(settings):
+    """COM, both horizontal angular momenta and soles, by Pinocchio alone; tiled over three steps."""
+    _, plan, robot = walk_of(*settings)
+    motion = motion_of(*settings)
+    nodes = motion.time[:-1:20]
+    times = np.concatenate([nodes + k * motion.step_duration for k in range(3)])
+    body, planned = motion.sample(times, robot), plan.sample(times)
+    assert plan.feet is not None
+    feet = plan.feet.sample(times)
+    data = robot.model.createData()
+    constant = np.array([0.0, motion.report.angular_momentum_y_offset])
+    for k in range(len(times)):
+        momentum = pin.computeCentroidalMomentum(robot.model, data, body.q[k], body.v[k])
+        np.testing.assert_allclose(data.com[0], planned.com[k], atol=1e-7)
+        np.testing.assert_allclose(momentum.linear / robot.mass, planned.com_velocity[k], atol=1e-6)
+        wanted = planned.angular_momentum[k] + constant
+        np.testing.assert_allclose(momentum.angular[:2], wanted, atol=1e-5)
+        assert momentum.angular[2] == pytest.approx(body.angular_momentum_z[k], abs=1e-6)
+        pin.updateFramePlacements(robot.model, data)
+        for foot in (0, 1):
+            sole = data.oMf[robot.sole_frames[foot]]
+            np.testing.assert_allclose(sole.translation, feet[foot].position[k], atol=1e-7)
+            turned = pin.utils.rotate("y", feet[foot].pitch[k])
+            np.testing.assert_allclose(sole.rotation, turned, atol=1e-6)
+            toe = body.q[k, robot.toe_joints[foot] + 1]
+            assert toe == pytest.approx(feet[foot].toe[k], abs=1e-7)
+
+
+def test_report_is_about_this_motion(settings):
+    robot, motion = walk_of(*settings).robot, motion_of(*settings)
+    report = motion.report
+    knees = motion.q[:, robot.knee_joints + 1]
+    assert report.knee_minimum == knees.min() > orbit.KNEE_MINIMUM
+    side = ("left", "right").index(report.knee_minimum_side)
+    assert knees[motion.time == report.knee_minimum_time, side] == report.knee_minimum
+    angles = motion.q[:, 7:]
+    margin = np.minimum(angles - robot.lower, robot.upper - angles)
+    assert report.joint_limit_margin == margin.min()
+    assert report.joint_limit_group in ("hip", "knee", "ankle", "toe", "trunk", "arms")
+    assert report.constraint_position < 1e-3
+    assert report.constraint_acceleration < 1e-10
+    assert report.as_dict()["knee_minimum"] == report.knee_minimum
+
+
+def test_l_z_is_held_at_zero_on_request_and_swings_about_it_otherwise():
+    held, free = motion_of(*GAITS["no yaw"]), motion_of(*GAITS["plain"])
+    assert np.abs(held.angular_momentum_z).max() < 1e-9
+    assert np.abs(free.angular_momentum_z).max() > 0.1
+    assert held.report.angular_momentum_y_offset != free.report.angular_momentum_y_offset
+
+
+def test_constant_of_l_y_is_not_zero_and_falls_with_the_lean():
+    upright = motion_of(*GAITS["plain"]).report.angular_momentum_y_offset
+    leaning = motion_of(*GAITS["lean"]).report.angular_momentum_y_offset
+    assert 0.1 < leaning < upright < 1.0
+    assert upright - leaning < 0.05
+
+
+# ---------------------------------------------------------------------- the grid
+
+
+def test_halving_the_grid_halves_the_largest_jump_of_acceleration():
+    """So what is left at a switch is the grid's, and the accelerations themselves are continuous."""
+    coarse, fine = motion_of(COARSE).report, motion_of("solver.ik_time_step=0.002").report
+    assert 0.4 < fine.acceleration_jump / coarse.acceleration_jump < 0.6
+
+
+def test_result_does_not_hang_on_the_grid():
+    coarse, fine = motion_of(COARSE).report, motion_of("solver.ik_time_step=0.002").report
+    assert fine.angular_momentum_y_offset == pytest.approx(coarse.angular_momentum_y_offset, abs=1e-3)
+    assert fine.knee_minimum == pytest.approx(coarse.knee_minimum, abs=1e-3)
+    np.testing.assert_allclose(fine.multipliers[:2], coarse.multipliers[:2], atol=2e-3)
+
+
+def test_solving_twice_gives_the_same_bits():
+    assert same(solve(COARSE), motion_of(COARSE))
+
+
+# --------------------------------------------------------------------- stability
+
+
+def test_multipliers_are_eigenvalues_of_the_return_map():
+    """Against the full Jacobian of the map by differences: two modes are slow, all others die in a step."""
+    settings = ("solver.ik_time_step=0.01", "gait.c_y=0.4")
+    run, plan, robot = walk_of(*settings)
+    motion = motion_of(*settings)
+    ik = orbit.InverseKinematics(robot, run)
+    reference = orbit.step_reference(plan, motion.time)
+    offset, nv, h = motion.report.angular_momentum_y_offset, robot.nv, 1e-6
+
+    def returned(dq, dv):
+        q = pin.integrate(robot.model, motion.q[0], dq)
+        end = ik.integrate(reference, q, motion.v[0] + dv, offset, draft=True)
+        q = robot.mirror_q(end.q[-1], -motion.step_length)
+        return np.concatenate([pin.difference(robot.model, motion.q[0], q), robot.mirror_v(end.v[-1])])
+
+    zero = np.zeros(nv)
+    jacobian = np.empty((2 * nv, 2 * nv))
+    for i, e in enumerate(np.eye(nv)):
+        jacobian[:, i] = (returned(h * e, zero) - returned(-h * e, zero)) / (2 * h)
+        jacobian[:, nv + i] = (returned(zero, h * e) - returned(zero, -h * e)) / (2 * h)
+    exact = np.linalg.eigvals(jacobian)
+    exact = exact[np.argsort(-np.abs(exact))]
+    reported = [complex(*x) for x in motion.report.multipliers]
+    assert len(reported) == orbit.MULTIPLIERS
+    np.testing.assert_allclose(reported[:2], exact[:2], atol=2e-4)
+    assert np.abs(exact[2:]).max() < 0.1
+    assert reported[0].real > 1.0  # why a walk is tiled, never integrated on
+    assert reported[1].real < -0.9
+
+
+# ---------------------------------------------------------- search and refusals
+
+
+def test_search_goes_by_way_of_easier_gaits(monkeypatch):
+    """With the standing start taken away, the same orbit is found from a lower COM without momentum."""
+    settings = GAITS["momentum"]
+    guess = orbit._StepMap.guess
+    wanted = walk_of(*settings).run.gait.com_height
+
+    def only_eased(step_map):
+        if step_map.reference.position[0, 0, 2] == wanted:
+            raise Unreachable(0.0, "nothing", 0.0, 0.0, "1")
+        return guess(step_map)
+
+    monkeypatch.setattr(orbit._StepMap, "guess", only_eased)
+    told: list[str] = []
+    motion = solve(*settings, progress=told.append)
+    direct = motion_of(*settings)
+    assert any("of the way" in line for line in told)
+    np.testing.assert_allclose(motion.q, direct.q, atol=1e-7)
+    assert motion.report.angular_momentum_y_offset == pytest.approx(
+        direct.report.angular_momentum_y_offset, abs=1e-7
+    )
+
+
+def test_out_of_reach_names_the_instant_and_a_height_that_works():
+    with pytest.raises(BodilyRefusal, match=r"at 0\.\d\d\d s of the step the (left|right)") as caught:
+        solve(COARSE, "gait.com_height=0.94")
+    refusal = caught.value
+    assert refusal.reason == "no_periodic_motion"
+    assert refusal.value == 0.94
+    assert 0.8 < refusal.limit < 0.94
+    assert "gait.com_height below" in str(refusal)
+    lower = solve(COARSE, f"gait.com_height={refusal.limit - 0.01}")
+    assert lower.report.residual <= 1e-8
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "gait.com_height=1.3",
+        "gait.c_y=0.005",
+        "body.posture_stiffness=1e5",
+        "body.lean=0.5",
+    ],
+)
+def test_refusals_are_finite_and_show_a_way_out(change):
+    refusal = outcome(COARSE, change)
+    assert isinstance(refusal, BodilyRefusal)
+    assert np.isfinite([refusal.value, refusal.limit]).all()
+    assert "inf" not in str(refusal)
+    assert "nan" not in str(refusal)
+    assert "gait." in refusal.way_out
+
+
+def test_straight_knees_are_refused(monkeypatch):
+    monkeypatch.setattr(orbit, "KNEE_MINIMUM", 3.0)
+    with pytest.raises(BodilyRefusal, match=r"knee straightens to 0\.\d+ rad at 0\.\d+ s") as caught:
+        solve(COARSE)
+    assert caught.value.reason == "knee_too_straight"
+    assert caught.value.value < caught.value.limit == 3.0
+
+
+def test_joints_beyond_their_limits_are_refused():
+    """A low COM asks more of the ankle than it can bend."""
+    with pytest.raises(BodilyRefusal, match="would pass its limit by") as caught:
+        solve(COARSE, "gait.com_height=0.7")
+    assert caught.value.reason == "joint_limits"
+    assert caught.value.value < 0.0
+    assert "raise gait.com_height" in caught.value.way_out
+
+
+# -------------------------------------------------------------------------- cache
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("motions")
+    solve(COARSE, cache=folder)
+    return folder
+
+
+@pytest.fixture
+def cache(filled, tmp_path):
+    shutil.copytree(filled, tmp_path / "motions")
+    return tmp_path / "motions"
+
+
+@pytest.fixture
+def no_search(monkeypatch):
+    def refuse(*_):
+        raise RuntimeError("solved again")
+
+    monkeypatch.setattr(orbit._Search, "solve", refuse)
+
+
+def test_cached_motion_is_the_same_to_the_last_bit(cache, no_search):
+    assert same(solve(COARSE, cache=cache), motion_of(COARSE))
+    assert same(solve(COARSE, "gait.steps=9", cache=cache), motion_of(COARSE))  # one step is one step
+
+
+@pytest.mark.parametrize(
+    "change", ["gait.c_y=0.9", "body.lean=0.01", "foot.swing_height=0.06", "solver.ik_time_step=0.003"]
+)
+def test_other_inputs_are_other_motions(cache, no_search, change):
+    with pytest.raises(RuntimeError, match="solved again"):
+        solve(COARSE, change, cache=cache)
+
+
+@pytest.mark.parametrize("damage", [b"", b"PK\\x03\\x04 rubbish"])
+def test_damaged_entry_is_solved_again_and_mended(cache, damage):
+    (entry,) = cache.iterdir()
+    entry.write_bytes(damage)
+    assert same(solve(COARSE, cache=cache), motion_of(COARSE))
+    assert same(orbit.WholeBodyMotion.load(entry), motion_of(COARSE))
+    assert list(cache.iterdir()) == [entry]
+
+
+def test_folder_that_cannot_be_made_does_no_harm(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    assert same(solve(COARSE, cache=tmp_path / "file" / "motions"), motion_of(COARSE))
+
+
+def test_cached_motions_are_refused_like_new_ones(cache, no_search, monkeypatch):
+    monkeypatch.setattr(orbit, "KNEE_MINIMUM", 3.0)
+    with pytest.raises(BodilyRefusal, match="knee straightens"):
+        solve(COARSE, cache=cache)
+
+
+def test_refused_motion_is_kept_for_the_next_time(tmp_path, monkeypatch):
+    for _ in range(2):
+        with pytest.raises(BodilyRefusal, match="would pass its limit"):
+            solve(COARSE, "gait.com_height=0.7", cache=tmp_path)
+        monkeypatch.setattr(orbit._Search, "solve", None)
+
+
+# --------------------------------------------------------------- the whole range
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", ["c_y=0.2", "c_y=0.7", "c_y=1.2", "c_s=0.8", "c_s=1.2", "c_s=1.4"])
+def test_range_of_the_paper_from_normal(change):
+    """Solved, or refused by name; where it is solved, it returns."""
+    result = outcome(f"gait.{change}")
+    if isinstance(result, BodilyRefusal):
+        assert result.reason in ("no_periodic_motion", "knee_too_straight", "joint_limits")
+    else:
+        assert result.report.residual <= 1e-8
+        assert 0.1 < result.report.angular_momentum_y_offset < 1.0
