@@ -86,8 +86,12 @@ class TrackingController:
         self.condensed = CondensedForm(run.solver.qp, settings, run.controller.friction)
         self._weights = self._posture_weights()
         self._root_weight = np.sqrt(self._weights)
-        limit_settings = QPSettings(
-            tolerance=run.solver.tolerance, max_iterations=10 * run.solver.max_iterations
+        limit_settings = QPSettings(  # a problem of mixed scales, solved in few ticks: it is equilibrated
+            tolerance=run.solver.tolerance,
+            max_iterations=10 * run.solver.max_iterations,
+            rho=0.1,
+            alpha=1.6,
+            scaling=10,
         )
         self.limited = LimitedForm(
             run.solver.qp, limit_settings, robot.nv, self._weights, self.condensed

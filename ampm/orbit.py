@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,6 +61,7 @@ _WAYS_OUT = {
     "trunk": "bring gait.c_s and gait.c_y nearer to 1",
     "arms": "bring gait.c_s and gait.c_y nearer to 1",
 }
+_STABLE = 0.8  # largest product of a posture gain's rate and the grid's step that integrates well
 _COARSE_TOLERANCE = 1e-7
 _RUNG_TOLERANCE = 1e-5  # of the orbits on the way to the one that was asked for
 _VELOCITY_SCALE = 0.1  # weighs velocities against positions in the Krylov norm [s]
@@ -104,6 +106,7 @@ def solve_motion(
 
     Raises:
         BodilyRefusal: no orbit, a knee too straight, or a joint beyond its limits.
+        InputError: the plan has no feet, or the grid is too coarse for the posture's gains.
     """
     path = None if cache is None else cache / f"motion-{_fingerprint(plan, run, robot)}.npz"
     motion = None if path is None else _cached(path)
@@ -400,8 +403,10 @@ def _multipliers(step_map: _StepMap, solution: _Solution) -> tuple[tuple[float, 
         values, vectors = np.linalg.eig(hessenberg[: k + 1, : k + 1])
         order = np.argsort(-np.abs(values), kind="stable")[:MULTIPLIERS]
         leading = values[order]
-        # A Ritz value's residual is what the next direction would add to its vector.
-        if rest < 1e-8 or (k + 1 >= MULTIPLIERS and (rest * np.abs(vectors[-1, order[:2]]) < 1e-5).all()):
+        # A Ritz value's residual is what the next direction would add to its vector. What dies within a step
+        # need not be known as well as what lasts.
+        slow = order[np.abs(leading) > 0.05]
+        if rest < 1e-8 or (k + 1 >= MULTIPLIERS and (rest * np.abs(vectors[-1, slow]) < 1e-5).all()):
             break
         basis[k + 1] = image / rest
     return tuple((float(x.real), float(x.imag)) for x in leading)
@@ -418,8 +423,15 @@ class _Search:
         self.ik = InverseKinematics(robot, run)
         self.evaluations = 0
         fine = run.solver.ik_time_step
+        longest = _STABLE / max(run.body.posture_damping, math.sqrt(run.body.posture_stiffness))
+        if fine > longest:
+            raise InputError(
+                f"solver.ik_time_step = {fine:g} s is too long for the gains of the posture; take at most "
+                f"{longest:.2g} s, or lower body.posture_damping and body.posture_stiffness."
+            )
+        coarse = min(COARSE_STEP, longest)
         self.fine = step_reference(plan, step_grid(plan, fine))
-        self.coarse = self.fine if fine >= COARSE_STEP else step_reference(plan, step_grid(plan, COARSE_STEP))
+        self.coarse = self.fine if fine >= coarse else step_reference(plan, step_grid(plan, coarse))
         self.origin = self._standing()
 
     def _standing(self) -> NDArray[np.float64]:

@@ -79,6 +79,7 @@ class QPSettings:
         adaptive_rho: whether the penalty adapts (by iterations, never by time).
         alpha: over-relaxation.
         check_every: iterations between two termination checks.
+        scaling: sweeps of equilibration when the workspace is made; 0 for problems that come well scaled.
     """
 
     tolerance: float = 3e-4
@@ -87,6 +88,7 @@ class QPSettings:
     adaptive_rho: bool = True
     alpha: float = 1.1
     check_every: int = 5
+    scaling: int = 0
 
 
 class QPBackend(Protocol):
@@ -215,7 +217,7 @@ class OsqpBackend:
                 adaptive_rho_interval=50,
                 alpha=s.alpha,
                 sigma=1e-6,
-                scaling=0,
+                scaling=s.scaling,
                 check_termination=s.check_every,
                 check_dualgap=False,
                 polishing=False,

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from ampm import orbit
-from ampm.exceptions import BodilyRefusal
+from ampm.exceptions import BodilyRefusal, InputError
 from ampm.inverse_kinematics import Unreachable
 from ampm.orbit import solve_motion
 from tests.solved import COARSE, motion_of, walk_of
@@ -235,7 +235,6 @@ def test_out_of_reach_names_the_instant_and_a_height_that_works():
     [
         "gait.com_height=1.3",
         "gait.c_y=0.005",
-        "body.posture_stiffness=1e5",
         "body.lean=0.5",
     ],
 )
@@ -246,6 +245,17 @@ def test_refusals_are_finite_and_show_a_way_out(change):
     assert "inf" not in str(refusal)
     assert "nan" not in str(refusal)
     assert "gait." in refusal.way_out
+
+
+def test_gains_too_stiff_for_the_grid_are_told():
+    with pytest.raises(InputError, match=r"solver\.ik_time_step = 0\.004 s .* take at most 0\.0025 s"):
+        solve(COARSE, "body.posture_stiffness=1e5")
+
+
+def test_stiff_gains_search_on_a_finer_grid():
+    stiff = ("body.posture_stiffness=4e4", "body.posture_damping=390", "solver.ik_time_step=0.002")
+    offset = solve(*stiff).report.angular_momentum_y_offset
+    assert offset == pytest.approx(motion_of(COARSE).report.angular_momentum_y_offset, abs=5e-3)
 
 
 def test_straight_knees_are_refused(monkeypatch):
