@@ -139,7 +139,7 @@ def _fingerprint(plan: GaitPlan, run: RunParameters, robot: Robot) -> str:
     """Hash of all that the motion depends on: inputs, body, and the code and libraries that solve it."""
     sections = {
         "versions": [np.__version__, osqp.__version__, pin.__version__],
-        "gait": {k: v for k, v in run.gait.model_dump().items() if k != "steps"},
+        "gait": {k: v for k, v in plan.parameters.model_dump().items() if k != "steps"},
         "body": run.body.model_dump(),
         "foot": run.foot.model_dump(),
         "grid": run.solver.ik_time_step,
