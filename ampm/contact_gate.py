@@ -31,50 +31,65 @@ class ContactGate:
     """
 
     def __init__(self, robot: Robot, period: float, ramp: float) -> None:
-        self._foot, self._group = robot.point_foot, robot.point_group
-        self._rate = period / ramp
-        self._ramp = ramp
-        self._open: NDArray[np.float64] | None = None
-        self._touched: NDArray[np.bool_] | None = None
+        self._rate, self._ramp = period / ramp, ramp
+        self._slots = 3 * robot.point_foot + robot.point_group
+        self._groups = self._slots.tolist()
+        self._limits: list[float] = []
+        self._limit = np.ones(len(self._groups))
+        self.opening = [[1.0] * 3 for _ in range(2)]
+        """How far each foot's groups have opened since their touch-down, 0 ... 1."""
+        self.touching = [[True] * 3 for _ in range(2)]
+        """Which groups of each foot touch at this tick."""
+        self.touched = [[True] * 3 for _ in range(2)]
+        """Which of them have touched down since their contact was due."""
+        self._started = False
+        self.landing = False
+        """Whether any group touches that has not fully opened."""
 
     def update(
         self,
-        planned: NDArray[np.bool_],
-        due: NDArray[np.bool_],
-        until_lift: NDArray[np.float64],
+        planned: list[list[bool]],
+        due: list[list[bool]],
+        until_lift: list[list[float]],
         sensed: NDArray[np.bool_],
     ) -> NDArray[np.float64]:
-        """Advance one tick.
+        """Advance one tick, in plain numbers: six of them are too few for arrays to be worth their while.
 
         Args:
-            planned: contact groups in contact, shape (2, 3).
-            due: groups in contact now or shortly, shape (2, 3).
-            until_lift: time to their planned lift-off, shape (2, 3) [s].
+            planned: contact groups of each foot in contact.
+            due: groups in contact now or shortly.
+            until_lift: time to their planned lift-off [s].
             sensed: points in contact, shape (P,).
 
         Returns:
-            Share of the full force limit of every point, 0 ... 1, shape (P,).
+            Share of the full force limit of every point, 0 ... 1, shape (P,): the same array as long as it has
+            not changed.
         """
-        if self._open is None:  # a run starts standing on whatever is planned
-            self._open = planned.astype(np.float64)
-            self._touched = planned.copy()
-        touching = sensed.reshape(2, 3, 2).any(axis=2)
-        self._touched = due & (self._touched | touching)
-        self._touched[:, _TIP] &= self._touched[:, _BALL]  # a loaded tip would keep the ball off the floor
-        np.clip(self._open + np.where(self._touched, self._rate, -1.0), 0.0, 1.0, out=self._open)
-        closing = np.minimum(until_lift / self._ramp, 1.0)
-        return np.minimum(self._open, closing)[self._foot, self._group]
-
-    @property
-    def touched(self) -> NDArray[np.bool_]:
-        """Groups that have touched down since their contact was due, shape (2, 3)."""
-        if self._touched is None:
-            return np.ones((2, 3), dtype=bool)
-        return self._touched
-
-    @property
-    def opening(self) -> NDArray[np.float64]:
-        """How far each group has opened since its touch-down, 0 ... 1, shape (2, 3)."""
-        if self._open is None:
-            return np.ones((2, 3))
-        return self._open
+        if not self._started:  # a run starts standing on whatever is planned
+            self._started = True
+            self.opening = [[float(group) for group in foot] for foot in planned]
+            self.touched = [list(foot) for foot in planned]
+        touches = [False] * 6
+        for slot, sensed_now in zip(self._groups, sensed.tolist(), strict=True):
+            if sensed_now:
+                touches[slot] = True
+        self.touching = [touches[:3], touches[3:]]
+        self.landing = False
+        limits = []
+        for foot in (0, 1):
+            opening, touched, touching = self.opening[foot], self.touched[foot], self.touching[foot]
+            due_now, until = due[foot], until_lift[foot]
+            for group in (0, 1, 2):
+                held = due_now[group] and (touched[group] or touching[group])
+                if group == _TIP:  # a loaded tip would keep the ball off the floor
+                    held = held and touched[_BALL]
+                touched[group] = held
+                share = min(opening[group] + self._rate, 1.0) if held else 0.0
+                opening[group] = share
+                if share < 1.0 and touching[group]:
+                    self.landing = True
+                limits.append(min(share, until[group] / self._ramp))
+        if limits != self._limits:
+            self._limits = limits
+            self._limit = np.array(limits)[self._slots]
+        return self._limit

@@ -7,8 +7,8 @@ into torques by inverse dynamics. It never sees the simulator.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -21,6 +21,8 @@ from ampm.robot import TASK_ROWS
 from ampm.wrench_qp import ANGULAR, POINTS, STANCE, SWING, CondensedForm, ForceMap, LimitedForm
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from ampm.parameters import RunParameters
@@ -36,8 +38,7 @@ _BRAKE_TIME = 0.01  # time in which a joint that runs faster is slowed down [s]
 _ROW_SCALE = np.concatenate([np.ones(3), np.full(3, ANGULAR), np.ones(TASK_ROWS - 6)])
 
 
-@dataclass(frozen=True)
-class ControlOutput:
+class ControlOutput(NamedTuple):
     """What one tick decided.
 
     Attributes:
@@ -93,23 +94,78 @@ class TrackingController:
             alpha=1.6,
             scaling=10,
         )
-        self.limited = LimitedForm(
-            run.solver.qp, limit_settings, robot.nv, self._weights, self.condensed
-        )
-        self.forces = ForceMap.empty()
+        self.limited = LimitedForm(run.solver.qp, limit_settings, robot.nv, self._weights, self.condensed)
+        self.forces = ForceMap()
         self._local = self._local_points()
         self._trunk = self._reference_trunk()
         self._lag = velocity_lag
         self._acceleration = reference.acceleration[0].copy()
         self._tick = 0
         self._unsolved = 0
-        self._phi = np.zeros(18)
+        self._phi, self._no_force = np.zeros(18), np.zeros(2 * POINTS)
         self._eye6 = np.eye(TASK_ROWS, 7)
         self._g = robot.gravity
         self._weight = robot.mass * robot.gravity
-        self._arm, self._relative = np.zeros((2, POINTS, 3)), np.zeros((2, POINTS, 3))
-        self._rhs = np.zeros(TASK_ROWS)
-        self._soft = np.zeros(TASK_ROWS)
+        self._frames = tuple(
+            frame for pair in zip(robot.sole_frames, robot.toe_frames, strict=True) for frame in pair
+        )
+        self._placements = [robot.placements[frame] for frame in self._frames]
+        self._trunk_rotation = robot.placements[robot.trunk_frame].rotation
+        self._pose = np.zeros((4, 4, 4))  # homogeneous, in the order of _frames
+        self._load = np.ones(7)  # net wrench, and one for the tasks' own share
+        self._sole = np.zeros((2, 3))  # reference points about the COM
+        self._arm = np.zeros((2, POINTS, 3))  # sole points about the COM
+        self._toe_lever = np.zeros((2, 2, 3))  # toe moment per force at the two tips
+        self._toe_joints = [int(joint) for joint in robot.toe_joints]
+        self._torque_limit = robot.torque_limit
+        self._lower, self._upper = robot.lower, robot.upper
+        self._tested = np.zeros((3, robot.nu))  # torques, joint rates shortly ahead up and down
+        self._bounds = np.zeros((3, robot.nu))
+        self._bounds[0] = robot.torque_limit
+        # Wanted motion of soles (linear, angular about y) and toes by tick, for one look-up a foot.
+        self._foot_reference = np.concatenate(
+            [
+                reference.foot_position,
+                reference.foot_velocity,
+                reference.foot_acceleration,
+                np.stack(
+                    [
+                        np.cos(reference.pitch),
+                        np.sin(reference.pitch),
+                        reference.pitch_velocity,
+                        reference.pitch_acceleration,
+                        reference.toe,
+                        reference.toe_velocity,
+                        reference.toe_acceleration,
+                    ],
+                    axis=2,
+                ),
+            ],
+            axis=2,
+        )
+        self._scale = _ROW_SCALE[:, None] / self._root_weight
+        self._to_rows = _ROW_SCALE / self._g
+        self._posture_scale = self._root_weight / self._g
+        mass, weight = robot.mass, robot.mass * robot.gravity
+        self._to_wrench = np.repeat([1.0 / weight, ANGULAR / weight], 3)
+        # Feedforward wrench, momentum and its gain, by tick.
+        self._wrench_reference = np.hstack([mass * reference.com_acceleration, reference.moment])
+        self._wrench_reference[:, 2] += weight
+        self._momentum_reference = np.hstack([mass * reference.com_velocity, reference.angular_momentum])
+        self._momentum_gain = np.repeat([run.controller.com_damping, run.controller.momentum_gain], 3)
+        # Softness of the task rows by which feet stand.
+        self._soft = {
+            (left, right): np.concatenate(
+                [
+                    np.zeros(6),
+                    np.full(6, STANCE if left else SWING),
+                    np.full(6, STANCE if right else SWING),
+                    [0, 0],
+                ]
+            )
+            for left in (False, True)
+            for right in (False, True)
+        }
 
     def _posture_weights(self) -> NDArray[np.float64]:
         robot = self.robot
@@ -123,16 +179,23 @@ class TrackingController:
         return weights
 
     def _local_points(self) -> NDArray[np.float64]:
-        """Sole points in the sole frame (heel, ball) or the toe frame (tip), shape (2, 6, 3)."""
+        """What is fixed to each frame of ``_frames``, homogeneous, shape (4, 4, 4).
+
+        Soles: heel and ball points. Toes: tip points, and of each the direction ``e_y x point``, which turned to
+        world is the toe joint's moment per force at that point.
+        """
         robot = self.robot
         data = robot.model.createData()
         pin.framesForwardKinematics(robot.model, data, pin.neutral(robot.model))
-        local = np.zeros((2, POINTS, 3))
-        for index, (frame, foot, group) in enumerate(
-            zip(robot.point_frames, robot.point_foot, robot.point_group, strict=True)
-        ):
-            base = robot.toe_frames[foot] if group == _TIP else robot.sole_frames[foot]
-            local[foot, index % POINTS] = data.oMf[base].actInv(data.oMf[frame].translation)
+        local = np.zeros((4, 4, 4))
+        for index, (frame, foot) in enumerate(zip(robot.point_frames, robot.point_foot, strict=True)):
+            point = index % POINTS
+            tip = point >= 4
+            base = robot.toe_frames[foot] if tip else robot.sole_frames[foot]
+            x, y, z = data.oMf[base].actInv(data.oMf[frame].translation)
+            local[2 * foot + tip, point % 4] = x, y, z, 1.0
+            if tip:
+                local[2 * foot + 1, 2 + point % 4] = z, 0.0, -x, 0.0
         return local
 
     @property
@@ -164,54 +227,51 @@ class TrackingController:
         """
         k = self._tick
         self._tick += 1
-        ref, robot, gains = self.reference, self.robot, self.gains
+        ref, robot = self.reference, self.robot
         robot.jacobian(q, v)
         now = v + self._lag * self._acceleration  # the velocity at the instant of q
         terms = robot.drift(q, v, now)
-        momentum = terms.jacobian[:6] @ now * robot.mass
-        opening = self._gate.update(ref.contact[k], ref.due[k], ref.until_lift[k], sensed)
+        rates = terms.jacobian @ now
+        momentum = rates[:6] * robot.mass
+        contact, due = ref.contact[k].tolist(), ref.due[k].tolist()
+        opening = self._gate.update(contact, due, ref.until_lift[k].tolist(), sensed)
         self._locate_points(terms.com)
-        self.forces.update(self._arm, opening.reshape(2, POINTS))
+        self.forces.update(self._arm, opening, self._toe_lever)
 
-        force, moment, wanted_momentum = self._wanted_momentum(k, q, terms.com, momentum)
+        wrench, wanted_momentum = self._wanted_momentum(k, terms.com, momentum)
         posture = self._posture(k, q, now)
-        rows = terms.jacobian * _ROW_SCALE[:, None]
-        drift = terms.drift * _ROW_SCALE / self._g
-        rhs, soft = self._rhs, self._soft
-        rhs[:6] = -drift[:6]
-        rhs[2] -= 1.0
-        self._foot_tasks(k, q, now, sensed, terms.jacobian, rhs, soft)
-        rhs[6:] -= drift[6:]
-
-        scaled = rows / self._root_weight
+        wanted_tasks, soft = self._foot_tasks(k, q, rates[6:].tolist(), contact, due)
+        rhs = self._to_rows * (wanted_tasks - terms.drift)
+        scaled = terms.jacobian * self._scale  # rows in units of the QP, in the metric of the posture
         gram = scaled @ scaled.T
-        gram.flat[:: TASK_ROWS + 1] += soft
-        right = self._eye6.copy()
-        right[:, 6] = rhs - rows @ posture
-        _, columns, info = lapack.dposv(gram, right, lower=1)
+        gram.reshape(-1)[:: TASK_ROWS + 1] += soft
+        right = self._eye6.copy(order="F")  # LAPACK's own order: no copies
+        right[:, 6] = rhs - scaled @ posture
+        _, columns, info = lapack.dposv(gram.T, right, lower=1, overwrite_a=1, overwrite_b=1)
         if info != 0:
-            return self._hold(k, force, moment, wanted_momentum, terms.com)
-        wanted = np.concatenate([force / self._weight, moment * (ANGULAR / self._weight)])
+            return self._hold(k, wrench, wanted_momentum, terms.com)
         self.condensed.build(
             self.forces.wrench,
-            wanted,
+            self._to_wrench * wrench,
             opening,
             self._landing_force(sensed, normal_force),
             float(ref.right_load[k]),
-            columns[5, 5],
-            columns[5, 6],
+            float(columns[5, 5]),
+            float(columns[5, 6]),
         )
         solution = self.condensed.solve()
         status = SOLVED if solution.solved else UNSOLVED
-        if solution.status == QPStatus.INFEASIBLE or not np.isfinite(solution.x).all():
+        if solution.status == QPStatus.INFEASIBLE or not math.isfinite(np.add.reduce(solution.x)):
             phi = self._phi  # the last good forces; the accelerations still follow the dynamics
         else:
             phi = solution.x[:18]
-        multiplier = columns[:, :6] @ (self.forces.wrench @ phi) + columns[:, 6]
-        alpha = posture + (multiplier @ scaled) / self._root_weight
+        self._load[:6] = self.forces.wrench @ phi
+        alpha = (posture + (columns @ self._load) @ scaled) / self._root_weight
         torque = self._torque(q, v, alpha, phi)
         if self._breaks_limits(q, v, alpha, torque):
-            limited = self._solve_limited(q, v, rows, rhs, soft, posture)
+            limited = self._solve_limited(
+                q, v, scaled * self._root_weight, rhs, soft, posture / self._root_weight
+            )
             if limited.solved:
                 alpha, phi = limited.x[: robot.nv], limited.x[robot.nv : robot.nv + 18]
                 torque = self._torque(q, v, alpha, phi)
@@ -228,12 +288,12 @@ class TrackingController:
         self._phi = phi
         self._acceleration = self._g * alpha
         self._unsolved = self._unsolved + 1 if status == UNSOLVED else 0
-        limit = robot.torque_limit
+        limit = self._torque_limit
         return ControlOutput(
-            torque=np.clip(torque, -limit, limit),
+            torque=np.minimum(np.maximum(torque, -limit), limit),
             com=ref.com[k],
-            force=force,
-            zmp=_zmp(terms.com, force, moment),
+            force=wrench[:3],
+            zmp=_zmp(terms.com, wrench),
             angular_momentum=wanted_momentum,
             point_force=self._weight * self.forces.point_forces(phi).reshape(-1, 3),
             status=status,
@@ -245,8 +305,7 @@ class TrackingController:
     def _hold(
         self,
         k: int,
-        force: NDArray[np.float64],
-        moment: NDArray[np.float64],
+        wrench: NDArray[np.float64],
         momentum: NDArray[np.float64],
         com: NDArray[np.float64],
     ) -> ControlOutput:
@@ -255,8 +314,8 @@ class TrackingController:
         return ControlOutput(
             torque=np.zeros(self.robot.nu),
             com=self.reference.com[k],
-            force=force,
-            zmp=_zmp(com, force, moment),
+            force=wrench[:3],
+            zmp=_zmp(com, wrench),
             angular_momentum=momentum,
             point_force=np.zeros((2 * POINTS, 3)),
             status=UNSOLVED,
@@ -273,43 +332,42 @@ class TrackingController:
         The floor pushes as the foot arrives. Told of it, the QP shifts the other foot's load instead of letting
         the ZMP jump.
         """
-        landing = sensed & (self._gate.opening[self.robot.point_foot, self.robot.point_group] < 1.0)
-        return np.where(landing, normal_force * (self.gains.landing_share / self._weight), 0.0)
+        gate = self._gate
+        if not gate.landing:
+            return self._no_force
+        share = np.array(gate.opening)[self.robot.point_foot, self.robot.point_group]
+        return normal_force * (sensed & (share < 1.0)) * (self.gains.landing_share / self._weight)
 
     # ------------------------------------------------------------------ tasks
 
     def _locate_points(self, com: NDArray[np.float64]) -> None:
-        """Sole points about the COM and about their sole's reference point, world axes."""
-        robot = self.robot
-        for foot in (0, 1):
-            pose = robot.sole_pose(foot)
-            toe = pin.updateFramePlacement(robot.model, robot.data, robot.toe_frames[foot])
-            local, relative = self._local[foot], self._relative[foot]
-            sole = pose.translation
-            relative[:4] = local[:4] @ pose.rotation.T
-            relative[4:] = local[4:] @ toe.rotation.T + (toe.translation - sole)
-            self._arm[foot] = relative + (sole - com)
+        """Soles and sole points about the COM, and the toes' levers, world axes."""
+        robot, pose = self.robot, self._pose
+        pin.updateFramePlacements(robot.model, robot.data)
+        for index, placement in enumerate(self._placements):
+            pose[index] = placement.homogeneous
+        pose[:, :3, 3] -= com
+        self._sole = pose[::2, :3, 3]
+        world = (self._local @ pose.transpose(0, 2, 1)).reshape(2, 8, 4)
+        self._arm, self._toe_lever = world[:, :POINTS, :3], world[:, POINTS:, :3]
 
     def _wanted_momentum(
-        self, k: int, q: NDArray[np.float64], com: NDArray[np.float64], momentum: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Net force [N], moment about the COM [N m] and angular momentum [N m s] that are asked for."""
+        self, k: int, com: NDArray[np.float64], momentum: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Net force [N] and moment about the COM [N m], shape (6,), and angular momentum [N m s], shape (3,)."""
         ref, robot, gains = self.reference, self.robot, self.gains
-        acceleration = (
-            ref.com_acceleration[k]
-            + gains.com_stiffness * (ref.com[k] - com)
-            + gains.com_damping * (ref.com_velocity[k] - momentum[:3] / robot.mass)
-        )
-        force = robot.mass * acceleration
-        force[2] += self._weight
         wanted = ref.angular_momentum[k].copy()
         # The periodic motion is an unstable orbit: a trunk that has tilted is brought back by a little more or
         # less angular momentum than planned, slowly.
-        tilt = self._trunk[k] @ robot.rotation_of(robot.trunk_frame).T
-        wanted[0] += gains.trunk_gain * 0.5 * (tilt[2, 1] - tilt[1, 2])
-        wanted[1] += gains.trunk_gain * 0.5 * (tilt[0, 2] - tilt[2, 0])
-        moment = ref.moment[k] + gains.momentum_gain * (wanted - momentum[3:])
-        return force, moment, wanted
+        turn = self._trunk[k] @ self._trunk_rotation.T
+        (_, _, xz), (_, _, yz), (zx, zy, _) = turn.tolist()
+        wanted[:2] += (0.5 * gains.trunk_gain * (zy - yz), 0.5 * gains.trunk_gain * (xz - zx))
+        error = self._momentum_reference[k] - momentum
+        error[3:] = wanted - momentum[3:]
+        wrench = self._momentum_gain * error
+        wrench += self._wrench_reference[k]
+        wrench[:3] += (robot.mass * gains.com_stiffness) * (ref.com[k] - com)
+        return wrench, wanted
 
     def _reference_trunk(self) -> NDArray[np.float64]:
         """Trunk orientation of the motion at every tick, shape (T, 3, 3)."""
@@ -322,93 +380,128 @@ class TrackingController:
         return trunk
 
     def _posture(self, k: int, q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Accelerations that follow the periodic motion, shape (nv,) [g]."""
+        """Accelerations that follow the periodic motion, in the metric of the posture, shape (nv,) [g]."""
         ref, gains = self.reference, self.gains
         reference = ref.q[k]
-        wanted = ref.acceleration[k] + gains.posture_damping * (ref.v[k] - v)
+        wanted = ref.v[k] - v
+        wanted *= gains.posture_damping
+        wanted += ref.acceleration[k]
         wanted[6:] += gains.posture_stiffness * (reference[7:] - q[7:])
         # Root rotation: small-angle error in the root's axes, from the quaternions' product.
-        x, y, z, w = q[3:7]
-        a, b, c, d = reference[3:7]
-        wanted[3] += 2.0 * gains.posture_stiffness * (w * a - d * x - y * c + z * b)
-        wanted[4] += 2.0 * gains.posture_stiffness * (w * b - d * y - z * a + x * c)
-        wanted[5] += 2.0 * gains.posture_stiffness * (w * c - d * z - x * b + y * a)
-        return wanted / self._g
+        x, y, z, w = q[3:7].tolist()
+        a, b, c, d = reference[3:7].tolist()
+        gain = 2.0 * gains.posture_stiffness
+        wanted[3:6] += (
+            gain * (w * a - d * x - y * c + z * b),
+            gain * (w * b - d * y - z * a + x * c),
+            gain * (w * c - d * z - x * b + y * a),
+        )
+        wanted *= self._posture_scale
+        return wanted
 
     def _foot_tasks(
         self,
         k: int,
         q: NDArray[np.float64],
-        v: NDArray[np.float64],
-        sensed: NDArray[np.bool_],
-        jacobian: NDArray[np.float64],
-        rhs: NDArray[np.float64],
-        soft: NDArray[np.float64],
-    ) -> None:
-        """Wanted accelerations of soles and toes [g] and their softness."""
-        ref, gains, robot = self.reference, self.gains, self.robot
-        rates = jacobian[6:] @ v
-        for foot in (0, 1):
-            row = 6 + 6 * foot
-            velocity, omega = rates[6 * foot : 6 * foot + 3], rates[6 * foot + 3 : 6 * foot + 6]
-            touching = sensed[POINTS * foot : POINTS * (foot + 1)].reshape(3, 2).any(axis=1)
-            planned = ref.contact[k, foot] | (ref.due[k, foot] & touching)
-            pose = robot.sole_pose(foot)
-            pitch, pitch_rate = ref.pitch[k, foot], ref.pitch_velocity[k, foot]
-            c, s = np.cos(pitch), np.sin(pitch)
-            R = pose.rotation
-            # Small-angle rotation error of R_wanted R^T, R_wanted a turn about y.
-            e = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) @ R.T
-            tilt = 0.5 * np.array([e[2, 1] - e[1, 2], e[0, 2] - e[2, 0], e[1, 0] - e[0, 1]])
-            if not planned.any():
-                spin = gains.swing_stiffness * tilt - gains.swing_damping * omega
-                spin[1] += ref.pitch_acceleration[k, foot] + gains.swing_damping * pitch_rate
-                acceleration = (
-                    ref.foot_acceleration[k, foot]
-                    + gains.swing_stiffness * (ref.foot_position[k, foot] - pose.translation)
-                    + gains.swing_damping * (ref.foot_velocity[k, foot] - velocity)
-                )
-                softness = SWING
-            else:
-                held = self._gate.touched[foot]
-                flat = planned.all() and held[_HEEL] and held[_BALL]
-                pivot = np.zeros(3) if flat else self._pivot(foot, held if held.any() else planned)
-                if flat:
-                    spin = -gains.stance_damping * omega
-                else:  # rolling on heel or toes
-                    spin = gains.roll_stiffness * tilt - gains.roll_damping * omega
-                    if planned.all():  # a line is late: turn it to the floor
-                        rate = gains.touchdown_rate if held[_HEEL] else -gains.touchdown_rate
-                        spin[1] = gains.roll_damping * ((rate if held.any() else 0.0) - omega[1])
-                    else:
-                        spin[1] += ref.pitch_acceleration[k, foot] + gains.roll_damping * pitch_rate
-                        if not planned[_BALL]:
-                            spin[1] -= gains.roll_stiffness * gains.roll_down_bias
-                # A foot that has not yet taken its load is pressed down, or it would bounce.
-                opening = self._gate.opening[foot]
-                press = 1.0 - max(opening[_HEEL], opening[_BALL]) if ref.contact[k, foot].any() else 0.0
-                damping = gains.stance_damping + press * (gains.touchdown_damping - gains.stance_damping)
-                drop = velocity + _cross(omega, pivot)
-                drop[2] += press * gains.touchdown_velocity
-                acceleration = (
-                    -damping * drop - _cross(spin, pivot) - _cross(omega, _cross(omega, pivot))
-                )
-                softness = STANCE
-            rhs[row : row + 3], rhs[row + 3 : row + 6] = acceleration, spin
-            soft[row : row + 6] = softness
-            joint = robot.toe_joints[foot]
-            rhs[18 + foot] = (
-                ref.toe_acceleration[k, foot]
-                + gains.swing_damping * (ref.toe_velocity[k, foot] - v[joint])
-                + gains.swing_stiffness * (ref.toe[k, foot] - q[joint + 1])
-            )
-        rhs[6:] /= self._g
+        rates: list[float],
+        contact: list[list[bool]],
+        due: list[list[bool]],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Wanted accelerations of soles and toes, the COM's without contact forces, and the rows' softness.
 
-    def _pivot(self, foot: int, held: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Middle of the line that holds a rolling foot, from the sole's reference point, shape (3,) [m]."""
-        relative = self._relative[foot]
+        In plain numbers: vectors of three are too short for arrays to be worth their while.
+        """
+        gains, gate = self.gains, self._gate
+        tasks = [0.0, 0.0, -self._g, 0.0, 0.0, 0.0]
+        toes, stands = [], []
+        for foot in (0, 1):
+            touching, due_now = gate.touching[foot], due[foot]
+            planned = [c or (due_now[i] and touching[i]) for i, c in enumerate(contact[foot])]
+            reference = self._foot_reference[k, foot].tolist()
+            cosine, sine, pitch_rate, pitch_acceleration, toe, toe_rate, toe_acceleration = reference[9:]
+            # Small-angle rotation error of R_wanted R^T, R_wanted a turn about y.
+            (xx, xy, xz, _), (yx, _, yz, _), (zx, zy, zz, _), _ = self._pose[2 * foot].tolist()
+            tilt = (
+                0.5 * (cosine * yz - sine * yx - zy),
+                0.5 * (cosine * zx + sine * zz + sine * xx - cosine * xz),
+                0.5 * (xy - cosine * yx - sine * yz),
+            )
+            velocity, omega = rates[6 * foot : 6 * foot + 3], rates[6 * foot + 3 : 6 * foot + 6]
+            stand = True in planned
+            if stand:
+                tasks += self._stance_task(
+                    foot, planned, contact[foot], velocity, omega, tilt, pitch_rate, pitch_acceleration
+                )
+            else:
+                stiffness, damping = gains.swing_stiffness, gains.swing_damping
+                position = self._placements[2 * foot].translation.tolist()
+                for i in (0, 1, 2):
+                    tasks.append(
+                        reference[6 + i]
+                        + stiffness * (reference[i] - position[i])
+                        + damping * (reference[3 + i] - velocity[i])
+                    )
+                tasks += (
+                    stiffness * tilt[0] - damping * omega[0],
+                    stiffness * tilt[1] + damping * (pitch_rate - omega[1]) + pitch_acceleration,
+                    stiffness * tilt[2] - damping * omega[2],
+                )
+            stands.append(stand)
+            toes.append(
+                toe_acceleration
+                + gains.swing_damping * (toe_rate - rates[12 + foot])
+                + gains.swing_stiffness * (toe - q.item(self._toe_joints[foot] + 1))
+            )
+        return np.array(tasks + toes), self._soft[stands[0], stands[1]]
+
+    def _stance_task(
+        self,
+        foot: int,
+        planned: list[bool],
+        contact: list[bool],
+        velocity: list[float],
+        omega: list[float],
+        tilt: tuple[float, float, float],
+        pitch_rate: float,
+        pitch_acceleration: float,
+    ) -> list[float]:
+        """Wanted acceleration of a sole in contact, linear then angular [m/s^2, rad/s^2]."""
+        gains, held, opening = self.gains, self._gate.touched[foot], self._gate.opening[foot]
+        # A foot that has not yet taken its load is pressed down, or it would bounce.
+        press = 1.0 - max(opening[_HEEL], opening[_BALL]) if True in contact else 0.0
+        damping = gains.stance_damping + press * (gains.touchdown_damping - gains.stance_damping)
+        vx, vy, vz = velocity
+        vz += press * gains.touchdown_velocity
+        wx, wy, wz = omega
+        if False not in planned and held[_HEEL] and held[_BALL]:  # flat
+            still = -gains.stance_damping
+            return [-damping * vx, -damping * vy, -damping * vz, still * wx, still * wy, still * wz]
+        stiffness, rolling = gains.roll_stiffness, gains.roll_damping
+        sx, sy, sz = (stiffness * e - rolling * w for e, w in zip(tilt, omega, strict=True))
+        if False not in planned:  # a line is late: turn it to the floor
+            rate = gains.touchdown_rate if held[_HEEL] else -gains.touchdown_rate
+            sy = rolling * ((rate if True in held else 0.0) - wy)
+        else:  # rolling on heel or toes
+            sy += pitch_acceleration + rolling * pitch_rate
+            if not planned[_BALL]:
+                sy -= stiffness * gains.roll_down_bias
+        pivot = self._pivot(foot, held if True in held else planned)
+        slide = _cross(omega, pivot)
+        turn, centripetal = _cross((sx, sy, sz), pivot), _cross(omega, slide)
+        return [
+            -damping * (vx + slide[0]) - turn[0] - centripetal[0],
+            -damping * (vy + slide[1]) - turn[1] - centripetal[1],
+            -damping * (vz + slide[2]) - turn[2] - centripetal[2],
+            sx,
+            sy,
+            sz,
+        ]
+
+    def _pivot(self, foot: int, held: list[bool]) -> list[float]:
+        """Middle of the line that holds a rolling foot, from the sole's reference point [m]."""
         first = 0 if held[_HEEL] else 2
-        return 0.5 * (relative[first] + relative[first + 1])
+        arm = self._arm[foot]
+        return (0.5 * (arm[first] + arm[first + 1]) - self._sole[foot]).tolist()
 
     # ---------------------------------------------------------------- results
 
@@ -422,27 +515,30 @@ class TrackingController:
         """Inverse dynamics, shape (nu,) [N m]."""
         robot = self.robot
         total = pin.rnea(robot.model, robot.data, q, v, self._g * alpha)
-        forces = self._weight * self.forces.point_forces(phi)
-        jacobian = robot._terms.jacobian
-        for foot in (0, 1):
-            f, r = forces[foot], self._relative[foot]
-            wrench = np.empty(6)
-            wrench[:3] = f.sum(axis=0)
-            wrench[3] = r[:, 1] @ f[:, 2] - r[:, 2] @ f[:, 1]
-            wrench[4] = r[:, 2] @ f[:, 0] - r[:, 0] @ f[:, 2]
-            wrench[5] = r[:, 0] @ f[:, 1] - r[:, 1] @ f[:, 0]
-            total = total - wrench @ jacobian[6 + 6 * foot : 12 + 6 * foot]
-            total[robot.toe_joints[foot]] -= self._toe_moment(foot, f)
+        left, right = self.forces.foot_wrenches(phi).tolist()
+        (lx, ly, lz), (rx, ry, rz) = self._sole.tolist()  # moments: from about the COM to about the soles
+        fx, fy, fz, mx, my, mz, left_toe = left
+        gx, gy, gz, nx, ny, nz, right_toe = right
+        loads = np.array(
+            [
+                fx,
+                fy,
+                fz,
+                mx / ANGULAR - ly * fz + lz * fy,
+                my / ANGULAR - lz * fx + lx * fz,
+                mz / ANGULAR - lx * fy + ly * fx,
+                gx,
+                gy,
+                gz,
+                nx / ANGULAR - ry * gz + rz * gy,
+                ny / ANGULAR - rz * gx + rx * gz,
+                nz / ANGULAR - rx * gy + ry * gx,
+                left_toe,
+                right_toe,
+            ]
+        )
+        total -= (self._weight * loads) @ robot._terms.jacobian[6:]
         return total[6:]
-
-    def _toe_moment(self, foot: int, f: NDArray[np.float64]) -> float:
-        """Moment of the tips' forces about the toe axis [N m]."""
-        robot = self.robot
-        toe = robot.data.oMf[robot.toe_frames[foot]]
-        sole = robot.data.oMf[robot.sole_frames[foot]].translation
-        arm = self._relative[foot, 4:] + (sole - toe.translation)
-        moment = _cross(arm[0], f[4]) + _cross(arm[1], f[5])
-        return float(toe.rotation[:, 1] @ moment)
 
     def _breaks_limits(
         self,
@@ -451,20 +547,29 @@ class TrackingController:
         alpha: NDArray[np.float64],
         torque: NDArray[np.float64],
     ) -> bool:
-        if (np.abs(torque) > self.robot.torque_limit).any():
-            return True
-        low, high = self._joint_bounds(q, v)
-        return bool((alpha[6:] < low).any() or (alpha[6:] > high).any())
+        tested, bounds = self._tested, self._bounds
+        np.abs(torque, out=tested[0])
+        np.multiply(_BRAKE_TIME * self._g, alpha[6:], out=tested[1])
+        tested[1] += v[6:]
+        np.negative(tested[1], out=tested[2])
+        self._braking_rates(q, out=bounds[1:])
+        return bool((tested > bounds).any())
+
+    def _braking_rates(self, q: NDArray[np.float64], out: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Rates up and down from which every joint can brake before its limits, shape (2, nu) [rad/s]."""
+        np.subtract(self._upper, q[7:], out=out[0])
+        np.subtract(q[7:], self._lower, out=out[1])
+        np.maximum(out, 0.0, out=out)
+        out *= 2.0 * _BRAKE
+        return np.sqrt(out, out=out)
 
     def _joint_bounds(
         self, q: NDArray[np.float64], v: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Accelerations that keep every joint able to brake before its limits, shape (nu,) each [g]."""
-        robot, angle, rate = self.robot, q[7:], v[6:]
-        down = np.sqrt(2.0 * _BRAKE * np.maximum(angle - robot.lower, 0.0))
-        up = np.sqrt(2.0 * _BRAKE * np.maximum(robot.upper - angle, 0.0))
+        up, down = self._braking_rates(q, np.empty((2, self.robot.nu)))
         scale = 1.0 / (_BRAKE_TIME * self._g)
-        return scale * (-down - rate), scale * (up - rate)
+        return scale * (-down - v[6:]), scale * (up - v[6:])
 
     def _solve_limited(
         self,
@@ -503,18 +608,15 @@ class TrackingController:
         )
 
 
-def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Cross product of two 3-vectors; numpy's own is ten times slower."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+def _cross(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    """Cross product of two vectors in plain numbers."""
+    ax, ay, az = a
+    bx, by, bz = b
+    return [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
 
 
-def _zmp(
-    com: NDArray[np.float64], force: NDArray[np.float64], moment: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _zmp(com: NDArray[np.float64], wrench: NDArray[np.float64]) -> NDArray[np.float64]:
     """ZMP on the floor of a wrench about the COM, shape (2,) [m]."""
-    return np.array(
-        [
-            com[0] - (com[2] * force[0] + moment[1]) / force[2],
-            com[1] - (com[2] * force[1] - moment[0]) / force[2],
-        ]
-    )
+    x, y, z = com.tolist()
+    fx, fy, fz, mx, my, _ = wrench.tolist()
+    return np.array([x - (z * fx + my) / fz, y - (z * fy - mx) / fz])

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 LEFT, RIGHT = 0, 1
+_ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 FOOT_ROWS = 6
 TASK_ROWS = 6 + 2 * FOOT_ROWS + 2
 """com 3, angular momentum 3, left foot 6 (linear, angular), right foot 6, toes 2."""
@@ -78,12 +79,19 @@ class Robot:
         for row, joint in enumerate(self.toe_joints):
             self._terms.jacobian[TASK_ROWS - 2 + row, joint] = 1.0
         self._zero = np.zeros(self.nv)
+        # Views of Pinocchio's own memory, which its algorithms write in place: reading them anew costs more
+        # than the arithmetic.
+        self.placements = self.data.oMf
+        self._momentum_map, self._com = self.data.Ag, self.data.com[0]
+        self._momentum_rate = self.data.dhg.vector
 
     # ------------------------------------------------------------------ names
 
     def _frame(self, name: str) -> int:
         if not self.model.existFrame(name):
-            raise InputError(f"the model has no frame {name!r}, which the body's description names; add it.")
+            raise InputError(
+                f"the model has no frame {name!r}, which the body's description names; add it or rename"
+            )
         return int(self.model.getFrameId(name))
 
     def velocity_indices(self, joints: tuple[str, ...]) -> NDArray[np.intp]:
@@ -92,7 +100,7 @@ class Robot:
         for name in joints:
             if not self.model.existJointName(name):
                 raise InputError(
-                    f"the model has no joint {name!r}, which the body's description names; add it."
+                    f"the model has no joint {name!r}, which the body's description names; rename it"
                 )
             indices.append(self.model.joints[self.model.getJointId(name)].idx_v)
         return np.array(indices, dtype=np.intp)
@@ -161,15 +169,12 @@ class Robot:
             v: Pinocchio velocity, shape (nv,).
         """
         model, data, terms = self.model, self.data, self._terms
-        pin.ccrba(model, data, q, v)
-        pin.computeJointJacobians(model, data)
+        pin.ccrba(model, data, q, v)  # fills the joint Jacobians as well
         jacobian = terms.jacobian
-        np.multiply(data.Ag, 1.0 / self.mass, out=jacobian[:6])
+        np.multiply(self._momentum_map, 1.0 / self.mass, out=jacobian[:6])
         for foot, frame in enumerate(self.sole_frames):
-            jacobian[6 + 6 * foot : 12 + 6 * foot] = pin.getFrameJacobian(
-                model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-            )
-        terms.com[:] = data.com[0]
+            jacobian[6 + 6 * foot : 12 + 6 * foot] = pin.getFrameJacobian(model, data, frame, _ALIGNED)
+        terms.com[:] = self._com
         return terms
 
     def drift(
@@ -184,11 +189,11 @@ class Robot:
         """
         model, data, terms = self.model, self.data, self._terms
         pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero)
-        terms.drift[:6] = data.dhg.vector / self.mass
+        np.multiply(self._momentum_rate, 1.0 / self.mass, out=terms.drift[:6])
         if feet_v is not None:
             pin.forwardKinematics(model, data, q, feet_v, self._zero)
         for foot, frame in enumerate(self.sole_frames):
-            a = pin.getFrameClassicalAcceleration(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            a = pin.getFrameClassicalAcceleration(model, data, frame, _ALIGNED)
             terms.drift[6 + 6 * foot : 12 + 6 * foot] = a.vector
         return terms
 

@@ -18,7 +18,6 @@ constraints: clipping torques afterwards would throw the ZMP away.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,11 +54,11 @@ the friction cannot give would move the ZMP."""
 LARGEST_NORMAL = 0.6
 """Largest normal force of one point [m g]."""
 
-LEAST_NORMAL = 0.004
-"""Least normal force of an open point [m g]: enough to keep it from chattering on a compliant floor."""
-
 TWIST_FRICTION = 0.3
 """Largest twist over normal force, in units of :data:`TWIST_ARM`."""
+
+LEAST_NORMAL = 0.004
+"""Least normal force of an open point [m g]: enough to keep it from chattering on a compliant floor."""
 
 MOMENTUM_SLACK = np.array([1.0, 1.0, 1.0, ANGULAR, ANGULAR, ANGULAR]) / np.sqrt(
     [1e4, 1e4, 1e4, 4e3, 4e3, 0.04]
@@ -74,69 +73,74 @@ _ROWS = 6 + 12 + 2 * POINTS
 _L_Z = 5
 _NORMAL = np.concatenate([np.arange(POINTS), _FOOT + np.arange(POINTS)])
 _COST = np.tile([NORMAL_COST, NORMAL_COST, NORMAL_COST, NORMAL_COST, TIP_COST, TIP_COST], 2)
-_SOLE = np.array([0, 1, 2, 3])  # points that share the planned load: heel and ball
+_SOLES = 4  # first points of a foot, heel and ball: they share the planned load
 _TANGENT = np.array([6, 7, 8, 15, 16, 17])
 
 
-@dataclass
+_SKEWS = ANGULAR * np.array(  # arm @ _SKEWS: rows of the matrix that turns a force at the arm into a moment
+    [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float
+)
+
+
 class ForceMap:
     """How the 18 force unknowns act; arrays are overwritten every tick.
 
+    Point forces are ``f = D phi`` and the net wrench ``W = X D``, with X the points' lever arms. Only what
+    depends on the tick is written again.
+
     Attributes:
         wrench: W, net force [m g] and moment about the COM times ANGULAR [m g m], shape (6, 18).
-        arm: points relative to the COM, shape (2, 6, 3) [m].
-        share: how tangential forces spread over a foot's points, shape (2, 6).
-        twist: horizontal force at each point per unit of twist, shape (2, 6, 2).
+        foot_wrench: the same by foot, and the moment of the tips' forces about the toe axis [m g m],
+            shape (2, 7, 9).
     """
 
-    wrench: NDArray[np.float64]
-    arm: NDArray[np.float64]
-    share: NDArray[np.float64]
-    twist: NDArray[np.float64]
+    def __init__(self) -> None:
+        self.wrench = np.zeros((6, _FORCES))
+        self.foot_wrench = np.zeros((2, 7, _FOOT))
+        self._wrench_by_foot = self.wrench.reshape(6, 2, _FOOT).transpose(1, 0, 2)
+        self._spread = np.zeros((2, POINTS, 3, _FOOT))  # D
+        self._spread[:, np.arange(POINTS), 2, np.arange(POINTS)] = 1.0
+        self._spread_rows = self._spread.reshape(2, 3 * POINTS, _FOOT)
+        self._lever = np.zeros((2, 7, POINTS, 3))  # X, and a row for the toe
+        self._lever[:, :3] = np.eye(3)[:, None, :]
+        self._moment_rows = self._lever[:, 3:6].transpose(0, 2, 1, 3)
+        self._lever_rows = self._lever.reshape(2, 7, 3 * POINTS)
+        self._share = np.zeros((2, POINTS))
+        self._opening: NDArray[np.float64] | None = None
 
-    @classmethod
-    def empty(cls) -> ForceMap:
-        """Arrays to be filled by :meth:`update`."""
-        return cls(
-            np.zeros((6, _FORCES)), np.zeros((2, POINTS, 3)), np.zeros((2, POINTS)), np.zeros((2, POINTS, 2))
-        )
+    def update(
+        self, arm: NDArray[np.float64], opening: NDArray[np.float64], toe_lever: NDArray[np.float64]
+    ) -> None:
+        """Fill in a tick.
 
-    def update(self, arm: NDArray[np.float64], opening: NDArray[np.float64]) -> None:
-        """Fill from the points' arms about the COM (2, 6, 3) and their opening (2, 6)."""
-        wrench = self.wrench
-        self.arm = arm
-        share = np.maximum(opening, 1e-3)
-        share = share / share.sum(axis=1, keepdims=True)
-        self.share = share
-        centre = np.einsum("fp,fpk->fk", share, arm)
-        offset = arm[:, :, :2] - centre[:, None, :2]
-        inertia = np.einsum("fp,fpk,fpk->f", share, offset, offset)
-        pull = share * (TWIST_ARM / inertia)[:, None]
-        twist = self.twist
-        twist[:, :, 0] = -pull * offset[:, :, 1]
-        twist[:, :, 1] = pull * offset[:, :, 0]
-        tilt = np.einsum("fp,fpk->fk", arm[:, :, 2], twist)
-        for foot in (0, 1):
-            c = _FOOT * foot
-            wrench[2, c : c + POINTS] = 1.0
-            wrench[3, c : c + POINTS] = ANGULAR * arm[foot, :, 1]
-            wrench[4, c : c + POINTS] = -ANGULAR * arm[foot, :, 0]
-            x, y, z = centre[foot]
-            wrench[0, c + 6] = wrench[1, c + 7] = 1.0
-            wrench[4, c + 6], wrench[5, c + 6] = ANGULAR * z, -ANGULAR * y
-            wrench[3, c + 7], wrench[5, c + 7] = -ANGULAR * z, ANGULAR * x
-            # A twist of points at unequal heights tips the body as well.
-            wrench[3, c + 8], wrench[4, c + 8] = -ANGULAR * tilt[foot, 1], ANGULAR * tilt[foot, 0]
-            wrench[5, c + 8] = ANGULAR * TWIST_ARM
+        Args:
+            arm: points about the COM, shape (2, 6, 3) [m].
+            opening: of the points, shape (12,); the same array as before if nothing has changed in it.
+            toe_lever: moment about the toe axis per force at the tips, shape (2, 2, 3) [m].
+        """
+        share, spread = self._share, self._spread
+        if opening is not self._opening:
+            self._opening = opening
+            np.maximum(opening.reshape(2, POINTS), 1e-3, out=share)
+            share /= np.add.reduce(share, axis=1, keepdims=True)
+            spread[:, :, 0, 6] = spread[:, :, 1, 7] = share
+        offset = arm[:, :, :2] - share[:, None, :] @ arm[:, :, :2]
+        pull = share[:, :, None] * offset
+        pull *= TWIST_ARM / np.add.reduce(pull * offset, axis=(1, 2), keepdims=True)
+        spread[:, :, 1, 8] = pull[:, :, 0]
+        np.negative(pull[:, :, 1], out=spread[:, :, 0, 8])
+        self._moment_rows[:] = (arm @ _SKEWS).reshape(2, POINTS, 3, 3)
+        self._lever[:, 6, 4:] = toe_lever
+        np.matmul(self._lever_rows, self._spread_rows, out=self.foot_wrench)
+        self._wrench_by_foot[:] = self.foot_wrench[:, :6]
+
+    def foot_wrenches(self, phi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Force [m g], moment about the COM times ANGULAR and toe moment [m g m] of each foot, shape (2, 7)."""
+        return (self.foot_wrench @ phi.reshape(2, _FOOT, 1))[:, :, 0]
 
     def point_forces(self, phi: NDArray[np.float64]) -> NDArray[np.float64]:
         """Forces at the points for the unknowns phi, shape (2, 6, 3) [m g]."""
-        unknowns = phi.reshape(2, _FOOT)
-        forces = np.empty((2, POINTS, 3))
-        forces[:, :, 2] = unknowns[:, :POINTS]
-        forces[:, :, :2] = self.share[:, :, None] * unknowns[:, None, 6:8]
-        forces[:, :, :2] += self.twist * unknowns[:, 8, None, None]
-        return forces
+        return (self._spread_rows @ phi.reshape(2, _FOOT, 1)).reshape(2, POINTS, 3)
 
 
 class CondensedForm:
@@ -158,6 +162,9 @@ class CondensedForm:
         self.P[np.arange(_SIZE), np.arange(_SIZE)] = self._base
         self.P[_FOOT : _FOOT + POINTS, _FOOT : _FOOT + POINTS] += LOAD_COST
         self._tangent = np.ix_(_TANGENT, _TANGENT)
+        self._tangent_block = (_SIZE * _TANGENT[:, None] + _TANGENT).ravel()  # in the flat P
+        self._tangent_cost = TANGENT_COST * np.eye(_TANGENT.size)
+        self._flat_P = self.P.reshape(-1)
         self._right = slice(_FOOT, _FOOT + POINTS)
         self.A[np.arange(6), _FORCES + np.arange(6)] = -MOMENTUM_SLACK
         row = 6
@@ -170,6 +177,10 @@ class CondensedForm:
         self.A[row + np.arange(2 * POINTS), _NORMAL] = 1.0
         self._normal_rows = slice(row, row + 2 * POINTS)
         self.lower[self._normal_rows] = 0.0
+        self._loads = np.zeros((2, _SOLES))
+        self._opening: NDArray[np.float64] | None = None
+        self._landing: NDArray[np.float64] | None = None
+        self._least, self._largest = self.lower[self._normal_rows], self.upper[self._normal_rows]
         self._backend: QPBackend = make_backend(backend, self._P_mask(), self._A_mask(), settings)
 
     def _P_mask(self) -> NDArray[np.bool_]:
@@ -202,26 +213,30 @@ class CondensedForm:
         Args:
             wrench: W of the :class:`ForceMap`, shape (6, 18).
             wanted: momentum rate plus weight, [m g] and ANGULAR [m g m], shape (6,).
-            opening: share of the force limit per point, shape (12,).
+            opening: share of the force limit per point, shape (12,); like ``landing`` the same array as before
+                if nothing has changed in it.
             landing: force that landing points carry already, shape (12,) [m g].
             right_load: planned share of the right foot [1].
             yaw_curvature, yaw_gradient: what the posture costs per unit of vertical moment.
         """
-        row = wrench[_L_Z, _TANGENT]
-        P, q = self.P, self.q
-        P[self._tangent] = np.outer(row, YAW_COST * yaw_curvature * row)
-        P[_TANGENT, _TANGENT] += TANGENT_COST
+        row = wrench[_L_Z].take(_TANGENT)
+        block = row[:, None] * (YAW_COST * yaw_curvature * row)
+        block += self._tangent_cost
+        self._flat_P[self._tangent_block] = block.reshape(-1)
+        q, rest = self.q, -LOAD_COST * right_load
         q[_TANGENT] = YAW_COST * yaw_gradient * row
-        target = np.maximum(opening.reshape(2, POINTS)[:, _SOLE], 1e-3)
-        target *= (NORMAL_COST / target.sum(axis=1) * (1.0 - right_load, right_load))[:, None]
-        q[_SOLE] = -target[0]
-        q[self._right] = -LOAD_COST * right_load
-        q[_FOOT + _SOLE] -= target[1]
+        if opening is not self._opening:
+            loads = np.maximum(opening.reshape(2, POINTS)[:, :_SOLES], 1e-3)
+            self._loads = -NORMAL_COST * loads / np.add.reduce(loads, axis=1, keepdims=True)
+        q[:_SOLES] = (1.0 - right_load) * self._loads[0]
+        q[self._right] = rest
+        q[_FOOT : _FOOT + _SOLES] += right_load * self._loads[1]
         self.A[:6, :_FORCES] = wrench
         self.lower[:6] = self.upper[:6] = wanted
-        least = np.maximum(LEAST_NORMAL * opening, landing)
-        self.lower[self._normal_rows] = least
-        self.upper[self._normal_rows] = np.maximum(LARGEST_NORMAL * opening, least)
+        if opening is not self._opening or landing is not self._landing:
+            np.maximum(LEAST_NORMAL * opening, landing, out=self._least)
+            np.maximum(LARGEST_NORMAL * opening, self._least, out=self._largest)
+            self._opening, self._landing = opening, landing
 
     def solve(self) -> QPSolution:
         """Solve what :meth:`build` filled in; the first 18 unknowns are phi."""

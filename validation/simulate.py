@@ -7,6 +7,7 @@ the controller senses the contacts of the very state it acts on. The run starts 
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -40,6 +41,9 @@ FIRST_SIGN = 0.02
 """COM error that is told as the first sign of a failure [m]."""
 
 _PROGRESS_STEPS = 50
+_NO_POINTS = np.zeros(0, dtype=np.intp)
+_XYZW = np.array([4, 5, 6, 3])  # Pinocchio's order of the root's quaternion
+_BAD_ACCELERATION = int(mujoco.mjtWarning.mjWARN_BADQACC)
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,7 @@ class Physics:
         )
         self.root = self.model.body(description.root_segment).id
         self.q, self.v = np.zeros(self.robot.nq), np.zeros(self.robot.nv)
+        self._root_rotation = self.data.xmat[self.root].reshape(3, 3)  # a view
 
     def place(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> None:
         """Set the state from Pinocchio's coordinates."""
@@ -95,38 +100,25 @@ class Physics:
 
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """State in Pinocchio's coordinates, after ``mj_step1``; the arrays are overwritten by the next call."""
-        data, q, v = self.data, self.q, self.v
-        q[:3] = data.qpos[:3]
-        q[3:6], q[6] = data.qpos[4:7], data.qpos[3]
-        q[7:] = data.qpos[7:]
-        v[:] = data.qvel
-        v[:3] = data.qvel[:3] @ data.xmat[self.root].reshape(3, 3)  # world to root axes
+        qpos, qvel, q, v = self.data.qpos, self.data.qvel, self.q, self.v
+        q[:] = qpos
+        q[3:7] = qpos[_XYZW]
+        v[:] = qvel
+        v[:3] = qvel[:3].dot(self._root_rotation)  # world to root axes
         return q, v
 
-    def sensed(self) -> NDArray[np.bool_]:
-        """Sole points in contact, shape (P,)."""
-        touching = np.zeros(len(self.points.sites), dtype=bool)
-        if self.data.ncon:
-            index = self.points.of_geom[self.data.contact.geom].max(axis=1)
-            touching[index[index >= 0]] = True
-        return touching
+    def sensed(self, point: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Whether each sole point is in contact, shape (P,), from :meth:`touching_points`."""
+        touching = np.zeros(len(self.points.sites) + 1, dtype=bool)
+        touching[point] = True
+        return touching[:-1]  # the last stands for all that is no sole point
 
-    def contacts(
-        self, force: NDArray[np.float64], position: NDArray[np.float64], depth: NDArray[np.float64]
-    ) -> None:
-        """Write every sole point's contact force (P, 3), place (P, 3) and depth (P,) after ``mj_step2``."""
-        contact = self.data.contact
+    def touching_points(self) -> NDArray[np.intp]:
+        """Sole point of every contact after ``mj_step1``, -1 for none, shape (ncon,)."""
         if not self.data.ncon:
-            return
-        index = self.points.of_geom[contact.geom].max(axis=1)
-        address = contact.efc_address
-        used = (index >= 0) & (address >= 0)
-        index, address = index[used], address[used]
-        local = self.data.efc_force[address[:, None] + np.arange(3)]
-        frame = contact.frame[used].reshape(-1, 3, 3)
-        np.add.at(force, index, np.einsum("ck,ckj->cj", local, frame))
-        position[index] = contact.pos[used]
-        depth[index] = -contact.dist[used]
+            return _NO_POINTS
+        # MuJoCo sorts the two geoms of a contact by type: the floor, a plane, comes first.
+        return self.points.of_geom[self.data.contact.geom[:, 1]]
 
 
 @dataclass
@@ -137,9 +129,12 @@ class _Log:
     qd: NDArray[np.float64]
     torque: NDArray[np.float64]
     warmstart: NDArray[np.float64]
-    force: NDArray[np.float64]
-    position: NDArray[np.float64]
-    depth: NDArray[np.float64]
+    point: NDArray[np.intp]
+    address: NDArray[np.intp]
+    frame: NDArray[np.float64]
+    place: NDArray[np.float64]
+    distance: NDArray[np.float64]
+    constraint_force: NDArray[np.float64]
     sites: NDArray[np.float64]
     rotation: NDArray[np.float64]
     sensors: NDArray[np.float64]
@@ -152,13 +147,55 @@ class _Log:
             qd=np.empty((steps + 1, m.nv)),
             torque=np.empty((steps, m.nu)),
             warmstart=np.empty((steps, m.nv)),
-            force=np.zeros((steps, p, 3)),
-            position=np.zeros((steps, p, 3)),
-            depth=np.zeros((steps, p)),
+            point=np.full((steps, p), -1, dtype=np.intp),
+            address=np.full((steps, p), -1, dtype=np.intp),
+            frame=np.zeros((steps, p, 9)),
+            place=np.zeros((steps, p, 3)),
+            distance=np.zeros((steps, p)),
+            constraint_force=np.zeros((steps, 3 * p + 2 * m.njnt)),
             sites=np.empty((steps + 1, m.nsite, 3)),
             rotation=np.empty((steps + 1, 2, 9)),
             sensors=np.empty((steps + 1, m.nsensordata)),
         )
+
+    def keep_contacts(self, k: int, data: mujoco.MjData, point: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Copy the contacts of step k as they are; :meth:`sole_contacts` sorts them out after the run.
+
+        Args:
+            k: step.
+            data: after ``mj_step2``.
+            point: sole point of every contact, -1 for none.
+
+        Returns:
+            The sole points' normal forces, shape (P,) [N].
+        """
+        n, rows = data.ncon, data.nefc
+        normal = np.zeros(self.point.shape[1] + 1)
+        if n:
+            contact = data.contact
+            address = contact.efc_address
+            self.point[k, :n], self.address[k, :n] = point, address
+            self.frame[k, :n], self.place[k, :n] = contact.frame, contact.pos
+            self.distance[k, :n] = contact.dist
+            self.constraint_force[k, :rows] = data.efc_force
+            normal[point] = self.constraint_force[k].take(address)
+        return normal[:-1]  # the last stands for all that is no sole point
+
+    def sole_contacts(
+        self, done: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Force (K, P, 3), place (K, P, 3) and depth (K, P) of every sole point in the steps done."""
+        points = self.point.shape[1]
+        force, place = np.zeros((done, points, 3)), np.zeros((done, points, 3))
+        depth = np.zeros((done, points))
+        step, slot = np.nonzero((self.point[:done] >= 0) & (self.address[:done] >= 0))
+        point = self.point[step, slot]
+        rows = self.address[step, slot, None] + np.arange(3)  # normal and two tangents
+        local = self.constraint_force[step[:, None], rows]
+        # A point is a sphere over a plane: one contact at most.
+        force[step, point] = np.einsum("ck,ckj->cj", local, self.frame[step, slot].reshape(-1, 3, 3))
+        place[step, point], depth[step, point] = self.place[step, slot], -self.distance[step, slot]
+        return force, place, depth
 
 
 def simulate(
@@ -232,6 +269,8 @@ class _Walk:
         self.total, self.progress = total, progress
         self.outputs: list[ControlOutput] = []
         self.log = _Log.empty(total, physics)
+        self.normal_force = np.zeros(len(physics.points.sites))
+        self.warnings = physics.data.warning.number  # a view
         self.first_sign = ""
         self.unsolved_ticks = round(run.controller.unsolved_limit * run.controller.frequency)
 
@@ -268,10 +307,10 @@ class _Walk:
         log.q[k], log.qd[k] = data.qpos, data.qvel
         log.sites[k] = data.site_xpos
         log.rotation[k] = data.site_xmat[physics.points.soles]
+        point = physics.touching_points()
         if k % physics.substeps == 0:
             q, v = physics.state()
-            normal = log.force[k - 1, :, 2] if k else np.zeros(log.force.shape[1])
-            output = self.controller.update(q, v, physics.sensed(), normal)
+            output = self.controller.update(q, v, physics.sensed(point), self.normal_force)
             self.outputs.append(output)
             data.ctrl[:] = output.torque
             ended = self._watch(k, output)
@@ -282,35 +321,43 @@ class _Walk:
                 return ended
         log.torque[k] = data.ctrl
         mujoco.mj_step2(model, data)
-        physics.contacts(log.force[k], log.position[k], log.depth[k])
+        self.normal_force = log.keep_contacts(k, data, point)
         log.sensors[k] = data.sensordata
-        if data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number or not np.isfinite(data.qpos).all():
-            return OutcomeName.DIVERGED, f"the accelerations left all bounds at {(k + 1) * physics.time_step:.3f} s"
+        if self.warnings[_BAD_ACCELERATION] or not math.isfinite(np.add.reduce(data.qpos)):
+            return (
+                OutcomeName.DIVERGED,
+                f"the accelerations left all bounds at {(k + 1) * physics.time_step:.3f} s",
+            )
         return None
 
     def _watch(self, k: int, output: ControlOutput) -> tuple[OutcomeName, str] | None:
         """End of the run by the state at tick ``k``, if any; remembers the first sign of trouble."""
-        com = self.physics.data.subtree_com[self.physics.root]
+        com = self.physics.data.subtree_com[self.physics.root].tolist()
+        wanted = output.com.tolist()
         time = k * self.physics.time_step
-        error = com - output.com
-        size = float(np.sqrt(error @ error))
+        error = [a - b for a, b in zip(com, wanted, strict=True)]
+        size = math.hypot(*error)
         if not self.first_sign:
             if output.status == UNSOLVED:
                 self.first_sign = f"an unsolved QP at {time:.3f} s (residual {output.residual:.2g})"
             elif size > FIRST_SIGN:
                 axis = "xyz"[int(np.argmax(np.abs(error)))]
-                self.first_sign = f"a COM {size * 1e3:.0f} mm off the plan, mostly along {axis}, at {time:.3f} s"
+                self.first_sign = (
+                    f"a COM {size * 1e3:.0f} mm off the plan, mostly along {axis}, at {time:.3f} s"
+                )
             elif output.status == LIMITED:
                 limit = self.physics.robot.torque_limit
                 worst = int(np.argmax(np.abs(output.torque) / limit))
                 joint = self.physics.robot.joint_names[worst]
                 share = abs(output.torque[worst]) / limit[worst]
-                self.first_sign = f"a torque or joint limit at {time:.3f} s ({joint} at {share:.0%} of its torque)"
+                self.first_sign = (
+                    f"a torque or joint limit at {time:.3f} s ({joint} at {share:.0%} of its torque)"
+                )
         if self.controller.unsolved_in_a_row > self.unsolved_ticks:
             return OutcomeName.INFEASIBLE, f"the QP stayed unsolved until {time:.3f} s"
-        if not np.isfinite(size):
+        if not math.isfinite(size):
             return OutcomeName.DIVERGED, f"the state is no longer finite at {time:.3f} s"
-        if com[2] < FALL_SHARE * output.com[2]:
+        if com[2] < FALL_SHARE * wanted[2]:
             return OutcomeName.FELL, f"the COM sank to {com[2]:.2f} m at {time:.3f} s"
         if size > DIVERGENCE:
             return OutcomeName.DIVERGED, f"the COM was {size:.2f} m off the plan at {time:.3f} s"
@@ -335,8 +382,8 @@ class _Walk:
             start, size = model.sensor_adr[i], model.sensor_dim[i]
             sensors[model.sensor(i).name] = log.sensors[: done + 1, start : start + size]
         point_sites = log.sites[: done + 1, physics.points.sites]
-        depth = log.depth[:done]
-        position = np.where(depth[..., None] > 0.0, log.position[:done], point_sites[:-1])
+        force, place, depth = log.sole_contacts(done)
+        position = np.where(depth[..., None] > 0.0, place, point_sites[:-1])
         rotation = log.rotation[: done + 1].reshape(-1, 3, 3)
         xyzw = Rotation.from_matrix(rotation).as_quat().reshape(done + 1, 2, 4)
 
@@ -351,7 +398,7 @@ class _Walk:
             qd=log.qd[: done + 1],
             torque=log.torque[:done],
             warmstart=log.warmstart[:done],
-            point_force=log.force[:done],
+            point_force=force,
             point_position=position,
             point_penetration=depth,
             point_velocity=np.diff(point_sites, axis=0) / dt,
