@@ -67,7 +67,7 @@ class GaitParameters(Section):
 
     section: ClassVar[str] = "gait"
 
-    com_height: Real = _field(0.87, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
+    com_height: Real = _field(0.865, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
     step_length: Real = _field(
         0.6, "distance of successive footprints of opposite feet along x (2 (l_s + l_d))", "m", gt=0, le=100
     )
@@ -244,7 +244,7 @@ class SolverParameters(Section):
 
     qp: Literal["osqp", "daqp"] = _field("osqp", "solver of the controller's quadratic programme", "1")
     tolerance: Real = _field(
-        3e-4, "tolerance of the controller's OSQP, forces in body weights", "1", gt=0, le=1e-2
+        5e-5, "tolerance of the controller's OSQP, forces in body weights", "1", gt=0, le=1e-2
     )
     max_iterations: int = _field(
         400, "iterations after which a QP counts as unsolved", "1", ge=10, le=100_000

@@ -162,10 +162,11 @@ class StandingCheck:
 def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchio) -> MeasuredGait:
     """Measure a run.
 
-    The momentum rate of row k is the difference of the momenta at t_(k+1) and t_k: the mean rate over the
-    very interval on which the logged force of step k acts. A central difference would compare the force with
-    a rate half a step away. The moment is taken about the COM at t_k, where the contacts of step k were
-    evaluated.
+    The force of step k acts at q_k and turns v_k, the velocity that brought the body from q_(k-1) to q_k, into
+    v_(k+1), which carries it on from q_k to q_(k+1). Each velocity is paired with the configuration that it departs
+    from: the momentum rate of row k is the difference of the momenta of (q_k, v_(k+1)) and (q_(k-1), v_k), the rate
+    over the very interval that the force bridges. Momenta of the recorded pairs (q_k, v_k) would be a step askew.
+    The moment is taken about the COM at t_k, where the contacts of step k were evaluated.
 
     Args:
         record: the run.
@@ -196,8 +197,10 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
     zmp = _centre_of_pressure(force, torque, least)
 
     com_pin, com_velocity, momentum = _centroidal(model, *to_pinocchio(record.q, record.qd))
-    com_acceleration = np.diff(com_velocity, axis=0) / dt
-    momentum_rate = np.diff(momentum, axis=0) / dt
+    departed = np.concatenate([_step_back(record.q[:1], record.qd[:1], dt), record.q[:-1]])
+    _, departing_velocity, departing_momentum = _centroidal(model, *to_pinocchio(departed, record.qd))
+    com_acceleration = np.diff(departing_velocity, axis=0) / dt
+    momentum_rate = np.diff(departing_momentum, axis=0) / dt
     momentum_force = mass * (com_acceleration + np.array([0.0, 0.0, gravity]))
     zmp_momentum = zmp_from_momentum(com_pin[:-1], momentum_force, momentum_rate, least)
 
@@ -311,6 +314,23 @@ def zmp_from_momentum(com: Array, force: Array, angular_momentum_rate: Array, le
     x = com[:, 0] - (com[:, 2] * force[:, 0] + angular_momentum_rate[:, 1]) / vertical
     y = com[:, 1] - (com[:, 2] * force[:, 1] - angular_momentum_rate[:, 0]) / vertical
     return np.stack([x, y], axis=1)
+
+
+def _step_back(q: Array, qd: Array, dt: float) -> Array:
+    """Configurations one step of ``qd`` before ``q``, both MuJoCo's with a free root first."""
+    back = q.copy()
+    back[:, :3] -= dt * qd[:, :3]
+    back[:, 7:] -= dt * qd[:, 6:]
+    turn = -dt * qd[:, 3:6]  # rotation vector in the root's axes
+    angle = np.linalg.norm(turn, axis=1)
+    cosine = np.cos(0.5 * angle)
+    x, y, z = (turn * (0.5 * np.sinc(0.5 * angle / np.pi))[:, None]).T
+    w0, x0, y0, z0 = q[:, 3:7].T
+    back[:, 3] = w0 * cosine - x0 * x - y0 * y - z0 * z
+    back[:, 4] = w0 * x + x0 * cosine + y0 * z - z0 * y
+    back[:, 5] = w0 * y - x0 * z + y0 * cosine + z0 * x
+    back[:, 6] = w0 * z + x0 * y - y0 * x + z0 * cosine
+    return back
 
 
 def _centroidal(model: pin.Model, q: Array, v: Array) -> tuple[Array, Array, Array]:
