@@ -247,7 +247,7 @@ class SolverParameters(Section):
         5e-5, "tolerance of the controller's OSQP, forces in body weights", "1", gt=0, le=1e-2
     )
     max_iterations: int = _field(
-        400, "iterations after which a QP counts as unsolved", "1", ge=10, le=100_000
+        1000, "iterations after which a QP counts as unsolved", "1", ge=10, le=100_000
     )
     ik_time_step: Real = _field(
         0.002,
