@@ -54,7 +54,7 @@ FAR = MOMENTUM.times(2.0)
 WALKS = [
     pytest.param("normal", {}, NORMAL, id="normal"),
     pytest.param("momentum", {}, MOMENTUM, id="momentum"),
-    pytest.param("flat", {}, NORMAL, id="flat"),
+    pytest.param("flat", {}, MOMENTUM, id="flat"),
     pytest.param("normal", {"gait.c_y": 0.7}, FAR, id="c_y=0.7"),
     pytest.param("normal", {"gait.c_s": 1.2}, FAR, id="c_s=1.2"),
 ]
