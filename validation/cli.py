@@ -208,7 +208,7 @@ def validate(
         try:
             result = run.validate(request, target, options, stages=narrator)
         except RefusedGait as error:  # the other gaits may still walk
-            narrator.say(f"ampm: {request.name}: {error}")
+            narrator.say(f"ampm: {request.name}: {explain(error)[1]}")
             answers.append({"gait": request.name, **describe_error(error)})
             statuses.append(Status.REFUSED)
             continue
@@ -290,14 +290,12 @@ def explain(error: BaseException) -> tuple[Status, str]:
     if isinstance(error, KeyboardInterrupt | typer.Abort):
         return Status.INTERRUPTED, "interrupted" + _notes(error)
     if isinstance(error, typer.TyperException):
-        return (
-            Status.REFUSED,
-            f"{_one_line(error.format_message()).rstrip('.')}; see '{_command_path(error)} --help'.",
-        )
+        message = _sentence(error.format_message())
+        return Status.REFUSED, f"{message} See '{_command_path(error)} --help'."
     if isinstance(error, SolverError):
-        return Status.NOT_COMPLETED, _one_line(str(error)) + _notes(error)
+        return Status.NOT_COMPLETED, _sentence(str(error) + _notes(error))
     if isinstance(error, AmpmError):
-        return Status.REFUSED, _one_line(str(error))
+        return Status.REFUSED, _sentence(str(error))
     if isinstance(error, OSError) and error.filename is not None:
         return Status.REFUSED, f"{error.filename}: {error.strerror}; give another file or folder."
     name = type(error).__name__
@@ -317,6 +315,12 @@ def _notes(error: BaseException) -> str:
 
 def _one_line(text: str) -> str:
     return " ".join(text.split())
+
+
+def _sentence(text: str) -> str:
+    """One line that ends like a sentence."""
+    text = _one_line(text)
+    return text if text.endswith((".", "?", "!")) else f"{text}."
 
 
 def _keep_traceback(error: BaseException) -> Path | None:

@@ -24,6 +24,9 @@ from rich.progress import (
 )
 from rich.table import Table
 
+_FILE_WIDTH = 160
+"""Columns of a table that is written to a file or a pipe."""
+
 
 class Stage:
     """One stage of a pipeline, seen from inside: where it says how far it is. This one tells nobody."""
@@ -123,13 +126,18 @@ def print_table(title: str, columns: Sequence[tuple[str, str]], rows: Sequence[S
         columns: header and justification (``"left"`` or ``"right"``) of each column.
         rows: cells, rich markup allowed.
     """
-    table = Table(title=title, title_justify="left", title_style="bold")
+    table = Table()
     for number, (header, justify) in enumerate(columns):
         right = justify == "right"
         table.add_column(header, justify="right" if right else "left", no_wrap=right or number == 0)
     for row in rows:
         table.add_row(*row)
-    Console(highlight=False).print(table)
+    console = Console(highlight=False)
+    if not console.is_terminal:  # a file or a pipe has no edge to wrap at
+        console.width = max(console.width, _FILE_WIDTH)
+    # The title is padded to the table's width otherwise, and a file keeps such blanks.
+    console.print(f"[bold]{title}[/]", soft_wrap=True)
+    console.print(table)
 
 
 def print_line(text: str) -> None:

@@ -45,6 +45,23 @@ _UNITS = {
     "mean_velocity": "m/s",
     "angular_momentum_y_offset": "N m s",
 }
+MOTION_UNITS = {
+    "step_duration": "s",
+    "step_length": "m",
+    "angular_momentum_y_offset": "N m s",
+    "residual": "rad, m, rad/s, m/s",
+    "mean_trunk_pitch": "rad",
+    "constraint_position": "m, rad",
+    "constraint_velocity": "m/s, rad/s",
+    "constraint_acceleration": "m/s², rad/s²",
+    "knee_minimum": "rad",
+    "knee_minimum_time": "s",
+    "joint_limit_margin": "rad",
+    "joint_limit_time": "s",
+    "acceleration_jump": "rad/s²",
+}
+"""Units of what a motion says of itself; what is not listed is a name or a plain number."""
+
 _MARGIN_SAMPLES = 2001
 
 
@@ -239,8 +256,9 @@ def print_motion(planned: Planned) -> None:
             text = ", ".join(f"{re:.4g}{im:+.2g}i" if im else f"{re:.4g}" for re, im in value[:4])
         else:
             text = figure(value, 5) if isinstance(value, float) else str(value)
-        rows.append((name, text))
-    print_table(f"motion of {planned.name}, one step", (("quantity", "left"), ("value", "left")), rows)
+        rows.append((name, text, MOTION_UNITS.get(name, "")))
+    columns = (("quantity", "left"), ("value", "left"), ("unit", "left"))
+    print_table(f"motion of {planned.name}, one step", columns, rows)
 
 
 def check_samples(path: Path, run: RunParameters, rate: float) -> None:

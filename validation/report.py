@@ -21,6 +21,7 @@ from ampm.gait import GaitPlan
 from ampm.parameters import RunParameters
 from validation import figures
 from validation.figures import Curve, Window
+from validation.planning import MOTION_UNITS
 from validation.record import OutcomeName
 from validation.saved import SavedRun, load_saved_run, run_events
 
@@ -294,8 +295,9 @@ def _cost(saved: SavedRun) -> list[Row]:
 
     def components(label: str, values: Any, scale: float, unit: str, note: str = "") -> None:
         if values:
-            texts = [number(None if value is None else scale * value) for value in values]
-            rows.append(Row(label, f"{', '.join(texts)} {unit}".replace(" ", "\u00a0"), note=note))
+            *first, last = (None if value is None else scale * value for value in values)
+            texts = [*(number(value) for value in first), with_unit(last, unit)]
+            rows.append(Row(label, ", ".join(texts), note=note))
 
     components("feedback on the ZMP x, y, RMS", effort.get("zmp"), 1e3, "mm", "commanded minus planned")
     components("feedback on the force x, y, z, RMS", effort.get("force"), 100 / weight, BODY_WEIGHT)
@@ -417,23 +419,18 @@ def _solver_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     for key, (label, scale, unit) in names.items():
         if solver.get(key) is not None:
             value = solver[key] if scale == 1.0 else scale * solver[key]
+            if isinstance(value, float) and unit == "" and value.is_integer():
+                value = int(value)
             rows.append((label, with_unit(value, unit)))
     return rows
 
 
 _UNITS: Mapping[str, str] = {
+    **MOTION_UNITS,
     "planning": "s",
     "simulation": "s",
     "measurement": "s",
     "simulated": "s",
-    "angular_momentum_y_offset": "N m s",
-    "mean_trunk_pitch": "rad",
-    "knee_minimum": "rad",
-    "joint_limit_margin": "rad",
-    "constraint_position": "m, rad",
-    "constraint_velocity": "m/s, rad/s",
-    "constraint_acceleration": "m/s², rad/s²",
-    "acceleration_jump": "rad/s²",
     "memory": "GB",
 }
 """Units of entries of the summary that carry none, by their documented SI."""
@@ -518,7 +515,10 @@ def _pictures(saved: SavedRun, plan: GaitPlan | None) -> dict[str, list[Picture]
 
         return draw
 
-    zmp_note = "Green band: plus and minus the tolerance of the RMSE; dashed: the largest error allowed."
+    zmp_note = (
+        "Green band: plus and minus the tolerance of the RMSE. Dashed, where the axis reaches so far: the "
+        "largest error allowed."
+    )
     pictures = {
         "zmp": [
             tracking(Curve("zmp_x", "ZMP x about the planned COM", "mm", 1e3, about="plan_com_x"), zmp_note),

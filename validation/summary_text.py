@@ -10,6 +10,9 @@ from validation.console import figure, print_line, print_table
 if TYPE_CHECKING:
     from validation.run import Trial
 
+_SHORT = {"% of body weight": "% of weight"}
+"""Units as a terminal of 80 columns has room for them."""
+
 _COLOURS = {"pass": "green", "fail": "red", "not_measured": "yellow"}
 
 
@@ -43,7 +46,8 @@ def _row(name: str, metric: Mapping[str, Any]) -> tuple[str, ...]:
         mark = "not judged"
     else:
         mark = "[green]pass[/]" if metric["pass"] else "[red]FAIL[/]"
-    return (name, figure(shown["value"], 3), figure(shown["tolerance"], 3), shown["unit"], mark)
+    unit = _SHORT.get(shown["unit"], shown["unit"])
+    return (name, figure(shown["value"], 3), figure(shown["tolerance"], 3), unit, mark)
 
 
 def cost(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
