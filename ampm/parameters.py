@@ -26,7 +26,7 @@ GRAVITY = 9.81
 PRESETS: dict[str, str] = {
     "normal": "the paper's gait: 0.6 m steps, 1.0 m/s at every switch, no angular momentum about the COM",
     "momentum": "the same with angular momentum about both horizontal axes (c_s 1.2, c_y 0.4)",
-    "flat": "an easy gait: 0.4 m steps on flat feet",
+    "flat": "an easy gait: 0.3 m steps on flat feet",
 }
 """Presets and what they are; each is ``ampm/presets/<name>.toml``."""
 
