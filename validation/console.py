@@ -76,12 +76,12 @@ class Narrator(Silent):
         if not self.console.is_terminal:
             yield Stage()
         else:
+            count = (MofNCompleteColumn(), TextColumn("{task.fields[unit]}")) if unit else ()
             columns = (
                 SpinnerColumn(),
                 TextColumn("{task.description}", markup=False),
                 BarColumn(),
-                MofNCompleteColumn(),
-                TextColumn("{task.fields[unit]}"),
+                *count,
                 TimeElapsedColumn(),
             )
             with Progress(*columns, console=self.console, transient=True) as bar:
