@@ -244,7 +244,7 @@ def plan_feet(plan: GaitPlan, foot: FootParameters, sole: SoleGeometry) -> FeetP
 
     Raises:
         InputError: the phases are not single and double supports in turn, or the heel would rise before the
-            foot stands alone.
+            foot stands alone, or after it has left.
     """
     singles, doubles = plan.phases[0::2], plan.phases[1::2]
     alternate = all(p.kind == "single_support" for p in singles) and all(
@@ -261,6 +261,11 @@ def plan_feet(plan: GaitPlan, foot: FootParameters, sole: SoleGeometry) -> FeetP
         raise InputError(
             f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets the heel rise before the foot stands "
             f"alone: the single support lasts {single.min():.4g} s; take less than that."
+        )
+    if foot.schedule == "roll" and not foot.heel_rise_lead > -double.min():
+        raise InputError(
+            f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets the heel rise when the foot has left: the "
+            f"double support lasts {double.min():.4g} s; take more than {-double.min():.4g} s."
         )
     placement = np.array([f.position for f in plan.footsteps])
     n = len(singles)

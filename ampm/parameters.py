@@ -131,7 +131,11 @@ class FootParameters(Section):
         0.9, "share of the double support after which the front foot is flat", "1", gt=0, le=1
     )
     heel_rise_lead: Real = _field(
-        0.0, "time by which the heel rise begins before the double support", "s", ge=0, le=1
+        0.0,
+        "time by which the heel rise begins before the double support; negative: after it has begun",
+        "s",
+        ge=-1,
+        le=1,
     )
     toe_off_angle: Real = _field(0.45, "pitch of the foot, heel up, at toe off", "rad", ge=0, le=1.2)
     toe_off_rate: Real = _field(6.5, "speed at which the heel rises at toe off", "rad/s", ge=0, le=30)
