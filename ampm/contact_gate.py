@@ -1,9 +1,10 @@
 """Which sole points may carry force: planned, and sensed since; opened and closed over a short time.
 
-On the plan's clock alone the controller would load points that are still tenths of a millimetre above the floor,
-and the ZMP would jump by centimetres. A group (the two heel, ball or tip points) opens when either of its points
-touches and stays open until its planned lift-off: a foot that stands on one point of a line is turned back by the
-very force that the other point was meant to carry, and would be turned over if that force were taken away.
+On the plan's clock alone the controller would load points that are still tenths of a millimetre above the
+floor, and the ZMP would jump by centimetres. A group (the two heel, ball or tip points) opens when either of
+its points touches and stays open until its planned lift-off: a foot that stands on one point of a line is
+turned back by the very force that the other point was meant to carry, and would be turned over if that force
+were taken away.
 """
 
 from __future__ import annotations
@@ -62,8 +63,8 @@ class ContactGate:
             sensed: points in contact, shape (P,).
 
         Returns:
-            Share of the full force limit of every point, 0 ... 1, shape (P,): the same array as long as it has
-            not changed.
+            Share of the full force limit of every point, 0 ... 1, shape (P,): the same array as long as it
+            has not changed.
         """
         if not self._started:  # a run starts standing on whatever is planned
             self._started = True

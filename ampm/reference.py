@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
 
 from ampm.exceptions import InputError
 
@@ -34,10 +35,12 @@ class TrackingReference:
         pitch, pitch_velocity, pitch_acceleration: of the feet, shape (T, 2) [rad].
         toe, toe_velocity, toe_acceleration: toe joints, shape (T, 2) [rad].
         contact: heel, ball, tip of each foot planned in contact, shape (T, 2, 3), bool.
-        due: groups whose contact is planned now or shortly: what touches early is taken as contact, shape (T, 2, 3).
+        due: groups whose contact is planned now or shortly: what touches early is taken as contact,
+            shape (T, 2, 3), bool.
         until_lift: time until the group's planned lift-off, infinite if none comes, shape (T, 2, 3) [s].
         right_load: share of the weight planned on the right foot, shape (T,) [1].
-        q, v, acceleration: the periodic motion, shapes (T, nq), (T, nv), (T, nv).
+        q, v, acceleration: the periodic motion in Pinocchio's coordinates, shapes (T, nq), (T, nv), (T, nv).
+        trunk: its trunk segment's orientation, shape (T, 3, 3).
     """
 
     time: NDArray[np.float64]
@@ -62,6 +65,7 @@ class TrackingReference:
     q: NDArray[np.float64]
     v: NDArray[np.float64]
     acceleration: NDArray[np.float64]
+    trunk: NDArray[np.float64]
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
@@ -95,22 +99,24 @@ def tracking_reference(
     """
     if plan.feet is None:
         raise InputError("the plan has no feet; plan the gait with the body's sole and foot parameters")
-    sample, feet, body = plan.sample(times), plan.feet.sample(times), motion.sample(times, robot)
-    yaw_rate = np.gradient(body.angular_momentum_z, times) if len(times) > 1 else np.zeros(len(times))
+    plan_feet = plan.feet
+    sample, feet, body = plan.sample(times), plan_feet.sample(times), motion.sample(times, robot)
+    momentum_z = body.angular_momentum_z
+    yaw_moment = np.gradient(momentum_z, times) if len(times) > 1 else np.zeros(len(times))
     contact = np.stack([f.contact for f in feet], axis=1)
-    ahead = [
-        contact | np.stack([f.contact for f in plan.feet.sample(np.minimum(times + by, plan.duration))], axis=1)
-        for by in (lead, early)
-    ]
-    zero = np.zeros((len(times), 1))
+
+    def within(span: float) -> NDArray[np.bool_]:
+        """Contact now or at the end of a time span."""
+        ahead = plan_feet.sample(np.minimum(times + span, plan.duration))
+        return contact | np.stack([f.contact for f in ahead], axis=1)
 
     return TrackingReference(
         time=np.array(times),
         com=sample.com.copy(),
         com_velocity=sample.com_velocity.copy(),
         com_acceleration=sample.com_acceleration.copy(),
-        angular_momentum=np.hstack([sample.angular_momentum, body.angular_momentum_z[:, None]]),
-        moment=np.hstack([sample.moment, yaw_rate[:, None] + zero]),
+        angular_momentum=np.hstack([sample.angular_momentum, momentum_z[:, None]]),
+        moment=np.hstack([sample.moment, yaw_moment[:, None]]),
         foot_position=np.stack([f.position for f in feet], axis=1),
         foot_velocity=np.stack([f.velocity for f in feet], axis=1),
         foot_acceleration=np.stack([f.acceleration for f in feet], axis=1),
@@ -120,23 +126,36 @@ def tracking_reference(
         toe=np.stack([f.toe for f in feet], axis=1),
         toe_velocity=np.stack([f.toe_velocity for f in feet], axis=1),
         toe_acceleration=np.stack([f.toe_acceleration for f in feet], axis=1),
-        contact=ahead[0],
-        due=ahead[1],
+        contact=within(lead),
+        due=within(early),
         until_lift=_until_lift(times, contact),
         right_load=_right_load(sample.zmp, sample.left_placement, sample.right_placement, sample.stance),
         q=body.q,
         v=body.v,
         acceleration=body.acceleration,
+        trunk=_trunk_orientation(robot, body.q),
     )
+
+
+def _trunk_orientation(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation of the trunk segment at configurations (T, nq), shape (T, 3, 3)."""
+    model, data = robot.model, robot.model.createData()
+    trunk = np.empty((len(q), 3, 3))
+    for k, configuration in enumerate(q):
+        pin.forwardKinematics(model, data, configuration)
+        trunk[k] = pin.updateFramePlacement(model, data, robot.trunk_frame).rotation
+    return trunk
 
 
 def _until_lift(times: NDArray[np.float64], contact: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Time from each tick to the end of the present contact, or of the next one."""
     until = np.full(contact.shape, np.inf)
-    lift = np.full(contact.shape[1:], np.inf)
-    for k in range(len(times) - 2, -1, -1):
-        lift = np.where(contact[k] & ~contact[k + 1], times[k + 1], lift)
-        until[k] = lift - times[k]
+    ticks = np.arange(len(times))
+    for foot, group in np.ndindex(contact.shape[1:]):
+        planned = contact[:, foot, group]
+        lifts = 1 + np.flatnonzero(planned[:-1] & ~planned[1:])
+        at = np.append(times[lifts], np.inf)
+        until[:, foot, group] = at[np.searchsorted(lifts, ticks, side="right")] - times
     return until
 
 

@@ -15,6 +15,8 @@ from ampm.body import SOLE_POINT_GROUPS, BodyDescription
 from ampm.exceptions import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
 LEFT, RIGHT = 0, 1
@@ -73,11 +75,12 @@ class Robot:
         self.point_foot = np.array([foot for foot, _, _ in points])
         self.point_group = np.array([SOLE_POINT_GROUPS.index(group) for _, group, _ in points])
         self._mirror_index, self._mirror_sign = self._mirror_map()
-        self._terms = TaskTerms(
+        # One set of arrays for all calls; whoever keeps a view of them reads the latest state.
+        self.terms = TaskTerms(
             jacobian=np.zeros((TASK_ROWS, self.nv)), drift=np.zeros(TASK_ROWS), com=np.zeros(3)
         )
         for row, joint in enumerate(self.toe_joints):
-            self._terms.jacobian[TASK_ROWS - 2 + row, joint] = 1.0
+            self.terms.jacobian[TASK_ROWS - 2 + row, joint] = 1.0
         self._zero = np.zeros(self.nv)
         # Views of Pinocchio's own memory, which its algorithms write in place: reading them anew costs more
         # than the arithmetic.
@@ -104,6 +107,19 @@ class Robot:
                 )
             indices.append(self.model.joints[self.model.getJointId(name)].idx_v)
         return np.array(indices, dtype=np.intp)
+
+    def by_group(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """One value per velocity, shape (nv,), from one per group of coordinates.
+
+        Args:
+            values: of ``root_linear``, ``root_angular``, ``legs``, ``trunk`` and ``arms``.
+        """
+        out = np.empty(self.nv)
+        out[:3], out[3:6] = values["root_linear"], values["root_angular"]
+        for legs in self.leg_joints:
+            out[legs] = values["legs"]
+        out[self.trunk_joints], out[self.arm_joints] = values["trunk"], values["arms"]
+        return out
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -168,7 +184,7 @@ class Robot:
             q: Pinocchio configuration, shape (nq,).
             v: Pinocchio velocity, shape (nv,).
         """
-        model, data, terms = self.model, self.data, self._terms
+        model, data, terms = self.model, self.data, self.terms
         pin.ccrba(model, data, q, v)  # fills the joint Jacobians as well
         jacobian = terms.jacobian
         np.multiply(self._momentum_map, 1.0 / self.mass, out=jacobian[:6])
@@ -187,7 +203,7 @@ class Robot:
             v: velocity for the momentum rows, shape (nv,).
             feet_v: velocity for the feet's rows, ``v`` by default, shape (nv,).
         """
-        model, data, terms = self.model, self.data, self._terms
+        model, data, terms = self.model, self.data, self.terms
         pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero)
         np.multiply(self._momentum_rate, 1.0 / self.mass, out=terms.drift[:6])
         if feet_v is not None:

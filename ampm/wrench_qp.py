@@ -7,13 +7,13 @@ Units: forces in m g, accelerations in g (``alpha = qdd / g``), angular momentum
     feet and toes      B_f alpha ~ wanted                      (softness :data:`STANCE`, :data:`SWING`)
     posture            alpha ~ alpha_p                         (metric of the posture weights)
 
-are eliminated by one Cholesky factorisation of the 20 x 20 matrix ``S = B W^-1 B' + softness``; what is left is a
-QP in 24 unknowns: nine forces per foot (six normal, two tangential, one twist about the vertical) and six slacks
-of the wanted momentum rate. One workspace serves all contact modes: a point without contact has zero bounds, so
-the sparsity pattern and the warm start survive every switch.
+are eliminated by one Cholesky factorisation of the 20 x 20 matrix ``S = B W^-1 B' + softness``; what is left
+is a QP in 24 unknowns: nine forces per foot (six normal, two tangential, one twist about the vertical) and
+six slacks of the wanted momentum rate. One workspace serves all contact modes: a point without contact has
+zero bounds, so the sparsity pattern and the warm start survive every switch.
 
-When its answer breaks a torque or joint limit, :class:`LimitedForm` solves the whole problem with those limits as
-constraints: clipping torques afterwards would throw the ZMP away.
+When its answer breaks a torque or joint limit, :class:`LimitedForm` solves the whole problem with those
+limits as constraints: clipping torques afterwards would throw the ZMP away.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ NORMAL_COST, TANGENT_COST = 0.6, 0.15
 """Regularisation of normal and of tangential forces and twists."""
 
 TIP_COST = 6.0
-"""Regularisation of the toe tips' normal forces: the light toe segment yields under load, so it is left to follow
-the floor unless the ZMP needs it."""
+"""Regularisation of the toe tips' normal forces: the light toe segment yields under load, so it is left to
+follow the floor unless the ZMP needs it."""
 
 LOAD_COST = 30.0
 """Cost of leaving the planned share of the load between the feet, also for a foot that touches early."""
 
 YAW_COST = 0.3
-"""Weight of the posture's say in the vertical moment, which no plan has: far below the momentum's, or a yaw that
-the friction cannot give would move the ZMP."""
+"""Weight of the posture's say in the vertical moment, which no plan has: far below the momentum's, or a yaw
+that the friction cannot give would move the ZMP."""
 
 LARGEST_NORMAL = 0.6
 """Largest normal force of one point [m g]."""
@@ -65,18 +65,21 @@ MOMENTUM_SLACK = np.array([1.0, 1.0, 1.0, ANGULAR, ANGULAR, ANGULAR]) / np.sqrt(
 )
 """Scale of the slacks: linear and horizontal angular momentum far above everything else, L_z far below."""
 
-POINTS = 6  # of one foot
+POINTS = 6
+"""Sole points of one foot."""
+
 _FOOT = POINTS + 3  # unknowns of one foot
-_FORCES = 2 * _FOOT
-_SIZE = _FORCES + 6
+
+FORCES = 2 * _FOOT
+"""Force unknowns of both feet."""
+
+_SIZE = FORCES + 6
 _ROWS = 6 + 12 + 2 * POINTS
 _L_Z = 5
 _NORMAL = np.concatenate([np.arange(POINTS), _FOOT + np.arange(POINTS)])
 _COST = np.tile([NORMAL_COST, NORMAL_COST, NORMAL_COST, NORMAL_COST, TIP_COST, TIP_COST], 2)
 _SOLES = 4  # first points of a foot, heel and ball: they share the planned load
 _TANGENT = np.array([6, 7, 8, 15, 16, 17])
-
-
 _SKEWS = ANGULAR * np.array(  # arm @ _SKEWS: rows of the matrix that turns a force at the arm into a moment
     [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float
 )
@@ -95,7 +98,7 @@ class ForceMap:
     """
 
     def __init__(self) -> None:
-        self.wrench = np.zeros((6, _FORCES))
+        self.wrench = np.zeros((6, FORCES))
         self.foot_wrench = np.zeros((2, 7, _FOOT))
         self._wrench_by_foot = self.wrench.reshape(6, 2, _FOOT).transpose(1, 0, 2)
         self._spread = np.zeros((2, POINTS, 3, _FOOT))  # D
@@ -135,12 +138,29 @@ class ForceMap:
         self._wrench_by_foot[:] = self.foot_wrench[:, :6]
 
     def foot_wrenches(self, phi: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Force [m g], moment about the COM times ANGULAR and toe moment [m g m] of each foot, shape (2, 7)."""
+        """Wrench of each foot in the units of ``wrench``, and its toe moment [m g m], shape (2, 7)."""
         return (self.foot_wrench @ phi.reshape(2, _FOOT, 1))[:, :, 0]
 
     def point_forces(self, phi: NDArray[np.float64]) -> NDArray[np.float64]:
         """Forces at the points for the unknowns phi, shape (2, 6, 3) [m g]."""
         return (self._spread_rows @ phi.reshape(2, _FOOT, 1)).reshape(2, POINTS, 3)
+
+
+def without_closed(phi: NDArray[np.float64], opening: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Forces of an earlier tick, less those at points that have closed since.
+
+    Tangential forces and twist of a foot shrink with its normal force, so that they stay within the friction.
+
+    Args:
+        phi: force unknowns, shape (18,) [m g].
+        opening: of the points now, shape (12,).
+    """
+    kept = phi.reshape(2, _FOOT).copy()
+    before = kept[:, :POINTS].sum(axis=1)
+    kept[:, :POINTS] *= opening.reshape(2, POINTS) > 0.0
+    after = kept[:, :POINTS].sum(axis=1)
+    kept[:, POINTS:] *= np.divide(after, before, out=np.zeros(2), where=before > 0.0)[:, None]
+    return kept.reshape(-1)
 
 
 class CondensedForm:
@@ -158,7 +178,7 @@ class CondensedForm:
         self.A = np.zeros((_ROWS, _SIZE))
         self.lower, self.upper = np.full(_ROWS, -np.inf), np.zeros(_ROWS)
         self._base = np.zeros(_SIZE)
-        self._base[_NORMAL], self._base[_TANGENT], self._base[_FORCES:] = _COST, TANGENT_COST, 1.0
+        self._base[_NORMAL], self._base[_TANGENT], self._base[FORCES:] = _COST, TANGENT_COST, 1.0
         self.P[np.arange(_SIZE), np.arange(_SIZE)] = self._base
         self.P[_FOOT : _FOOT + POINTS, _FOOT : _FOOT + POINTS] += LOAD_COST
         self._tangent = np.ix_(_TANGENT, _TANGENT)
@@ -166,7 +186,7 @@ class CondensedForm:
         self._tangent_cost = TANGENT_COST * np.eye(_TANGENT.size)
         self._flat_P = self.P.reshape(-1)
         self._right = slice(_FOOT, _FOOT + POINTS)
-        self.A[np.arange(6), _FORCES + np.arange(6)] = -MOMENTUM_SLACK
+        self.A[np.arange(6), FORCES + np.arange(6)] = -MOMENTUM_SLACK
         row = 6
         for foot in (0, 1):
             for k, limit in enumerate((friction, friction, TWIST_FRICTION)):
@@ -181,15 +201,17 @@ class CondensedForm:
         self._opening: NDArray[np.float64] | None = None
         self._landing: NDArray[np.float64] | None = None
         self._least, self._largest = self.lower[self._normal_rows], self.upper[self._normal_rows]
-        self._backend: QPBackend = make_backend(backend, self._P_mask(), self._A_mask(), settings)
+        self._backend: QPBackend = make_backend(backend, self.P_mask(), self.A_mask(), settings)
 
-    def _P_mask(self) -> NDArray[np.bool_]:
+    def P_mask(self) -> NDArray[np.bool_]:
+        """Where the cost matrix may ever be other than zero, shape (24, 24)."""
         mask = np.eye(_SIZE, dtype=bool)
         mask[self._tangent] = True
         mask[self._right, self._right] = True
         return mask
 
-    def _A_mask(self) -> NDArray[np.bool_]:
+    def A_mask(self) -> NDArray[np.bool_]:
+        """Where the constraint matrix may ever be other than zero, shape (30, 24)."""
         mask = self.A != 0.0
         for foot in (0, 1):
             c = _FOOT * foot
@@ -213,11 +235,12 @@ class CondensedForm:
         Args:
             wrench: W of the :class:`ForceMap`, shape (6, 18).
             wanted: momentum rate plus weight, [m g] and ANGULAR [m g m], shape (6,).
-            opening: share of the force limit per point, shape (12,); like ``landing`` the same array as before
-                if nothing has changed in it.
+            opening: share of the force limit per point, shape (12,); like ``landing`` the same array as
+                before if nothing has changed in it.
             landing: force that landing points carry already, shape (12,) [m g].
             right_load: planned share of the right foot [1].
-            yaw_curvature, yaw_gradient: what the posture costs per unit of vertical moment.
+            yaw_curvature: of the posture's cost over the vertical moment.
+            yaw_gradient: of the same at no moment.
         """
         row = wrench[_L_Z].take(_TANGENT)
         block = row[:, None] * (YAW_COST * yaw_curvature * row)
@@ -231,7 +254,7 @@ class CondensedForm:
         q[:_SOLES] = (1.0 - right_load) * self._loads[0]
         q[self._right] = rest
         q[_FOOT : _FOOT + _SOLES] += right_load * self._loads[1]
-        self.A[:6, :_FORCES] = wrench
+        self.A[:6, :FORCES] = wrench
         self.lower[:6] = self.upper[:6] = wanted
         if opening is not self._opening or landing is not self._landing:
             np.maximum(LEAST_NORMAL * opening, landing, out=self._least)
@@ -255,7 +278,7 @@ class LimitedForm:
     """
 
     TASK_COST = 1e-3
-    """Cost of leaving posture, feet and toes, against the momentum slacks' one: the momentum comes first here too."""
+    """Cost of leaving posture, feet and toes; the momentum slacks' is one, so momentum comes first here too."""
 
     def __init__(
         self,
@@ -269,8 +292,8 @@ class LimitedForm:
         self._weights = self.TASK_COST * weights
         self._condensed = condensed
         self._soft = TASK_ROWS - 6
-        n = nv + _FORCES + 6 + self._soft
-        self._phi = slice(nv, nv + _FORCES)
+        n = nv + FORCES + 6 + self._soft
+        self._phi = slice(nv, nv + FORCES)
         self._force_unknowns = slice(nv, nv + _SIZE)
         m = 6 + _ROWS + self._soft + 2 * self.nu
         self.P, self.q = np.zeros((n, n)), np.zeros(n)
@@ -286,17 +309,17 @@ class LimitedForm:
 
     def _P_mask(self, n: int) -> NDArray[np.bool_]:
         mask = np.eye(n, dtype=bool)
-        mask[self._force_unknowns, self._force_unknowns] = self._condensed._P_mask()
+        mask[self._force_unknowns, self._force_unknowns] = self._condensed.P_mask()
         return mask
 
     def _A_mask(self, m: int, n: int) -> NDArray[np.bool_]:
         mask = self.A != 0.0
         mask[self._dynamics, : self.nv] = True
-        mask[self._dynamics, self._phi] = self._condensed._A_mask()[:6, :_FORCES]
-        mask[self._force_rows, self._force_unknowns] = self._condensed._A_mask()
+        mask[self._dynamics, self._phi] = self._condensed.A_mask()[:6, :FORCES]
+        mask[self._force_rows, self._force_unknowns] = self._condensed.A_mask()
         mask[self._task_rows, : self.nv] = True
         mask[self._task_rows, -self._soft :] = np.eye(self._soft, dtype=bool)
-        mask[self._torque_rows, : self.nv + _FORCES] = True
+        mask[self._torque_rows, : self.nv + FORCES] = True
         return mask
 
     def solve(
@@ -308,7 +331,6 @@ class LimitedForm:
         posture: NDArray[np.float64],
         torque_map: NDArray[np.float64],
         torque_bias: NDArray[np.float64],
-        torque_limit: NDArray[np.float64],
         joint_lower: NDArray[np.float64],
         joint_upper: NDArray[np.float64],
     ) -> QPSolution:
@@ -322,8 +344,8 @@ class LimitedForm:
             posture: wanted accelerations, shape (nv,) [g].
             torque_map: torques over the limit per unit of (alpha, phi), shape (nu, nv + 18).
             torque_bias: torques over the limit at zero, shape (nu,).
-            torque_limit: largest share of the limit, shape (nu,), usually one.
-            joint_lower, joint_upper: bounds of the hinges' accelerations, shape (nu,) [g].
+            joint_lower: least accelerations of the hinges, shape (nu,) [g].
+            joint_upper: largest ones, shape (nu,) [g].
 
         Returns:
             Unknowns alpha, phi, slacks.
@@ -336,13 +358,12 @@ class LimitedForm:
         A[self._dynamics, :nv], A[self._dynamics, self._phi] = rows[:6], -wrench
         A[self._force_rows, self._force_unknowns] = c.A
         A[self._task_rows, :nv] = rows[6:]
-        index = np.arange(self._soft)
-        A[self._task_rows, -self._soft :][index, index] = np.sqrt(softness)
-        A[self._torque_rows, : nv + _FORCES] = torque_map
+        np.fill_diagonal(A[self._task_rows, -self._soft :], np.sqrt(softness))
+        A[self._torque_rows, : nv + FORCES] = torque_map
         lower[self._dynamics] = upper[self._dynamics] = offset[:6]
         lower[self._force_rows], upper[self._force_rows] = c.lower, c.upper
         lower[self._task_rows] = upper[self._task_rows] = offset[6:]
-        lower[self._torque_rows] = -torque_limit - torque_bias
-        upper[self._torque_rows] = torque_limit - torque_bias
+        lower[self._torque_rows] = -1.0 - torque_bias
+        upper[self._torque_rows] = 1.0 - torque_bias
         lower[self._joint_rows], upper[self._joint_rows] = joint_lower, joint_upper
         return self._backend.solve(self.P, self.q, A, lower, upper)

@@ -227,16 +227,19 @@ class _Ticks:
 def time_parts(watch: Stopwatch, controller: TrackingController) -> None:
     """Count a controller's methods as the parts of its tick; its own lines are assembly."""
     c = controller
-    watch.time("references", c, "_wanted_momentum", "_posture", "_foot_tasks")
-    watch.time("references", c._gate, "update")
+    watch.time("references", c.momentum, "wanted")
+    watch.time("references", c.posture, "wanted")
+    watch.time("references", c.feet, "wanted")
+    watch.time("references", c.gate, "update")
     watch.time("terms", c.robot, "jacobian", "drift")
-    watch.time("terms", c, "_locate_points")
+    watch.time("terms", c.points, "update")
     watch.time("assembly", c.forces, "update")
     watch.time("assembly", c.condensed, "build")
     watch.time("assembly", c, "update")
     watch.time("solve", c.condensed, "solve")
     watch.time("solve", c, "_solve_limited")
-    watch.time("torque", c, "_torque", "_breaks_limits")
+    watch.time("torque", c.dynamics, "torque")
+    watch.time("torque", c.limits, "broken")
 
 
 def _speed(period: float, spans: NDArray[np.float64]) -> float:

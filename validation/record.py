@@ -59,7 +59,7 @@ class OutcomeName(StrEnum):
         return {
             OutcomeName.COMPLETED: "The body walked every planned step.",
             OutcomeName.FELL: "The body fell.",
-            OutcomeName.DIVERGED: "The body left the plan further than it could return from.",
+            OutcomeName.DIVERGED: "The numbers of the simulation blew up.",
             OutcomeName.INFEASIBLE: "The controller's QP stayed unsolved.",
             OutcomeName.INTERRUPTED: "The run was stopped from outside.",
         }[self]

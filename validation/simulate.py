@@ -1,13 +1,13 @@
 """Walk a motion in MuJoCo under torque control; the only module that owns ``MjData``.
 
-Each step is ``mj_step1`` (kinematics, contacts, sensors), a control tick where one is due, and ``mj_step2``, so that
-the controller senses the contacts of the very state it acts on. The run starts on the periodic motion.
+Each step is ``mj_step1`` (kinematics, contacts, sensors), a control tick where one is due, and ``mj_step2``,
+so that the controller senses the contacts of the very state it acts on. The run starts on the periodic
+motion.
 """
 
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -16,12 +16,14 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ampm.controller import LIMITED, UNSOLVED, ControlOutput, TrackingController
+from ampm.controller import LIMITED, ControlOutput, TrackingController
 from ampm.exceptions import InputError
-from ampm.reference import TrackingReference, tracking_reference
+from ampm.reference import tracking_reference
 from ampm.robot import Robot
 from validation.bridge import pinocchio_model, to_mujoco
 from validation.record import Outcome, OutcomeName, SimulationRecord
+from validation.run_log import RunLog
+from validation.watch import End, Watch
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,19 +33,10 @@ if TYPE_CHECKING:
     from ampm.parameters import RunParameters
     from models.human import BodyModel
 
-FALL_SHARE = 0.75
-"""The body has fallen when its COM is lower than this share of the planned height."""
-
-DIVERGENCE = 0.3
-"""The run has diverged when the COM is farther than this from the plan [m]."""
-
-FIRST_SIGN = 0.02
-"""COM error that is told as the first sign of a failure [m]."""
-
 _PROGRESS_STEPS = 50
 _NO_POINTS = np.zeros(0, dtype=np.intp)
 _XYZW = np.array([4, 5, 6, 3])  # Pinocchio's order of the root's quaternion
-_BAD_ACCELERATION = int(mujoco.mjtWarning.mjWARN_BADQACC)
+_BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
 
 
 @dataclass(frozen=True)
@@ -75,8 +68,8 @@ class Physics:
         self.substeps = round(ratio)
         if self.substeps < 1 or abs(ratio - self.substeps) > 1e-9 * ratio:
             raise InputError(
-                f"controller.frequency = {run.controller.frequency:g} Hz gives a tick every {ratio:.4g} time steps of "
-                f"{self.time_step:g} s; it must be a whole number: choose for example "
+                f"controller.frequency = {run.controller.frequency:g} Hz gives a tick every {ratio:.4g} time "
+                f"steps of {self.time_step:g} s; it must be a whole number: choose for example "
                 f"controller.frequency = {1.0 / (max(1, self.substeps) * self.time_step):g}"
             )
         description = body_model.description
@@ -89,9 +82,12 @@ class Physics:
             sites=np.array([self.model.site(name).id for name in sites]),
             soles=np.array([self.model.site(leg.sole_frame).id for leg in description.legs]),
         )
-        self.root = self.model.body(description.root_segment).id
         self.q, self.v = np.zeros(self.robot.nq), np.zeros(self.robot.nv)
-        self._root_rotation = self.data.xmat[self.root].reshape(3, 3)  # a view
+        # Views of MuJoCo's own memory.
+        root = self.model.body(description.root_segment).id
+        self._root_rotation = self.data.xmat[root].reshape(3, 3)
+        self._root_com = self.data.subtree_com[root]
+        self._trunk_rotation = self.data.xmat[self.model.body(description.trunk_segment).id]
 
     def place(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> None:
         """Set the state from Pinocchio's coordinates."""
@@ -99,13 +95,21 @@ class Physics:
         self.data.qpos[:], self.data.qvel[:] = to_mujoco(q, v)
 
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """State in Pinocchio's coordinates, after ``mj_step1``; the arrays are overwritten by the next call."""
+        """State in Pinocchio's coordinates after ``mj_step1``; the next call overwrites the arrays."""
         qpos, qvel, q, v = self.data.qpos, self.data.qvel, self.q, self.v
         q[:] = qpos
         q[3:7] = qpos[_XYZW]
         v[:] = qvel
         v[:3] = qvel[:3].dot(self._root_rotation)  # world to root axes
         return q, v
+
+    def com(self) -> list[float]:
+        """COM of the body after ``mj_step1``, plain numbers [m]."""
+        return self._root_com.tolist()
+
+    def upright(self) -> float:
+        """Cosine of the angle between the trunk and the vertical after ``mj_step1`` [1]."""
+        return self._trunk_rotation.item(8)
 
     def sensed(self, point: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Whether each sole point is in contact, shape (P,), from :meth:`touching_points`."""
@@ -119,83 +123,6 @@ class Physics:
             return _NO_POINTS
         # MuJoCo sorts the two geoms of a contact by type: the floor, a plane, comes first.
         return self.points.of_geom[self.data.contact.geom[:, 1]]
-
-
-@dataclass
-class _Log:
-    """Preallocated arrays of a run."""
-
-    q: NDArray[np.float64]
-    qd: NDArray[np.float64]
-    torque: NDArray[np.float64]
-    warmstart: NDArray[np.float64]
-    point: NDArray[np.intp]
-    address: NDArray[np.intp]
-    frame: NDArray[np.float64]
-    place: NDArray[np.float64]
-    distance: NDArray[np.float64]
-    constraint_force: NDArray[np.float64]
-    sites: NDArray[np.float64]
-    rotation: NDArray[np.float64]
-    sensors: NDArray[np.float64]
-
-    @classmethod
-    def empty(cls, steps: int, physics: Physics) -> _Log:
-        m, p = physics.model, len(physics.points.sites)
-        return cls(
-            q=np.empty((steps + 1, m.nq)),
-            qd=np.empty((steps + 1, m.nv)),
-            torque=np.empty((steps, m.nu)),
-            warmstart=np.empty((steps, m.nv)),
-            point=np.full((steps, p), -1, dtype=np.intp),
-            address=np.full((steps, p), -1, dtype=np.intp),
-            frame=np.zeros((steps, p, 9)),
-            place=np.zeros((steps, p, 3)),
-            distance=np.zeros((steps, p)),
-            constraint_force=np.zeros((steps, 3 * p + 2 * m.njnt)),
-            sites=np.empty((steps + 1, m.nsite, 3)),
-            rotation=np.empty((steps + 1, 2, 9)),
-            sensors=np.empty((steps + 1, m.nsensordata)),
-        )
-
-    def keep_contacts(self, k: int, data: mujoco.MjData, point: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Copy the contacts of step k as they are; :meth:`sole_contacts` sorts them out after the run.
-
-        Args:
-            k: step.
-            data: after ``mj_step2``.
-            point: sole point of every contact, -1 for none.
-
-        Returns:
-            The sole points' normal forces, shape (P,) [N].
-        """
-        n, rows = data.ncon, data.nefc
-        normal = np.zeros(self.point.shape[1] + 1)
-        if n:
-            contact = data.contact
-            address = contact.efc_address
-            self.point[k, :n], self.address[k, :n] = point, address
-            self.frame[k, :n], self.place[k, :n] = contact.frame, contact.pos
-            self.distance[k, :n] = contact.dist
-            self.constraint_force[k, :rows] = data.efc_force
-            normal[point] = self.constraint_force[k].take(address)
-        return normal[:-1]  # the last stands for all that is no sole point
-
-    def sole_contacts(
-        self, done: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Force (K, P, 3), place (K, P, 3) and depth (K, P) of every sole point in the steps done."""
-        points = self.point.shape[1]
-        force, place = np.zeros((done, points, 3)), np.zeros((done, points, 3))
-        depth = np.zeros((done, points))
-        step, slot = np.nonzero((self.point[:done] >= 0) & (self.address[:done] >= 0))
-        point = self.point[step, slot]
-        rows = self.address[step, slot, None] + np.arange(3)  # normal and two tangents
-        local = self.constraint_force[step[:, None], rows]
-        # A point is a sphere over a plane: one contact at most.
-        force[step, point] = np.einsum("ck,ckj->cj", local, self.frame[step, slot].reshape(-1, 3, 3))
-        place[step, point], depth[step, point] = self.place[step, slot], -self.distance[step, slot]
-        return force, place, depth
 
 
 def simulate(
@@ -234,7 +161,7 @@ def simulate(
     dt = physics.time_step
     duration = steps * plan.constants.step_duration
     total = int(np.floor(duration / dt + 1e-9))
-    ticks = np.arange(0, total, physics.substeps) * dt
+    ticks = np.arange(0, total, physics.substeps, dtype=np.float64) * dt
     reference = tracking_reference(
         plan,
         motion,
@@ -248,7 +175,7 @@ def simulate(
     q = start.q[0].copy()
     q[2] -= run.simulation.start_depth  # the soles carry weight from the first instant
     physics.place(q, start.v[0])
-    return _Walk(physics, controller, reference, plan, run, total, progress).run()
+    return _Walk(physics, controller, run, plan.constants.step_duration, total, progress).run()
 
 
 class _Walk:
@@ -258,125 +185,108 @@ class _Walk:
         self,
         physics: Physics,
         controller: TrackingController,
-        reference: TrackingReference,
-        plan: GaitPlan,
         run: RunParameters,
+        step_duration: float,
         total: int,
         progress: Callable[[int, int], None] | None,
     ) -> None:
-        self.physics, self.controller, self.reference = physics, controller, reference
-        self.plan, self.run_parameters = plan, run
-        self.total, self.progress = total, progress
+        self.physics, self.controller, self.run_parameters = physics, controller, run
+        self.step_duration, self.total, self.progress = step_duration, total, progress
         self.outputs: list[ControlOutput] = []
-        self.log = _Log.empty(total, physics)
-        self.normal_force = np.zeros(len(physics.points.sites))
-        self.warnings = physics.data.warning.number  # a view
-        self.first_sign = ""
-        self.unsolved_ticks = round(run.controller.unsolved_limit * run.controller.frequency)
+        self.points = len(physics.points.sites)
+        self.log = RunLog.empty(total, physics.model, self.points)
+        self.normal_force = np.zeros(self.points)
+        self.watch = Watch(run.controller.unsolved_limit)
+        self.warnings = physics.data.warning.number[_BAD_STATE]  # a view
 
     def run(self) -> SimulationRecord:
-        done, name, cause = 0, OutcomeName.COMPLETED, ""
+        done, end = 0, None
         try:
             with _quiet_mujoco():
                 for k in range(self.total):
-                    ended = self._step(k)
-                    done = k + 1
-                    if ended is not None:
-                        name, cause = ended
-                        break
                     if self.progress is not None and k % _PROGRESS_STEPS == 0:
                         self.progress(k, self.total)
+                    end = self._step(k)
+                    if any(self.warnings.tolist()):  # MuJoCo has reset the state rather than step it
+                        end = self.watch.blown_up(k * self.physics.time_step)
+                        break
+                    done = k + 1
+                    if end is not None:
+                        break
+            if self.progress is not None:
+                self.progress(done, self.total)
         except KeyboardInterrupt:
-            name, cause = OutcomeName.INTERRUPTED, "the run was interrupted by the user"
-        if self.progress is not None:
-            self.progress(done, self.total)
+            end = End(OutcomeName.INTERRUPTED, "the run was interrupted by the user")
         self._finish(done)
-        dt = self.physics.time_step
-        walked = int(np.floor(done * dt / self.plan.constants.step_duration + 1e-6))
-        if name == OutcomeName.COMPLETED:
-            walked = round(self.total * dt / self.plan.constants.step_duration)
-        elif self.first_sign and name != OutcomeName.INTERRUPTED:
-            cause = f"{cause}; the first sign was {self.first_sign}"
-        return self._record(done, Outcome(name, done * dt, cause, walked))
+        time = done * self.physics.time_step
+        if end is None:
+            walked = round(self.total * self.physics.time_step / self.step_duration)
+            return self._record(done, Outcome(OutcomeName.COMPLETED, time, "", walked))
+        walked = int(np.floor(time / self.step_duration + 1e-6))
+        return self._record(done, Outcome(end.name, time, end.cause, walked))
 
-    def _step(self, k: int) -> tuple[OutcomeName, str] | None:
+    def _step(self, k: int) -> End | None:
+        """One step of the physics, with a control tick where one is due."""
         physics, log = self.physics, self.log
         model, data = physics.model, physics.data
+        log.q[k], log.qd[k] = data.qpos, data.qvel
         log.warmstart[k] = data.qacc_warmstart
         mujoco.mj_step1(model, data)
-        log.q[k], log.qd[k] = data.qpos, data.qvel
         log.sites[k] = data.site_xpos
         log.rotation[k] = data.site_xmat[physics.points.soles]
         point = physics.touching_points()
+        end = None
         if k % physics.substeps == 0:
             q, v = physics.state()
             output = self.controller.update(q, v, physics.sensed(point), self.normal_force)
             self.outputs.append(output)
             data.ctrl[:] = output.torque
-            ended = self._watch(k, output)
-            if ended is not None:
-                log.torque[k] = data.ctrl
-                mujoco.mj_step2(model, data)
-                log.sensors[k] = data.sensordata
-                return ended
+            end = self._look(k * physics.time_step, output)
         log.torque[k] = data.ctrl
         mujoco.mj_step2(model, data)
         self.normal_force = log.keep_contacts(k, data, point)
         log.sensors[k] = data.sensordata
-        if self.warnings[_BAD_ACCELERATION] or not math.isfinite(np.add.reduce(data.qpos)):
-            return (
-                OutcomeName.DIVERGED,
-                f"the accelerations left all bounds at {(k + 1) * physics.time_step:.3f} s",
-            )
-        return None
+        return end
 
-    def _watch(self, k: int, output: ControlOutput) -> tuple[OutcomeName, str] | None:
-        """End of the run by the state at tick ``k``, if any; remembers the first sign of trouble."""
-        com = self.physics.data.subtree_com[self.physics.root].tolist()
-        wanted = output.com.tolist()
-        time = k * self.physics.time_step
-        error = [a - b for a, b in zip(com, wanted, strict=True)]
-        size = math.hypot(*error)
-        if not self.first_sign:
-            if output.status == UNSOLVED:
-                self.first_sign = f"an unsolved QP at {time:.3f} s (residual {output.residual:.2g})"
-            elif size > FIRST_SIGN:
-                axis = "xyz"[int(np.argmax(np.abs(error)))]
-                self.first_sign = (
-                    f"a COM {size * 1e3:.0f} mm off the plan, mostly along {axis}, at {time:.3f} s"
-                )
-            elif output.status == LIMITED:
-                limit = self.physics.robot.torque_limit
-                worst = int(np.argmax(np.abs(output.torque) / limit))
-                joint = self.physics.robot.joint_names[worst]
-                share = abs(output.torque[worst]) / limit[worst]
-                self.first_sign = (
-                    f"a torque or joint limit at {time:.3f} s ({joint} at {share:.0%} of its torque)"
-                )
-        if self.controller.unsolved_in_a_row > self.unsolved_ticks:
-            return OutcomeName.INFEASIBLE, f"the QP stayed unsolved until {time:.3f} s"
-        if not math.isfinite(size):
-            return OutcomeName.DIVERGED, f"the state is no longer finite at {time:.3f} s"
-        if com[2] < FALL_SHARE * wanted[2]:
-            return OutcomeName.FELL, f"the COM sank to {com[2]:.2f} m at {time:.3f} s"
-        if size > DIVERGENCE:
-            return OutcomeName.DIVERGED, f"the COM was {size:.2f} m off the plan at {time:.3f} s"
-        return None
+    def _look(self, time: float, output: ControlOutput) -> End | None:
+        """Whether the walk is over at this tick."""
+        physics = self.physics
+        return self.watch.look(
+            time,
+            physics.com(),
+            output.com.tolist(),
+            physics.upright(),
+            output.status,
+            residual=output.residual,
+            limit=self._worst_joint(output) if output.status == LIMITED else "",
+        )
+
+    def _worst_joint(self, output: ControlOutput) -> str:
+        """The joint closest to its torque limit."""
+        robot = self.physics.robot
+        share = np.abs(output.torque) / robot.torque_limit
+        worst = int(np.argmax(share))
+        return f"{robot.joint_names[worst]} at {share[worst]:.0%} of its torque"
 
     def _finish(self, done: int) -> None:
-        """State and sensors at the end of the last step."""
+        """State and sensors at the end of the last whole step."""
         physics, log = self.physics, self.log
-        mujoco.mj_forward(physics.model, physics.data)
-        log.q[done], log.qd[done] = physics.data.qpos, physics.data.qvel
-        log.sites[done] = physics.data.site_xpos
-        log.rotation[done] = physics.data.site_xmat[physics.points.soles]
-        log.sensors[done] = physics.data.sensordata
+        model, data = physics.model, physics.data
+        if done < self.total and round(data.time / physics.time_step) != done:
+            # An interrupt fell between a step and its record, or MuJoCo has reset a state that it could not
+            # step: back to where that step began.
+            data.qpos[:], data.qvel[:] = log.q[done], log.qd[done]
+        mujoco.mj_forward(model, data)
+        log.q[done], log.qd[done] = data.qpos, data.qvel
+        log.sites[done] = data.site_xpos
+        log.rotation[done] = data.site_xmat[physics.points.soles]
+        log.sensors[done] = data.sensordata
 
     def _record(self, done: int, outcome: Outcome) -> SimulationRecord:
         physics, log = self.physics, self.log
         model, dt, robot = physics.model, physics.time_step, physics.robot
         hold = np.arange(done) // physics.substeps
-        ticks = len(self.outputs)
+        outputs = self.outputs[: -(-done // physics.substeps)]  # a step that was cut short has no tick either
         sensors = {}
         for i in range(model.nsensor):
             start, size = model.sensor_adr[i], model.sensor_dim[i]
@@ -387,13 +297,12 @@ class _Walk:
         rotation = log.rotation[: done + 1].reshape(-1, 3, 3)
         xyzw = Rotation.from_matrix(rotation).as_quat().reshape(done + 1, 2, 4)
 
-        def held(name: str) -> NDArray[np.float64]:
-            shape = np.shape(getattr(self.outputs[0], name)) if ticks else (3,)
-            values = np.array([getattr(o, name) for o in self.outputs]).reshape(ticks, *shape)
-            return values[hold]
+        def held(name: str, *shape: int) -> NDArray[np.float64]:
+            values = np.array([getattr(output, name) for output in outputs], dtype=np.float64)
+            return values.reshape(-1, *shape)[hold]
 
         return SimulationRecord(
-            time=np.arange(done + 1) * dt,
+            time=np.arange(done + 1, dtype=np.float64) * dt,
             q=log.q[: done + 1],
             qd=log.qd[: done + 1],
             torque=log.torque[:done],
@@ -409,16 +318,16 @@ class _Walk:
             foot_position=log.sites[: done + 1, physics.points.soles],
             foot_rotation=xyzw[..., [3, 0, 1, 2]],
             sensors={k: v for k, v in sensors.items() if k not in ("com", "angular_momentum")},
-            command_com=held("com"),
-            command_zmp=held("zmp"),
-            command_force=held("force"),
-            command_angular_momentum=held("angular_momentum"),
-            command_point_force=held("point_force"),
-            tick_time=np.arange(ticks) * (physics.substeps * dt),
-            qp_status=np.array([o.status for o in self.outputs], dtype=np.int8),
-            qp_residual=np.array([o.residual for o in self.outputs]),
-            qp_iterations=np.array([o.iterations for o in self.outputs], dtype=np.int32),
-            qp_time=np.array([o.seconds for o in self.outputs]),
+            command_com=held("com", 3),
+            command_zmp=held("zmp", 2),
+            command_force=held("force", 3),
+            command_angular_momentum=held("angular_momentum", 3),
+            command_point_force=held("point_force", self.points, 3),
+            tick_time=np.arange(len(outputs), dtype=np.float64) * (physics.substeps * dt),
+            qp_status=np.array([o.status for o in outputs], dtype=np.int8),
+            qp_residual=np.array([o.residual for o in outputs], dtype=np.float64),
+            qp_iterations=np.array([o.iterations for o in outputs], dtype=np.int32),
+            qp_time=np.array([o.seconds for o in outputs], dtype=np.float64),
             outcome=outcome,
             mass=robot.mass,
             gravity=robot.gravity,
