@@ -19,7 +19,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import osqp
@@ -118,6 +118,70 @@ def solve_motion(
     return motion
 
 
+@dataclass(frozen=True)
+class RoughOrbit:
+    """A periodic step on a coarse grid: enough for a search over many plans, not to be walked.
+
+    Attributes:
+        reference: what was asked of the body, on the grid.
+        trajectory: the step.
+        offset: constant of L_y [N m s].
+        known: what Newton knew of the map, for the next search nearby.
+    """
+
+    reference: StepReference
+    trajectory: StepTrajectory
+    offset: float
+    known: Any
+
+
+class RoughOrbits:
+    """Periodic steps of many plans for one body, each sought from a neighbour's.
+
+    Args:
+        robot: the body.
+        run: posture gains and the choice for L_z, the same for all plans.
+        nodes: intervals of the grid in single and in double support; fixed, so that what is read off an orbit
+            changes smoothly from plan to plan.
+    """
+
+    def __init__(self, robot: Robot, run: RunParameters, nodes: tuple[int, int]) -> None:
+        self.robot, self.nodes = robot, nodes
+        self.ik = InverseKinematics(robot, run)
+        self.evaluations = 0
+
+    def solve(self, plan: GaitPlan, lean: float, near: RoughOrbit | None = None) -> RoughOrbit:
+        """The periodic step of a plan.
+
+        Args:
+            plan: with feet.
+            lean: mean trunk pitch [rad].
+            near: orbit of a similar plan; without it, Newton begins from a body that stands upright.
+
+        Raises:
+            Unreachable: there is none, or none was found.
+        """
+        single, double = plan.constants.single_support_duration, plan.constants.double_support_duration
+        n1, n2 = self.nodes
+        time = np.concatenate([single * np.arange(n1) / n1, single + double * np.arange(n2 + 1) / n2])
+        reference = step_reference(plan, time)
+        origin = _standing(self.ik, reference)
+        step_map = _StepMap(self, reference, origin, plan.parameters.step_length, lean)
+        if near is None:
+            z, known = step_map.guess(), None
+        else:
+            q = near.trajectory.q[0].copy()
+            q[:3] += reference.position[0, 0] - near.reference.position[0, 0]
+            z, known = step_map.encode(q, near.trajectory.v[0], near.offset), near.known
+        try:
+            found = _newton(step_map, z, _RUNG_TOLERANCE, known, rebuilds=2 if near else 4)
+        except _Stalled as error:
+            if error.cause is not None:
+                raise error.cause from error
+            raise Unreachable(0.0, "no periodic motion is found", error.residual, 0.0, "rad") from error
+        return RoughOrbit(reference, found.trajectory, step_map.offset(found.z), found.inverse)
+
+
 def _cached(path: Path) -> WholeBodyMotion | None:
     """A stored motion; None if there is none that can be read: it is solved again and written over."""
     try:
@@ -191,10 +255,17 @@ class _StepMap:
     of L_y, each times ``scale``.
     """
 
-    def __init__(self, search: _Search, reference: StepReference) -> None:
+    def __init__(
+        self,
+        search: _Search | RoughOrbits,
+        reference: StepReference,
+        origin: NDArray[np.float64],
+        step_length: float,
+        lean: float,
+    ) -> None:
         self._search = search
-        self.ik, self.reference, self.origin = search.ik, reference, search.origin
-        self.step_length, self.lean = search.plan.parameters.step_length, search.run.body.lean
+        self.ik, self.reference, self.origin = search.ik, reference, origin
+        self.step_length, self.lean = step_length, lean
         self.draft = True
         nv = self.ik.robot.nv
         self.n = 2 * nv + 1
@@ -262,6 +333,16 @@ class _StepMap:
             z[4] += self.lean - self.mean_pitch(trajectory)
             z[nv + 4] -= change / self.reference.time[-1] * _VELOCITY_SCALE
         return z
+
+
+def _standing(ik: InverseKinematics, reference: StepReference) -> NDArray[np.float64]:
+    """Where unknowns are counted from: upright at the planned COM, knees bent, arms at rest."""
+    robot = ik.robot
+    q = pin.neutral(robot.model)
+    q[7:] = ik.rest
+    q[robot.knee_joints + 1] = 0.6
+    q[:3] += reference.position[0, 0] - robot.jacobian(q, np.zeros(robot.nv)).com
+    return q
 
 
 class _Stalled(Exception):
@@ -432,19 +513,10 @@ class _Search:
         coarse = min(COARSE_STEP, longest)
         self.fine = step_reference(plan, step_grid(plan, fine))
         self.coarse = self.fine if fine >= coarse else step_reference(plan, step_grid(plan, coarse))
-        self.origin = self._standing()
-
-    def _standing(self) -> NDArray[np.float64]:
-        """Where unknowns are counted from: upright at the planned COM, knees bent, arms at rest."""
-        robot = self.robot
-        q = pin.neutral(robot.model)
-        q[7:] = self.ik.rest
-        q[robot.knee_joints + 1] = 0.6
-        q[:3] += self.coarse.position[0, 0] - robot.jacobian(q, np.zeros(robot.nv)).com
-        return q
+        self.origin = _standing(self.ik, self.coarse)
 
     def _map(self, reference: StepReference) -> _StepMap:
-        return _StepMap(self, reference)
+        return _StepMap(self, reference, self.origin, self.plan.parameters.step_length, self.run.body.lean)
 
     # --------------------------------------------------------------- search
 
