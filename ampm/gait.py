@@ -11,8 +11,10 @@ the left foot, whose reference point is at (0, +w); forces and moments act on th
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -29,6 +31,8 @@ from ampm.pendulum import (
     SagittalPlane,
     frontal_plane,
     odd_double_integral,
+    plain_frontal_plane,
+    plain_sagittal_plane,
     sagittal_plane,
     sagittal_time_constant,
 )
@@ -46,6 +50,14 @@ LEAST_MID_STANCE_SHARE = 0.2
 """Least speed over the foot, as a share of v0: below it the pendulum nearly stops and every error grows."""
 RESIDUAL_LIMIT = 1e-9
 """Largest relative jump at a switch that a plan may have."""
+CONTINUOUS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "ampm": ("position", "velocity", "acceleration", "zmp", "moment", "angular_momentum"),
+        "ipm": ("position", "velocity", "moment", "angular_momentum"),
+    }
+)
+"""Residuals that a plan of each model must keep below :data:`RESIDUAL_LIMIT`. The plain inverted pendulum is
+the documented exception: acceleration and ZMP jump at every switch, and its residuals say by how much."""
 
 _TIME_TOLERANCE = 1e-9  # times this far outside the plan are taken as its ends [s]
 _SWITCH_TOLERANCE = 1e-12  # times this close before a switch belong to the phase that begins [s]
@@ -156,7 +168,11 @@ class PlanResiduals:
     @property
     def largest(self) -> float:
         """The largest of them [1]; infinite if one is not a number."""
-        values = [getattr(self, f.name) for f in fields(self)]
+        return self.largest_of([f.name for f in fields(self)])
+
+    def largest_of(self, names: Iterable[str]) -> float:
+        """The largest of those named [1]; infinite if one is not a number."""
+        values = [getattr(self, name) for name in names]
         return max(math.inf if math.isnan(v) else v for v in values)
 
 
@@ -457,7 +473,7 @@ def plan_gait(
         with np.errstate(all="ignore"):  # what overflows is refused below, by its residual
             sagittal, frontal = _solve(gait)
             plan = _assemble(gait, float(mass), sagittal, frontal, float(angular_momentum_y_offset))
-            residual = plan.residuals().largest
+            residual = plan.residuals().largest_of(CONTINUOUS[gait.model])
     except (OverflowError, ZeroDivisionError):
         residual = math.inf
     if not residual <= RESIDUAL_LIMIT:
@@ -480,6 +496,8 @@ def plan_gait(
 
 def _solve(gait: GaitParameters) -> tuple[SagittalPlane, FrontalPlane]:
     """Both planes' closed forms, or the refusal that says why there is none."""
+    if gait.model == "ipm":
+        _check_plain(gait)
     inverse_a_s = 1.0 / gait.a_s
     bracket = gait.c_s - inverse_a_s
     if not bracket > 0.0:
@@ -532,15 +550,24 @@ def _solve(gait: GaitParameters) -> tuple[SagittalPlane, FrontalPlane]:
             unit="m/s",
             way_out=f"raise gait.switching_velocity to {_rounded_up(enough)} m/s {slower}",
         )
-    sagittal = sagittal_plane(
-        com_height=gait.com_height,
-        step_length=gait.step_length,
-        single_support_ratio=gait.single_support_ratio,
-        switching_velocity=v0,
-        inverse_a_s=inverse_a_s,
-        c_s=gait.c_s,
-        gravity=GRAVITY,
-    )
+    if gait.model == "ipm":
+        sagittal = plain_sagittal_plane(
+            com_height=gait.com_height,
+            step_length=gait.step_length,
+            single_support_ratio=gait.single_support_ratio,
+            switching_velocity=v0,
+            gravity=GRAVITY,
+        )
+    else:
+        sagittal = sagittal_plane(
+            com_height=gait.com_height,
+            step_length=gait.step_length,
+            single_support_ratio=gait.single_support_ratio,
+            switching_velocity=v0,
+            inverse_a_s=inverse_a_s,
+            c_s=gait.c_s,
+            gravity=GRAVITY,
+        )
     angle = 0.5 * math.sqrt(gait.c_y * GRAVITY / gait.com_height) * sagittal.single.duration
     if not angle <= _LARGEST_ANGLE:
         raise MathematicalRefusal(
@@ -552,7 +579,15 @@ def _solve(gait: GaitParameters) -> tuple[SagittalPlane, FrontalPlane]:
             unit="1",
             way_out="raise gait.switching_velocity, shorten gait.step_length or lower gait.c_y",
         )
-    frontal = frontal_plane(
+    if gait.model == "ipm":
+        return sagittal, plain_frontal_plane(
+            com_height=gait.com_height,
+            half_width=0.5 * gait.step_width,
+            single_support_duration=sagittal.single.duration,
+            double_support_duration=sagittal.double.duration,
+            gravity=GRAVITY,
+        )
+    return sagittal, frontal_plane(
         com_height=gait.com_height,
         half_width=0.5 * gait.step_width,
         c_y=gait.c_y,
@@ -560,7 +595,23 @@ def _solve(gait: GaitParameters) -> tuple[SagittalPlane, FrontalPlane]:
         double_support_duration=sagittal.double.duration,
         gravity=GRAVITY,
     )
-    return sagittal, frontal
+
+
+def _check_plain(gait: GaitParameters) -> None:
+    """Refuse slopes that the plain inverted pendulum does not have, rather than ignore them."""
+    for key, fixed in (("a_s", math.inf), ("c_s", 1.0), ("c_y", 1.0)):
+        value = getattr(gait, key)
+        if value != fixed:
+            raise MathematicalRefusal(
+                f"gait.{key} = {value:.6g} is no choice of the plain inverted pendulum (gait.model = ipm): "
+                "its ZMP rests under the foot and its force passes through the COM, so that "
+                f"gait.{key} = {fixed:g}",
+                reason="not_the_plain_pendulum",
+                value=value,
+                limit=fixed,
+                unit="1",
+                way_out=f"set gait.{key} to {fixed:g}, take the preset ipm, or gait.model = ampm",
+            )
 
 
 def _rounded_up(value: float) -> str:

@@ -27,6 +27,11 @@ PRESETS: dict[str, str] = {
     "normal": "the paper's gait: 0.6 m steps, 1.0 m/s at every switch, no angular momentum about the COM",
     "momentum": "the same with angular momentum about both horizontal axes (c_s 1.2, c_y 0.4)",
     "flat": "an easy gait: 0.3 m steps on flat feet",
+    "roll-0.1": "the normal gait with c_y 0.1: large angular momentum about the forward axis (Fig. 11)",
+    "roll-0.4": "the same with c_y 0.4",
+    "roll-0.7": "the same with c_y 0.7",
+    "roll-1.0": "the same with c_y 1: none",
+    "ipm": "the plain inverted pendulum, whose acceleration jumps at every switch, as the normal gait",
 }
 """Presets and what they are; each is ``ampm/presets/<name>.toml``."""
 
@@ -67,6 +72,12 @@ class GaitParameters(Section):
 
     section: ClassVar[str] = "gait"
 
+    model: Literal["ampm", "ipm"] = _field(
+        "ampm",
+        "ampm: the paper's pendulum, continuous up to the acceleration; ipm: the plain inverted pendulum, to "
+        "compare with: ZMP fixed under the foot, no moment, double support at constant velocity",
+        "1",
+    )
     com_height: Real = _field(0.865, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
     step_length: Real = _field(
         0.6, "distance of successive footprints of opposite feet along x (2 (l_s + l_d))", "m", gt=0, le=100
@@ -191,10 +202,18 @@ class ControllerParameters(Section):
         50.0, "feedback from the stance foot's velocity to its acceleration", "1/s", ge=0, le=1e4
     )
     roll_stiffness: Real = _field(
-        1500.0, "feedback from the pose of a foot that rolls on heel or toes to its rotation", "1/s^2", ge=0, le=1e5
+        1500.0,
+        "feedback from the pose of a foot that rolls on heel or toes to its rotation",
+        "1/s^2",
+        ge=0,
+        le=1e5,
     )
     roll_damping: Real = _field(
-        80.0, "feedback from the rate of a foot that rolls on heel or toes to its rotation", "1/s", ge=0, le=1e4
+        80.0,
+        "feedback from the rate of a foot that rolls on heel or toes to its rotation",
+        "1/s",
+        ge=0,
+        le=1e4,
     )
     touchdown_damping: Real = _field(
         200.0, "how fast a late foot takes up the touch-down velocity", "1/s", ge=0, le=1e4
@@ -237,7 +256,11 @@ class SimulationParameters(Section):
     time_step: Real = _field(0.002, "time step of the physics", "s", gt=0, le=0.05)
     integrator: Literal["Euler", "implicitfast"] = _field("Euler", "integrator of the physics", "1")
     start_depth: Real = _field(
-        0.001, "depth at which the soles start under the floor, so that they carry weight at once", "m", ge=0, le=0.01
+        0.001,
+        "depth at which the soles start under the floor, so that they carry weight at once",
+        "m",
+        ge=0,
+        le=0.01,
     )
 
 

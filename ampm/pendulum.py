@@ -8,7 +8,11 @@ depend linearly on the COM. With ``u`` the distance of the COM from the point wh
 ``c - a`` is called the *bracket*. With ``k = sqrt((g/H) |c - a|)`` every phase is
 ``u = A cosh(k t) + B sinh(k t)`` where it is positive and ``u = A cos(k t) + B sin(k t)`` where it is
 negative, t counted from the *middle* of the phase: there a periodic gait is purely odd (B) or even (A), and
-no digits cancel near the least speed.
+no digits cancel near the least speed. Where it is zero the COM keeps its velocity, ``u = A + B t``.
+
+The plain inverted pendulum (IPM; paper, section 1.2) is written in the same law: ``a = 0, c = 1`` in single
+support, and ``a = c = 1`` in a double support at constant velocity. Its phases do not join in the second
+derivative.
 
 Everything here is a pure function of numbers or arrays; nothing is sampled or integrated numerically.
 See ``docs/theory.md`` for the derivation and for the errata of the printed paper.
@@ -55,12 +59,12 @@ class AffineLaw:
 
     Attributes:
         rate: ``(g/H) (force_slope - zmp_slope)`` [1/s^2]; positive: hyperbolic,
-            negative: trigonometric; never zero.
+            negative: trigonometric, zero: constant velocity.
         zmp_slope: ``1/a_s`` or ``1/a_d`` in the sagittal plane [1].
         force_slope: ``c_s`` or ``c_d`` in the sagittal plane [1]; 1 passes through the COM.
         duration: of the phase [s].
         even: amplitude of the part that is even about the middle of the phase [m].
-        odd: amplitude of the part that is odd about it [m].
+        odd: amplitude of the part that is odd about it [m]; with a rate of zero, the velocity [m/s].
         zmp_offset: ``b`` of the general law [m].
     """
 
@@ -91,9 +95,9 @@ def solution(rate: Any, even: Any, odd: Any, time: Any) -> tuple[Array, Array]:
     """Position and velocity of ``u'' = rate u``.
 
     Args:
-        rate: [1/s^2], not zero; positive hyperbolic, negative trigonometric.
-        even: amplitude of cosh or cos [m].
-        odd: amplitude of sinh or sin [m].
+        rate: [1/s^2]; positive hyperbolic, negative trigonometric, zero uniform.
+        even: amplitude of cosh or cos, or the position at the middle [m].
+        odd: amplitude of sinh or sin [m], or the velocity [m/s].
         time: since the instant at which the even part is even [s].
 
     Returns:
@@ -102,34 +106,38 @@ def solution(rate: Any, even: Any, odd: Any, time: Any) -> tuple[Array, Array]:
     rate = np.asarray(rate, dtype=np.float64)
     k = np.sqrt(np.abs(rate))
     angle = k * time
-    hyperbolic = rate > 0.0
+    hyperbolic, uniform = rate > 0.0, rate == 0.0
     safe = np.where(hyperbolic, angle, 0.0)
     c = np.where(hyperbolic, np.cosh(safe), np.cos(angle))
-    s = np.where(hyperbolic, np.sinh(safe), np.sin(angle))
-    return even * c + odd * s, k * (np.sign(rate) * even * s + odd * c)
+    s = np.where(hyperbolic, np.sinh(safe), np.where(uniform, time, np.sin(angle)))
+    return even * c + odd * s, np.where(uniform, 1.0, k) * (np.sign(rate) * even * s + odd * c)
 
 
 def position_integral(rate: Any, even: Any, odd: Any, start: Any, end: Any) -> Array:
     """Integral of the position of ``u'' = rate u`` from ``start`` to ``end`` [m s].
 
     The obvious ``(u'(end) - u'(start)) / rate`` cancels for short times; as a product it does not:
-    ``(2/k) sinh(k (end - start)/2) u((start + end)/2)``, with sin for a negative rate.
+    ``(2/k) sinh(k (end - start)/2) u((start + end)/2)``, with sin for a negative rate and
+    ``(end - start) u((start + end)/2)`` for none.
     """
     rate = np.asarray(rate, dtype=np.float64)
     k = np.sqrt(np.abs(rate))
     half = 0.5 * k * (end - start)
-    hyperbolic = rate > 0.0
+    hyperbolic, uniform = rate > 0.0, rate == 0.0
     width = np.where(hyperbolic, np.sinh(np.where(hyperbolic, half, 0.0)), np.sin(half))
     middle, _ = solution(rate, even, odd, 0.5 * (start + end))
-    return 2.0 / k * width * middle
+    return np.where(uniform, end - start, 2.0 * width / np.where(uniform, 1.0, k)) * middle
 
 
 def odd_double_integral(rate: float, odd: float, duration: float) -> float:
     """Integral over a phase of the integral, since its start, of an odd solution [m s^2].
 
-    ``(2 B / rate) (sinh h - h cosh h)`` with ``h = k duration / 2``; sin and cos for a negative rate.
-    Times weight and slope it is the phase's share in the mean of the angular momentum.
+    ``(2 B / rate) (sinh h - h cosh h)`` with ``h = k duration / 2``; sin and cos for a negative rate, and
+    ``-B duration^3 / 12`` for none. Times weight and slope it is the phase's share in the mean of the angular
+    momentum.
     """
+    if rate == 0.0:
+        return -odd * duration**3 / 12.0
     k = math.sqrt(abs(rate))
     h = 0.5 * k * duration
     sign = math.copysign(1.0, rate)
@@ -297,6 +305,72 @@ def frontal_plane(
             even=0.0,
             odd=-s * rho * math.hypot(rho, tau),
         ),
+    )
+
+
+def plain_sagittal_plane(
+    *,
+    com_height: float,
+    step_length: float,
+    single_support_ratio: float,
+    switching_velocity: float,
+    gravity: float,
+) -> SagittalPlane:
+    """Sagittal plane of the plain inverted pendulum (paper, section 1.2; Kajita et al., IROS 2001).
+
+    Single support about a ZMP that rests under the foot, double support at the velocity of the switch. No
+    moment in either. There is nothing left to make acceleration and ZMP continuous: in double support both
+    must follow from the constant velocity, so the ground force is vertical and the ZMP is under the COM.
+
+    Args:
+        com_height: H [m].
+        step_length: S [m].
+        single_support_ratio: l_s / (l_s + l_d) [1].
+        switching_velocity: v0 [m/s], greater than ``l_s sqrt(g/H)``.
+        gravity: g [m/s^2].
+    """
+    l_s = 0.5 * step_length * single_support_ratio
+    l_d = 0.5 * step_length * (1.0 - single_support_ratio)
+    rate = gravity / com_height
+    k = math.sqrt(rate)
+    reach = switching_velocity / k
+    odd = math.sqrt((reach - l_s) * (reach + l_s))
+    single = AffineLaw(rate, 0.0, 1.0, 2.0 / k * math.asinh(l_s / odd), 0.0, odd)
+    double = AffineLaw(0.0, 1.0, 1.0, 2.0 * l_d / switching_velocity, 0.0, switching_velocity)
+    return SagittalPlane(l_s=l_s, l_d=l_d, inverse_a_s=0.0, a_d=1.0, c_d=1.0, single=single, double=double)
+
+
+def plain_frontal_plane(
+    *,
+    com_height: float,
+    half_width: float,
+    single_support_duration: float,
+    double_support_duration: float,
+    gravity: float,
+) -> FrontalPlane:
+    """Frontal plane of the plain inverted pendulum: beta is what the COM drifts in half a double support.
+
+    ``beta = v T_DS / 2`` with ``v = s k tanh(k T_SS / 2)`` and ``s + beta = w``.
+
+    Args:
+        com_height: H [m].
+        half_width: half the lateral distance of the feet, ``w = s + beta`` [m].
+        single_support_duration: T_SS [s].
+        double_support_duration: T_DS [s].
+        gravity: g [m/s^2].
+    """
+    rate = gravity / com_height
+    k = math.sqrt(rate)
+    h = 0.5 * k * single_support_duration
+    drift = 0.5 * k * double_support_duration * math.tanh(h)  # beta / s
+    s = half_width / (1.0 + drift)
+    velocity = s * k * math.tanh(h)
+    return FrontalPlane(
+        s=s,
+        beta=s * drift,
+        velocity=velocity,
+        single=AffineLaw(rate, 0.0, 1.0, single_support_duration, -s / math.cosh(h), 0.0),
+        double=AffineLaw(0.0, 1.0, 1.0, double_support_duration, 0.0, -velocity),
     )
 
 

@@ -12,7 +12,7 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 
 from ampm.body import SoleGeometry
 from ampm.exceptions import InputError, MathematicalRefusal
-from ampm.gait import RESIDUAL_LIMIT, plan_gait
+from ampm.gait import CONTINUOUS, RESIDUAL_LIMIT, plan_gait
 from ampm.parameters import FootParameters, GaitParameters
 
 G = 9.81
@@ -345,6 +345,87 @@ def test_planning_takes_less_than_a_millisecond():
     assert min(once() for _ in range(50)) < 1e-3
 
 
+# --- the plain inverted pendulum ---
+
+IPM = GaitParameters(model="ipm", com_height=0.88, a_s=math.inf, steps=4)
+
+
+def test_the_plain_pendulum_states_its_jumps_and_is_not_refused_for_them():
+    plan = plan_gait(IPM)
+    c, r = plan.constants, plan.residuals()
+    assert max(r.position, r.velocity, r.moment, r.angular_momentum) <= 1e-14
+    # Along x the ZMP jumps from the foot to below the COM and the acceleration from g l_s/H to nothing.
+    assert (r.zmp, r.acceleration) == pytest.approx((c.l_s / 0.88, c.l_s / 0.88), rel=1e-12)
+    before, after = plan.sample(plan.switch_times[0] - 1e-9), plan.sample(plan.switch_times[0])
+    np.testing.assert_allclose(
+        before.com_acceleration[0], [G / 0.88 * c.l_s, -G / 0.88 * c.s, 0.0], atol=1e-7
+    )
+    np.testing.assert_array_equal(after.com_acceleration[0], 0.0)
+    np.testing.assert_allclose(before.zmp[0], [0.0, 0.09], atol=1e-12)
+    np.testing.assert_allclose(after.zmp[0], after.com[0, :2], atol=1e-12)
+    assert plan_gait(changed(c_s=1.0)).residuals().largest < 1e-13  # the AMPM has none of it
+
+
+def test_the_plain_pendulum_has_no_moment_and_its_force_line_passes_through_the_com():
+    plan = plan_gait(IPM, angular_momentum_y_offset=0.3)
+    s = plan.sample(np.linspace(0.0, plan.duration, 2000))
+    np.testing.assert_array_equal(s.moment, 0.0)
+    np.testing.assert_allclose(s.angular_momentum, [[0.0, 0.3]] * len(s), atol=1e-15)
+    lever = np.cross(np.column_stack([s.zmp, np.zeros(len(s))]) - s.com, s.force)
+    np.testing.assert_allclose(lever[:, :2], 0.0, atol=1e-10)
+    double = s.phase == 1
+    np.testing.assert_array_equal(s.com_acceleration[double], 0.0)
+    np.testing.assert_allclose(s.com_velocity[double, 0], 1.0, rtol=1e-14)
+
+
+def test_the_plain_pendulum_against_an_independent_integration():
+    plan, rate = plan_gait(IPM), G / 0.88
+    c, steps = plan.constants, 4
+    state = np.array([-c.l_s, c.beta, 1.0, c.lateral_switching_velocity])
+    now = 0.0
+    for k in range(steps):
+        foot = np.array([0.6 * k, 0.09 * (-1) ** k])
+
+        def pendulum(t, u, foot=foot):
+            return [u[2], u[3], *(rate * (u[:2] - foot))]
+
+        def passed(t, u, foot=foot):
+            return u[0] - foot[0] - c.l_s
+
+        passed.terminal = True  # type: ignore[attr-defined]
+        found = solve_ivp(
+            pendulum, (now, now + 2.0), state, method="DOP853", rtol=1e-12, atol=1e-13, events=passed,
+            dense_output=True,
+        )  # fmt: skip
+        t = np.linspace(now, found.t_events[0][0] - 1e-9, 30)
+        s = plan.sample(t)
+        np.testing.assert_allclose(
+            np.hstack([s.com[:, :2], s.com_velocity[:, :2]]), found.sol(t).T, atol=5e-8
+        )
+        now, state = found.t_events[0][0], found.y_events[0][0]
+        assert now == pytest.approx(plan.switch_times[2 * k], abs=1e-9)
+        drift = 2.0 * c.l_d / 1.0
+        state = np.array([*(state[:2] + drift * state[2:]), *state[2:]])
+        now += drift
+        np.testing.assert_allclose(state[:2], [0.6 * (k + 1) - c.l_s, c.beta * (-1) ** (k + 1)], atol=2e-8)
+    assert now == pytest.approx(plan.duration)
+
+
+def test_the_single_support_of_both_models_is_one_where_the_zmp_rests():
+    """The AMPM with a_s = inf and c = 1 is the same pendulum; only its double support joins on."""
+    plain, smooth = plan_gait(IPM), plan_gait(IPM.model_copy(update={"model": "ampm"}))
+    t = np.linspace(0.0, plain.constants.single_support_duration, 50)
+    np.testing.assert_allclose(plain.sample(t).com[:, 0], smooth.sample(t).com[:, 0], atol=1e-14)
+    assert plain.constants.single_support_duration == smooth.constants.single_support_duration
+
+
+@pytest.mark.parametrize(("key", "value"), [("a_s", 2.63), ("c_s", 1.2), ("c_y", 0.4)])
+def test_the_plain_pendulum_refuses_slopes_that_it_has_not(key, value):
+    with pytest.raises(MathematicalRefusal, match=rf"gait\.{key} = {value}.*set gait\.{key} to") as caught:
+        plan_gait(IPM.model_copy(update={key: value}))
+    assert caught.value.reason == "not_the_plain_pendulum"
+
+
 # --- refusals ---
 
 
@@ -446,6 +527,19 @@ EDGE = st.builds(
 )
 
 
+PLAIN = st.builds(
+    GaitParameters,
+    model=st.just("ipm"),
+    com_height=st.floats(1e-300, 100.0, exclude_min=True),
+    step_length=st.floats(1e-300, 100.0, exclude_min=True),
+    switching_velocity=st.floats(1e-300, 100.0, exclude_min=True),
+    single_support_ratio=st.floats(0, 1, exclude_min=True, exclude_max=True),
+    a_s=st.just(math.inf),
+    step_width=st.floats(1e-300, 100.0, exclude_min=True),
+    steps=st.integers(1, 5),
+)
+
+
 def check_plan_or_refusal(parameters):
     try:
         plan = plan_gait(parameters)
@@ -460,7 +554,7 @@ def check_plan_or_refusal(parameters):
 
 
 def check_plan(plan):
-    assert plan.residuals().largest <= RESIDUAL_LIMIT
+    assert plan.residuals().largest_of(CONTINUOUS[plan.parameters.model]) <= RESIDUAL_LIMIT
     times = np.linspace(0.0, plan.duration, 60)
     s = plan.sample(times)
     for name in ("com", "com_velocity", "com_acceleration", "zmp", "force", "moment", "angular_momentum"):
@@ -478,6 +572,12 @@ def test_a_wide_space_of_parameters(parameters):
 @given(parameters=EDGE)
 @settings(max_examples=150, deadline=None)
 def test_the_edges_of_what_parameters_allow(parameters):
+    check_plan_or_refusal(parameters)
+
+
+@given(parameters=PLAIN)
+@settings(max_examples=100, deadline=None)
+def test_the_edges_of_the_plain_pendulum(parameters):
     check_plan_or_refusal(parameters)
 
 

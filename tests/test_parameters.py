@@ -30,12 +30,19 @@ def test_every_preset_loads_and_round_trips(name, tmp_path):
 
 
 def test_presets_are_what_they_are_called():
-    assert preset_names() == ("normal", "momentum", "flat")
-    normal, momentum, flat = (load_run(name) for name in preset_names())
+    assert preset_names()[:3] == ("normal", "momentum", "flat")
+    normal, momentum, flat = (load_run(name) for name in preset_names()[:3])
     assert (normal.gait.step_length, normal.gait.switching_velocity) == (0.6, 1.0)
     assert (normal.gait.c_s, normal.gait.c_y) == (1.0, 1.0)
     assert momentum.gait == normal.replace({"gait.c_s": 1.2, "gait.c_y": 0.4}).gait
     assert flat.foot.schedule == "flat"
+
+
+def test_the_demos_of_one_figure_differ_in_one_parameter():
+    normal = load_run("normal")
+    for c_y in (0.1, 0.4, 0.7, 1.0):
+        assert load_run(f"roll-{c_y}") == normal.replace({"gait.c_y": c_y})
+    assert load_run("ipm") == normal.replace({"gait.model": "ipm", "gait.a_s": math.inf})
 
 
 positive = st.floats(min_value=1e-6, max_value=100.0, exclude_min=True)
@@ -152,7 +159,7 @@ def test_an_override_of_a_section_that_is_no_table(tmp_path):
 
 
 def test_an_unknown_preset_names_the_nearest():
-    with pytest.raises(InputError, match=r"did you mean 'normal'\?.*normal, momentum, flat"):
+    with pytest.raises(InputError, match=r"did you mean 'normal'\?.*normal, momentum, flat, roll"):
         load_run("norml")
 
 

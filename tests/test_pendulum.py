@@ -304,6 +304,21 @@ def test_e7_the_zmp_slope_of_the_lateral_double_support(frontal):
     assert abs(beta / (beta + s) * start.position - (beta + s)) > 0.08  # printed
 
 
+@pytest.mark.parametrize("rate", [1e-9, -1e-9])
+def test_no_rate_is_the_limit_of_a_small_one(rate):
+    k, t = math.sqrt(abs(rate)), np.linspace(-0.4, 0.6, 11)
+    uniform, small = solution(0.0, 0.2, 0.7, t), solution(rate, 0.2, 0.7 / k, t)
+    np.testing.assert_allclose(uniform, small, atol=1e-8)
+    np.testing.assert_allclose(uniform[0], 0.2 + 0.7 * t)
+    integral = position_integral(0.0, 0.2, 0.7, -0.4, t)
+    np.testing.assert_allclose(integral, 0.2 * (t + 0.4) + 0.35 * (t**2 - 0.16), atol=1e-15)
+    assert odd_double_integral(0.0, 0.7, 1.3) == pytest.approx(
+        odd_double_integral(rate, 0.7 / k, 1.3), rel=1e-8
+    )
+    mixed = solution(np.array([0.0, 4.0, -4.0]), 0.0, 1.0, 0.3)[0]
+    np.testing.assert_allclose(mixed, [0.3, math.sinh(0.6), math.sin(0.6)])
+
+
 def test_e8_the_bracket_of_the_lateral_double_support(frontal):
     beta, s = frontal.beta, frontal.s
     state = frontal.double.evaluate(0.02)

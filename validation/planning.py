@@ -17,7 +17,7 @@ import platformdirs
 
 from ampm.exceptions import InputError
 from ampm.gait import PlanConstants, plan_gait
-from ampm.parameters import RunParameters, load_run
+from ampm.parameters import PRESETS, RunParameters, load_run
 from validation.console import Silent, figure, print_line, print_table
 from validation.folders import output_file
 from validation.samples import check_suffix, plan_table, sample_times, write_columns
@@ -126,6 +126,8 @@ def request(gait: str, settings: Sequence[str]) -> Request:
     path = Path(gait)
     # A run folder's own run.toml is named after the folder.
     name = path.resolve().parent.name if path.name == "run.toml" else path.stem
+    if gait in PRESETS:  # a dot in a preset's name begins no suffix
+        name = gait
     return Request(name, run)
 
 
