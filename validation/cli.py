@@ -260,6 +260,14 @@ def report(directory: RunDir, debug: Debug = False) -> int:
     return Status.PASS
 
 
+@app.command()
+def audit(as_json: Json = False, debug: Debug = False) -> int:
+    """Check every equation and claim of the paper, and say where it is wrong and by how much."""
+    from validation.audit.command import run as run_audit
+
+    return Status.PASS if run_audit(as_json=as_json) else Status.OUT_OF_TOLERANCE
+
+
 def _status(summary: dict[str, Any]) -> Status:
     """Exit status of one finished run."""
     if summary["outcome"] == "interrupted":
