@@ -13,6 +13,9 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from validation.console import Silent
+from validation.planning import plan, request, write_picture
+
 HERE = Path(__file__).resolve().parent
 MENU_BAR = 36
 """Height of the viewer's menu bar [px], which says more of the machine than of the walk."""
@@ -45,7 +48,17 @@ def picture_of_recording(run_dir: Path, seconds: float, target: Path, *, port: i
         image.quantize(192, dither=Image.Dither.NONE).save(target, optimize=True)
 
 
+def picture_of_plan(gait: str, target: Path) -> None:
+    """Save the picture that ``ampm plan --plot`` draws, in few colours."""
+    with tempfile.TemporaryDirectory() as folder:
+        drawn = Path(folder) / "plan.png"
+        write_picture(plan(request(gait, ()), with_body=True, stages=Silent()), drawn)
+        image = Image.open(drawn).convert("RGB")
+        image.quantize(64, dither=Image.Dither.NONE).save(target, optimize=True)
+
+
 if __name__ == "__main__":
+    picture_of_plan("momentum", HERE / "plan.png")
     picture_of_recording(
         Path(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else 5.0, HERE / "recording.png"
     )
