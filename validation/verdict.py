@@ -117,7 +117,7 @@ def judge(comparison: Comparison, outcome: Outcome, profile: Profile) -> Verdict
         worst = min(failed, key=lambda item: item.margin or 0.0)
         reason = (
             f"{len(failed)} of {len(limits)} tolerances not met; the furthest is {worst.name}: "
-            f"{worst.display_value:.3g} {worst.display_unit}, limit {worst.display_tolerance:.3g}."
+            f"{_shown(worst)}, limit {worst.display_tolerance:.3g}."
         )
     elif missing:
         name = VerdictName.NOT_MEASURED
@@ -128,7 +128,7 @@ def judge(comparison: Comparison, outcome: Outcome, profile: Profile) -> Verdict
         tight = min(judged, key=lambda item: item.margin or 0.0)
         reason = (
             f"All {len(limits)} tolerances met; the tightest is {tight.name}: "
-            f"{tight.display_value:.3g} {tight.display_unit}, limit {tight.display_tolerance:.3g}."
+            f"{_shown(tight)}, limit {tight.display_tolerance:.3g}."
         )
     return Verdict(name, profile.name, reason, results)
 
@@ -224,6 +224,11 @@ def _result(
         normalised=metric.normalised,
         first_step=_first_step(name, comparison),
     )
+
+
+def _shown(item: MetricResult) -> str:
+    """A value and its unit, if it has one."""
+    return f"{item.display_value:.3g} {item.display_unit}".rstrip()
 
 
 def _display(unit: str, weight: float) -> tuple[float, str]:
