@@ -3,8 +3,11 @@
 A foot passes four key-frames in every stride (paper, Fig. 7): initial contact (heel only), full contact, heel
 rise, toe off. Between two key-frames its pitch is one quintic in time; the heel is fixed while the foot rolls
 down after initial contact, the ball while the heel rises, and in the swing the ball follows a quintic with an
-extra lift at mid swing. Pitch, toe angle and the pivot's path are C2 across every key-frame: the paper's
-cubic, which lifts a resting foot at ``l_s / T_swing``, would let the foot's velocity jump.
+extra lift at mid swing. Pitch, toe angle and the pivot's path are C2 across every key-frame.
+
+``foot.swing = "paper"`` plans the same key-frames as the paper's section 2.3 has them, to compare with:
+cubic splines, and a ball that leaves the floor with the forward speed ``l_s / T_swing`` at once. It has been
+resting until then, so the foot's velocity jumps there, and accelerations jump at every key-frame.
 
 Everything is closed form; nothing is sampled or integrated.
 """
@@ -31,6 +34,7 @@ HEEL, BALL, TIP = 0, 1, 2
 
 _PIVOT_HEEL, _PIVOT_BALL = 0, 1
 _ORDER = 6  # coefficients of a quintic
+_CUBIC_RISE = np.array([0.0, 0.0, 3.0, -2.0, 0.0, 0.0, 0.0])  # from 0 to 1 in unit time, at rest at both ends
 _LIFT = np.array([0.0, 0.0, 0.0, 64.0, -192.0, 192.0, -64.0])  # 64 tau^3 (1 - tau)^3, one at mid swing
 
 
@@ -140,6 +144,28 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> NDArray[np
     out[..., 3] = (10.0 * dp - 4.0 * dv + 0.5 * da) / T3
     out[..., 4] = (-15.0 * dp + 7.0 * dv - da) / (T3 * T)
     out[..., 5] = (6.0 * dp - 3.0 * dv + 0.5 * da) / (T3 * T2)
+    return out
+
+
+def cubic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> NDArray[np.float64]:
+    """Cubics through (position, velocity) at both ends, as :func:`quintic` has its coefficients.
+
+    Args:
+        start: value and first derivative at time 0; further rows are not read, shape (2+, ...).
+        end: the same at ``duration``, shape (2+, ...).
+        duration: [s], positive, shape (...).
+
+    Returns:
+        Coefficients, lowest order first, the last two zero, shape (..., 6).
+    """
+    p0, v0 = np.asarray(start, dtype=np.float64)[:2]
+    p1, v1 = np.asarray(end, dtype=np.float64)[:2]
+    T = np.asarray(duration, dtype=np.float64)
+    dp, dv = p1 - p0 - v0 * T, (v1 - v0) * T
+    out = np.zeros((*dp.shape, _ORDER))
+    out[..., 0], out[..., 1] = p0, v0
+    out[..., 2] = (3.0 * dp - dv) / T**2
+    out[..., 3] = (dv - 2.0 * dp) / T**3
     return out
 
 
@@ -270,7 +296,8 @@ def plan_feet(plan: GaitPlan, foot: FootParameters, sole: SoleGeometry) -> FeetP
     placement = np.array([f.position for f in plan.footsteps])
     n = len(singles)
     behind, here, ahead = placement[:n], placement[1 : n + 1], placement[2 : n + 2]
-    stance, swing = _stride(foot, sole, start, single, double, behind, here, ahead)
+    speed = plan.constants.l_s / single
+    stance, swing = _stride(foot, sole, start, single, double, behind, here, ahead, speed)
     stands_left = np.array([p.stance == "left" for p in singles])
     return FeetPlan(
         sole=sole,
@@ -289,14 +316,16 @@ def _stride(
     behind: NDArray[np.float64],
     here: NDArray[np.float64],
     ahead: NDArray[np.float64],
+    lift_speed: NDArray[np.float64],
 ) -> tuple[list[_Segment], list[_Segment]]:
     """Segments of the foot that stands, and of the one that swings from ``behind`` to ``ahead``.
 
-    The times have the shape (n,) [s], the placements (n, 2) [m].
+    The times have the shape (n,) [s], the placements (n, 2) [m]; ``lift_speed`` (n,) [m/s] is the paper's
+    ``v_swing``.
     """
-    roll = foot.schedule == "roll"
+    roll, paper = foot.schedule == "roll", foot.swing == "paper"
     lift = (foot.toe_off_angle, foot.toe_off_rate) if roll else (0.0, 0.0)
-    land = (-foot.heel_strike_angle, foot.heel_strike_rate) if roll else (0.0, 0.0)
+    land = (-foot.heel_strike_angle, 0.0 if paper else foot.heel_strike_rate) if roll else (0.0, 0.0)
     rise, straighten, down = (
         double + foot.heel_rise_lead,
         foot.toe_return * single,
@@ -314,14 +343,19 @@ def _stride(
     end[0, 2], end[0, 3], end[0, 4] = ahead[:, 0] + sole.heel_x + x * c, ahead[:, 1], -x * s
     end[1, 2], end[1, 4] = -x * s * rate, -x * c * rate
     end[2, 2], end[2, 4] = -x * c * rate**2, x * s * rate**2
-    curves = quintic(begin, end, np.stack([rise, single, single, single, single, straighten, down]))
+    if paper:
+        begin[1, 2] = lift_speed
+    connect = cubic if paper else quintic
+    curves = connect(begin, end, np.stack([rise, single, single, single, single, straighten, down]))
     pitch_up, pitch, toe, pitch_down = curves[0], curves[1], curves[5], curves[6]
 
     path = np.zeros((len(start), 3, _ORDER + 1))
     path[:, :, :_ORDER] = curves[2:5].swapaxes(0, 1)
-    lift_shape = _LIFT / single[:, None] ** np.arange(_ORDER + 1)
-    path[:, 0] -= (foot.swing_lag * (ahead[:, 0] - behind[:, 0]))[:, None] * lift_shape
-    path[:, 2] += foot.swing_height * lift_shape
+    pieces = _paper_swing(path, single, foot.swing_height) if paper else [(0.0, path)]
+    if not paper:
+        lift_shape = _LIFT / single[:, None] ** np.arange(_ORDER + 1)
+        path[:, 0] -= (foot.swing_lag * (ahead[:, 0] - behind[:, 0]))[:, None] * lift_shape
+        path[:, 2] += foot.swing_height * lift_shape
 
     def resting(at: NDArray[np.float64], pivot_x: float) -> NDArray[np.float64]:
         still = np.zeros((len(start), 3, _ORDER + 1))
@@ -331,22 +365,56 @@ def _stride(
     none, flat = (False, False, False), (True, True, True)
     standing = resting(here, sole.ball_x)
     stance = [_Segment(start, _PIVOT_BALL, flat, standing)]
+    swing = []
+    # The share of the swing from which on the toe joint is straight.
+    returned = foot.toe_return if roll else 0.0
+    shares = {share for share, _ in pieces} | ({returned} if returned < 1.0 else set())
+    for share in sorted(shares):  # the same polynomials, their time counted from a later start
+        since, piece = [item for item in pieces if item[0] <= share][-1]
+        bent = _shift(toe, share * single) if share < returned else None
+        swing.append(
+            _Segment(
+                start + share * single,
+                _PIVOT_BALL,
+                none,
+                _shift(piece, (share - since) * single),
+                _shift(pitch, share * single),
+                bent,
+            )
+        )
     if not roll:
-        swing = [_Segment(start, _PIVOT_BALL, none, path, pitch)]
         landed = start + single
     else:
         off = start + single + double
         stance.append(_Segment(off - rise, _PIVOT_BALL, (False, True, True), standing, pitch_up, -pitch_up))
-        swing = [_Segment(start, _PIVOT_BALL, none, path, pitch, toe)]
-        if foot.toe_return < 1.0:  # the same polynomials, their time counted from a later start
-            later = _shift(path, straighten), _shift(pitch, straighten)
-            swing.append(_Segment(start + straighten, _PIVOT_BALL, none, *later))
         on_heel = resting(ahead, sole.heel_x)
         swing.append(_Segment(start + single, _PIVOT_HEEL, (True, False, False), on_heel, pitch_down))
         landed = start + single + down
     if not roll or foot.full_contact < 1.0:
         swing.append(_Segment(landed, _PIVOT_BALL, flat, resting(ahead, sole.ball_x)))
     return stance, swing
+
+
+def _paper_swing(
+    path: NDArray[np.float64], single: NDArray[np.float64], height: float
+) -> list[tuple[float, NDArray[np.float64]]]:
+    """The swing's two pieces: a clamped cubic spline through one more key-frame, ``height`` up at mid swing.
+
+    Args:
+        path: the swing without the lift, shape (n, 3, 7).
+        single: durations of the swings, shape (n,) [s].
+        height: lift at mid swing [m].
+
+    Returns:
+        (share of the swing at which it begins, coefficients) of either piece.
+    """
+    half = 0.5 * single
+    shape = height * _CUBIC_RISE / half[:, None] ** np.arange(_ORDER + 1)
+    rising, falling = path.copy(), _shift(path, half)
+    rising[:, 2] += shape
+    falling[:, 2] -= shape
+    falling[:, 2, 0] += height
+    return [(0.0, rising), (0.5, falling)]
 
 
 def _foot_path(stance: list[_Segment], swing: list[_Segment], stands: NDArray[np.bool_]) -> FootPath:

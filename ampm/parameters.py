@@ -128,6 +128,12 @@ class FootParameters(Section):
     schedule: Literal["flat", "roll"] = _field(
         "roll", "flat: no heel rise before lift-off; roll: heel strike, flat, heel rise, toe off", "1"
     )
+    swing: Literal["quintic", "paper"] = _field(
+        "quintic",
+        "quintic: continuous up to the acceleration; paper: cubic splines, the foot lifts at l_s / T_swing at "
+        "once and lands at rest (swing_lag and heel_strike_rate play no part)",
+        "1",
+    )
     swing_height: Real = _field(0.05, "extra lift of the foot at mid swing", "m", ge=0, le=0.5)
     swing_lag: Real = _field(
         0.08, "how far the foot lags behind at mid swing, as share of its travel", "1", ge=-0.2, le=0.3
