@@ -93,6 +93,10 @@ class TrackingController:
         velocity_lag: how much older the sensed velocities are than the sensed positions [s]. A difference
             quotient, and a semi-implicit integrator's velocity, is the mean over the last step: half a step
             old.
+
+    Attributes:
+        acceleration: what the last tick decided on, shape (nv,) [m/s^2, rad/s^2].
+        phi: its contact forces, in the unknowns of :class:`~ampm.wrench_qp.ForceMap`, shape (18,) [m g].
     """
 
     def __init__(
@@ -120,8 +124,8 @@ class TrackingController:
         settings = QPSettings(tolerance=run.solver.tolerance, max_iterations=run.solver.max_iterations)
         self.condensed = CondensedForm(run.solver.qp, settings, gains.friction)
         limit_settings = QPSettings(  # a problem of mixed scales, solved in few ticks: it is equilibrated
-            tolerance=run.solver.tolerance,
-            max_iterations=10 * run.solver.max_iterations,
+            tolerance=2.0 * run.solver.tolerance,
+            max_iterations=4 * run.solver.max_iterations,
             rho=0.1,
             alpha=1.6,
             scaling=10,
@@ -130,8 +134,8 @@ class TrackingController:
 
         self._lag = velocity_lag
         self._tick = 0
-        self._acceleration = reference.acceleration[0].copy()  # of the last tick [m/s^2, rad/s^2]
-        self._phi = np.zeros(FORCES)  # forces of the last tick [m g]
+        self.acceleration = reference.acceleration[0].copy()
+        self.phi = np.zeros(FORCES)
         self._landing_scale = gains.landing_share / self._weight
         self._no_force = np.zeros(2 * POINTS)
         self._right_sides = np.eye(TASK_ROWS, 7, order="F")  # LAPACK's own order
@@ -158,7 +162,7 @@ class TrackingController:
         self._tick += 1
         ref, robot = self.reference, self.robot
         robot.jacobian(q, v)
-        now = v + self._lag * self._acceleration  # the velocity at the instant of q
+        now = v + self._lag * self.acceleration  # the velocity at the instant of q
         terms = robot.drift(q, v, now)
         rates = terms.jacobian @ now
         contact, due = ref.contact[k].tolist(), ref.due[k].tolist()
@@ -173,10 +177,12 @@ class TrackingController:
             terms.jacobian * self._row_scale, self._to_rows * (wanted - terms.drift), softness, posture
         )
         columns = self._eliminate(rows)
-        if columns is None:  # dependent rows: what the last tick wanted goes on
-            alpha, phi = self._acceleration / self._g, without_closed(self._phi, opening)
+        if columns is None:  # rows that depend on each other, or are no numbers: the last tick goes on
+            alpha, phi = self.acceleration / self._g, without_closed(self.phi, opening)
             solution, status = _NO_ANSWER, UNSOLVED
             torque = self.dynamics.torque(q, v, alpha, phi)
+            if not np.isfinite(torque).all():
+                torque = np.zeros(robot.nu)
         else:
             self.condensed.build(
                 self.forces.wrench,
@@ -191,7 +197,7 @@ class TrackingController:
             status = SOLVED if solution.solved else UNSOLVED
             phi = solution.x[:FORCES]
             if not (solution.solved or _usable(solution)):
-                phi = without_closed(self._phi, opening)  # the accelerations still follow the dynamics
+                phi = without_closed(self.phi, opening)  # the accelerations still follow the dynamics
             self._load[:6] = self.forces.wrench @ phi
             alpha = (posture + (columns @ self._load) @ rows.scaled) / self._root_weight
             torque = self.dynamics.torque(q, v, alpha, phi)
@@ -202,8 +208,8 @@ class TrackingController:
                     torque = self.dynamics.torque(q, v, alpha, phi)
                 status = max(status, LIMITED if limited.solved else UNSOLVED)
                 solution = _both(solution, limited)
-        self._phi = phi
-        self._acceleration = self._g * alpha
+        self.phi = phi
+        self.acceleration = self._g * alpha
         return ControlOutput(
             torque=np.minimum(np.maximum(torque, -self._torque_limit), self._torque_limit),
             com=ref.com[k],

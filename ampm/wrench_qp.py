@@ -278,7 +278,7 @@ class LimitedForm:
     """
 
     TASK_COST = 1e-3
-    """Cost of leaving posture, feet and toes; the momentum slacks' is one, so momentum comes first here too."""
+    """Cost of leaving posture, feet and toes; the momentum's is one, so it comes first here too."""
 
     def __init__(
         self,

@@ -87,7 +87,7 @@ class Physics:
         root = self.model.body(description.root_segment).id
         self._root_rotation = self.data.xmat[root].reshape(3, 3)
         self._root_com = self.data.subtree_com[root]
-        self._trunk_rotation = self.data.xmat[self.model.body(description.trunk_segment).id]
+        self._trunk_axis = self.data.xmat[self.model.body(description.trunk_segment).id].reshape(3, 3)[:, 2]
 
     def place(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> None:
         """Set the state from Pinocchio's coordinates."""
@@ -107,9 +107,9 @@ class Physics:
         """COM of the body after ``mj_step1``, plain numbers [m]."""
         return self._root_com.tolist()
 
-    def upright(self) -> float:
-        """Cosine of the angle between the trunk and the vertical after ``mj_step1`` [1]."""
-        return self._trunk_rotation.item(8)
+    def trunk(self) -> list[float]:
+        """Long axis of the trunk after ``mj_step1``, plain numbers."""
+        return self._trunk_axis.tolist()
 
     def sensed(self, point: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Whether each sole point is in contact, shape (P,), from :meth:`touching_points`."""
@@ -255,7 +255,8 @@ class _Walk:
             time,
             physics.com(),
             output.com.tolist(),
-            physics.upright(),
+            physics.trunk(),
+            self.controller.reference.trunk[len(self.outputs) - 1, :, 2].tolist(),
             output.status,
             residual=output.residual,
             limit=self._worst_joint(output) if output.status == LIMITED else "",

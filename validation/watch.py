@@ -23,13 +23,16 @@ FALL_DISTANCE = 0.3
 outside any support that the plan could offer."""
 
 FALL_TILT = math.radians(60.0)
-"""The body has fallen when its trunk leans farther than this from the vertical [rad]."""
+"""The body has fallen when its trunk leans farther than this from the planned motion's [rad]."""
 
 BLOW_UP = 20.0
 """Speed of the COM [m/s] that only numbers reach: a fall from standing height ends at 4 m/s."""
 
 FIRST_SIGN = 0.02
 """COM error that is told as the first sign of a failure [m]: a hundred times that of a good walk."""
+
+FIRST_TILT = math.radians(10.0)
+"""Lean of the trunk from the motion's that is told as the first sign of a failure [rad]."""
 
 CALM = 1.0
 """Time without any sign after which the first one is forgotten [s]: what was got over caused nothing."""
@@ -71,7 +74,8 @@ class Watch:
         time: float,
         com: Sequence[float],
         planned: Sequence[float],
-        upright: float,
+        trunk: Sequence[float],
+        planned_trunk: Sequence[float],
         status: int,
         *,
         residual: float = 0.0,
@@ -83,7 +87,8 @@ class Watch:
             time: [s].
             com: x, y, z [m].
             planned: COM of the plan [m].
-            upright: cosine of the angle between the trunk and the vertical [1].
+            trunk: its long axis in world, unit vector.
+            planned_trunk: the same of the planned motion.
             status: of the controller's tick.
             residual: of its QP.
             limit: what the tick says of a torque or joint at its limit, if it is ``LIMITED``.
@@ -93,20 +98,23 @@ class Watch:
         """
         error = [a - b for a, b in zip(com, planned, strict=True)]
         distance = math.hypot(*error)
+        lean = math.atan2(math.hypot(*_cross(trunk, planned_trunk)), _dot(trunk, planned_trunk))
         speed = self._speed(time, com)
-        if not math.isfinite(distance + upright):
+        if not math.isfinite(distance + lean):
             return self._end(OutcomeName.DIVERGED, f"the state was no longer finite at {time:.3f} s")
         if speed > BLOW_UP:
             return self._end(
                 OutcomeName.DIVERGED, f"the COM moved at {speed:.3g} m/s at {time:.3f} s, which no body does"
             )
-        on_plan = distance <= FIRST_SIGN
+        on_plan = distance <= FIRST_SIGN and lean <= FIRST_TILT
         sign = ""
         if status == UNSOLVED:
             sign = f"an unsolved QP at {time:.3f} s (residual {residual:.2g})"
-        elif not on_plan:
+        elif distance > FIRST_SIGN:
             axis = "xyz"[max(range(3), key=lambda i: abs(error[i]))]
             sign = f"a COM {distance * 1e3:.0f} mm off the plan, mostly along {axis}, at {time:.3f} s"
+        elif lean > FIRST_TILT:
+            sign = f"a trunk {math.degrees(lean):.0f} degrees off the motion's at {time:.3f} s"
         elif status == LIMITED:
             sign = f"a torque or joint limit at {time:.3f} s ({limit})"
         if sign:
@@ -114,7 +122,7 @@ class Watch:
             self._last_sign = time
         elif self._first_sign and time - self._last_sign > CALM:
             self._first_sign = ""
-        fall = self._fallen(time, com, planned, distance, upright)
+        fall = self._fallen(time, com, planned, distance, lean)
         if fall:
             return self._end(OutcomeName.FELL, fall)
         return self._unsolved(time, status == UNSOLVED, on_plan)
@@ -131,16 +139,15 @@ class Watch:
 
     @staticmethod
     def _fallen(
-        time: float, com: Sequence[float], planned: Sequence[float], distance: float, upright: float
+        time: float, com: Sequence[float], planned: Sequence[float], distance: float, lean: float
     ) -> str:
         """What shows that the body has fallen, empty if it has not."""
         if com[2] < FALL_SHARE * planned[2]:
             return f"the COM sank to {com[2]:.2f} m at {time:.3f} s"
         if distance > FALL_DISTANCE:
             return f"the COM was {distance:.2f} m off the plan at {time:.3f} s"
-        if upright < math.cos(FALL_TILT):
-            tilt = math.degrees(math.acos(max(-1.0, upright)))
-            return f"the trunk leaned over by {tilt:.0f} degrees at {time:.3f} s"
+        if lean > FALL_TILT:
+            return f"the trunk leaned over by {math.degrees(lean):.0f} degrees at {time:.3f} s"
         return ""
 
     def _unsolved(self, time: float, unsolved: bool, on_plan: bool) -> End | None:
@@ -161,3 +168,11 @@ class Watch:
 
     def _end(self, name: OutcomeName, what: str) -> End:
         return End(name, f"{what}; the first sign was {self._first_sign}" if self._first_sign else what)
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

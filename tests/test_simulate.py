@@ -1,0 +1,403 @@
+"""The closed loop: what a record holds, how a run ends, what it survives, and that it repeats bit for bit."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+
+from ampm import wrench_qp
+from ampm.controller import LIMITED, SOLVED, UNSOLVED
+from ampm.exceptions import InputError
+from ampm.qp import QPSolution, QPStatus, make_backend
+from models.human import BodyModel, build
+from tests.solved import COARSE, motion_of, walk_of
+from validation import simulate as simulation
+from validation.bridge import to_pinocchio
+from validation.measure import measure
+from validation.record import OutcomeName, first_difference, load_record, save_record
+from validation.replay import compare, step_again
+from validation.run_log import RunLog
+
+STEPS = 2
+FAIL_AT = 150  # a tick in single support
+
+
+@cache
+def body_of(*overrides: str) -> BodyModel:
+    run = walk_of(COARSE, *overrides).run
+    return build(run.body, run.contact, run.simulation)
+
+
+def walk(*overrides, body=None, steps=STEPS, progress=None):
+    """A short walk; the motion does not depend on controller and contact."""
+    asked = walk_of(COARSE, *overrides)
+    model = body or body_of(*overrides)
+    return simulation.simulate(
+        asked.plan, motion_of(COARSE), asked.run, model, steps=steps, progress=progress
+    )
+
+
+@cache
+def plain(*overrides):
+    return walk(*overrides)
+
+
+def replays(record, body):
+    return compare(record, *step_again(body.compile(), record)).identical
+
+
+def zmp_error(record):
+    """RMSE of the ZMP about the plan after the first step [m]."""
+    asked = walk_of(COARSE)
+    measured = measure(record, asked.robot.model, to_pinocchio)
+    plan = asked.plan.with_angular_momentum_offset(motion_of(COARSE).report.angular_momentum_y_offset)
+    later = measured.time >= plan.constants.step_duration
+    error = (measured.zmp - plan.sample(measured.time).zmp)[later]
+    return np.sqrt((error**2).mean(axis=0))
+
+
+def interrupt(*_):
+    raise KeyboardInterrupt
+
+
+class Spoilt:
+    """A backend whose answers are spoilt at some of its solves."""
+
+    def __init__(self, backend, spoil, ticks):
+        self.backend, self.spoil, self.ticks, self.solves = backend, spoil, ticks, 0
+
+    def solve(self, *problem):
+        solution = self.backend.solve(*problem)
+        self.solves += 1
+        return self.spoil(solution) if self.solves - 1 in self.ticks else solution
+
+
+@pytest.fixture
+def spoil(monkeypatch):
+    """Spoil the answers of the controller's first backend at some ticks, or those of its second."""
+
+    def install(how, ticks, which=0):
+        made = []
+
+        def make(*arguments):
+            made.append(arguments)
+            backend = make_backend(*arguments)
+            return Spoilt(backend, how, ticks) if len(made) - 1 == which else backend
+
+        monkeypatch.setattr(wrench_qp, "make_backend", make)
+
+    return install
+
+
+def last_iterate(solution):
+    return QPSolution(solution.x + 1e-4, QPStatus.UNSOLVED, 1e-3, 400, solution.seconds)
+
+
+def not_a_number(solution):
+    return QPSolution(np.full_like(solution.x, np.nan), QPStatus.UNSOLVED, np.inf, 400, solution.seconds)
+
+
+def infeasible(solution):
+    return QPSolution(1e9 * solution.x, QPStatus.INFEASIBLE, 1.0, 25, solution.seconds)
+
+
+SPOILS = [last_iterate, not_a_number, infeasible]
+
+
+# ------------------------------------------------------------------------------------------ what is recorded
+
+
+def test_a_completed_walk_has_all_its_rows():
+    record = plain()
+    duration = STEPS * walk_of(COARSE).plan.constants.step_duration
+    steps = int(duration / 0.002 + 1e-9)
+    assert record.outcome.name == OutcomeName.COMPLETED
+    assert (record.outcome.steps_completed, record.outcome.cause) == (STEPS, "")
+    assert record.outcome.time == record.time[-1] == pytest.approx(duration, abs=0.002)
+    assert record.steps == steps == record.tick_time.size
+    assert record.q.shape == (steps + 1, 41)
+    assert record.qd.shape == (steps + 1, 40)
+    assert record.command_point_force.shape == record.point_force.shape == (steps, 12, 3)
+    assert set(record.qp_status) == {SOLVED}
+    assert (np.abs(record.torque) <= record.torque_limit).all()
+    assert np.isfinite(record.qp_residual).all()
+
+
+def test_the_walk_starts_on_the_orbit():
+    record, asked = plain(), walk_of(COARSE)
+    start = motion_of(COARSE).sample(np.zeros(1), asked.robot)
+    q, v = to_pinocchio(record.q[0], record.qd[0])
+    np.testing.assert_allclose(q - start.q[0], np.eye(41)[2] * -asked.run.simulation.start_depth, atol=1e-12)
+    np.testing.assert_allclose(v, start.v[0], atol=1e-12)
+
+
+def test_commands_and_contacts_are_of_their_own_step():
+    record = plain()
+    asked = walk_of(COARSE)
+    np.testing.assert_array_equal(record.command_com, asked.plan.sample(record.time[:-1]).com)
+    touching = record.point_force[:, :, 2] > 0.0
+    assert touching.any(axis=1).all()
+    assert (record.point_penetration[touching] > 0.0).all()
+    assert (record.point_force[record.point_penetration <= 0.0] == 0.0).all()
+    assert 0.0 < record.point_penetration.max() < 5e-3
+    # What the QP asks for is about what the floor gives, foot by foot, but while a foot lands.
+    asked_for, given = record.command_point_force[..., 2], record.point_force[..., 2]
+    error = (asked_for - given).reshape(-1, 2, 6).sum(axis=2)
+    assert np.median(np.abs(error[record.time[:-1] > 0.3])) < 2.0
+    speed = np.linalg.norm(record.point_velocity[touching], axis=1)
+    assert np.median(speed) < 0.05  # a stance sole creeps, it does not slide
+    assert np.isfinite(record.point_velocity).all()
+
+
+def test_two_walks_are_the_same_to_the_last_bit():
+    assert first_difference(plain(), walk()) is None
+
+
+def test_both_solvers_walk_alike():
+    one, other = plain(), plain("solver.qp=daqp")
+    assert other.outcome == one.outcome
+    assert set(other.qp_status) == {SOLVED}
+    np.testing.assert_allclose(other.com, one.com, atol=1e-4)
+    np.testing.assert_allclose(other.q, one.q, atol=0.02)  # the arms' share of L_z is the least decided
+    np.testing.assert_allclose(zmp_error(other), zmp_error(one), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        (),
+        ("simulation.integrator=implicitfast",),
+        ("simulation.time_step=0.001",),
+        ("controller.frequency=250",),
+    ],
+)
+def test_walks_replay_whatever_integrator_and_clock(settings):
+    record = plain(*settings)
+    assert record.outcome.name == OutcomeName.COMPLETED
+    assert replays(record, body_of(*settings))
+    period = 0.004 if settings == ("controller.frequency=250",) else 0.002
+    np.testing.assert_allclose(np.diff(record.tick_time), period, rtol=1e-9)
+    held = round(period / record.time_step)
+    assert record.torque.shape[0] == record.steps
+    assert (np.diff(record.torque[:held], axis=0) == 0.0).all()
+
+
+def test_implicit_steps_are_the_same_walk():
+    """The body has no damping, so both integrators are semi-implicit Euler; the velocities lag alike."""
+    one, other = plain(), plain("simulation.integrator=implicitfast")
+    np.testing.assert_allclose(zmp_error(other), zmp_error(one), atol=1e-4)
+    np.testing.assert_allclose(other.q, one.q, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [("controller.frequency=300",), ("controller.frequency=1000",), ("simulation.time_step=0.003",)],
+)
+def test_control_period_must_be_a_multiple_of_the_time_step(settings):
+    with pytest.raises(InputError, match=r"controller\.frequency.*whole number.*controller\.frequency = "):
+        walk(*settings)
+
+
+@pytest.mark.parametrize("steps", [0, 5, -1])
+def test_more_steps_than_planned_are_refused(steps):
+    with pytest.raises(InputError, match="plan has 4"):
+        walk(steps=steps)
+
+
+# ----------------------------------------------------------------------------------------------- failing QPs
+
+
+@pytest.mark.parametrize("solver", ["osqp", "daqp"])
+@pytest.mark.parametrize("how", SPOILS)
+def test_a_few_failed_qps_are_survived_and_counted(spoil, how, solver):
+    spoil(how, range(FAIL_AT, FAIL_AT + 3))
+    record = walk(f"solver.qp={solver}")
+    assert record.outcome.name == OutcomeName.COMPLETED
+    assert record.outcome.steps_completed == STEPS
+    assert np.flatnonzero(record.qp_status == UNSOLVED).tolist() == [FAIL_AT, FAIL_AT + 1, FAIL_AT + 2]
+    assert np.isfinite(record.torque).all()
+    # The last tick's forces, or an iterate, carry the body over: it hardly notices.
+    np.testing.assert_allclose(record.com, plain().com, atol=2e-3)
+
+
+@pytest.mark.parametrize("how", SPOILS)
+def test_qps_that_fail_on_and_on_end_the_run_as_infeasible(spoil, how):
+    spoil(how, range(FAIL_AT, 10_000))
+    record = walk()
+    assert record.outcome.name == OutcomeName.INFEASIBLE
+    assert record.outcome.time == pytest.approx(0.002 * FAIL_AT + 0.05 + 0.002)
+    assert record.outcome.steps_completed == 0
+    assert "from 0.300 to 0.350 s" in record.outcome.cause
+    assert record.steps == record.tick_time.size == FAIL_AT + 26
+    assert (record.qp_status[:FAIL_AT] == SOLVED).all()
+    assert (record.qp_status[FAIL_AT:] == UNSOLVED).all()
+    assert replays(record, body_of())
+
+
+def test_the_limit_of_unsolved_time_is_the_runs_own(spoil):
+    spoil(last_iterate, range(FAIL_AT, 10_000))
+    record = walk("controller.unsolved_limit=0.1")
+    assert record.outcome.time == pytest.approx(0.002 * FAIL_AT + 0.1 + 0.002)
+
+
+def weaker(share: float) -> BodyModel:
+    """The body with a share of its torque."""
+    spec = mujoco.MjSpec.from_string(body_of().xml)
+    for motor in spec.actuators:
+        motor.ctrlrange = share * np.array(motor.ctrlrange)
+        motor.forcerange = share * np.array(motor.forcerange)
+    return BodyModel(spec.to_xml(), body_of().description)
+
+
+@pytest.mark.parametrize("solver", ["osqp", "daqp"])
+def test_a_weaker_body_uses_the_form_with_limits(solver):
+    needed = (np.abs(plain().torque) / plain().torque_limit).max()
+    record = walk(f"solver.qp={solver}", body=weaker(0.8 * needed))
+    assert record.outcome.name == OutcomeName.COMPLETED
+    limited = record.qp_status == LIMITED
+    assert 10 < limited.sum() < record.steps / 2
+    assert (record.qp_status != UNSOLVED).all()
+    assert (np.abs(record.torque) <= record.torque_limit).all()
+    assert (np.abs(record.torque[limited]) > 0.999 * record.torque_limit).any(axis=1).mean() > 0.5
+
+
+def test_a_limited_qp_that_fails_is_clipped_and_counted(spoil):
+    needed = (np.abs(plain().torque) / plain().torque_limit).max()
+    spoil(infeasible, range(3), which=1)
+    record = walk(body=weaker(0.8 * needed))
+    assert (record.qp_status == UNSOLVED).sum() == 3
+    assert (np.abs(record.torque) <= record.torque_limit).all()
+    assert record.outcome.name == OutcomeName.COMPLETED
+
+
+# -------------------------------------------------------------------------------------------------- bad ends
+
+
+def test_a_body_on_ice_fell():
+    record = walk("contact.friction=0.05", body=body_of("contact.friction=0.05"))
+    assert record.outcome.name == OutcomeName.FELL
+    assert "; the first sign was " in record.outcome.cause
+    assert record.outcome.steps_completed == 0
+    assert record.time[-1] == record.outcome.time
+    assert replays(record, body_of("contact.friction=0.05"))
+
+
+def test_a_body_without_any_strength_fell():
+    """Its QPs fail long before it is down; it fell all the same."""
+    record = walk("solver.qp=daqp", body=weaker(0.1))
+    assert record.outcome.name == OutcomeName.FELL
+
+
+@pytest.fixture
+def physics(monkeypatch):
+    """The physics of the next walk."""
+    caught = []
+    place = simulation.Physics.place
+
+    def catch(self, *state):
+        caught.append(self)
+        place(self, *state)
+
+    monkeypatch.setattr(simulation.Physics, "place", catch)
+    return caught
+
+
+def test_a_body_shoved_off_its_feet_fell(physics):
+    def shove(done, _):
+        if done == 100:
+            physics[0].data.qvel[1] += 2.0
+
+    record = walk("solver.qp=daqp", progress=shove)
+    assert record.outcome.name == OutcomeName.FELL
+    assert 0.2 < record.outcome.time < 1.2
+
+
+@pytest.mark.parametrize("force", [1e15, np.inf, np.nan])
+def test_numbers_that_blow_up_diverged_and_the_record_ends_before(physics, force):
+    def blow(done, _):
+        if done == 100:
+            physics[0].data.qfrc_applied[0] = force
+
+    record = walk(progress=blow)
+    assert record.outcome.name == OutcomeName.DIVERGED
+    assert record.outcome.time == pytest.approx(0.2)
+    assert record.steps == 100
+    assert np.isfinite(record.q).all()
+    assert np.isfinite(record.torque).all()
+    assert replays(record, body_of())
+
+
+def test_a_body_that_is_flung_away_diverged(physics):
+    def fling(done, _):
+        if done == 100:
+            physics[0].data.qvel[2] += 500.0
+
+    record = walk(progress=fling)
+    assert record.outcome.name == OutcomeName.DIVERGED
+    assert "no body does" in record.outcome.cause
+
+
+# ------------------------------------------------------------------------------------------------ interrupts
+
+
+def check_interrupted(record, steps, tmp_path):
+    """A whole record of that many steps, the first of the plain walk, which can be kept and stepped again."""
+    whole = plain()
+    assert record.outcome.name == OutcomeName.INTERRUPTED
+    assert record.steps == steps
+    assert record.outcome.time == pytest.approx(0.002 * steps)
+    assert record.tick_time.size == steps
+    np.testing.assert_array_equal(record.q, whole.q[: steps + 1])
+    np.testing.assert_array_equal(record.qd, whole.qd[: steps + 1])
+    np.testing.assert_array_equal(record.torque, whole.torque[:steps])
+    np.testing.assert_array_equal(record.point_force, whole.point_force[:steps])
+    np.testing.assert_array_equal(record.foot_position, whole.foot_position[: steps + 1])
+    assert record.command_zmp.shape == (steps, 2)
+    assert record.command_point_force.shape == (steps, 12, 3)
+    assert replays(record, body_of())
+    save_record(record, tmp_path)
+    assert first_difference(record, load_record(tmp_path)) is None
+
+
+@pytest.mark.parametrize("at", [0, 100])
+def test_interrupt_between_steps_keeps_the_record(tmp_path, at):
+    def stop(done, _):
+        if done == at:
+            interrupt()
+
+    check_interrupted(walk(progress=stop), at, tmp_path)
+
+
+@pytest.mark.parametrize("at", [0, FAIL_AT])
+def test_interrupt_within_a_solve_keeps_the_record(spoil, tmp_path, at):
+    """OSQP catches the signal itself, and its backend raises ``KeyboardInterrupt`` afterwards."""
+    spoil(interrupt, [at])
+    check_interrupted(walk(), at, tmp_path)
+
+
+@pytest.mark.parametrize("at", [0, FAIL_AT])
+def test_interrupt_after_the_physics_has_moved_on_keeps_whole_steps(monkeypatch, tmp_path, at):
+    keep = RunLog.keep_contacts
+
+    def stop(self, k, *contacts):
+        if k == at:
+            interrupt()
+        return keep(self, k, *contacts)
+
+    monkeypatch.setattr(RunLog, "keep_contacts", stop)
+    check_interrupted(walk(), at, tmp_path)
+
+
+def test_interrupt_at_the_very_end_keeps_the_whole_walk():
+    def stop(done, total):
+        if done == total:
+            interrupt()
+
+    record = walk(progress=stop)
+    assert record.outcome.name == OutcomeName.INTERRUPTED
+    assert record.steps == plain().steps
+    assert record.outcome.steps_completed == STEPS - 1 or record.outcome.steps_completed == STEPS
+    np.testing.assert_array_equal(record.q, plain().q)
