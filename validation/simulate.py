@@ -175,11 +175,20 @@ def simulate(
     q = start.q[0].copy()
     q[2] -= run.simulation.start_depth  # the soles carry weight from the first instant
     physics.place(q, start.v[0])
-    return _Walk(physics, controller, run, plan.constants.step_duration, total, progress).run()
+    return ClosedLoop(physics, controller, run, plan.constants.step_duration, total, progress).run()
 
 
-class _Walk:
-    """The closed loop of one run."""
+class ClosedLoop:
+    """Controller and physics, step by step, and the record of it.
+
+    Args:
+        physics: placed at the start.
+        controller: at its first tick.
+        run: parameters.
+        step_duration: of a walking step, to count those completed [s].
+        total: simulation steps.
+        progress: called with (simulation steps done, all) now and then.
+    """
 
     def __init__(
         self,
@@ -200,6 +209,7 @@ class _Walk:
         self.warnings = physics.data.warning.number[_BAD_STATE]  # a view
 
     def run(self) -> SimulationRecord:
+        """Step to the end, whatever it is; an interrupt ends the run, not the record."""
         done, end = 0, None
         try:
             with _quiet_mujoco():
