@@ -12,11 +12,22 @@ import pytest
 from ampm.exceptions import InputError
 from tests.walk import perfect_walk, with_state
 from validation.compare import compare
+from validation.measure import StandingCheck
 from validation.profiles import BODY_WEIGHT, DEFAULT, PROFILES, STRICT, WIDE, profile
 from validation.record import Outcome, OutcomeName
 from validation.verdict import VerdictName, build_summary, judge
 
 DOCS = Path(__file__).parents[1] / "docs" / "tolerances.md"
+
+
+STILL = StandingCheck(
+    force_error=np.zeros(3), relative_error=0.0, zmp_error=np.zeros(2), speed=0.0, still=True
+)
+
+
+def compare_walk(plan, record, measured):
+    """Compare, with an instrument that weighs a still body right."""
+    return compare(plan, record, measured, standing=STILL)
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +37,7 @@ def walk():
 
 @pytest.fixture(scope="module")
 def comparison(walk):
-    return compare(*walk)
+    return compare_walk(*walk)
 
 
 def test_a_perfect_walk_passes_the_strict_profile(walk, comparison):
@@ -40,7 +51,7 @@ def test_a_perfect_walk_passes_the_strict_profile(walk, comparison):
 
 def test_an_error_between_the_profiles_passes_one_and_fails_the_other(walk):
     plan, record, measured = walk
-    off = compare(plan, record, with_state(plan, measured, com_shift=(0.0022, 0.0, 0.0)))
+    off = compare_walk(plan, record, with_state(plan, measured, com_shift=(0.0022, 0.0, 0.0)))
     assert judge(off, record.outcome, DEFAULT).name is VerdictName.PASS
     verdict = judge(off, record.outcome, STRICT)
     assert verdict.name is VerdictName.FAIL
@@ -71,18 +82,18 @@ def test_one_unsolved_qp_fails_the_run(walk):
     status = record.qp_status.copy()
     status[7] = 2
     record = replace(record, qp_status=status)
-    verdict = judge(compare(plan, record, measured), record.outcome, DEFAULT)
+    verdict = judge(compare_walk(plan, record, measured), record.outcome, DEFAULT)
     assert [item.name for item in verdict.failed] == ["failed_qp"]
     assert verdict.failed[0].margin == -np.inf
     status[7] = 1  # solved, only in its second form
     record = replace(record, qp_status=status)
-    assert judge(compare(plan, record, measured), record.outcome, DEFAULT).name is VerdictName.PASS
+    assert judge(compare_walk(plan, record, measured), record.outcome, DEFAULT).name is VerdictName.PASS
 
 
 def test_two_disagreeing_instruments_fail_the_run(walk):
     plan, record, measured = walk
     off = with_state(plan, measured, instrument=(0.0004, 0.0004))
-    verdict = judge(compare(plan, record, off), record.outcome, DEFAULT)
+    verdict = judge(compare_walk(plan, record, off), record.outcome, DEFAULT)
     assert [item.name for item in verdict.failed] == ["zmp_agreement_rmse"]
 
 
@@ -97,7 +108,7 @@ def test_what_did_not_complete_has_no_verdict(walk, comparison, name):
 
 def test_a_walk_of_one_step_has_nothing_to_judge():
     plan, record, measured = perfect_walk(steps=1)
-    verdict = judge(compare(plan, record, measured), record.outcome, DEFAULT)
+    verdict = judge(compare_walk(plan, record, measured), record.outcome, DEFAULT)
     assert verdict.name is VerdictName.NOT_MEASURED
     assert "a run must last longer than its first step" in verdict.reason
 
@@ -105,7 +116,7 @@ def test_a_walk_of_one_step_has_nothing_to_judge():
 def test_summary_is_plain_json_with_the_entries_of_the_contract(walk):
     plan, record, measured = walk
     off = with_state(plan, measured, com_shift=(0.003, 0.0, 0.0))
-    comparison = compare(plan, record, off)
+    comparison = compare_walk(plan, record, off)
     verdict = judge(comparison, record.outcome, DEFAULT)
     summary = build_summary(record, off, comparison, verdict, timing={"simulation": 1.5}, extra={"gait": "x"})
     again = json.loads(json.dumps(summary, allow_nan=False))

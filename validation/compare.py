@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from ampm.body import BodyDescription
     from ampm.gait import GaitPlan, PlanSample
-    from validation.measure import MeasuredGait
+    from validation.measure import MeasuredGait, StandingCheck
     from validation.record import SimulationRecord
 
     Array = NDArray[np.float64]
@@ -180,6 +180,7 @@ def compare(
     *,
     description: BodyDescription | None = None,
     motion_angular_momentum_z: Array | None = None,
+    standing: StandingCheck | None = None,
 ) -> Comparison:
     """Compare a run with its plan.
 
@@ -190,6 +191,7 @@ def compare(
         description: names the knees and gives the foot's length.
         motion_angular_momentum_z: L_z of the periodic whole-body motion at t_k, shape (K,) [N m s]; the plan
             has none.
+        standing: the same body weighed with the same instrument while it stands still.
 
     Raises:
         InputError: the run is longer than the plan, or the measurement is of another run.
@@ -209,6 +211,9 @@ def compare(
     scales = _scales(plan, measured, description)
     signals = _signals(plan, sample, measured, rows, scales, motion_angular_momentum_z)
     split = _split_zmp_error(sample, measured, rows[RUN])
+    metrics = _metrics(signals, record, measured, rows[RUN], scales)
+    if standing is not None:
+        metrics["standing_weight_error"] = Metric(standing.relative_error, "1", MappingProxyType({}))
     return Comparison(
         time=time,
         rows=MappingProxyType(rows),
@@ -218,7 +223,7 @@ def compare(
         effort_first_step=feedback_effort(record, sample, rows[FIRST_STEP]),
         margins=margins(plan, sample, record, measured, description),
         energy=energy(record, rows[RUN]),
-        metrics=MappingProxyType(_metrics(signals, record, measured, rows[RUN], scales)),
+        metrics=MappingProxyType(metrics),
         scales=MappingProxyType(scales),
     )
 

@@ -111,6 +111,13 @@ _INSTRUMENT = (
         "order separates the two sums; a force law with a wrong scale would show at once.",
     ),
     Tolerance(
+        "standing_weight_error",
+        1e-6,
+        "1",
+        "Standing still, the body presses with exactly its weight, once contacts and controller have come to "
+        "rest. After a second and a half about 1e-8 of their motion is left.",
+    ),
+    Tolerance(
         "com_agreement_maximum",
         1e-9,
         "m",

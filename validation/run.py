@@ -11,7 +11,7 @@ import resource
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from validation.profiles import DEFAULT, Profile
 from validation.record import SimulationRecord, save_record
 from validation.signals import save_signals, signals_table
 from validation.simulate import simulate
+from validation.standing import weigh
 from validation.verdict import Verdict, build_summary, judge
 
 RUNS = Path("runs")
@@ -136,12 +137,14 @@ def validate(
         with clock.stage("measurement"):
             motion_z = motion.sample(record.time[:-1], body.robot).angular_momentum_z
             measured = measure(record, body.robot.model, to_pinocchio)
+            standing = weigh(asked.run, body.model, body.robot)
             comparison = compare(
                 planned.plan,
                 record,
                 measured,
                 description=body.model.description,
                 motion_angular_momentum_z=motion_z,
+                standing=standing,
             )
             verdict = judge(comparison, record.outcome, options.profile)
             signals = signals_table(
@@ -158,6 +161,7 @@ def validate(
                 extra={
                     "gait": asked.name,
                     "motion": motion.report.as_dict(),
+                    "standing": asdict(standing),
                     "memory_peak": {"value": _memory_peak(), "unit": "MB"},
                 },
             )

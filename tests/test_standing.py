@@ -1,0 +1,53 @@
+"""The still body: it weighs m g, and an instrument that is off does not find it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pinocchio as pin
+import pytest
+
+from ampm.exceptions import BodilyRefusal
+from ampm.parameters import RunParameters
+from models.human import build
+from validation.bridge import pinocchio_model, to_pinocchio
+from validation.measure import measure, standing_check, without_point
+from validation.record import SimulationRecord
+from validation.standing import SETTLE, stand
+
+RUN = RunParameters()
+
+
+@pytest.fixture(scope="module")
+def record() -> SimulationRecord:
+    return stand(RUN, build(RUN.body, RUN.contact, RUN.simulation))
+
+
+def model_of(run: RunParameters) -> pin.Model:
+    return pinocchio_model(build(run.body, run.contact, run.simulation).compile())
+
+
+def test_a_still_body_presses_with_its_weight_under_its_com(record: SimulationRecord) -> None:
+    check = standing_check(measure(record, model_of(RUN), to_pinocchio), settle=SETTLE)
+    assert check.still
+    assert check.relative_error < 1e-7
+    assert abs(check.zmp_error).max() < 1e-5
+    assert record.outcome.completed
+    assert (record.qp_status == 0).all()
+
+
+def test_a_missing_contact_is_a_missing_weight(record: SimulationRecord) -> None:
+    broken = standing_check(measure(without_point(record), model_of(RUN), to_pinocchio), settle=SETTLE)
+    assert broken.relative_error > 0.05
+
+
+def test_a_force_law_with_a_wrong_scale_shows(record: SimulationRecord) -> None:
+    scaled = replace(record, point_force=1.001 * record.point_force)
+    check = standing_check(measure(scaled, model_of(RUN), to_pinocchio), settle=SETTLE)
+    assert check.relative_error == pytest.approx(0.001, rel=1e-3)
+
+
+def test_a_com_that_is_too_high_is_refused() -> None:
+    run = RUN.replace({"gait.com_height": 1.2})
+    with pytest.raises(BodilyRefusal, match=r"cannot stand .* 1\.2 m; lower gait\.com_height"):
+        stand(run, build(run.body, run.contact, run.simulation))
