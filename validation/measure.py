@@ -162,11 +162,12 @@ class StandingCheck:
 def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchio) -> MeasuredGait:
     """Measure a run.
 
-    The force of step k acts at q_k and turns v_k, the velocity that brought the body from q_(k-1) to q_k, into
-    v_(k+1), which carries it on from q_k to q_(k+1). Each velocity is paired with the configuration that it departs
-    from: the momentum rate of row k is the difference of the momenta of (q_k, v_(k+1)) and (q_(k-1), v_k), the rate
-    over the very interval that the force bridges. Momenta of the recorded pairs (q_k, v_k) would be a step askew.
-    The moment is taken about the COM at t_k, where the contacts of step k were evaluated.
+    The force of step k acts at q_k and turns v_k, the velocity that brought the body from q_(k-1) to q_k,
+    into v_(k+1), which carries it on from q_k to q_(k+1). Each velocity is paired with the configuration that
+    it departs from: the momentum rate of row k is the difference of the momenta of (q_k, v_(k+1)) and
+    (q_(k-1), v_k), the rate over the very interval that the force bridges. Momenta of the recorded pairs
+    (q_k, v_k) would be half a step askew. The moment is taken about the COM at t_k, where the contacts of
+    step k were evaluated.
 
     Args:
         record: the run.

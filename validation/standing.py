@@ -1,7 +1,8 @@
 """Weigh the body: the same controller, floor and instrument as the walk's, but standing still.
 
-A still body presses on the floor with exactly its weight, under its COM. Every run weighs its own body with its
-own contact and controller parameters, so that an instrument that is off is found before its figures are believed.
+A still body presses on the floor with exactly its weight, under its COM. Every run weighs its own body with
+its own contact and controller parameters, so that an instrument that is off is found before its figures are
+believed.
 """
 
 from __future__ import annotations
