@@ -222,9 +222,10 @@ def _limit(limit: float | None, unit: str) -> str:
     if limit is None:
         return ""
     text = number(limit)
-    if "." in text and "·" not in text:
-        text = text.rstrip("0").rstrip(".")
-    return with_unit(text, unit)
+    mantissa, times, power = text.partition("·")
+    if "." in mantissa:
+        mantissa = mantissa.rstrip("0").rstrip(".")
+    return with_unit(mantissa + times + power, unit)
 
 
 def _agreement(summary: Mapping[str, Any], *, judged: bool) -> list[Row]:
@@ -310,7 +311,7 @@ def _cost(saved: SavedRun) -> list[Row]:
         value, note = _extreme(entry, scale, unit)
         raw = entry.get("value") if isinstance(entry, Mapping) else entry
         share = raw / limit if raw is not None and limit else None
-        shown = with_unit(scale * limit, unit) if limit else ""
+        shown = _limit(scale * limit, unit) if limit else ""
         rows.append(Row(label, value, shown, share, None if share is None else share <= 1.0, note))
 
     extreme("torque", "largest torque, of the motor's limit", 100.0, "%", 1.0)
