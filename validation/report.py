@@ -188,6 +188,7 @@ def metric_label(name: str) -> str:
         "com_agreement_maximum": "COM of both libraries, largest distance",
         "angular_momentum_agreement_maximum": "momentum of both libraries, largest distance",
         "impulse_residual": "impulse against weight, relative",
+        "standing_weight_error": "still body against weight, relative",
         "failed_qp": "unsolved QPs",
         "unsupported_instants": "instants without ground contact",
     }
@@ -213,7 +214,7 @@ def _readable(sentence: str, summary: Mapping[str, Any]) -> str:
     return sentence.replace("% of body weight", BODY_WEIGHT)
 
 
-_INSTRUMENT = ("agreement", "impulse_residual", "failed_qp", "unsupported_instants")
+_INSTRUMENT = ("agreement", "impulse_residual", "standing", "failed_qp", "unsupported_instants")
 """Metrics that judge the testbed itself, by a part of their name."""
 
 
