@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 SAMPLES_PER_STEP = 2001
+COARSE = 0.004
+"""Largest step of the inverse kinematics' grid where bodies are compared with each other [s]."""
 
 
 @dataclass(frozen=True)
@@ -139,9 +141,10 @@ class Case:
         return Numbers(f"normal, {label}", planning.plan(asked, with_body=False, stages=Silent()).plan)
 
     def walked(self, **gait: float) -> BodyEvidence | None:
-        """``normal`` with some of its gait changed, walked by the body; None if the body cannot."""
+        """``normal`` with some of its gait changed, on a coarse grid; None if the body cannot."""
+        changed = [f"gait.{name}={value!r}" for name, value in gait.items()]
         try:
-            return self._walked(*(f"gait.{name}={value!r}" for name, value in gait.items()))
+            return self._walked(f"solver.ik_time_step={COARSE!r}", *changed)
         except RefusedGait:
             return None
 

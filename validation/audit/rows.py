@@ -188,6 +188,11 @@ def claim(
     return Check(form, "numeric", quantity, number, unit, bool(passed), gait)
 
 
+def property_of(form: Literal["printed", "corrected"], quantity: str, expression: Any, passed: bool) -> Check:
+    """A symbolic expression that must have some property, which ``quantity`` names."""
+    return Check(form, "symbolic", quantity, readable(expression), "", bool(passed))
+
+
 def against(quantity: str) -> Check:
     """Two places of the paper that say different things."""
     return Check("printed", "text", quantity, None, "", False)

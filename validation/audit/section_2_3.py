@@ -9,7 +9,7 @@ import sympy as sp
 from validation.audit.body import PAPER_ROWS
 from validation.audit.case import Case
 from validation.audit.mechanics import t
-from validation.audit.rows import Row, Verdict, against, claim, symbolic, zero
+from validation.audit.rows import Row, Verdict, against, claim, property_of, symbolic, zero
 
 k, d, T, travel, lift_speed = sp.symbols("k d T D v", positive=True)
 COM_ROWS, MOMENTUM_ROWS, FEET_ROWS = slice(0, 3), slice(3, 6), slice(6, PAPER_ROWS)
@@ -276,20 +276,18 @@ def _posture(case: Case) -> Iterator[Row]:
         for sign, roots in growth.items()
     }
     runaway = max(growth[-1], key=lambda root: float(sp.re(root.subs({k: 1, d: 1}))))
-    product = sp.prod(growth[1])
+    total, product = sp.simplify(sum(growth[1])), sp.simplify(sp.prod(growth[1]))
     yield Row(
         "2.3",
         "Eq. 12, sign",
         "q'' - k (q - q_0) + d q'",
         "q'' + k (q - q_0) + d q'",
         checks=(
-            claim(
+            property_of(
                 "printed",
                 "rate of the free minimiser, to be negative; positive for all k > 0",
-                str(runaway).replace("**", "^").replace("*", " "),
-                "",
+                runaway,
                 bool(runaway.is_negative),
-                "",
             ),
             claim(
                 "printed",
@@ -298,14 +296,8 @@ def _posture(case: Case) -> Iterator[Row]:
                 "1/s",
                 fastest[-1] < 0.0,
             ),
-            claim(
-                "corrected",
-                "both rates have negative sum and positive product, for all k, d > 0",
-                f"{sp.simplify(sum(growth[1]))}; {sp.simplify(product)}",
-                "",
-                bool(sp.simplify(sum(growth[1])).is_negative and sp.simplify(product).is_positive),
-                "",
-            ),
+            property_of("corrected", "sum of both rates, to be negative", total, bool(total.is_negative)),
+            property_of("corrected", "product of both, to be positive", product, bool(product.is_positive)),
             claim("corrected", "the largest rate", fastest[1], "1/s", fastest[1] < 0.0),
         ),
         errata=("E14",),
