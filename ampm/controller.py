@@ -237,7 +237,8 @@ class TrackingController:
         right = self._right_sides.copy(order="F")
         right[:, 6] = rows.rhs - rows.scaled @ rows.posture
         _, columns, info = lapack.dposv(gram.T, right, lower=1, overwrite_a=1, overwrite_b=1)
-        return columns if info == 0 else None
+        # The last number depends on all others: it is not finite if any of them is not.
+        return columns if info == 0 and math.isfinite(columns.item(-1)) else None
 
     def _landing_force(
         self, sensed: NDArray[np.bool_], normal_force: NDArray[np.float64]

@@ -1,0 +1,282 @@
+"""One control tick against the laws that it must keep: dynamics, contact, limits, and what is asked of it."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ampm.controller import LIMITED, SOLVED, UNSOLVED, TrackingController
+from ampm.inverse_kinematics import POSTURE_WEIGHTS
+from ampm.joint_limits import JointLimits
+from ampm.reference import tracking_reference
+from ampm.robot import TASK_ROWS, Robot
+from ampm.wrench_qp import ANGULAR, STANCE, SWING, YAW_COST
+from tests.solved import COARSE, motion_of, walk_of
+
+INSTANTS = (0.2, 0.62, 0.66, 0.9)
+"""Single support, both feet in the double support, the other single support [s]."""
+
+
+@cache
+def reference(time):
+    """References from an instant of the walk on: a controller made there starts on what is planned."""
+    walk = walk_of(COARSE)
+    plan = walk.plan.with_angular_momentum_offset(motion_of(COARSE).report.angular_momentum_y_offset)
+    ticks = time + 0.002 * np.arange(200)
+    return tracking_reference(plan, motion_of(COARSE), walk.robot, ticks, early=0.04)
+
+
+def controller(time, *overrides, weaker=1.0):
+    """A controller with a robot of its own, at its first tick."""
+    walk = walk_of(COARSE)
+    model = walk.robot.model.copy()
+    model.effortLimit = weaker * np.array(model.effortLimit)
+    run = walk_of(COARSE, *overrides).run
+    return TrackingController(Robot(model, walk.robot.description), reference(time), run)
+
+
+def state(time, shift=0.0, seed=0):
+    """State of the motion at an instant, shifted at random [rad, m]."""
+    ref, rng = reference(time), np.random.default_rng(seed)
+    q = pin.integrate(walk_of(COARSE).robot.model, ref.q[0], shift * rng.normal(size=40))
+    return q, ref.v[0] + 5.0 * shift * rng.normal(size=40)
+
+
+def sensed(time):
+    """The sole points that are planned in contact."""
+    robot = walk_of(COARSE).robot
+    return reference(time).contact[0][robot.point_foot, robot.point_group]
+
+
+def tick(time, *overrides, shift=0.0, weaker=1.0, solver="daqp"):
+    """The first tick of a controller at an instant of the motion: controller, state, output."""
+    it = controller(time, f"solver.qp={solver}", *overrides, weaker=weaker)
+    q, v = state(time, shift)
+    return it, q, v, it.update(q, v, sensed(time), np.zeros(12))
+
+
+def dynamics(it, q, v, output):
+    """``M qdd + h - sum J' f`` from point forces at the points' own frames, shape (nv,) [N, N m]."""
+    robot = it.robot
+    model, data = robot.model, robot.model.createData()
+    mass = pin.crba(model, data, q)
+    mass = np.triu(mass) + np.triu(mass, 1).T
+    total = mass @ it.acceleration + pin.nle(model, data, q, v)
+    pin.computeJointJacobians(model, data, q)
+    pin.updateFramePlacements(model, data)
+    for frame, force in zip(robot.point_frames, output.point_force, strict=True):
+        jacobian = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        total -= jacobian[:3].T @ force
+    return total
+
+
+@pytest.mark.parametrize("time", INSTANTS)
+@pytest.mark.parametrize("shift", [0.0, 0.01])
+def test_torques_forces_and_accelerations_obey_the_dynamics(time, shift):
+    it, q, v, output = tick(time, shift=shift)
+    assert output.status == SOLVED
+    total = dynamics(it, q, v, output)
+    np.testing.assert_allclose(total[:6], 0.0, atol=1e-6)  # nothing but the floor holds the root
+    np.testing.assert_allclose(total[6:], output.torque, atol=1e-6)
+
+
+@pytest.mark.parametrize("time", INSTANTS)
+def test_forces_give_what_is_asked_for_within_the_friction(time):
+    it, q, _, output = tick(time, shift=0.002)
+    force = output.point_force
+    com = pin.centerOfMass(it.robot.model, it.robot.model.createData(), q)
+    np.testing.assert_allclose(force.sum(axis=0), output.force, atol=0.3)  # what the slacks give away
+    feet = force.reshape(2, 6, 3).sum(axis=1)
+    friction = walk_of(COARSE).run.controller.friction
+    assert (np.abs(feet[:, :2]) <= friction * feet[:, 2:] + 1e-6).all()
+    assert (force[:, 2] >= -1e-9).all()
+    position = points(it, q)
+    zmp = (position[:, :2] * force[:, 2:]).sum(axis=0) / force[:, 2].sum()
+    moment = np.cross(position - com, force).sum(axis=0)
+    assert zmp == pytest.approx(output.zmp, abs=1e-3)
+    wanted = com[:2] - (com[2] * output.force[:2] + [moment[1], -moment[0]]) / output.force[2]
+    np.testing.assert_allclose(output.zmp, wanted, atol=1e-3)
+
+
+def points(it, q):
+    data = it.robot.model.createData()
+    pin.framesForwardKinematics(it.robot.model, data, q)
+    return np.array([data.oMf[frame].translation for frame in it.robot.point_frames])
+
+
+def test_on_the_orbit_the_plan_is_asked_for_as_it_is():
+    for time in INSTANTS:
+        output = tick(time)[-1]
+        ref = reference(time)
+        np.testing.assert_array_equal(output.com, ref.com[0])
+        np.testing.assert_allclose(output.angular_momentum, ref.angular_momentum[0], atol=1e-4)
+        planned = 60.0 * (ref.com_acceleration[0] + [0.0, 0.0, 9.81])
+        np.testing.assert_allclose(output.force, planned, atol=1.0)
+
+
+@pytest.mark.parametrize("time", INSTANTS)
+def test_condensed_answer_is_that_of_the_whole_problem(time):
+    """Accelerations of the forces found, and the price of yaw, by a dense KKT system of all accelerations."""
+    it, q, v, _ = tick(time, shift=0.005)
+    robot, g = it.robot, it.robot.gravity
+    robot.jacobian(q, v)
+    terms = robot.drift(q, v)
+    weights = robot.by_group(POSTURE_WEIGHTS)
+    stands = reference(time).contact[0].any(axis=1)
+    soft = np.concatenate([np.repeat(np.where(stands, STANCE, SWING), 6), np.full(2, 1e-12)])
+    rows = terms.jacobian * np.repeat([1.0, ANGULAR, 1.0], [3, 3, TASK_ROWS - 6])[:, None]
+    wanted, _ = it.feet.wanted(
+        0,
+        q,
+        (terms.jacobian @ v)[6:].tolist(),
+        reference(time).contact[0].tolist(),
+        reference(time).due[0].tolist(),
+    )
+    rhs = np.repeat([1.0, ANGULAR, 1.0], [3, 3, TASK_ROWS - 6]) * (wanted - terms.drift) / g
+    posture = it.posture.wanted(0, q, v) / np.sqrt(weights)
+
+    def accelerations(wrench):
+        """Closest to posture and foot tasks of all those that a net wrench gives."""
+        target = rhs[:6] + wrench
+        hessian = np.diag(weights) + (rows[6:].T / soft) @ rows[6:]
+        kkt = np.block([[hessian, rows[:6].T], [rows[:6], np.zeros((6, 6))]])
+        linear = weights * posture + (rows[6:].T / soft) @ rhs[6:]
+        alpha = np.linalg.solve(kkt, np.concatenate([linear, target]))[:40]
+        lost = alpha - posture, rows[6:] @ alpha - rhs[6:]
+        return alpha, 0.5 * (weights * lost[0] ** 2).sum() + 0.5 * (lost[1] ** 2 / soft).sum()
+
+    wrench = it.forces.wrench @ it.phi
+    np.testing.assert_allclose(it.acceleration / g, accelerations(wrench)[0], atol=2e-4)
+    # The price of yaw that the QP was told of: curvature and gradient of the cost left over.
+    unit = np.eye(6)[5]
+    (_, up), (_, mid), (_, down) = (accelerations(s * unit) for s in (1.0, 0.0, -1.0))
+    row = it.forces.wrench[5, [6, 7, 8, 15, 16, 17]]
+    tangent = np.ix_([6, 7, 8, 15, 16, 17], [6, 7, 8, 15, 16, 17])
+    block = it.condensed.P[tangent] - 0.15 * np.eye(6)
+    np.testing.assert_allclose(
+        block, YAW_COST * (up - 2 * mid + down) * np.outer(row, row), rtol=1e-3, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        it.condensed.q[[6, 7, 8, 15, 16, 17]], YAW_COST * 0.5 * (up - down) * row, rtol=2e-3, atol=1e-7
+    )
+
+
+@pytest.mark.parametrize("time", INSTANTS)
+def test_osqp_finds_what_daqp_finds(time):
+    one, other = tick(time, shift=0.003)[-1], tick(time, shift=0.003, solver="osqp")[-1]
+    assert other.status == SOLVED
+    np.testing.assert_allclose(other.force, one.force, atol=1e-9)
+    np.testing.assert_allclose(other.point_force.sum(axis=0), one.point_force.sum(axis=0), atol=0.2)
+    np.testing.assert_allclose(other.torque, one.torque, atol=1.0)
+
+
+def test_feedback_pushes_back():
+    """A COM ahead of the plan is pulled back, and the ZMP asked for moves ahead of it."""
+    on_plan = tick(0.3)[-1]
+    q, v = state(0.3)
+    q[0] += 0.01
+    output = controller(0.3, "solver.qp=daqp").update(q, v, sensed(0.3), np.zeros(12))
+    gains = walk_of(COARSE).run.controller
+    np.testing.assert_allclose(
+        output.force - on_plan.force, [-60.0 * gains.com_stiffness * 0.01, 0.0, 0.0], atol=1e-6
+    )
+    assert output.zmp[0] > on_plan.zmp[0] + 0.01
+
+
+@pytest.mark.parametrize(("axis", "row", "sign"), [("pitch", 1, -1.0), ("roll", 0, -1.0)])
+def test_a_tilted_trunk_asks_for_angular_momentum_against_the_tilt(axis, row, sign):
+    it, q, _, level = tick(0.3)
+    turn = np.zeros(40)
+    world = np.zeros(3)
+    world[row] = 0.01
+    turn[3:6] = pin.Quaternion(q[3:7]).matrix().T @ world
+    tilted = pin.integrate(it.robot.model, q, turn)
+    it.robot.jacobian(tilted, reference(0.3).v[0])
+    it.points.update(it.robot.terms.com)
+    _, wanted = it.momentum.wanted(0, it.robot.terms.com, np.zeros(6))
+    gain = walk_of(COARSE).run.controller.trunk_gain
+    change = np.zeros(3)
+    change[row] = sign * gain * 0.01
+    np.testing.assert_allclose(wanted - level.angular_momentum, change, atol=1e-4 * gain)
+
+
+@pytest.mark.parametrize("time", INSTANTS)
+@pytest.mark.parametrize("solver", ["osqp", "daqp"])
+def test_with_less_torque_the_limits_are_kept_and_the_dynamics_too(time, solver):
+    free = tick(time)[-1]
+    share = 0.9 * (np.abs(free.torque) / walk_of(COARSE).robot.torque_limit).max()
+    it, q, v, output = tick(time, solver=solver, weaker=share)
+    assert output.status == LIMITED
+    limit = it.robot.torque_limit
+    assert (np.abs(output.torque) <= limit).all()
+    assert (np.abs(output.torque) > 0.99 * limit).any()
+    total = dynamics(it, q, v, output)
+    np.testing.assert_allclose(total[:6], 0.0, atol=1.0)  # to the tolerance of the solver
+    np.testing.assert_allclose(total[6:], output.torque, atol=0.02 * limit.max())
+
+
+def test_torque_map_is_affine_and_exact():
+    it, q, v, _ = tick(0.62)
+    torque_map, bias = it.dynamics.torque_map(q, v)
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        alpha, phi = rng.normal(size=40), rng.normal(size=18)
+        direct = it.dynamics.torque(q, v, alpha, phi)
+        np.testing.assert_allclose(torque_map @ np.concatenate([alpha, phi]) + bias, direct, atol=1e-9)
+
+
+def test_joints_may_only_run_as_fast_as_they_can_brake():
+    robot = walk_of(COARSE).robot
+    limits = JointLimits(robot)
+    middle = pin.neutral(robot.model)
+    middle[7:] = 0.5 * (robot.lower + robot.upper)
+    still, free = np.zeros(40), np.zeros(34)
+    assert not limits.broken(middle, still, still, free)
+    assert limits.broken(middle, still, still, free + np.eye(34)[3] * 1.001 * robot.torque_limit)
+    near = middle.copy()
+    near[10] = robot.upper[3] - 0.001  # from 1 rad/s on it cannot brake at 500 rad/s^2 within that
+    for rate, breaks in ((0.99, False), (1.01, True), (-5.0, False)):
+        v = np.zeros(40)
+        v[9] = rate
+        assert limits.broken(near, v, still, free) is breaks
+        low, high = limits.acceleration_bounds(near, v)
+        assert bool(high[3] < 0.0) is breaks
+        assert (low <= high).all()
+    outside = near.copy()
+    outside[10] = robot.upper[3] + 1.0
+    low, high = limits.acceleration_bounds(outside, np.eye(40)[9] * 100.0)
+    assert -200.0 <= high[3] < 0.0
+    assert (low <= high).all()
+
+
+def test_a_state_that_is_no_number_gives_no_torque_and_is_told():
+    it, q, v, _ = tick(0.3)
+    output = it.update(np.full_like(q, np.nan), v, np.zeros(12, dtype=bool), np.zeros(12))
+    assert output.status == UNSOLVED
+    assert output.residual == np.inf
+    assert (output.torque == 0.0).all()
+
+
+def test_dependent_rows_let_the_last_tick_go_on(monkeypatch):
+    it, q, v, before = tick(0.3)
+    phi, acceleration = it.phi.copy(), it.acceleration.copy()
+    monkeypatch.setattr(it, "_eliminate", lambda rows: None)
+    output = it.update(q, v, sensed(0.3), np.zeros(12))
+    assert output.status == UNSOLVED
+    np.testing.assert_allclose(it.phi, phi, atol=1e-12)
+    np.testing.assert_allclose(it.acceleration, acceleration)
+    np.testing.assert_allclose(output.torque, before.torque, atol=1e-6)
+
+
+def test_ticks_do_not_depend_on_what_was_kept_of_earlier_outputs():
+    """Outputs own their arrays: a later tick must not write into them."""
+    it, q, v, output = tick(0.3)
+    kept = [np.array(part) for part in output[:6]]
+    it.update(
+        pin.integrate(it.robot.model, q, np.full(40, 0.01)), 0.9 * v, np.ones(12, dtype=bool), np.ones(12)
+    )
+    for part, copy in zip(output[:6], kept, strict=True):
+        np.testing.assert_array_equal(part, copy)

@@ -1,0 +1,253 @@
+"""The condensed QP: its force map against cross products, its cost term by term, and limits that it keeps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ampm import wrench_qp
+from ampm.qp import QPSettings
+from ampm.wrench_qp import (
+    ANGULAR,
+    FORCES,
+    LARGEST_NORMAL,
+    LEAST_NORMAL,
+    MOMENTUM_SLACK,
+    POINTS,
+    TWIST_ARM,
+    TWIST_FRICTION,
+    CondensedForm,
+    ForceMap,
+    without_closed,
+)
+
+SEEDS = range(4)
+FRICTION = 0.6
+FOOT = POINTS + 3
+UPRIGHT = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # a wrench that carries the weight
+X = np.array([-0.1, -0.1, 0.08, 0.08, 0.15, 0.15])
+Y = np.array([0.03, -0.03, 0.045, -0.045, 0.03, -0.03])
+
+
+def stance(seed):
+    """Sole points about the COM, opening and toe levers of two feet on the floor, one half open."""
+    rng = np.random.default_rng(seed)
+    arm = np.empty((2, POINTS, 3))
+    for foot, (x, y) in enumerate([(0.1, 0.09), (-0.2, -0.09)]):
+        arm[foot] = np.column_stack([X + x, Y + y, np.full(POINTS, -0.88)])
+    arm += rng.normal(scale=0.01, size=arm.shape)
+    opening = np.concatenate([np.ones(POINTS), np.repeat(rng.uniform(0.0, 1.0, 3), 2)])
+    return arm, opening, rng.normal(scale=0.05, size=(2, 2, 3)), rng.normal(size=FORCES)
+
+
+def force_map(seed):
+    arm, opening, lever, phi = stance(seed)
+    forces = ForceMap()
+    forces.update(arm, opening, lever)
+    return forces, arm, opening, lever, phi
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_wrench_of_the_unknowns_is_that_of_their_point_forces(seed):
+    forces, arm, _, _, phi = force_map(seed)
+    point = forces.point_forces(phi)
+    force, moment = point.sum(axis=(0, 1)), np.cross(arm, point).sum(axis=(0, 1))
+    np.testing.assert_allclose(forces.wrench @ phi, [*force, *ANGULAR * moment], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_wrenches_by_foot_and_toe_moments(seed):
+    forces, arm, _, lever, phi = force_map(seed)
+    point = forces.point_forces(phi)
+    for foot, wrench in enumerate(forces.foot_wrenches(phi)):
+        np.testing.assert_allclose(wrench[:3], point[foot].sum(axis=0), atol=1e-12)
+        moment = np.cross(arm[foot], point[foot]).sum(axis=0)
+        np.testing.assert_allclose(wrench[3:6], ANGULAR * moment, atol=1e-12)
+        assert wrench[6] == pytest.approx((lever[foot] * point[foot, 4:]).sum(), abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_unknowns_mean_what_they_are_called(seed):
+    forces, arm, opening, _, phi = force_map(seed)
+    point, by_foot = forces.point_forces(phi), phi.reshape(2, FOOT)
+    np.testing.assert_allclose(point[:, :, 2], by_foot[:, :POINTS], atol=1e-14)
+    np.testing.assert_allclose(point[:, :, :2].sum(axis=1), by_foot[:, 6:8], atol=1e-12)
+    share = np.maximum(opening.reshape(2, POINTS), 1e-3)
+    share /= share.sum(axis=1, keepdims=True)
+    for foot in (0, 1):  # a unit twist is a pure moment about the vertical
+        unit = np.zeros(FORCES)
+        unit[FOOT * foot + 8] = 1.0
+        twist = forces.point_forces(unit)[foot]
+        np.testing.assert_allclose(twist.sum(axis=0), 0.0, atol=1e-14)
+        assert np.cross(arm[foot], twist).sum(axis=0)[2] == pytest.approx(TWIST_ARM)
+        unit = np.zeros(FORCES)
+        unit[FOOT * foot + 6] = 1.0
+        np.testing.assert_allclose(forces.point_forces(unit)[foot, :, 0], share[foot], atol=1e-14)
+
+
+def test_map_follows_the_points_and_the_openings():
+    forces, *_ = force_map(0)
+    arm, opening, lever, phi = stance(1)
+    forces.update(arm, opening, lever)
+    fresh = ForceMap()
+    fresh.update(arm, opening, lever)
+    np.testing.assert_array_equal(forces.wrench, fresh.wrench)
+    np.testing.assert_array_equal(forces.point_forces(phi), fresh.point_forces(phi))
+    np.testing.assert_array_equal(forces.foot_wrenches(phi), fresh.foot_wrenches(phi))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_forces_at_closed_points_are_dropped_within_the_friction(seed):
+    rng = np.random.default_rng(seed)
+    phi, opening = rng.uniform(0.1, 1.0, FORCES), np.ones(2 * POINTS)
+    phi[[6, 7, 8, 15, 16, 17]] *= 0.1
+    np.testing.assert_array_equal(without_closed(phi, opening), phi)
+    opening[[0, 1, 8]] = 0.0
+    kept = without_closed(phi, opening).reshape(2, FOOT)
+    assert kept[0, 0] == kept[0, 1] == kept[1, 2] == 0.0
+    before = phi.reshape(2, FOOT)
+    ratio = before[:, POINTS:] / before[:, :POINTS].sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(kept[:, POINTS:] / kept[:, :POINTS].sum(axis=1, keepdims=True), ratio)
+    assert (without_closed(phi, np.zeros(12)) == 0.0).all()
+    assert (without_closed(np.zeros(18), np.ones(12)) == 0.0).all()
+
+
+# ---------------------------------------------------------------------------------------------------- the QP
+
+
+def condensed(solver="daqp", tolerance=1e-9):
+    settings = QPSettings(tolerance=tolerance, max_iterations=20_000)
+    return CondensedForm(solver, settings, FRICTION)
+
+
+def build(form, seed, wanted=UPRIGHT, landing=None, load=0.4, yaw=(0.2, -0.03)):
+    forces, arm, opening, _, _ = force_map(seed)
+    landing = np.zeros(12) if landing is None else landing
+    form.build(forces.wrench, wanted, opening, landing, load, *yaw)
+    return forces, arm, opening
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_wanted_wrench_is_given_where_it_can_be(seed):
+    """That of forces shared as planned: hardly any slack, but for the yaw, which has little say."""
+    rng = np.random.default_rng(seed)
+    forces, _, opening, _, _ = force_map(seed)
+    share = np.maximum(opening.reshape(2, POINTS)[:, :4], 1e-3)
+    phi = np.zeros((2, FOOT))
+    phi[:, :4] = np.array([[0.6], [0.4]]) * share / share.sum(axis=1, keepdims=True)
+    phi[:, 6:8] = 0.02 * rng.normal(size=(2, 2))
+    wanted = forces.wrench @ phi.ravel()
+    form = condensed()
+    build(form, seed, wanted)
+    solution = form.solve()
+    assert solution.solved
+    given = forces.wrench @ solution.x[:FORCES]
+    np.testing.assert_allclose(given[:5], wanted[:5], atol=5e-4)
+    np.testing.assert_allclose(given - MOMENTUM_SLACK * solution.x[FORCES:], wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("solver", ["daqp", "osqp"])
+def test_forces_stay_within_friction_and_ramps_whatever_is_asked(seed, solver):
+    rng = np.random.default_rng(100 + seed)
+    form = condensed(solver, 1e-6)
+    for _ in range(5):
+        _, _, opening = build(form, seed, UPRIGHT + rng.normal(size=6))
+        solution = form.solve()
+        assert solution.solved
+        slack = 1e-5
+        for foot, phi in enumerate(solution.x[:FORCES].reshape(2, FOOT)):
+            normal, total = phi[:POINTS], phi[:POINTS].sum()
+            ramp = opening[POINTS * foot : POINTS * (foot + 1)]
+            assert (normal >= LEAST_NORMAL * ramp - slack).all()
+            assert (normal <= np.maximum(LARGEST_NORMAL, LEAST_NORMAL) * ramp + slack).all()
+            assert (np.abs(phi[6:8]) <= FRICTION * total + slack).all()
+            assert abs(phi[8]) <= TWIST_FRICTION * total + slack
+
+
+def test_closed_feet_carry_nothing_and_landing_points_what_they_sense():
+    form = condensed()
+    arm, _, lever, _ = stance(0)
+    opening = np.array([1.0] * 6 + [0.0] * 6)
+    forces = ForceMap()
+    forces.update(arm, opening, lever)
+    wanted = UPRIGHT
+    form.build(forces.wrench, wanted, opening, np.zeros(12), 0.0, 0.1, 0.0)
+    np.testing.assert_allclose(form.solve().x[FOOT : 2 * FOOT], 0.0, atol=1e-9)
+    landing = np.zeros(12)
+    landing[6:8] = 0.03, 0.05
+    form.build(forces.wrench, wanted, opening, landing, 0.0, 0.1, 0.0)
+    np.testing.assert_allclose(form.solve().x[FOOT : FOOT + POINTS], landing[6:], atol=1e-9)
+
+
+@pytest.mark.parametrize("load", [0.0, 0.3, 1.0])
+def test_load_goes_where_it_is_planned_if_the_wrench_leaves_it_open(load):
+    """With the wanted moment of that very load, both agree to the last gram."""
+    form = condensed()
+    arm, _, lever, _ = stance(0)
+    opening = np.ones(12)
+    forces = ForceMap()
+    forces.update(arm, opening, lever)
+    normal = np.zeros((2, 6, 3))
+    normal[0, :4, 2], normal[1, :4, 2] = 0.25 * (1.0 - load), 0.25 * load
+    wanted = np.zeros(6)
+    wanted[:3], wanted[3:] = normal.sum(axis=(0, 1)), ANGULAR * np.cross(arm, normal).sum(axis=(0, 1))
+    form.build(forces.wrench, wanted, opening, np.zeros(12), load, 0.1, 0.0)
+    by_foot = form.solve().x[:FORCES].reshape(2, FOOT)[:, :POINTS].sum(axis=1)
+    np.testing.assert_allclose(by_foot, [1.0 - load, load], atol=0.03)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_matrices_are_the_documented_cost(seed):
+    """The cost of any point, written out term by term."""
+    rng = np.random.default_rng(seed)
+    form, load, curvature, gradient = condensed(), 0.4, 0.2, -0.03
+    forces, _, opening = build(form, seed, load=load, yaw=(curvature, gradient))
+
+    def cost(x):
+        phi, slack = x[:FORCES].reshape(2, FOOT), x[FORCES:]
+        normal, tangent = phi[:, :POINTS], phi[:, POINTS:]
+        total = 0.5 * (slack**2).sum() + 0.5 * wrench_qp.TANGENT_COST * (tangent**2).sum()
+        total += 0.5 * wrench_qp.NORMAL_COST * (normal[:, :4] ** 2).sum()
+        total += 0.5 * wrench_qp.TIP_COST * (normal[:, 4:] ** 2).sum()
+        shares = np.maximum(opening.reshape(2, POINTS)[:, :4], 1e-3)
+        shares /= shares.sum(axis=1, keepdims=True)
+        planned = np.array([1.0 - load, load])
+        total -= wrench_qp.NORMAL_COST * (planned[:, None] * shares * normal[:, :4]).sum()
+        total += 0.5 * wrench_qp.LOAD_COST * (normal[1].sum() - load) ** 2
+        yaw = forces.wrench[5].reshape(2, FOOT)[:, POINTS:].ravel() @ tangent.ravel()
+        total += wrench_qp.YAW_COST * (0.5 * curvature * yaw**2 + gradient * yaw)
+        return total
+
+    def quadratic(x):
+        return 0.5 * x @ form.P @ x + form.q @ x
+
+    constant = cost(np.zeros(24))
+    for _ in range(5):
+        x = rng.normal(size=24)
+        assert quadratic(x) + constant == pytest.approx(cost(x), rel=1e-12)
+    np.testing.assert_allclose(form.P, form.P.T, atol=1e-15)
+    assert np.linalg.eigvalsh(form.P).min() > 0.1
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_no_number_falls_outside_the_sparsity_pattern(seed):
+    """But the twist's linear force, which is zero but for rounding."""
+    form = condensed()
+    build(form, seed)
+    assert not form.P[~form.P_mask()].any()
+    assert np.abs(form.A[~form.A_mask()]).max() < 1e-15
+
+
+def test_unchanged_openings_may_be_handed_over_again():
+    """Arrays that have not changed are recognised by being the same; the answer must not depend on it."""
+    form, other = condensed(), condensed()
+    arm, opening, lever, _ = stance(2)
+    forces = ForceMap()
+    forces.update(arm, opening, lever)
+    wanted, landing = UPRIGHT, np.zeros(12)
+    form.build(forces.wrench, 0.5 * wanted, opening, landing, 0.9, 0.3, 0.1)
+    form.build(forces.wrench, wanted, opening, landing, 0.4, 0.1, 0.0)
+    other.build(forces.wrench, wanted, opening.copy(), landing.copy(), 0.4, 0.1, 0.0)
+    for name in ("P", "q", "A", "lower", "upper"):
+        np.testing.assert_array_equal(getattr(form, name), getattr(other, name))
