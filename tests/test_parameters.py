@@ -42,6 +42,11 @@ def test_the_demos_of_one_figure_differ_in_one_parameter():
     normal = load_run("normal")
     for c_y in (0.1, 0.4, 0.7, 1.0):
         assert load_run(f"roll-{c_y}") == normal.replace({"gait.c_y": c_y})
+    pitch, low = load_run("pitch").gait, load_run("pitch-low").gait
+    assert pitch.c_s >= 1.5
+    assert low.c_s <= 0.5
+    assert min(pitch.step_length, low.step_length) > normal.gait.step_length
+    assert pitch.c_y == low.c_y == 1.0
     assert load_run("ipm") == normal.replace({"gait.model": "ipm", "gait.a_s": math.inf})
 
 

@@ -152,7 +152,8 @@ def test_the_profiles_hold_the_agreed_limits():
         assert limits["wide"][name] == 2 * limits["default"][name]
         assert limits["strict"][name] < limits["default"][name]
     for item in PROFILES.values():
-        assert limits[item.name]["zmp_agreement_rmse"] == 0.5e-3
+        assert limits[item.name]["zmp_agreement_rmse"] == (1e-3 if item is WIDE else 0.5e-3)
+        assert limits[item.name]["force_agreement_rmse"] == 0.002
         assert limits[item.name]["failed_qp"] == 0.0
 
 
