@@ -200,9 +200,9 @@ WIDE = DEFAULT.scaled(
     2.0,
     "wide",
     "For gaits with much angular momentum or speed (presets `roll-0.1` and `pitch`) and for sweeps far from "
-    "the presets (c_y 0.2 ... 1.2, c_s 0.8 ... 1.4): twice `default` on the walk, and on the gap between both "
-    "measured ZMPs, which is the time step times the rate of change of the moment; the rest of the instrument "
-    "has to be as good as ever.",
+    "the presets (c_y 0.2 ... 1.2, c_s 0.8 ... 1.4): twice `default` on the walk, and on the gap between "
+    "both measured ZMPs, which is first order in the time step and grows with the rates of change of force "
+    "and moment; the rest of the instrument has to be as good as ever.",
     also=("zmp_agreement_rmse",),
 )
 
