@@ -82,26 +82,29 @@ def law() -> None:
     H, x, zmp, meets = 0.72, 0.52, 0.28, 0.80
     axes.plot([-0.1, 0.98], [H, H], color=GREY, lw=0.7, ls=":")
     axes.text(-0.1, H + 0.015, "height $H$", color=GREY)
+    axes.plot([x, x], [H, H + 0.15], color=GREY, lw=0.6, ls=":")
+    axes.plot([meets, meets], [H, H + 0.15], color=GREY, lw=0.6, ls=":")
     force_line(axes, zmp, meets, H)
-    point(axes, x, H, "COM $(x, H)$", COM)
-    point(axes, zmp, 0, "ZMP $(a x + b,\\,0)$", ZMP, dz=-0.03, va="top")
+    point(axes, x, H, "COM $(x, H)$", COM, dx=-0.02, dz=-0.03, va="top", ha="right")
+    point(axes, zmp, 0, "ZMP $(a x + b,\\,0)$", ZMP, dx=-0.02, dz=-0.03, va="top", ha="right")
     axes.plot([meets], [H], "o", color=FORCE, ms=4)
-    axes.text(meets + 0.015, H - 0.03, "$a x + b + c x + d$", color=FORCE, va="top")
+    axes.text(meets + 0.02, H - 0.02, "$a x + b + c x + d$", color=FORCE, va="top")
     axes.plot([x, x], [0, H], color=GREY, lw=0.6, ls=":")
-    measure(axes, x, meets, H - 0.10, "lever $r$", GREY)
-    measure(axes, zmp, meets, 0.30 * H - 0.18, "$c x + d$", FORCE)
+    measure(axes, x, meets, H + 0.13, "lever $r$", GREY)
+    axes.plot([meets, meets], [-0.14, H], color=GREY, lw=0.6, ls=":")
+    measure(axes, zmp, meets, -0.1, "$c x + d$", FORCE)
     axes.text(0.40, 0.42 * H, "$F \\parallel (c x + d,\\ H)$", color=FORCE, ha="right")
     axes.annotate("", (0.0, 0.14), (0.0, 0), arrowprops={"arrowstyle": "->", "color": "black"})
     axes.annotate("", (0.14, 0.0), (0.0, 0), arrowprops={"arrowstyle": "->", "color": "black"})
     axes.text(0.15, 0.015, "$x$")
     axes.text(0.012, 0.14, "$z$")
-    axes.set_ylim(-0.14, 0.86)
+    axes.set_ylim(-0.2, 0.9)
     save(figure, "theory-law")
 
 
 def sagittal() -> None:
     """Fig. 4 of the paper: both supports of the sagittal plane."""
-    figure, panels = plt.subplots(1, 2, figsize=(9.2, 3.7))
+    figure, panels = plt.subplots(1, 2, figsize=(10.2, 3.9), width_ratios=(1.24, 1.56))
     H, l_s, l_d = 0.62, 0.34, 0.20
     slope_s, c_s = 0.42, 1.28
     inverse_a_d = 1.0 + (1.0 - slope_s) * l_s / l_d
@@ -116,7 +119,7 @@ def sagittal() -> None:
         axes.plot([sign * l_s], [H], "|", color=COM, ms=10)
         axes.text(sign * l_s, H + 0.035, f"$P_{name}$", color=COM, ha="center")
         axes.text(sign * l_s * slope_s, -0.03, f"$Z_{name}$", color=ZMP, ha="center", va="top")
-    x = 0.26
+    x = 0.21
     force_line(axes, slope_s * x, c_s * x, H)
     axes.plot([x], [H], "o", color=COM, ms=6)
     axes.text(x - 0.01, H - 0.035, "$x$", color=COM, ha="right", va="top")
@@ -127,7 +130,7 @@ def sagittal() -> None:
     measure(axes, 0, l_s, H + 0.17, "")
     for at in (-0.5 * l_s, 0.5 * l_s):
         axes.text(at, H + 0.18, "$l_s$", ha="center", color=GREY)
-    axes.set_ylim(-0.2, 0.9)
+    axes.set_ylim(-0.25, 0.9)
 
     axes = panels[1]
     stage(axes, "(b) double support, from the middle of both feet", -0.78, 0.78)
@@ -147,7 +150,7 @@ def sagittal() -> None:
     force_line(axes, inverse_a_d * x, c_d * x, H)
     axes.plot([x], [H], "o", color=COM, ms=6)
     axes.text(x + 0.0, H - 0.035, "$x$", color=COM, ha="center", va="top")
-    axes.text(c_d * x + 0.05, H - 0.09, "$c_d x$", color=FORCE, va="top")
+    axes.text(c_d * x + 0.045, H + 0.045, "$c_d x$", color=FORCE, va="bottom", ha="left")
     axes.text(inverse_a_d * x - 0.02, 0.035, "$x/a_d$", color=ZMP, ha="right")
     axes.plot([0, 0], [0, H], color=GREY, lw=0.7, ls=":")
     measure(axes, -half, 0, -0.115, "$l_s + l_d$")
@@ -163,7 +166,7 @@ def sagittal() -> None:
 
 def frontal() -> None:
     """Fig. 5 of the paper: both supports of the frontal plane, seen from behind."""
-    figure, panels = plt.subplots(1, 2, figsize=(9.2, 3.9))
+    figure, panels = plt.subplots(1, 2, figsize=(10.2, 4.1), width_ratios=(0.94, 1.32))
     H, s, beta, c_y = 0.62, 0.34, 0.13, 0.62
     axes = panels[0]
     stage(axes, "(a) single support, from the stance foot", -0.22, 0.72)
@@ -188,7 +191,7 @@ def frontal() -> None:
     force_line(axes, 0, c_y * y, H)
     axes.plot([y], [H], "o", color=COM, ms=6)
     axes.text(y, H - 0.035, "$y$", color=COM, ha="center", va="top")
-    axes.text(c_y * y - 0.02, H - 0.05, "$c_y y$", color=FORCE, va="top", ha="right")
+    axes.text(c_y * y - 0.045, H - 0.02, "$c_y y$", color=FORCE, va="top", ha="right")
     point(axes, 0, 0, "ZMP at 0", ZMP, dz=-0.035, va="top")
     axes.plot([s, s], [0, H], color=GREY, lw=0.6, ls=":")
     axes.plot([s + beta] * 2, [0, H + 0.1], color=GREY, lw=0.9, ls="-.")
@@ -212,8 +215,8 @@ def frontal() -> None:
     axes.plot([y], [H], "o", color=COM, ms=6)
     axes.text(y + 0.02, H - 0.035, "$y$", color=COM, va="top")
     axes.text(
-        zmp + c_y * (y - zmp) - 0.02,
-        H - 0.05,
+        zmp + c_y * (y - zmp) - 0.05,
+        H - 0.02,
         "$z_y + c_y (y - z_y)$",
         color=FORCE,
         va="top",
@@ -307,10 +310,12 @@ def momentum() -> None:
             axes.axvspan(step + share, step + 1, color="#eeeeee", lw=0)
         axes.set_xlabel("time [steps], double support shaded")
         axes.set_ylabel(f"$L_{'xy'[axis]}$ [N m s]")
-        axes.legend(frameon=False, fontsize=8, loc="upper right")
+        axes.legend(
+            frameon=False, fontsize=8, loc="upper center", ncols=4, handlelength=1.2, columnspacing=1.2
+        )
         axes.set_xlim(0, 2)
         low, high = axes.get_ylim()
-        axes.set_ylim(low, high + 0.35 * (high - low))
+        axes.set_ylim(low, high + 0.2 * (high - low))
     panels[0].set_title("frontal plane (E12, E22, E24)", fontsize=9.5)
     panels[1].set_title("sagittal plane, mean zero (E13)", fontsize=9.5)
     figure.tight_layout()

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from ampm.exceptions import InputError
+from ampm.feet import plan_feet
 from ampm.inverse_kinematics import InverseKinematics, step_grid, step_reference
 
 if TYPE_CHECKING:
@@ -220,11 +221,19 @@ class BodyEvidence:
 
     # -------------------------------------------------------------------- feet
 
-    def swing_foot_jump(self) -> tuple[float, float]:
-        """Jump of the planned swing foot's velocity [m/s] and acceleration [m/s^2] at lift-off, at most."""
+    def swing_foot_jump(self, swing: str | None = None) -> tuple[float, float]:
+        """Jump of the planned swing foot's velocity [m/s] and acceleration [m/s^2] at lift-off, at most.
+
+        Args:
+            swing: ``foot.swing`` to plan the feet with; None for the gait's own.
+        """
+        feet = self.feet
+        if swing is not None:
+            foot = self.planned.request.run.replace({"foot.swing": swing}).foot
+            feet = plan_feet(self.plan, foot, feet.sole)
         lift = self.plan.constants.step_duration  # the left foot has stood, and leaves here
-        before = self.feet.sample(lift - _BESIDE)[0]
-        after = self.feet.sample(lift + _BESIDE)[0]
+        before = feet.sample(lift - _BESIDE)[0]
+        after = feet.sample(lift + _BESIDE)[0]
         return (
             float(np.abs(after.velocity - before.velocity).max()),
             float(np.abs(after.acceleration - before.acceleration).max()),

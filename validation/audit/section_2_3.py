@@ -72,6 +72,7 @@ def _feet(case: Case) -> Iterator[Row]:
     )
     speed = normal.constants.l_s / normal.t_ss
     jump_v, jump_a = body.swing_foot_jump()
+    paper_v, paper_a = body.swing_foot_jump("paper")
     yield Row(
         "2.3",
         "v_swing",
@@ -79,6 +80,7 @@ def _feet(case: Case) -> Iterator[Row]:
         "with the velocity it has: zero, or that of a heel rise that ends in toe off",
         checks=(
             zero("printed", "jump of the velocity of a foot that has stood", speed, "m/s"),
+            zero("printed", "the same as planned with foot.swing = paper", paper_v, "m/s"),
             zero(
                 "corrected", "jump of the swing foot's velocity at lift-off", jump_v, "m/s", rounding=SWITCH
             ),
@@ -106,6 +108,12 @@ def _feet(case: Case) -> Iterator[Row]:
             ),
             symbolic("printed", "the same if it leaves from rest", sp.diff(still, t, 2).subs(t, 0)),
             zero("printed", "jump of the foot's x'' at lift-off", cubic_jump(case), "m/s^2"),
+            zero(
+                "printed",
+                "the same of the rolling foot, planned with foot.swing = paper",
+                paper_a,
+                "m/s^2",
+            ),
             symbolic("corrected", "quintic: velocity and acceleration at both ends", _quintic_ends()),
             zero(
                 "corrected",

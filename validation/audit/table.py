@@ -97,7 +97,7 @@ def markdown(rows: Sequence[Row]) -> str:
         parts.append(f"\n## {section.capitalize() if section[0].isalpha() else f'Section {section}'}\n")
         parts.append("| where | printed | corrected | verdict | evidence |\n|---|---|---|---|---|")
         for row in group:
-            where = row.place + (f" ({', '.join(row.errata)})" if row.errata else "")
+            where = _plain(row.place) + (f" ({', '.join(row.errata)})" if row.errata else "")
             cells = (where, _code(row.printed), _code(row.corrected), str(row.verdict), _evidence(row))
             parts.append("| " + " | ".join(cells) + " |")
     return "\n".join(parts) + "\n"
@@ -120,7 +120,7 @@ def _code(text: str) -> str:
     """Formulas as code, words as words."""
     if not text:
         return ""
-    return f"`{text}`" if any(sign in text for sign in ("=", ">", "''", "^")) else _plain(text)
+    return f"`{text}`" if any(sign in text for sign in ("=", "''", "^")) else _plain(text)
 
 
 def _plain(text: str) -> str:

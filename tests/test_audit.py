@@ -1,0 +1,244 @@
+"""The audit of the paper: its verdicts follow from checks, its page is in step, its command behaves."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+from rich.console import Console
+
+from ampm.gait import plan_gait
+from ampm.parameters import load_run
+from validation.audit import audit
+from validation.audit.rows import Check, Row, Verdict, against, claim, symbolic, zero
+from validation.audit.table import FILE_WIDTH, describe, markdown, print_rows, summary
+from validation.cli import Status, call
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+OF_WORDS = {"E21", "E26", "E30", "E33"}
+"""Errata that only two places of the paper can show."""
+ERRATA = [f"E{number}" for number in range(1, 34)]
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return audit()
+
+
+def rows_of(rows, erratum):
+    return [row for row in rows if erratum in row.errata]
+
+
+# ------------------------------------------------------------------ verdicts
+
+
+def test_every_row_agrees_with_itself(rows):
+    assert [(row.section, row.place) for row in rows if not row.consistent] == []
+
+
+def test_the_paper_is_read_from_top_to_bottom(rows):
+    sections = list(dict.fromkeys(row.section for row in rows))
+    assert sections == ["abstract", "1", "1.1", "1.2", "2", "2.1", "2.2", "2.3", "3", "4"]
+    places = [row.place for row in rows]
+    assert len(places) == len({(row.section, row.place) for row in rows})
+    for number in range(1, 13):
+        assert any(re.match(rf"Eq\. {number}\b", place) for place in places), number
+    for figure in (1, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12):
+        assert any(re.match(rf"Fig\. {figure}\b", place) for place in places), figure
+
+
+@pytest.mark.parametrize("erratum", ERRATA)
+def test_every_erratum_is_found(rows, erratum):
+    """The printed form fails, and the corrected form passes."""
+    found = [row for row in rows_of(rows, erratum) if row.verdict is not Verdict.HOLDS]
+    assert found
+    checks = [check for row in found for check in row.checks]
+    if erratum in OF_WORDS:
+        assert all(check.kind == "text" for check in checks)
+        return
+    printed = [check for check in checks if check.form == "printed" and check.kind != "text"]
+    corrected = [check for check in checks if check.form == "corrected"]
+    assert any(not check.passed for check in printed)
+    assert corrected
+    assert all(check.passed for check in corrected)
+
+
+@pytest.mark.parametrize("erratum", ERRATA[:18])
+def test_what_a_misprint_does_has_a_number(rows, erratum):
+    numbers = [
+        check
+        for row in rows_of(rows, erratum)
+        for check in row.checks
+        if check.form == "printed" and check.kind == "numeric" and not check.passed
+    ]
+    assert numbers
+    assert all(isinstance(check.value, float) and np.isfinite(check.value) for check in numbers)
+
+
+def test_what_cannot_be_tested_says_why(rows):
+    for row in rows:
+        if row.verdict is Verdict.UNTESTED:
+            assert row.why.endswith(".")
+
+
+def test_theory_lists_the_same_errata(rows):
+    text = (DOCS / "theory.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^\| (E\d+) \|", text, flags=re.MULTILINE))
+    assert listed == set(ERRATA) == {erratum for row in rows for erratum in row.errata}
+
+
+# ------------------------------------------------------- numbers, by other ways
+
+
+def value_of(rows, place, quantity):
+    return next(
+        check.value
+        for row in rows
+        if row.place == place
+        for check in row.checks
+        if check.quantity.startswith(quantity) and check.form == "printed"
+    )
+
+
+def test_sizes_of_misprints_on_the_normal_gait(rows):
+    run = load_run("normal")
+    plan = plan_gait(run.gait, mass=run.body.mass)
+    gait, constants, weight = run.gait, plan.constants, plan.weight
+    lever = 2.0 * gait.step_length * (1.0 - constants.inverse_a_s)  # 2 d (1 - a)/c, the foot ahead by a step
+    assert abs(value_of(rows, "moment r", "mismatch")) == pytest.approx(weight * lever)
+    assert abs(value_of(rows, "momentum omega", "mismatch")) == pytest.approx(
+        weight * lever * constants.single_support_duration, rel=1e-6
+    )
+    assert value_of(rows, "single support, r_x", "mismatch") == pytest.approx(
+        2.0 * weight * gait.c_y * constants.s
+    )
+    assert value_of(rows, "Fig. 4, ZMP", "jump") == pytest.approx(2.0 * constants.l_s * constants.inverse_a_s)
+    assert value_of(rows, "v_swing", "jump") == pytest.approx(
+        constants.l_s / constants.single_support_duration
+    )
+
+
+def test_the_spline_jumps_as_scipy_says(rows):
+    from scipy.interpolate import CubicSpline
+
+    run = load_run("normal")
+    constants = plan_gait(run.gait).constants
+    duration = constants.single_support_duration
+    ends = ((1, constants.l_s / duration), (1, 0.0))
+    spline = CubicSpline([0.0, duration], [0.0, 2.0 * run.gait.step_length], bc_type=ends)
+    assert value_of(rows, "cubic spline", "jump") == pytest.approx(float(spline(0.0, 2)))
+
+
+# ------------------------------------------------------------------ the parts
+
+
+def row_with(*checks, **others):
+    return Row("2", "Eq. 1", "a = b", checks=checks, **others)
+
+
+def test_verdicts_follow_from_checks():
+    good, bad = zero("printed", "jump", 0.0, "m"), zero("printed", "jump", 0.1, "m")
+    mended = zero("corrected", "jump", 1e-14, "m")
+    assert row_with().verdict is Verdict.UNTESTED
+    assert row_with(good).verdict is Verdict.HOLDS
+    assert row_with(good, bad, mended).verdict is Verdict.ERRATUM
+    assert row_with(bad, failure=Verdict.CONTRADICTED).verdict is Verdict.CONTRADICTED
+    assert row_with(against("two places")).verdict is Verdict.ERRATUM
+
+
+def test_rows_that_do_not_agree_with_themselves():
+    bad, mended = zero("printed", "jump", 0.1, "m"), zero("corrected", "jump", 0.0, "m")
+    whole = {"corrected": "a = c", "errata": ("E1",)}
+    assert row_with(bad, mended, **whole).consistent
+    assert not row_with(bad, mended).consistent  # an erratum without its correction
+    assert not row_with(bad, **whole).consistent  # nobody has checked the correction
+    assert not row_with(bad, zero("corrected", "jump", 0.1, "m"), **whole).consistent
+    assert not row_with().consistent  # not tested, and no word why
+    assert row_with(why="A drawing.").consistent
+
+
+def test_checks_show_what_matters():
+    a, b = sp.symbols("a b")
+    residual = symbolic("printed", "difference", [(a + b) ** 2 - a**2 - 2 * a * b])
+    assert not residual.passed
+    assert residual.shown() == "b^2"
+    assert symbolic("printed", "difference", sp.sin(a) ** 2 + sp.cos(a) ** 2 - 1).shown() == "0"
+    assert zero("printed", "jump", 1e-14, "m").shown() == "0 m"
+    assert zero("printed", "jump", 0.123456, "m").shown() == "0.1235 m"
+    assert not zero("printed", "jump", float("nan"), "m").passed
+    assert claim("printed", "rate", 1.5, "1", True).shown() == "1.5"
+    assert Check("printed", "text", "words", None, "", False).shown() == ""
+
+
+# ------------------------------------------------------- page, table, command
+
+
+def test_the_page_is_in_step(rows):
+    page = (DOCS / "audit.md").read_text(encoding="utf-8")
+    assert page == markdown(rows), "docs/audit.md is not what the audit says: run python -m validation.audit"
+
+
+def test_the_table_can_be_read_at_100_columns(rows, capsys):
+    print_rows(rows, Console(width=FILE_WIDTH, highlight=False))
+    out = capsys.readouterr().out
+    assert max(len(line) for line in out.splitlines()) <= FILE_WIDTH == 100
+    assert "…" not in out
+    assert "l_s/c_s + l_d/c_d" in out
+    assert summary(rows) in out
+
+
+def test_the_counts_add_up(rows):
+    described = describe(rows)
+    assert sum(described["counts"].values()) == len(described["rows"]) == len(rows)
+    assert described["consistent"]
+    assert [row["number"] for row in described["rows"]] == list(range(1, len(rows) + 1))
+
+
+@pytest.fixture
+def quick(monkeypatch, rows):
+    """The command without the work."""
+    monkeypatch.setattr("validation.audit.command.audit", lambda _: rows)
+
+
+@pytest.mark.usefixtures("quick")
+def test_json_is_alone_on_stdout(rows, capsys):
+    assert call(["audit", "--json"]) == Status.PASS
+    answer = json.loads(capsys.readouterr().out)
+    assert len(answer["rows"]) == len(rows)
+    row = next(row for row in answer["rows"] if row["place"] == "Eq. 4")
+    assert row["verdict"] == "erratum"
+    assert row["errata"] == ["E4"]
+    assert {item["form"] for item in row["evidence"]} == {"printed", "corrected"}
+    assert row["evidence"][0].keys() == {"form", "kind", "quantity", "value", "unit", "gait", "passed"}
+
+
+@pytest.mark.usefixtures("quick")
+def test_the_command_prints_the_table(rows, capsys):
+    assert call(["audit"]) == Status.PASS
+    assert summary(rows) in capsys.readouterr().out
+
+
+def test_a_correction_that_fails_is_told(monkeypatch, capsys):
+    broken = row_with(
+        zero("printed", "jump", 0.1, "m"),
+        zero("corrected", "jump", 0.1, "m"),
+        corrected="a = c",
+        errata=("E1",),
+    )
+    monkeypatch.setattr("validation.audit.command.audit", lambda _: (broken,))
+    assert call(["audit"]) == Status.OUT_OF_TOLERANCE
+    assert "Eq. 1" in capsys.readouterr().err
+
+
+def test_without_sympy_the_way_out_is_one_sentence(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "sympy", None)
+    assert call(["audit"]) == Status.REFUSED
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert "pip install sympy" in captured.err
