@@ -62,6 +62,8 @@ _DROPS = (
 )  # by which the guess lowers the COM until there is an orbit [statures]
 _RISE_TOLERANCE = 0.6 * ROLL_TOLERANCE  # how far behind the ball the ZMP may be when the heel rises [m]
 _BUDGET = 5000  # integrated steps after which no new way is begun
+_TIGHT = 0.3  # margin below which a limit is named as what ended a way
+_ENOUGH = 0.9  # share of the wanted margins at which a search ends
 _HOPELESS = -0.5  # margin at which a path is given up
 _LANDING_TURN = 1.7  # heel strike rate over its mean: the foot comes down turning, and slows down
 
@@ -266,31 +268,33 @@ class _Space:
         self.upper = np.array([c.upper for c in self.free])
         self.slack = np.array([c.slack for c in self.free])
 
-    def easy(self) -> RunParameters:
-        """An easy neighbour: no momentum, a step of middle length in an unhurried time."""
+    def easy(self) -> tuple[GaitParameters, ...]:
+        """Easy neighbours: without momentum, and then with a step of middle length in an unhurried time."""
         gait, h = self.run.gait, self.description.height
         step = float(np.clip(gait.step_length, 0.12 * h, 0.33 * h))
         speed = step / float(np.clip(step / gait.switching_velocity, 0.45, 0.75))
-        names = ("gait.step_length", "gait.switching_velocity", "gait.c_s", "gait.c_y")
-        return self.run.replace(dict(zip(names, (step, speed, 1.0, 1.0), strict=True)))
+        plain = gait.model_copy(update={"c_s": 1.0, "c_y": 1.0})
+        return plain, plain.model_copy(update={"step_length": step, "switching_velocity": speed})
 
-    def toward(self, share: float) -> _Space:
-        """The same space for a gait that is only a share of the way from the easy neighbour [1]."""
-        easy, gait = self.easy().gait, self.run.gait
-        names = ("step_length", "switching_velocity", "c_s", "c_y")
-        between = {
+    def between(self, easy: GaitParameters, share: float) -> _Space:
+        """The same space for a gait that is only a share of the way from an easy one [1]."""
+        names, gait = ("step_length", "switching_velocity", "c_s", "c_y"), self.run.gait
+        there = {
             f"gait.{name}": (1.0 - share) * getattr(easy, name) + share * getattr(gait, name)
             for name in names
         }
-        return _Space(self.run.replace(between), self.fixed, self.description)
+        return _Space(self.run.replace(there), self.fixed, self.description)
 
-    def passing(self, x: Array, base: Mapping[str, float]) -> Array:
-        """``x`` with so little roll that the force line drives the COM off the foot."""
-        if "roll" not in self.names:
-            return x
-        choice, x, j = self.values(x, base), x.copy(), self.names.index("roll")
-        l_s = 0.5 * self.run.gait.step_length * choice["ratio"]
-        x[j] = min(x[j], 0.7 * self.run.gait.c_s * l_s / self.sole.ball_x)
+    def passing(self, x: Array) -> Array:
+        """``x`` with share of single support and roll as the guess has them, with which the COM passes.
+
+        Raises:
+            MathematicalRefusal: there are none.
+        """
+        guess, x = self.guess(), x.copy()
+        for name in ("ratio", "roll"):
+            if name in self.names:
+                x[self.names.index(name)] = guess[name]
         return x
 
     def values(self, x: Array, base: Mapping[str, float]) -> dict[str, float]:
@@ -828,6 +832,8 @@ class _Search:
         here = self.look(x, self.near)
         if here.orbit is not None:
             self.near = here.orbit
+        if here.worst() >= _ENOUGH * self.wanted:
+            raise _Comfortable(here)
         base = self.residuals(here)
         jacobian = np.zeros((len(base), len(x)))
         for j in range(len(x)):
@@ -849,19 +855,30 @@ class _Search:
     ) -> _Trial:
         """Least squares from a start that has an orbit; the trial with the least residuals."""
         self.wanted, self.pull = wanted, pull
-        found = least_squares(
-            self._value,
-            np.clip(start, self.space.lower + 1e-9, self.space.upper - 1e-9),
-            jac=self._jacobian,
-            bounds=(self.space.lower, self.space.upper),
-            x_scale=self.space.slack,
-            method="trf",
-            ftol=2e-3,
-            xtol=1e-3,
-            gtol=1e-6,
-            max_nfev=sweeps,
-        )
+        try:
+            found = least_squares(
+                self._value,
+                np.clip(start, self.space.lower + 1e-9, self.space.upper - 1e-9),
+                jac=self._jacobian,
+                bounds=(self.space.lower, self.space.upper),
+                x_scale=self.space.slack,
+                method="trf",
+                ftol=5e-3,
+                xtol=1e-3,
+                gtol=1e-6,
+                max_nfev=sweeps,
+            )
+        except _Comfortable as end:
+            return end.trial
         return self.look(found.x, self.near)
+
+
+class _Comfortable(Exception):
+    """The search may end: every margin is wide enough."""
+
+    def __init__(self, trial: _Trial) -> None:
+        super().__init__()
+        self.trial = trial
 
 
 def _missing(margin: float, wanted: float) -> float:
@@ -902,8 +919,12 @@ def tune(
     start = _standing_start(search)
     best = _settle(search, start) if start is not None else None
     farthest: _Farthest | None = None
-    if best is None or best.worst() < 0.0:
-        farthest = _follow(space, search, orbits, robot, say)
+    for easy in space.easy() if best is None or best.worst() < 0.0 else ():
+        way = _follow(easy, search, say)
+        if way is not None and (farthest is None or way.share > farthest.share):
+            farthest = way
+        if farthest is not None and farthest.share == 1.0:
+            break
     whole = [trial for trial in search.trials if trial.whole]
     if whole and (best is None or best.worst() < 0.0):
         best = max(whole, key=_Trial.worst)
@@ -920,24 +941,34 @@ class _Farthest:
         share: of the way [1].
         search: at that place.
         trial: the choice there.
+        why: what ended the way.
     """
 
     share: float
     search: _Search
     trial: _Trial
+    why: Unreachable | None = None
 
 
 def _follow(
-    space: _Space, search: _Search, orbits: RoughOrbits, robot: Robot, say: Callable[[str], None]
+    easy: GaitParameters,
+    search: _Search,
+    say: Callable[[str], None],
 ) -> _Farthest | None:
     """Come from an easy neighbour: tune it, move a little towards the gait, tune again, and so on.
+
+    Args:
+        easy: where to begin.
+        search: of the gait that is asked for.
+        say: called with a line of text now and then.
 
     Returns:
         The farthest choice that has a periodic step; None if not even the easy neighbour has.
     """
-    easy = space.toward(0.0)
+    space, orbits, robot = search.space, search.orbits, search.robot
+    first = space.between(easy, 0.0)
     try:
-        here = _Search(easy, easy.guess(), orbits, robot, say)
+        here = _Search(first, first.guess(), orbits, robot, say)
     except RefusedGait:
         return None
     start = _standing_start(here)
@@ -946,10 +977,18 @@ def _follow(
     farthest, stride = _Farthest(0.0, here, here.minimise(start.x, sweeps=5)), 0.5
     while farthest.share < 1.0 and stride > 0.02 and orbits.evaluations < _BUDGET:
         there = min(1.0, farthest.share + stride)
-        follow = search if there == 1.0 else _Search(space.toward(there), search.base, orbits, robot, say)
+        follow = search
+        if there < 1.0:
+            place = space.between(easy, there)
+            try:
+                base = place.guess()
+            except RefusedGait:
+                base = dict(search.base)
+            follow = _Search(place, base, orbits, robot, say)
         trial = _stepped(follow, farthest.trial)
         say(f"{there:.0%} of the way: {'a periodic step' if trial.whole else trial.why or 'no plan'}")
         if not trial.whole:
+            farthest.why = trial.why or farthest.why
             stride *= 0.5
             continue
         follow.near = trial.orbit
@@ -965,10 +1004,13 @@ def _follow(
 
 def _stepped(follow: _Search, last: _Trial) -> _Trial:
     """The last choice on the way, at the next place; its COM lowered if the legs do not reach otherwise."""
-    trial = follow.look(last.x, last.orbit, again=True)
     x = last.x
+    trial = follow.look(x, last.orbit, again=True)
     if trial.run is None:
-        x = follow.space.passing(last.x, follow.base)
+        try:
+            x = follow.space.passing(x)
+        except RefusedGait:
+            return trial
         trial = follow.look(x, last.orbit, again=True)
     if "height" in follow.space.names:
         j = follow.space.names.index("height")
@@ -1078,17 +1120,21 @@ def _refusal(search: _Search, best: _Trial | None, farthest: _Farthest | None) -
         best, gait = farthest.trial, farthest.search.space.run.gait
         tried += len(farthest.search.trials)
         where = (
-            f", and beyond step {gait.step_length:.3g} m, v0 {gait.switching_velocity:.3g} m/s, "
-            f"c_s {gait.c_s:.3g}, c_y {gait.c_y:.3g}, {farthest.share:.0%} of the way from an easy gait, no "
-            "better is found"
+            f" at step {gait.step_length:.3g} m, v0 {gait.switching_velocity:.3g} m/s, c_s {gait.c_s:.3g}, "
+            f"c_y {gait.c_y:.3g}, {farthest.share:.0%} of the way from an easy gait; beyond, "
+            f"{farthest.why or 'there is no plan'}"
         )
     name = "no_periodic_motion"
     if best is not None and best.whole:
         margins = best.margins()
-        name = min(margins, key=lambda key: margins[key])
-        limit = LIMITS[name]
-        what, value, bound, unit = limit.what, best.values[name], limit.bound, limit.unit
-        reason = limit.reason if not where or margins[name] < 0.0 else "no_periodic_motion"
+        tightest = min(margins, key=lambda key: margins[key])
+        limit = LIMITS[tightest]
+        what, value, bound, unit = limit.what, best.values[tightest], limit.bound, limit.unit
+        if not where or margins[tightest] < _TIGHT:
+            name = tightest
+        elif farthest is not None:
+            what, value, bound, unit = "a periodic step is found only", farthest.share, 1.0, "1"
+        reason = name if name not in LIMITS else limit.reason
     else:
         best = next((trial for trial in reversed(search.trials) if trial.why is not None), search.trials[-1])
         what, value, bound, unit, reason = "the formula has no solution", 0.0, 0.0, "1", name

@@ -183,6 +183,12 @@ def validate(
     ] = None,
     force: Force = False,
     as_json: Json = False,
+    tune: Annotated[
+        bool,
+        typer.Option(
+            "--tune", help="Find what the gait leaves out, as 'ampm tune' does, instead of taking defaults."
+        ),
+    ] = False,
     debug: Debug = False,
 ) -> int:
     """Plan, walk, measure and judge: the trial. Leaves a verdict, a recording and a report.
@@ -191,14 +197,15 @@ def validate(
     torque can realise the plan, how closely, and at what cost. The controller follows the plan: agreement is
     no prophecy.
     """
-    from validation import planning, profiles, run, summary_text
+    from validation import planning, profiles, run, summary_text, tuned
 
     extra = list(settings or ())
     if steps is not None:
         extra.append(f"gait.steps={steps}")
     if qp is not None:
         extra.append(f'solver.qp="{qp}"')
-    requests = planning.requests(gaits or ["normal"], extra)
+    resolve = tuned.requests if tune else planning.requests
+    requests = resolve(gaits or ["normal"], extra)
     options = run.Options(profile=profiles.profile(profile), force=force)
     targets = run.targets(requests, out, force=force)
     narrator = Narrator()
@@ -206,6 +213,9 @@ def validate(
     statuses = [Status.PASS]
     for request, target in zip(requests, targets, strict=True):
         try:
+            if tune:
+                choice = tuned.tune_request(request, stages=narrator)
+                request = planning.Request(request.name, choice.run)
             result = run.validate(request, target, options, stages=narrator)
         except RefusedGait as error:  # the other gaits may still walk
             narrator.say(f"ampm: {request.name}: {explain(error)[1]}")
@@ -222,6 +232,105 @@ def validate(
     if as_json:
         print_json(answers[0] if len(requests) == 1 else answers)
     return max(statuses)
+
+
+@app.command()
+def tune(
+    gait: Gait = "normal",
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE.toml", help="Write the complete run, for 'ampm validate'."),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> int:
+    """Find what a gait leaves open: share of single support, roll, heights, foot timing and angles, lean.
+
+    What the preset, the file or --set names stays as it is. An optimiser works on plan and whole-body motion
+    alone; nothing is simulated. Where no choice walks, the refusal names the limit and the best it found.
+    """
+    from validation import planning, tuned
+    from validation.folders import check_output_file
+
+    if out is not None:
+        tuned.check_toml(out)
+        check_output_file(out, force=force)
+    narrator = Narrator()
+    request = planning.request(gait, settings or ())
+    result = tuned.tune_request(request, stages=narrator)
+    if out is not None:
+        tuned.write_tuned(request, result, out, force=force)
+    if as_json:
+        print_json(tuned.describe_tuned(request, result))
+    else:
+        tuned.print_tuned(request, result)
+    if out is not None:
+        narrator.say(f"wrote {out}")
+    return Status.PASS
+
+
+@app.command()
+def campaign(
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder of the table; rows that it holds are kept.")
+    ] = Path("campaign"),
+    runs: Annotated[int, typer.Option("--runs", metavar="N", help="Gaits to draw.")] = 100,
+    seed: Annotated[int, typer.Option("--seed", help="Of the draw.")] = 1,
+    steps: Annotated[int, typer.Option("--steps", metavar="N", help="Of every walk.")] = 30,
+    workers: Annotated[int, typer.Option("--workers", metavar="N", help="Processes.")] = 2,
+    publish: Annotated[
+        Path | None,
+        typer.Option("--publish", metavar="FILE.md", help="Put the tables between the marks of a page."),
+    ] = None,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> int:
+    """Draw gaits from the whole range, tune and walk each; say how well, and why the others do not walk."""
+    from validation import campaign as drawn
+
+    narrator = Narrator()
+    rows = drawn.run_campaign(out, runs=runs, seed=seed, steps=steps, workers=workers, stages=narrator)
+    text = drawn.page(rows, seed)
+    if publish is not None:
+        drawn.publish(text, publish)
+    if as_json:
+        print_json(drawn.summary(rows))
+    else:
+        print_line(text)
+    return Status.PASS
+
+
+@app.command()
+def compare(
+    a: Annotated[
+        str, typer.Argument(help="Preset, TOML file, or folder of a run.", metavar="[A]")
+    ] = "normal",
+    b: Annotated[str, typer.Argument(help="What it is compared with.", metavar="[B]")] = "ipm",
+    settings: Settings = None,
+    steps: Annotated[int | None, typer.Option("--steps", metavar="N", help="Short for gait.steps=N.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Keep the report, the numbers and the runs.")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> int:
+    """Walk or load two gaits and put them side by side, at the switches of support above all.
+
+    The default says what continuity up to the acceleration buys: the paper's gait beside the plain inverted
+    pendulum. No tolerances are judged: 0 means that both walked to the end.
+    """
+    from validation import pairs
+
+    extra = [*(settings or ()), *([] if steps is None else [f"gait.steps={steps}"])]
+    pair = pairs.compare_pair(a, b, extra, out=out, force=force, stages=Narrator())
+    if as_json:
+        print_json(pair.as_dict())
+    else:
+        pairs.print_pair(pair)
+    return max(pairs.status(pair))
 
 
 @app.command()
