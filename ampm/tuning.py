@@ -29,6 +29,7 @@ from ampm.feasibility import (
     ROLL_TOLERANCE,
     check_body,
 )
+from ampm.feet import HEEL
 from ampm.gait import LEAST_MID_STANCE_SHARE, GaitPlan, plan_gait
 from ampm.geometry import polygon_margin
 from ampm.inverse_kinematics import KNEE_MINIMUM, Unreachable
@@ -122,9 +123,15 @@ LIMITS: Mapping[str, Limit] = MappingProxyType(
             0.2,
             "mid_stance_too_slow",
         ),
-        "zmp_single": Limit(f"{_SUPPORT} single support", "m", 0.0, 0.006, "zmp_leaves_support"),
+        "zmp_single": Limit(
+            f"{_SUPPORT} single support on the whole sole", "m", 0.0, 0.006, "zmp_leaves_support"
+        ),
         "zmp_double": Limit(
-            f"{_SUPPORT} double support", "m", -ROLL_TOLERANCE, -_RISE_TOLERANCE, "zmp_leaves_support"
+            f"{_SUPPORT} double support or on the ball",
+            "m",
+            -ROLL_TOLERANCE,
+            -_RISE_TOLERANCE,
+            "zmp_leaves_support",
         ),
         "reach": Limit(
             "distance of hip and ankle over the straight leg",
@@ -522,7 +529,7 @@ def _heel_rise_lead(plan: GaitPlan, ball: float) -> float:
     times, double = _instants(plan)
     start = float(times[double][0])
     zmp = np.maximum.accumulate(plan.sample(times).zmp[:, 0])
-    reached = float(np.interp(ball, zmp, times))
+    reached = float(np.interp(ball + 1e-4, zmp, times))  # a little more, for the interpolation's sake
     if reached > start:  # in double support the ZMP is fast: a few millimetres are forgiven
         reached = max(start, float(np.interp(ball - _RISE_TOLERANCE, zmp, times)))
     return start - reached
@@ -592,6 +599,7 @@ def plan_margins(plan: GaitPlan, run: RunParameters, description: BodyDescriptio
     times, double = _instants(plan)
     margin = plan.zmp_margin(times)
     sample = plan.sample(times)
+    level = ~double & plan.feet.sample(times)[0].contact[:, HEEL]  # a rising heel leaves the ZMP on the edge
     swing = plan.feet.sample(times[~double])[1].sole_points[:, :, 2].min(axis=1)
     points = np.stack([f.sole_points[:, :, 2].min(axis=1) for f in plan.feet.sample(times)])
     share = times[~double] / plan.phases[0].duration
@@ -600,8 +608,8 @@ def plan_margins(plan: GaitPlan, run: RunParameters, description: BodyDescriptio
     roll = run.foot.schedule == "roll"
     return {
         "mid_stance": _mid_stance(run.gait),
-        "zmp_single": float(margin[~double].min()),
-        "zmp_double": float(margin[double].min()),
+        "zmp_single": float(margin[level].min()),
+        "zmp_double": float(margin[~level].min()),
         "reach": _leg_extension(plan, description, times),
         "floor": float(points.min()),
         "clearance": float(swing[middle].min()),
