@@ -1,0 +1,70 @@
+"""The paper's demos, walked: what their presets promise, in plan and in physics."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from ampm.gait import plan_gait
+from ampm.parameters import load_run, preset_names
+from validation.signals import load_signals
+
+ROLLS = (0.1, 0.4, 0.7, 1.0)
+PROFILES = {"roll-0.1": "wide", "pitch": "wide"}
+"""Profile that each preset is to pass; all others pass the default one."""
+
+
+def swing(folder, source, axis="x"):
+    """Peak to peak of an angular momentum after the first step [N m s]."""
+    signals = load_signals(folder / "signals.parquet")
+    values = signals[f"{source}_angular_momentum_{axis}"]
+    return float(np.ptp(values[len(values) // 3 :]))
+
+
+def test_e12_angular_momentum_falls_with_c_y_in_the_plan():
+    def peak_to_peak(c_y):
+        plan = plan_gait(load_run(f"roll-{c_y}").gait)
+        return np.ptp(plan.sample(np.linspace(0.0, plan.duration, 4001)).angular_momentum[:, 0])
+
+    swings = [peak_to_peak(c_y) for c_y in ROLLS]
+    assert swings == sorted(swings, reverse=True)
+    assert swings[-1] < 1e-12
+    # Not in proportion to 1 - c_y: the COM's own swing to the side depends on c_y as well.
+    assert swings[0] / swings[2] == pytest.approx(3.5, rel=0.15)
+
+
+def test_e12_angular_momentum_falls_with_c_y_in_physics(run_of):
+    most, least = run_of("roll-0.1", steps=5), run_of("roll-0.7", steps=5)
+    assert swing(most, "measured") > 3.0 * swing(least, "measured") > 3.0
+    for folder in (most, least):
+        assert swing(folder, "measured") == pytest.approx(swing(folder, "plan"), rel=0.05)
+
+
+def test_the_pitch_demos_turn_the_body_in_opposite_senses(run_of):
+    """Past mid-stance the weight's lever is -(c_s - 1) x: forward for c_s < 1, backward for c_s > 1."""
+    for name, sign in (("pitch", -1.0), ("pitch-low", 1.0)):
+        plan = plan_gait(load_run(name).gait)
+        end = plan.constants.single_support_duration
+        moment = plan.sample([0.9 * end]).moment[0, 1]
+        assert sign * moment > 30.0
+    folder = run_of("pitch-low", steps=4)
+    assert swing(folder, "measured", "y") == pytest.approx(swing(folder, "plan", "y"), rel=0.1)
+    assert swing(folder, "plan", "y") > 5.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", preset_names())
+def test_every_preset_walks_thirty_steps_within_its_profile(name, run_of):
+    from validation.profiles import profile
+
+    summary = json.loads((run_of(name, steps=30) / "summary.json").read_text(encoding="utf-8"))
+    assert summary["outcome"] == "completed"
+    assert summary["steps_completed"] == 30
+    if name == "ipm":  # for comparison: its plan asks for what no body can do
+        return
+    for tolerance in profile(PROFILES.get(name, "default")).tolerances:
+        metric = summary["metrics"][tolerance.metric]
+        scale = summary["scales"]["body_weight"] if tolerance.unit == "body weight" else 1.0
+        assert metric["value"] <= tolerance.limit * scale, tolerance.metric

@@ -1,0 +1,163 @@
+"""Two gaits side by side: what continuity buys, on real runs of both pendulums."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from ampm.exceptions import InputError
+from validation.cli import call
+from validation.console import Silent
+from validation.pairs import GRIDS, NUMBERS, PICTURE, REPORT, Row, _side, compare_pair, joint_jumps, pair_of
+
+STEPS = 5
+
+
+@pytest.fixture(scope="module")
+def folders(run_of):
+    return run_of("normal", steps=STEPS), run_of("ipm", steps=STEPS)
+
+
+@pytest.fixture(scope="module")
+def pair(folders):
+    return pair_of(_side("normal", folders[0], Silent()), _side("ipm", folders[1], Silent()))
+
+
+def value(pair, name):
+    return next((row.a, row.b) for row in pair.rows if row.name == name)
+
+
+def test_the_plan_of_one_side_jumps_and_that_of_the_other_does_not(pair):
+    l_s, h = pair.b.plan.constants.l_s, pair.b.plan.parameters.com_height
+    smooth, jump = value(pair, "plan_acceleration")
+    assert smooth < 1e-11
+    assert jump == pytest.approx(9.81 * l_s / h)
+    assert value(pair, "plan_zmp")[1] == pytest.approx(1e3 * l_s)
+    assert value(pair, "plan_force")[1] == pytest.approx(100 * l_s / h)
+    assert value(pair, "plan_moment") == (pytest.approx(0.0, abs=1e-9), 0.0)
+
+
+def test_joint_accelerations_halve_with_the_grid_or_stay(pair):
+    smooth, jump = pair.a.joints, pair.b.joints
+    assert smooth.grid == jump.grid == GRIDS
+    for coarse, fine in zip(smooth.jump, smooth.jump[1:], strict=False):
+        assert fine == pytest.approx(0.5 * coarse, rel=0.1)
+    assert smooth.limit < 0.1 * smooth.jump[-1]
+    assert jump.jump[-1] > 0.8 * jump.jump[-2]
+    assert jump.limit > 10.0
+    assert jump.limit == pytest.approx(jump.jump[-1], rel=0.2)
+
+
+def test_the_ground_feels_the_jump(pair):
+    smooth, jump = value(pair, "measured_change")
+    assert jump > 5.0 * smooth
+    assert jump == pytest.approx(value(pair, "planned_change")[1], rel=0.2)
+    for name in ("force_rate", "zmp_x_near", "zmp_y_near", "torque_rate_peak", "effort_zmp_near"):
+        smooth, jump = value(pair, name)
+        assert jump > 2.0 * smooth, name
+
+
+def test_it_is_said_where_continuity_buys_nothing(pair):
+    better = {row.name: row.better for row in pair.rows}
+    assert {"plan_acceleration", "joint_limit", "zmp_x_near"} <= {k for k, v in better.items() if v == "a"}
+    assert better["transport"] == better["plan_moment"] == "even"
+    assert "ZMP" in pair.sentence("a")
+    assert "cost of transport" in pair.sentence("even")
+
+
+def row(a, b, least=0.1):
+    return Row("group", "name", "label", "mm", a, b, least)
+
+
+def test_which_side_is_better():
+    assert row(1.0, 2.0).better == "a"
+    assert row(2.0, 1.0).better == "b"
+    assert row(1.0, 1.2).better == row(1.2, 1.0).better == "even"
+    assert row(1e-12, 0.09).better == "even"  # both are noise
+    assert row(1e-12, 1.0).ratio == pytest.approx(10.0)
+    assert row(math.nan, 1.0).better == ""
+    assert "nothing" in replace_rows().sentence("b")
+
+
+def replace_rows():
+    from validation.pairs import Pair
+
+    side = SimpleNamespace(label="x")
+    return Pair(side, side, (row(1.0, 2.0),), 0.05)  # type: ignore[arg-type]
+
+
+def test_the_limit_of_joint_jumps_is_exact_for_a_jump_on_a_slope():
+    """q'' = 3 t before the switch and 3 t + 7 after it, in one joint of two."""
+
+    def motion(h):
+        time = np.concatenate([np.arange(0, 0.4 - h / 2, h), np.arange(0.4, 0.5 + h / 2, h)])
+        a = np.zeros((len(time), 8))
+        a[:, 6] = 3.0 * time + np.where(time >= 0.4 - 1e-9, 7.0, 0.0)
+        a[-1] = 0.0  # of the interval that ends with the step, only its start is used
+        a[0, 6] = a[-2, 6] + 3.0 * h
+        return SimpleNamespace(acceleration=a, time=time, double_support_start=0.4)
+
+    robot = SimpleNamespace(mirror_joints=lambda x: x, joint_names=("knee", "hip"))
+    joints = joint_jumps([motion(h) for h in GRIDS], robot, GRIDS)  # type: ignore[arg-type, misc]
+    assert joints.limit == pytest.approx(7.0, abs=1e-9)
+    assert joints.jump == pytest.approx([7.0 + 3.0 * h for h in GRIDS])
+    assert joints.joint == "knee"
+
+
+def test_a_comparison_of_folders_is_written_and_read_back(folders, tmp_path, capfd):
+    out = tmp_path / "both"
+    arguments = ["compare", *map(str, folders), "--out", str(out)]
+    assert call([*arguments, "--json"]) == 0
+    answer = json.loads(capfd.readouterr().out)
+    assert json.loads((out / NUMBERS).read_text(encoding="utf-8")) == answer
+    assert answer["b"]["model"] == "ipm"
+    assert answer["figures"]["zmp_x_near"]["better"] == "a"
+    assert {entry.name for entry in out.iterdir()} == {REPORT, NUMBERS, PICTURE}
+    page = (out / REPORT).read_text(encoding="utf-8")
+    assert "http" not in page.replace("http://www.w3.org", "")
+    assert "#0101" not in page
+    ElementTree.parse(out / PICTURE)
+    assert call(arguments) == 2
+    assert "not empty" in capfd.readouterr().err
+    assert call([*arguments, "--force"]) == 0
+    printed = capfd.readouterr().out
+    assert "single support" in printed
+    assert "is better in" in printed
+
+
+def test_what_cannot_be_compared_is_refused(folders, tmp_path):
+    normal = str(folders[0])
+    with pytest.raises(InputError, match="both gaits are named 'normal'"):
+        compare_pair("normal", "normal")
+    with pytest.raises(InputError, match="--set has nothing to change"):
+        compare_pair(normal, str(folders[1]), ["gait.steps=3"])
+    with pytest.raises(InputError, match="no folder of a finished run"):
+        compare_pair(normal, str(tmp_path))
+    with pytest.raises(InputError, match="neither a preset nor a file"):
+        compare_pair(normal, "nowhere")
+    with pytest.raises(InputError, match="holds no comparison"):
+        compare_pair(normal, normal, out=folders[1], force=True)
+    with pytest.raises(InputError, match="is a file"):
+        compare_pair(normal, normal, out=folders[0] / "run.toml")
+
+
+def test_two_folders_of_one_gait_are_told_apart(folders):
+    pair = compare_pair(str(folders[0]), str(folders[0]))
+    assert pair.a.label != pair.b.label
+    assert {row.better for row in pair.rows} == {"even"}
+
+
+def test_a_walk_that_did_not_end_is_told_by_the_status(pair):
+    from validation.pairs import status
+
+    fallen = replace(pair, b=replace(pair.b, outcome="fell"))
+    stopped = replace(pair, a=replace(pair.a, outcome="interrupted"))
+    assert status(pair) == (0, 0)
+    assert status(fallen) == (0, 3)
+    assert max(status(stopped)) == 130
