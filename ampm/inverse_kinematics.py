@@ -214,7 +214,7 @@ class InverseKinematics:
         rows = np.arange(TASK_ROWS)
         self.position_rows = np.delete(rows, [3, 4, 5])  # a configuration has no angular momentum
         self.rows = rows if self.zero_yaw_momentum else np.delete(rows, _L_Z)
-        self.weights = self._weights()
+        self.weights = robot.by_group(POSTURE_WEIGHTS)
         self._root_weight = np.sqrt(self.weights)
         self.rest = np.zeros(robot.nu)
         arms = robot.arm_joints - 6
@@ -242,17 +242,6 @@ class InverseKinematics:
         self._still = np.zeros(robot.nv)
         self._legs = np.concatenate(robot.leg_joints)
         self._limits_low, self._limits_high = robot.lower[self.limited - 6], robot.upper[self.limited - 6]
-
-    def _weights(self) -> NDArray[np.float64]:
-        robot = self.robot
-        weights = np.empty(robot.nv)
-        weights[:3] = POSTURE_WEIGHTS["root_linear"]
-        weights[3:6] = POSTURE_WEIGHTS["root_angular"]
-        for legs in robot.leg_joints:
-            weights[legs] = POSTURE_WEIGHTS["legs"]
-        weights[robot.trunk_joints] = POSTURE_WEIGHTS["trunk"]
-        weights[robot.arm_joints] = POSTURE_WEIGHTS["arms"]
-        return weights
 
     # ------------------------------------------------------------- one instant
 

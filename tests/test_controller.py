@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +12,7 @@ import pytest
 from ampm.controller import LIMITED, SOLVED, UNSOLVED, TrackingController
 from ampm.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.joint_limits import JointLimits
+from ampm.parameters import ControllerParameters
 from ampm.reference import tracking_reference
 from ampm.robot import TASK_ROWS, Robot
 from ampm.wrench_qp import ANGULAR, STANCE, SWING, YAW_COST
@@ -280,3 +282,12 @@ def test_ticks_do_not_depend_on_what_was_kept_of_earlier_outputs():
     )
     for part, copy in zip(output[:6], kept, strict=True):
         np.testing.assert_array_equal(part, copy)
+
+
+def test_documented_gains_are_the_defaults():
+    page = Path(__file__).parents[1].joinpath("docs", "controller.md").read_text(encoding="utf-8")
+    table = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| `")]
+    found = {row[0].strip("`"): (row[1], row[2]) for row in table}
+    for name, field in ControllerParameters.model_fields.items():
+        assert isinstance(field.json_schema_extra, dict)
+        assert found[name] == (f"{field.default:g}", field.json_schema_extra["unit"])
