@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from ampm.exceptions import InputError
+from ampm.free_choices import FREE_KEYS, named_keys
+from ampm.gait_limits import LIMITS
 from ampm.parameters import dump_run
-from ampm.tuning import FREE_KEYS, LIMITS, Tuned, named_keys, tune
+from ampm.tuning import Tuned, tune
 from validation.console import Silent, figure, print_line, print_table
 from validation.folders import output_file
 from validation.planning import Request, make_body, motion_cache, request
@@ -39,8 +41,8 @@ def tune_request(asked: Request, *, stages: Silent) -> Tuned:
     """
     if set(FREE_KEYS) <= named_keys(asked.run):
         raise InputError(
-            f"{asked.name} names every free choice, so there is nothing to tune; leave out what is to be found, "
-            "for example gait.com_height."
+            f"{asked.name} names every free choice, so there is nothing to tune; leave out what is to be "
+            "found, for example gait.com_height."
         )
     with stages.stage(f"{asked.name}: free choices") as stage:
         return tune(asked.run, make_body(asked.run).robot, progress=stage.note, cache=motion_cache())
