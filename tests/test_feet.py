@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ampm.body import SoleGeometry
 from ampm.exceptions import InputError
-from ampm.feet import BALL, HEEL, TIP, FootSample, plan_feet, quintic
+from ampm.feet import BALL, HEEL, TIP, FootSample, cubic, plan_feet, quintic
 from ampm.gait import Footstep, plan_gait
 from ampm.parameters import FootParameters, load_run, preset_names
 from models.human import build
@@ -230,3 +230,78 @@ def test_phases_must_alternate():
     plan = planned(SCHEDULES["roll"])
     with pytest.raises(InputError, match="in turn"):
         plan_feet(replace(plan, phases=plan.phases[1:]), SCHEDULES["roll"], SOLE)
+
+
+# ------------------------------------------------------------------------------------- the paper's swing
+
+PAPER = {
+    "roll": FootParameters(swing="paper", swing_height=0.08, heel_strike_rate=2.0, swing_lag=0.1),
+    "early": FootParameters(swing="paper", swing_height=0.08, toe_return=0.3),
+    "half": FootParameters(swing="paper", swing_height=0.08, toe_return=0.5),
+    "flat": FootParameters(swing="paper", schedule="flat"),
+}
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_papers_swing_derivatives_are_those_of_its_values(name):
+    test_derivatives_are_those_of_the_values(planned(PAPER[name]))
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_papers_swing_jumps_in_velocity_at_lift_off_alone(name):
+    """E17: v_swing = l_s / T_swing at lift-off, at rest at landing; all else is C1, and the swing C2 within."""
+    plan = planned(PAPER[name])
+    single, step = plan.constants.single_support_duration, plan.constants.step_duration
+    frames = plan.feet.left.start[plan.feet.left.start > 0.0]
+    before, after = (plan.feet.sample(frames + shift)[0] for shift in (-2e-12, 0.0))
+    for value in ("position", "pitch", "toe", "sole_points"):
+        np.testing.assert_allclose(getattr(before, value), getattr(after, value), atol=1e-9)
+    for value in ("pitch_velocity", "toe_velocity"):
+        np.testing.assert_allclose(getattr(before, value), getattr(after, value), atol=1e-8)
+    jump = after.velocity - before.velocity
+    since = (frames - step) % (2 * step)
+    lifts = np.isclose(since, 0.0) | np.isclose(since, 2 * step)
+    assert lifts.any()
+    assert not lifts.all()
+    np.testing.assert_allclose(jump[~lifts], 0.0, atol=1e-8)
+    expected = np.broadcast_to([plan.constants.l_s / single, 0.0, 0.0], jump[lifts].shape)
+    np.testing.assert_allclose(jump[lifts], expected, atol=1e-8)
+    landed = plan.feet.sample(step + single)[0]
+    _, velocity, _ = point_motion(landed, SOLE.ball_x)
+    np.testing.assert_allclose(velocity, 0.0, atol=1e-8)
+
+
+def test_papers_swing_is_one_cubic_spline_through_its_highest_key_frame():
+    plan = planned(PAPER["roll"])
+    single, step = plan.constants.single_support_duration, plan.constants.step_duration
+    middle = step + 0.5 * single
+    sides = [plan.feet.sample(middle + shift)[0] for shift in (-1e-9, 1e-9)]
+    for side in sides:
+        assert point_motion(side, SOLE.ball_x)[0][0, 2] == pytest.approx(
+            PAPER["roll"].swing_height + 0.5 * 0.19 * np.sin(PAPER["roll"].heel_strike_angle), abs=1e-7
+        )
+    low, high = (point_motion(side, SOLE.ball_x)[2] for side in sides)
+    np.testing.assert_allclose(low, high, atol=1e-5)  # the acceleration is continuous within the swing
+    coefficients = plan.feet.left.path
+    np.testing.assert_array_equal(coefficients[..., 4:], 0.0)
+    np.testing.assert_array_equal(plan.feet.left.pitch[:, 4:], 0.0)
+
+
+def test_papers_swing_keeps_the_sole_over_the_floor():
+    run = load_run("normal", ["gait.steps=4", "foot.swing=paper"])
+    sole = build(run.body, run.contact, run.simulation).description.sole
+    plan = plan_gait(run.gait, mass=60.0, foot=run.foot, sole=sole)
+    assert plan.feet is not None
+    for foot in plan.feet.sample(np.linspace(0.0, plan.duration, 20001)):
+        assert foot.sole_points[..., 2].min() > -1e-12
+
+
+def test_cubic_meets_both_ends():
+    coefficients = cubic(np.array([[1.0, 2.0], [0.5, -1.0]]), np.array([[3.0, 0.0], [0.0, 2.0]]), [0.5, 0.8])
+    times = np.array([0.5, 0.8])
+    powers = np.arange(6)
+    np.testing.assert_allclose(coefficients[:, :2], [[1.0, 0.5], [2.0, -1.0]])
+    value = np.sum(coefficients * times[:, None] ** powers, axis=1)
+    slope = np.sum((powers * coefficients)[:, 1:] * times[:, None] ** powers[:-1], axis=1)
+    np.testing.assert_allclose(value, [3.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(slope, [0.0, 2.0], atol=1e-12)

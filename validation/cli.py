@@ -378,6 +378,24 @@ def audit(as_json: Json = False, debug: Debug = False) -> int:
     return Status.PASS if run_audit(as_json=as_json) else Status.OUT_OF_TOLERANCE
 
 
+@app.command()
+def figures(
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write SVG and PNG into.")],
+    steps: Annotated[int, typer.Option("--steps", metavar="N", help="Steps walked for a figure.")] = 12,
+    only: Annotated[
+        str | None, typer.Option("--only", metavar="8,9", help="Of 4, 5, 7, 8, 9, 10, 11, 12, human.")
+    ] = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> int:
+    """Draw the paper's figures from data: plan, inverse kinematics and simulation on the same axes."""
+    from validation.paper_figures import make_figures
+
+    for path in make_figures(out, only, steps, force=force, stages=Narrator()):
+        print_line(str(path))
+    return Status.PASS
+
+
 def _status(summary: dict[str, Any]) -> Status:
     """Exit status of one finished run."""
     if summary["outcome"] == "interrupted":

@@ -1,0 +1,236 @@
+"""The paper's figures: what is drawn comes from plan, motion and record, and nothing is overwritten."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from ampm.exceptions import InputError
+from ampm.parameters import load_run
+from tests.solved import COARSE, motion_of, walk_of
+from validation.cli import Status, call
+from validation.paper_figures import FIGURES, make_figures
+from validation.paper_figures.accelerations import com_accelerations, figure_9, figure_10, joint_accelerations
+from validation.paper_figures.bodies import figure_8, numbers
+from validation.paper_figures.canvas import style
+from validation.paper_figures.foot_roll import joint_jumps, table
+from validation.paper_figures.human import (
+    HUMAN_FORCE,
+    HUMAN_MOMENTUM,
+    _forces,
+    peaks,
+    ranges,
+    scale,
+)
+from validation.paper_figures.human import table as human_table
+from validation.paper_figures.skeleton import pose
+from validation.paper_figures.walks import Walk, Walks
+from validation.planning import request
+from validation.run import Options, validate
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory) -> Walk:
+    asked = request("normal", ["gait.steps=6", COARSE])
+    trial = validate(asked, tmp_path_factory.mktemp("walk") / "run", Options(recording=False))
+    return Walk("normal", trial)
+
+
+@pytest.fixture
+def paper():
+    with style():
+        yield
+
+
+# ------------------------------------------------------------------------------------------ the command
+
+
+def test_geometry_is_written_as_svg_and_png_and_never_lost(tmp_path, capsys):
+    assert call(["figures", "--out", str(tmp_path / "new" / "out"), "--only", "4,5"]) == Status.PASS
+    files = sorted(path.name for path in (tmp_path / "new" / "out").iterdir())
+    assert files == ["figure-04.png", "figure-04.svg", "figure-05.png", "figure-05.svg"]
+    printed = capsys.readouterr().out.split()
+    assert sorted(Path(line).name for line in printed) == files
+    first = (tmp_path / "new" / "out" / "figure-04.svg").read_bytes()
+    assert call(["figures", "--out", str(tmp_path / "new" / "out"), "--only", "4"]) == Status.REFUSED
+    assert "--force" in capsys.readouterr().err
+    assert call(["figures", "--out", str(tmp_path / "new" / "out"), "--only", "4", "--force"]) == Status.PASS
+    assert (tmp_path / "new" / "out" / "figure-04.svg").read_bytes() == first  # the same bits every time
+
+
+def test_unknown_figures_and_too_short_walks_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"no figure '6'; the figures are 4, 5, 7"):
+        make_figures(tmp_path, "4,6")
+    with pytest.raises(InputError, match="no figure"):
+        make_figures(tmp_path, "")
+    with pytest.raises(InputError, match="take 4 or more"):
+        make_figures(tmp_path, "8", steps=3)
+    file = tmp_path / "file"
+    file.write_text("mine")
+    with pytest.raises(InputError, match="is a file"):
+        make_figures(file, "4")
+    assert file.read_text() == "mine"
+
+
+def test_numbers_of_earlier_figures_are_kept(tmp_path, monkeypatch):
+    drawn = {name: lambda walks, name=name: (Figure(), {"said": name}) for name in ("8", "9")}
+    monkeypatch.setattr(
+        "validation.paper_figures.make.FIGURES",
+        {name: (f"figure-{name}", draw) for name, draw in drawn.items()},
+    )
+    make_figures(tmp_path, "8")
+    paths = make_figures(tmp_path, "9")
+    assert json.loads(paths[-1].read_text()) == {"figure-8": {"said": "8"}, "figure-9": {"said": "9"}}
+
+
+def test_a_gait_is_walked_once(monkeypatch):
+    walked = []
+
+    def count(asked, target, options, *, stages):
+        walked.append((asked.name, asked.run.gait.steps))
+
+    monkeypatch.setattr("validation.paper_figures.walks.validate", count)
+    with Walks(5) as walks:
+        first = walks.walk("normal")
+        assert walks.walk("normal") is first
+        assert walks.walk("normal", ("gait.c_y=0.4",)) is not first
+    assert walked == [("normal", 5), ("normal", 5)]
+
+
+def test_every_figure_of_the_paper_that_shows_data_is_there():
+    assert set(FIGURES) == {"4", "5", "7", "8", "9", "10", "11", "12", "human"}
+
+
+# --------------------------------------------------------------------------------------------- the data
+
+
+def test_body_is_posed_by_its_own_kinematics(walk):
+    body = pose(walk.robot, walk.configuration(walk.middle))
+    record = walk.trial.record
+    row = int(np.argmin(np.abs(record.time - walk.middle)))
+    np.testing.assert_allclose(body.com, record.com[row], atol=1e-9)
+    lowest = min(segment.points[:, 2].min() for segment in body.segments)
+    assert -0.005 < lowest < 0.005  # the stance foot stands on the floor
+    top = body.head[2] + body.head_radius
+    assert 0.9 * 1.7 < top < 1.72
+    left = [s for s in body.segments if s.side == "left"]
+    right = [s for s in body.segments if s.side == "right"]
+    assert np.mean([s.points[:, 1].mean() for s in left]) > np.mean([s.points[:, 1].mean() for s in right])
+    for thigh in (left[0], right[0]):
+        assert np.linalg.norm(np.diff(thigh.points, axis=0)) == pytest.approx(0.245 * 1.7, rel=0.02)
+
+
+def test_trunk_angles_have_the_signs_that_are_said(walk):
+    said = numbers(walk)
+    assert said["trunk_pitch_smallest_deg"] < 0 < said["trunk_pitch_largest_deg"]
+    assert said["measured_L_y_peak_Nms"] == pytest.approx(said["planned_L_y_peak_Nms"], abs=0.4)
+
+
+def test_com_acceleration_of_plan_motion_and_forces_agree(walk):
+    planned, motion, measured = com_accelerations(walk)
+    assert len(measured) == len(walk.stride_starts) == 2  # the first stride is left out
+    np.testing.assert_allclose(motion[:, :2], planned[:, :2], atol=0.01)
+    error = measured - planned
+    assert np.sqrt((error[..., :2] ** 2).mean()) < 0.08
+    _, answers = figure_9(walk)
+    assert answers[1].rmse == pytest.approx(float(np.sqrt((error[..., 0] ** 2).mean())))
+
+
+def test_com_acceleration_is_continuous_at_the_switches(walk):
+    planned, _, _ = com_accelerations(walk)
+    step = np.abs(np.diff(planned[:, :2], axis=0)).max()
+    assert step < 0.1  # 2 ms at the steepest; the plain pendulum would jump by 3 m/s²
+
+
+def test_joint_acceleration_follows_the_motion(walk):
+    knee = walk.robot.description.left_leg.knee
+    motion, raw, smooth = joint_accelerations(walk, knee, 1.0)
+    assert raw.shape == smooth.shape == (2, len(walk.phase))
+    scale_of = float(np.sqrt((motion**2).mean()))
+    assert np.sqrt(((smooth - motion) ** 2).mean()) < 0.15 * scale_of
+    flipped, _, _ = joint_accelerations(walk, knee, -1.0)
+    np.testing.assert_array_equal(flipped, -motion)
+
+
+@pytest.mark.usefixtures("paper")
+def test_figures_of_a_walk_have_their_axes_and_units(walk):
+    figure, _ = figure_9(walk)
+    assert figure.axes[0].get_ylabel().endswith("[m/s²]")
+    figure, answers = figure_10(walk)
+    assert all(item.unit == "rad/s²" for item in answers)
+    assert len(figure_8(walk).axes) == 2
+
+
+# -------------------------------------------------------------------------------------------- foot roll
+
+
+@cache
+def jumps(swing: str, grid: float) -> dict[str, float]:
+    overrides = (f"foot.swing={swing}", f"solver.ik_time_step={grid}")
+    return joint_jumps(motion_of(*overrides), walk_of(*overrides).robot)
+
+
+def test_the_papers_swing_lets_the_joints_jump_and_ours_does_not():
+    """E17: half the grid halves the jumps of a C2 motion; a jump of velocity stays, and its slope doubles."""
+    coarse, fine = jumps("quintic", 0.008), jumps("quintic", 0.004)
+    assert fine["acceleration"] == pytest.approx(0.5 * coarse["acceleration"], rel=0.15)
+    assert fine["velocity"] == pytest.approx(0.5 * coarse["velocity"], rel=0.15)
+    coarse, fine = jumps("paper", 0.008), jumps("paper", 0.004)
+    assert fine["velocity"] == pytest.approx(coarse["velocity"], rel=0.15)
+    assert fine["difference"] == pytest.approx(2.0 * coarse["difference"], rel=0.15)
+    assert fine["acceleration"] > 5.0 * jumps("quintic", 0.004)["acceleration"]
+
+
+def test_foot_roll_table_has_a_column_for_either_form():
+    names = ["zmp_x_rmse", "zmp_y_rmse", "zmp_x_maximum", "zmp_y_maximum", "torque_share_percent"]
+    names += ["force_x_rmse", "force_y_rmse", "force_z_rmse", "torque_rate_peak_kNm_per_s"]
+    said = {
+        "walk": dict.fromkeys(names, 1.0),
+        "jumps": {"0.004": dict.fromkeys(jumps("quintic", 0.008), 2.0)},
+    }
+    lines = table({"quintic": said, "paper": said}).splitlines()
+    assert {line.count("|") for line in lines} == {4}
+    assert "`quintic` | `paper`" in lines[0]
+
+
+# ------------------------------------------------------------------------------------------------ human
+
+
+def test_momentum_is_normalised_by_mass_speed_and_height(walk):
+    plan = walk.plan
+    assert scale(plan) == pytest.approx(
+        60.0 * 0.6 / plan.constants.step_duration * plan.parameters.com_height
+    )
+    found = peaks(walk)
+    assert found["y"] * scale(plan) == pytest.approx(plan.constants.angular_momentum_y_offset, abs=0.3)
+    assert found["x"] < HUMAN_MOMENTUM["x"]
+
+
+def test_human_range_is_about_the_pendulum_without_momentum():
+    found = ranges(load_run("normal"))
+    for key in ("c_y", "c_s"):
+        assert found[key]["low"] < 1.0 < found[key]["high"]
+        index = int(np.argmin(found[key]["peaks"]))
+        assert found[key]["values"][index] == pytest.approx(1.0)
+        assert found[key]["peaks"][index] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_one_foot_carries_the_weight_without_a_double_hump(walk):
+    figure = Figure()
+    said = _forces(list(figure.subplots(1, 3)), walk)
+    assert 0.98 < said["vertical"]["simulated_largest"] < 1.06
+    assert said["medial"]["simulated_largest"] > 0.0
+    for points in HUMAN_FORCE.values():
+        share = [p[0] for p in points]
+        assert share == sorted(share)
+        assert (share[0], share[-1]) == (0, 100)
+
+
+def test_human_table_says_who_is_within():
+    lines = human_table({"peaks": {"normal": {"x": 0.001, "y": 0.06, "z": 0.01}}}).splitlines()
+    assert lines[-1] == "| `normal` | 0.001 (within) | 0.060 | 0.010 (within) |"

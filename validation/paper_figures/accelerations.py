@@ -1,0 +1,199 @@
+"""Figures 9 and 10: accelerations of the COM and of hip and knee, in plan, motion and physics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from validation.paper_figures.canvas import (
+    BAND,
+    FAINT,
+    MEASURED,
+    MOTION,
+    PLAN,
+    inches,
+    legend_above,
+    shade,
+)
+from validation.paper_figures.walks import Walk
+from validation.profiles import DEFAULT
+
+Array = NDArray[np.float64]
+
+SMOOTHING = 0.01
+"""Interval over which differences of recorded joint velocities are taken for the dark curve [s]."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How far two curves are apart.
+
+    Attributes:
+        name: what is compared with what.
+        rmse: over all strides, in ``unit``.
+        maximum: likewise.
+        unit: of both.
+    """
+
+    name: str
+    rmse: float
+    maximum: float
+    unit: str
+
+
+def _agreement(name: str, error: Array, unit: str) -> Agreement:
+    return Agreement(name, float(np.sqrt(np.mean(error**2))), float(np.abs(error).max()), unit)
+
+
+def as_numbers(answers: Sequence[Agreement]) -> dict[str, dict[str, float | str]]:
+    """The same for JSON, by name."""
+    return {item.name: {"rmse": item.rmse, "maximum": item.maximum, "unit": item.unit} for item in answers}
+
+
+def com_accelerations(walk: Walk) -> tuple[Array, Array, Array]:
+    """COM acceleration of plan and motion over a stride, (n, 3), and measured ones, (strides, n, 3) [m/s^2].
+
+    The measured one is the net contact force over the mass, less gravity: no derivative is taken.
+    """
+    planned = walk.plan.sample(walk.stride_starts[0] + walk.phase).com_acceleration
+    model, sample = walk.robot.model, walk.motion_sample
+    data = model.createData()
+    motion = np.empty((len(walk.phase), 3))
+    for row, (q, v, a) in enumerate(zip(sample.q, sample.v, sample.acceleration, strict=True)):
+        pin.centerOfMass(model, data, q, v, a)
+        motion[row] = data.acom[0]
+    measured = walk.trial.measured
+    force = walk.folded(measured.force / measured.mass)
+    return planned, motion, force - np.array([0.0, 0.0, measured.gravity])
+
+
+def figure_9(walk: Walk) -> tuple[Figure, list[Agreement]]:
+    """COM acceleration along the forward and the lateral axis over one stride."""
+    planned, motion, measured = com_accelerations(walk)
+    limits = {item.metric: item.limit for item in DEFAULT.tolerances}
+    figure, axes = _paper()
+    answers = []
+    for row, (axis, letter, name) in enumerate((("x", "a", "forward"), ("y", "b", "lateral"))):
+        upper, lower = axes[2 * row], axes[2 * row + 1]
+        tolerance = limits[f"force_{axis}_rmse"] * walk.plan.gravity
+        error = measured[..., row] - planned[:, row]
+        for panel in (upper, lower):
+            shade(panel, walk.double_supports)
+        _curves(upper, walk, planned[:, row], motion[:, row], measured[..., row])
+        upper.set_title(f"({letter}) COM acceleration along the {name} axis")
+        upper.set_ylabel(f"$\\ddot{{{axis}}}_g$ [m/s²]")
+        if row == 0:
+            legend_above(upper)
+        lower.axhspan(-tolerance, tolerance, color=BAND, alpha=0.35, linewidth=0,
+                      label=f"tolerance of the RMSE: ± {tolerance:.3f} m/s²")  # fmt: skip
+        lower.axhline(0.0, color=FAINT, linewidth=0.6)
+        lower.plot(walk.phase, error.T, color=MEASURED, linewidth=0.5, alpha=0.55)
+        lower.plot(walk.phase, motion[:, row] - planned[:, row], color=MOTION, linewidth=1.0)
+        lower.set_ylabel("less plan")
+        lower.legend(loc="upper center", fontsize=7.5, borderpad=0.1, bbox_to_anchor=(0.32, 1.12))
+        reach = 1.5 * max(tolerance, float(np.abs(error).max()))
+        lower.set_ylim(-reach, reach)
+        answers += [
+            _agreement(
+                f"COM acceleration {axis}: motion less plan", motion[:, row] - planned[:, row], "m/s²"
+            ),
+            _agreement(f"COM acceleration {axis}: simulation less plan", error, "m/s²"),
+        ]
+    _time_axis(axes, walk)
+    return figure, answers
+
+
+def joint_accelerations(walk: Walk, joint: str, sign: float) -> tuple[Array, Array, Array]:
+    """Acceleration of one hinge: of the motion (n,), and of the simulation, raw and smoothed (strides, n).
+
+    The recorded velocities are differenced over one time step, and over :data:`SMOOTHING`; both are central.
+    """
+    record = walk.trial.record
+    index = record.joint_names.index(joint)
+    velocity = sign * record.qd[:, 6 + index]
+    dt = record.time_step
+    raw = np.diff(velocity) / dt
+    wide = max(2, round(SMOOTHING / dt))
+    smooth = (velocity[wide:] - velocity[:-wide]) / (wide * dt)
+    time = record.time
+    motion = sign * walk.motion_sample.acceleration[:, walk.robot.velocity_indices((joint,))[0]]
+    return (
+        motion,
+        walk.folded(raw, 0.5 * (time[1:] + time[:-1])),
+        walk.folded(smooth, 0.5 * (time[wide:] + time[:-wide])),
+    )
+
+
+def figure_10(walk: Walk) -> tuple[Figure, list[Agreement]]:
+    """Flexion accelerations of the left hip and knee over one stride."""
+    leg = walk.robot.description.left_leg
+    figure, axes = _paper()
+    answers = []
+    # A positive turn about +y takes a hanging thigh back, and flexes the knee.
+    for row, (name, joint, sign) in enumerate((("hip", leg.hip[0], -1.0), ("knee", leg.knee, 1.0))):
+        motion, raw, smooth = joint_accelerations(walk, joint, sign)
+        upper, lower = axes[2 * row], axes[2 * row + 1]
+        for panel in (upper, lower):
+            shade(panel, walk.double_supports)
+        upper.plot(walk.phase, motion, color=PLAN, linewidth=4.2, label="inverse kinematics")
+        upper.plot(walk.phase, raw[len(raw) // 2], color=MEASURED, linewidth=0.5, alpha=0.6,
+                   label="simulation, per time step")  # fmt: skip
+        upper.fill_between(walk.phase, smooth.min(axis=0), smooth.max(axis=0), color=MEASURED, alpha=0.3,
+                           linewidth=0)  # fmt: skip
+        upper.plot(walk.phase, smooth.mean(axis=0), color=MEASURED, linewidth=1.0,
+                   label=f"simulation, over {1e3 * SMOOTHING:.0f} ms")  # fmt: skip
+        reach = 1.35 * max(float(np.abs(smooth).max()), float(np.abs(motion).max()))
+        upper.set_ylim(-reach, reach)
+        letter = "ab"[row]
+        upper.set_title(f"({letter}) angular acceleration of flexion of the left {name}")
+        upper.set_ylabel(f"{name} [rad/s²]")
+        if row == 0:
+            legend_above(upper)
+        error = smooth - motion
+        lower.axhline(0.0, color=FAINT, linewidth=0.6)
+        lower.plot(walk.phase, error.T, color=MEASURED, linewidth=0.5, alpha=0.55)
+        lower.set_ylabel("less IK")
+        bound = 1.15 * float(np.abs(error).max())
+        lower.set_ylim(-bound, bound)
+        answers.append(
+            _agreement(f"{name} acceleration: simulation ({1e3 * SMOOTHING:.0f} ms) less IK", error, "rad/s²")
+        )
+    _time_axis(axes, walk)
+    return figure, answers
+
+
+def _curves(axis: Axes, walk: Walk, planned: Array, motion: Array, measured: Array) -> None:
+    """Plan, motion and simulation on the same axes, with the spread of the strides."""
+    axis.plot(walk.phase, planned, color=PLAN, linewidth=4.2, label="plan")
+    axis.plot(walk.phase, motion, color=MOTION, linewidth=1.2, label="inverse kinematics")
+    axis.fill_between(
+        walk.phase, measured.min(axis=0), measured.max(axis=0), color=MEASURED, alpha=0.3, linewidth=0
+    )
+    axis.plot(walk.phase, measured.mean(axis=0), color=MEASURED, linewidth=0.9,
+              label=f"simulation (contact force / m), {len(measured)} strides")  # fmt: skip
+
+
+def _paper() -> tuple[Figure, list[Axes]]:
+    """Two curves, each over its own error, on common times."""
+    figure = Figure(figsize=(8.4, 7.4))
+    axes = [
+        inches(figure, 0.8, top, 7.45, height)
+        for top, height in ((0.52, 2.0), (2.66, 0.72), (4.1, 2.0), (6.24, 0.72))
+    ]
+    for axis in axes[:3]:
+        axis.tick_params(labelbottom=False)
+    for axis in axes:
+        axis.yaxis.set_label_coords(-0.072, 0.5)
+    return figure, axes
+
+
+def _time_axis(axes: list[Axes], walk: Walk) -> None:
+    for axis in axes:
+        axis.set_xlim(0.0, walk.stride)
+    axes[-1].set_xlabel("time from the start of left single support [s]; double support shaded")
