@@ -249,7 +249,7 @@ def test_papers_swing_derivatives_are_those_of_its_values(name):
 
 @pytest.mark.parametrize("name", PAPER)
 def test_papers_swing_jumps_in_velocity_at_lift_off_alone(name):
-    """E17: v_swing = l_s / T_swing at lift-off, at rest at landing; all else is C1, and the swing C2 within."""
+    """E17: v_swing = l_s / T_swing at lift-off, at rest at landing; all else is C1."""
     plan = planned(PAPER[name])
     single, step = plan.constants.single_support_duration, plan.constants.step_duration
     frames = plan.feet.left.start[plan.feet.left.start > 0.0]

@@ -268,13 +268,13 @@ def table(numbers: Mapping[str, Any]) -> str:
     for key, label, unit in (
         ("velocity", "joint velocity", "rad/s"),
         ("acceleration", "joint acceleration", "rad/s²"),
-        ("difference", "joint acceleration by difference of velocities", "rad/s²"),
+        ("difference", "joint velocity per time", "rad/s²"),
     ):
         row(
             f"IK, largest change of {label} at a switch, grid "
             + ", ".join(f"{1e3 * grid:g}" for grid in GRIDS)
             + f" ms [{unit}]",
-            [", ".join(f"{item[key]:.3g}" for item in said["jumps"].values()) for said in numbers.values()],
+            [", ".join(_shown(item[key]) for item in said["jumps"].values()) for said in numbers.values()],
         )
 
     def walked(label: str, *names: str, digits: int = 2) -> None:
@@ -286,3 +286,8 @@ def table(numbers: Mapping[str, Any]) -> str:
     walked("simulation, largest torque [% of the motor's limit]", "torque_share_percent", digits=0)
     walked("simulation, largest torque rate [kN m/s]", "torque_rate_peak_kNm_per_s")
     return "\n".join(lines)
+
+
+def _shown(value: float) -> str:
+    """Three digits, and no powers of ten."""
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"

@@ -197,3 +197,25 @@ def table(numbers: Mapping[str, Any]) -> str:
         cells = [f"{found[a]:.3f}" + (" (within)" if found[a] <= HUMAN_MOMENTUM[a] else "") for a in "xyz"]
         lines.append(f"| `{gait}` | " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def ranges_table(numbers: Mapping[str, Any]) -> str:
+    """The ranges of c_y and c_s within the human bounds as a Markdown table."""
+    lines = ["| parameter | bound on people | nearest to people |", "|---|---|---|"]
+    for key, axis in (("c_y", "x"), ("c_s", "y")):
+        found = numbers["ranges"][key]
+        bound = f"L_{axis} / (m V H) ≤ {HUMAN_MOMENTUM[axis]:g}"
+        lines.append(f"| `gait.{key}` | {bound} | {found['low']:.2f} to {found['high']:.2f} |")
+    return "\n".join(lines)
+
+
+def forces_table(numbers: Mapping[str, Any]) -> str:
+    """One foot's ground force, smallest and largest, as a Markdown table."""
+    lines = ["| force on one foot [body weight] | people (outline) | simulation, `normal` |", "|---|---|---|"]
+    for name, found in numbers["forces"].items():
+        people, ours = (
+            f"{found[f'{who}_smallest']:.2f} to {found[f'{who}_largest']:.2f}"
+            for who in ("people", "simulated")
+        )
+        lines.append(f"| {name} | {people} | {ours} |")
+    return "\n".join(lines)

@@ -157,7 +157,8 @@ def draw(
         flat = segment.points[:, view]
         x, z = flat[:, 0] + shift, flat[:, 1]
         width = slim * segment.width * points_per_metre
-        border = () if segment.side == "trunk" else (("white", 1.1),)  # limbs cross each other
+        # Limbs cross each other; traces are too thin for borders.
+        border = () if segment.side == "trunk" or slim < _SLIM else (("white", 1.1),)
         for color, extra in (*border, (colors[segment.side], 0.0)):
             axis.plot(
                 x, z, color=color, linewidth=max(width + extra, 0.4), alpha=alpha, zorder=3 + 0.02 * order,
