@@ -132,8 +132,8 @@ class FootParameters(Section):
     )
     swing: Literal["quintic", "paper"] = _field(
         "quintic",
-        "quintic: continuous up to the acceleration; paper: cubic splines, the foot lifts at l_s / T_swing at "
-        "once and lands at rest (swing_lag and heel_strike_rate play no part)",
+        "quintic: continuous up to the acceleration; paper: cubic splines, the foot lifts at l_s / T_swing "
+        "at once and lands at rest (swing_lag and heel_strike_rate play no part)",
         "1",
     )
     swing_height: Real = _field(0.05, "extra lift of the foot at mid swing", "m", ge=0, le=0.5)

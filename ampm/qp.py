@@ -233,7 +233,7 @@ class OsqpBackend:
 
 
 class DaqpBackend:
-    """DAQP, a dual active-set solver (Arnström et al. 2022); exact, needs ``pip install ampm[daqp]``.
+    """DAQP, a dual active-set solver (Arnström et al. 2022); exact, needs ``pip install -e '.[daqp]'``.
 
     Args:
         size: number of variables.
@@ -246,7 +246,7 @@ class DaqpBackend:
         except ImportError as error:
             raise InputError(
                 "solver.qp = daqp needs the package daqp, which is not installed; "
-                "install it with 'pip install ampm[daqp]' or use solver.qp = osqp"
+                "install it with 'pip install -e .[daqp]' in the checkout or use solver.qp = osqp"
             ) from error
         self._daqp = daqp
         self._sense = np.zeros(rows, dtype=np.int32)

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 from scipy.linalg import null_space
-from solved import COARSE, motion_of, walk_of
 
 from ampm.gait import plan_gait
 from ampm.inverse_kinematics import InverseKinematics
 from ampm.parameters import load_run
+from tests.solved import COARSE, motion_of, walk_of
 
 
 @pytest.fixture(scope="module")
