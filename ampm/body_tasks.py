@@ -29,49 +29,61 @@ class MomentumTask:
     """
 
     def __init__(self, robot: Robot, reference: TrackingReference, gains: ControllerParameters) -> None:
-        mass = robot.mass
-        self._com, self._trunk = reference.com, reference.trunk
-        self._angular_momentum = reference.angular_momentum
-        self._momentum = np.hstack([mass * reference.com_velocity, reference.angular_momentum])
-        self._wrench = np.hstack([mass * reference.com_acceleration, reference.moment])
-        self._wrench[:, 2] += mass * robot.gravity
-        self._gain = np.repeat([gains.com_damping, gains.momentum_gain], 3)
-        self._stiffness = mass * gains.com_stiffness
-        self._half_trunk_gain = 0.5 * gains.trunk_gain
+        mass = self._mass = robot.mass
+        self._stiffness, self._damping = mass * gains.com_stiffness, mass * gains.com_damping
+        self._momentum_gain, self._half_trunk_gain = gains.momentum_gain, 0.5 * gains.trunk_gain
+        self._rows = np.hstack(  # one look-up a tick
+            [
+                reference.com,
+                reference.com_velocity,
+                reference.angular_momentum,
+                mass * (reference.com_acceleration + np.array([0.0, 0.0, robot.gravity])),
+                reference.moment,
+                reference.trunk.reshape(-1, 9),
+            ]
+        )
         self._rotation = robot.placements[robot.trunk_frame].rotation  # a view of Pinocchio's memory
 
-    def wanted(
-        self, k: int, com: NDArray[np.float64], momentum: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def wanted(self, k: int, com: list[float], rates: list[float]) -> tuple[list[float], list[float]]:
         """Wrench and angular momentum asked for at tick k; call after the frames are up to date.
+
+        In plain numbers: vectors of three are too short for arrays to be worth their while.
 
         Args:
             k: tick.
-            com: shape (3,) [m].
-            momentum: linear [kg m/s], and angular about the COM [N m s], shape (6,).
+            com: three numbers [m].
+            rates: COM velocity [m/s], angular momentum about the COM over the mass [m^2/s], then others.
 
         Returns:
-            Net force [N] and moment about the COM [N m], shape (6,); angular momentum, shape (3,) [N m s].
+            Net force [N] and moment about the COM [N m], six numbers; angular momentum [N m s], three.
         """
-        wanted = self._angular_momentum[k].copy()
+        row = self._rows[k].tolist()
+        cx, cy, cz, ux, uy, uz, lx, ly, lz, fx, fy, fz, nx, ny, nz = row[:15]
+        xx, xy, xz, yx, yy, yz, zx, zy, zz = row[15:]
+        (axx, axy, axz), (ayx, ayy, ayz), (azx, azy, azz) = self._rotation.tolist()
+        x, y, z = com
+        vx, vy, vz, hx, hy, hz = rates[:6]
         # The periodic motion is an unstable orbit: a trunk that has tilted is brought back by a little more
-        # or less angular momentum than planned, slowly.
-        turn = self._trunk[k] @ self._rotation.T
-        (_, _, xz), (_, _, yz), (zx, zy, _) = turn.tolist()
-        wanted[:2] += (self._half_trunk_gain * (zy - yz), self._half_trunk_gain * (xz - zx))
-        error = self._momentum[k] - momentum
-        error[3:] = wanted - momentum[3:]
-        wrench = self._gain * error
-        wrench += self._wrench[k]
-        wrench[:3] += self._stiffness * (self._com[k] - com)
-        return wrench, wanted
+        # or less angular momentum than planned, slowly. The tilt is the skew part of R_wanted R^T.
+        half = self._half_trunk_gain
+        lx += half * (zx * ayx + zy * ayy + zz * ayz - yx * azx - yy * azy - yz * azz)
+        ly += half * (xx * azx + xy * azy + xz * azz - zx * axx - zy * axy - zz * axz)
+        stiffness, damping, gain, mass = self._stiffness, self._damping, self._momentum_gain, self._mass
+        wrench = [
+            fx + damping * (ux - vx) + stiffness * (cx - x),
+            fy + damping * (uy - vy) + stiffness * (cy - y),
+            fz + damping * (uz - vz) + stiffness * (cz - z),
+            nx + gain * (lx - mass * hx),
+            ny + gain * (ly - mass * hy),
+            nz + gain * (lz - mass * hz),
+        ]
+        return wrench, [lx, ly, lz]
 
 
 class PostureTask:
     """Accelerations that follow the periodic motion: all joints, and the root's rotation.
 
     Args:
-        robot: the body.
         reference: one row per control tick.
         gains: of the controller.
         scale: from rad/s^2 to the metric of the posture, shape (nv,).
@@ -104,10 +116,8 @@ class PostureTask:
         x, y, z, w = q[3:7].tolist()
         a, b, c, d = reference[3:7].tolist()
         gain = 2.0 * self._stiffness
-        wanted[3:6] += (
-            gain * (w * a - d * x - y * c + z * b),
-            gain * (w * b - d * y - z * a + x * c),
-            gain * (w * c - d * z - x * b + y * a),
-        )
+        wanted[3] += gain * (w * a - d * x - y * c + z * b)
+        wanted[4] += gain * (w * b - d * y - z * a + x * c)
+        wanted[5] += gain * (w * c - d * z - x * b + y * a)
         wanted *= self._scale
         return wanted

@@ -109,7 +109,7 @@ class TrackingController:
         self._root_weight = np.sqrt(weights)
         self._row_scale = _ROW_SCALE[:, None] / self._root_weight
         self._to_rows = _ROW_SCALE / self._g
-        self._to_wrench = np.repeat([1.0 / self._weight, ANGULAR / self._weight], 3)
+        self._to_wrench = [1.0 / self._weight] * 3 + [ANGULAR / self._weight] * 3
 
         self.gate = ContactGate(robot, 1.0 / gains.frequency, gains.contact_ramp)
         self.points = SolePoints(robot)
@@ -164,15 +164,15 @@ class TrackingController:
         robot.jacobian(q, v)
         now = v + self._lag * self.acceleration  # the velocity at the instant of q
         terms = robot.drift(q, v, now)
-        rates = terms.jacobian @ now
+        rates, com = (terms.jacobian @ now).tolist(), terms.com.tolist()
         contact, due = ref.contact[k].tolist(), ref.due[k].tolist()
         opening = self.gate.update(contact, due, ref.until_lift[k].tolist(), sensed)
         self.points.update(terms.com)
         self.forces.update(self.points.arm, opening, self.points.toe_lever)
 
-        wrench, angular_momentum = self.momentum.wanted(k, terms.com, robot.mass * rates[:6])
+        wrench, angular_momentum = self.momentum.wanted(k, com, rates)
         posture = self.posture.wanted(k, q, now)
-        wanted, softness = self.feet.wanted(k, q, rates[6:].tolist(), contact, due)
+        wanted, softness = self.feet.wanted(k, q, rates[6:], contact, due)
         rows = _Rows(
             terms.jacobian * self._row_scale, self._to_rows * (wanted - terms.drift), softness, posture
         )
@@ -186,7 +186,7 @@ class TrackingController:
         else:
             self.condensed.build(
                 self.forces.wrench,
-                self._to_wrench * wrench,
+                [scale * part for scale, part in zip(self._to_wrench, wrench, strict=True)],
                 opening,
                 self._landing_force(sensed, normal_force),
                 float(ref.right_load[k]),
@@ -213,9 +213,9 @@ class TrackingController:
         return ControlOutput(
             torque=np.minimum(np.maximum(torque, -self._torque_limit), self._torque_limit),
             com=ref.com[k],
-            force=wrench[:3],
-            zmp=_zmp(terms.com, wrench),
-            angular_momentum=angular_momentum,
+            force=np.array(wrench[:3]),
+            zmp=_zmp(com, wrench),
+            angular_momentum=np.array(angular_momentum),
             point_force=self._weight * self.forces.point_forces(phi).reshape(-1, 3),
             status=status,
             residual=solution.residual,
@@ -288,8 +288,8 @@ def _both(first: QPSolution, second: QPSolution) -> QPSolution:
     )
 
 
-def _zmp(com: NDArray[np.float64], wrench: NDArray[np.float64]) -> NDArray[np.float64]:
+def _zmp(com: list[float], wrench: list[float]) -> NDArray[np.float64]:
     """ZMP on the floor of a wrench about the COM, shape (2,) [m]."""
-    x, y, z = com.tolist()
-    fx, fy, fz, mx, my, _ = wrench.tolist()
+    x, y, z = com
+    fx, fy, fz, mx, my, _ = wrench
     return np.array([x - (z * fx + my) / fz, y - (z * fy - mx) / fz])

@@ -26,6 +26,8 @@ from ampm.qp import QPBackend, QPSettings, QPSolution, make_backend
 from ampm.robot import TASK_ROWS
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 ANGULAR = 3.0
@@ -223,7 +225,7 @@ class CondensedForm:
     def build(
         self,
         wrench: NDArray[np.float64],
-        wanted: NDArray[np.float64],
+        wanted: Sequence[float] | NDArray[np.float64],
         opening: NDArray[np.float64],
         landing: NDArray[np.float64],
         right_load: float,
@@ -234,7 +236,7 @@ class CondensedForm:
 
         Args:
             wrench: W of the :class:`ForceMap`, shape (6, 18).
-            wanted: momentum rate plus weight, [m g] and ANGULAR [m g m], shape (6,).
+            wanted: momentum rate plus weight, [m g] and ANGULAR [m g m], six numbers.
             opening: share of the force limit per point, shape (12,); like ``landing`` the same array as
                 before if nothing has changed in it.
             landing: force that landing points carry already, shape (12,) [m g].

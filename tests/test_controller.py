@@ -198,7 +198,7 @@ def test_a_tilted_trunk_asks_for_angular_momentum_against_the_tilt(axis, row, si
     tilted = pin.integrate(it.robot.model, q, turn)
     it.robot.jacobian(tilted, reference(0.3).v[0])
     it.points.update(it.robot.terms.com)
-    _, wanted = it.momentum.wanted(0, it.robot.terms.com, np.zeros(6))
+    _, wanted = it.momentum.wanted(0, it.robot.terms.com.tolist(), [0.0] * 6)
     gain = walk_of(COARSE).run.controller.trunk_gain
     change = np.zeros(3)
     change[row] = sign * gain * 0.01

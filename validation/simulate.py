@@ -45,7 +45,7 @@ class _Points:
 
     of_geom: NDArray[np.intp]
     sites: NDArray[np.intp]
-    soles: NDArray[np.intp]
+    soles: tuple[int, ...]
 
 
 class Physics:
@@ -80,7 +80,7 @@ class Physics:
         self.points = _Points(
             of_geom=of_geom,
             sites=np.array([self.model.site(name).id for name in sites]),
-            soles=np.array([self.model.site(leg.sole_frame).id for leg in description.legs]),
+            soles=tuple(int(self.model.site(leg.sole_frame).id) for leg in description.legs),
         )
         self.q, self.v = np.zeros(self.robot.nq), np.zeros(self.robot.nv)
         # Views of MuJoCo's own memory.
@@ -243,7 +243,8 @@ class ClosedLoop:
         log.warmstart[k] = data.qacc_warmstart
         mujoco.mj_step1(model, data)
         log.sites[k] = data.site_xpos
-        log.rotation[k] = data.site_xmat[physics.points.soles]
+        for foot, site in enumerate(physics.points.soles):
+            log.rotation[k, foot] = data.site_xmat[site]
         point = physics.touching_points()
         end = None
         if k % physics.substeps == 0:
@@ -290,7 +291,7 @@ class ClosedLoop:
         mujoco.mj_forward(model, data)
         log.q[done], log.qd[done] = data.qpos, data.qvel
         log.sites[done] = data.site_xpos
-        log.rotation[done] = data.site_xmat[physics.points.soles]
+        log.rotation[done] = data.site_xmat[list(physics.points.soles)]
         log.sensors[done] = data.sensordata
 
     def _record(self, done: int, outcome: Outcome) -> SimulationRecord:
@@ -326,7 +327,7 @@ class ClosedLoop:
             point_group=robot.point_group,
             com=sensors["com"],
             angular_momentum=sensors["angular_momentum"],
-            foot_position=log.sites[: done + 1, physics.points.soles],
+            foot_position=log.sites[: done + 1, list(physics.points.soles)],
             foot_rotation=xyzw[..., [3, 0, 1, 2]],
             sensors={k: v for k, v in sensors.items() if k not in ("com", "angular_momentum")},
             command_com=held("com", 3),

@@ -96,7 +96,7 @@ class Watch:
         Returns:
             None while the walk goes on.
         """
-        error = [a - b for a, b in zip(com, planned, strict=True)]
+        error = com[0] - planned[0], com[1] - planned[1], com[2] - planned[2]
         distance = math.hypot(*error)
         lean = math.atan2(math.hypot(*_cross(trunk, planned_trunk)), _dot(trunk, planned_trunk))
         speed = self._speed(time, com)
