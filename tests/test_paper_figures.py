@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from ampm.exceptions import InputError
+from ampm.exceptions import InputError, SolverError
 from ampm.parameters import load_run
 from tests.solved import COARSE, motion_of, walk_of
 from validation.cli import Status, call
@@ -31,6 +32,7 @@ from validation.paper_figures.human import table as human_table
 from validation.paper_figures.skeleton import pose
 from validation.paper_figures.walks import Walk, Walks
 from validation.planning import request
+from validation.record import Outcome, OutcomeName
 from validation.run import Options, validate
 
 
@@ -93,6 +95,7 @@ def test_a_gait_is_walked_once(monkeypatch):
 
     def count(asked, target, options, *, stages):
         walked.append((asked.name, asked.run.gait.steps))
+        return walk_that("completed")
 
     monkeypatch.setattr("validation.paper_figures.walks.validate", count)
     with Walks(5) as walks:
@@ -100,6 +103,18 @@ def test_a_gait_is_walked_once(monkeypatch):
         assert walks.walk("normal") is first
         assert walks.walk("normal", ("gait.c_y=0.4",)) is not first
     assert walked == [("normal", 5), ("normal", 5)]
+
+
+def walk_that(outcome: str) -> SimpleNamespace:
+    return SimpleNamespace(
+        record=SimpleNamespace(outcome=Outcome(OutcomeName(outcome), 1.5, "It slipped.", 2))
+    )
+
+
+def test_no_figure_is_drawn_of_a_fall(monkeypatch):
+    monkeypatch.setattr("validation.paper_figures.walks.validate", lambda *_, **__: walk_that("fell"))
+    with Walks(5) as walks, pytest.raises(SolverError, match=r"normal: fell after 1\.50 s \(It slipped\.\)"):
+        walks.walk("normal")
 
 
 def test_every_figure_of_the_paper_that_shows_data_is_there():

@@ -12,6 +12,7 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
+from ampm.exceptions import SolverError
 from ampm.gait import GaitPlan
 from ampm.motion import MotionSample, WholeBodyMotion
 from ampm.robot import Robot
@@ -151,11 +152,18 @@ class Walks:
 
         Raises:
             InputError, MathematicalRefusal, BodilyRefusal: the gait cannot be walked.
+            SolverError: the walk did not come to its end.
         """
         key = (gait, *settings)
         if key not in self._walks:
             asked = request(gait, [*settings, f"gait.steps={self.steps}"])
             target = Path(self._folder.name) / f"{len(self._walks)}"
             trial = validate(asked, target, Options(recording=False), stages=self.stages)
+            outcome = trial.record.outcome
+            if not outcome.completed:
+                raise SolverError(
+                    f"{' '.join(key)}: {outcome.name} after {outcome.time:.2f} s ({outcome.cause}); a figure "
+                    "needs a whole walk. Give fewer --steps, or leave it out with --only."
+                )
             self._walks[key] = Walk(label or " ".join(key), trial)
         return self._walks[key]
