@@ -11,7 +11,7 @@ import enum
 import math
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 import osqp
@@ -35,17 +35,17 @@ class QPStatus(enum.IntEnum):
 
 
 _OSQP_STATUS = {
-    osqp.SolverStatus.OSQP_SOLVED: QPStatus.SOLVED,
-    osqp.SolverStatus.OSQP_SOLVED_INACCURATE: QPStatus.UNSOLVED,
-    osqp.SolverStatus.OSQP_MAX_ITER_REACHED: QPStatus.UNSOLVED,
+    int(osqp.SolverStatus.OSQP_SOLVED): QPStatus.SOLVED,
+    int(osqp.SolverStatus.OSQP_SOLVED_INACCURATE): QPStatus.UNSOLVED,
+    int(osqp.SolverStatus.OSQP_MAX_ITER_REACHED): QPStatus.UNSOLVED,
 }
 """All others are certificates of infeasibility."""
 
+_INTERRUPTED = int(osqp.SolverStatus.OSQP_SIGINT)
 _INFINITY = 1e30  # what OSQP takes for a bound that is none
 
 
-@dataclass(frozen=True)
-class QPSolution:
+class QPSolution(NamedTuple):
     """Answer of one solve.
 
     Attributes:
@@ -126,7 +126,7 @@ class Pattern:
 
     def values(self, dense: NDArray[np.float64]) -> NDArray[np.float64]:
         """CSC values of ``dense`` (C-contiguous, same shape as the mask)."""
-        return dense.ravel()[self.gather]
+        return dense.reshape(-1).take(self.gather)
 
     def matrix(self, dense: NDArray[np.float64]) -> sparse.csc_matrix:
         """The sparse matrix itself, explicit zeros kept."""
@@ -181,13 +181,15 @@ class OsqpBackend:
         info = solver.info
         code = info.status_val
         status, residual = _OSQP_STATUS.get(code, QPStatus.INFEASIBLE), float(info.prim_res)
-        if status != QPStatus.INFEASIBLE and not np.isfinite(x).all():
+        if status is not QPStatus.INFEASIBLE and not math.isfinite(x.dot(x)):
             status = QPStatus.UNSOLVED  # OSQP calls a problem with a NaN solved
             residual = math.inf
             self._solver = None
-        if status == QPStatus.INFEASIBLE:
+        if status is QPStatus.INFEASIBLE:
             self._solver = None  # its iterates would poison the next solve
-        if code == osqp.SolverStatus.OSQP_SIGINT:
+        elif info.rho_updates:  # a penalty that suits one hard problem slows down all that follow
+            solver.update_rho(self._settings.rho)
+        if code == _INTERRUPTED:
             raise KeyboardInterrupt  # OSQP catches the signal for itself
         return QPSolution(x, status, residual, int(info.iter), seconds)
 

@@ -177,7 +177,7 @@ def test_unknown_backend():
 
 def test_missing_package_says_how_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "daqp", None)
-    with pytest.raises(InputError, match=r"pip install ampm\[daqp\]"):
+    with pytest.raises(InputError, match=r"pip install -e \.\[daqp\]"):
         backend("daqp")
 
 
