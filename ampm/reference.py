@@ -83,6 +83,7 @@ def tracking_reference(
     *,
     lead: float = 0.0,
     early: float = 0.0,
+    hold: float = 0.0,
 ) -> TrackingReference:
     """Sample plan, feet and motion at the control ticks.
 
@@ -93,6 +94,8 @@ def tracking_reference(
         times: control ticks, ascending, shape (T,) [s].
         lead: time by which a foot is let down before its planned contact [s].
         early: time before planned contact from which a touch counts as contact [s].
+        hold: how long after the tick the last force of its command acts [s]: zero if every tick makes one step
+            of the physics. Accelerations are taken from the middle of that time.
 
     Raises:
         InputError: the plan has no feet, or a time lies outside it.
@@ -103,6 +106,8 @@ def tracking_reference(
     sample, feet, body = plan.sample(times), plan_feet.sample(times), motion.sample(times, robot)
     momentum_z = body.angular_momentum_z
     yaw_moment = np.gradient(momentum_z, times) if len(times) > 1 else np.zeros(len(times))
+    middle = np.minimum(times + 0.5 * hold, plan.duration)
+    held, held_feet, held_body = plan.sample(middle), plan_feet.sample(middle), motion.sample(middle, robot)
     contact = np.stack([f.contact for f in feet], axis=1)
 
     def within(span: float) -> NDArray[np.bool_]:
@@ -114,25 +119,25 @@ def tracking_reference(
         time=np.array(times),
         com=sample.com.copy(),
         com_velocity=sample.com_velocity.copy(),
-        com_acceleration=sample.com_acceleration.copy(),
+        com_acceleration=held.com_acceleration.copy(),
         angular_momentum=np.hstack([sample.angular_momentum, momentum_z[:, None]]),
-        moment=np.hstack([sample.moment, yaw_moment[:, None]]),
+        moment=np.hstack([held.moment, yaw_moment[:, None]]),
         foot_position=np.stack([f.position for f in feet], axis=1),
         foot_velocity=np.stack([f.velocity for f in feet], axis=1),
-        foot_acceleration=np.stack([f.acceleration for f in feet], axis=1),
+        foot_acceleration=np.stack([f.acceleration for f in held_feet], axis=1),
         pitch=np.stack([f.pitch for f in feet], axis=1),
         pitch_velocity=np.stack([f.pitch_velocity for f in feet], axis=1),
-        pitch_acceleration=np.stack([f.pitch_acceleration for f in feet], axis=1),
+        pitch_acceleration=np.stack([f.pitch_acceleration for f in held_feet], axis=1),
         toe=np.stack([f.toe for f in feet], axis=1),
         toe_velocity=np.stack([f.toe_velocity for f in feet], axis=1),
-        toe_acceleration=np.stack([f.toe_acceleration for f in feet], axis=1),
+        toe_acceleration=np.stack([f.toe_acceleration for f in held_feet], axis=1),
         contact=within(lead),
         due=within(early),
         until_lift=_until_lift(times, contact),
         right_load=_right_load(sample.zmp, sample.left_placement, sample.right_placement, sample.stance),
         q=body.q,
         v=body.v,
-        acceleration=body.acceleration,
+        acceleration=held_body.acceleration,
         trunk=_trunk_orientation(robot, body.q),
     )
 

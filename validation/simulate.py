@@ -169,6 +169,7 @@ def simulate(
         ticks,
         lead=run.controller.touchdown_lead,
         early=run.controller.touchdown_window,
+        hold=(physics.substeps - 1) * dt,
     )
     controller = TrackingController(physics.robot, reference, run, velocity_lag=0.5 * dt)
     start = motion.sample(np.zeros(1), physics.robot)
