@@ -222,7 +222,12 @@ def compare_pair(
         for label, source, folder in zip(labels, sources, folders, strict=True):
             if isinstance(source, Request):
                 target = folder or place / label
-                validate(source, target, Options(force=force, recording=out is not None), stages=stages)
+                options = Options(force=force, recording=out is not None)
+                trial = validate(source, target, options, stages=stages)
+                if (
+                    trial.summary["outcome"] == "interrupted"
+                ):  # whoever stops one walk does not want the other
+                    raise KeyboardInterrupt
                 source = target
             sides.append(_side(label, source, stages))
         pair = pair_of(*sides)
@@ -294,6 +299,8 @@ def _place(out: Path | None) -> Iterator[Path]:
 def _side(label: str, folder: Path, stages: Silent) -> Side:
     """Load a run and solve its motion on all grids."""
     saved = load_saved_run(folder)
+    if not len(saved.signals):
+        raise InputError(f"{label} ended before its first instant; there is nothing to compare.")
     run = saved.parameters
     with stages.stage(f"{label}: motion on {len(GRIDS)} grids") as stage:
         body = make_body(run)
