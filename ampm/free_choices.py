@@ -61,8 +61,9 @@ CHOICES = (
     Choice("lift", 0.0, 0.09, 0.02, ("foot.swing_height",)),  # in statures
     Choice("lag", -0.1, 0.25, 0.06, ("foot.swing_lag",)),
 )
-DERIVED = ("foot.schedule", "foot.heel_rise_lead", "foot.heel_strike_rate")
-"""Keys that follow from the others: the heel rises when the ZMP reaches the ball."""
+DERIVED = ("foot.schedule", "foot.heel_rise_lead", "foot.heel_strike_rate", "body.angular_momentum_z")
+"""Keys that follow: the heel rises when the ZMP reaches the ball, and L_z is held at zero where
+the feet could not hold its swing."""
 FREE_KEYS = tuple(key for choice in CHOICES for key in choice.keys) + DERIVED
 """All keys that tuning may set."""
 

@@ -15,6 +15,7 @@ from ampm.gait import LEAST_MID_STANCE_SHARE, GaitPlan
 from ampm.inverse_kinematics import KNEE_MINIMUM
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.step_torques import step_torques
+from ampm.wrench_qp import TWIST_ARM, TWIST_FRICTION
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -101,7 +102,12 @@ LIMITS: Mapping[str, Limit] = MappingProxyType(
         "floor": Limit("least height of a sole point", "m", -FLOOR_TOLERANCE, 0.0, "sole_under_floor"),
         "clearance": Limit("height of the sole in mid swing", "m", 0.0, 0.006, "sole_under_floor"),
         "turn": Limit("fastest turn of a foot at the floor", "rad/s", 25.0, 10.0, "foot_turns_too_fast"),
+        "handover": Limit(
+            "double support over the controller's contact ramp", "1", 0.5, 1.0, "double_support_too_short"
+        ),
         "friction": Limit("share of the friction that the controller may use", "1", 1.0, 0.75, "friction"),
+        # Beyond its bound a foot yaws; well before it the vertical moment is given up, and the ZMP suffers.
+        "twist": Limit("share of the twist that the controller gives a foot", "1", 2.0, 1.0, "friction"),
         "knee": Limit("least knee flexion", "rad", KNEE_MINIMUM, 0.35, "knee_too_straight"),
         **_JOINTS,
         **_TORQUES,
@@ -175,6 +181,7 @@ def plan_margins(plan: GaitPlan, run: RunParameters, description: BodyDescriptio
         "floor": float(points.min()),
         "clearance": float(swing[middle].min()),
         "turn": max(run.foot.toe_off_rate, run.foot.heel_strike_rate) if roll else 0.0,
+        "handover": plan.constants.double_support_duration / run.controller.contact_ramp,
         "friction": float((np.hypot(force[:, 0], force[:, 1]) / force[:, 2]).max()) / run.controller.friction,
     }
 
@@ -183,10 +190,12 @@ def orbit_margins(orbit: RoughOrbit, plan: GaitPlan, robot: Robot) -> dict[str, 
     """What the periodic step says, by name in :data:`LIMITS`, in its unit."""
     angles = orbit.trajectory.q[:, 7:]
     margin = np.minimum(angles - robot.lower, robot.upper - angles).min(axis=0)
-    share = (np.abs(step_torques(orbit, plan, robot)) / robot.torque_limit).max(axis=0)
+    torque, twist = step_torques(orbit, plan, robot)
+    share = (np.abs(torque) / robot.torque_limit).max(axis=0)
     groups = joint_groups(robot)
     values = {name: float(margin[joints].min()) for name, joints in groups.items() if name != "knee"}
     values["knee"] = float(angles[:, groups["knee"]].min())
+    values["twist"] = float(np.abs(twist).max()) / (TWIST_ARM * TWIST_FRICTION)
     return values | {f"{name}_torque": float(share[joints].max()) for name, joints in groups.items()}
 
 

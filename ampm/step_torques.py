@@ -1,4 +1,4 @@
-"""Joint torques of a planned step: inverse dynamics of its motion under the ground force that it needs."""
+"""What a planned step asks of joints and floor: inverse dynamics under the ground force it needs."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
-def step_torques(orbit: RoughOrbit, plan: GaitPlan, robot: Robot) -> Array:
-    """Joint torques of a periodic step under the ground force that it needs.
+def step_torques(orbit: RoughOrbit, plan: GaitPlan, robot: Robot) -> tuple[Array, Array]:
+    """Joint torques of a periodic step, and how hard it twists on the floor.
 
     In single support the force is known from the motion; in double support it is shared by the lateral place
     of the ZMP, the rear foot carrying at its ball where its contact allows.
@@ -31,7 +31,8 @@ def step_torques(orbit: RoughOrbit, plan: GaitPlan, robot: Robot) -> Array:
         robot: the body.
 
     Returns:
-        Shape (n+1, nu) [N m].
+        Torques, shape (n+1, nu) [N m], and the moment about the vertical through the ZMP over the vertical
+        force, shape (n+1,) [m].
     """
     if plan.feet is None:
         raise TypeError("torques need planned feet")
@@ -39,7 +40,7 @@ def step_torques(orbit: RoughOrbit, plan: GaitPlan, robot: Robot) -> Array:
     time = time.copy()
     time[-1] = np.nextafter(time[-1], 0.0) - 1e-9  # the step's end, not the next one's start
     sample, feet = plan.sample(time), plan.feet.sample(time)
-    torque = np.empty((len(time), robot.nu))
+    torque, twist = np.empty((len(time), robot.nu)), np.empty(len(time))
     for k in range(len(time)):
         q, v = trajectory.q[k], trajectory.v[k]
         jacobian = robot.jacobian(q, v).jacobian
@@ -68,8 +69,8 @@ def step_torques(orbit: RoughOrbit, plan: GaitPlan, robot: Robot) -> Array:
             toe = robot.toe_joints[foot] - 6
             axis = reference[foot][0] + robot.description.sole.ball_x * math.cos(feet[foot].pitch[k])
             rest[toe] += max(0.0, places[foot] - axis) * force[2]
-        torque[k] = rest
-    return torque
+        torque[k], twist[k] = rest, yaw / wrench[2]
+    return torque, twist
 
 
 def _right_share(phase: int, zmp: Array, left: Array, right: Array) -> float:

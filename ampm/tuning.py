@@ -45,7 +45,7 @@ _FAILED = 6.0  # residual of a choice for which there is no periodic step
 _PULL = 0.06  # weight of the distance to the guess
 _SWEEPS = 12  # points at which one search may ask for a Jacobian
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
-_BUDGET = 5000  # integrated steps after which no new way is begun
+_BUDGET = 2500  # integrated steps after which no new way is begun
 _TIGHT = 0.3  # margin below which a limit is named as what ended a way
 _ENOUGH = 0.9  # share of the wanted margins at which a search ends
 _HOPELESS = -0.5  # margin at which a path is given up
@@ -296,9 +296,39 @@ def tune(
     """
     say = progress or (lambda text: None)
     space = FreeChoices(run, named_keys(run) if fixed is None else fixed, robot.description)
+    if "body.angular_momentum_z" in space.fixed:
+        return _confirmed(*_tune(space, robot, say), cache)
+    # Arms that take up the legs' swing about the vertical spare the feet the twist of a fast gait.
+    quiet = FreeChoices(run.replace({"body.angular_momentum_z": "zero"}), space.fixed, robot.description)
+    if _twists(space, robot, say):
+        try:
+            return _confirmed(*_tune(quiet, robot, say), cache)
+        except RefusedGait:
+            return _confirmed(*_tune(space, robot, say), cache)
+    search, best = _tune(space, robot, say)
+    if best.margins()["twist"] < _ENOUGH:
+        try:
+            return _confirmed(*_tune(quiet, robot, say), cache)
+        except RefusedGait:
+            say("no choice with L_z at zero")
+    return _confirmed(search, best, cache)
+
+
+def _twists(space: FreeChoices, robot: Robot, say: Callable[[str], None]) -> bool:
+    """Whether the guess already twists harder on the floor than is comfortable."""
+    search = _Search(space, space.guess(), RoughOrbits(robot, space.run, _NODES), robot, say)
+    start = _standing_start(search)
+    return start is not None and start.margins()["twist"] < _ENOUGH
+
+
+def _tune(space: FreeChoices, robot: Robot, say: Callable[[str], None]) -> tuple[_Search, _Trial]:
+    """The best choice, with the search that found it.
+
+    Raises:
+        RefusedGait: there is none.
+    """
     guess = space.guess()
-    orbits = RoughOrbits(robot, run, _NODES)
-    search = _Search(space, guess, orbits, robot, say)
+    search = _Search(space, guess, RoughOrbits(robot, space.run, _NODES), robot, say)
     start = _standing_start(search)
     best = _settle(search, start) if start is not None else None
     farthest: _Farthest | None = None
@@ -313,7 +343,7 @@ def tune(
         best = max(whole, key=_Trial.worst)
     if best is None or best.worst() < 0.0:
         raise _refusal(search, best, farthest)
-    return _confirmed(search, best, robot, space, cache)
+    return search, best
 
 
 @dataclass
@@ -435,8 +465,9 @@ def _settle(search: _Search, start: _Trial) -> _Trial:
     return best
 
 
-def _confirmed(search: _Search, best: _Trial, robot: Robot, space: FreeChoices, cache: Path | None) -> Tuned:
+def _confirmed(search: _Search, best: _Trial, cache: Path | None) -> Tuned:
     """The choice with its plan over all steps and its motion on the fine grid."""
+    space, robot = search.space, search.robot
     if best.run is None:
         raise TypeError("a choice without a plan cannot be confirmed")
     run = best.run

@@ -1,0 +1,354 @@
+"""Free choices found without a simulator: choices, limits, torques, refusals with certificates, commands."""
+
+from __future__ import annotations
+
+import json
+import math
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pyarrow.parquet as pq
+import pytest
+
+from ampm.exceptions import InputError, MathematicalRefusal
+from ampm.feasibility import check_body
+from ampm.free_choices import FREE_KEYS, FreeChoices, named_keys
+from ampm.gait import plan_gait
+from ampm.gait_limits import LIMITS, plan_margins
+from ampm.orbit import RoughOrbits
+from ampm.parameters import dump_run, keys, load_run
+from ampm.step_torques import step_torques
+from ampm.tuning import Untunable, tune
+from validation import campaign
+from validation.cli import Status, call
+from validation.planning import make_body
+
+LONG = ("gait.step_length=0.7", "gait.switching_velocity=1.2", "gait.steps=3")
+
+
+@cache
+def body_of(*settings):
+    run = load_run(None, list(settings))
+    return run, make_body(run).robot
+
+
+@cache
+def tuned(*settings):
+    run, robot = body_of(*settings)
+    return tune(run, robot)
+
+
+def plan_of(run, robot):
+    return plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=robot.description.sole)
+
+
+# ------------------------------------------------------------------ choices
+
+
+def test_named_keys_are_those_that_preset_and_settings_name():
+    named = named_keys(load_run("normal", ["body.mass=70"]))
+    assert named == {
+        "gait.step_length",
+        "gait.switching_velocity",
+        "gait.c_s",
+        "gait.c_y",
+        "body.mass",
+    }
+
+
+def test_free_keys_exist():
+    assert set(FREE_KEYS) <= set(keys())
+
+
+@pytest.mark.parametrize("step", [0.22, 0.3, 0.45, 0.6, 0.7])
+@pytest.mark.parametrize("c_s", [0.6, 1.0, 1.4])
+@pytest.mark.parametrize("height", [1.5, 1.9])
+def test_the_guess_has_a_plan_whose_heel_rises_with_the_zmp_at_the_ball(step, c_s, height):
+    settings = (f"gait.step_length={step}", f"gait.c_s={c_s}", f"body.height={height}")
+    run, robot = body_of(*settings)
+    space = FreeChoices(run, named_keys(run), robot.description)
+    guessed = space.parameters(space.guess())
+    plan = plan_of(guessed, robot)
+    values = plan_margins(plan, guessed, robot.description)
+    assert LIMITS["zmp_single"].margin(values["zmp_single"]) > 0.0
+    assert LIMITS["zmp_double"].margin(values["zmp_double"]) > 0.0
+    assert LIMITS["mid_stance"].margin(values["mid_stance"]) > 0.0
+    for key in named_keys(run):
+        section, _, name = key.partition(".")
+        assert getattr(getattr(guessed, section), name) == getattr(getattr(run, section), name)
+
+
+def test_the_guess_scales_with_stature():
+    found = {}
+    for height in (1.5, 1.9):
+        step, speed = 0.35 * height, 0.24 * math.sqrt(9.81 * height)
+        settings = (
+            f"gait.step_length={step!r}",
+            f"gait.switching_velocity={speed!r}",
+            f"body.height={height}",
+        )
+        run, robot = body_of(*settings)
+        found[height] = FreeChoices(run, named_keys(run), robot.description).guess()
+    assert found[1.5] == pytest.approx(found[1.9], abs=2e-4)
+
+
+# ------------------------------------------------------------------ limits
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_margins_are_zero_at_the_bound_and_one_at_comfort(name):
+    limit = LIMITS[name]
+    assert limit.margin(limit.bound) == 0.0
+    assert limit.margin(limit.comfort) == 1.0
+    assert limit.margin(2.0 * limit.bound - limit.comfort) == pytest.approx(-1.0)
+
+
+def test_torques_give_the_accelerations_of_the_step_back():
+    """Forward dynamics under torques and the one foot's ground force, against the inverse kinematics."""
+    run, robot = body_of("gait.c_y=0.7", "gait.c_s=1.1", "gait.steps=2")
+    plan = plan_of(run, robot)
+    orbit = RoughOrbits(robot, run, (12, 6)).solve(plan, 0.0)
+    torques, twist = step_torques(orbit, plan, robot)
+    stance = int(robot.model.frames[robot.sole_frames[0]].parentJoint)
+    for k in (1, 4, 8):
+        q, v, a = (getattr(orbit.trajectory, name)[k] for name in ("q", "v", "acceleration"))
+        sample = plan.sample(orbit.reference.time[k])
+        data = robot.model.createData()
+        pin.computeCentroidalMomentumTimeVariation(robot.model, data, q, v, a)
+        rate, com = data.dhg.vector.copy(), data.com[0].copy()
+        force = rate[:3] + np.array([0.0, 0.0, robot.mass * robot.gravity])
+        assert force == pytest.approx(sample.force[0], abs=1e-6 * robot.mass * robot.gravity)
+        wrench = pin.Force(force, rate[3:] + np.cross(com, force))  # about the world's origin
+        pin.forwardKinematics(robot.model, data, q)
+        external = pin.StdVec_Force()
+        for joint in range(robot.model.njoints):
+            external.append(data.oMi[joint].actInv(wrench) if joint == stance else pin.Force.Zero())
+        tau = np.concatenate([np.zeros(6), torques[k]])
+        about = rate[3:] - np.cross(np.append(sample.zmp[0], 0.0) - com, force)
+        assert about[:2] == pytest.approx(0.0, abs=1e-5)  # the ZMP is where it is planned
+        assert twist[k] == pytest.approx(about[2] / force[2], abs=1e-6)
+        walked = pin.aba(robot.model, robot.model.createData(), q, v, tau, external)
+        # The light toes turn by what is left of a moment: the ZMP is behind them, so none is theirs.
+        assert walked[:6] == pytest.approx(a[:6], abs=1e-6)
+        assert walked[6:] == pytest.approx(a[6:], abs=1e-5)
+
+
+# ------------------------------------------------------------------ search
+
+
+def test_an_easy_gait_needs_no_search():
+    assert tuned("gait.steps=3").tried == 1
+
+
+def test_a_long_fast_step_is_found_and_keeps_every_limit():
+    found = tuned(*LONG)
+    assert 1 < found.tried < 200
+    assert all(LIMITS[name].margin(value) > 0.5 for name, value in found.margins.items())
+    assert found.margins.keys() == LIMITS.keys()
+    assert found.motion.report.knee_minimum == pytest.approx(found.margins["knee"], abs=0.02)
+    assert found.run.gait.step_length == 0.7
+    check_body(found.plan, body_of(*LONG)[1].description)
+
+
+def test_the_same_request_gives_the_same_bits():
+    run, _ = body_of(*LONG)
+    again = tune(run, make_body(run).robot)
+    assert dump_run(again.run) == dump_run(tuned(*LONG).run)
+
+
+def test_what_is_named_stays():
+    settings = (*LONG, "gait.com_height=0.87", "foot.toe_off_angle=0.55", "gait.a_s=3.2")
+    found = tuned(*settings)
+    assert found.run.gait.com_height == 0.87
+    assert found.run.gait.a_s == 3.2
+    assert found.run.foot.toe_off_angle == 0.55
+    assert not {"gait.com_height", "gait.a_s", "foot.toe_off_angle"} & found.found.keys()
+
+
+def test_a_hopeless_gait_is_refused_with_the_limit_and_the_best_that_was_found():
+    held = [key for key in FREE_KEYS if key not in ("body.lean", "foot.swing_lag")]
+    default = load_run(None, ["gait.com_height=0.8", "gait.steps=2"])  # the ankle bends too far
+    run, robot = body_of("gait.com_height=0.8", "gait.steps=2")
+    with pytest.raises(Untunable, match="ankle") as refusal:
+        tune(run, robot, fixed=[*held, *named_keys(default)])
+    certificate = refusal.value.certificate
+    assert certificate.limit == "ankle"
+    assert certificate.value < certificate.bound == 0.0
+    assert refusal.value.value == certificate.value
+    assert certificate.tried > 3
+    assert set(certificate.choice) == {"body.lean", "foot.swing_lag"}
+
+
+def test_a_gait_that_no_choice_lets_pass_over_the_foot_is_refused_by_the_formula():
+    run, robot = body_of("gait.step_length=0.75", "gait.switching_velocity=0.4", "gait.c_s=1.8")
+    with pytest.raises(MathematicalRefusal, match="whatever is chosen") as refusal:
+        tune(run, robot)
+    assert refusal.value.limit > refusal.value.value == 0.4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ("gait.step_length=0.75", "gait.switching_velocity=1.4"),
+        ("gait.step_length=0.25", "gait.switching_velocity=0.5", "gait.c_s=0.6"),
+        ("body.height=1.5", "body.mass=47.0"),
+        ("body.height=1.9", "body.mass=75.0"),
+        ("gait.c_y=0.08", "gait.step_length=0.5"),
+    ],
+)
+def test_tuned_gaits_walk(settings):
+    values = {}
+    for text in settings:
+        key, _, value = text.partition("=")
+        values[key] = float(value)
+    row = campaign.walk(campaign.Case("test", {**campaign.landmarks()[3].values, **values}), 8)
+    assert row["outcome"] == "completed", row["cause"]
+    assert row["zmp_rmse"] < 0.004
+
+
+# ------------------------------------------------------------------ commands
+
+
+@pytest.fixture
+def ampm(capsys):
+    def run(*arguments):
+        capsys.readouterr()
+        status = call([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return run
+
+
+def test_tune_writes_a_run_that_reads_back(ampm, tmp_path):
+    path = tmp_path / "gait.toml"
+    status, out, _ = ampm("tune", "normal", "--set", "gait.steps=4", "--out", path, "--json")
+    assert status == Status.PASS
+    answer = json.loads(out)
+    assert answer["found"].keys() == set(FREE_KEYS)
+    assert answer["margins"].keys() == LIMITS.keys()
+    run = load_run(path)
+    assert run.model_dump() == answer["parameters"]
+    assert path.read_text().startswith("# normal")
+    status, _, err = ampm("tune", "normal", "--out", path)
+    assert status == Status.REFUSED
+    assert "--force" in err
+    status, _, err = ampm("tune", path)
+    assert status == Status.REFUSED
+    assert "nothing to tune" in err
+
+
+def test_tune_says_what_is_nearest_to_its_limit(ampm):
+    status, out, _ = ampm("tune", "normal")
+    assert status == Status.PASS
+    assert "gait.com_height" in out
+    assert "at least" in out
+
+
+def test_tune_wants_a_toml(ampm, tmp_path):
+    status, _, err = ampm("tune", "--out", tmp_path / "gait.txt")
+    assert status == Status.REFUSED
+    assert ".toml" in err
+
+
+def test_validate_tunes_what_is_left_out(ampm, tmp_path):
+    short = ("--set", "gait.step_length=0.3", "--set", "gait.switching_velocity=0.7", "--steps", "2")
+    status, out, _ = ampm("validate", *short, "--tune", "--out", tmp_path / "run", "--json")
+    assert status in (Status.PASS, Status.OUT_OF_TOLERANCE)
+    assert json.loads(out)["outcome"] == "completed"
+    assert load_run(tmp_path / "run" / "run.toml").gait.a_s < 2.0  # the default's 2.63 is for long steps
+
+
+def test_validate_tune_still_refuses(ampm, tmp_path):
+    settings = (
+        "--set",
+        "gait.step_length=0.75",
+        "--set",
+        "gait.switching_velocity=0.4",
+        "--set",
+        "gait.c_s=1.8",
+    )
+    status, out, _ = ampm("validate", *settings, "--tune", "--out", tmp_path / "run", "--json")
+    assert status == Status.REFUSED
+    assert json.loads(out)["error"]["kind"] == "mathematical"
+    assert not (tmp_path / "run").exists()
+
+
+# ------------------------------------------------------------------ campaign
+
+
+def row_of(case, outcome="completed", **more):
+    row = {
+        "name": case.name,
+        **case.values,
+        "steps": 5,
+        "outcome": outcome,
+        "steps_completed": 5,
+        "cause": "",
+    }
+    names = ("zmp_x_rmse", "zmp_y_rmse", "zmp_rmse", "zmp_x_maximum", "zmp_y_maximum", "torque", "knee")
+    row |= dict.fromkeys(names, 0.001) if outcome != "refused" else {"reason": "knee_too_straight"}
+    return row | {"limited_qp": 0} | more
+
+
+def test_a_draw_is_its_seed_s_and_within_the_range():
+    cases = campaign.draw(50, 1)
+    assert cases == campaign.draw(50, 1)
+    assert cases != campaign.draw(50, 2)
+    assert cases[:20] == campaign.draw(20, 1)  # a longer campaign goes on where a shorter one ended
+    for case in cases:
+        for key, (low, high) in campaign.RANGE.items():
+            assert low <= case.values[key] <= high
+
+
+def test_landmarks_name_the_whole_range():
+    assert all(case.values.keys() == campaign.RANGE.keys() for case in campaign.landmarks())
+
+
+def test_kept_rows_are_not_walked_again(tmp_path, monkeypatch):
+    cases = campaign.landmarks() + campaign.draw(3, 1)
+    campaign._save(tmp_path / campaign.TABLE, [row_of(case) for case in cases], 1, 5)
+    monkeypatch.setattr(campaign, "walk", None)
+    rows = campaign.run_campaign(tmp_path, runs=3, seed=1, steps=5)
+    assert [row["name"] for row in rows] == [case.name for case in cases]
+    assert "3 gaits drawn" in (tmp_path / campaign.PAGE).read_text()
+    with pytest.raises(InputError, match="another folder"):
+        campaign.run_campaign(tmp_path, runs=3, seed=2, steps=5)
+
+
+def test_a_row_of_another_gait_is_not_kept(tmp_path):
+    cases = campaign.draw(2, 1)
+    rows = [row_of(cases[0]), {**row_of(cases[1]), "body.mass": 50.0}]
+    campaign._save(tmp_path / campaign.TABLE, rows, 1, 5)
+    assert campaign._kept(tmp_path / campaign.TABLE, cases, 1, 5).keys() == {"0"}
+    assert pq.read_table(tmp_path / campaign.TABLE).num_rows == 2
+
+
+def test_the_summary_counts_what_walked_fell_and_was_refused():
+    cases = campaign.landmarks()[:1] + campaign.draw(4, 1)
+    rows = [
+        row_of(cases[0], zmp_rmse=1.0),
+        row_of(cases[1], zmp_rmse=0.001),
+        row_of(cases[2], zmp_rmse=0.003),
+        row_of(cases[3], "fell", cause="The left foot slid.", zmp_rmse=9.0),
+        row_of(cases[4], "refused", cause="too straight"),
+    ]
+    told = campaign.summary(rows)
+    assert (told["drawn"], told["refused"], told["accepted"], told["completed"]) == (4, 1, 3, 2)
+    assert told["fell"] == ["2"]
+    assert told["zmp_rmse_median"] == pytest.approx(0.002)  # neither the landmark nor the fall
+    page = campaign.page(rows, 1)
+    assert "The left foot slid." in page
+    assert "too straight" in page
+
+
+def test_a_page_keeps_what_is_outside_the_marks(tmp_path):
+    path = tmp_path / "page.md"
+    path.write_text(f"before\n{campaign.MARKS[0]}\nold\n{campaign.MARKS[1]}\nafter\n")
+    campaign.publish("new\n", path)
+    assert path.read_text() == f"before\n{campaign.MARKS[0]}\nnew\n{campaign.MARKS[1]}\nafter\n"
+    path.write_text("no marks")
+    with pytest.raises(InputError, match="marks"):
+        campaign.publish("new\n", path)
