@@ -288,6 +288,8 @@ def campaign(
     debug: Debug = False,
 ) -> int:
     """Draw gaits from the whole range, tune and walk each; say how well, and why the others do not walk."""
+    from rich.markup import escape
+
     from validation import campaign as drawn
 
     narrator = Narrator()
@@ -298,7 +300,7 @@ def campaign(
     if as_json:
         print_json(drawn.summary(rows))
     else:
-        print_line(text)
+        print_line(escape(text))
     return Status.PASS
 
 
