@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares
 
-from ampm.exceptions import BodilyRefusal, RefusedGait
+from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.feasibility import check_body
 from ampm.free_choices import FREE_KEYS, FreeChoices, named_keys
 from ampm.gait import GaitPlan, plan_gait
@@ -104,7 +104,7 @@ class Tuned:
     run: RunParameters
     plan: GaitPlan
     motion: WholeBodyMotion
-    found: Mapping[str, float]
+    found: Mapping[str, float | str]
     margins: Mapping[str, float]
     tried: int
 
@@ -186,7 +186,7 @@ class _Search:
             plan = plan_gait(
                 run.gait.model_copy(update={"steps": 2}), mass=run.body.mass, foot=run.foot, sole=space.sole
             )
-        except RefusedGait:
+        except (RefusedGait, InputError):  # what is named may not fit what is tried
             return
         trial.run, trial.plan = run, plan
         trial.values = plan_margins(plan, run, description)
@@ -485,9 +485,9 @@ def _confirmed(search: _Search, best: _Trial, cache: Path | None) -> Tuned:
     )
 
 
-def _found(run: RunParameters, space: FreeChoices) -> dict[str, float]:
+def _found(run: RunParameters, space: FreeChoices) -> dict[str, float | str]:
     """Free keys and their values."""
-    values = {}
+    values: dict[str, float | str] = {}
     for key in FREE_KEYS:
         rolls = key.startswith("foot.") and "swing" not in key and key != "foot.schedule"
         if key not in space.fixed and not (rolls and space.flat):
