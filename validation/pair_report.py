@@ -72,9 +72,11 @@ def render(pair: Pair) -> str:
         switches=Markup(switches),
         joints=Markup(joints),
         groups=groups,
-        better_a=pair.sentence("a"),
-        better_b=pair.sentence("b"),
-        neither=pair.sentence("even"),
+        won=[
+            (f"{a} is better in", pair.won("a")),
+            ("no difference in", pair.won("even")),
+            (f"{b} is better in", pair.won("b")),
+        ],
     )
 
 

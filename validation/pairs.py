@@ -136,9 +136,13 @@ class Pair:
     rows: tuple[Row, ...]
     window: float
 
-    def sentence(self, better: str) -> str:
-        """Names of the figures in which one side is better, or neither is."""
-        return ", ".join(row.label for row in self.rows if row.better == better) or "nothing"
+    def won(self, better: str) -> dict[str, list[str]]:
+        """Group to the labels of its figures in which one side is better, or neither is."""
+        groups: dict[str, list[str]] = {}
+        for row in self.rows:
+            if row.better == better:
+                groups.setdefault(row.group, []).append(row.label)
+        return groups
 
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain data."""
