@@ -297,7 +297,7 @@ def tune(
     say = progress or (lambda text: None)
     space = FreeChoices(run, named_keys(run) if fixed is None else fixed, robot.description)
     if "body.angular_momentum_z" in space.fixed:
-        return _confirmed(*_tune(space, robot, say), cache)
+        return _confirmed(*_tune(space, robot, say, patient=True), cache)
     # Arms that take up the legs' swing about the vertical spare the feet the twist of a fast gait.
     quiet = FreeChoices(run.replace({"body.angular_momentum_z": "zero"}), space.fixed, robot.description)
     if _twists(space, robot, say):
@@ -305,7 +305,7 @@ def tune(
             return _confirmed(*_tune(quiet, robot, say), cache)
         except RefusedGait:
             return _confirmed(*_tune(space, robot, say), cache)
-    search, best = _tune(space, robot, say)
+    search, best = _tune(space, robot, say, patient=True)
     if best.margins()["twist"] < _ENOUGH:
         try:
             return _confirmed(*_tune(quiet, robot, say), cache)
@@ -321,8 +321,16 @@ def _twists(space: FreeChoices, robot: Robot, say: Callable[[str], None]) -> boo
     return start is not None and start.margins()["twist"] < _ENOUGH
 
 
-def _tune(space: FreeChoices, robot: Robot, say: Callable[[str], None]) -> tuple[_Search, _Trial]:
+def _tune(
+    space: FreeChoices, robot: Robot, say: Callable[[str], None], *, patient: bool = False
+) -> tuple[_Search, _Trial]:
     """The best choice, with the search that found it.
+
+    Args:
+        space: the free choices.
+        robot: the body.
+        say: called with a line of text now and then.
+        patient: take the ways from easy neighbours a second time, with care.
 
     Raises:
         RefusedGait: there is none.
@@ -332,12 +340,15 @@ def _tune(space: FreeChoices, robot: Robot, say: Callable[[str], None]) -> tuple
     start = _standing_start(search)
     best = _settle(search, start) if start is not None else None
     farthest: _Farthest | None = None
-    for easy in space.easy() if best is None or best.worst() < 0.0 else ():
-        way = _follow(easy, search, say)
-        if way is not None and (farthest is None or way.share > farthest.share):
-            farthest = way
-        if farthest is not None and farthest.share == 1.0:
-            break
+    hard = best is None or best.worst() < 0.0
+    for careful in (False, True)[: 1 + patient]:  # long strides first, which may lose the better orbit
+        for easy in space.easy() if hard else ():
+            way = _follow(easy, search, say, careful=careful)
+            if way is not None and (farthest is None or way.share > farthest.share):
+                farthest = way
+            if way is not None and way.share == 1.0:
+                hard = way.trial.worst() < 0.0
+                break
     whole = [trial for trial in search.trials if trial.whole]
     if whole and (best is None or best.worst() < 0.0):
         best = max(whole, key=_Trial.worst)
@@ -367,6 +378,8 @@ def _follow(
     easy: GaitParameters,
     search: _Search,
     say: Callable[[str], None],
+    *,
+    careful: bool = False,
 ) -> _Farthest | None:
     """Come from an easy neighbour: tune it, move a little towards the gait, tune again, and so on.
 
@@ -374,6 +387,7 @@ def _follow(
         easy: where to begin.
         search: of the gait that is asked for.
         say: called with a line of text now and then.
+        careful: take a stride back that leads to far broken limits.
 
     Returns:
         The farthest choice that has a periodic step; None if not even the easy neighbour has.
@@ -388,7 +402,8 @@ def _follow(
     if start is None:
         return None
     farthest, stride = _Farthest(0.0, here, here.minimise(start.x, sweeps=5)), 0.5
-    while farthest.share < 1.0 and stride > 0.02 and orbits.evaluations < _BUDGET:
+    budget = 2 * _BUDGET if careful else _BUDGET
+    while farthest.share < 1.0 and stride > 0.02 and orbits.evaluations < budget:
         there = min(1.0, farthest.share + stride)
         follow = search
         if there < 1.0:
@@ -400,7 +415,7 @@ def _follow(
             follow = _Search(place, base, orbits, robot, say)
         trial = _stepped(follow, farthest.trial)
         say(f"{there:.0%} of the way: {'a periodic step' if trial.whole else trial.why or 'no plan'}")
-        if not trial.whole:
+        if not trial.whole or (careful and stride > 0.1 and trial.worst() < _HOPELESS):
             farthest.why = trial.why or farthest.why
             stride *= 0.5
             continue
