@@ -94,8 +94,8 @@ def tracking_reference(
         times: control ticks, ascending, shape (T,) [s].
         lead: time by which a foot is let down before its planned contact [s].
         early: time before planned contact from which a touch counts as contact [s].
-        hold: how long after the tick the last force of its command acts [s]: zero if every tick makes one step
-            of the physics. Accelerations are taken from the middle of that time.
+        hold: how long after the tick the last force of its command acts [s]: zero if every tick makes one
+            step of the physics. Accelerations are taken from the middle of that time.
 
     Raises:
         InputError: the plan has no feet, or a time lies outside it.

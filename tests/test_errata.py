@@ -47,7 +47,8 @@ def test_e14_a_cost_is_a_number():
 def test_e16_two_orders_of_lambda_do_not_mix(jacobian):
     motion, robot = motion_of(COARSE), walk_of(COARSE).robot
     acceleration = motion.acceleration[20]
-    drift = robot.jacobian(motion.q[20], motion.v[20]) and robot.drift(motion.q[20], motion.v[20]).drift[:18]
+    robot.jacobian(motion.q[20], motion.v[20])
+    drift = robot.drift(motion.q[20], motion.v[20]).drift[:18]
     task = jacobian @ acceleration + drift  # p_l, theta_l, p_r, theta_r, as in lambda
     eq_10 = np.r_[0:9, 12:15, 9:12, 15:18]  # p_l, p_r, theta_l, theta_r
     mixed = jacobian[eq_10] @ acceleration + drift[eq_10]
