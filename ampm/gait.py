@@ -61,6 +61,10 @@ the documented exception: acceleration and ZMP jump at every switch, and its res
 
 _TIME_TOLERANCE = 1e-9  # times this far outside the plan are taken as its ends [s]
 _SWITCH_TOLERANCE = 1e-12  # times this close before a switch belong to the phase that begins [s]
+_BESIDE_JUMP = 1e-9  # how far beside a jump of the support its two sides are looked at [s]
+_MARGIN_GRID = 24  # instants between two jumps, and in every refinement
+_MARGIN_REFINEMENTS = 4
+_MARGIN_BLOCK = 4096  # instants whose polygons are held at a time
 _LARGEST_ANGLE = 300.0  # k T_SS / 2 whose cosh still has room in a double
 
 
@@ -436,9 +440,49 @@ class GaitPlan:
             InputError: the plan has no soles, or a time lies outside it.
         """
         time = self._clipped(times)
-        points, contact = self._points_in_contact(time)
-        zmp = self.sample(time).zmp
-        return np.where(contact.any(axis=1), polygon_margin(points, contact, zmp), -np.inf)
+        margin = np.empty(len(time))
+        for first in range(0, max(len(time), 1), _MARGIN_BLOCK):
+            block = slice(first, first + _MARGIN_BLOCK)
+            points, contact = self._points_in_contact(time[block])
+            distance = polygon_margin(points, contact, self.sample(time[block]).zmp)
+            margin[block] = np.where(contact.any(axis=1), distance, -np.inf)
+        return margin
+
+    def least_zmp_margin(self, until: float | None = None) -> tuple[float, float]:
+        """The least of :meth:`zmp_margin`, and its time.
+
+        The polygon jumps where a contact changes, so a grid alone misses the least: here both sides of every
+        jump are looked at, and what is least in between is narrowed down.
+
+        Args:
+            until: end of the search [s]; the plan's own by default.
+
+        Returns:
+            Margin [m] and time [s].
+
+        Raises:
+            InputError: the plan has no soles, or ends earlier.
+        """
+        if self.feet is None:
+            raise InputError("the plan has no soles to stand on; plan the gait with a sole geometry.")
+        end = self.duration if until is None else float(self._clipped(until)[0])
+        jumps = np.concatenate([[0.0, end], self.switch_times, self.feet.left.start, self.feet.right.start])
+        jumps = np.unique(jumps[(jumps >= 0.0) & (jumps <= end)])
+        inside = jumps[:-1, None] + np.diff(jumps)[:, None] * np.linspace(0.0, 1.0, _MARGIN_GRID)[1:-1]
+        times = np.concatenate([jumps, jumps - _BESIDE_JUMP, jumps + _BESIDE_JUMP, inside.ravel()])
+        times = np.unique(np.clip(times, 0.0, end))
+        margin = self.zmp_margin(times)
+        worst = int(margin.argmin())
+        least, at = float(margin[worst]), float(times[worst])
+        low, high = float(times[max(worst - 1, 0)]), float(times[min(worst + 1, len(times) - 1)])
+        for _ in range(_MARGIN_REFINEMENTS):
+            times = np.linspace(low, high, _MARGIN_GRID)
+            margin = self.zmp_margin(times)
+            worst = int(margin.argmin())
+            if margin[worst] < least:
+                least, at = float(margin[worst]), float(times[worst])
+            low, high = float(times[max(worst - 1, 0)]), float(times[min(worst + 1, len(times) - 1)])
+        return least, at
 
 
 def plan_gait(

@@ -637,7 +637,31 @@ def test_e17_the_feet_do_not_jump_into_their_swing(schedule):
     assert abs(printed - left.velocity[0, 0]) > 0.1
 
 
+@pytest.mark.parametrize("schedule", ["flat", "roll"])
+def test_no_instant_undercuts_the_least_margin(schedule):
+    plan = plan_gait(GaitParameters(steps=6), foot=FootParameters(schedule=schedule), sole=SOLE)
+    least, time = plan.least_zmp_margin()
+    assert plan.zmp_margin(time)[0] == least
+    beside = np.concatenate([plan.switch_times, plan.switch_times - 1e-9, plan.switch_times + 1e-9])
+    assert least <= plan.zmp_margin(beside).min() + 1e-12
+    # What a grid sees approaches it from above.
+    grid = plan.zmp_margin(np.linspace(0.0, plan.duration, 20001)).min()
+    assert least - 1e-12 <= grid
+
+
+def test_the_least_margin_of_a_part_of_the_plan():
+    plan = plan_gait(GaitParameters(steps=4), foot=FootParameters(schedule="flat"), sole=SOLE)
+    least, time = plan.least_zmp_margin(0.1)
+    assert 0.0 <= time <= 0.1
+    assert least >= plan.least_zmp_margin()[0]
+    assert np.isfinite(plan.least_zmp_margin(0.0)[0])
+    with pytest.raises(InputError, match="outside"):
+        plan.least_zmp_margin(plan.duration + 1.0)
+
+
 def test_the_margin_needs_soles(plan):
+    with pytest.raises(InputError, match="sole"):
+        plan.least_zmp_margin()
     with pytest.raises(InputError, match="sole"):
         plan.zmp_margin([0.1])
     with pytest.raises(InputError, match="sole"):

@@ -166,9 +166,9 @@ def margins(
     feet = ("left", "right")
     foot_ratio = _ratio(measured.foot_force, LOADED * measured.weight)
     net_ratio = _ratio(measured.force, LOADED * measured.weight)[:, None]
-    planned = np.full(time.size, np.nan)
+    planned = Extreme(float("nan"))
     if plan.feet is not None and time.size:
-        planned = plan.zmp_margin(sample.time)
+        planned = Extreme(*plan.least_zmp_margin(min(float(time[-1]), plan.duration)))
     reached = polygon_margin(record.point_position[:, :, :2], measured.point_contact, sample.zmp)
     return Margins(
         torque=_extreme(use, time, record.joint_names, largest=True),
@@ -182,7 +182,7 @@ def margins(
         friction_available=record.friction,
         joint=_extreme(np.minimum(low, high), record.time, record.joint_names),
         knee=_extreme(knee_q, record.time, knees),
-        plan_polygon=_extreme(planned[:, None], time),
+        plan_polygon=planned,
         plan_in_measured_polygon=_extreme(reached[:, None], time),
         measured_polygon=_extreme(measured.polygon_margin[:, None], time),
         slip=_extreme(measured.slip, time, feet, largest=True),

@@ -62,8 +62,6 @@ MOTION_UNITS = {
 }
 """Units of what a motion says of itself; what is not listed is a name or a plain number."""
 
-_MARGIN_SAMPLES = 2001
-
 
 @dataclass(frozen=True)
 class Request:
@@ -109,11 +107,8 @@ class Planned:
 
     @cached_property
     def zmp_margin(self) -> float | None:
-        """Least distance of the planned ZMP from the edge of the support polygon [m], over two steps."""
-        if self.plan.feet is None:
-            return None
-        end = min(self.plan.duration, 2 * self.plan.constants.step_duration)
-        return float(self.plan.zmp_margin(np.linspace(0.0, end, _MARGIN_SAMPLES)).min())
+        """Least distance of the planned ZMP from the edge of the support polygon [m]."""
+        return None if self.plan.feet is None else self.plan.least_zmp_margin()[0]
 
 
 def request(gait: str, settings: Sequence[str]) -> Request:
