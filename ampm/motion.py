@@ -126,9 +126,9 @@ class WholeBodyMotion:
     report: MotionReport
 
     def __post_init__(self) -> None:
-        for value in vars(self).values():
+        for name, value in vars(self).copy().items():
             if isinstance(value, np.ndarray):
-                value.setflags(write=False)
+                object.__setattr__(self, name, _immutable(value))
 
     @property
     def step_duration(self) -> float:
@@ -242,6 +242,13 @@ class WholeBodyMotion:
         except _DAMAGED as error:
             raise InputError(f"{path} holds no whole-body motion ({error}); delete it.") from error
         return motion
+
+
+def _immutable(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A read-only copy: to freeze a view would leave the array behind it writable."""
+    copy = values.copy()
+    copy.setflags(write=False)
+    return copy
 
 
 def _configuration_rate(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:

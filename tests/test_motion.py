@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pinocchio as pin
@@ -102,6 +102,17 @@ def test_nothing_can_be_changed(motion, robot):
             value = getattr(holder, item.name)
             if isinstance(value, np.ndarray):
                 assert not value.flags.writeable, item.name
+
+
+def test_no_view_leads_around_the_freeze(motion):
+    whole = np.array(motion.q)
+    frozen = replace(motion, q=whole[:])
+    whole[0, 0] += 1.0
+    assert frozen.q.tobytes() == motion.q.tobytes()
+    for name in ("time", "q", "v", "acceleration", "trunk_pitch", "angular_momentum_z"):
+        values = getattr(motion, name)
+        assert not values.flags.writeable
+        assert values.base is None
 
 
 def test_table_has_a_column_for_every_number(motion, robot):
