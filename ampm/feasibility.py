@@ -6,6 +6,8 @@ there.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,9 +48,6 @@ def check_body(plan: GaitPlan, description: BodyDescription) -> None:
     """
     if plan.feet is None:
         raise InputError("the plan has no feet to check; plan the gait with the body's sole geometry.")
-    _check_overlap(plan, description)
-    _check_roll(plan, description)
-    _check_heel_rise(plan, description)
     single, double = plan.phases[0], plan.phases[1]
     # Short of the last instant, at which the next phase has begun or the plan is over.
     times = np.concatenate(
@@ -59,9 +58,41 @@ def check_body(plan: GaitPlan, description: BodyDescription) -> None:
     )
     sample = plan.sample(times)
     feet = plan.feet.sample(times)
-    _check_leg(plan, description, sample, feet)
-    _check_floor(times, feet)
-    _check_margin(plan, sample)
+    checks: tuple[Callable[[], None], ...] = (
+        lambda: _check_overlap(plan, description),
+        lambda: _check_roll(plan, description),
+        lambda: _check_heel_rise(plan, description),
+        lambda: _check_leg(plan, description, sample, feet),
+        lambda: _check_floor(times, feet),
+    )
+    refusals = [refusal for refusal in map(_refusal, checks) if refusal is not None]
+    if refusals:
+        raise _together(refusals)
+    _check_margin(plan, sample)  # alone: what is refused above takes the ZMP out of the support as well
+
+
+def _refusal(check: Callable[[], None]) -> BodilyRefusal | None:
+    try:
+        check()
+    except BodilyRefusal as refusal:
+        return refusal
+    return None
+
+
+def _together(refusals: Sequence[BodilyRefusal]) -> BodilyRefusal:
+    """The first refusal, with a way out that does not lead into the next one."""
+    first, *others = refusals
+    if not others:
+        return first
+    also = [f"{other.reason.replace('_', ' ')}: {other.way_out}" for other in others]
+    return BodilyRefusal(
+        str(first).removesuffix(f"; {first.way_out}."),
+        reason=first.reason,
+        value=first.value,
+        limit=first.limit,
+        unit=first.unit,
+        way_out=f"{first.way_out}; also " + "; also ".join(also),
+    )
 
 
 def _check_overlap(plan: GaitPlan, description: BodyDescription) -> None:
@@ -165,9 +196,10 @@ def _check_heel_rise(plan: GaitPlan, description: BodyDescription) -> None:
     ball = description.sole.ball_x
     if reached < ball - ROLL_TOLERANCE:
         constants = plan.constants
+        reached = round(reached, 6) + 0.0  # a ZMP at rest is at 0 m but for rounding, and -0 is 0
         raise BodilyRefusal(
-            f"the ZMP has not reached the ball when the heel rises: it is {reached:.4g} m before the foot's "
-            f"reference point, and the ball is at {ball:.4g} m",
+            "the ZMP has not reached the ball when the heel rises: measured from the foot's reference point "
+            f"it is at {reached:.4g} m, and the ball at {ball:.4g} m",
             reason="heel_rises_before_zmp_reaches_ball",
             value=reached,
             limit=ball,

@@ -1,5 +1,7 @@
 """What a body refuses by soles and legs alone: each refusal names value, limit and a way out."""
 
+import math
+
 import pytest
 
 from ampm.body import BodyDescription, LegDescription, SoleGeometry
@@ -79,7 +81,7 @@ def test_an_easy_gait_passes():
             ROLL,
             "heel_rises_before_zmp_reaches_ball",
             0.083,
-            ["0.0474 m", "lower gait.a_s to 2.855", "foot.schedule = flat"],
+            ["0.0474 m, and the ball at 0.083 m", "lower gait.a_s to 2.855", "foot.schedule = flat"],
         ),
         (
             GaitParameters(),
@@ -106,6 +108,21 @@ def test_a_bodily_refusal_names_value_limit_and_way_out(gait, foot, reason, limi
     assert refusal.way_out in str(refusal)
     for word in words:
         assert word in str(refusal)
+
+
+def test_a_resting_zmp_is_at_the_reference_point_and_not_a_rounding_error_before_it():
+    with pytest.raises(BodilyRefusal, match=r"it is at 0 m, and the ball at 0\.083 m") as caught:
+        check(GaitParameters(a_s=math.inf), ROLL)
+    assert caught.value.value == 0.0
+
+
+def test_a_refusal_names_the_way_out_of_the_next_one_too():
+    with pytest.raises(BodilyRefusal) as caught:
+        check(flat(a_s=1.4, com_height=0.95), FLAT)
+    assert caught.value.reason == "zmp_leaves_sole"
+    text = str(caught.value)
+    assert "; also leg too short: lower gait.com_height" in text
+    assert text.count("raise gait.a_s") == 1
 
 
 def test_the_way_out_of_a_long_roll_is_a_way_out():
