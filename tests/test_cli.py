@@ -355,3 +355,33 @@ def test_every_error_class_has_a_status():
     for name in ("InputError", "SolverError"):
         status, _ = cli.explain(getattr(exceptions, name)("x"))
         assert status in (Status.REFUSED, Status.NOT_COMPLETED)
+
+
+SIGNAL_IN_AN_IMPORT = """
+import os, signal, sys
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+            except KeyboardInterrupt:
+                {answer}
+
+sys.meta_path.insert(0, Finder())
+from validation.entry import main
+sys.argv = ["ampm", "plan", "--no-body", "--json"]
+main()
+"""
+
+
+@pytest.mark.parametrize("module", ["typer", "pydantic", "numpy"])
+@pytest.mark.parametrize("answer", ["raise", "raise ImportError(name)", "pass"])
+def test_ctrl_c_during_an_import(module, answer):
+    """Passed on, turned into another error, or swallowed: 130 all the same, and one line."""
+    code = SIGNAL_IN_AN_IMPORT.format(module=module, answer=answer)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == Status.INTERRUPTED, done.stderr
+    assert done.stderr == "ampm: interrupted\n"
+    if answer != "pass":  # the answer may be out already
+        assert json.loads(done.stdout)["error"]["kind"] == "interrupted"

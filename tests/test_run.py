@@ -183,6 +183,43 @@ def test_ctrl_c_before_the_walk_leaves_nothing(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+INTERRUPTED_LATER = """
+import os, signal, sys
+from validation import rerun_log, run
+from validation.entry import main
+
+module, name = (run, "measure") if sys.argv.pop(1) == "measurement" else (rerun_log, "write_recording")
+original = getattr(module, name)
+
+class Swallows:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        for _ in range(100):
+            pass
+
+def interrupted(*args, **options):
+    thing = Swallows()
+    del thing
+    return original(*args, **options)
+
+setattr(module, name, interrupted)
+main()
+"""
+
+
+@pytest.mark.parametrize("when", ["measurement", "recording"])
+def test_ctrl_c_after_the_walk_keeps_its_numbers(when, tmp_path):
+    """Also where the exception is lost in a callback."""
+    out = tmp_path / "run"
+    command = [sys.executable, "-c", INTERRUPTED_LATER, when, "validate", "normal", "--steps", "2"]
+    answer = subprocess.run([*command, "--out", str(out)], capture_output=True, text=True, timeout=120)
+    assert answer.returncode == Status.INTERRUPTED, answer.stderr
+    assert "Traceback" not in answer.stderr
+    assert "interrupted" in answer.stderr.splitlines()[-1]
+    assert json.loads((out / "summary.json").read_text())["outcome"] == "completed"
+    assert not (out / "report.html").exists()
+
+
 def test_a_fall_is_an_outcome(tmp_path, capsys):
     """Hardly any friction: the walk cannot complete, and says so."""
     out = tmp_path / "ice"

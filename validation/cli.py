@@ -8,7 +8,6 @@ that needs them, so that ``ampm --help`` and ``ampm plan --no-body`` answer at o
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import tempfile
 import traceback
@@ -24,6 +23,7 @@ import ampm
 from ampm.exceptions import AmpmError, RefusedGait, SolverError
 from ampm.parameters import PRESETS
 from validation.console import Narrator, print_json, print_line
+from validation.entry import interruption, main
 
 
 class Status(IntEnum):
@@ -227,6 +227,10 @@ def validate(
         if not as_json:
             summary_text.print_result(result)
         del result  # the next walk needs the room
+        if interruption.pending:  # during the measurement, which has been finished
+            narrator.say(f"ampm: interrupted; the run is complete in {target} but for recording and report")
+            interruption.acknowledge()
+            statuses.append(Status.INTERRUPTED)
         if statuses[-1] is Status.INTERRUPTED:
             break
     if as_json:
@@ -357,7 +361,9 @@ def view(
     """Open a recording in the Rerun viewer."""
     from validation.viewer import view as open_viewer
 
-    return open_viewer(target, web=web)
+    status = open_viewer(target, web=web)
+    interruption.acknowledge()  # Ctrl-C is how the web server is stopped
+    return status
 
 
 @app.command()
@@ -486,18 +492,27 @@ def call(arguments: Sequence[str]) -> int:
     command = typer.main.get_command(app)
     try:
         with command.make_context("ampm", arguments) as context:
-            return int(command.invoke(context) or 0)
+            status = int(command.invoke(context) or 0)
+        interruption.check()
+        return status
     except typer.Exit as end:
         return end.exit_code
     except BrokenPipeError:  # the reader has left: nobody to tell
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Status.BROKEN_PIPE
-    except (Exception, KeyboardInterrupt) as error:
+    except (Exception, KeyboardInterrupt) as caught:
+        error: BaseException = caught
+        if interruption.pending and not isinstance(error, KeyboardInterrupt):
+            error = KeyboardInterrupt()  # some extensions make another error of it
+            error.__cause__ = caught
+            for note in getattr(caught, "__notes__", ()):
+                error.add_note(note)
+        interruption.finished = interruption.pending
         status, text = explain(error)
         if "--json" in arguments:
             print_json(describe_error(error))
         if "--debug" in arguments:
-            traceback.print_exc()
+            traceback.print_exception(error)
         elif status is Status.CRASH:
             kept = _keep_traceback(error)
             text += (
@@ -506,19 +521,6 @@ def call(arguments: Sequence[str]) -> int:
             text += ", please report it."
         print(f"ampm: {text}", file=sys.stderr)  # noqa: T201
         return status
-
-
-def main() -> None:
-    """Entry point of the console script."""
-    if "_AMPM_COMPLETE" in os.environ:  # a shell asks for completions
-        app()
-    # Before numpy is loaded: threads on matrices this small cost three times what they save, and a run's bits
-    # must not depend on how many cores share a sum.
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(variable, "1")
-    # A terminated run keeps what it has, like an interrupted one.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    sys.exit(call(sys.argv[1:]))
 
 
 if __name__ == "__main__":

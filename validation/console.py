@@ -24,6 +24,8 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from validation.entry import interruption
+
 _FILE_WIDTH = 160
 """Columns of a table that is written to a file or a pipe."""
 
@@ -72,6 +74,7 @@ class Narrator(Silent):
     @contextmanager
     def stage(self, label: str, unit: str = "") -> Iterator[Stage]:
         """Enter one stage; see :meth:`Silent.stage`."""
+        interruption.check()
         start = time.perf_counter()
         if not self.console.is_terminal:
             yield Stage()
@@ -87,6 +90,7 @@ class Narrator(Silent):
             with Progress(*columns, console=self.console, transient=True) as bar:
                 yield _Bar(bar, bar.add_task(label, total=None, unit=unit), label)
         self.console.print(f"{label}: {time.perf_counter() - start:.1f} s", style="dim", markup=False)
+        interruption.check()
 
     def say(self, text: str) -> None:
         """One line on stderr."""

@@ -21,12 +21,13 @@ from ampm.parameters import dump_run
 from validation.bridge import to_pinocchio
 from validation.compare import Comparison, compare
 from validation.console import Silent, json_ready
+from validation.entry import interruption
 from validation.environment import describe_environment
 from validation.folders import RUN_FILES, check_run_folder, run_folder
 from validation.measure import MeasuredGait, measure
 from validation.planning import Planned, Request, plan
 from validation.profiles import DEFAULT, Profile
-from validation.record import SimulationRecord, save_record
+from validation.record import OutcomeName, SimulationRecord, save_record
 from validation.signals import save_signals, signals_table
 from validation.simulate import simulate
 from validation.standing import weigh
@@ -104,7 +105,9 @@ def validate(
 ) -> Trial:
     """Plan, walk, measure and judge one gait, and keep everything in a folder.
 
-    A walk that is interrupted (``KeyboardInterrupt``) is measured and kept as far as it went.
+    A walk that is interrupted (``KeyboardInterrupt``) is measured and kept as far as it went. One that is
+    interrupted after the walk is finished as far as its numbers, without recording and report;
+    ``interruption.pending`` tells.
 
     Args:
         asked: the gait.
@@ -129,44 +132,56 @@ def validate(
         (folder / "run.toml").write_text(dump_run(asked.run), encoding="utf-8")
         (folder / "model.xml").write_text(body.model.xml, encoding="utf-8")
         _write_json(folder / "environment.json", environment)
-        with clock.stage("simulation", "steps") as advance:
-            record = simulate(
-                planned.plan, motion, asked.run, body.model, steps=asked.run.gait.steps, progress=advance
-            )
-        save_record(record, folder)
-        with clock.stage("measurement"):
-            motion_z = motion.sample(record.time[:-1], body.robot).angular_momentum_z
-            measured = measure(record, body.robot.model, to_pinocchio)
-            standing = weigh(asked.run, body.model, body.robot)
-            comparison = compare(
-                planned.plan,
-                record,
-                measured,
-                description=body.model.description,
-                motion_angular_momentum_z=motion_z,
-                standing=standing,
-            )
-            verdict = judge(comparison, record.outcome, options.profile)
-            signals = signals_table(
-                planned.plan, record, measured, comparison, motion_angular_momentum_z=motion_z
-            )
-            save_signals(signals, folder / "signals.parquet")
-            summary = build_summary(
-                record,
-                measured,
-                comparison,
-                verdict,
-                timing=clock.timing(record),
-                environment=environment,
-                extra={
-                    "gait": asked.name,
-                    "motion": motion.report.as_dict(),
-                    "standing": asdict(standing),
-                    "memory_peak": {"value": _memory_peak(), "unit": "MB"},
-                },
-            )
-            _write_json(folder / "summary.json", summary)
-        if options.recording:
+        try:
+            with clock.stage("simulation", "steps") as advance:
+
+                def progress(done: int, total: int) -> None:
+                    interruption.check()
+                    advance(done, total)
+
+                record = simulate(
+                    planned.plan, motion, asked.run, body.model, steps=asked.run.gait.steps, progress=progress
+                )
+                if record.outcome.name == OutcomeName.INTERRUPTED:
+                    interruption.acknowledge()
+                else:
+                    interruption.hold()
+            save_record(record, folder)
+            with clock.stage("measurement"):
+                motion_z = motion.sample(record.time[:-1], body.robot).angular_momentum_z
+                measured = measure(record, body.robot.model, to_pinocchio)
+                standing = weigh(asked.run, body.model, body.robot)
+                comparison = compare(
+                    planned.plan,
+                    record,
+                    measured,
+                    description=body.model.description,
+                    motion_angular_momentum_z=motion_z,
+                    standing=standing,
+                )
+                verdict = judge(comparison, record.outcome, options.profile)
+                signals = signals_table(
+                    planned.plan, record, measured, comparison, motion_angular_momentum_z=motion_z
+                )
+                save_signals(signals, folder / "signals.parquet")
+                summary = build_summary(
+                    record,
+                    measured,
+                    comparison,
+                    verdict,
+                    timing=clock.timing(record),
+                    environment=environment,
+                    extra={
+                        "gait": asked.name,
+                        "motion": motion.report.as_dict(),
+                        "standing": asdict(standing),
+                        "memory_peak": {"value": _memory_peak(), "unit": "MB"},
+                    },
+                )
+                _write_json(folder / "summary.json", summary)
+        finally:
+            interruption.release()
+        if options.recording and not interruption.pending:
             late = _draw(folder, target, clock)
     if late is not None:
         raise late
@@ -183,6 +198,7 @@ def _draw(folder: Path, target: Path, clock: _Clock) -> BaseException | None:
             write_recording(folder)
         with clock.stage("report"):
             write_report(folder)
+        interruption.check()
     except (Exception, KeyboardInterrupt) as error:
         error.add_note(f"the run itself is complete in {target}, and 'ampm report' draws it again")
         return error
