@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 _FRICTION_ROWS = 3  # of a contact of a point on the floor: normal and two tangents
 _LIMIT_ROWS = 2  # of a joint at its limits
+_BLOCK = 1024  # steps whose contacts are kept as MuJoCo has them; all of a long walk would fill the memory
 
 
 @dataclass
@@ -26,9 +27,12 @@ class RunLog:
         sites: positions of all sites, (K + 1, nsite, 3) [m].
         rotation: of both soles, (K + 1, 2, 9).
         sensors: all readings, (K + 1, nsensordata).
-        point, address: sole point and first constraint row of every contact, -1 for none, (K, P).
-        frame, place, distance: of every contact, (K, P, 9), (K, P, 3), (K, P).
-        constraint_force: of all constraints, (K, rows) [N].
+        force, position, depth: of the sole points, (K, P, 3) [N], (K, P, 3) [m], (K, P) [m]; sorted so far.
+        point, address: sole point and first constraint row of every contact of the block of B steps that is
+            not sorted yet, -1 for none, (B, P).
+        frame, place, distance: of every contact, (B, P, 9), (B, P, 3), (B, P).
+        constraint_force: of all constraints, (B, rows) [N].
+        sorted: steps whose contacts are sorted.
     """
 
     q: NDArray[np.float64]
@@ -38,16 +42,21 @@ class RunLog:
     sites: NDArray[np.float64]
     rotation: NDArray[np.float64]
     sensors: NDArray[np.float64]
+    force: NDArray[np.float64]
+    position: NDArray[np.float64]
+    depth: NDArray[np.float64]
     point: NDArray[np.intp]
     address: NDArray[np.intp]
     frame: NDArray[np.float64]
     place: NDArray[np.float64]
     distance: NDArray[np.float64]
     constraint_force: NDArray[np.float64]
+    sorted: int = 0
 
     @classmethod
     def empty(cls, steps: int, model: mujoco.MjModel, points: int) -> RunLog:
         """Room for that many steps."""
+        block = min(steps, _BLOCK)
         return cls(
             q=np.empty((steps + 1, model.nq)),
             qd=np.empty((steps + 1, model.nv)),
@@ -56,16 +65,19 @@ class RunLog:
             sites=np.empty((steps + 1, model.nsite, 3)),
             rotation=np.empty((steps + 1, 2, 9)),
             sensors=np.empty((steps + 1, model.nsensordata)),
-            point=np.full((steps, points), -1, dtype=np.intp),
-            address=np.full((steps, points), -1, dtype=np.intp),
-            frame=np.zeros((steps, points, 9)),
-            place=np.zeros((steps, points, 3)),
-            distance=np.zeros((steps, points)),
-            constraint_force=np.zeros((steps, _FRICTION_ROWS * points + _LIMIT_ROWS * model.njnt)),
+            force=np.zeros((steps, points, 3)),
+            position=np.zeros((steps, points, 3)),
+            depth=np.zeros((steps, points)),
+            point=np.full((block, points), -1, dtype=np.intp),
+            address=np.full((block, points), -1, dtype=np.intp),
+            frame=np.zeros((block, points, 9)),
+            place=np.zeros((block, points, 3)),
+            distance=np.zeros((block, points)),
+            constraint_force=np.zeros((block, _FRICTION_ROWS * points + _LIMIT_ROWS * model.njnt)),
         )
 
     def keep_contacts(self, k: int, data: mujoco.MjData, point: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Copy the contacts of step k as they are; :meth:`sole_contacts` sorts them out after the run.
+        """Copy the contacts of step k as they are; they are sorted out block by block.
 
         Args:
             k: step.
@@ -75,30 +87,38 @@ class RunLog:
         Returns:
             The sole points' normal forces, shape (P,) [N].
         """
+        if k - self.sorted >= len(self.point):
+            self._sort(k)
+        row = k - self.sorted
         n, rows = data.ncon, data.nefc
         normal = np.zeros(self.point.shape[1] + 1)
         if n:
             contact = data.contact
             address = contact.efc_address
-            self.point[k, :n], self.address[k, :n] = point, address
-            self.frame[k, :n], self.place[k, :n] = contact.frame, contact.pos
-            self.distance[k, :n] = contact.dist
-            self.constraint_force[k, :rows] = data.efc_force
-            normal[point] = self.constraint_force[k].take(address)
+            self.point[row, :n], self.address[row, :n] = point, address
+            self.frame[row, :n], self.place[row, :n] = contact.frame, contact.pos
+            self.distance[row, :n] = contact.dist
+            self.constraint_force[row, :rows] = data.efc_force
+            normal[point] = self.constraint_force[row].take(address)
         return normal[:-1]  # the last stands for all that is no sole point
 
     def sole_contacts(
         self, done: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Force (K, P, 3) [N], place (K, P, 3) and depth (K, P) [m] of every sole point in the steps done."""
-        points = self.point.shape[1]
-        force, place = np.zeros((done, points, 3)), np.zeros((done, points, 3))
-        depth = np.zeros((done, points))
-        step, slot = np.nonzero((self.point[:done] >= 0) & (self.address[:done] >= 0))
+        self._sort(done)
+        return self.force[:done], self.position[:done], self.depth[:done]
+
+    def _sort(self, end: int) -> None:
+        """Sort out the contacts of the block, up to but without step ``end``, and clear it."""
+        count = max(end - self.sorted, 0)
+        force, place, depth = (a[self.sorted :] for a in (self.force, self.position, self.depth))
+        step, slot = np.nonzero((self.point[:count] >= 0) & (self.address[:count] >= 0))
         point = self.point[step, slot]
         rows = self.address[step, slot, None] + np.arange(_FRICTION_ROWS)
         local = self.constraint_force[step[:, None], rows]
         # A point is a sphere over a plane: one contact at most.
         force[step, point] = np.einsum("ck,ckj->cj", local, self.frame[step, slot].reshape(-1, 3, 3))
         place[step, point], depth[step, point] = self.place[step, slot], -self.distance[step, slot]
-        return force, place, depth
+        self.point[:count] = -1
+        self.sorted += count
