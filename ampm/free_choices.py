@@ -300,7 +300,7 @@ class FreeChoices:
             raise MathematicalRefusal(
                 f"gait.switching_velocity = {gait.switching_velocity:.4g} m/s is too slow to pass over the "
                 f"foot, whatever is chosen: with {at['ratio']:.0%} of single support and a roll of "
-                f"{at['roll'] * self.sole.ball_x:.3g} m it takes {least:.4g} m/s",
+                f"{at['roll'] * self.sole.ball_x:.3g} m it takes {least:.5g} m/s",
                 reason="switching_velocity_too_low",
                 value=gait.switching_velocity,
                 limit=least,

@@ -56,7 +56,7 @@ class Certificate:
     """Why nothing was found: the limit that stayed broken, and the best that was reached.
 
     Attributes:
-        limit: name in :data:`LIMITS`, or ``no_periodic_motion``.
+        limit: name in :data:`LIMITS`, or the reason of another refusal.
         what: what was measured.
         value: best value over all choices that were tried while the other limits were broken least.
         bound: what it should have met.
@@ -487,8 +487,11 @@ def _confirmed(search: _Search, best: _Trial, cache: Path | None) -> Tuned:
         raise TypeError("a choice without a plan cannot be confirmed")
     run = best.run
     plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=space.sole)
-    check_body(plan, space.description)
-    motion = solve_motion(plan, run, robot, cache=cache)
+    try:
+        check_body(plan, space.description)
+        motion = solve_motion(plan, run, robot, cache=cache)
+    except BodilyRefusal as error:  # what the search's grid just passed, the fine one may not
+        raise _unconfirmed(error, run, search) from error
     plan = plan.with_angular_momentum_offset(motion.report.angular_momentum_y_offset)
     return Tuned(
         run=run,
@@ -497,6 +500,28 @@ def _confirmed(search: _Search, best: _Trial, cache: Path | None) -> Tuned:
         found=MappingProxyType(_found(run, space)),
         margins=MappingProxyType(dict(best.values)),
         tried=len(search.trials),
+    )
+
+
+def _unconfirmed(error: BodilyRefusal, run: RunParameters, search: _Search) -> Untunable:
+    """The refusal of the best choice by the checks that every gait has to pass."""
+    choice = {k: float(v) for k, v in _found(run, search.space).items() if isinstance(v, float)}
+    what = str(error).partition(";")[0]
+    certificate = Certificate(
+        error.reason,
+        what,
+        error.value,
+        error.limit,
+        error.unit,
+        len(search.trials),
+        MappingProxyType(choice),
+        f" ({len(search.trials)} choices tried)",
+    )
+    return Untunable(
+        f"the best choice just fails: {certificate}",
+        certificate,
+        reason=error.reason,
+        way_out=error.way_out,
     )
 
 
