@@ -104,6 +104,24 @@ def test_replay_names_the_first_difference(walked, tmp_path, capsys):
     assert "differs first, at 0.402 s" in out
 
 
+def test_replay_stops_at_the_first_difference_and_is_quiet(walked, tmp_path, capfd, monkeypatch):
+    """A torque that makes the physics blow up."""
+    changed = tmp_path / "changed"
+    shutil.copytree(walked[0], changed)
+    table = pq.read_table(changed / JOINTS_FILE)
+    name = next(name for name in table.column_names if name.startswith("torque_"))
+    values = table[name].to_numpy().copy()
+    values[200:] = 1e30
+    column = table.schema.get_field_index(name)
+    pq.write_table(table.set_column(column, table.schema.field(name), [values]), changed / JOINTS_FILE)
+    monkeypatch.chdir(tmp_path)
+    assert call(["replay", str(changed)]) == Status.OUT_OF_TOLERANCE
+    printed = capfd.readouterr()
+    assert "differs first, at 0.402 s" in printed.out
+    assert "WARNING" not in printed.out + printed.err
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+
+
 def test_report_can_be_written_again(walked, tmp_path, capsys):
     copy = tmp_path / "copy"
     shutil.copytree(walked[0], copy)

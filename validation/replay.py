@@ -6,7 +6,8 @@ The controller takes no part: what is shown is that the record holds all that th
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -88,7 +89,8 @@ def step_again(
         advance: called with steps done and steps in all.
 
     Returns:
-        ``qpos`` (K + 1, nq) and ``qvel`` (K + 1, nv).
+        ``qpos`` (K + 1, nq) and ``qvel`` (K + 1, nv); fewer rows if a state differs from the record, which is
+        then the last.
     """
     data = mujoco.MjData(model)
     data.qpos[:] = record.q[0]
@@ -97,23 +99,41 @@ def step_again(
         data.qacc_warmstart[:] = record.warmstart[0]
     q, qd = np.empty_like(record.q), np.empty_like(record.qd)
     q[0], qd[0] = data.qpos, data.qvel
-    for k in range(record.steps):
-        data.ctrl[:] = record.torque[k]
-        mujoco.mj_step(model, data)
-        q[k + 1], qd[k + 1] = data.qpos, data.qvel
-        if advance is not None and k % 500 == 0:
-            advance(k, record.steps)
+    with _quiet_mujoco():
+        for k in range(record.steps):
+            data.ctrl[:] = record.torque[k]
+            mujoco.mj_step(model, data)
+            q[k + 1], qd[k + 1] = data.qpos, data.qvel
+            if not (_same_bits(q[k + 1], record.q[k + 1]) and _same_bits(qd[k + 1], record.qd[k + 1])):
+                return q[: k + 2], qd[: k + 2]
+            if advance is not None and k % 500 == 0:
+                advance(k, record.steps)
     return q, qd
+
+
+def _same_bits(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    """Bit patterns, not values: -0 is not 0, and a NaN is itself."""
+    return a.tobytes() == b.tobytes()
+
+
+@contextmanager
+def _quiet_mujoco() -> Iterator[None]:
+    """Keep MuJoCo from printing and from writing MUJOCO_LOG.TXT: a difference says what went wrong."""
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)
 
 
 def compare(
     record: SimulationRecord, q: NDArray[np.float64], qd: NDArray[np.float64], note: str = ""
 ) -> Replay:
-    """Find the first bit in which a replay differs from its record."""
+    """Find the first bit in which a replay, or as much of it as there is, differs from its record."""
     names = _column_names(record)
-    recorded = np.concatenate([record.q, record.qd], axis=1)
+    recorded = np.concatenate([record.q[: len(q)], record.qd[: len(qd)]], axis=1)
     replayed = np.concatenate([q, qd], axis=1)
-    # Bit patterns, not values: -0 is not 0, and a NaN is itself.
+    # Bit patterns, as above.
     rows, columns = np.nonzero(recorded.view(np.int64) != replayed.view(np.int64))
     if rows.size == 0:
         return Replay(record.steps)
