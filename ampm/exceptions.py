@@ -5,13 +5,24 @@ A message is one sentence for the user: the value, the limit, and a way out.
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class AmpmError(Exception):
     """Root of every error that the testbed raises on purpose."""
 
 
 class InputError(AmpmError):
-    """The request itself is wrong: an unknown key, a value that is no number, a file that is missing."""
+    """The request itself is wrong: an unknown key, a value that is no number, a file that is missing.
+
+    Attributes:
+        details: for programs, what of the following is known: ``key``, ``value``, ``limit`` (in words),
+            ``way_out``, and of an unknown name the ``nearest`` known one.
+    """
+
+    def __init__(self, message: str = "", **details: Any) -> None:
+        super().__init__(message)
+        self.details = details
 
 
 class RefusedGait(AmpmError):

@@ -347,7 +347,17 @@ def load_run(gait: str | Path | None = None, overrides: Sequence[str] = ()) -> R
     for override in overrides:
         key, equals, text = override.partition("=")
         if not equals:
-            raise InputError(f"override {override!r} is no key=value pair; write for example gait.c_s=1.2.")
+            raise InputError(
+                f"override {override!r} is no key=value pair; write for example gait.c_s=1.2.",
+                value=override,
+                way_out="write for example gait.c_s=1.2",
+            )
+        if not key.strip():
+            raise InputError(
+                f"there is no key before = in {override!r}; write for example gait.c_s=1.2.",
+                value=override,
+                way_out="write for example gait.c_s=1.2",
+            )
         _assign(table, key.strip(), _value(text.strip()))
     return RunParameters(**table)
 
@@ -370,10 +380,13 @@ def _read(gait: str | Path) -> dict[str, Any]:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         hint = f"the presets are {', '.join(PRESETS)}"
-        close = difflib.get_close_matches(str(gait), PRESETS, n=1)
+        close = difflib.get_close_matches(str(gait).lower(), PRESETS, n=1)
         if close:
             hint = f"did you mean {close[0]!r}? {hint}"
-        raise InputError(f"there is neither a preset nor a file {str(gait)!r}; {hint}.") from None
+        nearest = {"nearest": close[0]} if close else {}
+        raise InputError(
+            f"there is neither a preset nor a file {str(gait)!r}; {hint}.", value=str(gait), **nearest
+        ) from None
     except (OSError, UnicodeDecodeError) as error:
         message = f"the file {str(gait)!r} cannot be read ({error}); give a readable TOML file."
         raise InputError(message) from None
@@ -401,10 +414,15 @@ def _assign(table: dict[str, Any], key: str, value: Any) -> None:
     """Set one namespaced key in a nested table."""
     name, dot, field = key.partition(".")
     if not dot or name not in RunParameters.model_fields:
-        raise InputError(_unknown_key(key))
+        raise _unknown_key(key)
     section = table.setdefault(name, {})
     if not isinstance(section, dict):
-        raise InputError(f"{name} = {section!r} is no section; write [{name}] and its keys below.")
+        raise InputError(
+            f"{name} = {section!r} is no section; write [{name}] and its keys below.",
+            key=name,
+            value=section,
+            way_out=f"write [{name}] and its keys below",
+        )
     section[field] = value
 
 
@@ -414,13 +432,31 @@ def _section_type(annotation: Any) -> type[Section]:
     return annotation
 
 
-def _unknown_key(key: str) -> str:
-    """Sentence about an unknown key, with the nearest known one."""
+def _unknown_key(key: str, *, is_table: bool = False) -> InputError:
+    """Error about an unknown key, or section if it is a table, with the nearest known one."""
+    sections = tuple(RunParameters.model_fields)
+    lower = key.lower()
+    section, _, leaf = lower.rpartition(".")
+    if is_table:
+        nearest = difflib.get_close_matches(lower, sections, n=1, cutoff=0.0)[0]
+        return InputError(
+            f"unknown section {key!r}; did you mean {nearest!r}?",
+            key=key,
+            nearest=nearest,
+            way_out=f"write [{nearest}]",
+        )
     known = keys()
-    leaf = key.rpartition(".")[2]
-    same_leaf = [k for k in known if k.rpartition(".")[2] == leaf]
-    close = same_leaf or difflib.get_close_matches(key, known, n=1, cutoff=0.0)
-    return f"unknown key {key!r}; did you mean {close[0]!r}?"
+    # The leaf as it is counts most; among equal leaves, and without one, the whole name decides.
+    candidates = [k for k in known if k.rpartition(".")[2] == leaf]
+    if not candidates and section in sections:
+        candidates = [k for k in known if k.startswith(f"{section}.")]
+    nearest = difflib.get_close_matches(lower, candidates or known, n=1, cutoff=0.0)[0]
+    return InputError(
+        f"unknown key {key!r}; did you mean {nearest!r}?",
+        key=key,
+        nearest=nearest,
+        way_out=f"write {nearest}",
+    )
 
 
 _LIMITS = {
@@ -438,10 +474,15 @@ def _input_error(error: ValidationError, model: type[Section]) -> InputError:
     key = ".".join([model.section, *location] if model.section else location)
     kind, value, context = detail["type"], detail.get("input"), detail.get("ctx", {})
     if kind == "extra_forbidden":
-        return InputError(_unknown_key(key))
+        return _unknown_key(key, is_table=not model.section and isinstance(value, Mapping))
     field = model.model_fields.get(location[0]) if location else None
     if field is None or not model.section:
-        return InputError(f"{key} = {value!r} is no section of keys; write [{key}] and its keys below it.")
+        return InputError(
+            f"{key} = {value!r} is no section of keys; write [{key}] and its keys below it.",
+            key=key,
+            value=value,
+            way_out=f"write [{key}] and its keys below it",
+        )
     extra = field.json_schema_extra
     unit = str(extra.get("unit", "1")) if isinstance(extra, dict) else "1"
     shown_unit = "" if unit == "1" else f" {unit}"
@@ -460,4 +501,10 @@ def _input_error(error: ValidationError, model: type[Section]) -> InputError:
     shown = f"{default:g}{shown_unit}" if isinstance(default, float) else repr(default)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     given = f"{value:g}{shown_unit}" if is_number else repr(value)
-    return InputError(f"{key} = {given} {limit}; the default is {shown}. Meaning: {field.description}.")
+    return InputError(
+        f"{key} = {given} {limit}; the default is {shown}. Meaning: {field.description}.",
+        key=key,
+        value=value,
+        limit=limit,
+        way_out=f"the default is {shown}",
+    )

@@ -315,6 +315,22 @@ def test_disk_errors_are_the_users(ampm, tmp_path):
     assert "x.csv" in answer.err
 
 
+@pytest.mark.parametrize("option", ["--samples=none/x.csv", "--plot=none/x.png"])
+def test_a_folder_that_does_not_exist_is_not_created(ampm, option, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    answer = ampm("plan", "--no-body", option)
+    assert answer.status == Status.REFUSED
+    assert "there is no folder none" in answer.err
+    assert not (tmp_path / "none").exists()
+
+
+def test_bad_input_in_json_has_its_parts(ampm):
+    error = ampm("plan", "--json", "--set", "body.mass=-60").json["error"]
+    assert (error["kind"], error["key"], error["value"]) == ("input", "body.mass", -60)
+    assert error["limit"] == "must be greater than 0 kg"
+    assert ampm("plan", "--json", "--set", "gait.C_S=1").json["error"]["nearest"] == "gait.c_s"
+
+
 # ------------------------------------------------------- as a subprocess
 
 

@@ -128,7 +128,9 @@ def test_parameters_are_frozen():
         ("body.mass=-60", ["body.mass = -60 kg", "greater than 0 kg"]),
         ("gait", ["'gait'", "key=value"]),
         ("gait=3", ["unknown key 'gait'"]),
-        ("=3", ["unknown key ''"]),
+        ("=3", ["there is no key before ="]),
+        ("gait.C_S=1", ["did you mean 'gait.c_s'"]),
+        ("GAIT.STEPS=1", ["did you mean 'gait.steps'"]),
     ],
 )
 def test_a_bad_override_names_key_value_limit_and_way_out(override, words):
@@ -144,6 +146,7 @@ def test_a_bad_override_names_key_value_limit_and_way_out(override, words):
         ("[gait]\nc_s = \n", ["no valid TOML", "line 2"]),
         ("[gait]\ncs = 1\n", ["'gait.cs'", "did you mean 'gait.c_s'"]),
         ("[gaits]\nc_s = 1\n", ["'gaits'", "did you mean"]),
+        ("[gate]\nc_s = 1\n", ["section 'gate'", "did you mean 'gait'"]),
         ("gait = 3\n", ["gait = 3", "[gait]"]),
     ],
 )
@@ -154,6 +157,18 @@ def test_a_bad_file_says_where(text, words, tmp_path):
         load_run(path)
     for word in words:
         assert word in str(caught.value)
+
+
+def test_an_error_tells_a_program_what_it_knows():
+    with pytest.raises(InputError) as caught:
+        load_run("normal", ["gait.step_length=-1"])
+    assert caught.value.details["key"] == "gait.step_length"
+    assert caught.value.details["value"] == -1
+    assert caught.value.details["limit"] == "must be greater than 0 m"
+    assert "0.6 m" in caught.value.details["way_out"]
+    with pytest.raises(InputError) as caught:
+        load_run("normal", ["gait.C_S=1"])
+    assert caught.value.details["nearest"] == "gait.c_s"
 
 
 def test_an_override_of_a_section_that_is_no_table(tmp_path):

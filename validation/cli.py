@@ -20,7 +20,7 @@ from typing import Annotated, Any
 import typer
 
 import ampm
-from ampm.exceptions import AmpmError, RefusedGait, SolverError
+from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError
 from ampm.parameters import PRESETS
 from validation.console import Narrator, print_json, print_line
 from validation.entry import interruption, main
@@ -109,8 +109,12 @@ def plan(
     is the one that makes the body's motion periodic.
     """
     from validation import planning
+    from validation.folders import check_folder_of
 
     request = planning.request(gait, settings or ())
+    for path in (samples, plot):
+        if path is not None:
+            check_folder_of(path)
     if samples is not None:
         planning.check_samples(samples, request.run, rate)
     if plot is not None:
@@ -137,7 +141,7 @@ def motion(
     settings: Settings = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE.parquet", help="Write one step's joints, all gaits in one."),
+        typer.Option("--out", metavar="FILE.parquet|.csv", help="Write one step's joints, all gaits in one."),
     ] = None,
     force: Force = False,
     as_json: Json = False,
@@ -417,7 +421,8 @@ def describe_error(error: BaseException) -> dict[str, Any]:
     """JSON object of an error: ``{"error": {"kind", "message"}}``.
 
     ``kind`` is ``input``, ``mathematical``, ``bodily``, ``solver``, ``interrupted`` or ``crash``; the two
-    refusals of a gait add ``reason``, ``value``, ``limit``, ``unit`` and ``way_out``.
+    refusals of a gait add ``reason``, ``value``, ``limit``, ``unit`` and ``way_out``; bad input adds what is
+    known of ``key``, ``value``, ``limit``, ``way_out`` and ``nearest``.
     """
     status, message = explain(error)
     kinds = {Status.REFUSED: "input", Status.NOT_COMPLETED: "solver", Status.INTERRUPTED: "interrupted"}
@@ -426,6 +431,8 @@ def describe_error(error: BaseException) -> dict[str, Any]:
         answer["kind"] = error.kind
         for name in ("reason", "value", "limit", "unit", "way_out"):
             answer[name] = getattr(error, name)
+    elif isinstance(error, InputError):
+        answer.update(error.details)
     return {"error": answer}
 
 

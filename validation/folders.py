@@ -159,6 +159,16 @@ def check_output_file(target: Path, *, force: bool) -> None:
         raise InputError(f"--out {target} exists; give another file, or --force to replace it.")
 
 
+def check_folder_of(target: Path) -> None:
+    """Refuse a file whose folder does not exist: more often a slip than a wish.
+
+    Raises:
+        InputError: there is no such folder.
+    """
+    if not target.parent.is_dir():
+        raise InputError(f"there is no folder {target.parent} for {target}; create it, or give another file.")
+
+
 def _umask() -> int:
     current = os.umask(0)
     os.umask(current)
