@@ -7,6 +7,11 @@ that needs them, so that ``ampm --help`` and ``ampm plan --no-body`` answer at o
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # ready for Ctrl-C before the imports below
+    from validation.entry import main as _main
+
+    _main()
+
 import os
 import sys
 import tempfile
@@ -23,7 +28,8 @@ import ampm
 from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError
 from ampm.parameters import PRESETS
 from validation.console import Narrator, print_json, print_line
-from validation.entry import interruption, main
+from validation.entry import interruption
+from validation.entry import main as main  # for callers from Python
 
 
 class Status(IntEnum):
@@ -528,7 +534,3 @@ def call(arguments: Sequence[str]) -> int:
             text += ", please report it."
         print(f"ampm: {text}", file=sys.stderr)  # noqa: T201
         return status
-
-
-if __name__ == "__main__":
-    main()

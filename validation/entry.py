@@ -98,6 +98,8 @@ def main() -> None:
         interruption.finished = True
         status = _interrupted(arguments)
     interruption.finished = True
+    # The answer is out. The interpreter's own end would put the default back, which kills without a status.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(int(status))
 
 
