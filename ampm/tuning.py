@@ -576,8 +576,8 @@ def _refusal(search: _Search, best: _Trial | None, farthest: _Farthest | None) -
         tried += len(farthest.search.trials)
         where = (
             f" at step {gait.step_length:.3g} m, v0 {gait.switching_velocity:.3g} m/s, c_s {gait.c_s:.3g}, "
-            f"c_y {gait.c_y:.3g}, {farthest.share:.0%} of the way from an easy gait; beyond, "
-            f"{farthest.why or 'there is no plan'}"
+            f"c_y {gait.c_y:.3g}, {farthest.share:.0%} of the way from an easy gait"
+            + (f"; beyond, {farthest.why}" if farthest.why is not None else ", where the search ended")
         )
     name = "no_periodic_motion"
     if best is not None and best.whole:
