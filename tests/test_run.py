@@ -203,10 +203,10 @@ def test_ctrl_c_before_the_walk_leaves_nothing(tmp_path):
 
 INTERRUPTED_LATER = """
 import os, signal, sys
-from validation import rerun_log, run
+from validation import rerun_log, trial
 from validation.entry import main
 
-module, name = (run, "measure") if sys.argv.pop(1) == "measurement" else (rerun_log, "write_recording")
+module, name = (trial, "measure") if sys.argv.pop(1) == "measurement" else (rerun_log, "write_recording")
 original = getattr(module, name)
 
 class Swallows:

@@ -18,20 +18,19 @@ from typing import Any
 
 from ampm.exceptions import InputError
 from ampm.parameters import dump_run
-from validation.bridge import to_pinocchio
-from validation.compare import Comparison, compare
+from validation.compare import Comparison
 from validation.console import Silent, json_ready
 from validation.entry import interruption
 from validation.environment import describe_environment
 from validation.folders import RUN_FILES, check_run_folder, run_folder
-from validation.measure import MeasuredGait, measure
+from validation.measure import MeasuredGait
 from validation.planning import Planned, Request, plan
 from validation.profiles import DEFAULT, Profile
 from validation.record import OutcomeName, SimulationRecord, save_record
 from validation.signals import save_signals, signals_table
 from validation.simulate import simulate
-from validation.standing import weigh
-from validation.verdict import Verdict, build_summary, judge
+from validation.trial import examine
+from validation.verdict import Verdict, build_summary
 
 RUNS = Path("runs")
 """Where runs go that were given no place of their own."""
@@ -148,33 +147,26 @@ def validate(
                     interruption.hold()
             save_record(record, folder)
             with clock.stage("measurement"):
-                motion_z = motion.sample(record.time[:-1], body.robot).angular_momentum_z
-                measured = measure(record, body.robot.model, to_pinocchio)
-                standing = weigh(asked.run, body.model, body.robot)
-                comparison = compare(
+                found = examine(planned, record, options.profile)
+                signals = signals_table(
                     planned.plan,
                     record,
-                    measured,
-                    description=body.model.description,
-                    motion_angular_momentum_z=motion_z,
-                    standing=standing,
-                )
-                verdict = judge(comparison, record.outcome, options.profile)
-                signals = signals_table(
-                    planned.plan, record, measured, comparison, motion_angular_momentum_z=motion_z
+                    found.measured,
+                    found.comparison,
+                    motion_angular_momentum_z=found.motion_angular_momentum_z,
                 )
                 save_signals(signals, folder / "signals.parquet")
                 summary = build_summary(
                     record,
-                    measured,
-                    comparison,
-                    verdict,
+                    found.measured,
+                    found.comparison,
+                    found.verdict,
                     timing=clock.timing(record),
                     environment=environment,
                     extra={
                         "gait": asked.name,
                         "motion": motion.report.as_dict(),
-                        "standing": asdict(standing),
+                        "standing": asdict(found.standing),
                         "memory_peak": {"value": _memory_peak(), "unit": "MB"},
                     },
                 )
@@ -185,7 +177,7 @@ def validate(
             late = _draw(folder, target, clock)
     if late is not None:
         raise late
-    return Trial(planned, record, measured, comparison, verdict, summary, target)
+    return Trial(planned, record, found.measured, found.comparison, found.verdict, summary, target)
 
 
 def _draw(folder: Path, target: Path, clock: _Clock) -> BaseException | None:
