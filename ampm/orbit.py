@@ -150,13 +150,31 @@ class RoughOrbits:
         self.ik = InverseKinematics(robot, run)
         self.evaluations = 0
 
-    def solve(self, plan: GaitPlan, lean: float, near: RoughOrbit | None = None) -> RoughOrbit:
+    def difference(self, a: RoughOrbit, b: RoughOrbit) -> NDArray[np.float64]:
+        """What leads from one orbit to another.
+
+        Returns:
+            (2 nv + 1,) tangent of the start configuration, both bodies brought to one place, change of the
+            start velocity, and of the constant of L_y [N m s].
+        """
+        q = _brought(a, b.reference)
+        tangent = pin.difference(self.robot.model, q, b.trajectory.q[0])
+        return np.concatenate([tangent, b.trajectory.v[0] - a.trajectory.v[0], [b.offset - a.offset]])
+
+    def solve(
+        self,
+        plan: GaitPlan,
+        lean: float,
+        near: RoughOrbit | None = None,
+        shift: NDArray[np.float64] | None = None,
+    ) -> RoughOrbit:
         """The periodic step of a plan.
 
         Args:
             plan: with feet.
             lean: mean trunk pitch [rad].
             near: orbit of a similar plan; without it, Newton begins from a body that stands upright.
+            shift: what is expected to lead there from ``near``, see :meth:`difference`.
 
         Raises:
             Unreachable: there is none, or none was found.
@@ -170,9 +188,12 @@ class RoughOrbits:
         if near is None:
             z, known = step_map.guess(), None
         else:
-            q = near.trajectory.q[0].copy()
-            q[:3] += reference.position[0, 0] - near.reference.position[0, 0]
-            z, known = step_map.encode(q, near.trajectory.v[0], near.offset), near.known
+            q, v, offset = _brought(near, reference), near.trajectory.v[0], near.offset
+            if shift is not None:
+                nv = self.robot.nv
+                q = pin.integrate(self.robot.model, q, shift[:nv])
+                v, offset = v + shift[nv:-1], offset + shift[-1]
+            z, known = step_map.encode(q, v, offset), near.known
         try:
             found = _newton(step_map, z, _RUNG_TOLERANCE, known, rebuilds=2 if near else 4)
         except _Stalled as error:
@@ -180,6 +201,13 @@ class RoughOrbits:
                 raise error.cause from error
             raise Unreachable(0.0, "no periodic motion is found", error.residual, 0.0, "rad") from error
         return RoughOrbit(reference, found.trajectory, step_map.offset(found.z), found.inverse)
+
+
+def _brought(orbit: RoughOrbit, reference: StepReference) -> NDArray[np.float64]:
+    """Start configuration of an orbit, moved to where another reference has its COM."""
+    q = orbit.trajectory.q[0].copy()
+    q[:3] += reference.position[0, 0] - orbit.reference.position[0, 0]
+    return q
 
 
 def _cached(path: Path) -> WholeBodyMotion | None:

@@ -11,6 +11,7 @@ joint torques of that step under the planned ground force are all that is looked
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
@@ -45,7 +46,7 @@ _FAILED = 6.0  # residual of a choice for which there is no periodic step
 _PULL = 0.06  # weight of the distance to the guess
 _SWEEPS = 12  # points at which one search may ask for a Jacobian
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
-_BUDGET = 2500  # integrated steps after which no new way is begun
+_BUDGET = 2000  # integrated steps after which no new way is begun
 _TIGHT = 0.3  # margin below which a limit is named as what ended a way
 _ENOUGH = 0.9  # share of the wanted margins at which a search ends
 _HOPELESS = -0.5  # margin at which a path is given up
@@ -151,6 +152,7 @@ class _Search:
         orbits: solver of periodic steps.
         robot: the body.
         say: called with a line of text now and then.
+        influence: choice to the change of the orbit per unit of it, as far as it is known; grows here.
     """
 
     def __init__(
@@ -160,15 +162,17 @@ class _Search:
         orbits: RoughOrbits,
         robot: Robot,
         say: Callable[[str], None],
+        influence: dict[str, Array] | None = None,
     ) -> None:
+        self.influence: dict[str, Array] = {} if influence is None else influence
         self.space, self.base, self.orbits, self.robot, self.say = space, base, orbits, robot, say
         self.guess = np.clip([base[name] for name in space.names], space.lower, space.upper)
         self.trials: list[_Trial] = []
-        self.near: RoughOrbit | None = None
+        self.near: _Trial | None = None
         self._kept: dict[bytes, _Trial] = {}
         self.wanted, self.pull = 1.0, _PULL
 
-    def look(self, x: Array, near: RoughOrbit | None, *, again: bool = False) -> _Trial:
+    def look(self, x: Array, near: _Trial | None, *, again: bool = False) -> _Trial:
         """Judge one choice, from the orbit of another; ``again`` if that may lead where others did not."""
         key = x.tobytes()
         if key in self._kept and not (again and not self._kept[key].whole):
@@ -179,7 +183,7 @@ class _Search:
         self.trials.append(trial)
         return trial
 
-    def _judge(self, trial: _Trial, near: RoughOrbit | None) -> None:
+    def _judge(self, trial: _Trial, near: _Trial | None) -> None:
         space, description = self.space, self.space.description
         try:
             run = space.parameters(space.values(trial.x, self.base))
@@ -191,11 +195,26 @@ class _Search:
         trial.run, trial.plan = run, plan
         trial.values = plan_margins(plan, run, description)
         try:
-            trial.orbit = self.orbits.solve(plan, run.body.lean, near)
+            trial.orbit = self._orbit(trial, plan, run.body.lean, near)
         except Unreachable as error:
             trial.why = error
             return
         trial.values |= orbit_margins(trial.orbit, plan, self.robot)
+
+    def _orbit(self, trial: _Trial, plan: GaitPlan, lean: float, near: _Trial | None) -> RoughOrbit:
+        """The orbit of a choice, from where the choices' known influence puts it, or else from the neighbour.
+
+        Raises:
+            Unreachable: there is none, or none was found.
+        """
+        if near is None:
+            return self.orbits.solve(plan, lean)
+        moved = [(name, dx) for name, dx in zip(self.space.names, trial.x - near.x, strict=True) if dx]
+        if moved and all(name in self.influence for name, _ in moved):
+            shift = np.sum([dx * self.influence[name] for name, dx in moved], axis=0)
+            with contextlib.suppress(Unreachable):
+                return self.orbits.solve(plan, lean, near.orbit, shift)
+        return self.orbits.solve(plan, lean, near.orbit)
 
     def residuals(self, trial: _Trial) -> Array:
         """What is missing to comfort, limit by limit, and the distance to the guess."""
@@ -213,8 +232,8 @@ class _Search:
 
     def _jacobian(self, x: Array) -> Array:
         here = self.look(x, self.near)
-        if here.orbit is not None:
-            self.near = here.orbit
+        if here.whole:
+            self.near = here
         if here.worst() >= _ENOUGH * self.wanted:
             raise _Comfortable(here)
         base = self.residuals(here)
@@ -227,6 +246,9 @@ class _Search:
                 if not self.space.lower[j] <= moved[j] <= self.space.upper[j]:
                     continue
                 trial = self.look(moved, self.near)
+                if trial.orbit is not None and here.orbit is not None:
+                    shift = self.orbits.difference(here.orbit, trial.orbit)
+                    self.influence[self.space.names[j]] = shift / (sign * step)
                 if trial.whole == here.whole:
                     jacobian[:, j] = (self.residuals(trial) - base) / (sign * step)
                     break
@@ -395,7 +417,7 @@ def _follow(
     space, orbits, robot = search.space, search.orbits, search.robot
     first = space.between(easy, 0.0)
     try:
-        here = _Search(first, first.guess(), orbits, robot, say)
+        here = _Search(first, first.guess(), orbits, robot, say, search.influence)
     except RefusedGait:
         return None
     start = _standing_start(here)
@@ -412,14 +434,14 @@ def _follow(
                 base = place.guess()
             except RefusedGait:
                 base = dict(search.base)
-            follow = _Search(place, base, orbits, robot, say)
+            follow = _Search(place, base, orbits, robot, say, search.influence)
         trial = _stepped(follow, farthest.trial)
         say(f"{there:.0%} of the way: {'a periodic step' if trial.whole else trial.why or 'no plan'}")
         if not trial.whole or (careful and stride > 0.1 and trial.worst() < _HOPELESS):
             farthest.why = trial.why or farthest.why
             stride *= 0.5
             continue
-        follow.near = trial.orbit
+        follow.near = trial
         best = _settle(follow, trial) if there == 1.0 else follow.minimise(trial.x, sweeps=4)
         if there < 1.0 and best.worst() < 0.0:
             best = _settle(follow, trial)
@@ -433,13 +455,13 @@ def _follow(
 def _stepped(follow: _Search, last: _Trial) -> _Trial:
     """The last choice on the way, at the next place; its COM lowered if the legs do not reach otherwise."""
     x = last.x
-    trial = follow.look(x, last.orbit, again=True)
+    trial = follow.look(x, last, again=True)
     if trial.run is None:
         try:
             x = follow.space.passing(x)
         except RefusedGait:
             return trial
-        trial = follow.look(x, last.orbit, again=True)
+        trial = follow.look(x, last, again=True)
     if "height" in follow.space.names:
         j = follow.space.names.index("height")
         for drop in _DROPS[1:3]:
@@ -447,7 +469,7 @@ def _stepped(follow: _Search, last: _Trial) -> _Trial:
                 break
             lower = x.copy()
             lower[j] = max(follow.space.lower[j], x[j] - drop)
-            trial = follow.look(lower, last.orbit, again=True)
+            trial = follow.look(lower, last, again=True)
     return trial
 
 
@@ -461,7 +483,7 @@ def _standing_start(search: _Search) -> _Trial | None:
             x[j] = max(search.space.lower[j], x[j] - drop)
         trial = search.look(x, None)
         if trial.whole:
-            search.near = trial.orbit
+            search.near = trial
             return trial
     return None
 
@@ -470,7 +492,7 @@ def _settle(search: _Search, start: _Trial) -> _Trial:
     """Comfort first; where a limit stays broken, only what the limits need."""
     best = search.minimise(start.x)
     if best.worst() < 0.0:
-        search.near = best.orbit or search.near
+        search.near = best if best.whole else search.near
         harder = search.minimise(best.x if best.whole else start.x, wanted=0.15, pull=0.02)
         if harder.worst() > best.worst():
             best = harder

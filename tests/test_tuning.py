@@ -290,7 +290,7 @@ def row_of(case, outcome="completed", **more):
     }
     names = ("zmp_x_rmse", "zmp_y_rmse", "zmp_rmse", "zmp_x_maximum", "zmp_y_maximum", "torque", "knee")
     row |= dict.fromkeys(names, 0.001) if outcome != "refused" else {"reason": "knee_too_straight"}
-    return row | {"limited_qp": 0} | more
+    return row | {"limited_qp": 0, "tune_seconds": 1.0, "revision": "0123456789"} | more
 
 
 def test_a_draw_is_its_seed_s_and_within_the_range():

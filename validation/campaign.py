@@ -25,6 +25,7 @@ import pyarrow.parquet as pq
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import dump_run, load_run
 from validation.console import Silent
+from validation.environment import describe_environment
 
 RANGE: Mapping[str, tuple[float, float]] = {
     "gait.step_length": (0.2, 0.75),
@@ -77,6 +78,7 @@ _COLUMNS = pa.schema(
         ("tune_seconds", pa.float64()),
         ("walk_seconds", pa.float64()),
         ("run", pa.string()),
+        ("revision", pa.string()),
     ]
 )
 
@@ -127,7 +129,7 @@ def walk(case: Case, steps: int) -> dict[str, Any]:
     settings = [f"{key}={value!r}" for key, value in case.values.items()]
     run = load_run(None, [*settings, f"gait.steps={steps}"])
     body = make_body(run)
-    start = time.perf_counter()
+    start = time.process_time()  # of this process alone: the other workers share the machine
     try:
         tuned = tune(run, body.robot, cache=motion_cache())
     except RefusedGait as error:
@@ -138,12 +140,12 @@ def walk(case: Case, steps: int) -> dict[str, Any]:
             "limit": error.reason,
             "best": error.value,
             "bound": error.limit,
-            "tune_seconds": time.perf_counter() - start,
+            "tune_seconds": time.process_time() - start,
         }
         if isinstance(error, Untunable):
             row |= {"limit": error.certificate.limit, "tried": error.certificate.tried}
         return row
-    row |= {"tried": tuned.tried, "tune_seconds": time.perf_counter() - start, "run": dump_run(tuned.run)}
+    row |= {"tried": tuned.tried, "tune_seconds": time.process_time() - start, "run": dump_run(tuned.run)}
     start = time.perf_counter()
     record = simulate(tuned.plan, tuned.motion, tuned.run, body.model, steps=steps)
     measured = measure(record, body.robot.model, to_pinocchio)
@@ -195,6 +197,7 @@ def run_campaign(
     if runs < 1 or steps < 2 or workers < 1:
         raise InputError("a campaign needs at least one run, two steps and one worker; raise the number.")
     cases = landmarks() + draw(runs, seed)
+    revision = _revision()
     out.mkdir(parents=True, exist_ok=True)
     rows = _kept(out / TABLE, cases, seed, steps)
     missing = [case for case in cases if case.name not in rows]
@@ -209,7 +212,7 @@ def run_campaign(
                 while pending:
                     done, pending = wait(pending, return_when=FIRST_COMPLETED)
                     for future in done:
-                        row = future.result()
+                        row = future.result() | {"revision": revision}
                         rows[row["name"]] = row
                     _save(out / TABLE, [rows[case.name] for case in cases if case.name in rows], seed, steps)
                     stage.advance(len(rows), len(cases))
@@ -219,6 +222,13 @@ def run_campaign(
     ordered = [rows[case.name] for case in cases]
     (out / PAGE).write_text(page(ordered, seed), encoding="utf-8")
     return ordered
+
+
+def _revision() -> str:
+    """Short name of the code that walks: its commit, with a plus sign if it has been changed since."""
+    environment = describe_environment()
+    commit = environment["revision"]
+    return "unknown" if commit is None else commit[:10] + ("+" if environment["modified"] else "")
 
 
 def _kept(path: Path, cases: Sequence[Case], seed: int, steps: int) -> dict[str, dict[str, Any]]:
@@ -286,10 +296,13 @@ def page(rows: Sequence[Mapping[str, Any]], seed: int) -> str:
         return "-" if value is None or math.isnan(value) else f"{1000 * value:.1f}"
 
     steps = rows[0]["steps"]
+    revisions = sorted({row.get("revision") or "unknown" for row in rows})
+    tuning = [row["tune_seconds"] for row in rows if row["tune_seconds"] is not None]
     lines = [
         f"{told['drawn']} gaits drawn (seed {seed}), {steps} steps each: {told['refused']} refused, "
         f"{told['refused_by_formula']} of them by the formula alone; {told['completed']} of the "
-        f"{told['accepted']} accepted complete.",
+        f"{told['accepted']} accepted complete. Walked at revision {', '.join(revisions)}; tuning took "
+        f"{np.median(tuning):.0f} s of processor time in the median, {max(tuning):.0f} s at most.",
         "",
         "| ZMP RMSE of those that complete [mm] | median | 90th percentile | largest |",
         "|---|---|---|---|",
