@@ -18,7 +18,6 @@ import tempfile
 import traceback
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from enum import IntEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,22 +26,12 @@ import typer
 import ampm
 from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError
 from ampm.parameters import PRESETS
+from validation import cli_sweeps
+from validation.cli_options import Debug, Force, Json, Status
 from validation.console import Narrator, print_json, print_line
 from validation.entry import interruption
 from validation.entry import main as main  # for callers from Python
-
-
-class Status(IntEnum):
-    """Exit statuses."""
-
-    PASS = 0
-    OUT_OF_TOLERANCE = 1
-    REFUSED = 2
-    NOT_COMPLETED = 3
-    CRASH = 4
-    INTERRUPTED = 130
-    BROKEN_PIPE = 141
-
+from validation.sweep.exceptions import SweepStopped
 
 _PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.items())
 _EPILOG = (
@@ -61,9 +50,6 @@ app = typer.Typer(
     rich_markup_mode="rich",
 )
 
-Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace an earlier result at --out.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on stdout.")]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Change one parameter, e.g. gait.c_s=1.2; repeatable."),
@@ -414,6 +400,9 @@ def figures(
     return Status.PASS
 
 
+cli_sweeps.register(app)
+
+
 def _status(summary: dict[str, Any]) -> Status:
     """Exit status of one finished run."""
     if summary["outcome"] == "interrupted":
@@ -426,12 +415,17 @@ def _status(summary: dict[str, Any]) -> Status:
 def describe_error(error: BaseException) -> dict[str, Any]:
     """JSON object of an error: ``{"error": {"kind", "message"}}``.
 
-    ``kind`` is ``input``, ``mathematical``, ``bodily``, ``solver``, ``interrupted`` or ``crash``; the two
-    refusals of a gait add ``reason``, ``value``, ``limit``, ``unit`` and ``way_out``; bad input adds what is
-    known of ``key``, ``value``, ``limit``, ``way_out`` and ``nearest``.
+    ``kind`` is ``input``, ``mathematical``, ``bodily``, ``solver``, ``stopped`` (a sweep, from outside),
+    ``interrupted`` or ``crash``; the two refusals of a gait add ``reason``, ``value``, ``limit``, ``unit``
+    and ``way_out``; bad input adds what is known of ``key``, ``value``, ``limit``, ``way_out`` and ``nearest``.
     """
     status, message = explain(error)
-    kinds = {Status.REFUSED: "input", Status.NOT_COMPLETED: "solver", Status.INTERRUPTED: "interrupted"}
+    kinds = {
+        Status.REFUSED: "input",
+        Status.NOT_COMPLETED: "solver",
+        Status.STOPPED: "stopped",
+        Status.INTERRUPTED: "interrupted",
+    }
     answer: dict[str, Any] = {"kind": kinds.get(status, "crash"), "message": message}
     if isinstance(error, RefusedGait):
         answer["kind"] = error.kind
@@ -449,6 +443,8 @@ def explain(error: BaseException) -> tuple[Status, str]:
     if isinstance(error, typer.TyperException):
         message = _sentence(error.format_message())
         return Status.REFUSED, f"{message} See '{_command_path(error)} --help'."
+    if isinstance(error, SweepStopped):
+        return Status.STOPPED, _sentence(str(error))
     if isinstance(error, SolverError):
         return Status.NOT_COMPLETED, _sentence(str(error) + _notes(error))
     if isinstance(error, AmpmError):

@@ -1,0 +1,63 @@
+"""Commands on many runs: ``ampm sweep``, and those that work with what it leaves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from validation.cli_options import Debug, Json, Status
+from validation.console import Narrator
+
+SWEEP_EPILOG = (
+    "Exit status: 0 every run that walked passed, 1 some are out of tolerance, 2 bad input, or every run was "
+    "refused, 3 some did not complete, 4 some crashed, 5 stopped from outside (full disk, lost scheduler): "
+    "--resume goes on, 130 interrupted: --resume goes on."
+)
+
+
+def sweep(
+    file: Annotated[Path, typer.Argument(help="Definition of the sweep (TOML).", metavar="FILE")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Folder of the sweep; only --dry-run needs none."),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", metavar="N", help="Processes on this machine; one per core by default."),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler", metavar="ADDRESS", help="Run on this dask scheduler, e.g. tcp://10.0.0.1:8786."
+        ),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what is missing in --out.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Count runs and refusals and estimate the time; walk nothing.")
+    ] = False,
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="With --resume: go on although code or versions have changed since."),
+    ] = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> int:
+    """Walk many runs, headless, on all cores or a cluster; keep every result, whatever happens.
+
+    FILE says which runs: grids, lists, Latin hypercubes or Sobol points over any parameter. Every finished
+    run is on the disk at once; after a kill, a full disk or Ctrl-C, --resume walks exactly what is missing,
+    and the table is the same to the bit.
+    """
+    from validation.sweep import command
+
+    options = command.Options(
+        out=out, workers=workers, scheduler=scheduler, resume=resume, dry_run=dry_run, force=force
+    )
+    return Status(command.run(file, options, as_json=as_json, narrator=Narrator()))
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the command line."""
+    app.command(epilog=SWEEP_EPILOG)(sweep)
