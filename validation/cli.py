@@ -417,7 +417,8 @@ def describe_error(error: BaseException) -> dict[str, Any]:
 
     ``kind`` is ``input``, ``mathematical``, ``bodily``, ``solver``, ``stopped`` (a sweep, from outside),
     ``interrupted`` or ``crash``; the two refusals of a gait add ``reason``, ``value``, ``limit``, ``unit``
-    and ``way_out``; bad input adds what is known of ``key``, ``value``, ``limit``, ``way_out`` and ``nearest``.
+    and ``way_out``; bad input adds what is known of ``key``, ``value``, ``limit``, ``way_out`` and
+    ``nearest``.
     """
     status, message = explain(error)
     kinds = {

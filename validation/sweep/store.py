@@ -221,7 +221,10 @@ class Store:
     def _write_part(self, table: pa.Table, size: int) -> None:
         part = _Part(self.folder / PARTS / f"part-{self._next:08d}-{size}.parquet", self._next, size)
         with durable(part.path) as file:
-            pq.write_table(table, file, compression="zstd")
+            if size:
+                pq.write_table(table, file, compression="zstd")
+            else:  # a row or two: what helps large tables only takes time here
+                pq.write_table(table, file, compression="none", use_dictionary=False, write_statistics=False)
         self._next += 1
         self._parts.append(part)
 
@@ -342,8 +345,8 @@ def _read(path: Path) -> pa.Table:
         InputError: it is damaged, which no interruption does.
     """
     try:
-        with path.open("rb") as file:
-            return pq.read_table(file)
+        with pq.ParquetFile(path) as file:
+            return file.read(use_threads=False)
     except (pa.ArrowException, OSError) as error:
         raise InputError(
             f"{path} cannot be read ({_first_line(error)}); remove it, and --resume walks its runs again."
