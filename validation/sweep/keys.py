@@ -7,10 +7,15 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
+
+import numpy as np
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters, keys
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 Value = float | int | str
 """A value of a key."""
@@ -44,6 +49,31 @@ class KeyInfo:
     at_most: float | None = None
     finite: bool = True
     options: tuple[str, ...] = ()
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lowest and highest value; infinite where there is no bound."""
+        low = [b for b in (self.greater_than, self.at_least) if b is not None]
+        high = [b for b in (self.less_than, self.at_most) if b is not None]
+        return (low[0] if low else -math.inf, high[0] if high else math.inf)
+
+    @property
+    def rules(self) -> tuple[str, str]:
+        """How the ends are meant: ``greater than`` or ``at least``, ``less than`` or ``at most``."""
+        # Without a bound, infinity itself may be taken or not.
+        open_low = self.greater_than is not None or (self.at_least is None and self.finite)
+        open_high = self.less_than is not None or (self.at_most is None and self.finite)
+        return ("greater than" if open_low else "at least", "less than" if open_high else "at most")
+
+    def below(self, values: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which numbers are under the lowest that the key may have; same shape."""
+        low = self.ends[0]
+        return ~(values > low) if self.rules[0] == "greater than" else ~(values >= low)
+
+    def above(self, values: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which numbers are over the highest that the key may have; same shape."""
+        high = self.ends[1]
+        return ~(values < high) if self.rules[1] == "less than" else ~(values <= high)
 
     def convert(self, value: Any, where: str) -> Value:
         """A value as this key has it.

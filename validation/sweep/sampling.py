@@ -1,7 +1,7 @@
 """The runs of a sweep, by number: columns of values that are computed when they are asked for.
 
-Nothing here grows with the number of runs but the points of sampled blocks: a case of a grid is found from its
-number. The same definition gives the same values on every machine with the same SciPy.
+Nothing here grows with the number of runs but the points of sampled blocks: a case of a grid is found from
+its number. The same definition gives the same values on every machine with the same SciPy.
 """
 
 from __future__ import annotations
@@ -42,9 +42,13 @@ class Axis:
     values: Column
     stride: int
 
+    def index(self, cases: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Places of some cases in ``values``, same shape."""
+        return (cases // self.stride) % len(self.values)
+
     def at(self, cases: NDArray[np.int64]) -> Column:
         """Values of some cases, same shape."""
-        return self.values[(cases // self.stride) % len(self.values)]
+        return self.values[self.index(cases)]
 
 
 @dataclass(frozen=True)
@@ -68,9 +72,18 @@ class Cases:
         return tuple(axis.key for axis in self.axes)
 
     def columns(self, start: int = 0, stop: int | None = None) -> dict[str, Column]:
-        """Varied keys of the cases ``start`` ... ``stop - 1``, arrays of that length: float64, int64 or object."""
+        """Varied keys of the cases ``start`` ... ``stop - 1``: arrays of float64, int64 or texts."""
         numbers = np.arange(start, len(self) if stop is None else min(stop, len(self)), dtype=np.int64)
         return {axis.key: axis.at(numbers) for axis in self.axes}
+
+    def column(self, key: str, numbers: NDArray[np.int64]) -> Column:
+        """Values of any key of the run, varied or not, in some cases, shape (n,)."""
+        for axis in self.axes:
+            if axis.key == key:
+                return axis.at(numbers)
+        section, _, name = key.partition(".")
+        value = getattr(getattr(self.definition.run, section), name)
+        return np.full(len(numbers), value, dtype=object if isinstance(value, str) else None)
 
     @cached_property
     def values(self) -> Mapping[str, Column]:
@@ -98,7 +111,7 @@ class Cases:
         return self.definition.run.replace(self.row(case))
 
     def settings(self, case: int) -> list[str]:
-        """One case as ``key=value`` settings on top of the gait: what ``ampm validate --set`` would be given."""
+        """One case as ``key=value`` settings on top of the gait, as ``ampm validate --set`` takes them."""
         given = {**self.definition.set, "gait.steps": self.definition.steps, **self.row(case)}
         return [f"{key}={value!r}" for key, value in given.items()]
 
