@@ -63,7 +63,7 @@ class Truth:
 def usable_rows(record: SimulationRecord) -> int:
     """Number of leading steps whose numbers are finite: a walk that diverged has a tail that is not."""
     steps = record.steps
-    fine = np.isfinite(record.point_force.reshape(steps, -1)).all(axis=1)
+    fine = np.isfinite(record.point_force).all(axis=(1, 2))
     fine &= np.isfinite(record.q[1:]).all(axis=1) & np.isfinite(record.qd[1:]).all(axis=1)
     return steps if fine.all() else int(np.argmin(fine))
 

@@ -1,0 +1,389 @@
+"""Each fault of an instrument has the size that its figures say, a faultless one shows the truth."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import mujoco
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from scipy.signal import butter, sosfreqz
+
+from ampm.exceptions import InputError
+from ampm.parameters import load_run
+from models.human import build
+from tests.saved_run import make_run
+from validation.bridge import pinocchio_model, to_pinocchio
+from validation.cli import Status, call
+from validation.instruments import (
+    CAUSES,
+    INSTRUMENT_COLUMNS,
+    PRESETS,
+    load_instrument,
+    make_instrument,
+    observe,
+)
+from validation.instruments.chain import (
+    BIAS,
+    CROSS_TALK,
+    DELAY,
+    FILTER,
+    NOISE,
+    QUANTISATION,
+    SAMPLING,
+    SATURATION,
+    Chain,
+    Dice,
+)
+from validation.instruments.columns import columns_of
+from validation.instruments.model import Acquisition, Channel
+from validation.instruments.rigs import make_rig
+from validation.instruments.truth import true_gait
+from validation.measure import measure
+from validation.record import load_record
+
+DT = 2e-3
+
+
+def times(rows: int) -> np.ndarray:
+    return np.asarray(DT * np.arange(rows), dtype=np.float64)
+
+
+FACTS = {"kind": "force-plate"}
+
+
+def chain(channel: Channel, acquisition: Acquisition | None = None, rows: int = 20_000, **options) -> Chain:
+    return Chain([channel], acquisition or Acquisition(), Dice(3, "run"), times(rows), DT, **options)
+
+
+def rms(values) -> float:
+    return float(np.sqrt(np.mean(np.asarray(values) ** 2)))
+
+
+@pytest.fixture(scope="module")
+def run_dir(tmp_path_factory):
+    return make_run(tmp_path_factory.mktemp("run"), steps=4)
+
+
+@pytest.fixture(scope="module")
+def record(run_dir):
+    return load_record(run_dir)
+
+
+@pytest.fixture(scope="module")
+def human():
+    run = load_run("normal", ())
+    model = build(run.body, run.contact, run.simulation)
+    return model.compile(), model.description
+
+
+def look(table, record, human, key="run"):
+    return observe(make_instrument(table, "mine"), record, key, lambda: human)
+
+
+# ------------------------------------------------------------------------------------------ one by one
+
+
+def test_bias_is_a_constant_within_its_bound():
+    truth = np.sin(np.arange(500.0))[:, None]
+    read = chain(Channel(bias=0.4, offset=2.0), rows=500).read(truth, {BIAS})
+    assert np.ptp(read - truth) < 1e-12
+    assert 1.6 <= (read - truth)[0, 0] <= 2.4
+    exact = chain(Channel(offset=2.0), rows=500).read(truth, {BIAS})
+    np.testing.assert_allclose(exact - truth, 2.0, atol=1e-12)
+
+
+def test_noise_without_a_filter_fills_the_whole_band():
+    read = chain(Channel(noise=0.1)).read(np.zeros((20_000, 1)), {NOISE})
+    assert rms(read) == pytest.approx(0.1 * math.sqrt(0.5 / DT), rel=0.02)
+    assert abs(read.mean()) < 5 * rms(read) / math.sqrt(len(read))
+
+
+@pytest.mark.parametrize(("order", "cutoff"), [(1, 20.0), (2, 50.0), (4, 100.0)])
+def test_noise_through_a_low_pass_has_its_noise_bandwidth(order, cutoff):
+    acquisition = Acquisition(cutoff=cutoff, order=order)
+    frequency, response = sosfreqz(butter(order, cutoff, fs=1 / DT, output="sos"), worN=8192, fs=1 / DT)
+    bandwidth = np.trapezoid(np.abs(response) ** 2, frequency)
+    read = chain(Channel(noise=0.1), acquisition, rows=200_000).read(np.zeros((200_000, 1)), {NOISE})
+    assert rms(read) == pytest.approx(0.1 * math.sqrt(bandwidth), rel=0.03)
+    assert rms(read[:200]) == pytest.approx(rms(read), rel=0.5), "noise is there from the start"
+
+
+def test_quantisation_errs_by_its_step_over_root_twelve():
+    truth = np.cumsum(np.random.default_rng(0).normal(size=(20_000, 1)), axis=0)
+    read = chain(Channel(resolution=0.25)).read(truth, {QUANTISATION})
+    assert rms(read - truth) == pytest.approx(0.25 / math.sqrt(12), rel=0.02)
+    np.testing.assert_array_equal(read / 0.25, np.round(read / 0.25))
+
+
+def test_delay_errs_by_the_delay_times_the_slope():
+    time = times(5000)
+    truth = np.sin(2 * np.pi * 0.7 * time)[:, None]
+    slope = 2 * np.pi * 0.7 * np.cos(2 * np.pi * 0.7 * time)[:, None]
+    for delay in (0.004, 0.0035):
+        late = chain(Channel(), Acquisition(delay=delay), rows=5000)
+        error = (late.read(truth, {DELAY}) - truth)[10:]
+        np.testing.assert_allclose(error, -delay * slope[10:], atol=2e-4)
+        assert late.latency() == pytest.approx(delay, rel=1e-6)
+
+
+def test_low_pass_is_a_causal_butterworth():
+    time = times(20_000)
+    acquisition = Acquisition(cutoff=30.0, order=2)
+    _, response = sosfreqz(
+        butter(2, 30.0, fs=1 / DT, output="sos"), worN=[2 * np.pi * 10.0 * DT, 2 * np.pi * 0.1 * DT]
+    )
+    seen = chain(Channel(), acquisition)
+    read = seen.read(np.cos(2 * np.pi * 10.0 * time)[:, None], {FILTER})[5000:, 0]
+    expected = np.abs(response[0]) * np.cos(2 * np.pi * 10.0 * time[5000:] + np.angle(response[0]))
+    np.testing.assert_allclose(read, expected, atol=1e-9)
+    assert seen.latency() == pytest.approx(-np.angle(response[1]) / (2 * np.pi * 0.1), rel=1e-3)
+    step = seen.read(np.full((20_000, 1), 5.0), {FILTER})
+    np.testing.assert_allclose(step, 5.0, atol=1e-9)  # no transient at the start
+
+
+def test_sampling_holds_each_sample():
+    time = times(5000)
+    held = chain(Channel(), Acquisition(rate=100.0), rows=5000)
+    read = held.read(time[:, None], {SAMPLING})[:, 0]
+    np.testing.assert_allclose(read, np.floor(time * 100.0 + 1e-6) / 100.0, atol=1e-12)
+    assert held.latency() == pytest.approx(0.004, rel=1e-6)  # of ages 0, 2, ... 8 ms
+    every = chain(Channel(), Acquisition(rate=500.0), rows=5000)
+    np.testing.assert_array_equal(every.read(time[:, None], {SAMPLING})[:, 0], time)
+
+
+def test_range_cuts_off():
+    truth = np.linspace(-3, 3, 101)[:, None]
+    read = chain(Channel(range=1.5), rows=101).read(truth, {SATURATION})
+    np.testing.assert_array_equal(read, np.clip(truth, -1.5, 1.5))
+
+
+def test_cross_talk_is_a_share_of_the_other_channels_range():
+    pair = Chain([Channel(range=10.0), Channel(range=200.0)], Acquisition(), Dice(1, "a"), times(3), DT, 0.02)
+    read = pair.read(np.array([[0.0, 100.0]] * 3), {CROSS_TALK})
+    assert 0 < abs(read[0, 0]) <= 0.02 * 10.0 * 0.5
+    assert read[0, 1] == 100.0
+
+
+def test_all_together_in_the_physical_order():
+    acquisition = Acquisition(cutoff=40.0, rate=100.0, delay=0.004)
+    both = chain(Channel(noise=0.1, bias=1.0, resolution=0.5, range=3.0), acquisition, rows=2000)
+    read = both.read(np.full((2000, 1), 2.9), set(both.effects()))
+    assert np.abs(read).max() <= 3.0
+    np.testing.assert_array_equal(read / 0.5, np.round(read / 0.5))
+
+
+def test_draws_depend_on_seed_and_run_only():
+    one, two, other = Dice(1, "a").stream(1), Dice(1, "a").stream(1), Dice(1, "b").stream(1)
+    draw = one.normal(size=8)
+    np.testing.assert_array_equal(draw, two.normal(size=8))
+    assert not np.array_equal(draw, other.normal(size=8))
+    assert not np.array_equal(draw, Dice(2, "a").stream(1).normal(size=8))
+    assert not np.array_equal(draw, Dice(1, "a").stream(2).normal(size=8))
+
+
+# ------------------------------------------------------------------------------------------- ZMP
+
+
+def test_truth_is_the_measurements_bit_for_bit(record, human):
+    measured = measure(record, pinocchio_model(human[0]), to_pinocchio)
+    truth = true_gait(record)
+    np.testing.assert_array_equal(truth.zmp, measured.zmp)
+    np.testing.assert_array_equal(truth.foot_contact, measured.foot_contact)
+
+
+@pytest.mark.parametrize("table", [FACTS, {"kind": "foot-ft"}, {"kind": "foot-ft", "pose": "encoders"}])
+def test_a_faultless_instrument_shows_the_truth(table, record, human, run_of):
+    if table.get("pose") == "encoders":  # the other record's legs swing as they like
+        record = load_record(run_of("normal", steps=8))
+    seen = look(table, record, human)
+    np.testing.assert_allclose(seen.zmp, seen.true_zmp, atol=1e-12)
+    np.testing.assert_array_equal(seen.readings, seen.signals)
+    assert set(seen.causes) <= {"method", "kinematics"}
+    assert seen.latency == 0.0
+
+
+def test_plate_bias_moves_the_zmp_by_moment_over_force(record, human):
+    seen = look({**FACTS, "moment_xy": {"offset": 3.0}}, record, human)
+    vertical = true_gait(record).foot_force[:, :, 2].sum(axis=1)
+    expected = np.column_stack([-6.0 / vertical, 6.0 / vertical])  # both plates
+    np.testing.assert_allclose(seen.zmp - seen.true_zmp, expected, atol=1e-12)
+    assert set(seen.causes) == {"method", "bias"}
+    assert seen.causes["bias"]["run"].rmse == pytest.approx(seen.errors["run"].rmse)
+
+
+def test_delay_moves_the_zmp_and_can_be_taken_out(record, human):
+    seen = look({**FACTS, "acquisition": {"delay": 0.004}}, record, human)
+    shifted = seen.true_zmp[: len(seen.zmp) - 2]
+    np.testing.assert_allclose(seen.zmp[2:], shifted, atol=2e-3)  # the plates' origins change in the swing
+    assert seen.latency == pytest.approx(0.004)
+    plain, late = seen.errors["run"], seen.errors_compensated["run"]
+    assert late.rmse[0] < 1e-9 < 1e-3 < plain.rmse[0]
+    assert late.unmeasured == 2
+
+
+def test_plates_lie_where_the_feet_stand_and_moments_are_read_there(record, human):
+    seen = look(FACTS, record, human)
+    force = seen.signals[:, 2]
+    arm = np.abs(seen.signals[force > 50.0, 4] / force[force > 50.0])
+    assert arm.max() < 0.3  # within a foot's length of the plate's middle, however far the walk goes
+
+
+def test_threshold_leaves_out_a_foot_that_hardly_presses(record, human):
+    seen = look({**FACTS, "threshold": 60.0}, record, human)
+    assert seen.errors["run"].rmse[0] > 0.0
+    assert seen.causes["method"]["run"].rmse == seen.errors["run"].rmse
+    pushed = look({**FACTS, "threshold": 5000.0}, record, human)
+    assert pushed.errors["run"].count == 0
+    assert pushed.errors["run"].unmeasured == len(pushed.time)
+    json.dumps(columns_of(pushed), allow_nan=False)
+
+
+def test_phases_are_those_of_the_measured_contacts(record, human):
+    seen = look({**FACTS, "moment_xy": {"offset": 1.0}}, record, human)
+    run, single, double = (seen.errors[name].count for name in seen.errors)
+    assert run == single + double
+    assert min(single, double) > 0
+
+
+def test_same_seed_and_run_give_the_same_readings(record, human):
+    first, again = (look({**FACTS, "force_z": {"noise": 0.1, "bias": 2.0}}, record, human) for _ in "ab")
+    np.testing.assert_array_equal(first.readings, again.readings)
+    other = look({**FACTS, "force_z": {"noise": 0.1, "bias": 2.0}}, record, human, key="other")
+    assert not np.array_equal(first.readings, other.readings)
+    assert first.drawn["bias_left_force_z"] != first.drawn["bias_right_force_z"]
+    assert abs(first.drawn["bias_left_force_z"]) <= 2.0
+
+
+def test_foot_sensor_feels_what_mujocos_own_sensor_feels(run_of):
+    directory = run_of("normal", steps=8)
+    record = load_record(directory)
+    run = load_run(directory / "run.toml", ())
+    description = build(run.body, run.contact, run.simulation).description
+    text = (directory / "model.xml").read_text(encoding="utf-8")
+    model = mujoco.MjModel.from_xml_string(text)
+    rig = make_rig(make_instrument({"kind": "foot-ft"}), record, "", lambda: (model, description))
+    spec = mujoco.MjSpec.from_string(text)
+    for leg in description.legs:
+        spec.body(leg.foot_segment).add_site(name=f"ft_{leg.foot_segment}")
+        for kind in (mujoco.mjtSensor.mjSENS_FORCE, mujoco.mjtSensor.mjSENS_TORQUE):
+            spec.add_sensor(
+                type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=f"ft_{leg.foot_segment}",
+                name=f"{kind}_{leg.foot_segment}",
+            )  # fmt: skip
+    sensing = spec.compile()
+    data = mujoco.MjData(sensing)
+    rows = np.arange(300, 1500)
+    felt = np.empty((len(rows), 12))
+    for index, row in enumerate(rows):
+        data.qpos[:], data.qvel[:] = record.q[row], record.qd[row]
+        data.qacc_warmstart[:] = record.warmstart[row]
+        mujoco.mj_step1(sensing, data)
+        data.ctrl[:] = record.torque[row]
+        mujoco.mj_step2(sensing, data)
+        felt[index] = -data.sensordata[model.nsensordata :]  # it counts what the leg does to the foot
+    error = np.sqrt(np.mean((rig.signals[rows] - felt) ** 2, axis=0))
+    size = np.sqrt(np.mean(felt**2, axis=0))
+    assert (error < 2e-3 * size + 5e-3).all(), (error, size)
+
+
+def test_uncompensated_foot_weight_is_an_error_of_the_method(run_of, human):
+    record = load_record(run_of("normal", steps=8))
+    size = {
+        how: look({"kind": "foot-ft", "compensation": how}, record, human).errors["run"].rmse[0]
+        for how in ("none", "weight", "inertia")
+    }
+    assert size["inertia"] < 1e-12 < size["weight"] < size["none"]
+
+
+@pytest.mark.parametrize("mount", ["pelvis", "chest"])
+def test_a_perfect_imu_feels_the_motion(run_of, human, mount):
+    record = load_record(run_of("normal", steps=8))
+    seen = look({"kind": "imu", "mount": mount}, record, human)
+    assert np.abs(seen.signals[:, 3:].mean(axis=0)[2]) == pytest.approx(9.81, abs=0.5)
+    if mount == "pelvis":
+        np.testing.assert_array_equal(seen.signals[:, :3], record.qd[:-1, 3:6])
+    np.testing.assert_allclose(seen.errors_of_readings["run"].rmse, 0.0, atol=1e-12)
+    tilted = look({"kind": "imu", "mount": mount, "tilt": 0.02}, record, human)
+    height = record.com[:, 2].mean()
+    # A tilt moves the ZMP by height times angle, but for the accelerations.
+    expected = height * abs(tilted.drawn["tilt_x"])
+    assert abs(tilted.causes["tilt"]["run"].bias[1]) == pytest.approx(expected, rel=0.1)
+
+
+# --------------------------------------------------------------------------------------- figures, files
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets_load_and_have_every_cause(name, record, human):
+    seen = observe(load_instrument(name), record, "run", lambda: human)
+    assert seen.instrument.name == name
+    assert {"noise", "bias", "filter", "delay", "sampling", "quantisation"} <= set(seen.causes) <= set(CAUSES)
+    row = columns_of(seen)
+    assert set(row) == set(INSTRUMENT_COLUMNS)
+    assert row["instrument_zmp_x_rmse"] == seen.errors["run"].rmse[0]
+    json.dumps(row, allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"kind": "plate"}, "force-plate"),
+        ({}, "no kind"),
+        ({**FACTS, "treshold": 3.0}, "did you mean 'threshold'"),
+        ({**FACTS, "force_z": {"noise": -1.0}}, r"force_z\.noise = -1 N/sqrt\(Hz\) must be at least 0"),
+        ({**FACTS, "force_z": {"nois": 1.0}}, r"did you mean 'force_z\.noise'"),
+        ({**FACTS, "acquisition": {"cutoff": 0.0}}, "must be greater than 0 Hz"),
+        ({**FACTS, "acquisition": {"order": 2.5}}, "whole number"),
+        ({**FACTS, "acquisition": {"delay": math.nan}}, r"acquisition\.delay"),
+        ({**FACTS, "force_z": 3.0}, "table of keys"),
+        ({"kind": "foot-ft", "pose": "guessed"}, "'true' or 'encoders'"),
+        ({"kind": "imu", "threshold": 1.0}, "unknown key"),
+    ],
+)
+def test_bad_figures_are_refused_in_one_sentence(table, words):
+    with pytest.raises(InputError, match=words):
+        make_instrument(table)
+
+
+def test_a_low_pass_above_the_steps_rate_is_left_out_and_said_so(record, human):
+    seen = look({**FACTS, "acquisition": {"cutoff": 400.0, "rate": 2000.0}}, record, human)
+    assert "left out" in seen.notes[0]
+    assert "interpolated" in seen.notes[1]
+    assert seen.errors["run"].rmse[0] < 1e-12
+
+
+def test_a_walk_that_ended_at_once_has_figures_without_numbers(tmp_path, human):
+    from validation.record import Outcome, OutcomeName
+
+    end = Outcome(OutcomeName.FELL, 0.0, "It fell.", 0)
+    record = load_record(make_run(tmp_path / "run", steps=2, seconds=0.0, outcome=end))
+    for name in PRESETS:
+        seen = observe(load_instrument(name), record, "run", lambda: human)
+        assert seen.errors["run"].count == 0
+        assert columns_of(seen)["instrument_zmp_x_rmse"] is None
+
+
+def test_command_prints_json_and_writes_its_files(run_dir, tmp_path, capsys):
+    out, plot, own = tmp_path / "seen.parquet", tmp_path / "seen.png", tmp_path / "own.toml"
+    own.write_text('kind = "force-plate"\n[moment_xy]\noffset = 3.0\n', encoding="utf-8")
+    arguments = ["instrument", str(run_dir), "--instrument", str(own), "--out", str(out), "--plot", str(plot)]
+    assert call([*arguments, "--json"]) == Status.PASS
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["name"] == "own"
+    assert answer["causes"]["bias"]["run"]["rmse"][0] == answer["zmp_error"]["run"]["rmse"][0] > 0
+    table = pq.read_table(out)
+    assert {"time", "true_zmp_x", "instrument_zmp_x", "reading_left_moment_y"} <= set(table.column_names)
+    assert plot.read_bytes()[:4] == b"\x89PNG"
+    assert call([*arguments]) == Status.REFUSED  # the file exists
+    assert call(["instrument", str(run_dir), "--instrument", "imu"]) == Status.PASS
+    assert "latency" in capsys.readouterr().out
+
+
+def test_command_refuses_what_is_no_run(tmp_path, capsys):
+    assert call(["instrument", str(tmp_path)]) == Status.REFUSED
+    assert "run.toml" in capsys.readouterr().err
+    assert call(["instrument", str(tmp_path), "--instrument", "imuu"]) == Status.REFUSED
+    assert "did you mean 'imu'" in capsys.readouterr().err
