@@ -1,4 +1,4 @@
-"""What a sweep would be, without a step walked: how many runs, which are refused and why, and how long it takes."""
+"""What a sweep would be, without walking a step: how many runs, which are refused and why, how much time."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from rich.markup import escape
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.gait import plan_gait
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
     from ampm.body import BodyDescription
     from ampm.parameters import BodyParameters, RunParameters
+
+_EXAMPLES = 3  # bodily refusals told in full
 
 PROBED = 128
 """Different motions that are held against soles and legs at most; 5 to 45 ms each."""
@@ -139,6 +142,15 @@ class DryRun:
         """Runs that bounds, formula and clock accept."""
         return self.runs - self.refused
 
+    @property
+    def walking(self) -> int:
+        """Runs expected to get as far as their whole-body motion; two digits, if only some were looked at."""
+        number = self.accepted * self.probe.passing
+        if self.probe.complete or number < 10:
+            return round(number)
+        unit = 10 ** (math.floor(math.log10(number)) - 1)
+        return round(number / unit) * unit
+
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, times in s."""
         definition, probe = self.definition, self.probe
@@ -161,7 +173,7 @@ class DryRun:
                 "complete": probe.complete,
                 "refused": dict(probe.refused),
                 "examples": dict(probe.examples),
-                "expected_to_walk": round(self.accepted * probe.passing),
+                "expected_to_walk": self.walking,
             },
             "unseen": UNSEEN,
             "notes": list(definition.notes()),
@@ -223,7 +235,7 @@ def plan_dry_run(
 def _clock(cases: Cases, screening: Screening) -> tuple[list[Refusal], NDArray[np.bool_]]:
     """Runs whose control period is no multiple of their time step, and all that are still to walk.
 
-    The simulation refuses them before its first step; the rule is that of :class:`validation.simulate.Physics`.
+    The simulation refuses them before its first step, by the rule of :class:`validation.simulate.Physics`.
     """
     accepted = screening.accepted
     if not {"controller.frequency", "simulation.time_step"} & set(cases.keys):
@@ -320,54 +332,47 @@ def _cost(
 
 def print_dry_run(dry: DryRun) -> None:
     """Print a dry run for a reader."""
-    definition, probe = dry.definition, dry.probe
-    rows = [("runs", _count(dry.runs), "", f"of {definition.gait}, {definition.steps} steps each")]
+    definition, probe, rates = dry.definition, dry.probe, dry.rates
+    rows = [("runs", _count(dry.runs), "", f"of {escape(definition.gait)}, {definition.steps} steps each")]
     for item in dry.refusals:
-        asked = "" if item.asked is None else f"asked {_span(item.asked)}; "
-        way_out = item.way_out()
-        hint = f"{asked}passes with {way_out}" if way_out else asked.removesuffix("; ")
-        rows.append(
-            (
-                f"refused: {item.reason}",
-                _count(item.count),
-                _share(item.count, dry.runs),
-                hint or item.meaning,
-            )
-        )
+        share = _share(item.count, dry.runs)
+        rows.append((f"refused: {item.reason}", _count(item.count), share, _hint(item)))
     rows.append(("accepted by the formula", _count(dry.accepted), _share(dry.accepted, dry.runs), ""))
     of = "" if probe.complete else f"of {_count(probe.runs)} looked at"
-    for reason, count in sorted(probe.refused.items(), key=lambda item: -item[1]):
+    body = sorted(probe.refused.items(), key=lambda item: -item[1])
+    for reason, count in body:
         rows.append((f"  the body refuses: {reason}", _count(count), _share(count, probe.runs), of))
-    walking = round(dry.accepted * probe.passing)
-    rows.append(
-        (
-            "expected to walk",
-            ("" if probe.complete else "about ") + _count(walking),
-            _share(walking, dry.runs),
-            "",
-        )
-    )
+    about = "" if probe.complete else "about "
+    rows.append(("expected to walk", about + _count(dry.walking), _share(dry.walking, dry.runs), ""))
     print_table(
-        f"dry run of {definition.name}: {', '.join(definition.keys)}",
+        f"dry run of {escape(definition.name)}: {', '.join(definition.keys)}",
         (("", "left"), ("runs", "right"), ("share", "right"), ("", "left")),
         rows,
     )
-    for words in probe.examples.values():
-        print_line(f"  for example: {words}")
+    for reason, _ in body[:_EXAMPLES]:
+        print_line(f"  {reason}, for example: {escape(probe.examples[reason])}")
     print_line(
         f"  time              {duration_text(dry.wall_clock)} with {dry.workers} "
         f"worker{'s' if dry.workers > 1 else ''}: {duration_text(dry.processor)} of processor time for "
-        f"{duration_text(dry.simulated)} of walking and {_count(probe.motions)} whole-body motions"
+        f"{duration_text(dry.simulated)} of walking and at most {_count(probe.motions)} whole-body motions"
     )
-    rates = dry.rates
     print_line(
         f"  assumed           {rates.real_time_factor():.1f} times real time at 500 Hz and 2 ms, "
-        f"{rates.motion:g} s for a new motion, {rates.run:g} s for the rest of a run, on one core of a server; "
-        "recordings come on top"
+        f"{rates.motion:g} s for a new motion, {rates.run:g} s for the rest of a run, on one core of a "
+        "server; recordings come on top"
     )
     print_line(f"  not seen          {UNSEEN}")
     for note in definition.notes():
         print_line(f"  note              {note}")
+
+
+def _hint(item: Refusal) -> str:
+    """What was asked for, and what would pass."""
+    asked = "" if item.asked is None else f"{item.key} is {_span(item.asked)}"
+    way_out = item.way_out()
+    if not way_out:
+        return f"{item.meaning}; {asked}" if asked else item.meaning
+    return f"{asked}; passes if {way_out.removeprefix(f'{item.key} ')}"
 
 
 def duration_text(seconds: float) -> str:
