@@ -17,6 +17,7 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -185,6 +186,16 @@ def validate(
             "--tune", help="Find what the gait leaves out, as 'ampm tune' does, instead of taking defaults."
         ),
     ] = False,
+    uncertainty: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--uncertainty",
+            metavar="FILE",
+            help="convergence.json of this gait, from 'ampm convergence': figures are quoted with their "
+            "numerical uncertainty, and one closer to its limit than that is undecided (status 1). "
+            "Repeatable, one per gait.",
+        ),
+    ] = None,
     debug: Debug = False,
 ) -> int:
     """Plan, walk, measure and judge: the trial. Leaves a verdict, a recording and a report.
@@ -194,6 +205,7 @@ def validate(
     no prophecy.
     """
     from validation import planning, profiles, run, summary_text, tuned
+    from validation.convergence.uncertainty import load_uncertainty, matching
 
     extra = list(settings or ())
     if steps is not None:
@@ -202,6 +214,10 @@ def validate(
         extra.append(f'solver.qp="{qp}"')
     resolve = tuned.requests if tune else planning.requests
     requests = resolve(gaits or ["normal"], extra)
+    known = [load_uncertainty(path) for path in uncertainty or ()]
+    if known and not tune:
+        for request in requests:  # all of them before any walks
+            matching(known, request)
     options = run.Options(profile=profiles.profile(profile), force=force)
     targets = run.targets(requests, out, force=force)
     narrator = Narrator()
@@ -212,6 +228,8 @@ def validate(
             if tune:
                 choice = tuned.tune_request(request, stages=narrator)
                 request = planning.Request(request.name, choice.run)
+            if known:
+                options = replace(options, uncertainty=matching(known, request))
             result = run.validate(request, target, options, stages=narrator)
         except RefusedGait as error:  # the other gaits may still walk
             narrator.say(f"ampm: {request.name}: {explain(error)[1]}")

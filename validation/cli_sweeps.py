@@ -98,7 +98,81 @@ def instrument(
     return Status.PASS
 
 
+CONVERGENCE_EPILOG = (
+    "Exit status: 0 every metric is within its limit by more than its numerical uncertainty, 1 one is over "
+    "it, undecided or not measured, 2 bad input or refused, 3 a walk of a numerical study did not complete, "
+    "4 crash of ampm itself, 130 interrupted."
+)
+
+
+def convergence(
+    gait: Annotated[str, typer.Argument(help="Preset or TOML file.", metavar="[GAIT]")] = "normal",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Change one parameter, e.g. gait.c_s=1.2; repeatable."
+        ),
+    ] = None,
+    steps: Annotated[
+        int, typer.Option("--steps", metavar="N", help="Walked at every level: the gait is periodic.")
+    ] = 6,
+    levels: Annotated[
+        int,
+        typer.Option(
+            "--levels", metavar="N", help="Of every numerical study, 3 ... 6; 4 can confirm an order."
+        ),
+    ] = 4,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--study",
+            metavar="NAME",
+            help="time_step, ik_grid, qp_tolerance, contact_stiffness or contact_depth; repeatable, all by "
+            "default.",
+        ),
+    ] = None,
+    profile: Annotated[
+        str, typer.Option("--profile", metavar="P", help="Tolerance profile: default, strict, or wide.")
+    ] = "default",
+    workers: Annotated[
+        int | None, typer.Option("--workers", metavar="N", help="Processes; one per core by default.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Write convergence.json, a table and a picture."),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> int:
+    """Say how far a gait's figures depend on time step, grids, tolerances and contact parameters.
+
+    The time step is halved again and again, at the same control frequency; so is the grid of the inverse
+    kinematics; the QP's tolerance is tightened; contact stiffness is varied. Every metric gets its observed
+    order, extrapolated value and numerical uncertainty, or "no asymptotic range"; 'ampm validate
+    --uncertainty' quotes the uncertainty in its verdict.
+    """
+    from validation.convergence import command
+    from validation.convergence.table import print_convergence
+
+    options = command.Options(
+        steps=steps, levels=levels, only=only or (), profile=profile, workers=workers, out=out, force=force
+    )
+    narrator = Narrator()
+    result = command.run(gait, settings or (), options, stages=narrator)
+    if as_json:
+        print_json(result.as_dict())
+    else:
+        print_convergence(result)
+    if out is not None:
+        narrator.say(f"wrote {', '.join(str(out / name) for name in command.FILES)}")
+    if not result.completed:
+        return Status.NOT_COMPLETED
+    return Status.PASS if result.verdict == "pass" else Status.OUT_OF_TOLERANCE
+
+
 def register(app: typer.Typer) -> None:
     """Add the commands to the command line."""
     app.command(epilog=SWEEP_EPILOG)(sweep)
     app.command()(instrument)
+    app.command(epilog=CONVERGENCE_EPILOG)(convergence)

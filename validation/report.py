@@ -61,6 +61,7 @@ class Row:
         passed: None where nothing is judged.
         note: reason of the tolerance, or where and when.
         own: whether the figure judges the testbed rather than the walk.
+        undecided: whether the value is closer to the limit than its numerical uncertainty.
     """
 
     label: str
@@ -70,6 +71,7 @@ class Row:
     passed: bool | None = None
     note: str = ""
     own: bool = False
+    undecided: bool = False
 
 
 def write_report(run_dir: Path) -> Path:
@@ -132,6 +134,7 @@ def _context(saved: SavedRun) -> dict[str, Any]:
         "reason": _readable(str(summary.get("reason", "")), summary),
         "outcome_sentence": outcome.name.sentence,
         "profile": str(summary.get("profile", "")),
+        "uncertainty": _convergence_study(summary),
         "facts": _facts(saved, plan),
         "agreement": _agreement(summary, judged=True),
         "reported": _agreement(summary, judged=False),
@@ -245,14 +248,29 @@ def _agreement(summary: Mapping[str, Any], *, judged: bool) -> list[Row]:
             Row(
                 own=any(part in name for part in _INSTRUMENT),
                 label=metric_label(name),
-                value=with_unit(value, unit) if judged or unit else number(value),
+                value=_uncertain(value, shown.get("uncertainty"), unit) if judged or unit else number(value),
                 limit=_limit(limit, unit),
                 share=share,
                 passed=metric.get("pass"),
                 note=str(metric.get("reason") or ""),
+                undecided=bool(metric.get("undecided")),
             )
         )
     return rows
+
+
+def _uncertain(value: Any, uncertainty: Any, unit: str) -> str:
+    """A figure with its numerical uncertainty, where that is known, and its unit."""
+    if uncertainty is None:
+        return with_unit(value, unit)
+    spread = "∞" if uncertainty == "inf" else number(uncertainty, 2)
+    return f"{number(value)}\u00a0±\u00a0{with_unit(spread, unit)}"
+
+
+def _convergence_study(summary: Mapping[str, Any]) -> str:
+    """Which study the uncertainties are from, empty if there is none."""
+    known = summary.get("uncertainty")
+    return "" if not known else f"a convergence study of {known['gait']}, {known['steps']} steps a level"
 
 
 def _facts(saved: SavedRun, plan: GaitPlan | None) -> list[tuple[str, str]]:

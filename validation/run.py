@@ -20,6 +20,7 @@ from ampm.exceptions import InputError
 from ampm.parameters import dump_run
 from validation.compare import Comparison
 from validation.console import Silent, json_ready
+from validation.convergence.uncertainty import Uncertainty
 from validation.entry import interruption
 from validation.environment import describe_environment
 from validation.folders import RUN_FILES, check_run_folder, run_folder
@@ -44,11 +45,13 @@ class Options:
         profile: tolerances.
         force: replace an earlier run in the same folder.
         recording: write ``recording.rrd`` and ``report.html``; both can be written later from the folder.
+        uncertainty: of the metrics, from a convergence study; None judges the values as they are.
     """
 
     profile: Profile = DEFAULT
     force: bool = False
     recording: bool = True
+    uncertainty: Uncertainty | None = None
 
 
 @dataclass(frozen=True)
@@ -147,7 +150,8 @@ def validate(
                     interruption.hold()
             save_record(record, folder)
             with clock.stage("measurement"):
-                found = examine(planned, record, options.profile)
+                known = options.uncertainty
+                found = examine(planned, record, options.profile, None if known is None else known.values)
                 signals = signals_table(
                     planned.plan,
                     record,
@@ -168,6 +172,7 @@ def validate(
                         "motion": motion.report.as_dict(),
                         "standing": asdict(found.standing),
                         "memory_peak": {"value": _memory_peak(), "unit": "MB"},
+                        **({} if known is None else {"uncertainty": known.as_dict()}),
                     },
                 )
                 _write_json(folder / "summary.json", summary)

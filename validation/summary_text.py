@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 _SHORT = {"% of body weight": "% of weight"}
 """Units as a terminal of 80 columns has room for them."""
 
-_COLOURS = {"pass": "green", "fail": "red", "not_measured": "yellow"}
+_COLOURS = {"pass": "green", "fail": "red", "undecided": "yellow", "not_measured": "yellow"}
 
 
 def print_result(trial: Trial) -> None:
@@ -34,6 +34,12 @@ def print_result(trial: Trial) -> None:
     word = summary["verdict"].replace("_", " ").upper()
     print_line(f"[bold {colour}]{summary['gait']}: {word}[/]  {_escaped(summary['reason'])}")
     folder = trial.directory
+    known = summary.get("uncertainty")
+    if known is not None:
+        print_line(
+            f"  ± numerical uncertainty of a convergence study of {known['steps']} steps; a value closer to "
+            "its limit than that is undecided"
+        )
     for file, what in (("recording.rrd", f"ampm view {folder}"), ("report.html", "open in a browser")):
         if (folder / file).is_file():
             print_line(f"  {_escaped(str(folder / file))}  ({_escaped(what)})")
@@ -42,12 +48,17 @@ def print_result(trial: Trial) -> None:
 
 def _row(name: str, metric: Mapping[str, Any]) -> tuple[str, ...]:
     shown = metric["display"]
-    if metric["pass"] is None:
+    if metric.get("undecided"):
+        mark = "[yellow]undecided[/]"
+    elif metric["pass"] is None:
         mark = "not judged"
     else:
         mark = "[green]pass[/]" if metric["pass"] else "[red]FAIL[/]"
     unit = _SHORT.get(shown["unit"], shown["unit"])
-    return (name, figure(shown["value"], 3), figure(shown["tolerance"], 3), unit, mark)
+    value = figure(shown["value"], 3)
+    if "uncertainty" in shown:
+        value += f" ± {figure(float(shown['uncertainty']), 2)}"
+    return (name, value, figure(shown["tolerance"], 3), unit, mark)
 
 
 def cost(summary: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -63,8 +63,19 @@ class Walk:
     seconds: Mapping[str, float]
 
 
-def examine(planned: Planned, record: SimulationRecord, profile: Profile = DEFAULT) -> Findings:
+def examine(
+    planned: Planned,
+    record: SimulationRecord,
+    profile: Profile = DEFAULT,
+    uncertainty: Mapping[str, float] | None = None,
+) -> Findings:
     """Measure, weigh, compare and judge.
+
+    Args:
+        planned: with body and motion.
+        record: of its walk.
+        profile: tolerances.
+        uncertainty: numerical uncertainty of metrics in their SI units, see :func:`validation.verdict.judge`.
 
     Raises:
         TypeError: the plan has no body.
@@ -83,7 +94,8 @@ def examine(planned: Planned, record: SimulationRecord, profile: Profile = DEFAU
         motion_angular_momentum_z=motion_z,
         standing=standing,
     )
-    return Findings(measured, standing, comparison, judge(comparison, record.outcome, profile), motion_z)
+    verdict = judge(comparison, record.outcome, profile, uncertainty)
+    return Findings(measured, standing, comparison, verdict, motion_z)
 
 
 def walk(

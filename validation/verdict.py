@@ -23,6 +23,7 @@ class VerdictName(StrEnum):
 
     PASS = "pass"
     FAIL = "fail"
+    UNDECIDED = "undecided"
     NOT_MEASURED = "not_measured"
 
 
@@ -35,14 +36,18 @@ class MetricResult:
         value: measured value in ``unit``, NaN if there is none.
         unit: SI unit.
         tolerance: largest value that passes, in ``unit``; None if the profile has none.
-        passed: None where nothing is judged.
-        margin: share of the tolerance that is left, 1 - value / tolerance; negative if failed, None if
-            unjudged. Where the tolerance is zero, 1 if met and -infinity if not.
+        passed: None where nothing is judged, or nothing can be said.
+        margin: share of the tolerance that is left, 1 - value / tolerance; negative if failed, None where
+            ``passed`` is. Where the tolerance is zero, 1 if met and -infinity if not.
         reason: of the tolerance, empty if there is none.
         display_value, display_tolerance: the same two numbers in ``display_unit``.
         display_unit: what tables show: mm, % of body weight, N m s.
         normalised: value over foot length, body weight and the like [1].
         first_step: the same figure for the first step, in ``unit``, None if it has none.
+        uncertainty: numerical uncertainty of the value in ``unit``, infinite if it has no bound; None if none
+            was given.
+        display_uncertainty: the same in ``display_unit``.
+        undecided: whether the value is closer to the tolerance than its uncertainty.
     """
 
     name: str
@@ -57,6 +62,9 @@ class MetricResult:
     display_unit: str
     normalised: Mapping[str, float]
     first_step: float | None
+    uncertainty: float | None = None
+    display_uncertainty: float | None = None
+    undecided: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,7 +72,8 @@ class Verdict:
     """What a profile says of a run.
 
     Attributes:
-        name: pass only if every tolerance was judged and met.
+        name: pass only if every tolerance was judged and met; undecided if all that can be said are passes,
+            but of some tolerance nothing can be said.
         profile: name of the profile.
         reason: one sentence.
         metrics: judged ones first, in the profile's order, then those only reported.
@@ -86,28 +95,49 @@ class Verdict:
         return tuple(item for item in self.metrics if item.passed is False)
 
     @property
+    def undecided(self) -> tuple[MetricResult, ...]:
+        """Metrics closer to their tolerance than their numerical uncertainty."""
+        return tuple(item for item in self.metrics if item.undecided)
+
+    @property
     def tightest(self) -> MetricResult | None:
         """The judged metric with the least margin."""
         judged = [item for item in self.judged if item.margin is not None]
         return min(judged, key=lambda item: item.margin or 0.0, default=None)
 
 
-def judge(comparison: Comparison, outcome: Outcome, profile: Profile) -> Verdict:
+def judge(
+    comparison: Comparison,
+    outcome: Outcome,
+    profile: Profile,
+    uncertainty: Mapping[str, float] | None = None,
+) -> Verdict:
     """Hold a comparison against a profile.
 
     A run that did not complete has no verdict on tolerances: its figures would be of a walk that did not
     happen. They are reported all the same, unjudged.
+
+    Args:
+        comparison: of the run with its plan.
+        outcome: of the run.
+        profile: tolerances.
+        uncertainty: numerical uncertainty of metrics, in each one's SI unit. A metric whose distance to its
+            tolerance is below it is undecided: neither met nor missed. A metric that is not named is judged
+            by its value.
     """
+    uncertainty = uncertainty or {}
     limits = {item.metric: item for item in profile.tolerances}
     weight = comparison.scales["body_weight"]
     names = [name for name in limits if name in comparison.metrics]
     names += [name for name in comparison.metrics if name not in limits]
     results = tuple(
-        _result(name, comparison, limits.get(name), weight, judged=outcome.completed) for name in names
+        _result(name, comparison, limits.get(name), weight, uncertainty.get(name), judged=outcome.completed)
+        for name in names
     )
     missing = [name for name in limits if name not in comparison.metrics]
     missing += [item.name for item in results if item.tolerance is not None and math.isnan(item.value)]
     failed = [item for item in results if item.passed is False]
+    undecided = [item for item in results if item.undecided]
     if not outcome.completed:
         name = VerdictName.NOT_MEASURED
         reason = f"{outcome.name.sentence[:-1]}, at {outcome.time:.3f} s"
@@ -119,9 +149,19 @@ def judge(comparison: Comparison, outcome: Outcome, profile: Profile) -> Verdict
             f"{len(failed)} of {len(limits)} tolerances not met; the furthest is {worst.name}: "
             f"{_shown(worst)}, limit {worst.display_tolerance:.3g}."
         )
+        if undecided:
+            reason += f" {len(undecided)} undecided: closer to the limit than the numerical uncertainty."
     elif missing:
         name = VerdictName.NOT_MEASURED
         reason = f"No figure for {', '.join(missing)}: a run must last longer than its first step."
+    elif undecided:
+        name = VerdictName.UNDECIDED
+        least = max(undecided, key=lambda item: (item.uncertainty or 0.0) / (item.tolerance or math.inf))
+        reason = (
+            f"{len(undecided)} of {len(limits)} tolerances undecided, closer to the limit than the numerical "
+            f"uncertainty; the least certain is {least.name}: {_shown(least)}, "
+            f"limit {least.display_tolerance:.3g}."
+        )
     else:
         name = VerdictName.PASS
         judged = [item for item in results if item.margin is not None and item.tolerance]
@@ -194,17 +234,32 @@ def build_summary(
     return _plain(summary)
 
 
+def is_undecided(value: float, tolerance: float, uncertainty: float | None) -> bool:
+    """Whether the value is closer to its tolerance than its uncertainty; all in one unit."""
+    return uncertainty is not None and abs(tolerance - value) < uncertainty
+
+
 def _result(
-    name: str, comparison: Comparison, tolerance: Tolerance | None, weight: float, *, judged: bool
+    name: str,
+    comparison: Comparison,
+    tolerance: Tolerance | None,
+    weight: float,
+    uncertainty: float | None,
+    *,
+    judged: bool,
 ) -> MetricResult:
     metric = comparison.metrics[name]
-    factor, display_unit = _display(metric.unit, weight)
+    factor, display_unit = display_unit_of(metric.unit, weight)
+    if uncertainty is not None and math.isnan(uncertainty):
+        uncertainty = None
     limit: float | None = None
     if tolerance is not None:
         limit = tolerance.limit * (weight if tolerance.unit == BODY_WEIGHT else 1.0)
     passed: bool | None = None
     margin: float | None = None
-    if limit is not None and judged and not math.isnan(metric.value):
+    comparable = limit is not None and judged and not math.isnan(metric.value)
+    undecided = limit is not None and comparable and is_undecided(metric.value, limit, uncertainty)
+    if limit is not None and comparable and not undecided:
         passed = metric.value <= limit
         if limit > 0.0:
             margin = 1.0 - metric.value / limit
@@ -223,15 +278,20 @@ def _result(
         display_unit=display_unit,
         normalised=metric.normalised,
         first_step=_first_step(name, comparison),
+        uncertainty=uncertainty,
+        display_uncertainty=None if uncertainty is None else uncertainty * factor,
+        undecided=undecided,
     )
 
 
 def _shown(item: MetricResult) -> str:
-    """A value and its unit, if it has one."""
-    return f"{item.display_value:.3g} {item.display_unit}".rstrip()
+    """A value, its uncertainty if it is known, and its unit, if it has one."""
+    known = item.display_uncertainty
+    spread = "" if known is None else f" ± {known:.2g}"
+    return f"{item.display_value:.3g}{spread} {item.display_unit}".rstrip()
 
 
-def _display(unit: str, weight: float) -> tuple[float, str]:
+def display_unit_of(unit: str, weight: float) -> tuple[float, str]:
     """Factor and unit for people: millimetres, percent of body weight."""
     if unit == "m":
         return 1e3, "mm"
@@ -249,7 +309,7 @@ def _first_step(name: str, comparison: Comparison) -> float | None:
 
 
 def _metric_entry(item: MetricResult) -> dict[str, Any]:
-    return {
+    entry: dict[str, Any] = {
         "value": item.value,
         "unit": item.unit,
         "tolerance": item.tolerance,
@@ -264,6 +324,12 @@ def _metric_entry(item: MetricResult) -> dict[str, Any]:
         },
         "reason": item.reason or None,
     }
+    if item.uncertainty is not None:  # JSON has no infinity: as everywhere in the project, a word
+        entry["uncertainty"] = item.uncertainty if math.isfinite(item.uncertainty) else "inf"
+        entry["undecided"] = item.undecided
+        shown = item.display_uncertainty
+        entry["display"]["uncertainty"] = shown if shown is None or math.isfinite(shown) else "inf"
+    return entry
 
 
 def _maximum(values: Any) -> float:

@@ -1,0 +1,183 @@
+"""Observed order of accuracy and numerical uncertainty of one figure on a sequence of levels.
+
+A level is a step of a grid or a tolerance; from one to the next it shrinks by a constant ratio ``r``. With
+the last three levels h3 > h2 > h1 = h3 / r^2 and a figure ``f = f_exact + C h^p``,
+
+    p = ln[(f3 - f2) / (f2 - f1)] / ln r                  observed order of accuracy
+    f_exact ~ f1 + (f1 - f2) / (r^p - 1)                  Richardson extrapolation
+
+which means something in the asymptotic range only, where every triplet of levels has the same p. So it takes
+four levels: two triplets, each of which converges monotonically, whose orders agree. Then the uncertainty is
+Roache's grid convergence index with his factor of safety for a confirmed order, 1.25; otherwise nothing is
+extrapolated, and the uncertainty is the spread over all levels, with what an error of formal order could
+still hide beyond the last one, times his factor for an unconfirmed order, 3.
+
+Sources: P. J. Roache, Verification of codes and calculations, AIAA Journal 36 (1998); ASME V&V 20-2009,
+section 2; L. Eca and M. Hoekstra, A procedure for the estimation of the numerical uncertainty of CFD
+calculations based on grid refinement studies, Journal of Computational Physics 262 (2014): the spread of the
+data where they do not follow a power of the step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import pairwise
+
+FORMAL_ORDER = 1.0
+"""Of the semi-implicit Euler step, and of a grid across a switch of contact."""
+CONFIRMED, UNCONFIRMED = 1.25, 3.0
+"""Roache's factors of safety: with the order observed twice, and without."""
+ORDERS = (0.5, 2.5)
+"""Orders that a method of first or second order may show; others are chance."""
+AGREEMENT = 0.25
+"""Largest difference of the orders of two triplets that confirm each other."""
+_ROUNDING = 1e-12  # relative; smaller differences are of the arithmetic, not of the step
+
+NO_RANGE = "no asymptotic range"
+
+
+class Kind(StrEnum):
+    """What a sequence of values is."""
+
+    ASYMPTOTIC = "asymptotic"
+    NO_RANGE = NO_RANGE
+    CONSTANT = "constant"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a sequence of levels says of one figure.
+
+    Attributes:
+        kind: asymptotic; no asymptotic range; constant, where the levels differ by rounding alone; unknown,
+            where a level has no value.
+        orders: observed order of every triplet of neighbouring levels, coarse to fine; NaN where the values
+            do not converge monotonically.
+        order: that of the finest triplet, None outside the asymptotic range.
+        extrapolated: value at step zero, None outside the asymptotic range.
+        uncertainty: expanded numerical uncertainty of the first level's value, about 95 %, in the figure's
+            unit: the limit of vanishing steps is taken to be within value ± uncertainty. Infinite if a level
+            has no value, NaN if the first one has none.
+        finest: the same of the last level's value.
+        safety: factor of safety, None where none was applied.
+        reason: why, in words.
+    """
+
+    kind: Kind
+    orders: tuple[float, ...]
+    order: float | None
+    extrapolated: float | None
+    uncertainty: float
+    finest: float
+    safety: float | None
+    reason: str
+
+    @property
+    def asymptotic(self) -> bool:
+        """Whether the order was confirmed."""
+        return self.kind is Kind.ASYMPTOTIC
+
+
+def observed_orders(values: Sequence[float], ratio: float) -> tuple[float, ...]:
+    """Order of every triplet of neighbouring values, coarse to fine; NaN unless a triplet is monotone.
+
+    Args:
+        values: coarse to fine, any unit.
+        ratio: of neighbouring steps, above 1.
+
+    Returns:
+        One order a triplet; negative where the differences grow.
+    """
+    orders = []
+    for coarse, middle, fine in zip(values, values[1:], values[2:], strict=False):
+        first, second = middle - coarse, fine - middle
+        monotone = first * second > 0.0  # false for NaN, too
+        orders.append(math.log(first / second) / math.log(ratio) if monotone else math.nan)
+    return tuple(orders)
+
+
+def estimate(values: Sequence[float], ratio: float, *, forbidden: str = "") -> Estimate:
+    """Classify a sequence and bound the error of its first value.
+
+    Args:
+        values: of one figure, coarse to fine, the first at the run's own parameters; NaN for a level that has
+            none.
+        ratio: of neighbouring steps, above 1.
+        forbidden: why the figure must not be extrapolated whatever the values are, empty if it may be.
+
+    Raises:
+        ValueError: fewer than two levels, or a ratio that is not above 1.
+    """
+    values = [float(value) for value in values]
+    if len(values) < 2 or not ratio > 1.0:
+        raise ValueError(f"{len(values)} levels of ratio {ratio:g}: two levels and a ratio above 1 at least")
+    orders = observed_orders(values, ratio)
+    if math.isnan(values[0]):
+        return Estimate(Kind.UNKNOWN, orders, None, None, math.nan, math.nan, None, "not measured")
+    if not all(math.isfinite(value) for value in values):
+        reason = "a level has no value: its walk did not complete"
+        return Estimate(Kind.UNKNOWN, orders, None, None, math.inf, math.inf, None, reason)
+    spread = max(values) - min(values)
+    if spread <= _ROUNDING * max(abs(value) for value in values):
+        reason = "the same on all levels, but for rounding"
+        return Estimate(Kind.CONSTANT, orders, None, None, spread, spread, None, reason)
+    last = abs(values[-1] - values[-2])
+    doubt = forbidden or _doubt(values, orders)
+    if doubt:
+        beyond = UNCONFIRMED * last / (ratio**FORMAL_ORDER - 1.0)
+        reason = f"{NO_RANGE}: {doubt}"
+        return Estimate(Kind.NO_RANGE, orders, None, None, spread + beyond, beyond, UNCONFIRMED, reason)
+    order = orders[-1]
+    # Roache: an observed order above the formal one is no reason to claim less uncertainty.
+    beyond = last / (ratio ** min(order, FORMAL_ORDER) - 1.0)
+    return Estimate(
+        kind=Kind.ASYMPTOTIC,
+        orders=orders,
+        order=order,
+        extrapolated=values[-1] + (values[-1] - values[-2]) / (ratio**order - 1.0),
+        uncertainty=CONFIRMED * (abs(values[0] - values[-1]) + beyond),
+        finest=CONFIRMED * beyond,
+        safety=CONFIRMED,
+        reason=f"order {order:.2f}, confirmed by {orders[-2]:.2f} of the triplet before",
+    )
+
+
+def _doubt(values: Sequence[float], orders: Sequence[float]) -> str:
+    """Why the finest four levels are not in the asymptotic range, empty if they are."""
+    if len(values) < 4:
+        return f"{len(values)} levels cannot confirm an order, four can"
+    before, last = orders[-2:]
+    steps = [fine - coarse for coarse, fine in pairwise(values[-4:])]
+    if any(first * second <= 0.0 for first, second in pairwise(steps)):
+        return "the values do not approach a limit from one side"
+    if before <= 0.0 and last <= 0.0:
+        return "the differences grow as the step shrinks"
+    told = f"{before:.2f}, then {last:.2f}"
+    if not all(ORDERS[0] <= order <= ORDERS[1] for order in (before, last)):
+        return f"the observed orders, {told}, are not those of a method of order {FORMAL_ORDER:g}"
+    if abs(before - last) > AGREEMENT:
+        return f"the observed orders, {told}, do not agree"
+    return ""
+
+
+def input_uncertainty(values: Sequence[float], own: int) -> float:
+    """How far a figure moves when a model parameter does: the largest deviation from its own value.
+
+    A derivative would say less: parameters that were chosen to make a figure small have none there.
+
+    Args:
+        values: at every value of the parameter; NaN where the walk did not complete.
+        own: index of the run's own value.
+
+    Returns:
+        In the figure's unit; infinite if a value is missing, NaN if the own one is.
+    """
+    reference = float(values[own])
+    if math.isnan(reference):
+        return math.nan
+    deviations = [abs(float(value) - reference) for value in values]
+    return math.inf if any(math.isnan(value) for value in deviations) else max(deviations)
