@@ -19,6 +19,7 @@ import pyarrow as pa
 from ampm.gait import PlanConstants
 from ampm.parameters import RunParameters, keys
 from validation.environment import DISTRIBUTIONS
+from validation.instruments.columns import INSTRUMENT_COLUMNS
 
 TABLE_METADATA = b"ampm_sweep"
 """Schema metadata of a table: JSON with the definition, the tolerances, and these columns in words."""
@@ -262,6 +263,11 @@ def _cost() -> list[Column]:
             "energy_cost_of_transport", "real", "1", "positive work over weight times distance (mechanical)"
         ),
         Column("energy_mean_power", "real", "W", "positive work over time"),
+    ]
+
+
+def _recording() -> list[Column]:
+    return [
         Column(
             "recording",
             "text",
@@ -269,6 +275,11 @@ def _cost() -> list[Column]:
             "folder of the run, relative to the sweep's; null if the run was not kept",
         ),
     ]
+
+
+def _instrument() -> list[Column]:
+    """Null without ``sweep.instrument``."""
+    return [Column(name, "real", unit, words) for name, (unit, words) in INSTRUMENT_COLUMNS.items()]
 
 
 def _timings() -> list[Column]:
@@ -315,6 +326,8 @@ COLUMNS: tuple[Column, ...] = (
     *_metrics(),
     *_margins(),
     *_cost(),
+    *_instrument(),
+    *_recording(),
     *_timings(),
     *_environment(),
 )

@@ -14,7 +14,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,8 +38,9 @@ SUMMARY = "sweep.json"
 REPORT = "report.html"
 PARTS = "parts"
 RECORDINGS = "recordings"
+CRASHES = "crashes"
 LOCK = "sweep.lock"
-SWEEP_FILES = frozenset({DEFINITION, IDENTITY, RESULTS, SUMMARY, REPORT, PARTS, RECORDINGS, LOCK})
+SWEEP_FILES = frozenset({DEFINITION, IDENTITY, RESULTS, SUMMARY, REPORT, PARTS, RECORDINGS, CRASHES, LOCK})
 """All that a sweep writes into its folder."""
 
 MERGE = 64
@@ -211,6 +212,10 @@ class Store:
         self._parts = []
         return path
 
+    def tidy(self) -> None:
+        """Remove what a killed worker has left half written."""
+        _remove_temporaries(self.folder)
+
     def write_text(self, name: str, text: str) -> Path:
         """Write a small file of the folder, whole."""
         path = self.folder / name
@@ -230,7 +235,11 @@ class Store:
 
 
 def open_store(
-    folder: Path, definition: str, metadata: Mapping[str, Any], identity: Mapping[str, Any]
+    folder: Path,
+    definition: str,
+    metadata: Mapping[str, Any],
+    identity: Mapping[str, Any],
+    check: Callable[[Mapping[str, Any]], None],
 ) -> Store:
     """Create or reopen a sweep's folder, locked against a second program.
 
@@ -239,6 +248,8 @@ def open_store(
         definition: TOML text, kept as ``sweep.toml``.
         metadata: of the table.
         identity: what must not change between interruption and resume, kept as ``identity.json``.
+        check: called with the identity that the folder has, empty if it has none, before it is written over;
+            what it raises is passed on.
 
     Raises:
         InputError: another program writes there, or the folder cannot be written.
@@ -261,6 +272,7 @@ def open_store(
             f"another 'ampm sweep' is writing to {folder}; wait for it, or give another folder."
         ) from None
     try:
+        check(read_identity(folder))
         _remove_temporaries(folder)
         store = Store(folder, metadata, lock)
         store.write_text(DEFINITION, definition)
@@ -382,15 +394,7 @@ def _remove_temporaries(folder: Path) -> None:
     for place in (folder, folder / PARTS):
         for path in place.glob(f".*{_TEMPORARY}"):
             path.unlink(missing_ok=True)
-    remove_partial_recordings(folder)
-
-
-def remove_partial_recordings(folder: Path, keep: Iterable[str] = ()) -> None:
-    """Remove run folders that a killed worker left half written."""
-    kept = set(keep)
-    place = folder / RECORDINGS
-    if not place.is_dir():
-        return
-    for path in place.iterdir():
-        if (".partial-" in path.name or ".old-" in path.name) and path.name not in kept:
-            shutil.rmtree(path, ignore_errors=True)
+    if (folder / RECORDINGS).is_dir():
+        for path in (folder / RECORDINGS).iterdir():
+            if ".partial-" in path.name or ".old-" in path.name:
+                shutil.rmtree(path, ignore_errors=True)
