@@ -47,7 +47,12 @@ def test_the_demos_of_one_figure_differ_in_one_parameter():
     assert low.c_s <= 0.5
     assert min(pitch.step_length, low.step_length) > normal.gait.step_length
     assert pitch.c_y == low.c_y == 1.0
-    assert load_run("ipm") == normal.replace({"gait.model": "ipm", "gait.a_s": math.inf})
+    ipm = load_run("ipm")
+    assert ipm.gait == normal.replace({"gait.model": "ipm", "gait.a_s": math.inf}).gait
+    for section in ("body", "foot", "contact", "simulation", "solver"):
+        assert getattr(ipm, section) == getattr(normal, section)
+    changed = {k for k, v in ipm.controller if v != getattr(normal.controller, k)}
+    assert all(key.startswith(("contact_", "landing_", "touchdown_", "roll_down_")) for key in changed)
 
 
 positive = st.floats(min_value=1e-6, max_value=100.0, exclude_min=True)
