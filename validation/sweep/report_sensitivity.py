@@ -1,0 +1,166 @@
+"""What drives what, as the sweep's report shows it: one row per figure, one column per parameter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from validation.report import metric_label, number
+from validation.sweep.map_data import Array
+from validation.sweep.sensitivity import (
+    LEAST_RUNS,
+    Influence,
+    Sensitivity,
+    analyse,
+    entangled,
+    strength,
+)
+from validation.sweep.table import State, SweepTable
+
+MOST_COLUMNS = 12
+"""Parameters in the table; more are unreadable, and most drive nothing."""
+IDLE = 0.01
+"""Median share of its tolerance below which a figure is rounding, and what drives it of no interest [1]."""
+
+
+@dataclass(frozen=True)
+class SensitivityTable:
+    """The section of the report.
+
+    Attributes:
+        rows: figures; ``label``, ``runs``, ``silent`` and ``cells``.
+        keys: parameters of the columns.
+        hidden: parameters left out for room.
+        by_strength: all varied parameters, those that decide on passing most first.
+        sentence: the strongest findings.
+        silent: why there is no table.
+        entangled: parameters that vary together.
+    """
+
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    keys: tuple[str, ...] = ()
+    hidden: tuple[str, ...] = ()
+    by_strength: tuple[str, ...] = ()
+    sentence: str = ""
+    silent: str = ""
+    entangled: list[tuple[str, str, float]] = field(default_factory=list)
+
+
+def targets(sweep: SweepTable) -> dict[str, Array]:
+    """What may be driven: refusal, failing once walking, and every figure that is more than rounding."""
+    known = np.array([True] * len(sweep))
+    known &= ~sweep.is_state(State.CRASHED, State.TIMED_OUT, State.INTERRUPTED)
+    refused = sweep.is_state(State.REFUSED)
+    walked = known & ~refused
+    found = {
+        "is refused": np.where(known, refused.astype(float), np.nan),
+        "fails, if it walks": np.where(walked, (~sweep.is_state(State.PASS)).astype(float), np.nan),
+    }
+    found = {name: values for name, values in found.items() if len(np.unique(values[~np.isnan(values)])) > 1}
+    for metric in sweep.metrics:
+        used = sweep.used(metric)
+        if metric in sweep.limits and np.isfinite(used).any() and np.nanmedian(used) >= IDLE:
+            found[metric_label(metric)] = np.where(np.isfinite(used), used, np.nan)
+    return found
+
+
+def sensitivity_table(sweep: SweepTable) -> SensitivityTable:
+    """Analyse a sweep; see :mod:`validation.sweep.sensitivity`."""
+    keys = sweep.varied
+    if not keys:
+        return SensitivityTable(silent="No parameter varies in this sweep.")
+    parameters = {
+        key: sweep.numbers(key) if sweep.is_number(key) else np.array(sweep.words(key)) for key in keys
+    }
+    found = [analyse(parameters, name, values) for name, values in targets(sweep).items()]
+    ranked = _ranked(keys, found)
+    if all(item.silent for item in found):
+        completed = int(sweep.measured.sum())
+        return SensitivityTable(
+            by_strength=ranked,
+            silent=f"{completed} run{' is' if completed == 1 else 's are'} too few to say what drives an "
+            f"error; at {LEAST_RUNS} and more this section has an answer.",
+        )
+    columns = tuple(sorted(ranked[:MOST_COLUMNS], key=keys.index))
+    return SensitivityTable(
+        rows=[_row(item, columns) for item in found],
+        keys=columns,
+        hidden=ranked[MOST_COLUMNS:],
+        by_strength=ranked,
+        sentence=_sentence(found),
+        entangled=entangled(parameters)[:6],
+    )
+
+
+def _ranked(keys: tuple[str, ...], found: list[Sensitivity]) -> tuple[str, ...]:
+    """Parameters by their strongest influence beyond chance, outcomes before figures."""
+    score = dict.fromkeys(keys, 0.0)
+    outcomes = dict.fromkeys(keys, 0.0)
+    for item in found:
+        for influence in item.influences:
+            if influence.clear:
+                name, value = influence.parameter, strength(influence)
+                score[name] = max(score[name], value)
+                if item.target in ("is refused", "fails, if it walks"):
+                    outcomes[name] = max(outcomes[name], value)
+    return tuple(sorted(keys, key=lambda key: (-outcomes[key], -score[key])))
+
+
+def _row(item: Sensitivity, columns: tuple[str, ...]) -> dict[str, Any]:
+    runs = f"{item.runs:,} runs"
+    if item.drawn_from > item.runs:
+        runs = f"{item.runs:,} of {item.drawn_from:,} runs, drawn at random"
+    by_name = {influence.parameter: influence for influence in item.influences}
+    return {
+        "label": item.target,
+        "runs": runs,
+        "silent": item.silent,
+        "cells": [] if item.silent else [_cell(by_name[key], item) for key in columns],
+    }
+
+
+def _cell(item: Influence, of: Sensitivity) -> dict[str, Any]:
+    if math.isnan(item.share):
+        text = "does not vary among these runs"
+        return {"share": "–", "rho": "", "clear": False, "width": 0, "title": f"{item.parameter}: {text}"}
+    low, high = item.share_interval
+    title = (
+        f"{of.target} by {item.parameter}: S1 = {100 * item.share:.0f} % [{100 * low:.0f}, "
+        f"{100 * high:.0f}], chance reaches {100 * of.noise:.0f} %"
+    )
+    rho = ""
+    if not math.isnan(item.rho):
+        bounds = ", ".join(number(float(f"{value:.2f}"), 2) for value in item.rho_interval)
+        rho = f"ρ {_signed(item.rho)}"
+        title += f"; rho = {_signed(item.rho)} [{bounds}]"
+    return {
+        "share": f"{100 * item.share:.0f}\u00a0% [{100 * low:.0f}, {100 * high:.0f}]",
+        "rho": rho,
+        "clear": item.clear,
+        "width": f"{100 * item.share:.0f}",
+        "title": title,
+    }
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.2f}".replace("-", "−")
+
+
+def _sentence(found: list[Sensitivity]) -> str:
+    """The strongest driver of every figure, as few words as possible."""
+    parts: dict[str, list[str]] = {}
+    nothing = []
+    for item in found:
+        if item.silent:
+            continue
+        if item.drivers:
+            parts.setdefault(item.drivers[0].parameter, []).append(item.target)
+        else:
+            nothing.append(item.target)
+    sentences = [f"{key} above all drives: {'; '.join(names)}." for key, names in parts.items()]
+    if nothing:
+        sentences.append(f"Nothing in this sweep drives beyond chance: {'; '.join(nothing)}.")
+    return " ".join(sentences)
