@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from pathlib import Path
@@ -23,23 +23,18 @@ import pyarrow.parquet as pq
 
 from ampm.body import SOLE_POINT_GROUPS
 from ampm.exceptions import InputError
+from validation.record_layout import FEET as FEET
+from validation.record_layout import JOINTS_FILE as JOINTS_FILE
+from validation.record_layout import RECORD_FILES as RECORD_FILES
+from validation.record_layout import STATES_FILE as STATES_FILE
+from validation.record_layout import TICKS_FILE as TICKS_FILE
+from validation.record_layout import RecordBlock, record_blocks
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-FEET = ("left", "right")
-XYZ = ("x", "y", "z")
 _FORMAT = 1
 _METADATA_KEY = b"ampm_record"
-_ROOT_Q = ("root_x", "root_y", "root_z", "root_qw", "root_qx", "root_qy", "root_qz")
-_ROOT_V = ("root_x", "root_y", "root_z", "root_wx", "root_wy", "root_wz")
-
-JOINTS_FILE = "joints.parquet"
-CONTACTS_FILE = "contacts.parquet"
-STATES_FILE = "states.parquet"
-TICKS_FILE = "ticks.parquet"
-RECORD_FILES = (JOINTS_FILE, CONTACTS_FILE, STATES_FILE, TICKS_FILE)
-
 NOT_REPRODUCIBLE = frozenset({"qp_time"})
 """Columns that hold wall-clock time: the only ones that two identical runs need not share."""
 
@@ -305,53 +300,74 @@ def load_record(directory: str | Path) -> SimulationRecord:
         InputError: a file is missing, damaged, or of another format.
     """
     directory = Path(directory)
-    tables = {name: _read_table(directory / name) for name in RECORD_FILES}
-    raw = (tables[JOINTS_FILE].schema.metadata or {}).get(_METADATA_KEY)
+    header = read_header(directory)
+    tables = {name: read_record_table(directory / name) for name in RECORD_FILES}
+    values: dict[str, Any] = {}
+    sensors: dict[str, NDArray[np.float64]] = {}
+    for block in record_blocks(header):
+        array = block_array(block, tables[block.file], directory)
+        if block.field.startswith("sensor:"):
+            sensors[block.field.removeprefix("sensor:")] = array
+        else:
+            values[block.field] = array
+    return SimulationRecord(**values, sensors=sensors, **header_fields(header))
+
+
+def read_header(directory: Path) -> dict[str, Any]:
+    """What a recorded run says of itself.
+
+    Raises:
+        InputError: there is no record, or one of another format.
+    """
+    schema = _readable(directory / JOINTS_FILE, pq.read_schema)
+    raw = (schema.metadata or {}).get(_METADATA_KEY)
     if raw is None:
         raise InputError(
             f"{directory / JOINTS_FILE} is no recorded run: it carries no description of the run"
         )
-    header = json.loads(raw)
+    header: dict[str, Any] = json.loads(raw)
     if header["format"] != _FORMAT:
         raise InputError(
             f"{directory} has record format {header['format']}, this version reads {_FORMAT}; "
             "simulate the run again or use the version that wrote it"
         )
-    values: dict[str, Any] = {}
-    sensors: dict[str, NDArray[np.float64]] = {}
-    for block in _blocks(header):
-        try:
-            columns = [
-                tables[block.file].column(name).slice(0, block.rows).to_numpy() for name in block.columns
-            ]
-        except KeyError as error:
-            raise InputError(f"{directory / block.file} lacks a column: {error.args[0]}") from None
-        array = np.stack(columns, axis=-1) if columns else np.zeros((block.rows, 0))
-        array = array.reshape(block.rows, *block.tail)
-        if block.field.startswith("sensor:"):
-            sensors[block.field.removeprefix("sensor:")] = array
-        else:
-            values[block.field] = array
-    return SimulationRecord(
-        **values,
-        sensors=sensors,
-        point_foot=np.array(header["point_foot"], dtype=np.int8),
-        point_group=np.array(header["point_group"], dtype=np.int8),
-        outcome=Outcome(
+    return header
+
+
+def header_fields(header: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a :class:`SimulationRecord` that are in its header."""
+    return {
+        "point_foot": np.array(header["point_foot"], dtype=np.int8),
+        "point_group": np.array(header["point_group"], dtype=np.int8),
+        "outcome": Outcome(
             name=header["outcome"]["name"],
             time=float(header["outcome"]["time"]),
             cause=header["outcome"]["cause"],
             steps_completed=header["outcome"]["steps_completed"],
         ),
-        mass=float(header["mass"]),
-        gravity=float(header["gravity"]),
-        time_step=float(header["time_step"]),
-        friction=float(header["friction"]),
-        torque_limit=np.array([float(value) for value in header["torque_limit"]]),
-        joint_range=np.array([float(value) for value in header["joint_range"]]).reshape(-1, 2),
-        joint_names=tuple(header["joint_names"]),
-        metadata=header["metadata"],
-    )
+        "mass": float(header["mass"]),
+        "gravity": float(header["gravity"]),
+        "time_step": float(header["time_step"]),
+        "friction": float(header["friction"]),
+        "torque_limit": np.array([float(value) for value in header["torque_limit"]]),
+        "joint_range": np.array([float(value) for value in header["joint_range"]]).reshape(-1, 2),
+        "joint_names": tuple(header["joint_names"]),
+        "metadata": header["metadata"],
+    }
+
+
+def block_array(block: RecordBlock, table: pa.Table, directory: Path) -> NDArray[Any]:
+    """One array of a record from the table that holds its columns.
+
+    Raises:
+        InputError: a column is missing.
+    """
+    try:
+        columns = [table.column(name).slice(0, block.rows).to_numpy() for name in block.columns]
+    except KeyError as error:
+        raise InputError(f"{directory / block.file} lacks a column: {error.args[0]}") from None
+    array = np.stack(columns, axis=-1) if columns else np.zeros((block.rows, 0))
+    return array.reshape(block.rows, *block.tail)
 
 
 def record_columns(record: SimulationRecord) -> dict[str, dict[str, NDArray[Any]]]:
@@ -360,7 +376,7 @@ def record_columns(record: SimulationRecord) -> dict[str, dict[str, NDArray[Any]
     Columns of one file may differ by one in length: what belongs to a step has no entry at the last instant.
     """
     files: dict[str, dict[str, NDArray[Any]]] = {name: {} for name in RECORD_FILES}
-    for block in _blocks(_header(record)):
+    for block in record_blocks(_header(record)):
         if block.field.startswith("sensor:"):
             array = record.sensors[block.field.removeprefix("sensor:")]
         else:
@@ -402,17 +418,6 @@ def write_table(table: pa.Table, path: str | Path) -> None:
     )
 
 
-@dataclass(frozen=True)
-class _Block:
-    """One array of the record and where its scalars lie on disk."""
-
-    field: str
-    file: str
-    rows: int
-    tail: tuple[int, ...]
-    columns: tuple[str, ...]
-
-
 def _header(record: SimulationRecord) -> dict[str, Any]:
     return {
         "format": _FORMAT,
@@ -446,61 +451,6 @@ def _exact(value: float) -> float | str:
     return float(value) if math.isfinite(value) else repr(float(value))
 
 
-def _blocks(header: Mapping[str, Any]) -> Iterator[_Block]:
-    k, ticks, nq, nv = header["steps"], header["ticks"], header["nq"], header["nv"]
-    joints, points = header["joint_names"], header["point_names"]
-
-    def vector(prefix: str, names: tuple[str, ...] | list[str]) -> tuple[str, ...]:
-        return tuple(f"{prefix}_{name}" for name in names)
-
-    def per_point(prefix: str) -> tuple[str, ...]:
-        return tuple(f"{point}_{prefix}_{axis}" for point in points for axis in XYZ)
-
-    q_names = _coordinate_names(nq, _ROOT_Q, joints)
-    v_names = _coordinate_names(nv, _ROOT_V, joints)
-    yield _Block("time", JOINTS_FILE, k + 1, (), ("time",))
-    yield _Block("q", JOINTS_FILE, k + 1, (nq,), vector("q", q_names))
-    yield _Block("qd", JOINTS_FILE, k + 1, (nv,), vector("qd", v_names))
-    yield _Block("torque", JOINTS_FILE, k, (len(joints),), vector("torque", joints))
-    yield _Block("warmstart", JOINTS_FILE, k, (nv,), vector("warmstart", v_names))
-
-    count = len(points)
-    yield _Block("time", CONTACTS_FILE, k + 1, (), ("time",))
-    yield _Block("point_force", CONTACTS_FILE, k, (count, 3), per_point("force"))
-    yield _Block("point_position", CONTACTS_FILE, k, (count, 3), per_point("position"))
-    yield _Block(
-        "point_penetration", CONTACTS_FILE, k, (count,), tuple(f"{point}_penetration" for point in points)
-    )
-    yield _Block("point_velocity", CONTACTS_FILE, k, (count, 3), per_point("velocity"))
-    yield _Block("command_point_force", CONTACTS_FILE, k, (count, 3), per_point("command_force"))
-
-    yield _Block("time", STATES_FILE, k + 1, (), ("time",))
-    yield _Block("com", STATES_FILE, k + 1, (3,), vector("com", XYZ))
-    yield _Block("angular_momentum", STATES_FILE, k + 1, (3,), vector("angular_momentum", XYZ))
-    feet = tuple(f"{foot}_foot_{axis}" for foot in FEET for axis in XYZ)
-    yield _Block("foot_position", STATES_FILE, k + 1, (2, 3), feet)
-    turned = tuple(f"{foot}_foot_{axis}" for foot in FEET for axis in ("qw", "qx", "qy", "qz"))
-    yield _Block("foot_rotation", STATES_FILE, k + 1, (2, 4), turned)
-    yield _Block("command_com", STATES_FILE, k, (3,), vector("command_com", XYZ))
-    yield _Block("command_zmp", STATES_FILE, k, (2,), vector("command_zmp", XYZ[:2]))
-    yield _Block("command_force", STATES_FILE, k, (3,), vector("command_force", XYZ))
-    yield _Block("command_angular_momentum", STATES_FILE, k, (3,), vector("command_angular_momentum", XYZ))
-    for name, width in header["sensors"].items():
-        columns = tuple(f"sensor_{name}_{index}" for index in range(width))
-        yield _Block(f"sensor:{name}", STATES_FILE, k + 1, (width,), columns)
-
-    yield _Block("tick_time", TICKS_FILE, ticks, (), ("time",))
-    for name in ("qp_status", "qp_residual", "qp_iterations", "qp_time"):
-        yield _Block(name, TICKS_FILE, ticks, (), (name,))
-
-
-def _coordinate_names(count: int, root: tuple[str, ...], joints: list[str]) -> list[str]:
-    """Names of coordinates: a free root and the hinges, or plain numbers for any other body."""
-    if count == len(root) + len(joints):
-        return [*root, *joints]
-    return [str(index) for index in range(count)]
-
-
 def _frozen(value: Any, dtype: Any) -> NDArray[Any]:
     """A read-only C-contiguous copy, so that nothing outside can change a record."""
     array: NDArray[Any] = np.array(value, dtype=dtype, order="C")
@@ -515,9 +465,23 @@ def _padded(column: NDArray[Any], rows: int) -> pa.Array:
     return array
 
 
-def _read_table(path: Path) -> pa.Table:
+def read_record_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """Read one file of a record, or some of its columns.
+
+    Raises:
+        InputError: it is missing or cannot be read.
+    """
+
+    def read(path: Path) -> pa.Table:
+        with pq.ParquetFile(path) as file:  # one that is absent is left out, and told of later
+            return file.read(columns=None if columns is None else list(columns))
+
+    return _readable(path, read)
+
+
+def _readable(path: Path, read: Callable[[Path], Any]) -> Any:
     try:
-        return pq.read_table(path)
+        return read(path)
     except FileNotFoundError:
         raise InputError(f"{path} is missing; give the folder of a recorded run") from None
     except (pa.ArrowException, OSError) as error:

@@ -19,8 +19,8 @@ from ampm.exceptions import AmpmError, InputError
 from ampm.gait import GaitPlan, plan_gait
 from ampm.parameters import RunParameters, load_run
 from models.human import sole_geometry
-from validation.record import SimulationRecord, load_record
 from validation.signals import load_signals
+from validation.stored import StoredRecord
 
 Array = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ class SavedRun:
         parameters: the resolved parameters.
         parameters_text: ``run.toml`` as written.
         model_xml: the compiled model's source (MJCF).
-        record: states, torques and contact forces of every step.
+        record: states, torques and contact forces of every step, read as they are used.
         signals: plan, command and measurement on the common clock.
         summary: ``summary.json``.
     """
@@ -101,7 +101,7 @@ class SavedRun:
     parameters: RunParameters
     parameters_text: str
     model_xml: str
-    record: SimulationRecord
+    record: StoredRecord
     signals: Signals
     summary: Mapping[str, Any]
 
@@ -137,7 +137,7 @@ def load_saved_run(directory: Path) -> SavedRun:
         parameters=load_run(directory / RUN_FILE, ()),
         parameters_text=(directory / RUN_FILE).read_text(encoding="utf-8"),
         model_xml=(directory / MODEL_FILE).read_text(encoding="utf-8"),
-        record=load_record(directory),
+        record=StoredRecord(directory),
         signals=Signals(load_signals(directory / SIGNALS_FILE)),
         summary=summary,
     )
