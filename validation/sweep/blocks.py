@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, Literal, cast
 
 from ampm.exceptions import InputError
-from ampm.parameters import RunParameters
 from validation.sweep.keys import Value, key_info, nearest
 
 Method = Literal["grid", "list", "latin_hypercube", "sobol"]
@@ -81,7 +80,8 @@ def flat_keys(table: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Namespaced keys of nested tables; ``gait.c_s = ...`` and ``"gait.c_s" = ...`` mean the same."""
     flat: dict[str, Any] = {}
     for name, value in table.items():
-        is_section = name in RunParameters.model_fields and isinstance(value, dict)
+        # A misspelt section is one, too: its keys are then told with the nearest ones.
+        is_section = isinstance(value, dict) and not (value.keys() & set(_RANGE_WORDS))
         for key, item in (
             {f"{name}.{k}": v for k, v in value.items()} if is_section else {name: value}
         ).items():

@@ -189,18 +189,19 @@ def parse_sweep(text: str, *, name: str = "sweep", folder: Path | None = None) -
             f'"worst", but recordings = "{head["recordings"]}"; leave worst out.',
             key="sweep.worst",
         )
+    if "instrument" in head:
+        head["instrument"] = _instrument(head["instrument"], folder)
     gait = head.get("gait", "normal")
     base = _base(gait, table, folder)
     if "name" not in head:
         head["name"] = name
     head.setdefault("steps", base.gait.steps)
+    find_profile(SweepDefinition(**head).profile)  # what is wrong is told in the order of the file
     fixed = _fixed(_plain_table(table, "set"))
-    definition = SweepDefinition(
-        **head, limits=Limits(**limits), set=fixed, vary=read_blocks(table.get("vary", []), fixed), base=base
-    )
-    find_profile(definition.profile)
-    _ = definition.run  # what all runs share must be possible
-    return definition
+    bounds = Limits(**limits)
+    base.replace(fixed)  # what all runs share must be possible
+    blocks = read_blocks(table.get("vary", []), fixed)
+    return SweepDefinition(**head, limits=bounds, set=fixed, vary=blocks, base=base)
 
 
 def _plain_table(table: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -229,6 +230,20 @@ def _base(gait: str, table: Mapping[str, Any], folder: Path | None) -> RunParame
         return load_run(gait)
     beside = (folder or Path()) / gait
     return load_run(beside if beside.is_file() else gait)
+
+
+def _instrument(name: str, folder: Path | None) -> str:
+    """Name of an instrument that there is; one in a file beside the sweep is found from everywhere.
+
+    Raises:
+        InputError: there is none.
+    """
+    from validation.instruments.model import load_instrument  # loads all that measures
+
+    beside = (folder or Path()) / name
+    found = str(beside.resolve()) if beside.is_file() else name
+    load_instrument(found)
+    return found
 
 
 def _fixed(table: Mapping[str, Any]) -> dict[str, Value]:

@@ -354,7 +354,8 @@ def print_dry_run(dry: DryRun) -> None:
     print_line(
         f"  time              {duration_text(dry.wall_clock)} with {dry.workers} "
         f"worker{'s' if dry.workers > 1 else ''}: {duration_text(dry.processor)} of processor time for "
-        f"{duration_text(dry.simulated)} of walking and at most {_count(probe.motions)} whole-body motions"
+        f"{duration_text(dry.simulated)} of walking and at most {_count(probe.motions)} new "
+        f"motion{'' if probe.motions == 1 else 's'}"
     )
     print_line(
         f"  assumed           {rates.real_time_factor():.1f} times real time at 500 Hz and 2 ms, "
