@@ -11,23 +11,22 @@ joint torques of that step under the planned ground force are all that is looked
 
 from __future__ import annotations
 
-import contextlib
-import math
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import least_squares
 
-from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
+from ampm.certificate import WAYS_OUT, Certificate, Untunable
+from ampm.choice_search import ENOUGH, ChoiceSearch, Trial
+from ampm.exceptions import BodilyRefusal, RefusedGait
 from ampm.feasibility import check_body
 from ampm.free_choices import FREE_KEYS, FreeChoices, named_keys
 from ampm.gait import GaitPlan, plan_gait
-from ampm.gait_limits import LIMITS, orbit_margins, plan_margins
+from ampm.gait_limits import LIMITS
 from ampm.inverse_kinematics import Unreachable
-from ampm.orbit import RoughOrbit, RoughOrbits, solve_motion
+from ampm.orbit import RoughOrbits, solve_motion
 from ampm.parameters import GaitParameters, RunParameters
 
 if TYPE_CHECKING:
@@ -41,52 +40,10 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _NODES = (32, 14)  # intervals of the grid in single and double support
-_DIFFERENCE = 0.015  # step of finite differences, as a share of a choice's range
-_FAILED = 6.0  # residual of a choice for which there is no periodic step
-_PULL = 0.06  # weight of the distance to the guess
-_SWEEPS = 12  # points at which one search may ask for a Jacobian
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
 _BUDGET = 2000  # integrated steps after which no new way is begun
 _TIGHT = 0.3  # margin below which a limit is named as what ended a way
-_ENOUGH = 0.9  # share of the wanted margins at which a search ends
 _HOPELESS = -0.5  # margin at which a path is given up
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """Why nothing was found: the limit that stayed broken, and the best that was reached.
-
-    Attributes:
-        limit: name in :data:`LIMITS`, or the reason of another refusal.
-        what: what was measured.
-        value: best value over all choices that were tried while the other limits were broken least.
-        bound: what it should have met.
-        unit: of both.
-        tried: how many choices had been tried.
-        choice: free choices of that best value, by namespaced key.
-        where: clause about an easier gait at which the search ended, if it did not reach the one asked for.
-    """
-
-    limit: str
-    what: str
-    value: float
-    bound: float
-    unit: str
-    tried: int
-    choice: Mapping[str, float]
-    where: str = ""
-
-    def __str__(self) -> str:
-        """One clause."""
-        if self.limit not in LIMITS:
-            return self.what + self.where
-        limit = LIMITS[self.limit]
-        most = limit.comfort < limit.bound
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        return (
-            f"{self.what} is {self.value:.4g}{unit} at best, {self.tried} choices tried, and must be "
-            f"{'at most' if most else 'at least'} {self.bound:.4g}{unit}{self.where}"
-        )
 
 
 @dataclass(frozen=True)
@@ -108,188 +65,6 @@ class Tuned:
     found: Mapping[str, float | str]
     margins: Mapping[str, float]
     tried: int
-
-
-@dataclass
-class _Trial:
-    """One choice that was looked at.
-
-    Attributes:
-        x: free unknowns.
-        run: complete, None where the formula has no solution.
-        values: limit to value; those of the orbit are missing where there is none.
-        orbit: the periodic step, if there is one.
-        why: why there is none.
-    """
-
-    x: Array
-    run: RunParameters | None = None
-    plan: GaitPlan | None = None
-    values: dict[str, float] = field(default_factory=dict)
-    orbit: RoughOrbit | None = None
-    why: Unreachable | None = None
-
-    @property
-    def whole(self) -> bool:
-        """Whether all limits have a value."""
-        return self.orbit is not None
-
-    def margins(self) -> dict[str, float]:
-        """Normalised margins of the limits that have a value."""
-        return {name: LIMITS[name].margin(value) for name, value in self.values.items()}
-
-    def worst(self) -> float:
-        """Least normalised margin; minus infinity where there is no periodic step."""
-        return min(self.margins().values()) if self.whole else -math.inf
-
-
-class _Search:
-    """Least squares over one space.
-
-    Args:
-        space: the free choices.
-        base: the guess, for what is not free, and to stay near to.
-        orbits: solver of periodic steps.
-        robot: the body.
-        say: called with a line of text now and then.
-        influence: choice to the change of the orbit per unit of it, as far as it is known; grows here.
-    """
-
-    def __init__(
-        self,
-        space: FreeChoices,
-        base: Mapping[str, float],
-        orbits: RoughOrbits,
-        robot: Robot,
-        say: Callable[[str], None],
-        influence: dict[str, Array] | None = None,
-    ) -> None:
-        self.influence: dict[str, Array] = {} if influence is None else influence
-        self.space, self.base, self.orbits, self.robot, self.say = space, base, orbits, robot, say
-        self.guess = np.clip([base[name] for name in space.names], space.lower, space.upper)
-        self.trials: list[_Trial] = []
-        self.near: _Trial | None = None
-        self._kept: dict[bytes, _Trial] = {}
-        self.wanted, self.pull = 1.0, _PULL
-
-    def look(self, x: Array, near: _Trial | None, *, again: bool = False) -> _Trial:
-        """Judge one choice, from the orbit of another; ``again`` if that may lead where others did not."""
-        key = x.tobytes()
-        if key in self._kept and not (again and not self._kept[key].whole):
-            return self._kept[key]
-        trial = _Trial(np.array(x))
-        self._judge(trial, near)
-        self._kept[key] = trial
-        self.trials.append(trial)
-        return trial
-
-    def _judge(self, trial: _Trial, near: _Trial | None) -> None:
-        space, description = self.space, self.space.description
-        try:
-            run = space.parameters(space.values(trial.x, self.base))
-            plan = plan_gait(
-                run.gait.model_copy(update={"steps": 2}), mass=run.body.mass, foot=run.foot, sole=space.sole
-            )
-        except (RefusedGait, InputError):  # what is named may not fit what is tried
-            return
-        trial.run, trial.plan = run, plan
-        trial.values = plan_margins(plan, run, description)
-        try:
-            trial.orbit = self._orbit(trial, plan, run.body.lean, near)
-        except Unreachable as error:
-            trial.why = error
-            return
-        trial.values |= orbit_margins(trial.orbit, plan, self.robot)
-
-    def _orbit(self, trial: _Trial, plan: GaitPlan, lean: float, near: _Trial | None) -> RoughOrbit:
-        """The orbit of a choice, from where the choices' known influence puts it, or else from the neighbour.
-
-        Raises:
-            Unreachable: there is none, or none was found.
-        """
-        if near is None:
-            return self.orbits.solve(plan, lean)
-        moved = [(name, dx) for name, dx in zip(self.space.names, trial.x - near.x, strict=True) if dx]
-        if moved and all(name in self.influence for name, _ in moved):
-            shift = np.sum([dx * self.influence[name] for name, dx in moved], axis=0)
-            with contextlib.suppress(Unreachable):
-                return self.orbits.solve(plan, lean, near.orbit, shift)
-        return self.orbits.solve(plan, lean, near.orbit)
-
-    def residuals(self, trial: _Trial) -> Array:
-        """What is missing to comfort, limit by limit, and the distance to the guess."""
-        margins = trial.margins()
-        missing = np.array(
-            [_missing(margins[name], self.wanted) if name in margins else _FAILED for name in LIMITS]
-        )
-        if not trial.whole:
-            missing = np.maximum(missing, 0.5 * _FAILED)
-        return np.concatenate([missing, self.pull * (trial.x - self.guess) / self.space.slack])
-
-    def _value(self, x: Array) -> Array:
-        trial = self.look(x, self.near)
-        return self.residuals(trial)
-
-    def _jacobian(self, x: Array) -> Array:
-        here = self.look(x, self.near)
-        if here.whole:
-            self.near = here
-        if here.worst() >= _ENOUGH * self.wanted:
-            raise _Comfortable(here)
-        base = self.residuals(here)
-        jacobian = np.zeros((len(base), len(x)))
-        for j in range(len(x)):
-            step = _DIFFERENCE * (self.space.upper[j] - self.space.lower[j])
-            for sign in (1.0, -1.0) if x[j] + step <= self.space.upper[j] else (-1.0,):
-                moved = x.copy()
-                moved[j] += sign * step
-                if not self.space.lower[j] <= moved[j] <= self.space.upper[j]:
-                    continue
-                trial = self.look(moved, self.near)
-                if trial.orbit is not None and here.orbit is not None:
-                    shift = self.orbits.difference(here.orbit, trial.orbit)
-                    self.influence[self.space.names[j]] = shift / (sign * step)
-                if trial.whole == here.whole:
-                    jacobian[:, j] = (self.residuals(trial) - base) / (sign * step)
-                    break
-        self.say(f"worst margin {here.worst():.2f} after {len(self.trials)} choices")
-        return jacobian
-
-    def minimise(
-        self, start: Array, *, wanted: float = 1.0, pull: float = _PULL, sweeps: int = _SWEEPS
-    ) -> _Trial:
-        """Least squares from a start that has an orbit; the trial with the least residuals."""
-        self.wanted, self.pull = wanted, pull
-        try:
-            found = least_squares(
-                self._value,
-                np.clip(start, self.space.lower + 1e-9, self.space.upper - 1e-9),
-                jac=self._jacobian,
-                bounds=(self.space.lower, self.space.upper),
-                x_scale=self.space.slack,
-                method="trf",
-                ftol=5e-3,
-                xtol=1e-3,
-                gtol=1e-6,
-                max_nfev=sweeps,
-            )
-        except _Comfortable as end:
-            return end.trial
-        return self.look(found.x, self.near)
-
-
-class _Comfortable(Exception):
-    """The search may end: every margin is wide enough."""
-
-    def __init__(self, trial: _Trial) -> None:
-        super().__init__()
-        self.trial = trial
-
-
-def _missing(margin: float, wanted: float) -> float:
-    """Shortfall of a margin; far ones grow slowly, so that one hopeless limit does not drown the others."""
-    short = max(0.0, wanted - margin)
-    return 0.5 * short * (1.0 + short) if short < 2.0 else 3.0 + math.log(short - 1.0)
 
 
 def tune(
@@ -325,10 +100,10 @@ def tune(
     if _twists(space, robot, say):
         try:
             return _confirmed(*_tune(quiet, robot, say), cache)
-        except RefusedGait:
-            return _confirmed(*_tune(space, robot, say), cache)
+        except RefusedGait as refused:
+            return _otherwise(space, robot, say, cache, refused)
     search, best = _tune(space, robot, say, patient=True)
-    if best.margins()["twist"] < _ENOUGH:
+    if best.margins()["twist"] < ENOUGH:
         try:
             return _confirmed(*_tune(quiet, robot, say), cache)
         except RefusedGait:
@@ -336,16 +111,32 @@ def tune(
     return _confirmed(search, best, cache)
 
 
+def _otherwise(
+    space: FreeChoices, robot: Robot, say: Callable[[str], None], cache: Path | None, first: RefusedGait
+) -> Tuned:
+    """The other choice for L_z, after the first was refused.
+
+    Raises:
+        RefusedGait: it is refused as well; of the two refusals, the one that came nearer to its limit.
+    """
+    try:
+        return _confirmed(*_tune(space, robot, say), cache)
+    except Untunable as second:
+        if isinstance(first, Untunable):
+            raise max(second, first, key=lambda refusal: refusal.certificate.margin) from None
+        raise
+
+
 def _twists(space: FreeChoices, robot: Robot, say: Callable[[str], None]) -> bool:
     """Whether the guess already twists harder on the floor than is comfortable."""
-    search = _Search(space, space.guess(), RoughOrbits(robot, space.run, _NODES), robot, say)
+    search = ChoiceSearch(space, space.guess(), RoughOrbits(robot, space.run, _NODES), robot, say)
     start = _standing_start(search)
-    return start is not None and start.margins()["twist"] < _ENOUGH
+    return start is not None and start.margins()["twist"] < ENOUGH
 
 
 def _tune(
     space: FreeChoices, robot: Robot, say: Callable[[str], None], *, patient: bool = False
-) -> tuple[_Search, _Trial]:
+) -> tuple[ChoiceSearch, Trial]:
     """The best choice, with the search that found it.
 
     Args:
@@ -358,7 +149,7 @@ def _tune(
         RefusedGait: there is none.
     """
     guess = space.guess()
-    search = _Search(space, guess, RoughOrbits(robot, space.run, _NODES), robot, say)
+    search = ChoiceSearch(space, guess, RoughOrbits(robot, space.run, _NODES), robot, say)
     start = _standing_start(search)
     best = _settle(search, start) if start is not None else None
     farthest: _Farthest | None = None
@@ -373,7 +164,7 @@ def _tune(
                 break
     whole = [trial for trial in search.trials if trial.whole]
     if whole and (best is None or best.worst() < 0.0):
-        best = max(whole, key=_Trial.worst)
+        best = max(whole, key=Trial.worst)
     if best is None or best.worst() < 0.0:
         raise _refusal(search, best, farthest)
     return search, best
@@ -391,14 +182,14 @@ class _Farthest:
     """
 
     share: float
-    search: _Search
-    trial: _Trial
+    search: ChoiceSearch
+    trial: Trial
     why: Unreachable | None = None
 
 
 def _follow(
     easy: GaitParameters,
-    search: _Search,
+    search: ChoiceSearch,
     say: Callable[[str], None],
     *,
     careful: bool = False,
@@ -417,7 +208,7 @@ def _follow(
     space, orbits, robot = search.space, search.orbits, search.robot
     first = space.between(easy, 0.0)
     try:
-        here = _Search(first, first.guess(), orbits, robot, say, search.influence)
+        here = ChoiceSearch(first, first.guess(), orbits, robot, say, search.influence)
     except RefusedGait:
         return None
     start = _standing_start(here)
@@ -434,7 +225,7 @@ def _follow(
                 base = place.guess()
             except RefusedGait:
                 base = dict(search.base)
-            follow = _Search(place, base, orbits, robot, say, search.influence)
+            follow = ChoiceSearch(place, base, orbits, robot, say, search.influence)
         trial = _stepped(follow, farthest.trial)
         say(f"{there:.0%} of the way: {'a periodic step' if trial.whole else trial.why or 'no plan'}")
         if not trial.whole or (careful and stride > 0.1 and trial.worst() < _HOPELESS):
@@ -452,7 +243,7 @@ def _follow(
     return farthest
 
 
-def _stepped(follow: _Search, last: _Trial) -> _Trial:
+def _stepped(follow: ChoiceSearch, last: Trial) -> Trial:
     """The last choice on the way, at the next place; its COM lowered if the legs do not reach otherwise."""
     x = last.x
     trial = follow.look(x, last, again=True)
@@ -473,7 +264,7 @@ def _stepped(follow: _Search, last: _Trial) -> _Trial:
     return trial
 
 
-def _standing_start(search: _Search) -> _Trial | None:
+def _standing_start(search: ChoiceSearch) -> Trial | None:
     """The guess, its COM lowered until there is a periodic step."""
     drops = _DROPS if "height" in search.space.names else _DROPS[:1]
     for drop in drops:
@@ -488,7 +279,7 @@ def _standing_start(search: _Search) -> _Trial | None:
     return None
 
 
-def _settle(search: _Search, start: _Trial) -> _Trial:
+def _settle(search: ChoiceSearch, start: Trial) -> Trial:
     """Comfort first; where a limit stays broken, only what the limits need."""
     best = search.minimise(start.x)
     if best.worst() < 0.0:
@@ -498,11 +289,11 @@ def _settle(search: _Search, start: _Trial) -> _Trial:
             best = harder
     whole = [trial for trial in search.trials if trial.whole]
     if best.worst() < 0.0 and whole:
-        best = max(whole, key=_Trial.worst)
+        best = max(whole, key=Trial.worst)
     return best
 
 
-def _confirmed(search: _Search, best: _Trial, cache: Path | None) -> Tuned:
+def _confirmed(search: ChoiceSearch, best: Trial, cache: Path | None) -> Tuned:
     """The choice with its plan over all steps and its motion on the fine grid."""
     space, robot = search.space, search.robot
     if best.run is None:
@@ -525,7 +316,7 @@ def _confirmed(search: _Search, best: _Trial, cache: Path | None) -> Tuned:
     )
 
 
-def _unconfirmed(error: BodilyRefusal, run: RunParameters, search: _Search) -> Untunable:
+def _unconfirmed(error: BodilyRefusal, run: RunParameters, search: ChoiceSearch) -> Untunable:
     """The refusal of the best choice by the checks that every gait has to pass."""
     choice = {k: float(v) for k, v in _found(run, search.space).items() if isinstance(v, float)}
     what = str(error).partition(";")[0]
@@ -558,38 +349,7 @@ def _found(run: RunParameters, space: FreeChoices) -> dict[str, float | str]:
     return values
 
 
-class Untunable(BodilyRefusal):
-    """No choice was found.
-
-    Attributes:
-        certificate: which limit, and the best that was reached.
-    """
-
-    def __init__(self, message: str, certificate: Certificate, *, reason: str, way_out: str) -> None:
-        super().__init__(
-            message,
-            reason=reason,
-            value=certificate.value,
-            limit=certificate.bound,
-            unit=certificate.unit,
-            way_out=way_out,
-        )
-        self.certificate = certificate
-
-
-_WAYS_OUT = {
-    **dict.fromkeys(
-        (name for name in LIMITS if name.endswith("_torque")),
-        "lower gait.switching_velocity, or bring gait.c_s and gait.c_y nearer to 1",
-    ),
-    "trunk": "bring gait.c_s and gait.c_y nearer to 1",
-    "arms": "bring gait.c_s and gait.c_y nearer to 1",
-    "friction": "bring gait.c_s nearer to 1 or shorten gait.step_length",
-    "mid_stance": "raise gait.switching_velocity, shorten gait.step_length or lower gait.c_s",
-}
-
-
-def _refusal(search: _Search, best: _Trial | None, farthest: _Farthest | None) -> Untunable:
+def _refusal(search: ChoiceSearch, best: Trial | None, farthest: _Farthest | None) -> Untunable:
     """The limit that stayed broken in the best of all choices, or where the way to the gait ended."""
     tried = len(search.trials)
     where = ""
@@ -626,5 +386,5 @@ def _refusal(search: _Search, best: _Trial | None, farthest: _Farthest | None) -
         f"no choice of timing, heights and angles lets this body walk the gait: {certificate}",
         certificate,
         reason=reason,
-        way_out=_WAYS_OUT.get(name, "shorten gait.step_length, or bring gait.c_s and gait.c_y nearer to 1"),
+        way_out=WAYS_OUT.get(name, "shorten gait.step_length, or bring gait.c_s and gait.c_y nearer to 1"),
     )

@@ -11,6 +11,7 @@ import pinocchio as pin
 import pyarrow.parquet as pq
 import pytest
 
+from ampm.certificate import Untunable
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.feasibility import check_body
 from ampm.free_choices import FREE_KEYS, FreeChoices, named_keys
@@ -19,7 +20,7 @@ from ampm.gait_limits import LIMITS, plan_margins
 from ampm.orbit import RoughOrbits
 from ampm.parameters import dump_run, keys, load_run
 from ampm.step_torques import step_torques
-from ampm.tuning import Untunable, tune
+from ampm.tuning import tune
 from validation import campaign
 from validation.cli import Status, call
 from validation.planning import make_body

@@ -118,7 +118,8 @@ def landmarks() -> list[Case]:
 def walk(case: Case, steps: int) -> dict[str, Any]:
     """Tune and walk one gait; a row of the table."""
     # Here, not above: a worker imports what it needs once, and drawing needs none of it.
-    from ampm.tuning import Untunable, tune
+    from ampm.certificate import Untunable
+    from ampm.tuning import tune
     from validation.bridge import to_pinocchio
     from validation.compare import compare
     from validation.measure import measure
