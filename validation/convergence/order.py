@@ -128,7 +128,9 @@ def estimate(values: Sequence[float], ratio: float, *, forbidden: str = "") -> E
     last = abs(values[-1] - values[-2])
     doubt = forbidden or _doubt(values, orders)
     if doubt:
-        beyond = UNCONFIRMED * last / (ratio**FORMAL_ORDER - 1.0)
+        # The larger of the last two changes, at formal order: a small last one may be small by chance.
+        before = abs(values[-2] - values[-3]) / ratio**FORMAL_ORDER if len(values) > 2 else 0.0
+        beyond = UNCONFIRMED * max(last, before) / (ratio**FORMAL_ORDER - 1.0)
         reason = f"{NO_RANGE}: {doubt}"
         return Estimate(Kind.NO_RANGE, orders, None, None, spread + beyond, beyond, UNCONFIRMED, reason)
     order = orders[-1]

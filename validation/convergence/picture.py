@@ -89,8 +89,11 @@ def _draw_numerical(axes: Axes, study: Study, items: Sequence[MetricStudy]) -> N
         )
         top = max(top, float(np.nanmax(error, initial=_LEAST)))
     axes.set_xscale("log")
-    axes.set_yscale("log")
-    if top > _LEAST:
+    if top == _LEAST:  # nothing that a logarithmic axis could hold
+        axes.set_ylim(0.0, 1.0)
+        axes.text(0.5, 0.5, "no change but rounding", transform=axes.transAxes, ha="center", va="center")
+    else:
+        axes.set_yscale("log")
         for order in (1, 2):
             guide = 2.5 * top * (steps / steps[0]) ** order
             axes.plot(steps, guide, color="0.6", lw=0.8, ls=":")
