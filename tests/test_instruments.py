@@ -387,3 +387,25 @@ def test_command_refuses_what_is_no_run(tmp_path, capsys):
     assert "run.toml" in capsys.readouterr().err
     assert call(["instrument", str(tmp_path), "--instrument", "imuu"]) == Status.REFUSED
     assert "did you mean 'imu'" in capsys.readouterr().err
+
+
+def test_a_trial_with_an_instrument_keeps_and_shows_it(run_of, tmp_path, capsys):
+    out = tmp_path / "run"
+    arguments = ["validate", "normal", "--steps", "2", "--instrument", "force-plate", "--out", str(out)]
+    assert call(arguments) == Status.PASS
+    assert "instrument        force-plate shows the ZMP" in capsys.readouterr().out
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert call(["instrument", str(out), "--json"]) == Status.PASS
+    again = json.loads(capsys.readouterr().out)
+    assert summary["instrument"] == again, "the same from memory as from the folder"
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert 'id="instrument"' in page
+    assert pq.read_table(out / "instrument.parquet").num_rows == load_record(out).steps
+    assert call([*arguments, "--force"]) == Status.PASS  # the folder is still known as a run's
+
+
+def test_an_unknown_instrument_is_refused_before_anything_walks(tmp_path, capsys):
+    arguments = ["validate", "normal", "--instrument", "imuu", "--out", str(tmp_path / "run")]
+    assert call(arguments) == Status.REFUSED
+    assert "did you mean 'imu'" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()

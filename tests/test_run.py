@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from validation.cli import Status, call
-from validation.folders import RUN_FILES
+from validation.folders import INSTRUMENT_FILE, RUN_FILES
 from validation.record import JOINTS_FILE, first_difference, load_record
 from validation.signals import COLUMNS
 
@@ -34,7 +34,7 @@ def walked(tmp_path_factory):
 def test_trial_passes_and_fills_its_folder(walked):
     out, answer = walked
     assert answer.returncode == Status.PASS, answer.stderr
-    assert {path.name for path in out.iterdir()} == RUN_FILES
+    assert {path.name for path in out.iterdir()} == RUN_FILES - {INSTRUMENT_FILE}
     assert "Traceback" not in answer.stderr
 
 
@@ -206,7 +206,7 @@ import os, signal, sys
 from validation import rerun_log, trial
 from validation.entry import main
 
-module, name = (trial, "measure") if sys.argv.pop(1) == "measurement" else (rerun_log, "write_recording")
+module, name = (trial, "measure") if sys.argv.pop(1) == "measurement" else (rerun_log, "record_run")
 original = getattr(module, name)
 
 class Swallows:

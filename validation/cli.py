@@ -196,6 +196,14 @@ def validate(
             "Repeatable, one per gait.",
         ),
     ] = None,
+    instrument: Annotated[
+        str | None,
+        typer.Option(
+            "--instrument",
+            metavar="NAME|FILE",
+            help="Also show the ZMP as force-plate, foot-ft, imu or an instrument of your own (TOML) would.",
+        ),
+    ] = None,
     debug: Debug = False,
 ) -> int:
     """Plan, walk, measure and judge: the trial. Leaves a verdict, a recording and a report.
@@ -218,7 +226,11 @@ def validate(
     if known and not tune:
         for request in requests:  # all of them before any walks
             matching(known, request)
-    options = run.Options(profile=profiles.profile(profile), force=force)
+    options = run.Options(
+        profile=profiles.profile(profile),
+        force=force,
+        instrument=None if instrument is None else _instrument(instrument),
+    )
     targets = run.targets(requests, out, force=force)
     narrator = Narrator()
     answers: list[dict[str, Any]] = []
@@ -419,6 +431,13 @@ def figures(
 
 
 cli_sweeps.register(app)
+
+
+def _instrument(name: str) -> Any:
+    """Load an instrument; only those who ask for one pay for its imports."""
+    from validation.instruments import load_instrument
+
+    return load_instrument(name)
 
 
 def _status(summary: dict[str, Any]) -> Status:

@@ -16,6 +16,9 @@ from pathlib import Path
 
 from ampm.exceptions import InputError
 
+INSTRUMENT_FILE = "instrument.parquet"
+"""What an instrument shows of the run; only there if one was asked for."""
+
 RUN_FILES = frozenset(
     {
         "run.toml",
@@ -29,6 +32,7 @@ RUN_FILES = frozenset(
         "ticks.parquet",
         "recording.rrd",
         "report.html",
+        INSTRUMENT_FILE,
     }
 )
 """All that a run folder may hold; a folder with anything else in it is never replaced."""

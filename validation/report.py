@@ -143,6 +143,7 @@ def _context(saved: SavedRun) -> dict[str, Any]:
         "windows": _window_table(summary),
         "split": _split_rows(summary),
         "solver": _solver_rows(summary),
+        "instrument": _instrument(saved),
         "motion": _plain_rows(summary.get("motion")),
         "parameters": _parameters(saved.parameters),
         "environment": _plain_rows(summary.get("environment")),
@@ -150,6 +151,15 @@ def _context(saved: SavedRun) -> dict[str, Any]:
         "pictures_by_section": pictures,
         "events": _events(saved),
     }
+
+
+def _instrument(saved: SavedRun) -> dict[str, Any] | None:
+    """What an instrument shows, if the run was looked at with one."""
+    if saved.summary.get("instrument") is None:
+        return None
+    from validation.instruments.page import instrument_section
+
+    return instrument_section(saved)
 
 
 # --------------------------------------------------------------------------------------------- figures

@@ -13,25 +13,30 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import datetime
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import InputError
 from ampm.parameters import dump_run
+from validation.bridge import to_pinocchio
 from validation.compare import Comparison
 from validation.console import Silent, json_ready
 from validation.convergence.uncertainty import Uncertainty
 from validation.entry import interruption
 from validation.environment import describe_environment
-from validation.folders import RUN_FILES, check_run_folder, run_folder
-from validation.measure import MeasuredGait
+from validation.folders import INSTRUMENT_FILE, RUN_FILES, check_run_folder, run_folder
+from validation.measure import MeasuredGait, measure
 from validation.planning import Planned, Request, plan
 from validation.profiles import DEFAULT, Profile
-from validation.record import OutcomeName, SimulationRecord, save_record
+from validation.record import OutcomeName, SimulationRecord, load_record, save_record
 from validation.signals import save_signals, signals_table
 from validation.simulate import simulate
 from validation.trial import examine
 from validation.verdict import Verdict, build_summary
+
+if TYPE_CHECKING:
+    from validation.instruments import Instrument
 
 RUNS = Path("runs")
 """Where runs go that were given no place of their own."""
@@ -46,12 +51,14 @@ class Options:
         force: replace an earlier run in the same folder.
         recording: write ``recording.rrd`` and ``report.html``; both can be written later from the folder.
         uncertainty: of the metrics, from a convergence study; None judges the values as they are.
+        instrument: shown beside the simulator's truth, see :mod:`validation.instruments`; None for none.
     """
 
     profile: Profile = DEFAULT
     force: bool = False
     recording: bool = True
     uncertainty: Uncertainty | None = None
+    instrument: Instrument | None = None
 
 
 @dataclass(frozen=True)
@@ -60,21 +67,29 @@ class Trial:
 
     Attributes:
         planned: plan and motion.
-        record: of the simulation.
-        measured: blind to the plan.
-        comparison: with the plan.
+        comparison: of the measurement with the plan.
         verdict: of the profile.
         summary: contents of ``summary.json``.
         directory: the run folder.
     """
 
     planned: Planned
-    record: SimulationRecord
-    measured: MeasuredGait
     comparison: Comparison
     verdict: Verdict
     summary: dict[str, Any]
     directory: Path
+
+    @cached_property
+    def record(self) -> SimulationRecord:
+        """Of the simulation, read back from the folder: nobody else needs its memory until then."""
+        return load_record(self.directory)
+
+    @cached_property
+    def measured(self) -> MeasuredGait:
+        """Blind to the plan; measured again, to the same bits."""
+        if self.planned.body is None:
+            raise TypeError("a trial needs a body")
+        return measure(self.record, self.planned.body.robot.model, to_pinocchio)
 
 
 def targets(asked: Sequence[Request], out: Path | None, *, force: bool) -> list[Path]:
@@ -135,66 +150,100 @@ def validate(
         (folder / "model.xml").write_text(body.model.xml, encoding="utf-8")
         _write_json(folder / "environment.json", environment)
         try:
-            with clock.stage("simulation", "steps") as advance:
-
-                def progress(done: int, total: int) -> None:
-                    interruption.check()
-                    advance(done, total)
-
-                record = simulate(
-                    planned.plan, motion, asked.run, body.model, steps=asked.run.gait.steps, progress=progress
-                )
-                if record.outcome.name == OutcomeName.INTERRUPTED:
-                    interruption.acknowledge()
-                else:
-                    interruption.hold()
-            save_record(record, folder)
-            with clock.stage("measurement"):
-                known = options.uncertainty
-                found = examine(planned, record, options.profile, None if known is None else known.values)
-                signals = signals_table(
-                    planned.plan,
-                    record,
-                    found.measured,
-                    found.comparison,
-                    motion_angular_momentum_z=found.motion_angular_momentum_z,
-                )
-                save_signals(signals, folder / "signals.parquet")
-                summary = build_summary(
-                    record,
-                    found.measured,
-                    found.comparison,
-                    found.verdict,
-                    timing=clock.timing(record),
-                    environment=environment,
-                    extra={
-                        "gait": asked.name,
-                        "motion": motion.report.as_dict(),
-                        "standing": asdict(found.standing),
-                        "memory_peak": {"value": _memory_peak(), "unit": "MB"},
-                        **({} if known is None else {"uncertainty": known.as_dict()}),
-                    },
-                )
-                _write_json(folder / "summary.json", summary)
+            comparison, verdict, summary = _walk(planned, folder, options, clock, environment)
         finally:
             interruption.release()
         if options.recording and not interruption.pending:
             late = _draw(folder, target, clock)
     if late is not None:
         raise late
-    return Trial(planned, record, found.measured, found.comparison, found.verdict, summary, target)
+    return Trial(planned, comparison, verdict, summary, target)
+
+
+def _walk(
+    planned: Planned, folder: Path, options: Options, clock: _Clock, environment: dict[str, Any]
+) -> tuple[Comparison, Verdict, dict[str, Any]]:
+    """Walk, measure and judge, and write all that says so; record and measurement are given up at the end."""
+    asked, body, motion = planned.request, planned.body, planned.motion
+    if body is None or motion is None:
+        raise TypeError("a trial needs a body")
+    with clock.stage("simulation", "steps") as advance:
+
+        def progress(done: int, total: int) -> None:
+            interruption.check()
+            advance(done, total)
+
+        record = simulate(
+            planned.plan, motion, asked.run, body.model, steps=asked.run.gait.steps, progress=progress
+        )
+        if record.outcome.name == OutcomeName.INTERRUPTED:
+            interruption.acknowledge()
+        else:
+            interruption.hold()
+    save_record(record, folder)
+    known = options.uncertainty
+    with clock.stage("measurement"):
+        found = examine(planned, record, options.profile, None if known is None else known.values)
+        signals = signals_table(
+            planned.plan,
+            record,
+            found.measured,
+            found.comparison,
+            motion_angular_momentum_z=found.motion_angular_momentum_z,
+        )
+        save_signals(signals, folder / "signals.parquet")
+    timing = clock.timing(record)
+    extra = {
+        "gait": asked.name,
+        "motion": motion.report.as_dict(),
+        "standing": asdict(found.standing),
+        "memory_peak": {"value": _memory_peak(), "unit": "MB"},
+        **({} if known is None else {"uncertainty": known.as_dict()}),
+    }
+    if options.instrument is not None:
+        with clock.stage("instrument"):
+            extra["instrument"] = _observe(options.instrument, planned, record, folder)
+    summary = build_summary(
+        record,
+        found.measured,
+        found.comparison,
+        found.verdict,
+        timing=timing,
+        environment=environment,
+        extra=extra,
+    )
+    _write_json(folder / "summary.json", summary)
+    return found.comparison, found.verdict, summary
+
+
+def _observe(
+    instrument: Instrument, planned: Planned, record: SimulationRecord, folder: Path
+) -> dict[str, Any]:
+    """Look at the walk with an instrument too: what it shows goes into a file, its error into the summary."""
+    from validation.instruments import observe_walk
+    from validation.instruments.table import observation_columns
+    from validation.samples import write_columns
+
+    seen = observe_walk(instrument, planned, record)
+    write_columns(observation_columns(seen), folder / INSTRUMENT_FILE)
+    return seen.as_dict()
 
 
 def _draw(folder: Path, target: Path, clock: _Clock) -> BaseException | None:
     """Write recording and report from the saved files; what goes wrong must not cost the run its folder."""
-    from validation.report import write_report
-    from validation.rerun_log import write_recording
-
     try:
         with clock.stage("recording"):
-            write_recording(folder)
+            # In here: importing the viewer's library is most of what the first recording costs.
+            from validation.rerun_log import record_run
+            from validation.saved import load_saved_run
+
+            saved = load_saved_run(folder)
+            record_run(saved)
+        saved.record.forget()
         with clock.stage("report"):
-            write_report(folder)
+            from validation.report import report_run
+
+            report_run(saved)
         interruption.check()
     except (Exception, KeyboardInterrupt) as error:
         error.add_note(f"the run itself is complete in {target}, and 'ampm report' draws it again")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -91,7 +92,21 @@ def cost(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
             f"{_micro(solver['time_median'])} median, {_micro(solver['time_p99'])} at the 99th percentile",
         ),
         ("speed", f"closed loop at {figure(timing['real_time_factor'], 3)} times real time"),
+        *_instrument(summary.get("instrument")),
     ]
+
+
+def _instrument(seen: Mapping[str, Any] | None) -> list[tuple[str, str]]:
+    """What an instrument makes of the ZMP, if one was asked for."""
+    if seen is None:
+        return []
+    causes = {
+        cause: math.hypot(*_numbers(windows["run"]["rmse"])) for cause, windows in seen["causes"].items()
+    }
+    known = {cause: size for cause, size in causes.items() if size == size}
+    most = f", most of it by {max(known, key=lambda c: known[c]).replace('_', ' ')}" if known else ""
+    off = " ".join(figure(1000 * value, 3) for value in _numbers(seen["zmp_error"]["run"]["rmse"]))
+    return [("instrument", f"{_escaped(seen['name'])} shows the ZMP x y {off} mm off (RMS){most}")]
 
 
 def _numbers(values: Any) -> list[float]:

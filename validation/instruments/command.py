@@ -73,9 +73,9 @@ def write_files(seen: Observation, plot: Path | None, out: Path | None, *, force
 
 def print_observation(seen: Observation) -> None:
     """Print the error and its causes."""
-    name = seen.instrument.name
-    print_table(f"{name}: error that it adds to the ZMP, mm", _COLUMNS, error_rows(seen))
-    print_table("each cause alone, whole walk, mm", _COLUMNS, cause_rows(seen))
+    name, found = seen.instrument.name, seen.as_dict()
+    print_table(f"{name}: error that it adds to the ZMP, mm", _COLUMNS, error_rows(found))
+    print_table("each cause alone, whole walk, mm", _COLUMNS, cause_rows(found))
     print_line(f"  latency           {1e3 * seen.latency:.3g} ms")
     error = seen.errors["run"]
     if error.unmeasured:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
-from validation.instruments.result import CAUSES, RUN, WINDOWS, Figures, Observation
+from validation.instruments.result import CAUSES, RUN, WINDOWS, Observation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
+
+Row = tuple[str, str, str, str, str]
 
 WINDOW_NAMES = dict(zip(WINDOWS, ("whole walk", "one foot on the floor", "both feet"), strict=True))
 
@@ -34,31 +38,36 @@ def observation_columns(seen: Observation) -> dict[str, NDArray[Any]]:
     return columns
 
 
-def error_rows(seen: Observation) -> list[tuple[str, str, str, str, str]]:
-    """Label, RMSE x and y, largest x and y [mm], of the errors and then of every cause."""
-    rows = []
-    for window, words in WINDOW_NAMES.items():
-        rows.append(_row(words, seen.errors[window]))
-    rows.append(_row("whole walk, latency taken out", seen.errors_compensated[RUN]))
-    rows.append(_row("whole walk, beyond the method", seen.errors_of_readings[RUN]))
+def error_rows(seen: Mapping[str, Any]) -> list[Row]:
+    """Label, RMSE x and y, largest x and y [mm], of the error.
+
+    Args:
+        seen: an observation as :meth:`Observation.as_dict` or a ``summary.json`` has it.
+    """
+    rows = [_row(words, seen["zmp_error"][window]) for window, words in WINDOW_NAMES.items()]
+    rows.append(_row("whole walk, latency taken out", seen["zmp_error_delay_compensated"][RUN]))
+    rows.append(_row("whole walk, beyond the method", seen["zmp_error_of_readings"][RUN]))
     return rows
 
 
-def cause_rows(seen: Observation) -> list[tuple[str, str, str, str, str]]:
-    """The same of every cause alone, the largest first."""
-    ordered = sorted(seen.causes.items(), key=lambda item: -_size(item[1][RUN]))
-    return [_row(CAUSES[cause], windows[RUN]) for cause, windows in ordered]
+def cause_rows(seen: Mapping[str, Any]) -> list[Row]:
+    """The same of every cause alone over the whole walk, the largest first."""
+    ordered = sorted(seen["causes"].items(), key=lambda item: -_size(item[1][RUN]))
+    return [_row(CAUSES.get(cause, cause), windows[RUN]) for cause, windows in ordered]
 
 
-def _size(item: Figures) -> float:
-    size = float(np.hypot(*item.rmse))
-    return size if np.isfinite(size) else -1.0
+def _size(item: Mapping[str, Any]) -> float:
+    x, y = item["rmse"]
+    return math.hypot(x, y) if _known(x) and _known(y) else -1.0
 
 
-def _row(label: str, item: Figures) -> tuple[str, str, str, str, str]:
-    x, y, most_x, most_y = (
-        "-" if not np.isfinite(v) else f"{1e3 * v:.3g}" for v in (*item.rmse, *item.maximum)
-    )
+def _known(value: float | None) -> TypeGuard[float]:
+    return value is not None and math.isfinite(value)
+
+
+def _row(label: str, item: Mapping[str, Any]) -> Row:
+    values = (*item["rmse"], *item["maximum"])
+    x, y, most_x, most_y = (f"{1e3 * value:.3g}" if _known(value) else "-" for value in values)
     return label, x, y, most_x, most_y
 
 
@@ -76,7 +85,7 @@ def draw(seen: Observation, *, steps_shown: float = 2.4) -> Figure:
     time = seen.time
     middle = 0.5 * (time[0] + time[-1]) if len(time) else 0.0
     rows = np.abs(time - middle) <= 0.5 * steps_shown
-    causes = sorted(seen.causes, key=lambda cause: _size(seen.causes[cause][RUN]))
+    causes = sorted(seen.causes, key=lambda cause: _size(seen.causes[cause][RUN].as_dict()))
     for column, axis in enumerate("xy"):
         upper, lower, bars = axes[:, column]
         true = seen.true_zmp[rows, column]
