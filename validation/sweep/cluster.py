@@ -8,13 +8,13 @@ dies takes no run along: the sweep itself decides what becomes of it.
 from __future__ import annotations
 
 import logging
+import math
 import os
 import signal
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from typing import Any
 
 import dask
@@ -49,36 +49,45 @@ _QUIET: dict[str, Any] = {
     "distributed.nanny.pre-spawn-environ": ONE_THREAD,
 }
 _COUNT_EVERY = 2.0
+_PATIENCE = 20.0  # time in which a nanny brings its worker up again [s]
+_VAIN = 4  # times that all workers may be replaced without one of them coming up
 _CLOSE_TIME = 10.0
 
 
-@dataclass
 class Crew:
-    """The workers of a sweep.
+    """The workers of a sweep, on whatever scheduler.
 
-    Attributes:
+    Args:
         client: of dask.
-        local: number of processes of our own, None on a scheduler given by address.
-        address: of the scheduler.
     """
 
-    client: Client
-    local: int | None
-    address: str
-    _size: int = 0
-    _counted: float = -1e9
+    def __init__(self, client: Client) -> None:
+        self.client = client
+        self._size, self._counted = 0, -math.inf
 
-    @property
     def size(self) -> int:
         """Workers at present; 0 while there are none yet."""
-        if self.local is not None:
-            return self.local
         now = time.monotonic()
         if now - self._counted > _COUNT_EVERY:
             self._counted = now
             with suppress(OSError, TimeoutError):
-                self._size = len(self.client.scheduler_info(n_workers=-1)["workers"])
+                self._size = self._count()
         return self._size
+
+    def tend(self) -> None:
+        """See that there are workers; called now and then.
+
+        Raises:
+            SweepStopped: the scheduler is gone, or no worker comes up.
+        """
+        if self.client.status in ("closed", "closing", "failed"):
+            raise SweepStopped(
+                "the dask scheduler is gone; every row until now is kept: start it again and go on with "
+                "--resume."
+            )
+
+    def _count(self) -> int:
+        return len(self.client.scheduler_info(n_workers=-1)["workers"])
 
     def restart(self, address: str) -> None:
         """End a worker's process and start it anew, without waiting for it."""
@@ -88,6 +97,47 @@ class Crew:
     async def _restart(self, address: str) -> None:
         with suppress(Exception):  # it may be gone by itself, or have nobody to restart it
             await self.client._restart_workers([address], timeout=60, raise_for_error=False)
+
+
+class LocalCrew(Crew):
+    """Processes of this machine.
+
+    A nanny starts a worker again that has died, but not one that dies while it starts; then another takes its
+    place here.
+
+    Args:
+        client: of dask.
+        cluster: without workers yet.
+        wanted: processes.
+    """
+
+    def __init__(self, client: Client, cluster: LocalCluster, wanted: int) -> None:
+        super().__init__(client)
+        self._cluster, self._wanted = cluster, wanted
+        self._short = time.monotonic()
+        self._vain = 0
+        cluster.scale(wanted)
+
+    def tend(self) -> None:
+        """See that there are workers, and replace those that are gone for good; see :meth:`Crew.tend`."""
+        super().tend()
+        now = time.monotonic()
+        missing = self._wanted - self._count()
+        if missing <= 0:
+            self._short, self._vain = now, 0
+        elif now - self._short > _PATIENCE:
+            self._vain = 0 if missing < self._wanted else self._vain + 1
+            if self._vain > _VAIN:
+                raise SweepStopped(
+                    "no worker process comes up on this machine; every row until now is kept: look for what "
+                    "ends them (memory?), and go on with --resume."
+                )
+            self._short = now
+            self._cluster.scale(len(self._cluster.worker_spec) + missing)
+
+    def _count(self) -> int:
+        scheduler = self._cluster.scheduler
+        return 0 if scheduler is None else len(scheduler.workers)
 
 
 def default_workers() -> int:
@@ -105,7 +155,7 @@ def local_crew(workers: int) -> Iterator[Crew]:
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             cluster = LocalCluster(
-                n_workers=workers,
+                n_workers=0,
                 threads_per_worker=1,
                 processes=True,
                 dashboard_address=None,
@@ -119,7 +169,7 @@ def local_crew(workers: int) -> Iterator[Crew]:
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         try:
-            yield Crew(client, workers, cluster.scheduler_address)
+            yield LocalCrew(client, cluster, workers)
         finally:
             _end_workers(cluster)
             with suppress(Exception):
@@ -156,19 +206,10 @@ def remote_crew(address: str, timeout: float = 30.0) -> Iterator[Crew]:
                 "scheduler', or leave the option out to run on this machine."
             ) from None
         try:
-            yield Crew(client, None, address)
+            yield Crew(client)
         finally:
             with suppress(Exception):
                 client.close(timeout=_CLOSE_TIME)
-
-
-def lost(client: Client) -> SweepStopped | None:
-    """The reason to stop if the scheduler is gone for good."""
-    if client.status in ("closed", "closing", "failed"):
-        return SweepStopped(
-            "the dask scheduler is gone; every row until now is kept: start it again and go on with --resume."
-        )
-    return None
 
 
 def _silence() -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import queue
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, Protocol
@@ -19,7 +19,7 @@ from uuid import uuid4
 from distributed import Future
 from distributed.scheduler import KilledWorker
 
-from validation.sweep.cluster import Crew, lost
+from validation.sweep.cluster import Crew
 from validation.sweep.columns import tidy
 from validation.sweep.exceptions import SweepStopped
 from validation.sweep.rows import (
@@ -86,14 +86,22 @@ class Execution:
         todo: rows that need no worker, and tasks that do, in any order.
         sink: where rows go.
         watcher: who is told.
+        work: what a worker does with a task.
     """
 
     def __init__(
-        self, crew: Crew, todo: Iterator[dict[str, Any] | Task], sink: Sink, watcher: Watcher
+        self,
+        crew: Crew,
+        todo: Iterator[dict[str, Any] | Task],
+        sink: Sink,
+        watcher: Watcher,
+        work: Callable[[Task], Answer] = walk_task,
     ) -> None:
         self._crew, self._todo, self._sink, self._watcher = crew, todo, sink, watcher
+        self._work = work
         self._topic = f"ampm-{uuid4().hex[:12]}"
         self._again: deque[Task] = deque()
+        self._suspects: deque[Task] = deque()  # last of all, so that they hold up nothing else
         self._flying: dict[str, _Flight] = {}  # by key of the future
         self._deaths: dict[int, int] = {}
         self._events: queue.SimpleQueue[tuple[str, Any, float]] = queue.SimpleQueue()
@@ -112,15 +120,14 @@ class Execution:
         try:
             while True:
                 self._fill()
-                if not self._flying and self._exhausted and not self._again:
+                if not (self._flying or self._again or self._suspects) and self._exhausted:
                     break
                 self._take(_WAIT if not self._rows else min(_WAIT, self._until_flush()))
                 self._look_at_clocks()
                 if self._rows and (self._until_flush() <= 0.0 or len(self._rows) >= _BATCH):
                     self._flush()
-                if stopped := lost(self._crew.client):
-                    raise stopped
-                self._watcher.tick(self._crew.size)
+                self._crew.tend()
+                self._watcher.tick(self._crew.size())
         except SweepStopped:
             self._salvage()
             raise
@@ -136,7 +143,7 @@ class Execution:
         if self._crew.client.status != "running":  # the connection is lost, and sought again
             return
         end = time.monotonic() + _FILL
-        room = PER_WORKER * max(1, self._crew.size)
+        room = PER_WORKER * max(1, self._crew.size())
         while len(self._flying) < room:
             if self._again:
                 self._send(self._again.popleft())
@@ -144,7 +151,9 @@ class Execution:
             item = None if self._exhausted else next(self._todo, None)
             if item is None:
                 self._exhausted = True
-                return
+                if not self._suspects:
+                    return
+                item = self._suspects.popleft()
             if isinstance(item, Task):
                 self._send(item)
             else:
@@ -155,7 +164,7 @@ class Execution:
     def _send(self, task: Task) -> None:
         task = replace(task, topic=self._topic)
         key = self._key(task.run, task.attempt)
-        future = self._crew.client.submit(walk_task, task, key=key, pure=False)
+        future = self._crew.client.submit(self._work, task, key=key, pure=False)
         self._flying[key] = _Flight(key, task, future)
         future.add_done_callback(self._on_done)
 
@@ -189,8 +198,11 @@ class Execution:
         flight = self._flying.get(self._key(event["run"], event["attempt"]))
         if flight is None:
             return
-        first = flight.began
-        flight.began, flight.address = when, str(event["address"])
+        first, address = flight.began, str(event["address"])
+        for other in self._flying.values():
+            if other.address == address and other is not flight:
+                other.began = None  # its row is on the way: a worker walks one run after the other
+        flight.began, flight.address = when, address
         if first is None:
             return
         # The scheduler has sent it out again by itself, as its worker is gone.
@@ -246,15 +258,16 @@ class Execution:
         elif self._count_death(flight.task.run) >= DEATHS:
             self._conclude(flight, worker_died_columns(DEATHS))
         else:
-            self._send_again(flight)
+            self._send_again(flight, suspect=True)
 
     def _count_death(self, run: int) -> int:
         self._deaths[run] = self._deaths.get(run, 0) + 1
         return self._deaths[run]
 
-    def _send_again(self, flight: _Flight) -> None:
+    def _send_again(self, flight: _Flight, *, suspect: bool = False) -> None:
         del self._flying[flight.key]
-        self._again.append(replace(flight.task, attempt=flight.task.attempt + 1))
+        task = replace(flight.task, attempt=flight.task.attempt + 1)
+        (self._suspects if suspect else self._again).append(task)
 
     def _look_at_clocks(self) -> None:
         """Conclude what hangs although its guard should have ended it."""

@@ -13,7 +13,7 @@ import os
 import threading
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -97,33 +97,55 @@ def walk_task(task: Task) -> Answer:
     Raises:
         SweepStopped: the worker's code is another, or its disk is full.
     """
+    with on_worker(task) as worker:
+        answer = answer_of(task, _trial, worker)
+    _trim_cache()
+    return answer
+
+
+@contextmanager
+def on_worker(task: Task) -> Iterator[str | None]:
+    """One run at a time, of the right code, announced and guarded; yields the worker's name.
+
+    Raises:
+        SweepStopped: the worker's code is another.
+    """
     with _one_at_a_time:
         if task.code and task.code != code_hash():
             ours = ", ".join(f"{name} {value}" for name, value in code().items())
             raise SweepStopped(
                 "a worker has other code or versions than this program, so its results would be others "
-                f"(its own: {ours}); install the same on both, and go on with --resume"
+                f"(its own: {ours}); install the same on both, and go on with --resume."
             )
         worker = _announce(task)
         with _guard(task.wall_clock):
-            answer = _walk(task, worker)
-        _trim_cache()
-        return answer
+            yield worker
 
 
-def _walk(task: Task, worker: str | None) -> Answer:
-    """The run itself."""
+def answer_of(
+    task: Task, trial: Callable[[Task, dict[str, float]], dict[str, Any]], worker: str | None
+) -> Answer:
+    """The row of a run, whatever becomes of it.
+
+    Args:
+        task: the run.
+        trial: from a task to columns; adds wall-clock times to the table that it is given.
+        worker: name of the worker, for the row.
+
+    Raises:
+        SweepStopped: the disk is full.
+    """
     wall, cpu = time.perf_counter(), time.thread_time()
     row = first_columns(task.run, task.name, task.parameters, task.profile, task.instrument)
     timing: dict[str, float] = {}
     trace = None
     try:
-        row |= _trial(task, timing)
+        row |= trial(task, timing)
     except (RefusedGait, InputError) as error:
         row |= refused_columns(error, task.parameters)
     except SweepStopped:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         row |= crashed_columns(error)
         trace = "".join(traceback.format_exception(error))
     timing |= {"total": time.perf_counter() - wall, "cpu_total": time.thread_time() - cpu}
@@ -195,13 +217,16 @@ class _Clock(Silent):
 def _announce(task: Task) -> str | None:
     """Tell the sweep's own process that this run begins here; the worker's name, if this is one."""
     from distributed import get_worker
+    from distributed.utils import sync
 
     try:
         worker = get_worker()
     except ValueError:  # called from Python, without a cluster
         return None
     if task.topic:
-        worker.log_event(task.topic, {"run": task.run, "attempt": task.attempt, "address": worker.address})
+        message = {"run": task.run, "attempt": task.attempt, "address": worker.address}
+        # Until the scheduler has it: who is to blame must be known even if the process dies at once.
+        sync(worker.loop, worker.scheduler.log_event, topic=task.topic, msg=message)
     name = worker.name
     # A name that was not chosen is an address, and a table names no machines.
     return str(name) if isinstance(name, int) else hashlib.sha256(str(name).encode()).hexdigest()[:8]
