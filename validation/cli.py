@@ -393,13 +393,23 @@ def view(
 
 
 @app.command()
-def report(directory: RunDir, debug: Debug = False) -> int:
-    """Write a run's report.html again from its saved files."""
-    from validation.report import write_report
+def report(
+    directory: Annotated[Path, typer.Argument(help="Folder of a run or of a sweep.", metavar="DIR")],
+    debug: Debug = False,
+) -> int:
+    """Write the report.html of a run or a sweep again from its saved files."""
+    from validation.sweep.store import is_sweep
 
     narrator = Narrator()
     with narrator.stage("report"):
-        path = write_report(directory)
+        if is_sweep(directory):
+            from validation.sweep.report import write_sweep_report
+
+            path = write_sweep_report(directory)
+        else:
+            from validation.report import write_report
+
+            path = write_report(directory)
     print_line(str(path))
     return Status.PASS
 

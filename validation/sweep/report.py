@@ -36,7 +36,7 @@ from validation.sweep.table import BROKEN, LOST, State, SweepTable, read_sweep
 from validation.sweep.tally import counted_states, judge_sweep, lost_count, share
 
 REPORT_FILE = store.REPORT
-WORST = 12
+WORST = 10
 """Rows of a table of worst runs."""
 _INSTRUMENT = ("agreement", "impulse_residual", "standing", "failed_qp", "unsupported_instants")
 
@@ -110,12 +110,15 @@ def _context(sweep: SweepTable) -> dict[str, Any]:
         "lost": run_rows(sweep, lost, repeat),
         "lost_more": lost_count(sweep) if lost_count(sweep) > len(lost) else 0,
         "furthest": run_rows(sweep, furthest, repeat),
-        "furthest_title": "Furthest out of tolerance" if (over > 1.0).any() else "Closest to a tolerance",
+        "furthest_title": "Out of tolerance, and closest to it"
+        if (over > 1.0).any()
+        else "Closest to a tolerance",
         "recordings_note": _recordings_note(sweep),
         "matrix": sensitivity.rows,
         "matrix_keys": sensitivity.keys,
         "hidden_keys": sensitivity.hidden,
-        "drivers_sentence": sensitivity.sentence,
+        "drivers": sensitivity.drivers,
+        "undriven": sensitivity.undriven,
         "no_matrix": sensitivity.silent,
         "entangled": [(a, b, number(rho, 2)) for a, b, rho in sensitivity.entangled],
         "refusals": refusal_rows(sweep),
@@ -222,7 +225,8 @@ def _figure_table(sweep: SweepTable) -> list[tuple[str, list[dict[str, Any]]]]:
             "high": high,
             "largest": largest,
             "limit": _limit_text(sweep, name),
-            "over": f"{over:,} ({share(over, known.size)})" if over else "",
+            "over": f"{over:,}" if over else "",
+            "over_share": share(over, known.size),
             "note": sweep.limits[name].reason,
         }
         (own if _is_instrument(name) else walk).append(entry)
@@ -231,7 +235,9 @@ def _figure_table(sweep: SweepTable) -> list[tuple[str, list[dict[str, Any]]]]:
 
 def _limit_text(sweep: SweepTable, metric: str) -> str:
     _, limit, unit = sweep.shown(metric)
-    return "" if limit is None else with_unit(float(f"{limit:.6g}"), unit, 2)
+    if limit is None:
+        return ""
+    return with_unit(f"{limit:.6g}" if limit == 0.0 or 1e-3 <= limit < 1e5 else number(limit, 2), unit)
 
 
 # ----------------------------------------------------------------------------------------------- words
@@ -250,5 +256,5 @@ def _recordings_note(sweep: SweepTable) -> str:
         return "No run of this sweep kept a recording; 'sweep.recordings' in its definition says which do."
     return (
         f"{kept:,} run{'' if kept == 1 else 's'} kept a recording. The links work while this page lies in "
-        f"the sweep's folder; 'ampm view {sweep.directory or 'DIR'}/recordings/NAME' opens one in Rerun."
+        "the sweep's folder; 'ampm view recordings/NAME', called there, opens one in Rerun."
     )

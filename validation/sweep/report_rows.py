@@ -135,7 +135,7 @@ def _used_sentence(sweep: SweepTable, row: int) -> str:
     unit = "% BW" if unit == "% of body weight" else unit
     text = f"{metric_label(worst)}: {with_unit(float(values[row]), unit)}"
     if limit is not None:
-        text += f", limit {with_unit(float(f'{limit:.6g}'), unit, 2)}"
+        text += f", limit {with_unit(f'{limit:.6g}', unit)}"
     over = sum(value > 1.0 for value in shares.values())
     return f"{text}; {over} of {len(shares)} over their limit" if over > 1 else text
 

@@ -35,7 +35,8 @@ class SensitivityTable:
         keys: parameters of the columns.
         hidden: parameters left out for room.
         by_strength: all varied parameters, those that decide on passing most first.
-        sentence: the strongest findings.
+        drivers: parameters, each with the figures that it drives above all others.
+        undriven: figures that nothing drives beyond chance.
         silent: why there is no table.
         entangled: parameters that vary together.
     """
@@ -44,7 +45,8 @@ class SensitivityTable:
     keys: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     by_strength: tuple[str, ...] = ()
-    sentence: str = ""
+    drivers: list[tuple[str, list[str]]] = field(default_factory=list)
+    undriven: list[str] = field(default_factory=list)
     silent: str = ""
     entangled: list[tuple[str, str, float]] = field(default_factory=list)
 
@@ -90,7 +92,8 @@ def sensitivity_table(sweep: SweepTable) -> SensitivityTable:
         keys=columns,
         hidden=ranked[MOST_COLUMNS:],
         by_strength=ranked,
-        sentence=_sentence(found),
+        drivers=_drivers(found),
+        undriven=[item.target for item in found if not item.silent and not item.drivers],
         entangled=entangled(parameters)[:6],
     )
 
@@ -125,7 +128,7 @@ def _row(item: Sensitivity, columns: tuple[str, ...]) -> dict[str, Any]:
 def _cell(item: Influence, of: Sensitivity) -> dict[str, Any]:
     if math.isnan(item.share):
         text = "does not vary among these runs"
-        return {"share": "–", "rho": "", "clear": False, "width": 0, "title": f"{item.parameter}: {text}"}
+        return {"share": "–", "rho": "", "beyond": False, "width": 0, "title": f"{item.parameter}: {text}"}
     low, high = item.share_interval
     title = (
         f"{of.target} by {item.parameter}: S1 = {100 * item.share:.0f} % [{100 * low:.0f}, "
@@ -139,7 +142,7 @@ def _cell(item: Influence, of: Sensitivity) -> dict[str, Any]:
     return {
         "share": f"{100 * item.share:.0f}\u00a0% [{100 * low:.0f}, {100 * high:.0f}]",
         "rho": rho,
-        "clear": item.clear,
+        "beyond": item.clear,
         "width": f"{100 * item.share:.0f}",
         "title": title,
     }
@@ -149,18 +152,10 @@ def _signed(value: float) -> str:
     return f"{value:+.2f}".replace("-", "−")
 
 
-def _sentence(found: list[Sensitivity]) -> str:
-    """The strongest driver of every figure, as few words as possible."""
-    parts: dict[str, list[str]] = {}
-    nothing = []
+def _drivers(found: list[Sensitivity]) -> list[tuple[str, list[str]]]:
+    """The strongest driver of every figure, and what it drives."""
+    driven: dict[str, list[str]] = {}
     for item in found:
-        if item.silent:
-            continue
         if item.drivers:
-            parts.setdefault(item.drivers[0].parameter, []).append(item.target)
-        else:
-            nothing.append(item.target)
-    sentences = [f"{key} above all drives: {'; '.join(names)}." for key, names in parts.items()]
-    if nothing:
-        sentences.append(f"Nothing in this sweep drives beyond chance: {'; '.join(nothing)}.")
-    return " ".join(sentences)
+            driven.setdefault(item.drivers[0].parameter, []).append(item.target)
+    return list(driven.items())

@@ -157,15 +157,27 @@ class SweepTable:
         counted = np.bincount(self.states, minlength=len(STATES))
         return {state: int(counted[number]) for number, state in enumerate(STATES)}
 
+    @cached_property
+    def _kept(self) -> dict[str, Array]:
+        """Columns that were asked for; a report asks for some of them dozens of times."""
+        return {}
+
     def numbers(self, name: str) -> Array:
-        """A column of numbers, shape (N,); NaN where there is none, or no such column."""
+        """A column of numbers, shape (N,), read-only; NaN where there is none, or no such column."""
+        if name not in self._kept:
+            values = self._numbers(name)
+            values.flags.writeable = False
+            self._kept[name] = values
+        return self._kept[name]
+
+    def _numbers(self, name: str) -> Array:
         if name not in self:
             return np.full(len(self), np.nan)
         column = self.table.column(name)
         if pa.types.is_boolean(column.type):
             column = column.cast(pa.int8())
         try:
-            return column.cast(pa.float64()).to_numpy(zero_copy_only=False).astype(float)
+            return np.array(column.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=float)
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
             raise InputError(f"{self.source}: column {name} holds {column.type}, not numbers.") from error
 
@@ -217,8 +229,10 @@ class SweepTable:
         if not entries:
             profile = PROFILES.get(self.profile)
             entries = [vars(item) for item in profile.tolerances] if profile else []
-        found = {}
-        for entry in entries:
+        found: dict[str, Limit] = {}
+        order = [item.metric for item in PROFILES[self.profile].tolerances] if self.profile in PROFILES else []
+        rank = {name: number for number, name in enumerate(order)}
+        for entry in sorted(entries, key=lambda item: rank.get(str(item["metric"]), len(rank))):
             found[str(entry["metric"])] = Limit(
                 str(entry["metric"]),
                 float(entry["limit"]),
@@ -260,10 +274,15 @@ class SweepTable:
 
         A tolerance of zero is used by 0 if it is met, and by infinity if not.
         """
+        if f"used:{metric}" in self._kept:
+            return self._kept[f"used:{metric}"]
         value, limit = self.numbers(METRIC + metric), self.limit_values(metric)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(limit > 0.0, value / limit, np.where(value > 0.0, np.inf, 0.0))
-        return np.where(self.measured & np.isfinite(value) & np.isfinite(limit), share, np.nan)
+        share = np.where(self.measured & np.isfinite(value) & np.isfinite(limit), share, np.nan)
+        share.flags.writeable = False
+        self._kept[f"used:{metric}"] = share
+        return share
 
     @cached_property
     def measured(self) -> NDArray[np.bool_]:

@@ -181,7 +181,7 @@
   // --------------------------------------------------------------- drawing
   const draw = () => {
     readColours();
-    const x = axisOf(choose.x.value), y = axisOf(choose.y.value), colour = choose.colour.value ? axisOf(choose.colour.value) : null;
+    const x = axisOf(choose.x.value), y = axisOf(choose.y.value), colour = axisOf(choose.colour.value) || null;
     const width = canvas.parentElement.clientWidth, height = Math.round(Math.max(300, Math.min(520, width * .62)));
     const ratio = Math.min(window.devicePixelRatio || 1, 3), c = canvas.getContext("2d");
     canvas.width = Math.round(width * ratio);
@@ -193,7 +193,7 @@
     const yTicks = ticksOf(y, Math.max(3, Math.floor(height / 48)));
     const left = Math.min(Math.ceil(Math.max(...yTicks.map(([, t]) => c.measureText(t).width), 12)) + 34, width * .4);
     const box = { left, top: 10, right: width - 12, bottom: height - 44 };
-    const xTicks = ticksOf(x, Math.max(2, Math.floor((box.right - left) / 74)));
+    const xTicks = ticksOf(x, Math.max(3, Math.floor((box.right - left) / 62)));
     const [x0, x1] = spanOf(x), [y0, y1] = spanOf(y);
     const px = (v) => box.left + (v - x0) / (x1 - x0) * (box.right - box.left);
     const py = (v) => box.bottom - (v - y0) / (y1 - y0) * (box.bottom - box.top);
@@ -272,10 +272,17 @@
   const drawCells = (c, p) => {
     const grid = cellsOf(p.x, p.y), { box } = p;
     p.cells = grid;
-    const cw = (box.right - box.left) / grid.w, ch = (box.bottom - box.top) / grid.h, gap = Math.min(cw, ch) > 12 ? 1.5 : .5;
+    const cw = (box.right - box.left) / grid.w, ch = (box.bottom - box.top) / grid.h, gap = Math.min(cw, ch) > 28 ? 1.5 : .4;
     for (let b = 0; b < grid.h; b++) for (let a = 0; a < grid.w; a++) {
       const cell = grid.cells[b * grid.w + a], X = box.left + a * cw + gap, Y = box.bottom - (b + 1) * ch + gap, W = cw - 2 * gap, H = ch - 2 * gap;
       if (!cell.total) continue;
+      if (choose.colour.value === "rate") {
+        const answered = cell.counts.reduce((q, n, s) => q + (s < 7 ? n : 0), 0);
+        cell.mean = answered ? 100 * cell.counts[0] / answered : NaN;
+        c.fillStyle = answered ? ramp(cell.mean / 100) : css.states[6];
+        c.fillRect(X, Y, W, H);
+        continue;
+      }
       if (p.colour) {
         const known = cell.rows.map((i) => p.colour.at[i]).filter((v) => Number.isFinite(v));
         cell.mean = known.length ? known.reduce((q, v) => q + v, 0) / known.length : NaN;
@@ -311,7 +318,7 @@
   const noteText = (p) => {
     const parts = [];
     if (choose.view.value === "cells") {
-      parts.push(p.colour ? `Colour: mean of ${p.colour.label} over the completed runs of a cell.` : "A cell is filled by the shares of its runs; the numbers are passed / all.");
+      parts.push(choose.colour.value === "rate" ? "Colour: share of the runs with an answer that pass; a refusal does not." : p.colour ? `Colour: mean of ${p.colour.label} over the completed runs of a cell.` : "A cell is filled by the shares of its runs; the numbers are passed / all.");
       if (data.pairs && (!p.cells.exact || p.colour)) parts.push(`From the ${N.toLocaleString("en")} runs that are in this page one by one.`);
       else if (data.pairs) parts.push(`Counts of all ${data.total.toLocaleString("en")} runs.`);
     } else {
@@ -324,9 +331,9 @@
   // ---------------------------------------------------------------- legend
   const drawLegend = () => {
     legend.replaceChildren();
-    const colour = choose.colour.value ? axisOf(choose.colour.value) : null;
+    const colour = axisOf(choose.colour.value) || null, rate = choose.colour.value === "rate";
     data.states.forEach((label, s) => {
-      if (!counts[s] || (colour && choose.view.value === "cells")) return;
+      if (!counts[s] || ((colour || rate) && choose.view.value === "cells")) return;
       const button = element("button"), icon = element("canvas");
       button.type = "button";
       button.setAttribute("aria-pressed", String(shown[s]));
@@ -338,11 +345,11 @@
       button.addEventListener("click", () => { shown[s] = !shown[s]; draw(); drawLegend(); });
       legend.append(button);
     });
-    if (colour) {
-      const { low, high } = scaleOf(colour), bar = element("i"), row = element("span", undefined, "scale");
+    if (colour || rate) {
+      const { low, high } = rate ? { low: 0, high: 100 } : scaleOf(colour), bar = element("i"), row = element("span", undefined, "scale");
       bar.style.background = `linear-gradient(90deg, ${CIVIDIS.map((_, k) => ramp(k / (CIVIDIS.length - 1))).join(",")})`;
-      row.append(element("span", number(low, 3)), bar, element("span", `${withUnit(number(high, 3), colour.unit)}${high === colour.limit ? " (limit)" : ""}`));
-      if (colour.limit !== null) row.append(element("i", "", "over"), element("span", "over the limit"));
+      row.append(element("span", number(low, 3)), bar, element("span", `${withUnit(number(high, 3), rate ? "% pass" : colour.unit)}${colour && high === colour.limit ? " (limit)" : ""}`));
+      if (colour && colour.limit !== null) row.append(element("i", "", "over"), element("span", "over the limit"));
       legend.append(row);
     }
   };
@@ -476,7 +483,9 @@
   }
   const byOutcome = element("option", "outcome");
   byOutcome.value = "";
-  choose.colour.append(byOutcome);
+  const byRate = element("option", "share that passes (cells)");
+  byRate.value = "rate";
+  choose.colour.append(byOutcome, byRate);
   if (figures.length) choose.colour.append(group("figures", figures));
   for (const [value, text] of [["points", "points"], ["cells", "cells"]]) { const made = element("option", text); made.value = value; choose.view.append(made); }
   choose.x.value = parameters[0].key;
@@ -485,10 +494,12 @@
     const x = axisOf(choose.x.value), y = axisOf(choose.y.value);
     choose.view.value = (x.levels && y.levels) || (data.pairs && pairOf(x, y)) ? "cells" : "points";
   };
+  if (data.pairs && pairOf(axisOf(choose.x.value), axisOf(choose.y.value))) choose.colour.value = "rate";
   const update = () => { tip.hidden = true; draw(); drawLegend(); };
   suit();
   for (const select of [choose.x, choose.y]) select.addEventListener("change", () => { suit(); update(); });
-  for (const select of [choose.colour, choose.view]) select.addEventListener("change", update);
+  choose.colour.addEventListener("change", () => { if (choose.colour.value === "rate") choose.view.value = "cells"; update(); });
+  choose.view.addEventListener("change", () => { if (choose.view.value === "points" && choose.colour.value === "rate") choose.colour.value = ""; update(); });
   root.hidden = false;
   update();
   document.getElementById("map-still").hidden = true;
