@@ -1,8 +1,8 @@
 """The planner's refusals on arrays: what ``plan_gait`` would say of many gaits at once.
 
 The formulas are those of :mod:`ampm.gait` and :mod:`ampm.pendulum`, in the same order of operations. What
-rounding could decide either way is not decided here but marked: a plan whose jump at a switch is not plainly
-nothing, a single support at the very edge of what can be computed, numbers so small that products vanish.
+rounding could decide either way is not decided here but marked: a plan that it may make jump at a switch, a
+single support at the very edge of what can be computed, numbers so small that products vanish.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from ampm.gait import LEAST_MID_STANCE_SHARE, RESIDUAL_LIMIT
 from ampm.parameters import GRAVITY
-from ampm.pendulum import AffineLaw, LawState, double_support_root
+from ampm.pendulum import AffineLaw, double_support_root
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,10 +43,10 @@ LARGEST_ANGLE = 300.0
 PLAIN = {"a_s": math.inf, "c_s": 1.0, "c_y": 1.0}
 """What the plain inverted pendulum leaves no choice of."""
 
-_SURE_RESIDUAL = 0.01 * RESIDUAL_LIMIT  # a jump above that of a plan may be the planner's to judge
+_SURE_RESIDUAL = 0.5 * RESIDUAL_LIMIT  # where rounding may reach this jump, the planner judges
 _SURE_ANGLE = 1e-9  # the same, relative distance from the largest angle
 _LEAST_NUMBER = 1e-60  # the same, of parameters whose products might vanish
-_ROUNDING = 4.0 * np.finfo(np.float64).eps
+_ROUNDING = 32.0 * np.finfo(np.float64).eps
 
 
 class Gaits(NamedTuple):
@@ -127,10 +127,8 @@ def judge(gaits: Gaits, *, plain: bool, steps: int) -> Answers:
         angles[left] = angle
         too_long = ~(angle <= LARGEST_ANGLE)
         code[left[too_long]] = CODES["single_support_too_long"]
-        residual = _residual(rest, planes, plain) + _ROUNDING * steps * rest.step_length / rest.com_height
-        unsure = (np.abs(angle - LARGEST_ANGLE) <= _SURE_ANGLE * LARGEST_ANGLE) | (
-            ~too_long & ~(residual <= _SURE_RESIDUAL)
-        )
+        sure = _rounding(rest, planes, plain, steps) <= _SURE_RESIDUAL
+        unsure = (~too_long & ~sure) | (np.abs(angle - LARGEST_ANGLE) <= _SURE_ANGLE * LARGEST_ANGLE)
         doubtful[left[unsure]] = True
         both = planes.single_x.duration + planes.double_x.duration
         duration[left] = np.where(too_long | unsure, math.nan, both)
@@ -232,30 +230,34 @@ def _plain_planes(gaits: Gaits) -> _Planes:
     )
 
 
-def _residual(gaits: Gaits, planes: _Planes, plain: bool) -> Array:
-    """Largest relative jump at a plan's first two switches, as ``GaitPlan.residuals`` has it, (n,) [1]."""
-    begin: list[LawState] = [law.evaluate(0.0) for law in planes]
-    end: list[LawState] = [law.evaluate(law.duration) for law in planes]
-    # (phase that ends, its origin, phase that begins, its origin, mirrored): along x, then along y.
-    half, w = 0.5 * gaits.step_length, 0.5 * gaits.step_width
-    switches = (
-        (end[0], 0.0, begin[1], half, 1.0),
-        (end[1], half, begin[0], gaits.step_length, 1.0),
-        (end[2], w, begin[3], 0.0, 1.0),
-        (end[3], 0.0, begin[2], -w, -1.0),
-    )
+def _rounding(gaits: Gaits, planes: _Planes, plain: bool, steps: int) -> Array:
+    """How far rounding may make a plan jump at its switches, as ``GaitPlan.residuals`` counts it, (n,) [1].
+
+    The closed form joins exactly: whatever jumps is rounding. Every law is purely even or purely odd, so its
+    amplitude bounds what is rounded.
+    """
     height, v0 = gaits.com_height, gaits.switching_velocity
-    jumps: list[Array] = []
-    for old, old_origin, new, new_origin, sign in switches:
-        jumps.append(((new_origin + sign * new.position) - (old_origin + old.position)) / height)
-        jumps.append((sign * new.velocity - old.velocity) / v0)
-        jumps.append((sign * new.moment_arm - old.moment_arm) / height)
-        if not plain:
-            jumps.append((sign * new.acceleration - old.acceleration) / GRAVITY)
-            jumps.append(((new_origin + sign * new.zmp) - (old_origin + old.zmp)) / height)
-    # L_y returns to its start in every phase; L_x does so in double support.
-    jumps += [end[i].moment_arm_integral * (GRAVITY / (height * v0)) for i in (0, 1, 3)]
+    w, far = 0.5 * gaits.step_width, (steps + 1) * gaits.step_length
     worst = np.zeros_like(height)
-    for jump in jumps:
-        worst = np.maximum(worst, np.abs(jump))  # a NaN stays one
-    return worst
+    for law, origin in zip(planes, (far, far, w, w), strict=True):
+        k = np.sqrt(np.abs(law.rate))
+        h = 0.5 * k * law.duration
+        growth = np.where(law.rate > 0.0, np.cosh(np.where(law.rate > 0.0, h, 0.0)), 1.0)
+        sway = (np.abs(law.even) + np.abs(law.odd)) * growth
+        speed = k * sway
+        if plain:  # a uniform law: ``odd`` is its velocity
+            uniform = law.rate == 0.0
+            sway = np.where(uniform, sway * law.duration, sway)
+            speed = np.where(uniform, np.abs(law.odd), speed)
+        arm = (np.abs(law.force_slope) + 1.0) * sway
+        terms = [
+            (origin + sway) / height,
+            speed / v0,
+            arm / height,
+            arm * law.duration * GRAVITY / (height * v0),
+        ]
+        if not plain:
+            terms += [np.abs(law.rate) * sway / GRAVITY, (origin + np.abs(law.zmp_slope) * sway) / height]
+        for term in terms:
+            worst = np.maximum(worst, term * (1.0 + h))  # a NaN stays one
+    return _ROUNDING * worst

@@ -388,7 +388,7 @@ def duration_text(seconds: float) -> str:
     hours, minutes = divmod(minutes, 60)
     if hours < 48:
         return f"{hours} h {minutes} min" if minutes else f"{hours} h"
-    return f"{hours / 24:.1f} days"
+    return f"{seconds / 86400:.1f} days"
 
 
 def _count(number: int) -> str:

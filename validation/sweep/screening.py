@@ -264,6 +264,8 @@ def _planned(cases: Cases, case: int) -> tuple[int, float]:
         plan = plan_gait(run.gait, mass=run.body.mass)
     except MathematicalRefusal as refusal:
         return CODES[refusal.reason], math.nan
+    except (ArithmeticError, ValueError):  # numbers next to the smallest that there are
+        return CODES["ill_conditioned"], math.nan
     return CODES[ACCEPTED], plan.constants.step_duration
 
 
