@@ -14,17 +14,28 @@ from typing import Any
 import mujoco
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from ampm.gait import GaitPlan
+from ampm.geometry import convex_hull
+from validation.rerun_views import (
+    COMMAND,
+    FAINT,
+    LEFT,
+    MEASURED,
+    PLAN,
+    RIGHT,
+    TIMELINE,
+    Color,
+    plain_text,
+    run_blueprint,
+    verdict_markdown,
+)
 from validation.saved import SavedRun, load_saved_run, run_events
 
 Array = NDArray[np.float64]
-Color = tuple[int, int, int, int]
 
 RECORDING_FILE = "recording.rrd"
-TIMELINE = "sim_time"
 
 PICTURE_RATE = 100.0
 """Pictures of the body per second [Hz]: beyond what an eye or a screen follows."""
@@ -32,13 +43,6 @@ PICTURE_RATE = 100.0
 FORCE_SCALE = 1.0 / 500.0
 """Length of a force arrow [m/N]: the weight of a person reaches from the floor past the COM, so that one sees
 whether the line of the force meets it."""
-
-PLAN: Color = (86, 180, 233, 255)
-COMMAND: Color = (46, 200, 140, 255)
-MEASURED: Color = (255, 138, 61, 255)
-LEFT: Color = (240, 98, 146, 255)
-RIGHT: Color = (255, 213, 79, 255)
-FAINT: Color = (130, 140, 155, 90)
 
 SERIES = ("plan", "command", "measured")
 SERIES_COLORS = (PLAN, COMMAND, MEASURED)
@@ -98,7 +102,7 @@ def record_run(saved: SavedRun) -> Path:
     logging.getLogger("rerun").setLevel(logging.ERROR)
     # A fixed id: two identical runs give identical recordings (`rerun rrd compare`).
     stream = rr.RecordingStream("ampm", recording_id="ampm-run", send_properties=False)
-    stream.save(str(path), default_blueprint=_blueprint(saved))
+    stream.save(str(path), default_blueprint=run_blueprint())
     try:
         log = _Log(stream)
         plan = saved.plan()
@@ -295,7 +299,7 @@ def _line(path: Array, color: Color, radius: float) -> rr.LineStrips3D:
 def _strips(log: _Log, entity: str, times: Array, strips: Array, color: Color, radius: float) -> None:
     """One line strip (N, k, 3) per picture."""
     log.static(entity, rr.LineStrips3D.from_fields(colors=[color], radii=[radius]))
-    log.columns(entity, times, rr.LineStrips3D.columns(strips=list(strips.astype(np.float32))))
+    log.columns(entity, times, rr.LineStrips3D.columns(strips=strips.astype(np.float32)))
 
 
 def _point(log: _Log, entity: str, times: Array, position: Array, color: Color, radius: float) -> None:
@@ -325,9 +329,12 @@ def _log_polygon(log: _Log, plan: GaitPlan, times: Array) -> None:
     if plan.feet is None:
         return
     within = np.minimum(times, plan.duration)
-    contact = np.concatenate([foot.contact for foot in plan.feet.sample(within)], axis=1)
+    feet = plan.feet.sample(within)
+    contact = np.concatenate([foot.contact for foot in feet], axis=1)
     change = np.flatnonzero(np.r_[True, (contact[1:] != contact[:-1]).any(axis=1)])
-    polygons = [_on_floor(plan.support_polygon(float(within[row]))) for row in change]
+    points = np.concatenate([foot.sole_points[change, :, :2] for foot in feet], axis=1)
+    loaded = contact[change].repeat(2, axis=1)
+    polygons = [_on_floor(convex_hull(mine[here])) for mine, here in zip(points, loaded, strict=True)]
     entity = "world/plan/polygon"
     log.static(entity, rr.LineStrips3D.from_fields(colors=[PLAN], radii=[0.004]))
     strips = [np.vstack([polygon, polygon[:1]]).astype(np.float32) for polygon in polygons]
@@ -445,125 +452,4 @@ def _log_events(log: _Log, saved: SavedRun) -> None:
         rr.TextLog.columns(
             text=[plain_text(event[2]) for event in events], level=[event[1] for event in events]
         ),
-    )
-
-
-# -------------------------------------------------------------------------------------------- blueprint
-
-
-def verdict_markdown(saved: SavedRun) -> str:
-    """The verdict and its figures as Markdown, for the recording's first panel."""
-    summary = saved.summary
-    verdict = str(summary.get("verdict", "not measured"))
-    lines = [f"# {verdict} ({saved.record.outcome.name})", ""]
-    if summary.get("reason"):
-        lines += [str(summary["reason"]), ""]
-    lines += ["| | value | tolerance | |", "|---|---|---|---|"]
-    for name, metric in summary.get("metrics", {}).items():
-        shown = metric.get("display") or metric
-        if shown.get("tolerance") is None:
-            continue
-        value = "not measured" if shown["value"] is None else f"{shown['value']:.3g} {shown['unit']}"
-        passed = {True: "pass", False: "**FAIL**", None: ""}[metric.get("pass")]
-        lines.append(f"| {name.replace('_', ' ')} | {value} | {shown['tolerance']:.3g} | {passed} |")
-    return plain_text("\n".join(lines) + "\n")
-
-
-def plain_text(text: str) -> str:
-    """Keep what the viewer's one font surely has: some versions end at the first glyph that it lacks."""
-    return text.encode("latin-1", errors="replace").decode("latin-1")
-
-
-def _blueprint(saved: SavedRun) -> rrb.Blueprint:
-    """Body and ZMP from above on the left; verdict and curves on the right."""
-    window = rr.TimeRange(
-        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-1.5),
-        end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.5),
-    )
-    near = rrb.TimeAxis(view_range=window)
-
-    def plot(name: str, origin: str, *, whole: bool = False, span: tuple[float, float] | None = None) -> Any:
-        options: dict[str, Any] = {} if whole else {"axis_x": near}
-        if span is not None:
-            options["axis_y"] = rrb.ScalarAxis(range=span)
-        return rrb.TimeSeriesView(
-            name=name, origin=origin, plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop), **options
-        )
-
-    dark = rrb.Background(color=(24, 27, 33))
-    body = rrb.Spatial3DView(
-        name="Body, with planned (blue) and measured (orange) ground force",
-        origin="/world/follow",
-        contents=["/world/**", "- /world/floor/**", "- /world/feet/**", "+ /world/feet/+/contact"],
-        background=dark,
-        line_grid=rrb.LineGrid3D(visible=True, spacing=0.2, color=(90, 98, 110, 120)),
-        eye_controls=rrb.EyeControls3D(
-            position=(1.0, -1.85, 1.15), look_target=(0.05, 0.0, 0.82), eye_up=(0, 0, 1)
-        ),
-    )
-    above = rrb.Spatial3DView(
-        name="From above: planned (blue), commanded (green), measured (orange) ZMP; planned support (blue)",
-        origin="/world/follow",
-        contents=["/world/follow", "/world/feet/**", "/world/floor/**", "/world/plan/**"],
-        background=dark,
-        line_grid=rrb.LineGrid3D(visible=False),
-        eye_controls=rrb.EyeControls3D(position=(0, 0, 0.85), look_target=(0, 0, 0), eye_up=(0, 1, 0)),
-    )
-    curves = rrb.Tabs(
-        rrb.Vertical(
-            plot("ZMP x about the planned COM [mm]", "/signals/zmp_x"),
-            plot("ZMP y [mm]", "/signals/zmp_y"),
-            plot("ZMP error, measured - plan [mm]", "/residual/zmp", whole=True),
-            name="ZMP",
-        ),
-        rrb.Vertical(
-            *[plot(f"F{a} [N]", f"/signals/force_{a}") for a in "xyz"],
-            plot("Load of each foot [N]", "/signals/foot_force_z"),
-            plot("Force error [% of body weight]", "/residual/force", whole=True),
-            name="Force",
-        ),
-        rrb.Vertical(
-            *[plot(f"L{a} about the COM [N m s]", f"/signals/angular_momentum_{a}") for a in "xyz"],
-            plot("Error [N m s]", "/residual/angular_momentum", whole=True),
-            name="Momentum",
-        ),
-        rrb.Vertical(
-            plot("COM x about the plan [m]", "/signals/com_x"),
-            plot("COM y [m]", "/signals/com_y"),
-            plot("COM z [m]", "/signals/com_z"),
-            plot("COM error [mm]", "/residual/com", whole=True),
-            name="COM",
-        ),
-        rrb.Vertical(
-            plot("Feedback: commanded - planned ZMP [mm]", "/feedback/zmp", whole=True),
-            plot("Torque of the busiest motor [% of its limit]", "/effort/torque", whole=True),
-            plot("Self-check: ZMP by momentum - by contact [mm]", "/selfcheck/zmp", whole=True),
-            name="Cost",
-        ),
-        active_tab=0,
-    )
-    right = rrb.Vertical(
-        rrb.Horizontal(
-            rrb.TextDocumentView(name="Verdict", origin="/verdict"),
-            rrb.TextLogView(
-                name="Events",
-                origin="/events",
-                columns=rrb.TextLogColumns(
-                    timeline_columns=[TIMELINE], text_log_columns=["loglevel", "body"]
-                ),
-            ),
-            column_shares=[3, 2],
-        ),
-        curves,
-        rrb.StateTimelineView(name="Phase and contact", origin="/phase", time_view=near),
-        row_shares=[8, 14, 5],
-    )
-    left = rrb.Vertical(body, above, row_shares=[3, 2])
-    return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[1, 1]),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="playing", loop_mode="all"),
-        auto_layout=False,
-        auto_views=False,
     )
