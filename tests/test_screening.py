@@ -319,6 +319,7 @@ def test_dry_run_counts_and_says_so(capsys):
     assert [r.count for r in dry.refusals] == [4, 4, 2]
     told = json.loads(json.dumps(json_ready(dry.as_dict()), allow_nan=False))
     assert told["runs"] == 12
+    assert told["refused_by_reason"] == {"bad_parameter": 6, "switching_velocity_too_low": 4}
     assert told["refusals"][0]["way_out"] == "contact.friction greater than 0"
     assert told["time"]["workers"] == 2
     assert told["body"]["complete"] is True

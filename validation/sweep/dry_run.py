@@ -54,7 +54,7 @@ class Rates:
         start: starting the workers.
     """
 
-    run: float = 0.35
+    run: float = 0.45
     motion: float = 1.0
     tick: float = 290e-6
     step: float = 80e-6
@@ -142,6 +142,13 @@ class DryRun:
         """Runs that bounds, formula and clock accept."""
         return self.runs - self.refused
 
+    def refused_by_reason(self) -> dict[str, int]:
+        """Runs that are sure to be refused, by reason."""
+        found: dict[str, int] = {}
+        for item in self.refusals:
+            found[item.reason] = found.get(item.reason, 0) + item.count
+        return found
+
     @property
     def walking(self) -> int:
         """Runs expected to get as far as their whole-body motion; two digits, if only some were looked at."""
@@ -165,6 +172,7 @@ class DryRun:
             "runs": self.runs,
             "accepted": self.accepted,
             "refused": self.refused,
+            "refused_by_reason": self.refused_by_reason(),
             "refusals": [{**asdict(item), "way_out": item.way_out()} for item in self.refusals],
             "body": {
                 "motions": probe.motions,
