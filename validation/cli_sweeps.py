@@ -17,6 +17,9 @@ SWEEP_EPILOG = (
 )
 
 
+DIFF_EPILOG = "Exit status: 0 no regression beyond tolerance, 1 some, 2 bad input."
+
+
 def sweep(
     file: Annotated[Path, typer.Argument(help="Definition of the sweep (TOML).", metavar="FILE")],
     out: Annotated[
@@ -171,8 +174,62 @@ def convergence(
     return Status.PASS if result.verdict == "pass" else Status.OUT_OF_TOLERANCE
 
 
+def diff(
+    a: Annotated[Path, typer.Argument(help="Sweep that is the reference: folder or table.", metavar="A")],
+    b: Annotated[Path, typer.Argument(help="Sweep that is compared with it.", metavar="B")],
+    tolerance: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--tolerance",
+            metavar="SHARE|METRIC=SHARE",
+            help="By which share of its limit a figure may grow (0.1 if not given); repeatable.",
+        ),
+    ] = None,
+    uncertainty: Annotated[
+        Path | None,
+        typer.Option(
+            "--uncertainty",
+            metavar="convergence.json",
+            help="Numerical uncertainty of the figures: no smaller difference is called one.",
+        ),
+    ] = None,
+    require_all: Annotated[
+        bool, typer.Option("--require-all", help="Runs of A that B lacks are regressions, too.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE.html", help="Write the comparison as a page.")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> int:
+    """Compare two sweeps run by run: better, worse, newly failing, newly passing, missing.
+
+    Runs are matched by their parameters, whatever the revision. A difference below the noise is none: runs
+    repeat to the bit on one machine, so the noise is that of floating point, or of a convergence study.
+    """
+    from validation.folders import check_output_file
+    from validation.sweep import diff_text
+    from validation.sweep.diff import compare_sweeps
+
+    if out is not None:
+        diff_text.check_page(out)
+        check_output_file(out, force=force)
+    found = compare_sweeps(a, b, tolerances=tolerance or (), uncertainty=uncertainty, require_all=require_all)
+    if out is not None:
+        diff_text.write_page(found, out, force=force)
+    if as_json:
+        print_json(diff_text.describe_diff(found))
+    else:
+        diff_text.print_diff(found)
+    if out is not None:
+        Narrator().say(f"wrote {out}")
+    return Status.OUT_OF_TOLERANCE if found.regressions else Status.PASS
+
+
 def register(app: typer.Typer) -> None:
     """Add the commands to the command line."""
     app.command(epilog=SWEEP_EPILOG)(sweep)
+    app.command(epilog=DIFF_EPILOG)(diff)
     app.command()(instrument)
     app.command(epilog=CONVERGENCE_EPILOG)(convergence)

@@ -230,8 +230,8 @@ class SweepTable:
             profile = PROFILES.get(self.profile)
             entries = [vars(item) for item in profile.tolerances] if profile else []
         found: dict[str, Limit] = {}
-        order = [item.metric for item in PROFILES[self.profile].tolerances] if self.profile in PROFILES else []
-        rank = {name: number for number, name in enumerate(order)}
+        order = PROFILES[self.profile].tolerances if self.profile in PROFILES else ()
+        rank = {item.metric: number for number, item in enumerate(order)}
         for entry in sorted(entries, key=lambda item: rank.get(str(item["metric"]), len(rank))):
             found[str(entry["metric"])] = Limit(
                 str(entry["metric"]),
