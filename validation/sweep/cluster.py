@@ -197,8 +197,10 @@ def remote_crew(address: str, timeout: float = 30.0) -> Iterator[Crew]:
     _silence()
     settings = {name: value for name, value in _QUIET.items() if name.startswith("distributed.admin")}
     with dask.config.set(settings):
+        # What 'dask scheduler --scheduler-file' has written is as good as an address.
+        where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
         try:
-            client = Client(address, timeout=timeout, set_as_default=False)
+            client = Client(**where, timeout=timeout, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             reason = " ".join(str(error).split())
             raise InputError(

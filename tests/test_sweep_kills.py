@@ -1,0 +1,220 @@
+"""A sweep survives what kills it: workers, itself, Ctrl-C, a full disk; and its table stays the same bits."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psutil
+import pyarrow as pa
+import pytest
+
+from tests.sweep_work import act
+from validation.sweep.cluster import local_crew
+from validation.sweep.columns import reproducible_columns
+from validation.sweep.execute import Execution
+from validation.sweep.store import load_results, read_rows
+from validation.sweep.work import Task
+
+SWEEP = """
+[sweep]
+gait = "flat"
+steps = 2
+recordings = "none"
+
+[[vary]]  # failing, passing, and refused: by the formula, by the body, by a bound
+method = "list"
+controller.com_damping = [5.0, 15.0, 14.0, 16.0, 15.0, 15.0, 15.0, 15.5]
+gait.switching_velocity = [0.7, 0.7, 0.7, 0.7, 0.3, 0.7, -1.0, 0.7]
+gait.com_height = [0.89, 0.89, 0.89, 0.89, 0.89, 1.2, 0.89, 0.89]
+"""
+RUNS = 8
+OUT_OF_TOLERANCE, STOPPED, INTERRUPTED = 1, 5, 130
+
+
+def start(
+    file: Path, out: Path, *extra: str, before: Callable[[], None] | None = None
+) -> subprocess.Popen[str]:
+    """The console script in a process group of its own, as on a terminal."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "validation.cli", "sweep", str(file), "--out", str(out), *extra],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=before,
+    )
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
+    """Exit status and stderr."""
+    _, error = process.communicate(timeout=240)
+    return process.returncode, error
+
+
+def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    """Processes of the workers."""
+    try:
+        children = psutil.Process(process.pid).children()
+        return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+    except psutil.NoSuchProcess:
+        return []
+
+
+def rows_in(folder: Path) -> int:
+    """Durable rows; a part may be merged while we look."""
+    try:
+        table = read_rows(folder)
+    except Exception:
+        return 0
+    return 0 if table is None else table.num_rows
+
+
+def wait_for_rows(process: subprocess.Popen[str], folder: Path, count: int) -> None:
+    end = time.monotonic() + 120
+    while rows_in(folder) < count:
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def same_columns(folder: Path) -> pa.Table:
+    return load_results(folder).table.select(reproducible_columns())
+
+
+@pytest.fixture(scope="module")
+def file(shared_folder: Path) -> Path:
+    path = shared_folder / "killed.toml"
+    path.write_text(SWEEP, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def undisturbed(shared_folder: Path, file: Path) -> pa.Table:
+    """The table of one worker that nobody disturbs."""
+    folder = shared_folder / "undisturbed"
+    with (shared_folder / "undisturbed.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "report.html").is_file():
+            status, error = finish(start(file, folder, "--workers", "1"))
+            assert status == OUT_OF_TOLERANCE, error
+    return same_columns(folder)
+
+
+def test_an_undisturbed_sweep_has_every_kind_of_row(undisturbed):
+    rows = undisturbed.to_pylist()
+    assert [row["run"] for row in rows] == list(range(RUNS))
+    assert [row["verdict"] for row in rows[1:4]] == ["pass"] * 3
+    assert rows[0]["verdict"] == "fail"
+    assert rows[0]["failed"] == "standing_weight_error"
+    assert [row["reason"] for row in rows[4:7]] == [
+        "switching_velocity_too_low",
+        "leg_too_short",
+        "bad_parameter",
+    ]
+    assert rows[5]["plan_l_s"] is not None
+    assert rows[4]["plan_l_s"] is None
+
+
+def test_killed_workers_change_nothing(undisturbed, file, tmp_path):
+    out = tmp_path / "out"
+    process = start(file, out, "--workers", "2")
+    killed = 0
+    end = time.monotonic() + 60
+    while killed < 4 and process.poll() is None and time.monotonic() < end:
+        if workers := workers_of(process):  # those that run and those that are still starting
+            workers[killed % len(workers)].kill()
+            killed += 1
+        time.sleep(1.0)
+    status, error = finish(process)
+    assert status == OUT_OF_TOLERANCE, error
+    assert killed >= 2
+    assert same_columns(out).equals(undisturbed)
+
+
+def test_a_full_disk_a_killed_program_and_ctrl_c_lose_nothing(undisturbed, file, tmp_path):
+    out = tmp_path / "out"
+
+    def small_files() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
+
+    status, error = finish(start(file, out, "--workers", "1", before=small_files))
+    assert status == STOPPED, error
+    assert error.splitlines()[-1].startswith("ampm: no room is left for the results in")
+    assert "--resume" in error
+    assert not list((out / "parts").iterdir())
+
+    process = start(file, out, "--resume", "--workers", "2")
+    wait_for_rows(process, out, 4)
+    workers = workers_of(process)
+    process.kill()
+    assert finish(process)[0] == -signal.SIGKILL
+    _, alive = psutil.wait_procs(workers, timeout=20)
+    assert not alive
+    kept = {row["run"]: row["environment_time"] for row in read_rows(out).to_pylist()}
+
+    process = start(file, out, "--resume", "--workers", "1")
+    wait_for_rows(process, out, len(kept) + 1)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process
+    status, error = finish(process)
+    assert status == INTERRUPTED, error
+    assert error.splitlines()[-1] == "ampm: interrupted"
+    assert "Traceback" not in error
+
+    status, error = finish(start(file, out, "--resume", "--workers", "2"))
+    assert status == OUT_OF_TOLERANCE, error
+    assert same_columns(out).equals(undisturbed)
+    for row in load_results(out).table.to_pylist():
+        if row["run"] in kept:  # not walked again
+            assert row["environment_time"] == kept[row["run"]]
+
+
+class Rows(list):  # type: ignore[type-arg]
+    """Rows and what a watcher is told."""
+
+    def append(self, rows: list[dict[str, object]]) -> None:  # type: ignore[override]
+        self.extend(rows)
+
+    def row(self, row: object) -> None: ...
+
+    def trace(self, name: str, text: str) -> None:
+        assert "ValueError" in text or "SystemExit" in text
+
+    def tick(self, workers: int) -> None: ...
+
+
+def test_whatever_a_run_does_it_gets_its_row(tmp_path):
+    from ampm.parameters import RunParameters
+
+    run = RunParameters()
+    acts = ["fine", "die", "raise", "hang", "exit", "refuse", "die once", *["sleep"] * 6]
+
+    def tasks() -> Iterator[Task]:
+        for number, name in enumerate(acts):
+            yield Task(number, str(number), run, name, folder=str(tmp_path), wall_clock=2.0)
+
+    rows = Rows()
+    with local_crew(2) as crew:
+        Execution(crew, tasks(), rows, rows, act).run()
+    found = {row["run"]: row for row in rows}
+    assert len(rows) == len(found) == len(acts)
+    ends = {name: (found[i]["outcome"], found[i]["reason"]) for i, name in enumerate(acts)}
+    assert ends == {
+        "fine": ("completed", None),
+        "die": ("crashed", "worker_died"),
+        "raise": ("crashed", "ValueError"),
+        "hang": ("timed_out", "wall_clock"),
+        "exit": ("crashed", "SystemExit"),
+        "refuse": ("refused", "leg_too_short"),
+        "die once": ("completed", None),
+        "sleep": ("completed", None),
+    }
+    assert found[2]["cause"] == "no good at 0x... in file.py of 2"
+    assert found[6]["environment_attempts"] > 1
