@@ -6,6 +6,7 @@ The recording and the report only read a folder, so their tests need one of the 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,7 +29,12 @@ ZMP_ERROR = (1.5e-3, 0.7e-3)
 
 
 def make_run(
-    directory: Path, *, steps: int = 4, seconds: float = np.inf, outcome: Outcome | None = None
+    directory: Path,
+    *,
+    steps: int = 4,
+    seconds: float = np.inf,
+    outcome: Outcome | None = None,
+    settings: Sequence[str] = (),
 ) -> Path:
     """Write a run folder that looks like a simulated walk.
 
@@ -37,8 +43,9 @@ def make_run(
         steps: planned steps.
         seconds: length of the record, the whole plan at most.
         outcome: how it ended; completed if None.
+        settings: changes of the gait, ``key=value``.
     """
-    run = load_run("normal", [f"gait.steps={steps}"])
+    run = load_run("normal", [f"gait.steps={steps}", *settings])
     body = build(run.body, run.contact, run.simulation)
     model = body.compile()
     plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=body.description.sole)

@@ -380,14 +380,35 @@ def replay(directory: RunDir, debug: Debug = False) -> int:
 
 @app.command()
 def view(
-    target: Annotated[Path, typer.Argument(help="Folder of a run, or a recording.", metavar="DIR|FILE.rrd")],
+    targets: Annotated[
+        list[Path], typer.Argument(help="Folders of runs, recordings, or a sweep.", metavar="DIR|FILE.rrd...")
+    ],
+    runs: Annotated[
+        str | None,
+        typer.Option(
+            "--runs", metavar="3,17", help="Runs of a sweep; by default the worst one and the median."
+        ),
+    ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option("--save", metavar="FILE.rrd", help="Write what would be shown; opens nothing."),
+    ] = None,
     web: Annotated[bool, typer.Option("--web", help="Show it in a web browser.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier file at --save.")] = False,
     debug: Debug = False,
 ) -> int:
-    """Open a recording in the Rerun viewer."""
+    """Open recordings in the Rerun viewer, side by side or overlaid, aligned on the phase of the gait.
+
+    One run opens as it is. Of a sweep, the chosen runs stand beside each other. Several runs of one gait, say
+    of two revisions, lie over each other in colours of their own; of different gaits they stand beside each
+    other.
+    """
     from validation.viewer import view as open_viewer
 
-    status = open_viewer(target, web=web)
+    narrator = Narrator()
+    status = open_viewer(targets, runs=runs, web=web, save=save, force=force, say=narrator.say)
+    if save is not None:
+        narrator.say(f"wrote {save}")
     interruption.acknowledge()  # Ctrl-C is how the web server is stopped
     return status
 

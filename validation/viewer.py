@@ -1,4 +1,4 @@
-"""Opens a recording in Rerun's viewer."""
+"""Opens recordings in Rerun's viewer."""
 
 from __future__ import annotations
 
@@ -8,32 +8,91 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
 from ampm.exceptions import InputError
 from validation.console import print_line
+from validation.folders import output_file
+from validation.view_sources import Source, choose
 
-RECORDING_FILE = "recording.rrd"
 _HOST = "127.0.0.1"
 _PAGE_PORT, _DATA_PORT = 9090, 9876
 
 
-def view(target: Path, *, web: bool = False) -> int:
-    """Open a recording and wait until the viewer is closed.
+def view(
+    targets: Sequence[Path],
+    *,
+    runs: str | None = None,
+    web: bool = False,
+    save: Path | None = None,
+    force: bool = False,
+    say: Callable[[str], None] = print_line,
+) -> int:
+    """Open recordings and wait until the viewer is closed, or write them into one file.
+
+    Runs of a sweep stand beside each other. Several runs or recordings lie over each other if they are of one
+    gait, and stand beside each other if not. Both are aligned on the phase of the gait.
 
     Args:
-        target: a recording, or the folder of a run.
+        targets: recordings, or folders of runs or sweeps.
+        runs: which runs of a sweep, as in ``3,17``; by default the worst one and the median.
         web: show it in a web browser instead of a window.
+        save: write a recording instead of showing anything.
+        force: replace an earlier file at ``save``.
+        say: is told what was chosen.
 
     Returns:
         0, or the viewer's own exit status.
 
     Raises:
-        InputError: no recording there, no viewer installed, or no display to show it on.
+        InputError: no recording there, no viewer installed, no display to show it on, or ``save`` must not
+            be written.
     """
-    recording = find_recording(target)
+    if save is not None:
+        _check_save(save, force=force)
+    sources, notes = choose(targets, runs)
+    for note in notes:
+        say(note)
+    if save is not None:
+        with output_file(save, force=force) as work:
+            _write(sources, targets, work, say)
+        return 0
+    if len(sources) == 1:
+        return _show(sources[0].path, web=web)
+    viewer_command(sources[0].path, ports=(0, 0) if web else None)  # nothing to show it on: say so at once
+    with tempfile.TemporaryDirectory(prefix="ampm-view-") as folder:
+        merged = Path(folder) / "recordings.rrd"
+        _write(sources, targets, merged, say)
+        return _show(merged, web=web)
+
+
+def _write(
+    sources: Sequence[Source], targets: Sequence[Path], path: Path, say: Callable[[str], None]
+) -> None:
+    """Write one file of all recordings."""
+    if len(sources) == 1:
+        shutil.copyfile(sources[0].path, path)
+        return
+    from validation.rerun_beside import merge
+
+    one_sweep = len(targets) == 1
+    over = merge([(s.prefix, s.label, s.path) for s in sources], path, overlay=False if one_sweep else None)
+    if not over and not one_sweep:
+        say("the recordings are of different gaits: beside each other, aligned on the phase of the gait")
+
+
+def _check_save(save: Path, *, force: bool) -> None:
+    if save.suffix != ".rrd":
+        raise InputError(f"--save {save} must end in .rrd.")
+    if save.is_dir() or (save.exists() and not force):
+        raise InputError(f"--save {save} exists; give another file, or --force to replace it.")
+
+
+def _show(recording: Path, *, web: bool) -> int:
+    """Open one recording and wait until the viewer is closed."""
     ports = (_free_port(_PAGE_PORT), _free_port(_DATA_PORT)) if web else None
     command = viewer_command(recording, ports=ports)
     environment: Mapping[str, str] = os.environ
@@ -68,20 +127,6 @@ def _free_port(wanted: int) -> int:
     return wanted
 
 
-def find_recording(target: Path) -> Path:
-    """The recording that a folder or file name means.
-
-    Raises:
-        InputError: there is none.
-    """
-    recording = target / RECORDING_FILE if target.is_dir() else target
-    if not recording.is_file():
-        raise InputError(f"there is no recording {recording}; give the folder of a run, or an .rrd file.")
-    if recording.suffix != ".rrd":
-        raise InputError(f"{recording} is no recording; give an .rrd file or the folder of a run.")
-    return recording
-
-
 def viewer_command(recording: Path, *, ports: tuple[int, int] | None = None) -> list[str]:
     """Command line of the viewer.
 
@@ -103,7 +148,7 @@ def viewer_command(recording: Path, *, ports: tuple[int, int] | None = None) -> 
     on_linux = sys.platform.startswith("linux")
     if on_linux and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise InputError(
-            f"there is no display here; use 'ampm view --web {recording}', "
-            "or copy the file to a machine that has one."
+            f"there is no display here; use --web, or --save FILE.rrd and a machine that has one "
+            f"(the recording is {recording})."
         )
     return [program, str(recording)]

@@ -1,8 +1,16 @@
-"""What real instruments would show of a walk: force plate, foot force/torque sensor, IMU."""
+"""What real instruments would show of a walk: force plate, foot force/torque sensor, IMU.
 
-from validation.instruments.columns import INSTRUMENT_COLUMNS, instrument_columns, observe_walk
-from validation.instruments.model import PRESETS, Instrument, load_instrument, make_instrument
-from validation.instruments.result import CAUSES, Figures, Observation, observe, run_key
+Names are imported as they are used: who asks for no instrument does not pay for one.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from validation.instruments.columns import instrument_columns, observe_walk
+    from validation.instruments.model import PRESETS, Instrument, load_instrument, make_instrument
+    from validation.instruments.names import CAUSES, INSTRUMENT_COLUMNS
+    from validation.instruments.result import Figures, Observation, observe, run_key
 
 __all__ = [
     "CAUSES",
@@ -18,3 +26,17 @@ __all__ = [
     "observe_walk",
     "run_key",
 ]
+
+_HOMES = {
+    "columns": ("instrument_columns", "observe_walk"),
+    "model": ("PRESETS", "Instrument", "load_instrument", "make_instrument"),
+    "names": ("CAUSES", "INSTRUMENT_COLUMNS"),
+    "result": ("Figures", "Observation", "observe", "run_key"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for home, names in _HOMES.items():
+        if name in names:
+            return getattr(import_module(f"{__name__}.{home}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -3,43 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from validation.instruments.model import Instrument, load_instrument
-from validation.instruments.result import CAUSES, RUN, Observation, observe, run_key
+from validation.instruments.names import FIGURES, INSTRUMENT_COLUMNS, RUN
+from validation.instruments.result import Observation, observe, run_key
 
 if TYPE_CHECKING:
     from validation.planning import Planned
     from validation.record import SimulationRecord
     from validation.trial import Walk
-
-_FIGURES = {"rmse": "root mean square", "maximum": "largest"}
-
-INSTRUMENT_COLUMNS: Mapping[str, tuple[str, str]] = {
-    **{
-        f"instrument_zmp_{axis}_{figure}": (
-            "m", f"{words} error that the instrument adds to the ZMP, {axis}, over the whole walk"
-        )
-        for axis in "xy" for figure, words in _FIGURES.items()
-    },
-    **{
-        f"instrument_zmp_compensated_{axis}_{figure}": (
-            "m", f"the same with the instrument's mean latency taken out: {words}, {axis}"
-        )
-        for axis in "xy" for figure, words in _FIGURES.items()
-    },
-    **{
-        f"instrument_zmp_{cause}_{axis}_rmse": (
-            "m", f"root mean square error in {axis} by one cause alone: {words}; null if it has none"
-        )
-        for cause, words in CAUSES.items() for axis in "xy"
-    },
-    "instrument_latency": ("s", "mean age of the instrument's readings of slow signals"),
-    "instrument_unmeasured": ("1", "share of the instants with a ZMP at which the instrument shows none"),
-}  # fmt: skip
-"""Columns that an instrument adds to a row: name to unit and meaning."""
 
 
 def instrument_columns(walk: Walk, name: str) -> dict[str, float | None]:
@@ -73,7 +47,7 @@ def columns_of(seen: Observation) -> dict[str, float | None]:
     row: dict[str, float | None] = dict.fromkeys(INSTRUMENT_COLUMNS)
     error, late = seen.errors[RUN], seen.errors_compensated[RUN]
     for index, axis in enumerate("xy"):
-        for figure in _FIGURES:
+        for figure in FIGURES:
             row[f"instrument_zmp_{axis}_{figure}"] = _finite(getattr(error, figure)[index])
             row[f"instrument_zmp_compensated_{axis}_{figure}"] = _finite(getattr(late, figure)[index])
         for cause, windows in seen.causes.items():

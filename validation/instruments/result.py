@@ -14,6 +14,7 @@ import numpy as np
 from ampm.parameters import RunParameters, dump_run
 from validation.instruments.chain import BIAS, FILTER
 from validation.instruments.model import Instrument
+from validation.instruments.names import CAUSES, METHOD, RUN, WINDOWS
 from validation.instruments.rigs import Rig, make_rig
 
 if TYPE_CHECKING:
@@ -25,28 +26,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Body = Callable[[], tuple[mujoco.MjModel, BodyDescription]]
-
-RUN = "run"
-WINDOWS = (RUN, "measured_single_support", "measured_double_support")
-"""The whole walk, and by true contact of the feet."""
-
-METHOD = "method"
-"""What a faultless instrument of this kind misses: threshold, compensation, a point mass for a body."""
-
-CAUSES: Mapping[str, str] = {
-    METHOD: "the method, with faultless readings",
-    "noise": "noise, as the low-pass lets it through",
-    "bias": "bias",
-    "cross_talk": "cross-talk",
-    "filter": "low-pass",
-    "sampling": "sampling",
-    "delay": "delay",
-    "quantisation": "quantisation",
-    "saturation": "range",
-    "kinematics": "pose by encoders",
-    "tilt": "tilt of the orientation estimate",
-}
-"""Causes of the error that an instrument adds, and their names for people."""
 
 
 @dataclass(frozen=True)

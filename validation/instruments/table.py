@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
-from validation.instruments.result import CAUSES, RUN, WINDOWS, Observation
+from validation.instruments.names import CAUSES, RUN, WINDOWS
+from validation.instruments.result import Observation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -19,7 +19,7 @@ import pyarrow as pa
 from ampm.gait import PlanConstants
 from ampm.parameters import RunParameters, keys
 from validation.environment import DISTRIBUTIONS
-from validation.instruments.columns import INSTRUMENT_COLUMNS
+from validation.instruments.names import INSTRUMENT_COLUMNS
 
 TABLE_METADATA = b"ampm_sweep"
 """Schema metadata of a table: JSON with the definition, the tolerances, and these columns in words."""

@@ -1,0 +1,237 @@
+"""Several recordings in one: verified, aligned on the gait's phase, chosen from sweeps, without a screen."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from ampm.exceptions import InputError
+from tests.saved_run import make_run
+from tests.sweep_table import make_table, replaced, write_sweep
+from validation.cli import Status, call
+from validation.record import Outcome, OutcomeName
+from validation.rerun_log import write_recording
+from validation.rerun_merge import PHASE, SINGLE_SUPPORT, read_part, same_gait
+from validation.saved import load_saved_run
+from validation.signals import load_signals
+from validation.view_sources import choose, parse_runs
+
+SLOW = ("gait.switching_velocity=0.9", "gait.single_support_ratio=0.7")
+
+
+@pytest.fixture(scope="module")
+def walks(tmp_path_factory):
+    """Folders of runs with recordings: a gait, the same again but shorter, and a slower one."""
+    base = tmp_path_factory.mktemp("walks")
+    folders = {
+        "one": make_run(base / "one", steps=4),
+        "two": make_run(base / "two", steps=2),
+        "slow": make_run(base / "slow", steps=4, settings=SLOW),
+    }
+    for folder in folders.values():
+        write_recording(folder)
+    return folders
+
+
+def entities(path: Path) -> set[str]:
+    return {chunk.entity_path for chunk in RrdReader(path).stream()}
+
+
+def last_static(path: Path, entity: str, column: str) -> list[object]:
+    """What the viewer shows of a static component: the newest by row id."""
+    rows = []
+    for chunk in RrdReader(path).stream():
+        batch = chunk.to_record_batch()
+        if chunk.entity_path == entity and chunk.is_static and column in batch.schema.names:
+            for row in range(batch.num_rows):
+                rows.append((batch.column(0)[row].as_py(), batch.column(column)[row].as_py()))
+    return max(rows)[1]
+
+
+def at_phase(path: Path, entity: str) -> tuple[np.ndarray, np.ndarray]:
+    """Seconds and steps of an entity's rows."""
+    for chunk in RrdReader(path).stream().filter(content=entity):
+        if not chunk.is_static:
+            batch = chunk.to_record_batch()
+            seconds, phase = (
+                batch.column(name).to_numpy() / np.timedelta64(1, "s") for name in ("sim_time", PHASE)
+            )
+            return seconds, phase
+    raise AssertionError(entity)
+
+
+def verified(path: Path) -> bool:
+    done = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "verify", str(path)], capture_output=True, timeout=120
+    )
+    return done.returncode == 0
+
+
+def save(*arguments: object) -> int:
+    return call(["view", *(str(argument) for argument in arguments)])
+
+
+def test_one_gait_of_two_revisions_is_overlaid(walks, tmp_path, capsys):
+    target = tmp_path / "both.rrd"
+    assert save(walks["one"], walks["two"], "--save", target) == Status.PASS
+    assert "different" not in capsys.readouterr().err
+    assert verified(target)
+    own = entities(walks["one"] / "recording.rrd")
+    assert {f"/a{name}".rstrip("/") for name in own} <= entities(target)
+    assert {f"/b{name}".rstrip("/") for name in entities(walks["two"] / "recording.rrd")} <= entities(target)
+    body = "world/force/measured"
+    colours = [last_static(target, f"/{which}/{body}", "Arrows3D:colors") for which in "ab"]
+    assert colours[0] != colours[1]
+    names = [last_static(target, f"/{which}/residual/zmp", "SeriesLines:names") for which in "ab"]
+    assert names == [["one x", "one y"], ["two x", "two y"]]
+
+
+def test_data_is_not_touched(walks, tmp_path):
+    target = tmp_path / "both.rrd"
+    save(walks["one"], walks["slow"], "--save", target)
+    signals = load_signals(walks["slow"] / "signals.parquet")
+    for chunk in RrdReader(target).stream().filter(content="/b/signals/force_z"):
+        if not chunk.is_static:
+            values = np.array(chunk.to_record_batch().column("Scalars:scalars").to_pylist())
+            np.testing.assert_array_equal(values[:, 2], signals["measured_force_z"])
+            return
+    raise AssertionError("no forces")
+
+
+def test_phases_of_different_gaits_coincide(walks, tmp_path, capsys):
+    target = tmp_path / "both.rrd"
+    assert save(walks["one"], walks["slow"], "--save", target) == Status.PASS
+    assert "different gaits" in capsys.readouterr().err
+    assert verified(target)
+    for which, name in (("a", "one"), ("b", "slow")):
+        plan = load_saved_run(walks[name]).plan()
+        assert plan is not None
+        seconds, phase = at_phase(target, f"/{which}/signals/zmp_x")
+        assert (np.diff(phase) > 0).all()
+        starts = np.array([p.start for p in plan.phases])
+        expected = np.arange(len(starts)) // 2 + np.where(np.arange(len(starts)) % 2, SINGLE_SUPPORT, 0.0)
+        # The label of a phase begins at the first sample in it, one step of the simulation late at most.
+        pace = 0.005
+        np.testing.assert_allclose(np.interp(starts, seconds, phase), expected, atol=pace)
+        assert phase[-1] == pytest.approx(4.0, abs=2 * pace)
+
+
+def test_a_walk_that_fell_keeps_the_pace_of_its_last_phase(walks, tmp_path):
+    end = Outcome(OutcomeName.FELL, 0.9, "It fell.", 1)
+    folder = make_run(tmp_path / "fell", steps=4, seconds=0.9, outcome=end)
+    write_recording(folder)
+    whole = read_part(walks["one"] / "recording.rrd", "a", "one")
+    part = read_part(folder / "recording.rrd", "b", "fell")
+    assert same_gait([whole, part])
+    times = np.linspace(0.0, 0.88, 50)
+    np.testing.assert_allclose(part.phase(times), whole.phase(times), atol=0.02)
+
+
+def test_one_target_is_saved_as_it_is(walks, tmp_path):
+    target = tmp_path / "copy.rrd"
+    assert save(walks["one"], "--save", target) == Status.PASS
+    assert target.read_bytes() == (walks["one"] / "recording.rrd").read_bytes()
+
+
+def test_an_existing_file_is_kept(walks, tmp_path, capsys):
+    target = tmp_path / "copy.rrd"
+    target.write_bytes(b"mine")
+    assert save(walks["one"], "--save", target) == Status.REFUSED
+    assert target.read_bytes() == b"mine"
+    assert "--force" in capsys.readouterr().err
+    assert save(walks["one"], "--save", target, "--force") == Status.PASS
+    assert save(walks["one"], "--save", tmp_path / "copy.mp4") == Status.REFUSED
+
+
+def test_what_is_no_recording_is_refused(walks, tmp_path, capsys):
+    bad = tmp_path / "bad.rrd"
+    bad.write_bytes(b"RRF2 and nothing else")
+    assert save(walks["one"], bad, "--save", tmp_path / "x.rrd") == Status.REFUSED
+    assert "cannot be read as a recording" in capsys.readouterr().err
+    assert not (tmp_path / "x.rrd").exists()
+    assert save(*[walks["one"]] * 7, "--save", tmp_path / "x.rrd") == Status.REFUSED
+    assert save(walks["one"], "--runs", "1") == Status.REFUSED
+    assert "sweep" in capsys.readouterr().err
+
+
+# ---------------------------------------------------------------------------------------------- sweeps
+
+
+@pytest.fixture(scope="module")
+def sweep(walks, tmp_path_factory):
+    """Sixty rows of which six have a recording; the worst of all has none."""
+    folder = tmp_path_factory.mktemp("sweep") / "sweep"
+    table = make_table(60, recordings=False)
+    kept = [run for run in range(60) if table["outcome"][run].as_py() == "completed"][3:9]
+    names = [f"recordings/{run:04d}" if run in kept else None for run in range(60)]
+    write_sweep(folder, replaced(table, "recording", names))
+    for number, run in enumerate(kept):
+        source = walks["one"] if number % 2 else walks["slow"]
+        shutil.copyfile(source / "recording.rrd", folder / f"recordings/{run:04d}" / "recording.rrd")
+    return folder, kept
+
+
+def test_chosen_runs_of_a_sweep_stand_side_by_side(sweep, tmp_path):
+    folder, kept = sweep
+    target = tmp_path / "some.rrd"
+    assert save(folder, "--runs", f"{kept[0]},{kept[2]},{kept[1]}", "--save", target) == Status.PASS
+    assert verified(target)
+    prefixes = {name.split("/")[1] for name in entities(target)}
+    assert prefixes == {f"run_{kept[i]}" for i in (0, 1, 2)}
+
+
+def test_worst_and_median_are_shown_by_default(sweep):
+    from validation.sweep.store import load_results
+    from validation.sweep.summary import worst_runs
+
+    folder, kept = sweep
+    results = load_results(folder)
+    ranked = worst_runs(results.table, dict(results.metadata), 60)
+    sources, notes = choose([folder], None)
+    middle = len(ranked) // 2
+    worst = next(run for run in ranked if run in kept)
+    median = min((run for run in kept if run != worst), key=lambda run: abs(ranked.index(run) - middle))
+    assert [source.prefix for source in sources] == [f"run_{worst}", f"run_{median}"]
+    assert "worst that has a recording" in notes[0]
+    assert "median" in notes[1]
+
+
+def test_the_same_run_of_two_sweeps_is_overlaid(sweep, tmp_path):
+    folder, kept = sweep
+    other = tmp_path / "again"
+    shutil.copytree(folder, other)
+    target = tmp_path / "both.rrd"
+    assert save(folder, other, "--runs", kept[0], "--save", target) == Status.PASS
+    assert {f"/a_run_{kept[0]}/residual/zmp", f"/b_run_{kept[0]}/residual/zmp"} <= entities(target)
+    assert last_static(target, f"/b_run_{kept[0]}/world/force/measured", "Arrows3D:colors") != last_static(
+        target, f"/a_run_{kept[0]}/world/force/measured", "Arrows3D:colors"
+    )
+
+
+@pytest.mark.parametrize("text", ["", "a", "1,1", "-1", "1;2"])
+def test_bad_lists_of_runs_are_refused(text):
+    with pytest.raises(InputError, match="--runs"):
+        parse_runs(text)
+
+
+def test_runs_that_cannot_be_shown_are_named(sweep, walks):
+    folder, kept = sweep
+    with pytest.raises(InputError, match="no run 400"):
+        choose([folder], "400")
+    missing = next(run for run in range(60) if run not in kept)
+    with pytest.raises(InputError, match=f"run {missing} .* has no recording"):
+        choose([folder], str(missing))
+    with pytest.raises(InputError, match="do not go together"):
+        choose([folder, walks["one"]], None)
+    with pytest.raises(InputError, match="several sweeps"):
+        choose([folder, folder], None)
+    bare = folder.parent / "bare"
+    write_sweep(bare, make_table(10, recordings=False))
+    with pytest.raises(InputError, match="has kept no recording"):
+        choose([bare], None)
