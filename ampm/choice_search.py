@@ -159,7 +159,9 @@ class ChoiceSearch:
         if here.whole:
             self.near = here
         if here.worst() >= ENOUGH * self.wanted:
-            raise _Comfortable(here)
+            raise _Ended(here)
+        if self.orbits.spent:
+            raise _Ended(max(self.trials, key=Trial.worst))
         base = self.residuals(here)
         jacobian = np.zeros((len(base), len(x)))
         for j in range(len(x)):
@@ -197,13 +199,13 @@ class ChoiceSearch:
                 gtol=1e-6,
                 max_nfev=sweeps,
             )
-        except _Comfortable as end:
+        except _Ended as end:
             return end.trial
         return self.look(found.x, self.near)
 
 
-class _Comfortable(Exception):
-    """The search may end: every margin is wide enough."""
+class _Ended(Exception):
+    """The search may end: every margin is wide enough, or the budget is spent."""
 
     def __init__(self, trial: Trial) -> None:
         super().__init__()

@@ -518,7 +518,7 @@ def plan_gait(
             sagittal, frontal = _solve(gait)
             plan = _assemble(gait, float(mass), sagittal, frontal, float(angular_momentum_y_offset))
             residual = plan.residuals().largest_of(CONTINUOUS[gait.model])
-    except (OverflowError, ZeroDivisionError):
+    except (OverflowError, ValueError, ZeroDivisionError):
         residual = math.inf
     if not residual <= RESIDUAL_LIMIT:
         raise MathematicalRefusal(

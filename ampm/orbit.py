@@ -143,12 +143,20 @@ class RoughOrbits:
         run: posture gains and the choice for L_z, the same for all plans.
         nodes: intervals of the grid in single and in double support; fixed, so that what is read off an orbit
             changes smoothly from plan to plan.
+        budget: integrated steps that may be spent in all; who searches looks at :attr:`spent`.
     """
 
-    def __init__(self, robot: Robot, run: RunParameters, nodes: tuple[int, int]) -> None:
-        self.robot, self.nodes = robot, nodes
+    def __init__(
+        self, robot: Robot, run: RunParameters, nodes: tuple[int, int], budget: float = math.inf
+    ) -> None:
+        self.robot, self.nodes, self.budget = robot, nodes, budget
         self.ik = InverseKinematics(robot, run)
         self.evaluations = 0
+
+    @property
+    def spent(self) -> bool:
+        """Whether the budget is used up: a limit to a search that knows no clock."""
+        return self.evaluations >= self.budget
 
     def difference(self, a: RoughOrbit, b: RoughOrbit) -> NDArray[np.float64]:
         """What leads from one orbit to another.

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 _NODES = (32, 14)  # intervals of the grid in single and double support
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
-_BUDGET = 2000  # integrated steps after which no new way is begun
+_BUDGET = 2000  # integrated steps that the ways may take; a second, careful try may take as many
 _TIGHT = 0.3  # margin below which a limit is named as what ended a way
 _HOPELESS = -0.5  # margin at which a path is given up
 
@@ -149,7 +149,8 @@ def _tune(
         RefusedGait: there is none.
     """
     guess = space.guess()
-    search = ChoiceSearch(space, guess, RoughOrbits(robot, space.run, _NODES), robot, say)
+    orbits = RoughOrbits(robot, space.run, _NODES, budget=_BUDGET * (1 + patient))
+    search = ChoiceSearch(space, guess, orbits, robot, say)
     start = _standing_start(search)
     best = _settle(search, start) if start is not None else None
     farthest: _Farthest | None = None
