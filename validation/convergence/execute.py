@@ -72,6 +72,7 @@ def walk_levels(
             )  # one thread per worker: more cost time, and the run its bits
         # Workers are started afresh: a fork would share the state of compiled libraries.
         context = multiprocessing.get_context("spawn")
+        others = set(multiprocessing.active_children())
         with ProcessPoolExecutor(max_workers=min(workers, len(runs)), mp_context=context) as pool:
             asked = {pool.submit(runner, run, name, profile): key for key, run in runs.items()}
             pending = set(asked)
@@ -83,5 +84,7 @@ def walk_levels(
                     stage.advance(len(done), len(runs))
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
+                for worker in set(multiprocessing.active_children()) - others:
+                    worker.terminate()  # a level under way is of no use to anybody
                 raise
     return done

@@ -21,7 +21,7 @@ data where they do not follow a power of the step.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
@@ -100,19 +100,19 @@ def observed_orders(values: Sequence[float], ratio: float) -> tuple[float, ...]:
     return tuple(orders)
 
 
-def estimate(values: Sequence[float], ratio: float, *, forbidden: str = "") -> Estimate:
+def estimate(levels: Iterable[float], ratio: float, *, forbidden: str = "") -> Estimate:
     """Classify a sequence and bound the error of its first value.
 
     Args:
-        values: of one figure, coarse to fine, the first at the run's own parameters; NaN for a level that has
-            none.
+        levels: values of one figure, coarse to fine, the first at the run's own parameters; NaN for a level
+            that has none.
         ratio: of neighbouring steps, above 1.
         forbidden: why the figure must not be extrapolated whatever the values are, empty if it may be.
 
     Raises:
         ValueError: fewer than two levels, or a ratio that is not above 1.
     """
-    values = [float(value) for value in values]
+    values = [float(value) for value in levels]
     if len(values) < 2 or not ratio > 1.0:
         raise ValueError(f"{len(values)} levels of ratio {ratio:g}: two levels and a ratio above 1 at least")
     orders = observed_orders(values, ratio)
