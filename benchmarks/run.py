@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import os
 import resource
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from ampm.feasibility import check_body
+from ampm.parameters import dump_run
 from ampm.qp import BACKENDS
 from benchmarks.clock import Statistics
 from benchmarks.planning import MotionBenchmark, PlanBenchmark
+from benchmarks.recording import RecordingCost, time_recording
 from benchmarks.walking import WalkBenchmark, WalkTiming
 from validation.console import Silent
 from validation.environment import describe_environment
@@ -34,6 +38,7 @@ class BenchmarkResult:
         orbit: the search for the periodic motion, without a cache.
         ik_tick: one tick of the inverse kinematics.
         walks: by QP solver.
+        recording: what the recording of a trial with the first solver costs.
         memory_peak: largest resident memory of the process [MB].
         threads: limits of the numerical libraries' threads by environment variable.
         load: processes that ran at the start, mean of the last minute [1]; above 1, others took time.
@@ -48,6 +53,7 @@ class BenchmarkResult:
     orbit: Statistics
     ik_tick: Statistics
     walks: dict[str, WalkTiming]
+    recording: RecordingCost
     memory_peak: float
     threads: dict[str, str | None]
     load: float
@@ -67,6 +73,7 @@ class BenchmarkResult:
                 "ik_tick": self.ik_tick.as_dict(),
             },
             "walks": {name: walk.as_dict() for name, walk in self.walks.items()},
+            "recording": self.recording.as_dict(),
             "memory_peak": {"value": self.memory_peak, "unit": "MB"},
             "threads": self.threads,
             "load": self.load,
@@ -117,6 +124,10 @@ def run_benchmarks(
         walk = WalkBenchmark(plan, motion.motion, item.run, body.model, steps=steps, walks=walks)
         with stages.stage(f"{2 * walks} walks with {solver.upper()}", "steps") as stage:
             timed[solver] = walk.time_all(stage.advance)
+    with stages.stage(f"{walks} trials with their recording"), tempfile.TemporaryDirectory() as folder:
+        run_file = Path(folder) / "gait.toml"
+        run_file.write_text(dump_run(run), encoding="utf-8")
+        recording = time_recording(run_file, rounds=walks)
     return BenchmarkResult(
         gait=next(iter(asked.values())).name,
         settings=tuple(settings),
@@ -126,6 +137,7 @@ def run_benchmarks(
         orbit=orbit,
         ik_tick=ik_tick,
         walks=timed,
+        recording=recording,
         memory_peak=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6,  # Linux counts in KiB
         threads={name: os.environ.get(name) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")},
         load=load,

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from ampm.exceptions import InputError
 from benchmarks.clock import Statistics
+from benchmarks.recording import MOST_SHARE, MOST_SIZE, RecordingCost
 from benchmarks.run import BenchmarkResult
 from benchmarks.walking import WalkTiming
 
@@ -41,7 +42,22 @@ def rows(result: BenchmarkResult) -> list[Row]:
     ]
     for solver, walk in result.walks.items():
         lines += [Row(f"walk with {solver.upper()}, {_ending(walk)}"), *_walk_rows(walk)]
-    return lines
+    return [*lines, *_recording_rows(result.recording)]
+
+
+def _recording_rows(cost: RecordingCost) -> list[Row]:
+    def row(name: str, text: str, note: str = "", depth: int = 0) -> Row:
+        return Row(name, (text, "", "", note), depth)
+
+    return [
+        Row("trial in a process of its own"),
+        row("planning, simulation, measurement", duration(cost.run)),
+        row("recording", duration(cost.recording)),
+        row("share of the run's time", f"{cost.share:.1%}", f"at most {MOST_SHARE:.0%}", 1),
+        row("per simulated second", f"{cost.rate / 1e6:.2f} MB", f"at most {MOST_SIZE / 1e6:.0f} MB", 1),
+        row("report", duration(cost.report)),
+        row("memory peak", f"{cost.memory_peak:.0f} MB"),
+    ]
 
 
 def _walk_rows(walk: WalkTiming) -> list[Row]:

@@ -26,7 +26,7 @@ def test_everything_is_measured_for_both_solvers(result):
     found = result.as_dict()
     assert set(found) == {
         *("gait", "settings", "steps", "unit", "once", "walks"),
-        *("memory_peak", "threads", "load", "environment"),
+        *("recording", "memory_peak", "threads", "load", "environment"),
     }
     assert set(found["once"]) == {"plan", "plan_with_feet", "orbit", "ik_tick"}
     assert set(found["walks"]) == {"osqp", "daqp"}
@@ -35,6 +35,14 @@ def test_everything_is_measured_for_both_solvers(result):
     for once in found["once"].values():
         assert 0.0 < once["median"] <= once["p99"] <= once["maximum"]
         assert once["count"] >= 1
+
+
+def test_the_recordings_cost_is_of_a_whole_trial(result):
+    cost = result.recording
+    assert cost.share == pytest.approx(cost.recording / cost.run)
+    assert cost.recording > 0.0
+    assert 0.0 < cost.rate < 1e6, "a recording takes at most 1 MB per simulated second"
+    assert cost.memory_peak > 50.0
 
 
 @pytest.mark.parametrize("solver", ["osqp", "daqp"])
