@@ -87,7 +87,7 @@ class Crew:
             )
 
     def _count(self) -> int:
-        return len(self.client.scheduler_info(n_workers=-1)["workers"])
+        return len(self.client.scheduler_info(n_workers=-1).get("workers", ()))
 
     def restart(self, address: str) -> None:
         """End a worker's process and start it anew, without waiting for it."""
@@ -215,5 +215,7 @@ def remote_crew(address: str, timeout: float = 30.0) -> Iterator[Crew]:
 
 
 def _silence() -> None:
-    for name in ("distributed", "tornado", "asyncio", "bokeh"):
+    """No log of dask's: what a user should know is said in a sentence."""
+    names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    for name in (*names, "distributed", "tornado", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
