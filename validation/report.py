@@ -61,7 +61,8 @@ class Row:
         passed: None where nothing is judged.
         note: reason of the tolerance, or where and when.
         own: whether the figure judges the testbed rather than the walk.
-        undecided: whether the value is closer to the limit than its numerical uncertainty.
+        spread: numerical uncertainty with sign and unit, empty if it is not known.
+        undecided: whether the value is closer to the limit than that.
     """
 
     label: str
@@ -71,6 +72,7 @@ class Row:
     passed: bool | None = None
     note: str = ""
     own: bool = False
+    spread: str = ""
     undecided: bool = False
 
 
@@ -258,23 +260,23 @@ def _agreement(summary: Mapping[str, Any], *, judged: bool) -> list[Row]:
             Row(
                 own=any(part in name for part in _INSTRUMENT),
                 label=metric_label(name),
-                value=_uncertain(value, shown.get("uncertainty"), unit) if judged or unit else number(value),
+                value=with_unit(value, unit) if judged or unit else number(value),
                 limit=_limit(limit, unit),
                 share=share,
                 passed=metric.get("pass"),
                 note=str(metric.get("reason") or ""),
+                spread=_spread(shown.get("uncertainty"), unit),
                 undecided=bool(metric.get("undecided")),
             )
         )
     return rows
 
 
-def _uncertain(value: Any, uncertainty: Any, unit: str) -> str:
-    """A figure with its numerical uncertainty, where that is known, and its unit."""
+def _spread(uncertainty: Any, unit: str) -> str:
+    """A numerical uncertainty with its sign and unit, empty where it is not known."""
     if uncertainty is None:
-        return with_unit(value, unit)
-    spread = "∞" if uncertainty == "inf" else number(uncertainty, 2)
-    return f"{number(value)}\u00a0±\u00a0{with_unit(spread, unit)}"
+        return ""
+    return f"±\u00a0{with_unit('∞' if uncertainty == 'inf' else uncertainty, unit, 2)}"
 
 
 def _convergence_study(summary: Mapping[str, Any]) -> str:
