@@ -83,7 +83,7 @@ def links_of(sweep: SweepTable) -> dict[int, list[tuple[str, str]]]:
     """Text and address, relative to the page, of what is kept of every run that is kept."""
     found = {}
     for row, name in enumerate(sweep.words("recording")):
-        if not name or ":" in name or name.startswith(("/", "\\")) or ".." in name.split("/"):
+        if not name or ":" in name or "\\" in name or name.startswith("/") or ".." in name.split("/"):
             continue  # only what lies beside the page
         links = []
         folder = None if sweep.directory is None else sweep.directory / name

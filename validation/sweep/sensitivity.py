@@ -34,6 +34,8 @@ Labels = NDArray[np.int64]
 
 LEAST_RUNS = 30
 """Runs below which nothing is said: of 30, chance makes a rank correlation of 0.46 once in a hundred."""
+LEAST_EVENTS = 5
+"""Runs that must differ from the most frequent value: of fewer falls, any parameter seems to be the cause."""
 MOST_RUNS = 2000
 """Runs from which all is computed; of more, a random draw: intervals are then a few hundredths wide."""
 LEVELS = 12
@@ -129,6 +131,11 @@ def analyse(
     y = np.asarray(values, dtype=float)[rows]
     if np.ptp(y) <= 1e-12 * np.abs(y).max():
         return Sensitivity(target, len(rows), found, (), math.nan, "it does not vary")
+    _, repeats = np.unique(y, return_counts=True)
+    others = len(y) - int(repeats.max())
+    if others < LEAST_EVENTS:
+        text = f"all but {others} of {len(y)} runs agree, which is too few to say why"
+        return Sensitivity(target, len(rows), found, (), math.nan, text)
     names = list(parameters)
     columns = [_column(parameters[name], rows) for name in names]
     counts = rng.multinomial(len(y), np.full(len(y), 1.0 / len(y)), RESAMPLES).astype(float)
@@ -237,7 +244,9 @@ def _share(label: Labels, y: Array, counts: Array) -> Array:
     within = square - between
     spread = square - total.sum(axis=1) ** 2 / n
     used = (size > 0).sum(axis=1)
-    return 1.0 - (within / np.maximum(n - used, 1.0)) / (spread / (n - 1.0))
+    varies = spread > 1e-9 * n  # a resample may happen to hold equal values only
+    ratio = (within / np.maximum(n - used, 1.0)) / np.where(varies, spread / (n - 1.0), 1.0)
+    return np.where(varies, 1.0 - ratio, 0.0)
 
 
 def _shuffled_share(label: Labels, y: Array, shuffled: Labels) -> Array:
