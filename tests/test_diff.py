@@ -1,0 +1,365 @@
+"""Two sweeps compared: what changed is found, what is noise is not, and runs find their partners."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from ampm.exceptions import InputError
+from tests.sweep_table import make_table, replaced, write_sweep
+from tests.test_report import Page
+from validation.cli import call
+from validation.convergence.uncertainty import Uncertainty
+from validation.sweep.diff import ABSOLUTE_FLOOR, diff_tables, read_tolerances
+from validation.sweep.diff_text import describe_diff
+from validation.sweep.matching import match
+from validation.sweep.table import METRIC, State, SweepTable
+
+EASY = {"gait.c_s": (0.8, 1.2), "gait.c_y": (0.5, 1.1), "body.height": (1.6, 1.8)}
+
+
+def sweep_of(table, source="sweep"):
+    return SweepTable(table, json.loads(table.schema.metadata[b"ampm_sweep"]), None, source)
+
+
+def metric(table, name):
+    return np.array(table.column(METRIC + name).to_pylist(), dtype=float)
+
+
+def with_metric(table, name, values):
+    return replaced(table, METRIC + name, values)
+
+
+def judged(table):
+    """The same with verdicts and failed metrics as its figures say."""
+    sweep = sweep_of(table)
+    outcomes = table.column("outcome").to_pylist()
+    verdicts = table.column("verdict").to_pylist()
+    over = {name: (sweep.numbers(METRIC + name) > sweep.limit_values(name)) for name in sweep.limits}
+    for row, outcome in enumerate(outcomes):
+        if outcome == "completed":
+            verdicts[row] = "fail" if any(mask[row] for mask in over.values()) else "pass"
+    return replaced(table, "verdict", verdicts)
+
+
+def compared(a, b, **options):
+    return diff_tables(sweep_of(a, "A"), sweep_of(b, "B"), **options)
+
+
+@pytest.fixture(scope="module")
+def base():
+    return judged(make_table(60, vary=EASY, failures=False))
+
+
+def by_name(diff):
+    return {item.metric: item for item in diff.metrics}
+
+
+# ----------------------------------------------------------------------------------------- matching
+
+
+def test_runs_are_matched_by_key_in_any_order(base):
+    other = base.take(np.random.default_rng(1).permutation(60))
+    other = replaced(other, "run", list(range(60)))
+    found = match(sweep_of(base), sweep_of(other))
+    keys = base.column("key").to_pylist(), other.column("key").to_pylist()
+    assert len(found.a) == 60
+    assert [keys[0][i] for i in found.a] == [keys[1][i] for i in found.b]
+
+
+def test_revision_plays_no_part(base):
+    other = replaced(base, "environment_revision", ["f" * 40] * 60)
+    diff = compared(base, other)
+    assert len(diff.matching.a) == 60
+    assert not diff.regressions
+    assert diff.sentence == "No difference beyond noise in 60 matched runs."
+
+
+def test_missing_and_new(base):
+    diff = compared(base.slice(0, 50), base.slice(5, 55))
+    assert len(diff.matching.a) == 45
+    assert describe_diff(diff)["missing"] == [f"{i:04d}" for i in range(5)]
+    assert describe_diff(diff)["new"] == [f"{i:04d}" for i in range(50, 60)]
+    assert not diff.regressions
+    assert compared(base.slice(0, 50), base.slice(5, 55), require_all=True).regressions == ["5 missing"]
+
+
+def test_a_parameter_that_one_sweep_lacks(base):
+    new_keys = [f"other-{i}" for i in range(60)]
+    older = replaced(base, "key", new_keys).drop_columns(["contact.friction"])
+    found = match(sweep_of(older), sweep_of(base))
+    assert len(found.a) == 60
+    assert found.only_b == ("contact.friction",)
+    assert "all parameters that are comparable" in found.by
+
+
+def test_a_default_that_was_changed(base):
+    other = replaced(base, "key", [f"other-{i}" for i in range(60)])
+    other = replaced(other, "body.mass", [61.0] * 60)
+    diff = compared(base, other)
+    assert len(diff.matching.a) == 60
+    assert diff.matching.changed == (("body.mass", "60.0", "61.0"),)
+    assert any("body.mass is 60.0" in note for note in diff.notes)
+
+
+def test_a_parameter_that_only_one_sweep_varies_is_ambiguous():
+    grid = {"gait.c_s": [0.9, 1.0, 1.1]}
+    wide = {**grid, "gait.c_y": [0.5, 1.0]}
+    a, b = make_table(grid=grid, failures=False), make_table(grid=wide, failures=False)
+    found = match(sweep_of(a), sweep_of(b))  # c_y = 1 is the default, so half of the runs are in both
+    assert len(found.a) == 3
+    assert len(found.new) == 3
+    lacking = replaced(a, "key", ["x", "y", "z"]).drop_columns(["gait.c_y"])
+    with pytest.raises(InputError, match="several partners"):
+        match(sweep_of(lacking, "A"), sweep_of(b, "B"))
+
+
+def test_repeated_runs_are_paired_in_order():
+    import pyarrow as pa
+
+    table = make_table(4, vary=EASY, failures=False)
+    double = replaced(pa.concat_tables([table, table]), "run", list(range(8)))
+    found = match(sweep_of(double), sweep_of(double))
+    assert found.a.tolist() == found.b.tolist() == list(range(8))
+
+
+def test_nothing_in_common(base):
+    other = make_table(60, vary={"gait.step_length": (0.5, 0.6)}, failures=False)
+    with pytest.raises(InputError, match=r"no run of A is in B \(they vary"):
+        compared(base, other)
+    with pytest.raises(InputError, match="at other values"):
+        compared(base, make_table(60, vary=EASY, failures=False, seed=5))
+    with pytest.raises(InputError, match="one of them has no run"):
+        compared(base, base.slice(0, 0))
+
+
+# -------------------------------------------------------------------------------------------- noise
+
+
+@pytest.mark.parametrize("size", [1e-10, -5e-7])
+def test_rounding_is_no_difference(base, size):
+    other = base
+    for name in sweep_of(base).metrics:
+        other = with_metric(other, name, metric(base, name) * (1.0 + size))
+    diff = compared(base, other)
+    assert diff.sentence == "No difference beyond noise in 60 matched runs."
+    assert all(item.better == item.worse == 0 for item in diff.metrics)
+    assert all(item.verdict == "same" for item in diff.metrics)
+
+
+def test_near_zero_the_floor_is_absolute(base):
+    name = "com_agreement_maximum"
+    quiet = with_metric(base, name, [1e-15] * 60)
+    diff = compared(quiet, with_metric(base, name, [5e-15] * 60))
+    assert by_name(diff)[name].worse == 0
+    assert by_name(diff)[name].noise == ABSOLUTE_FLOOR["m"]
+
+
+def test_a_small_but_real_growth_is_worse_and_no_regression(base):
+    diff = compared(base, judged(with_metric(base, "zmp_x_rmse", metric(base, "zmp_x_rmse") * 1.01)))
+    found = by_name(diff)["zmp_x_rmse"]
+    assert (found.worse, found.better, found.regressed) == (60, 0, 0)
+    assert found.verdict == "worse"
+    assert found.p < 1e-6
+    assert found.shift == pytest.approx(np.median(metric(base, "zmp_x_rmse") * 0.01))
+    assert not diff.regressions
+    assert by_name(diff)["zmp_y_rmse"].verdict == "same"
+
+
+def test_no_difference_below_the_uncertainty_is_a_result(base):
+    study = Uncertainty("normal", 6, "", {"zmp_x_rmse": 0.3e-3, "zmp_y_rmse": float("inf")}, {})
+    values = metric(base, "zmp_x_rmse")
+    for growth, worse in ((0.29e-3, 0), (0.31e-3, 60)):
+        other = with_metric(base, "zmp_x_rmse", values + growth)
+        other = with_metric(other, "zmp_y_rmse", metric(base, "zmp_y_rmse") * 3)
+        diff = compared(base, judged(other), uncertainty=study)
+        found = by_name(diff)
+        assert found["zmp_x_rmse"].worse == worse
+        assert found["zmp_x_rmse"].noise_from == "convergence study"
+        assert found["zmp_x_rmse"].verdict == ("worse" if worse else "same")
+        assert found["zmp_y_rmse"].worse == 0  # no bound: nothing can be said
+        assert found["force_x_rmse"].noise_from == "floating point"
+        assert bool(diff.of_kind("worse_figures")) == bool(worse)
+        assert not diff.of_kind("newly_failing")
+
+
+def test_a_step_across_the_limit_below_the_noise_is_no_failure(base):
+    limit = 2.5e-3
+    close = judged(with_metric(base, "zmp_x_rmse", [limit * (1 - 1e-8)] * 60))
+    over = judged(with_metric(base, "zmp_x_rmse", [limit * (1 + 1e-8)] * 60))
+    diff = compared(close, over)
+    assert not diff.regressions
+    assert len(diff.of_kind("verdict_only")) == sum(v == "pass" for v in close.column("verdict").to_pylist())
+    assert not compared(over, close).of_kind("newly_passing")
+
+
+# ------------------------------------------------------------------------------------------ changes
+
+
+def test_newly_failing_and_newly_passing(base):
+    rows = [row for row, verdict in enumerate(base.column("verdict").to_pylist()) if verdict == "pass"][:3]
+    values = metric(base, "zmp_y_rmse")
+    values[rows] = 2e-3
+    other = judged(with_metric(base, "zmp_y_rmse", values))
+    diff = compared(base, other)
+    failing = diff.of_kind("newly_failing")
+    assert [change.a for change in failing] == [f"{row:04d}" for row in rows]
+    assert all(change.metrics == ("zmp_y_rmse",) for change in failing)
+    assert all(set(change.parameters) == set(EASY) for change in failing)
+    assert diff.regressions == ["3 newly failing"]
+    back = compared(other, base)
+    assert len(back.of_kind("newly_passing")) == 3
+    assert not back.regressions
+    assert "3 newly passing" in back.sentence
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "kind"),
+    [
+        (("completed", "pass"), ("fell", "not_measured"), "newly_failing"),
+        (("completed", "pass"), ("refused", None), "newly_failing"),
+        (("completed", "pass"), ("timed_out", None), "newly_failing"),
+        (("refused", None), ("fell", "not_measured"), "worse_outcome"),
+        (("fell", "not_measured"), ("refused", None), "better_outcome"),
+        (("fell", "not_measured"), ("crashed", None), "worse_outcome"),
+        (("fell", "not_measured"), ("diverged", "not_measured"), "other_outcome"),
+        (("fell", "not_measured"), ("completed", "pass"), "newly_passing"),
+        (("crashed", None), ("completed", "fail"), "better_outcome"),
+    ],
+)
+def test_outcomes(base, before, after, kind):
+    def having(state):
+        table = replaced(base, "outcome", [state[0], *base.column("outcome").to_pylist()[1:]])
+        return replaced(table, "verdict", [state[1], *base.column("verdict").to_pylist()[1:]])
+
+    diff = compared(having(before), having(after))
+    assert [change.kind for change in diff.changes] == [kind]
+    assert bool(diff.regressions) == (kind in ("newly_failing", "worse_outcome"))
+    assert not compared(having(before), having(before)).changes
+
+
+def test_worse_figures_are_measured_by_the_limit(base):
+    values = metric(base, "zmp_x_rmse")
+    grown = values.copy()
+    grown[7] += 0.15 * 2.5e-3
+    other = judged(with_metric(base, "zmp_x_rmse", grown))
+    assert compared(base, other).regressions == ["1 with a figure worse beyond tolerance"]
+    assert not compared(base, other, allowed={"": 0.2}).regressions
+    assert not compared(base, other, allowed={"": 0.1, "zmp_x_rmse": 0.2}).regressions
+    assert compared(base, other, allowed={"": 0.2, "zmp_x_rmse": 0.0}).regressions
+    worst = by_name(compared(base, other))["zmp_x_rmse"]
+    assert worst.worst == "0007"
+    assert worst.worst_after - worst.worst_before == pytest.approx(0.15 * 2.5e-3)
+
+
+def test_one_unsolved_qp_more_is_a_regression(base):
+    other = judged(with_metric(base, "failed_qp", [1.0, *[0.0] * 59]))
+    diff = compared(base, other, allowed={"": 1e9})
+    assert by_name(diff)["failed_qp"].regressed == 1
+    assert diff.regressions
+
+
+def test_no_shift_is_claimed_of_few_or_of_scatter(base):
+    few = base.slice(0, 6)
+    diff = compared(few, with_metric(few, "zmp_x_rmse", metric(few, "zmp_x_rmse") * 1.01))
+    assert by_name(diff)["zmp_x_rmse"].worse == 6
+    assert by_name(diff)["zmp_x_rmse"].verdict == "same"
+    assert np.isnan(by_name(diff)["zmp_x_rmse"].p)
+    noise = np.random.default_rng(1).normal(1.0, 0.01, 60)
+    diff = compared(base, with_metric(base, "zmp_x_rmse", metric(base, "zmp_x_rmse") * noise))
+    assert by_name(diff)["zmp_x_rmse"].verdict == "same"
+
+
+def test_another_profile_is_said(base):
+    other = make_table(60, vary=EASY, failures=False, profile_name="wide")
+    other = replaced(other, "key", [f"w{i}" for i in range(60)])
+    diff = compared(base, other)
+    assert any("different profiles: default and wide" in note for note in diff.notes)
+
+
+# ------------------------------------------------------------------------------------- command line
+
+
+@pytest.fixture
+def folders(tmp_path, base):
+    values = metric(base, "zmp_y_rmse")
+    values[:3] = 2e-3
+    one = write_sweep(tmp_path / "a", base)
+    two = write_sweep(tmp_path / "b", judged(with_metric(base, "zmp_y_rmse", values)))
+    return str(one), str(two)
+
+
+def test_command_line(folders, tmp_path, capsys):
+    a, b = folders
+    page = tmp_path / "diff.html"
+    assert call(["diff", a, b, "--out", str(page)]) == 1
+    out = capsys.readouterr().out
+    assert "newly failing" in out
+    assert out.rstrip().splitlines()[-1].startswith("Regression in 60 matched runs")
+    html = page.read_text(encoding="utf-8")
+    assert Page(html).open == []
+    assert not any(not link.startswith("data:,") for link in Page(html).links)
+    assert "newly failing" in Page(html).text.lower()
+    assert call(["diff", b, a]) == 0
+    assert "newly passing" in capsys.readouterr().out
+    assert call(["diff", a, a]) == 0
+    assert call(["diff", f"{a}/results.parquet", f"{b}/results.parquet"]) == 1
+    assert call(["diff", a, b, "--out", str(page)]) == 2  # it exists
+    assert call(["diff", a, b, "--out", str(page), "--force"]) == 1
+
+
+def test_json(folders, capsys):
+    a, b = folders
+    assert call(["diff", a, b, "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found["regression"] is True
+    assert found["matched"]["runs"] == 60
+    assert found["counts"]["newly_failing"] == len(found["newly_failing"]) >= 1
+    assert found["newly_failing"][0]["after"] == State.OUT_OF_TOLERANCE.value
+    assert set(found["newly_failing"][0]["parameters"]) == set(EASY)
+    assert found["metrics"]["zmp_y_rmse"]["worse"] == 3
+    assert found["metrics"]["zmp_y_rmse"]["unit"] == "m"
+    assert found["missing"] == []
+
+
+def test_uncertainty_file(folders, tmp_path, capsys):
+    a, b = folders
+    file = tmp_path / "convergence.json"
+    file.write_text(
+        json.dumps({"metrics": {"zmp_y_rmse": {"uncertainty": 1.0, "unit": "m"}}}), encoding="utf-8"
+    )
+    assert call(["diff", a, b, "--uncertainty", str(file), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["metrics"]["zmp_y_rmse"]["worse"] == 0
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        (["--tolerance", "much"], "is no number"),
+        (["--tolerance", "-0.1"], "is no number of at least 0"),
+        (["--tolerance", "nan"], "is no number"),
+        (["--tolerance", "zmp=0.1"], "neither sweep has a metric 'zmp'"),
+        (["--uncertainty", "absent.json"], "cannot be read"),
+        (["--out", "page.txt"], "is no page"),
+    ],
+)
+def test_bad_input(folders, extra, message, capsys):
+    assert call(["diff", *folders, *extra]) == 2
+    told = capsys.readouterr()
+    assert message in told.err
+    assert told.err.count("\n") == 1
+    assert told.out == ""
+
+
+def test_bad_sweeps(folders, tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    for other in ("absent", str(tmp_path / "empty")):
+        assert call(["diff", folders[0], other]) == 2
+        assert "Traceback" not in capsys.readouterr().err
+
+
+def test_tolerances():
+    assert read_tolerances([], {"x"}) == {"": 0.1}
+    assert read_tolerances(["0.2", "x=0"], {"x"}) == {"": 0.2, "x": 0.0}
