@@ -22,7 +22,9 @@ class Certificate:
         unit: of both.
         tried: how many choices had been tried.
         choice: free choices of that best value, by namespaced key.
-        where: clause about an easier gait at which the search ended, if it did not reach the one asked for.
+        where: clause about an easier gait at which the search ended, if it did not reach the one asked for;
+            the value is then that gait's.
+        beyond: clause about what was in the way farther on, if that is known.
     """
 
     limit: str
@@ -33,6 +35,7 @@ class Certificate:
     tried: int
     choice: Mapping[str, float]
     where: str = ""
+    beyond: str = ""
 
     @property
     def margin(self) -> float:
@@ -43,14 +46,17 @@ class Certificate:
     def __str__(self) -> str:
         """One clause."""
         if self.limit not in LIMITS:
-            return self.what + self.where
-        limit = LIMITS[self.limit]
-        most = limit.comfort < limit.bound
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        return (
-            f"{self.what} is {self.value:.4g}{unit} at best, {self.tried} choices tried, and must be "
-            f"{'at most' if most else 'at least'} {self.bound:.4g}{unit}{self.where}"
-        )
+            told = self.what
+        else:
+            limit = LIMITS[self.limit]
+            side = "at most" if limit.comfort < limit.bound else "at least"
+            unit = "" if self.unit == "1" else f" {self.unit}"
+            told = (
+                f"{self.what} is {self.value:.4g}{unit} at best, {self.tried} choices tried, and must be "
+                f"{side} {self.bound:.4g}{unit}"
+            )
+        beyond = f"; farther on, {self.beyond}" if self.beyond else ""
+        return f"{self.where}, and there {told}{beyond}" if self.where else told + beyond
 
 
 class Untunable(BodilyRefusal):

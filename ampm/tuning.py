@@ -20,7 +20,7 @@ import numpy as np
 
 from ampm.certificate import WAYS_OUT, Certificate, Untunable
 from ampm.choice_search import ENOUGH, ChoiceSearch, Trial
-from ampm.exceptions import BodilyRefusal, RefusedGait
+from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.feasibility import check_body
 from ampm.free_choices import FREE_KEYS, FreeChoices, named_keys
 from ampm.gait import GaitPlan, plan_gait
@@ -88,10 +88,17 @@ def tune(
         The complete run, its plan and its motion.
 
     Raises:
+        InputError: the gait is the plain inverted pendulum's.
         MathematicalRefusal: no choice gives the formula a solution.
         BodilyRefusal: every choice breaks a limit; ``certificate`` says which, and the best that was found.
     """
     say = progress or (lambda text: None)
+    if run.gait.model != "ampm":  # its ZMP jumps, so no choice could keep it in a support that grows
+        raise InputError(
+            f"gait.model = {run.gait.model!r} cannot be tuned, only 'ampm' can; tune the same step and speed "
+            "with gait.model = 'ampm', and set the model in the file that comes of it.",
+            key="gait.model",
+        )
     space = FreeChoices(run, named_keys(run) if fixed is None else fixed, robot.description)
     if "body.angular_momentum_z" in space.fixed:
         return _confirmed(*_tune(space, robot, say, patient=True), cache)
@@ -320,7 +327,7 @@ def _confirmed(search: ChoiceSearch, best: Trial, cache: Path | None) -> Tuned:
 def _unconfirmed(error: BodilyRefusal, run: RunParameters, search: ChoiceSearch) -> Untunable:
     """The refusal of the best choice by the checks that every gait has to pass."""
     choice = {k: float(v) for k, v in _found(run, search.space).items() if isinstance(v, float)}
-    what = str(error).partition(";")[0]
+    what = f"{str(error).partition(';')[0]} ({len(search.trials)} choices tried)"
     certificate = Certificate(
         error.reason,
         what,
@@ -329,7 +336,6 @@ def _unconfirmed(error: BodilyRefusal, run: RunParameters, search: ChoiceSearch)
         error.unit,
         len(search.trials),
         MappingProxyType(choice),
-        f" ({len(search.trials)} choices tried)",
     )
     return Untunable(
         f"the best choice just fails: {certificate}",
@@ -353,15 +359,16 @@ def _found(run: RunParameters, space: FreeChoices) -> dict[str, float | str]:
 def _refusal(search: ChoiceSearch, best: Trial | None, farthest: _Farthest | None) -> Untunable:
     """The limit that stayed broken in the best of all choices, or where the way to the gait ended."""
     tried = len(search.trials)
-    where = ""
+    where = beyond = ""
     if best is None and farthest is not None:
         best, gait = farthest.trial, farthest.search.space.run.gait
         tried += len(farthest.search.trials)
         where = (
-            f" at step {gait.step_length:.3g} m, v0 {gait.switching_velocity:.3g} m/s, c_s {gait.c_s:.3g}, "
-            f"c_y {gait.c_y:.3g}, {farthest.share:.0%} of the way from an easy gait"
-            + (f"; beyond, {farthest.why}" if farthest.why is not None else ", where the search ended")
+            f"the search came {farthest.share:.0%} of the way from an easy gait, to step "
+            f"{gait.step_length:.3g} m, v0 {gait.switching_velocity:.3g} m/s, c_s {gait.c_s:.3g}, "
+            f"c_y {gait.c_y:.3g}"
         )
+        beyond = "" if farthest.why is None else str(farthest.why)
     name = "no_periodic_motion"
     if best is not None and best.whole:
         margins = best.margins()
@@ -371,7 +378,7 @@ def _refusal(search: ChoiceSearch, best: Trial | None, farthest: _Farthest | Non
         if not where or margins[tightest] < _TIGHT:
             name = tightest
         elif farthest is not None:
-            what, value, bound, unit = "a periodic step is found only", farthest.share, 1.0, "1"
+            what, value, bound, unit = "the last periodic step is found", farthest.share, 1.0, "1"
         reason = name if name not in LIMITS else limit.reason
     else:
         best = next((trial for trial in reversed(search.trials) if trial.why is not None), search.trials[-1])
@@ -381,7 +388,7 @@ def _refusal(search: ChoiceSearch, best: Trial | None, farthest: _Farthest | Non
     found = _found(best.run, search.space) if best.run is not None else {}
     choice = {key: float(value) for key, value in found.items() if isinstance(value, float)}
     certificate = Certificate(
-        name, what, float(value), float(bound), unit, tried, MappingProxyType(choice), where
+        name, what, float(value), float(bound), unit, tried, MappingProxyType(choice), where, beyond
     )
     return Untunable(
         f"no choice of timing, heights and angles lets this body walk the gait: {certificate}",

@@ -353,3 +353,8 @@ def test_a_page_keeps_what_is_outside_the_marks(tmp_path):
     path.write_text("no marks")
     with pytest.raises(InputError, match="marks"):
         campaign.publish("new\n", path)
+
+
+def test_the_plain_pendulum_is_not_tuned(capsys):
+    assert call(["tune", "ipm"]) == 2
+    assert "gait.model = 'ipm' cannot be tuned" in capsys.readouterr().err
