@@ -1,4 +1,6 @@
-"""Draw the pictures of the documentation again: ``python docs/images/make.py RUN_FOLDER [TIME]``.
+"""Draw the pictures of the documentation again: ``python docs/images/make.py RUN_FOLDER [TIME [RUN RUN]]``.
+
+The two runs at the end are of one gait, for the picture of the overlay.
 
 Needs a Vulkan driver; Mesa's software one will do (``mesa-vulkan-drivers`` on Debian).
 """
@@ -14,20 +16,27 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from validation.console import Silent
+from validation.instruments import load_instrument
+from validation.instruments.command import observe_folder, write_files
 from validation.planning import plan, request, write_picture
+from validation.rerun_merge import PHASE
+from validation.viewer import view
 
 HERE = Path(__file__).resolve().parent
 MENU_BAR = 36
 """Height of the viewer's menu bar [px], which says more of the machine than of the walk."""
 
 
-def picture_of_recording(run_dir: Path, seconds: float, target: Path, *, port: int = 9911) -> None:
-    """Save what the viewer shows of a run's recording at one time.
+def picture_of_recording(
+    recording: Path, time_at: float, target: Path, *, timeline: str = "sim_time", port: int = 9911
+) -> None:
+    """Save what the viewer shows of a recording at one time.
 
     Args:
-        run_dir: folder of a run.
-        seconds: simulated time [s].
+        recording: the file.
+        time_at: place on the timeline [s].
         target: PNG to write.
+        timeline: name of the timeline.
         port: a free TCP port.
     """
     rerun = Path(sys.executable).with_name("rerun")
@@ -38,14 +47,32 @@ def picture_of_recording(run_dir: Path, seconds: float, target: Path, *, port: i
         ) as viewer,
     ):
         shot = Path(folder) / "shot.png"
-        viewer.open(str((run_dir / "recording.rrd").resolve()))
-        time.sleep(2.0)
-        viewer.set_time("sim_time", duration=seconds, play_state="paused")
-        time.sleep(2.5)
+        viewer.open(str(recording.resolve()))
+        time.sleep(4.0)
+        viewer.set_time(timeline, duration=time_at, play_state="paused")
+        time.sleep(4.0)
         viewer.save_screenshot(str(shot))
         image = Image.open(shot).convert("RGB")
         image = image.crop((0, MENU_BAR, image.width, image.height - MENU_BAR))
         image.quantize(192, dither=Image.Dither.NONE).save(target, optimize=True)
+
+
+def picture_of_overlay(folders: list[Path], phase: float, target: Path) -> None:
+    """Save what the viewer shows of several runs of one gait at one phase."""
+    with tempfile.TemporaryDirectory() as folder:
+        merged = Path(folder) / "merged.rrd"
+        view(folders, save=merged)
+        picture_of_recording(merged, phase, target, timeline=PHASE, port=9912)
+
+
+def picture_of_instrument(run_dir: Path, target: Path) -> None:
+    """Save the picture of ``ampm instrument --plot``, in few colours."""
+    with tempfile.TemporaryDirectory() as folder:
+        drawn = Path(folder) / "instrument.png"
+        seen = observe_folder(run_dir, load_instrument("force-plate"))
+        write_files(seen, drawn, None, force=True)
+        image = Image.open(drawn).convert("RGB")
+        image.quantize(64, dither=Image.Dither.NONE).save(target, optimize=True)
 
 
 def picture_of_plan(gait: str, target: Path) -> None:
@@ -59,6 +86,9 @@ def picture_of_plan(gait: str, target: Path) -> None:
 
 if __name__ == "__main__":
     picture_of_plan("momentum", HERE / "plan.png")
-    picture_of_recording(
-        Path(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else 5.0, HERE / "recording.png"
-    )
+    run_folder = Path(sys.argv[1])
+    instant = float(sys.argv[2]) if len(sys.argv) > 2 else 5.0
+    picture_of_recording(run_folder / "recording.rrd", instant, HERE / "recording.png")
+    picture_of_instrument(run_folder, HERE / "instrument.png")
+    if len(sys.argv) > 3:
+        picture_of_overlay([Path(folder) for folder in sys.argv[3:]], 4.3, HERE / "overlay.png")
