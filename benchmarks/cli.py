@@ -92,13 +92,21 @@ def main(arguments: Sequence[str]) -> int:
     """Run one command line; errors become one sentence on stderr.
 
     Args:
-        arguments: without the program's name.
+        arguments: without the program's name; if the first is ``sweep``, sweeping is timed.
 
     Returns:
         The exit status, as of the command ``ampm``.
     """
+    if arguments and arguments[0] == "sweep":
+        from benchmarks.sweeping import app as sweeping
+
+        return _call(sweeping, "python -m benchmarks sweep", arguments[1:])
+    return _call(app, "python -m benchmarks", arguments)
+
+
+def _call(command: typer.Typer, name: str, arguments: Sequence[str]) -> int:
     try:
-        with typer.main.get_command(app).make_context("python -m benchmarks", list(arguments)) as context:
+        with typer.main.get_command(command).make_context(name, list(arguments)) as context:
             return int(context.command.invoke(context) or 0)
     except typer.Exit as end:
         return end.exit_code

@@ -176,10 +176,10 @@ def test_a_full_disk_a_killed_program_and_ctrl_c_lose_nothing(undisturbed, file,
             assert row["environment_time"] == kept[row["run"]]
 
 
-class Rows(list):  # type: ignore[type-arg]
+class Rows(list):
     """Rows and what a watcher is told."""
 
-    def append(self, rows: list[dict[str, object]]) -> None:  # type: ignore[override]
+    def append(self, rows: list[dict[str, object]]) -> None:
         self.extend(rows)
 
     def row(self, row: object) -> None: ...

@@ -159,6 +159,7 @@ def local_crew(workers: int) -> Iterator[Crew]:
                 threads_per_worker=1,
                 processes=True,
                 dashboard_address=None,
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # of its health page: any free port
                 silence_logs=logging.CRITICAL,
                 memory_limit=0,
                 local_directory=scratch,
