@@ -6,6 +6,7 @@ import base64
 import json
 import re
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -23,7 +24,11 @@ from validation.sweep.report_rows import Repeat, links_of
 from validation.sweep.table import STATES, State, SweepTable, read_sweep
 from validation.sweep.tally import judge_sweep, share
 
-GRID = {"gait.c_s": [0.6, 1.0, 1.4], "gait.a_s": [2.0, 2.63, float("inf")], "foot.schedule": ["flat", "roll"]}
+GRID: dict[str, list[Any]] = {
+    "gait.c_s": [0.6, 1.0, 1.4],
+    "gait.a_s": [2.0, 2.63, float("inf")],
+    "foot.schedule": ["flat", "roll"],
+}
 
 
 def sweep_of(table, source="sweep"):
@@ -32,6 +37,7 @@ def sweep_of(table, source="sweep"):
 
 def data_of(html):
     found = re.search(r'<script type="application/json" id="map-data">(.*?)</script>', html, re.DOTALL)
+    assert found
     return json.loads(found[1])
 
 

@@ -88,7 +88,7 @@ def parameter_axis(sweep: SweepTable, key: str) -> Axis:
         return Axis(key, key, "", np.array([index[word] for word in words]), levels, True)
     values = sweep.numbers(key)
     distinct = np.unique(values[~np.isnan(values)])
-    if len(distinct) <= MOST_LEVELS and (len(distinct) < len(sweep) / 2 or not np.isfinite(distinct).all()):
+    if len(distinct) <= MOST_LEVELS and (len(distinct) <= len(sweep) / 2 or not np.isfinite(distinct).all()):
         position = np.searchsorted(distinct, values).astype(float)
         position[np.isnan(values)] = np.nan
         return Axis(key, key, unit, position, tuple(level_text(value) for value in distinct), True)

@@ -13,6 +13,7 @@ import numpy as np
 from ampm.parameters import PRESETS, load_run
 from validation.report import metric_label, number, with_unit
 from validation.sweep.columns import parameter_values
+from validation.sweep.store import CRASHES
 from validation.sweep.table import STATES, State, SweepTable
 
 STEPS = "gait.steps"
@@ -177,9 +178,17 @@ def broken_rows(sweep: SweepTable, states: Sequence[State]) -> list[dict[str, An
                     "count": f"{count:,}",
                     "first": names[first] or str(first),
                     "example": causes[first] or "no cause was kept",
+                    "traceback": _traceback(sweep, names[first]),
                 }
             )
     return found
+
+
+def _traceback(sweep: SweepTable, name: str) -> str:
+    """Address of a crash's traceback, relative to the page; empty if there is none."""
+    file = f"{CRASHES}/{name}.txt"
+    kept = sweep.directory is not None and "/" not in name and (sweep.directory / file).is_file()
+    return file if kept else ""
 
 
 # ------------------------------------------------------------------------------------------ parameters
@@ -319,8 +328,9 @@ def warnings(sweep: SweepTable) -> list[str]:
     if mixed:
         names = ", ".join(name.removeprefix("version_").replace("_", " ") for name in mixed)
         found.append(
-            f"These runs were not all made by the same program on the same kind of machine: {names} differ. "
-            "Rows of different versions or revisions are not one measurement; see “Versions and platform”."
+            "These runs were not all made by the same program on the same kind of machine; not the same: "
+            f"{names}. Rows of different versions or revisions are not one measurement; see “Versions and "
+            "platform”."
         )
     if any(word == "True" for word, _ in values.get("modified", ())):
         found.append(

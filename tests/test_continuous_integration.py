@@ -1,0 +1,172 @@
+"""The example that gates pull requests: valid, its commands exist, and its steps do what the page says."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+import yaml
+
+from tests.sweep_table import make_table, replaced, write_sweep
+from validation.cli import app
+from validation.sweep.definition import load_sweep
+from validation.sweep.sampling import cases
+from validation.sweep.screening import screen
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+WORKFLOW = DOCS / "examples" / "gate.yml"
+PAGE = DOCS / "continuous-integration.md"
+
+
+def workflow() -> dict[Any, Any]:
+    return yaml.safe_load(WORKFLOW.read_text(encoding="utf-8"))
+
+
+def scripts() -> dict[str, str]:
+    """Shell text of every step that has one, by name."""
+    return {step["name"]: step["run"] for step in workflow()["jobs"]["gate"]["steps"] if "run" in step}
+
+
+def commands(text: str) -> list[list[str]]:
+    """Words of every ``ampm`` command in shell text."""
+    joined = re.sub(r"\\\n\s*", " ", text)
+    found = re.findall(r"(?:^|[\s/`])ampm ([a-z][^|`#\n]*)", joined, re.MULTILINE)
+    return [line.split() for line in found]
+
+
+def test_workflow_is_one():
+    found = workflow()
+    triggers = found.get("on", found.get(True))  # YAML 1.1 takes `on` for a truth value
+    assert "pull_request" in triggers
+    assert found["permissions"] == {"contents": "read"}
+    job = found["jobs"]["gate"]
+    assert job["timeout-minutes"] <= 60
+    assert all(("uses" in step) != ("run" in step) for step in job["steps"])
+    uses = [step["uses"] for step in job["steps"] if "uses" in step]
+    assert all(re.fullmatch(r"actions/[\w-]+@v\d+", name) for name in uses)
+    paths = [step["with"]["path"] for step in job["steps"] if "checkout" in step.get("uses", "")]
+    assert paths == ["head", "base"]
+
+
+def test_fragments_of_the_page_are_yaml():
+    text = PAGE.read_text(encoding="utf-8")
+    fragments = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    assert fragments
+    for fragment in fragments:
+        assert all("run" in step for step in yaml.safe_load(fragment))
+
+
+@pytest.mark.parametrize(
+    "source", [WORKFLOW, PAGE, DOCS / "sweep-report.md", DOCS / "examples" / "gate.toml"]
+)
+def test_commands_exist(source):
+    group = typer.main.get_command(app)
+    context = typer.Context(group)
+    found = commands(source.read_text(encoding="utf-8"))
+    assert found
+    for name, *words in found:
+        command = group.get_command(context, name)
+        assert command is not None, name
+        options = {option for parameter in command.params for option in parameter.opts}
+        assert {word for word in words if word.startswith("--")} <= options, (name, words)
+
+
+def test_files_that_it_names_exist():
+    root = DOCS.parent
+    for name in re.findall(r"head/((?:[\w-]+/)+[\w.-]+\.toml)", WORKFLOW.read_text(encoding="utf-8")):
+        assert (root / name).is_file()
+    makefile = (root / "Makefile").read_text(encoding="utf-8")
+    for target in re.findall(r"make -C \w+ (\w+)", "\n".join(scripts().values())):
+        assert f"\n{target}:" in makefile
+
+
+def test_the_sweep_is_small_and_accepted():
+    definition = load_sweep(DOCS / "examples" / "gate.toml")
+    assert len(definition) == 8
+    assert definition.steps <= 12
+    assert screen(definition, cases(definition)).accepted.all()
+
+
+# ------------------------------------------------------------------------------- the steps, walked through
+
+
+@pytest.fixture
+def workspace(tmp_path):
+    """Two checkouts whose ``ampm sweep`` lays a prepared sweep down; everything else is the real thing."""
+    if shutil.which("bash") is None:
+        pytest.skip("no bash on this machine")
+    vary = {"gait.c_s": (0.9, 1.1), "gait.c_y": (0.8, 1.1)}
+    table = make_table(8, vary=vary, failures=False)
+    write_sweep(tmp_path / "prepared" / "good", table)
+    worse = replaced(table, "outcome", ["fell", *["completed"] * 7])
+    worse = replaced(worse, "verdict", ["not_measured", *table.column("verdict").to_pylist()[1:]])
+    write_sweep(tmp_path / "prepared" / "worse", worse)
+    for side in ("head", "base"):
+        folder = tmp_path / side / ".venv" / "bin"
+        folder.mkdir(parents=True)
+        script = folder / "ampm"
+        script.write_text(
+            "#!/bin/bash\n"
+            'if [ "$1" = sweep ]; then\n'
+            f'  mkdir -p sweeps && cp -r "prepared/${{{side}_sweep}}" "$4" && exit "${{{side}_status:-0}}"\n'
+            "fi\n"
+            f'exec "{sys.executable}" -m validation.cli "$@"\n',
+            encoding="utf-8",
+        )
+        script.chmod(0o755)
+    return tmp_path
+
+
+def walk_through(workspace: Path, **environment: str) -> tuple[dict[str, int], str]:
+    """Run the steps as the runner would: a failed one skips those after it that are not for ``always()``."""
+    summary = workspace / "summary.md"
+    summary.touch()
+    root = DOCS.parent
+    env = {**os.environ, **environment, "GITHUB_STEP_SUMMARY": str(summary), "PYTHONPATH": str(root)}
+    statuses: dict[str, int] = {}
+    for step in workflow()["jobs"]["gate"]["steps"]:
+        if "run" not in step or "make " in step["run"]:
+            continue
+        if any(statuses.values()) and step.get("if") != "always()":
+            continue
+        done = subprocess.run(
+            ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]],
+            cwd=workspace, env=env, capture_output=True, text=True, timeout=120, check=False,
+        )  # fmt: skip
+        statuses[step["name"]] = done.returncode
+    return statuses, summary.read_text(encoding="utf-8")
+
+
+def test_equal_sweeps_pass(workspace):
+    statuses, summary = walk_through(workspace, base_sweep="good", head_sweep="good")
+    assert set(statuses.values()) == {0}
+    assert summary.startswith("No difference beyond noise in 8 matched runs.")
+    assert (workspace / "sweeps" / "diff.html").is_file()
+
+
+def test_a_regression_fails_the_job_and_is_told(workspace):
+    statuses, summary = walk_through(workspace, base_sweep="good", head_sweep="worse", head_status="3")
+    assert statuses["Compare"] == 1
+    assert [name for name, status in statuses.items() if status] == ["Compare"]
+    assert summary.startswith("Regression in 8 matched runs: 1 newly failing.")
+
+
+def test_a_base_that_fails_already_does_not_matter(workspace):
+    statuses, _ = walk_through(
+        workspace, base_sweep="worse", base_status="3", head_sweep="worse", head_status="3"
+    )
+    assert set(statuses.values()) == {0}
+
+
+def test_a_sweep_that_did_not_run_fails_the_job(workspace):
+    statuses, summary = walk_through(workspace, base_sweep="good", head_sweep="good", head_status="5")
+    assert statuses["Sweep the pull request"] == 1
+    assert "Compare" not in statuses
+    assert summary == ""
