@@ -76,6 +76,16 @@ def test_measurement_cannot_see_the_plan(module):
     }
 
 
+def test_a_run_without_a_recording_loads_no_drawing():
+    loaded = loaded_by("import validation.run, validation.trial, validation.planning, validation.sweep.work")
+    assert not loaded & {"rerun", "matplotlib", "jinja2"}
+
+
+def test_the_schema_of_a_sweep_needs_no_simulator():
+    loaded = loaded_by("from validation.instruments import INSTRUMENT_COLUMNS, load_instrument")
+    assert not loaded & {"mujoco", "pinocchio", "scipy", "rerun", "matplotlib"}
+
+
 def test_only_the_simulation_side_owns_simulator_data():
     owners = {
         path.relative_to(ROOT).as_posix()
