@@ -78,7 +78,7 @@ def test_measurement_cannot_see_the_plan(module):
 
 def test_a_run_without_a_recording_loads_no_drawing():
     loaded = loaded_by("import validation.run, validation.trial, validation.planning, validation.sweep.work")
-    assert not loaded & {"rerun", "matplotlib", "jinja2"}
+    assert not loaded & {"rerun", "matplotlib"}
 
 
 def test_the_schema_of_a_sweep_needs_no_simulator():
