@@ -158,7 +158,9 @@ def test_a_full_disk_a_killed_program_and_ctrl_c_lose_nothing(undisturbed, file,
     assert finish(process)[0] == -signal.SIGKILL
     _, alive = psutil.wait_procs(workers, timeout=20)
     assert not alive
-    kept = {row["run"]: row["environment_time"] for row in read_rows(out).to_pylist()}
+    table = read_rows(out)
+    assert table is not None
+    kept = {row["run"]: row["environment_time"] for row in table.to_pylist()}
 
     process = start(file, out, "--resume", "--workers", "1")
     wait_for_rows(process, out, len(kept) + 1)

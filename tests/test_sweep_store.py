@@ -24,7 +24,7 @@ DEFINITION = parse_sweep('[[vary]]\nmethod = "grid"\ngait.c_s = { from = 0.8, to
 METADATA = store.table_metadata(DEFINITION)
 
 
-def row(run: int, outcome: str = "completed", **values: object) -> dict[str, object]:
+def row(run: int, outcome: str = "completed", /, **values: object) -> dict[str, object]:
     return tidy({"run": run, "name": f"{run:03d}", "outcome": outcome, **values})
 
 
@@ -145,7 +145,11 @@ def test_folders_that_are_no_sweep_are_named(tmp_path):
 
 
 def test_undefined_is_null_and_infinity_is_kept(tmp_path):
-    values = {"gait.a_s": float("inf"), "metric_zmp_x_rmse": float("nan"), "margin_knee": -0.0}
+    values: dict[str, object] = {
+        "gait.a_s": float("inf"),
+        "metric_zmp_x_rmse": float("nan"),
+        "margin_knee": -0.0,
+    }
     with opened(tmp_path / "a") as sweep:
         sweep.append([row(0, **values)])
         table = sweep.rows()
