@@ -119,6 +119,7 @@ def _context(sweep: SweepTable) -> dict[str, Any]:
         "hidden_keys": sensitivity.hidden,
         "drivers": sensitivity.drivers,
         "undriven": sensitivity.undriven,
+        "unsaid": sensitivity.unsaid,
         "no_matrix": sensitivity.silent,
         "entangled": [(a, b, number(rho, 2)) for a, b, rho in sensitivity.entangled],
         "refusals": refusal_rows(sweep),

@@ -31,12 +31,13 @@ class SensitivityTable:
     """The section of the report.
 
     Attributes:
-        rows: figures; ``label``, ``runs``, ``silent`` and ``cells``.
+        rows: figures; ``label``, ``runs`` and ``cells``.
         keys: parameters of the columns.
         hidden: parameters left out for room.
         by_strength: all varied parameters, those that decide on passing most first.
         drivers: parameters, each with the figures that it drives above all others.
         undriven: figures that nothing drives beyond chance.
+        unsaid: reasons, each with the figures of which nothing is said for it.
         silent: why there is no table.
         entangled: parameters that vary together.
     """
@@ -47,6 +48,7 @@ class SensitivityTable:
     by_strength: tuple[str, ...] = ()
     drivers: list[tuple[str, list[str]]] = field(default_factory=list)
     undriven: list[str] = field(default_factory=list)
+    unsaid: list[tuple[str, list[str]]] = field(default_factory=list)
     silent: str = ""
     entangled: list[tuple[str, str, float]] = field(default_factory=list)
 
@@ -83,12 +85,13 @@ def sensitivity_table(sweep: SweepTable) -> SensitivityTable:
         completed = int(sweep.measured.sum())
         return SensitivityTable(
             by_strength=ranked,
-            silent=f"{completed} run{' is' if completed == 1 else 's are'} too few to say what drives an "
-            f"error; at {LEAST_RUNS} and more this section has an answer.",
+            silent=f"{completed} completed run{' is' if completed == 1 else 's are'} too few to say what "
+            f"drives an error; at {LEAST_RUNS} and more this section has an answer.",
         )
     columns = tuple(sorted(ranked[:MOST_COLUMNS], key=keys.index))
     return SensitivityTable(
-        rows=[_row(item, columns) for item in found],
+        rows=[_row(item, columns) for item in found if not item.silent],
+        unsaid=_unsaid(found),
         keys=columns,
         hidden=ranked[MOST_COLUMNS:],
         by_strength=ranked,
@@ -120,8 +123,7 @@ def _row(item: Sensitivity, columns: tuple[str, ...]) -> dict[str, Any]:
     return {
         "label": item.target,
         "runs": runs,
-        "silent": item.silent,
-        "cells": [] if item.silent else [_cell(by_name[key], item) for key in columns],
+        "cells": [_cell(by_name[key], item) for key in columns],
     }
 
 
@@ -150,6 +152,15 @@ def _cell(item: Influence, of: Sensitivity) -> dict[str, Any]:
 
 def _signed(value: float) -> str:
     return f"{value:+.2f}".replace("-", "−")
+
+
+def _unsaid(found: list[Sensitivity]) -> list[tuple[str, list[str]]]:
+    """Why nothing is said, and of what."""
+    reasons: dict[str, list[str]] = {}
+    for item in found:
+        if item.silent:
+            reasons.setdefault(item.silent, []).append(item.target)
+    return list(reasons.items())
 
 
 def _drivers(found: list[Sensitivity]) -> list[tuple[str, list[str]]]:

@@ -173,7 +173,7 @@ def analyse(
 
 
 def entangled(
-    parameters: Mapping[str, Sequence[object] | NDArray[np.generic]], limit: float = 0.3
+    parameters: Mapping[str, Sequence[object] | NDArray[np.generic]], limit: float = 0.5
 ) -> list[tuple[str, str, float]]:
     """Pairs of parameters that vary together, whose effects a sweep therefore cannot tell apart.
 

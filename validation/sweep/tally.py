@@ -54,7 +54,7 @@ def judge_sweep(sweep: SweepTable) -> SweepVerdict:
 
 _PHRASES = {
     State.OUT_OF_TOLERANCE: "out of tolerance",
-    State.NOT_MEASURED: "too short to be measured",
+    State.NOT_MEASURED: "without a verdict",
     State.FELL: "fell",
     State.DIVERGED: "diverged",
     State.INFEASIBLE: "became infeasible",
