@@ -335,7 +335,7 @@ def test_presets_load_and_have_every_cause(name, record, human):
         ({**FACTS, "treshold": 3.0}, "did you mean 'threshold'"),
         ({**FACTS, "force_z": {"noise": -1.0}}, r"force_z\.noise = -1 N/sqrt\(Hz\) must be at least 0"),
         ({**FACTS, "force_z": {"nois": 1.0}}, r"did you mean 'force_z\.noise'"),
-        ({**FACTS, "acquisition": {"cutoff": 0.0}}, "must be greater than 0 Hz"),
+        ({**FACTS, "acquisition": {"cutoff": 0.0}}, "must be at least 0.01 Hz"),
         ({**FACTS, "acquisition": {"order": 2.5}}, "whole number"),
         ({**FACTS, "acquisition": {"delay": math.nan}}, r"acquisition\.delay"),
         ({**FACTS, "force_z": 3.0}, "table of keys"),

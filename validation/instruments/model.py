@@ -61,7 +61,7 @@ class Acquisition(_Part):
 
     cutoff: Real | None = _field(
         None, "-3 dB frequency of the causal Butterworth low-pass; without it there is none", "Hz",
-        gt=0, le=1e6,
+        ge=0.01, le=1e6,
     )  # fmt: skip
     order: int = _field(4, "order of the low-pass", "1", ge=1, le=10)
     rate: Real | None = _field(
