@@ -107,9 +107,9 @@ def _context(sweep: SweepTable) -> dict[str, Any]:
         "distributions": pictures,
         "figures": _figure_table(sweep) if sweep.measured.any() else [],
         "weight_note": any(sweep.shown(name)[2].startswith("%") for name in sweep.metrics),
-        "lost": run_rows(sweep, lost, repeat),
+        "lost": run_rows(sweep, lost, repeat, sensitivity.by_strength),
         "lost_more": lost_count(sweep) if lost_count(sweep) > len(lost) else 0,
-        "furthest": run_rows(sweep, furthest, repeat),
+        "furthest": run_rows(sweep, furthest, repeat, sensitivity.by_strength),
         "furthest_title": "Out of tolerance, and closest to it"
         if (over > 1.0).any()
         else "Closest to a tolerance",

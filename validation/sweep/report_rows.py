@@ -17,6 +17,8 @@ from validation.sweep.store import CRASHES
 from validation.sweep.table import STATES, State, SweepTable
 
 STEPS = "gait.steps"
+MOST_SHOWN = 8
+"""Parameters of a run in a table; the command that repeats it has them all."""
 _PER_RUN = frozenset({"worker", "attempts", "memory_peak", "time"})
 """Entries of the environment that differ between runs by their nature."""
 _DECISIVE = ("revision", "modified", "code", "python", "version_", "processor", "platform")
@@ -96,8 +98,10 @@ def links_of(sweep: SweepTable) -> dict[int, list[tuple[str, str]]]:
     return found
 
 
-def run_rows(sweep: SweepTable, rows: Sequence[int], repeat: Repeat) -> list[dict[str, Any]]:
-    """Rows of a table of runs."""
+def run_rows(
+    sweep: SweepTable, rows: Sequence[int], repeat: Repeat, keys: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Rows of a table of runs, each with its first :data:`MOST_SHOWN` parameters of ``keys``."""
     links, names = links_of(sweep), sweep.words("name")
     causes, reasons = sweep.words("cause"), sweep.words("reason")
     found = []
@@ -110,7 +114,7 @@ def run_rows(sweep: SweepTable, rows: Sequence[int], repeat: Repeat) -> list[dic
             time = sweep.numbers("outcome_time")[row]
             steps = sweep.numbers("steps_completed")[row]
             why = f"at {time:.2f} s, after {steps:.0f} step{'' if steps == 1 else 's'}: {why}"
-        values = [(key, sweep.table.column(key)[row].as_py()) for key in sweep.varied]
+        values = [(key, sweep.table.column(key)[row].as_py()) for key in keys[:MOST_SHOWN]]
         found.append(
             {
                 "name": names[row] or str(row),
@@ -119,6 +123,7 @@ def run_rows(sweep: SweepTable, rows: Sequence[int], repeat: Repeat) -> list[dic
                 "why": why,
                 "links": links.get(row, []),
                 "parameters": [(key, value_text(value)) for key, value in values],
+                "more": max(len(keys) - MOST_SHOWN, 0),
                 "repeat": repeat.command(sweep, row),
             }
         )
