@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -247,6 +249,15 @@ def test_a_refusal_of_the_body_still_has_the_plan():
     assert (row["outcome"], row["reason"], row["cause"]) == ("refused", "leg_too_short", "no; bend.")
     assert row["plan_l_s"] == pytest.approx(0.1185)
     assert row["plan_angular_momentum_y_offset"] is None
+
+
+def test_a_worker_loads_no_viewer_and_no_pictures():
+    code = (
+        "import sys, validation.sweep.work, validation.planning, validation.trial; "
+        "print([name for name in ('rerun', 'matplotlib', 'typer') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 def test_words_for_errors_name_no_place():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import random
 import resource
 import signal
 import subprocess
@@ -220,3 +221,46 @@ def test_whatever_a_run_does_it_gets_its_row(tmp_path):
     }
     assert found[2]["cause"] == "no good at 0x... in file.py of 2"
     assert found[6]["environment_attempts"] > 1
+
+
+@pytest.mark.slow
+def test_hours_of_bad_luck_change_nothing(tmp_path):
+    """Several gaits, some of which fall, with recordings of the failures, and everything killed at random."""
+    path = tmp_path / "long.toml"
+    path.write_text(
+        """
+[sweep]
+steps = 6
+recordings = "failures"
+
+[[vary]]
+method = "sobol"
+count = 32
+gait.step_length = { from = 0.3, to = 0.7 }
+gait.switching_velocity = { from = 0.5, to = 1.2 }
+contact.friction = { from = 0.3, to = 0.8 }
+""",
+        encoding="utf-8",
+    )
+    status, error = finish(start(path, tmp_path / "calm", "--workers", "1"))
+    assert status in (OUT_OF_TOLERANCE, 3), error
+    expected = same_columns(tmp_path / "calm")
+    out = tmp_path / "out"
+    chance = random.Random(1)
+    for _ in range(40):
+        process = start(path, out, "--resume", "--workers", str(chance.choice((1, 2, 3))))
+        for _ in range(chance.randrange(4)):
+            time.sleep(chance.uniform(1.0, 6.0))
+            for worker in workers_of(process)[:1]:
+                worker.kill()
+        if process.poll() is None and chance.random() < 0.7:
+            time.sleep(chance.uniform(0.0, 10.0))
+            os.killpg(process.pid, chance.choice((signal.SIGKILL, signal.SIGINT, signal.SIGTERM)))
+        if finish(process)[0] == status:
+            break
+    else:
+        pytest.fail("the sweep did not come to its end")
+    assert same_columns(out).equals(expected)
+    kept = {name for name in expected["recording"].to_pylist() if name is not None}
+    assert kept
+    assert {f"recordings/{item.name}" for item in (out / "recordings").iterdir()} == kept

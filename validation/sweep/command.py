@@ -316,7 +316,8 @@ class _Jobs:
 
 def _here() -> dict[str, Any]:
     """Environment of a row that this process makes."""
-    return environment_columns(None, 0, datetime.now(UTC).isoformat(timespec="milliseconds"))
+    now = datetime.now(UTC).isoformat(timespec="milliseconds")
+    return {**environment_columns(None, 0, now), "environment_memory_peak": None}
 
 
 # ------------------------------------------------------------------------- the end

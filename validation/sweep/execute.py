@@ -119,10 +119,11 @@ class Execution:
         self._crew.client.subscribe_topic(self._topic, self._on_event)
         try:
             while True:
-                self._fill()
+                more = self._fill()
                 if not (self._flying or self._again or self._suspects) and self._exhausted:
                     break
-                self._take(_WAIT if not self._rows else min(_WAIT, self._until_flush()))
+                wait = _WAIT if not self._rows else min(_WAIT, self._until_flush())
+                self._take(0.0 if more else wait)
                 self._look_at_clocks()
                 if self._rows and (self._until_flush() <= 0.0 or len(self._rows) >= _BATCH):
                     self._flush()
@@ -138,10 +139,14 @@ class Execution:
 
     # ------------------------------------------------------------------ out
 
-    def _fill(self) -> None:
-        """Send out what there is room for; rows without a walk are taken for a moment only."""
+    def _fill(self) -> bool:
+        """Send out what there is room for; rows without a walk are taken for a moment only.
+
+        Returns:
+            Whether there is more to do at once.
+        """
         if self._crew.client.status != "running":  # the connection is lost, and sought again
-            return
+            return False
         end = time.monotonic() + _FILL
         room = PER_WORKER * max(1, self._crew.size())
         while len(self._flying) < room:
@@ -152,14 +157,15 @@ class Execution:
             if item is None:
                 self._exhausted = True
                 if not self._suspects:
-                    return
+                    return False
                 item = self._suspects.popleft()
             if isinstance(item, Task):
                 self._send(item)
             else:
                 self._keep(item)
                 if time.monotonic() > end or len(self._rows) >= _BATCH:
-                    return
+                    return True
+        return False
 
     def _send(self, task: Task) -> None:
         task = replace(task, topic=self._topic)
@@ -286,7 +292,8 @@ class Execution:
             self._crew.restart(flight.address)
         row = first_columns(task.run, task.name, task.parameters, task.profile, task.instrument)
         time_ = datetime.now(UTC).isoformat(timespec="milliseconds")
-        self._keep(tidy({**row, **columns, **environment_columns(None, task.attempt, time_)}))
+        place = {**environment_columns(None, task.attempt, time_), "environment_memory_peak": None}
+        self._keep(tidy({**row, **columns, **place}))
 
     # ------------------------------------------------------------------ rows
 
