@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from ampm.exceptions import InputError
@@ -198,6 +199,14 @@ def test_a_step_across_the_limit_below_the_noise_is_no_failure(base):
 # ------------------------------------------------------------------------------------------ changes
 
 
+def test_a_verdict_without_figures_is_believed(base):
+    verdicts = base.column("verdict").to_pylist()
+    row = verdicts.index("pass")
+    other = replaced(base, "verdict", [*verdicts[:row], "fail", *verdicts[row + 1 :]])
+    assert [change.kind for change in compared(base, other).changes] == ["newly_failing"]
+    assert [change.kind for change in compared(other, base).changes] == ["newly_passing"]
+
+
 def test_newly_failing_and_newly_passing(base):
     rows = [row for row, verdict in enumerate(base.column("verdict").to_pylist()) if verdict == "pass"][:3]
     values = metric(base, "zmp_y_rmse")
@@ -351,6 +360,18 @@ def test_bad_input(folders, extra, message, capsys):
     assert message in told.err
     assert told.err.count("\n") == 1
     assert told.out == ""
+
+
+def test_a_table_that_lost_its_metadata(folders, tmp_path, base, capsys):
+    a, b = folders
+    bare = pq.read_table(f"{b}/results.parquet").replace_schema_metadata(None)
+    pq.write_table(bare, tmp_path / "bare.parquet")
+    assert call(["diff", a, str(tmp_path / "bare.parquet"), "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["metrics"]["zmp_y_rmse"]["worse"] == 3
+    pq.write_table(bare, f"{b}/results.parquet")
+    for other in (b, f"{b}/results.parquet"):
+        assert call(["diff", a, other, "--json"]) == 1
+        assert json.loads(capsys.readouterr().out)["b"]["name"] == "synthetic"
 
 
 def test_bad_sweeps(folders, tmp_path, capsys):

@@ -390,7 +390,7 @@ def _kind(
         worse = after is State.OUT_OF_TOLERANCE
         crossed = [row for row in rows if (row.over_b[i] if worse else row.over_a[i])]
         real = any((row.worse if worse else row.better)[i] for row in crossed)
-        if not real:
+        if crossed and not real:  # with no figure over its limit the verdict has reasons that are not here
             return "worse_figures" if grown else "verdict_only"
     if before is after:
         return "worse_figures" if grown else None

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from ampm.parameters import GRAVITY, RunParameters, keys
-from validation.profiles import BODY_WEIGHT, PROFILES
+from validation.profiles import BODY_WEIGHT, DEFAULT, PROFILES
 from validation.sweep import store
 from validation.sweep.columns import TABLE_METADATA
 from validation.sweep.store import RESULTS
@@ -358,6 +358,9 @@ def read_sweep(path: Path | str) -> SweepTable:
         metadata = json.loads((table.schema.metadata or {}).get(TABLE_METADATA, b"{}"))
     except json.JSONDecodeError as error:
         raise InputError(f"{file} has metadata that are no JSON ({error}).") from error
+    if not metadata:  # other programs lose them when they write a table again
+        beside = store.is_sweep(file.parent)
+        metadata = dict(store.load_results(file.parent).metadata) if beside else {"profile": DEFAULT.name}
     return SweepTable(table.sort_by("run"), _mapping(metadata), path if path.is_dir() else None, str(path))
 
 
