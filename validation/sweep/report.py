@@ -73,11 +73,11 @@ def render(sweep: SweepTable) -> str:
     )  # fmt: skip
     source = {
         name: environment.loader.get_source(environment, name)[0]  # type: ignore[union-attr]
-        for name in ("report.css", "sweep.css", "sweep.js")
+        for name in ("report.css", "sweep.css", "sweep_tools.js", "sweep.js")
     }
     return environment.get_template("sweep.html.j2").render(
         css=Markup(source["report.css"] + source["sweep.css"]),
-        script=Markup(source["sweep.js"]),
+        script=Markup(source["sweep_tools.js"] + source["sweep.js"]),
         **_context(sweep),
     )
 
