@@ -75,6 +75,10 @@ def cases_hash(definition: SweepDefinition) -> str:
     """Hash of all that decides what is walked and kept; the wall-clock guard is free to change."""
     same = definition.model_copy(update={"limits": type(definition.limits)()})
     text = dump_sweep(same) + definition.run.model_dump_json()
+    if definition.instrument is not None:
+        from validation.instruments import load_instrument
+
+        text += repr(load_instrument(definition.instrument))  # a file may change
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -96,4 +100,5 @@ def _sources() -> list[Path]:
         path for package in _PACKAGES for path in (_ROOT / package).rglob("*") if path.suffix in _SUFFIXES
     ]
     paths += [_ROOT / "validation" / f"{name}.py" for name in _MODULES]
+    paths += (_ROOT / "validation" / "instruments").glob("*.py")
     return sorted(paths)
