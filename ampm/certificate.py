@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from ampm.exceptions import BodilyRefusal
+from ampm.free_choices import FREE_KEYS
 from ampm.gait_limits import LIMITS
+
+if TYPE_CHECKING:
+    from ampm.parameters import RunParameters
 
 
 @dataclass(frozen=True)
@@ -78,14 +83,31 @@ class Untunable(BodilyRefusal):
         self.certificate = certificate
 
 
-WAYS_OUT = {
-    **dict.fromkeys(
-        (name for name in LIMITS if name.endswith("_torque")),
-        "lower gait.switching_velocity, or bring gait.c_s and gait.c_y nearer to 1",
-    ),
-    "trunk": "bring gait.c_s and gait.c_y nearer to 1",
-    "arms": "bring gait.c_s and gait.c_y nearer to 1",
-    "friction": "bring gait.c_s nearer to 1 or shorten gait.step_length",
-    "mid_stance": "raise gait.switching_velocity, shorten gait.step_length or lower gait.c_s",
-}
-"""Limit to what would make the gait easier."""
+def way_out(limit: str, run: RunParameters, fixed: Collection[str]) -> str:
+    """What would make a refused gait easier, as far as it has not been done already.
+
+    Args:
+        limit: name in :data:`ampm.gait_limits.LIMITS`, or another.
+        run: what was asked for.
+        fixed: keys that might not be changed.
+    """
+    gait = run.gait
+    leaning = [key for key in ("c_s", "c_y") if abs(getattr(gait, key) - 1.0) > 0.02]
+    ways = []
+    if limit == "mid_stance":
+        ways += ["raise gait.switching_velocity", "shorten gait.step_length", "lower gait.c_s"]
+    elif limit in ("twist", "turn", "handover"):
+        ways += ["lower gait.switching_velocity or lengthen gait.step_length"]
+    elif limit in ("knee_torque", "friction") and gait.c_s > 1.1:
+        ways += ["change gait.switching_velocity (a faster step of this c_s may need less)"]
+    elif limit.endswith("_torque"):
+        ways += ["lower gait.switching_velocity"]
+    if leaning:
+        ways += [f"bring {' and '.join(f'gait.{key}' for key in leaning)} nearer to 1"]
+    if limit not in ("mid_stance", "twist", "turn", "handover"):
+        ways += ["shorten gait.step_length"]
+    named = [key for key in FREE_KEYS if key in fixed]
+    if named:
+        others = f" and {len(named) - 3} more" if len(named) > 3 else ""
+        ways += [f"leave free what was named ({', '.join(named[:3])}{others})"]
+    return ways[0] if len(ways) == 1 else f"{', '.join(ways[:-1])}, or {ways[-1]}"

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+_KNEE_GRID = 0.015  # by how much a fine grid may find the knee straighter than the search's coarse one [rad]
 RISE_TOLERANCE = 0.6 * ROLL_TOLERANCE
 """How far behind the ball the ZMP may be when the heel rises [m]: less than what a body refuses."""
 
@@ -108,7 +109,7 @@ LIMITS: Mapping[str, Limit] = MappingProxyType(
         "friction": Limit("share of the friction that the controller may use", "1", 1.0, 0.75, "friction"),
         # Beyond its bound a foot yaws; well before it the vertical moment is given up, and the ZMP suffers.
         "twist": Limit("share of the twist that the controller gives a foot", "1", 2.0, 1.0, "friction"),
-        "knee": Limit("least knee flexion", "rad", KNEE_MINIMUM, 0.35, "knee_too_straight"),
+        "knee": Limit("least knee flexion", "rad", KNEE_MINIMUM + _KNEE_GRID, 0.35, "knee_too_straight"),
         **_JOINTS,
         **_TORQUES,
     }

@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ampm.certificate import WAYS_OUT, Certificate, Untunable
+from ampm.certificate import Certificate, Untunable, way_out
 from ampm.choice_search import ENOUGH, ChoiceSearch, Trial
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.feasibility import check_body
 from ampm.free_choices import FREE_KEYS, FreeChoices, named_keys
 from ampm.gait import GaitPlan, plan_gait
-from ampm.gait_limits import LIMITS
+from ampm.gait_limits import LIMITS, orbit_margins, plan_margins
 from ampm.inverse_kinematics import Unreachable
 from ampm.orbit import RoughOrbits, solve_motion
 from ampm.parameters import GaitParameters, RunParameters
@@ -43,6 +43,7 @@ _NODES = (32, 14)  # intervals of the grid in single and double support
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
 _BUDGET = 2000  # integrated steps that the ways may take; a second, careful try may take as many
 _TIGHT = 0.3  # margin below which a limit is named as what ended a way
+_GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
 _HOPELESS = -0.5  # margin at which a path is given up
 
 
@@ -95,11 +96,30 @@ def tune(
     say = progress or (lambda text: None)
     if run.gait.model != "ampm":  # its ZMP jumps, so no choice could keep it in a support that grows
         raise InputError(
-            f"gait.model = {run.gait.model!r} cannot be tuned, only 'ampm' can; tune the same step and speed "
-            "with gait.model = 'ampm', and set the model in the file that comes of it.",
+            f"gait.model = {run.gait.model!r} cannot be tuned, only 'ampm' can; 'ampm validate' walks the "
+            "preset ipm as it is, and its step length, speed and heights can be set.",
             key="gait.model",
         )
+    if not run.gait.c_y > 0.0:
+        plan_gait(run.gait, mass=run.body.mass)  # refuses it, in better words than a search in vain
     space = FreeChoices(run, named_keys(run) if fixed is None else fixed, robot.description)
+    try:
+        return _searched(space, robot, say, cache)
+    except RefusedGait:
+        as_it_is = _as_it_is(space, robot, cache)
+        if as_it_is is None:
+            raise
+        say("the values that were left out walk at their defaults")
+        return as_it_is
+
+
+def _searched(space: FreeChoices, robot: Robot, say: Callable[[str], None], cache: Path | None) -> Tuned:
+    """The best choice of a search.
+
+    Raises:
+        RefusedGait: there is none.
+    """
+    run = space.run
     if "body.angular_momentum_z" in space.fixed:
         return _confirmed(*_tune(space, robot, say, patient=True), cache)
     # Arms that take up the legs' swing about the vertical spare the feet the twist of a fast gait.
@@ -116,6 +136,29 @@ def tune(
         except RefusedGait:
             say("no choice with L_z at zero")
     return _confirmed(search, best, cache)
+
+
+def _as_it_is(space: FreeChoices, robot: Robot, cache: Path | None) -> Tuned | None:
+    """The gait with the defaults of what it leaves out, if they keep the limits, give or take the grid."""
+    run = space.run
+    try:
+        plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=space.sole)
+        check_body(plan, space.description)
+        motion = solve_motion(plan, run, robot, cache=cache)
+        orbit = RoughOrbits(robot, run, _NODES).solve(plan, run.body.lean)
+    except (RefusedGait, InputError, Unreachable):
+        return None
+    values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, robot)
+    if min(LIMITS[name].margin(value) for name, value in values.items()) < -_GRID:
+        return None
+    return Tuned(
+        run=run,
+        plan=plan.with_angular_momentum_offset(motion.report.angular_momentum_y_offset),
+        motion=motion,
+        found=MappingProxyType(_found(run, space)),
+        margins=MappingProxyType(values),
+        tried=1,
+    )
 
 
 def _otherwise(
@@ -394,5 +437,5 @@ def _refusal(search: ChoiceSearch, best: Trial | None, farthest: _Farthest | Non
         f"no choice of timing, heights and angles lets this body walk the gait: {certificate}",
         certificate,
         reason=reason,
-        way_out=WAYS_OUT.get(name, "shorten gait.step_length, or bring gait.c_s and gait.c_y nearer to 1"),
+        way_out=way_out(name, search.space.run, search.space.fixed),
     )

@@ -11,14 +11,14 @@ import pinocchio as pin
 import pyarrow.parquet as pq
 import pytest
 
-from ampm.certificate import Untunable
+from ampm.certificate import Untunable, way_out
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.feasibility import check_body
 from ampm.free_choices import FREE_KEYS, FreeChoices, named_keys
 from ampm.gait import plan_gait
 from ampm.gait_limits import LIMITS, plan_margins
 from ampm.orbit import RoughOrbits
-from ampm.parameters import dump_run, keys, load_run
+from ampm.parameters import PRESETS, dump_run, keys, load_run
 from ampm.step_torques import step_torques
 from ampm.tuning import tune
 from validation import campaign
@@ -358,3 +358,26 @@ def test_a_page_keeps_what_is_outside_the_marks(tmp_path):
 def test_the_plain_pendulum_is_not_tuned(capsys):
     assert call(["tune", "ipm"]) == 2
     assert "gait.model = 'ipm' cannot be tuned" in capsys.readouterr().err
+
+
+def test_advice_does_not_ask_for_what_is_so_already():
+    plain = load_run("normal")
+    assert "nearer to 1" not in way_out("reach", plain, ())
+    leaning = plain.replace({"gait.c_s": 1.4})
+    assert "bring gait.c_s nearer to 1" in way_out("trunk", leaning, ())
+    assert "gait.c_y" not in way_out("trunk", leaning, ())
+    assert "leave free what was named (gait.com_height)" in way_out("reach", plain, {"gait.com_height"})
+    assert "raise gait.switching_velocity" in way_out("mid_stance", plain, ())
+
+
+def test_what_no_choice_can_change_is_refused_before_the_search(capsys):
+    assert call(["tune", "--set", "gait.c_y=-1"]) == 2
+    assert "gait.c_y = -1 must be greater than 0" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in PRESETS if name != "ipm"])
+def test_every_preset_can_be_tuned(name):
+    run = load_run(name)
+    tuned = tune(run, make_body(run).robot)
+    assert min(LIMITS[limit].margin(value) for limit, value in tuned.margins.items()) >= -0.1

@@ -32,6 +32,7 @@ from validation.cli_options import Debug, Force, Json, Status
 from validation.console import Narrator, print_json, print_line
 from validation.entry import interruption
 from validation.entry import main as main  # for callers from Python
+from validation.profiles import OWN
 from validation.sweep.exceptions import SweepStopped
 
 _PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.items())
@@ -167,8 +168,14 @@ def validate(
     settings: Settings = None,
     steps: Annotated[int | None, typer.Option("--steps", metavar="N", help="Short for gait.steps=N.")] = None,
     profile: Annotated[
-        str, typer.Option("--profile", metavar="P", help="Tolerance profile: default, strict, or wide.")
-    ] = "default",
+        str | None,
+        typer.Option(
+            "--profile",
+            metavar="P",
+            help=f"Tolerance profile: default, strict, or wide. Not given: default, but wide for "
+            f"{' and '.join(OWN)}.",
+        ),
+    ] = None,
     qp: Annotated[str | None, typer.Option("--qp", metavar="osqp|daqp", help="Short for solver.qp.")] = None,
     out: Annotated[
         Path | None,
@@ -221,13 +228,14 @@ def validate(
     if qp is not None:
         extra.append(f'solver.qp="{qp}"')
     resolve = tuned.requests if tune else planning.requests
-    requests = resolve(gaits or ["normal"], extra)
+    gaits = gaits or ["normal"]
+    requests = resolve(gaits, extra)
+    judges = [profiles.own_profile(gait) if profile is None else profiles.profile(profile) for gait in gaits]
     known = [load_uncertainty(path) for path in uncertainty or ()]
     if known and not tune:
         for request in requests:  # all of them before any walks
             matching(known, request)
     options = run.Options(
-        profile=profiles.profile(profile),
         force=force,
         instrument=None if instrument is None else _instrument(instrument),
     )
@@ -235,8 +243,9 @@ def validate(
     narrator = Narrator()
     answers: list[dict[str, Any]] = []
     statuses = [Status.PASS]
-    for request, target in zip(requests, targets, strict=True):
+    for request, target, judge in zip(requests, targets, judges, strict=True):
         try:
+            options = replace(options, profile=judge)
             if tune:
                 choice = tuned.tune_request(request, stages=narrator)
                 request = planning.Request(request.name, choice.run)

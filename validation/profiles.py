@@ -209,6 +209,15 @@ WIDE = DEFAULT.scaled(
 PROFILES: Mapping[str, Profile] = MappingProxyType({item.name: item for item in (DEFAULT, STRICT, WIDE)})
 
 
+OWN: Mapping[str, str] = MappingProxyType({"roll-0.1": "wide", "pitch": "wide"})
+"""Presets that are judged by another profile than `default` unless one is asked for."""
+
+
+def own_profile(gait: str) -> Profile:
+    """What a gait is judged by if nothing else is asked for."""
+    return PROFILES[OWN.get(gait, DEFAULT.name)]
+
+
 def profile(name: str) -> Profile:
     """Look up a profile.
 
