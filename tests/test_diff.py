@@ -274,8 +274,11 @@ def test_no_shift_is_claimed_of_few_or_of_scatter(base):
     few = base.slice(0, 6)
     diff = compared(few, with_metric(few, "zmp_x_rmse", metric(few, "zmp_x_rmse") * 1.01))
     assert by_name(diff)["zmp_x_rmse"].worse == 6
-    assert by_name(diff)["zmp_x_rmse"].verdict == "same"
+    assert by_name(diff)["zmp_x_rmse"].verdict == "too few"
     assert np.isnan(by_name(diff)["zmp_x_rmse"].p)
+    eight = base.slice(0, 8)
+    diff = compared(eight, with_metric(eight, "zmp_x_rmse", metric(eight, "zmp_x_rmse") * 1.01))
+    assert by_name(diff)["zmp_x_rmse"].p == pytest.approx(17 * 2 / 2**8)  # all one way, one figure of 17
     noise = np.random.default_rng(1).normal(1.0, 0.01, 60)
     diff = compared(base, with_metric(base, "zmp_x_rmse", metric(base, "zmp_x_rmse") * noise))
     assert by_name(diff)["zmp_x_rmse"].verdict == "same"

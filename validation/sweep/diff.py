@@ -93,8 +93,8 @@ class MetricChange:
         before, after: medians.
         shift: median of the differences, second minus first.
         p: of Wilcoxon's signed-rank test on the differences, those within noise counted as none, corrected
-            for the number of metrics (Benjamini-Yekutieli); NaN without enough pairs.
-        verdict: ``better``, ``worse`` or ``same``: of the shift over all runs.
+            for the number of metrics (Benjamini-Hochberg); NaN without enough pairs.
+        verdict: ``better``, ``worse`` or ``same``: of the shift over all runs; ``too few`` to say.
         worst: name of the run in the first sweep that got worse most, empty if none did.
         worst_before, worst_after: its values.
     """
@@ -407,7 +407,7 @@ def _metric_changes(a: SweepTable, matching: Matching, rows: Sequence[_Compared]
     names = a.words("name")
     tests = [_shift_test(row) for row in rows]
     known = [p for p in tests if not math.isnan(p)]
-    corrected = iter(false_discovery_control(known, method="by") if known else [])
+    corrected = iter(false_discovery_control(known, method="bh") if known else [])
     adjusted = [math.nan if math.isnan(p) else float(next(corrected)) for p in tests]
     found = []
     for row, p in zip(rows, adjusted, strict=True):
@@ -432,13 +432,19 @@ def _metric_changes(a: SweepTable, matching: Matching, rows: Sequence[_Compared]
                 after=float(np.median(row.after[both])),
                 shift=shift,
                 p=p,
-                verdict=("worse" if shift > 0.0 else "better") if real else "same",
+                verdict=_shift_verdict(shift, p, real),
                 worst="" if worst is None else names[int(matching.a[worst])],
                 worst_before=math.nan if worst is None else float(row.before[worst]),
                 worst_after=math.nan if worst is None else float(row.after[worst]),
             )
         )
     return found
+
+
+def _shift_verdict(shift: float, p: float, real: bool) -> str:
+    if math.isnan(p):
+        return "too few"
+    return ("worse" if shift > 0.0 else "better") if real else "same"
 
 
 def _shift_test(row: _Compared) -> float:
@@ -448,7 +454,7 @@ def _shift_test(row: _Compared) -> float:
         return math.nan
     if not growth.any():
         return 1.0
-    return float(wilcoxon(growth, zero_method="zsplit", method="approx").pvalue)
+    return float(wilcoxon(growth, zero_method="zsplit").pvalue)
 
 
 def _of_study(uncertainty: Uncertainty | None) -> list[str]:
