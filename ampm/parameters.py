@@ -31,7 +31,7 @@ PRESETS: dict[str, str] = {
     "roll-0.4": "the same with c_y 0.4",
     "roll-0.7": "the same with c_y 0.7",
     "roll-1.0": "the same with c_y 1: none",
-    "pitch": "0.65 m steps with c_s 1.5: large angular momentum about the lateral axis (Fig. 12)",
+    "pitch": "0.65 m steps with c_s 1.6: large angular momentum about the lateral axis (Fig. 12)",
     "pitch-low": "0.7 m steps with c_s 0.33: the same with the opposite sign",
     "ipm": "the plain inverted pendulum, whose acceleration jumps at every switch, as the normal gait",
 }

@@ -56,7 +56,13 @@ LIMITS = (
     "knee [rad]",
     "within twice the limits",
 )
-UPWARD = ((0.6, 1.2, (1.5, 1.6, 1.7, 1.8, 2.0)), (0.65, 1.2, (1.4, 1.5, 1.6)), (0.7, 1.3, (1.2, 1.3, 1.4)))
+UPWARD = (
+    (0.6, 1.3, (1.6, 1.7, 1.8, 1.9)),
+    (0.65, 1.2, (1.5, 1.6)),
+    (0.65, 1.3, (1.5, 1.6, 1.65, 1.7)),
+    (0.65, 1.4, (1.6, 1.7)),
+    (0.7, 1.4, (1.3, 1.4, 1.5)),
+)
 """Step length, v0 and the c_s that are tried, all other choices found by ``ampm tune``."""
 DOWNWARD = (0.5, 0.4, 0.33, 0.315, 0.31)
 """c_s below that of pitch-low."""
