@@ -166,3 +166,30 @@ def test_e31_c_y_is_about_the_anterior_axis():
 def test_e32_a_moment_of_the_other_sign_is_made_by_swinging_less():
     swing = [float(np.ptp(motion_of(COARSE, f"gait.c_s={c_s}").trunk_pitch)) for c_s in (0.7, 1.0, 1.3)]
     assert swing == sorted(swing)
+
+
+def test_e34_a_small_moment_swings_the_trunk_less_than_none():
+    c_y = (0.4, 0.7, 0.9, 1.0, 1.1)
+    swing = [trunk_roll(f"gait.c_y={value}") for value in c_y]
+    assert momentum_about_x("gait.c_y=0.9") > 1.0 > momentum_about_x("gait.c_y=1.0")
+    assert swing[2] < 0.5 * swing[3]  # printed: by the size of the moment, so more than with none
+    assert swing[:3] == sorted(swing[:3], reverse=True)
+    assert swing[2:] == sorted(swing[2:])
+
+
+def trunk_roll(*overrides):
+    """Peak to peak roll of the trunk over two steps, of which the second mirrors the first [rad]."""
+    robot, motion = walk_of(COARSE, *overrides).robot, motion_of(COARSE, *overrides)
+    roll = []
+    for q, v in zip(motion.q, motion.v, strict=True):
+        robot.jacobian(q, v)
+        rotation = robot.rotation_of(robot.trunk_frame)
+        roll.append(math.atan2(rotation[2, 1], rotation[2, 2]))
+    return 2.0 * float(np.abs(roll).max())
+
+
+def momentum_about_x(*overrides):
+    """Peak to peak planned L_x over two steps [N m s]."""
+    plan = walk_of(COARSE, *overrides).plan
+    times = np.linspace(0.0, 2.0 * plan.constants.step_duration, 2001)
+    return float(np.ptp(plan.sample(times).angular_momentum[:, 0]))

@@ -14,15 +14,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.exceptions import RefusedGait
+from ampm.exceptions import InputError, RefusedGait
 from ampm.gait import GaitPlan
 from validation import planning
 from validation.audit.body import BodyEvidence
 from validation.console import Silent
+from validation.simulate import simulate
 
 if TYPE_CHECKING:
     from ampm.gait import PlanConstants, PlanSample
     from ampm.parameters import GaitParameters
+    from validation.record import Outcome
 
 Array = NDArray[np.float64]
 
@@ -128,6 +130,21 @@ class Case:
     def ipm(self) -> Numbers:
         """The plan of ``ipm``, the plain inverted pendulum with the normal gait's steps."""
         return self._preset("ipm")
+
+    def outcome(self, name: str, steps: int) -> Outcome:
+        """How a preset's walk in physics ends.
+
+        Args:
+            name: of the preset.
+            steps: to be walked.
+        """
+        planned = planning.plan(
+            planning.request(name, (f"gait.steps={steps}",)), with_body=True, stages=Silent()
+        )
+        if planned.motion is None or planned.body is None:
+            raise InputError(f"preset {name} has no body to walk with; plan it with one.")
+        run = planned.request.run
+        return simulate(planned.plan, planned.motion, run, planned.body.model, steps=steps).outcome
 
     def _preset(self, name: str) -> Numbers:
         asked = planning.request(name, ())

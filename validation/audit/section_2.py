@@ -54,7 +54,9 @@ def _law(case: Case) -> Iterator[Row]:
                 moment_y(a * x + b, x, g / H * (c * x + d)) + m * g * ((a + c - 1) * x + b + d),
             ),
         ),
-        why="It vanishes at c = 1 - a, d = -b. 'Linear' in the text means affine: b and d are free.",
+        why="It vanishes at c = 1 - a, d = -b. 'Linear' in the text means affine: b and d are free. That "
+        "both 'must' be linear (Fig. 3) is a choice, for a solution in closed form; mechanics does not ask "
+        "for it.",
     )
     force, vector = sp.Matrix([m * g / H * (c * x + d), m * g]), sp.Matrix([c * x + d, H])
     yield Row(

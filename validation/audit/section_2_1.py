@@ -9,7 +9,7 @@ import sympy as sp
 
 from validation.audit.case import Case, Numbers
 from validation.audit.mechanics import H, acceleration_towards, g, moment_y, of_law, t
-from validation.audit.rows import Row, Verdict, claim, symbolic, zero
+from validation.audit.rows import Row, symbolic, zero
 
 x, c_s, c_d, A, B, C_1, C_2 = sp.symbols("x c_s c_d A B C_1 C_2", real=True)
 a_s, a_d, l_s, l_d, v_0, k = sp.symbols("a_s a_d l_s l_d v_0 k", positive=True)
@@ -19,7 +19,6 @@ FORCE_CONDITION = sp.Eq((c_s - 1 / a_s) * l_s, -(c_d - 1 / a_d) * l_d)
 """Eqs. 2 and 3 at the switch: the same acceleration from both sides."""
 ZMP_CONDITION = sp.Eq(l_s / a_s + l_d / a_d, l_s + l_d)
 """The same ZMP from both sides: l_s/a_s ahead of the foot is l_d/a_d behind the middle of the feet."""
-DRIFT_STEPS = 3
 
 
 def rows(case: Case) -> Iterator[Row]:
@@ -168,6 +167,25 @@ def _continuity(case: Case) -> Iterator[Row]:
         errata=("E4",),
         why="The printed form agrees only at c_s = c_d = 1, so the normal gait hides it.",
     )
+    single_only = sp.solve(FORCE_CONDITION, c_d)[0]
+    with_zmp = single_only.subs(a_d, sp.solve(ZMP_CONDITION, a_d)[0])
+    yield Row(
+        "2.1",
+        "Eq. 4, derivation",
+        "Eq. 2 at l_s and Eq. 3 at -l_d give Eq. 4",
+        "they give (c_s - 1/a_s) l_s = -(c_d - 1/a_d) l_d; Eq. 4 takes the condition of the ZMP as well",
+        checks=(
+            symbolic(
+                "printed",
+                "c_s l_s + c_d l_d - l_s - l_d with the c_d of Eqs. 2 and 3 alone",
+                c_s * l_s + single_only * l_d - l_s - l_d,
+            ),
+            symbolic(
+                "corrected", "the same with the ZMP's condition", c_s * l_s + with_zmp * l_d - l_s - l_d
+            ),
+        ),
+        errata=("E4",),
+    )
     normal, momentum = case.normal, case.momentum
     alone = acceleration_jump(normal, force_slope(normal, printed=False), normal.constants.inverse_a_s)
     yield Row(
@@ -233,15 +251,10 @@ def _symmetry(case: Case) -> Iterator[Row]:
             ),
         ),
     )
-    body = case.body
-    constant = body.motion.report.angular_momentum_y_offset
-    drift = body.trunk_drift(0.0, DRIFT_STEPS)
-    kept = body.trunk_drift(constant, DRIFT_STEPS)
     yield Row(
         "2.1",
         "nothing to tune",
         "it is not necessary to tune parameters to avoid divergence of the angular momentum",
-        "L_y itself does not diverge; but its constant must be found, or the posture diverges",
         checks=(
             zero(
                 "printed",
@@ -251,30 +264,8 @@ def _symmetry(case: Case) -> Iterator[Row]:
                 momentum.name,
                 scale=scale,
             ),
-            zero(
-                "printed",
-                f"trunk pitch gained in {DRIFT_STEPS} steps with mean L_y zero",
-                drift,
-                "rad",
-                rounding=1e-3,
-            ),
-            claim(
-                "corrected",
-                "constant of L_y that closes the posture",
-                constant,
-                "N m s",
-                abs(constant) > 1e-3,
-            ),
-            zero(
-                "corrected",
-                f"trunk pitch gained in {DRIFT_STEPS} steps with that constant",
-                kept,
-                "rad",
-                rounding=1e-3,
-            ),
         ),
         errata=("E13",),
-        failure=Verdict.CONTRADICTED,
-        why="Angular momentum is not the rate of any posture, so a zero mean of one is no zero mean of the "
-        "other.",
+        why="Of the momentum alone: its constant must be tuned all the same, or the posture diverges; see "
+        "'what is defined' in section 2.3.",
     )

@@ -140,10 +140,10 @@ it in step.
 A verdict is not typed in, it follows from checks. **Symbolic** ones hold a formula against `(p - c) × F` and
 Newton's law, derived with sympy, and show the residual that is left. **Numeric** ones are computed on the
 `normal` gait, and on `momentum` where `normal` hides a misprint: with `c_s = c_y = 1` its force passes
-through the COM. A number that is zero but for rounding is shown as 0.
+through the COM. A number that is zero but for rounding is shown as 0. One claim is walked in physics.
 
 * **holds**: the printed form stands its checks.
 * **erratum**: it does not, and the corrected form does. The numbers are those of [theory](theory.md).
-* **contradicted by the model**: the claim itself is at fault.
+* **contradicted by the model**: the claim itself is at fault, by the plan, the body's motion or its walk.
 * **cannot be tested**: the reason is given.
 """
