@@ -76,6 +76,7 @@ class _Flight:
     future: Future
     began: float | None = None
     address: str = ""
+    expired: int = 0
 
 
 class Execution:
@@ -211,10 +212,13 @@ class Execution:
         flight.began, flight.address = when, address
         if first is None:
             return
-        # The scheduler has sent it out again by itself, as its worker is gone.
+        # The scheduler has sent it out again by itself, as its worker is gone. When that was is not known,
+        # only when the next one began: so a guard is believed the second time.
         limit = flight.task.wall_clock
         if limit is not None and when - first >= limit - _EARLY:
-            self._conclude(flight, timed_out_columns(limit), restart=True)
+            flight.expired += 1
+            if flight.expired > 1:
+                self._conclude(flight, timed_out_columns(limit), restart=True)
         elif self._count_death(flight.task.run) >= DEATHS:
             self._conclude(flight, worker_died_columns(DEATHS), restart=True)
 

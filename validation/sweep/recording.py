@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ampm.exceptions import InputError
 from ampm.parameters import dump_run
 from validation.console import json_ready
 from validation.environment import describe_environment
@@ -59,6 +60,10 @@ def keep_run(walk: Walk, folder: Path, name: str, timing: Mapping[str, float]) -
         raise SweepStopped(
             f"{what} for {folder / relative} ({error.strerror}); every row until now is kept: free some "
             "space, or on other machines mount the folder at the same path, and go on with --resume."
+        ) from error
+    except InputError as error:  # of the folder, not of the run
+        raise SweepStopped(
+            f"{str(error).partition(';')[0]}; every row until now is kept: go on with --resume."
         ) from error
     if done.returncode:
         last = done.stderr.strip().rpartition("\n")[2] or f"exit status {done.returncode}"
