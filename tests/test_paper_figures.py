@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 from functools import cache
 from pathlib import Path
@@ -13,22 +14,29 @@ from matplotlib.figure import Figure
 
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import load_run
+from models.human import sole_geometry
 from tests.solved import COARSE, motion_of, walk_of
 from validation.cli import Status, call
 from validation.paper_figures import FIGURES, make_figures
 from validation.paper_figures.accelerations import com_accelerations, figure_9, figure_10, joint_accelerations
-from validation.paper_figures.bodies import figure_8, numbers
-from validation.paper_figures.canvas import style
+from validation.paper_figures.bodies import figure_8, figure_11, figure_12, numbers, trunk
+from validation.paper_figures.canvas import save, style
+from validation.paper_figures.centroidal import of_motion
 from validation.paper_figures.foot_roll import joint_jumps, table
+from validation.paper_figures.geometry import figure_4, figure_5
 from validation.paper_figures.human import (
     HUMAN_FORCE,
     HUMAN_MOMENTUM,
+    SPEEDS,
     _forces,
+    human_force,
+    measured_range,
     peaks,
     ranges,
     scale,
 )
 from validation.paper_figures.human import table as human_table
+from validation.paper_figures.panels import SPREAD
 from validation.paper_figures.skeleton import pose
 from validation.paper_figures.walks import Walk, Walks
 from validation.planning import request
@@ -52,17 +60,20 @@ def paper():
 # ------------------------------------------------------------------------------------------ the command
 
 
-def test_geometry_is_written_as_svg_and_png_and_never_lost(tmp_path, capsys):
-    assert call(["figures", "--out", str(tmp_path / "new" / "out"), "--only", "4,5"]) == Status.PASS
-    files = sorted(path.name for path in (tmp_path / "new" / "out").iterdir())
+def test_figures_are_written_as_svg_and_png_and_never_lost(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(
+        "validation.paper_figures.make.FIGURES",
+        {name: (f"figure-0{name}", lambda walks: (Figure(), {})) for name in "45"},
+    )
+    out = tmp_path / "new" / "out"
+    assert call(["figures", "--out", str(out), "--only", "4,5"]) == Status.PASS
+    files = sorted(path.name for path in out.iterdir())
     assert files == ["figure-04.png", "figure-04.svg", "figure-05.png", "figure-05.svg"]
     printed = capsys.readouterr().out.split()
     assert sorted(Path(line).name for line in printed) == files
-    first = (tmp_path / "new" / "out" / "figure-04.svg").read_bytes()
-    assert call(["figures", "--out", str(tmp_path / "new" / "out"), "--only", "4"]) == Status.REFUSED
+    assert call(["figures", "--out", str(out), "--only", "4"]) == Status.REFUSED
     assert "--force" in capsys.readouterr().err
-    assert call(["figures", "--out", str(tmp_path / "new" / "out"), "--only", "4", "--force"]) == Status.PASS
-    assert (tmp_path / "new" / "out" / "figure-04.svg").read_bytes() == first  # the same bits every time
+    assert call(["figures", "--out", str(out), "--only", "4", "--force"]) == Status.PASS
 
 
 def test_unknown_figures_and_too_short_walks_are_refused(tmp_path):
@@ -172,13 +183,83 @@ def test_joint_acceleration_follows_the_motion(walk):
     np.testing.assert_array_equal(flipped, -motion)
 
 
+def test_motion_has_the_plans_com_force_zmp_and_momentum(walk):
+    """The IK's ZMP is from its own momentum rates; only the grid parts it from the plan."""
+    for name, limit in (("com", 1e-6), ("zmp", 1e-3), ("force", 1.0), ("angular_momentum", 1e-3)):
+        assert np.abs(walk.less_plan[name].motion).max() < limit, name
+    simulated = walk.less_plan["zmp"].simulation
+    assert simulated.shape == (2, len(walk.phase), 2)
+    assert np.sqrt((simulated[..., 0] ** 2).mean()) < walk.limit("zmp_x_rmse")
+    assert walk.limit("zmp_x_rmse") == pytest.approx(2.5e-3)
+    assert walk.limit("force_x_rmse") == pytest.approx(0.008 * 60.0 * 9.81, rel=1e-3)
+
+
+def test_zmp_of_a_body_that_stands_still_is_under_its_com(walk):
+    sample = walk.motion.sample([0.3], walk.robot)
+    still = type(sample)(sample.q, np.zeros_like(sample.v), np.zeros_like(sample.acceleration), np.zeros(1))
+    found = of_motion(still, walk.robot, walk.plan)
+    np.testing.assert_allclose(found.zmp, found.com[:, :2], atol=1e-9)
+    np.testing.assert_allclose(found.force[0], [0, 0, walk.plan.mass * walk.plan.gravity], atol=1e-6)
+
+
+def names(figure: Figure) -> set[str]:
+    """Words of every legend."""
+    legends = [legend for axis in figure.axes if (legend := axis.get_legend())] + list(figure.legends)
+    return {text.get_text() for legend in legends for text in legend.get_texts()}
+
+
 @pytest.mark.usefixtures("paper")
-def test_figures_of_a_walk_have_their_axes_and_units(walk):
-    figure, _ = figure_9(walk)
-    assert figure.axes[0].get_ylabel().endswith("[m/s²]")
-    figure, answers = figure_10(walk)
+def test_every_figure_has_plan_motion_simulation_a_band_and_units(walk, tmp_path):
+    sole = sole_geometry(1.7)
+    figures = {
+        "4": figure_4(walk, sole),
+        "5": figure_5(walk, sole),
+        "8": figure_8(walk),
+        "9": figure_9(walk)[0],
+        "10": figure_10(walk)[0],
+        "11": figure_11([walk, walk]),
+        "12": figure_12(walk, walk),
+    }
+    for number, figure in figures.items():
+        words = " ".join(names(figure))
+        assert "plan" in words, number
+        assert "inverse kinematics" in words or "IK" in words, number
+        assert "simulation" in words, number
+        assert "tolerance of the RMSE" in words or SPREAD in words, number
+        units = " ".join(axis.get_xlabel() + axis.get_ylabel() for axis in figure.axes)
+        assert "[" in units, number
+    # A tolerance wherever the profile has one.
+    for number in ("4", "5", "9", "11", "12"):
+        assert "tolerance of the RMSE" in " ".join(names(figures[number])), number
+    assert figures["8"].axes[0].get_xlabel() == "x [m]"
+    _, answers = figure_10(walk)
     assert all(item.unit == "rad/s²" for item in answers)
-    assert len(figure_8(walk).axes) == 2
+    once, again = (save(figure_5(walk, sole), tmp_path / name, "a")[0].read_bytes() for name in "pq")
+    assert once == again  # the same bits every time
+
+
+def test_trunk_is_compared_stride_by_stride(walk):
+    share, motion, simulated = trunk(walk, "pitch")
+    assert simulated.shape == (2, len(share)) == (2, len(motion))
+    assert np.abs(simulated - motion).max() < 2.0
+
+
+# ------------------------------------------------------------------------------------------- the pages
+
+
+def test_tables_of_the_pages_are_those_of_the_figures_numbers():
+    """No number of a table is written by hand: ``python docs/images/paper.py --tables`` changes nothing."""
+    pytest.importorskip("matplotlib")
+    path = Path(__file__).parent.parent / "docs" / "images" / "paper.py"
+    spec = importlib.util.spec_from_file_location("docs_images_paper", path)
+    assert spec is not None
+    assert spec.loader is not None
+    paper = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(paper)
+    written = json.loads((paper.FOLDER / "figures.json").read_text(encoding="utf-8"))
+    assert set(written) == set(paper.TABLES)
+    for page, text in paper.pages(written).items():
+        assert (paper.DOCS / page).read_text(encoding="utf-8") == text, page
 
 
 # -------------------------------------------------------------------------------------------- foot roll
@@ -235,15 +316,46 @@ def test_human_range_is_about_the_pendulum_without_momentum():
         assert found[key]["peaks"][index] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_measured_range_is_found_by_walking_and_stays_within():
+    """Peak |0.3 (c - 1) - 0.01|: a constant that adds on one side and takes away on the other."""
+    walked = []
+
+    def peak(value: float) -> float:
+        walked.append(value)
+        return abs(0.3 * (value - 1.0) - 0.01)
+
+    found = measured_range(peak, "c_s", 1 - 0.05 / 0.3, 1 + 0.05 / 0.3)
+    assert found["low"] == pytest.approx(1 - 0.04 / 0.3, abs=0.005)
+    assert found["high"] == pytest.approx(1 + 0.06 / 0.3, abs=0.005)
+    assert peak(found["low"]) <= 0.05
+    assert peak(found["high"]) <= 0.05
+    assert len(walked) < 15
+
+
+def test_peoples_force_has_two_humps_and_says_whose_it_is():
+    people = human_force()
+    share = people["stance_percent"]
+    assert (share[0], share[-1], len(share)) == (0.0, 100.0, 51)
+    for speed in SPEEDS:
+        force = people[f"vertical_mean_{speed}"]
+        valley = force[(share > 35) & (share < 65)].min()
+        assert force[share < 45].max() > valley + 0.05
+        assert force[share > 55].max() > valley + 0.05
+        forward = people[f"forward_mean_{speed}"]
+        assert forward[share < 45].min() < -0.1
+        assert forward[share > 55].max() > 0.1
+        assert (people[f"vertical_sd_{speed}"] > 0).all()
+    header = HUMAN_FORCE.read_text(encoding="utf-8")
+    for word in ("doi:10.1371/journal.pone.0222037", "predsim_benchmark_data", "licence", "Processing"):
+        assert word in header
+
+
 def test_one_foot_carries_the_weight_without_a_double_hump(walk):
     figure = Figure()
     said = _forces(list(figure.subplots(1, 3)), walk)
     assert 0.98 < said["vertical"]["simulated_largest"] < 1.06
+    assert said["vertical"]["simulated_valley"] > 0.98
     assert said["medial"]["simulated_largest"] > 0.0
-    for points in HUMAN_FORCE.values():
-        share = [p[0] for p in points]
-        assert share == sorted(share)
-        assert (share[0], share[-1]) == (0, 100)
 
 
 def test_human_table_says_who_is_within():

@@ -6,23 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from validation.paper_figures.canvas import (
-    BAND,
-    FAINT,
-    MEASURED,
-    MOTION,
-    PLAN,
-    inches,
-    legend_above,
-    shade,
-)
+from validation.paper_figures.canvas import MEASURED, inches, legend_above, shade
+from validation.paper_figures.panels import band_legend, curves, difference
 from validation.paper_figures.walks import Walk
-from validation.profiles import DEFAULT
 
 Array = NDArray[np.float64]
 
@@ -62,43 +52,35 @@ def com_accelerations(walk: Walk) -> tuple[Array, Array, Array]:
     The measured one is the net contact force over the mass, less gravity: no derivative is taken.
     """
     planned = walk.plan.sample(walk.stride_starts[0] + walk.phase).com_acceleration
-    model, sample = walk.robot.model, walk.motion_sample
-    data = model.createData()
-    motion = np.empty((len(walk.phase), 3))
-    for row, (q, v, a) in enumerate(zip(sample.q, sample.v, sample.acceleration, strict=True)):
-        pin.centerOfMass(model, data, q, v, a)
-        motion[row] = data.acom[0]
     measured = walk.trial.measured
     force = walk.folded(measured.force / measured.mass)
-    return planned, motion, force - np.array([0.0, 0.0, measured.gravity])
+    return planned, walk.ik.acceleration, force - np.array([0.0, 0.0, measured.gravity])
 
 
 def figure_9(walk: Walk) -> tuple[Figure, list[Agreement]]:
     """COM acceleration along the forward and the lateral axis over one stride."""
     planned, motion, measured = com_accelerations(walk)
-    limits = {item.metric: item.limit for item in DEFAULT.tolerances}
     figure, axes = _paper()
     answers = []
     for row, (axis, letter, name) in enumerate((("x", "a", "forward"), ("y", "b", "lateral"))):
         upper, lower = axes[2 * row], axes[2 * row + 1]
-        tolerance = limits[f"force_{axis}_rmse"] * walk.plan.gravity
+        tolerance = walk.limit(f"force_{axis}_rmse") / walk.plan.mass
         error = measured[..., row] - planned[:, row]
         for panel in (upper, lower):
             shade(panel, walk.double_supports)
-        _curves(upper, walk, planned[:, row], motion[:, row], measured[..., row])
+        curves(
+            upper, walk.phase, planned[:, row], motion[:, row], measured[..., row], tolerance=tolerance,
+            source=f"simulation (contact force / m), mean of {len(measured)} strides",
+        )  # fmt: skip
         upper.set_title(f"({letter}) COM acceleration along the {name} axis")
         upper.set_ylabel(f"$\\ddot{{{axis}}}_g$ [m/s²]")
         if row == 0:
             legend_above(upper)
-        lower.axhspan(-tolerance, tolerance, color=BAND, alpha=0.35, linewidth=0,
-                      label=f"tolerance of the RMSE: ± {tolerance:.3f} m/s²")  # fmt: skip
-        lower.axhline(0.0, color=FAINT, linewidth=0.6)
-        lower.plot(walk.phase, error.T, color=MEASURED, linewidth=0.5, alpha=0.55)
-        lower.plot(walk.phase, motion[:, row] - planned[:, row], color=MOTION, linewidth=1.0)
+        difference(
+            lower, walk.phase, motion[:, row] - planned[:, row], error, tolerance=tolerance, unit="m/s²"
+        )
         lower.set_ylabel("less plan")
-        lower.legend(loc="upper center", fontsize=7.5, borderpad=0.1, bbox_to_anchor=(0.32, 1.12))
-        reach = 1.5 * max(tolerance, float(np.abs(error).max()))
-        lower.set_ylim(-reach, reach)
+        band_legend(lower)
         answers += [
             _agreement(
                 f"COM acceleration {axis}: motion less plan", motion[:, row] - planned[:, row], "m/s²"
@@ -141,13 +123,10 @@ def figure_10(walk: Walk) -> tuple[Figure, list[Agreement]]:
         upper, lower = axes[2 * row], axes[2 * row + 1]
         for panel in (upper, lower):
             shade(panel, walk.double_supports)
-        upper.plot(walk.phase, motion, color=PLAN, linewidth=4.2, label="inverse kinematics")
-        upper.plot(walk.phase, raw[len(raw) // 2], color=MEASURED, linewidth=0.5, alpha=0.6,
+        upper.plot(walk.phase, raw[len(raw) // 2], color=MEASURED, linewidth=0.5, alpha=0.5,
                    label="simulation, per time step")  # fmt: skip
-        upper.fill_between(walk.phase, smooth.min(axis=0), smooth.max(axis=0), color=MEASURED, alpha=0.3,
-                           linewidth=0)  # fmt: skip
-        upper.plot(walk.phase, smooth.mean(axis=0), color=MEASURED, linewidth=1.0,
-                   label=f"simulation, over {1e3 * SMOOTHING:.0f} ms")  # fmt: skip
+        curves(upper, walk.phase, None, motion, smooth, source=f"simulation, over {1e3 * SMOOTHING:.0f} ms")
+        upper.plot([], [], linestyle="", label="(no plan: it has no joints)")
         reach = 1.35 * max(float(np.abs(smooth).max()), float(np.abs(motion).max()))
         upper.set_ylim(-reach, reach)
         letter = "ab"[row]
@@ -156,11 +135,9 @@ def figure_10(walk: Walk) -> tuple[Figure, list[Agreement]]:
         if row == 0:
             legend_above(upper)
         error = smooth - motion
-        lower.axhline(0.0, color=FAINT, linewidth=0.6)
-        lower.plot(walk.phase, error.T, color=MEASURED, linewidth=0.5, alpha=0.55)
+        difference(lower, walk.phase, None, error)
         lower.set_ylabel("less IK")
-        bound = 1.15 * float(np.abs(error).max())
-        lower.set_ylim(-bound, bound)
+        band_legend(lower)
         answers.append(
             _agreement(f"{name} acceleration: simulation ({1e3 * SMOOTHING:.0f} ms) less IK", error, "rad/s²")
         )
@@ -168,23 +145,12 @@ def figure_10(walk: Walk) -> tuple[Figure, list[Agreement]]:
     return figure, answers
 
 
-def _curves(axis: Axes, walk: Walk, planned: Array, motion: Array, measured: Array) -> None:
-    """Plan, motion and simulation on the same axes, with the spread of the strides."""
-    axis.plot(walk.phase, planned, color=PLAN, linewidth=4.2, label="plan")
-    axis.plot(walk.phase, motion, color=MOTION, linewidth=1.2, label="inverse kinematics")
-    axis.fill_between(
-        walk.phase, measured.min(axis=0), measured.max(axis=0), color=MEASURED, alpha=0.3, linewidth=0
-    )
-    axis.plot(walk.phase, measured.mean(axis=0), color=MEASURED, linewidth=0.9,
-              label=f"simulation (contact force / m), {len(measured)} strides")  # fmt: skip
-
-
 def _paper() -> tuple[Figure, list[Axes]]:
     """Two curves, each over its own error, on common times."""
-    figure = Figure(figsize=(8.4, 7.4))
+    figure = Figure(figsize=(8.4, 8.0))
     axes = [
         inches(figure, 0.8, top, 7.45, height)
-        for top, height in ((0.52, 2.0), (2.66, 0.72), (4.1, 2.0), (6.24, 0.72))
+        for top, height in ((0.52, 2.0), (2.82, 0.85), (4.25, 2.0), (6.55, 0.85))
     ]
     for axis in axes[:3]:
         axis.tick_params(labelbottom=False)

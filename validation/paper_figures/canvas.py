@@ -98,7 +98,7 @@ def legend_above(axis: Axes, columns: int = 6) -> None:
     handles, labels = axis.get_legend_handles_labels()
     axis.legend(
         handles, labels, loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, borderaxespad=0.1,
-        handlelength=1.4, columnspacing=1.1, handletextpad=0.45, borderpad=0.1,
+        handlelength=2.0, columnspacing=1.1, handletextpad=0.45, borderpad=0.1,
     )  # fmt: skip
     axis.set_title(axis.get_title(loc="left"), pad=6 + 13 * -(-len(labels) // columns))
 

@@ -5,14 +5,15 @@ Momentum is made dimensionless as Herr & Popovic (2008) do: by mass, mean speed 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from ampm.exceptions import AmpmError
 from ampm.gait import GaitPlan, plan_gait
@@ -36,21 +37,20 @@ doi:10.1242/jeb.008573; their x is medio-lateral and their y anterior-posterior.
 
 AXES: Mapping[str, str] = {"x": "forward (frontal plane)", "y": "lateral (sagittal plane)", "z": "vertical"}
 
-HUMAN_FORCE: Mapping[str, tuple[tuple[float, float], ...]] = {
-    "vertical": (
-        (0, 0), (7, 0.5), (14, 0.95), (23, 1.1), (36, 0.88), (50, 0.78), (63, 0.88), (77, 1.1), (88, 0.8),
-        (95, 0.3), (100, 0),
-    ),
-    "forward": (
-        (0, 0), (6, -0.1), (16, -0.2), (35, -0.07), (53, 0.0), (70, 0.09), (86, 0.2), (95, 0.08), (100, 0),
-    ),
-    "medial": ((0, 0), (4, -0.02), (10, 0.02), (25, 0.05), (50, 0.03), (75, 0.05), (90, 0.02), (100, 0)),
-}  # fmt: skip
-"""Outline of one foot's ground force in walking at a comfortable speed: share of the stance [%], force [body
-weight]. Key points of the curve that textbooks print (Winter 2009, Biomechanics and Motor Control of Human
-Movement, 4th ed., ch. 5; peaks of 1.0-1.5 body weights over all speeds: Nilsson & Thorstensson 1989), joined
-smoothly: an outline to see the kind of difference by, no measurement."""
+HUMAN_FORCE = Path(__file__).parent / "data" / "walking_ground_force.csv"
+"""Ground force on one foot of walking people over the stance, mean and standard deviation between them; its
+header says whose, and what was done to it."""
 
+SPEEDS: Mapping[str, float] = {"0p8": 0.8, "1p3": 1.3}
+"""Speeds in that table, by the end of its columns' names [m/s]."""
+
+RANGE_STEPS = 6
+"""Steps of the short walks by which the measured range is found."""
+
+_CLOSE = 0.003
+"""How near an end of the measured range is searched [1]."""
+
+_AXIS: Mapping[str, str] = {"c_y": "x", "c_s": "y"}
 _SCAN = {"c_y": np.arange(0.05, 1.501, 0.01), "c_s": np.arange(0.5, 1.801, 0.01)}
 
 
@@ -58,13 +58,22 @@ def figure_human(walks: Walks) -> tuple[Figure, dict[str, Any]]:
     """Angular momentum of the demos, the range of c_y and c_s nearest to people, and ground forces."""
     demos = {label: walks.walk(gait, settings) for label, (gait, *settings) in GAITS.items()}
     scans = ranges(load_run("normal"))
+    for key, found in scans.items():
+        found["measured"] = measured_range(partial(peak_of, walks, key), key, found["low"], found["high"])
     numbers: dict[str, Any] = {
         "peaks": {label: peaks(walk) for label, walk in demos.items()},
-        "ranges": {key: {name: found[name] for name in ("low", "high")} for key, found in scans.items()},
+        "ranges": {
+            key: {name: found[name] for name in ("low", "high", "measured")} for key, found in scans.items()
+        },
+        "angular_momentum_y_offset": {
+            "Nms": float(demos["normal"].plan.constants.angular_momentum_y_offset),
+            "of_m_V_H": float(demos["normal"].plan.constants.angular_momentum_y_offset)
+            / scale(demos["normal"].plan),
+        },
     }
     figure = Figure(figsize=(9.6, 9.9))
     _bars([inches(figure, 1.2 + 2.88 * k, 0.62, 2.4, 2.3) for k in range(3)], numbers["peaks"])
-    for k, (key, axis) in enumerate((("c_y", "x"), ("c_s", "y"))):
+    for k, (key, axis) in enumerate(_AXIS.items()):
         _range(inches(figure, 0.85 + 4.55 * k, 4.1, 3.95, 1.75), key, axis, scans[key])
     panels = [inches(figure, 0.8 + 3.0 * k, 7.0, 2.45, 2.3) for k in range(3)]
     numbers["forces"] = _forces(panels, demos["normal"])
@@ -92,7 +101,7 @@ def ranges(run: RunParameters) -> dict[str, dict[str, Any]]:
         By parameter: ``values``, ``peaks``, and ``low`` and ``high`` of the range within the human bound.
     """
     answer = {}
-    for key, axis in (("c_y", 0), ("c_s", 1)):
+    for axis, key in enumerate(_AXIS):
         values, found = [], []
         for value in _SCAN[key]:
             gait = run.gait.model_copy(update={key: float(value), "steps": 2})
@@ -103,9 +112,72 @@ def ranges(run: RunParameters) -> dict[str, dict[str, Any]]:
             sample = plan.sample(np.linspace(0.0, plan.duration, 801))
             values.append(float(value))
             found.append(float(np.abs(sample.angular_momentum[:, axis]).max()) / scale(plan))
-        within = [v for v, peak in zip(values, found, strict=True) if peak <= HUMAN_MOMENTUM["xy"[axis]]]
-        answer[key] = {"values": values, "peaks": found, "low": min(within), "high": max(within)}
+        low, high = _within(np.array(values), np.array(found), HUMAN_MOMENTUM["xy"[axis]])
+        answer[key] = {"values": values, "peaks": found, "low": low, "high": high}
     return answer
+
+
+def _within(values: Array, found: Array, bound: float) -> tuple[float, float]:
+    """Ends of the range about 1 in which a scanned curve is at most the bound, between the scanned values."""
+    inside = np.flatnonzero(found <= bound)
+    ends = []
+    for inner, outer in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
+        share = (bound - found[inner]) / (found[outer] - found[inner])
+        ends.append(float(values[inner] + share * (values[outer] - values[inner])))
+    return ends[0], ends[1]
+
+
+def _inward(ends: Mapping[str, Any]) -> str:
+    """A range in hundredths, rounded so that it stays within."""
+    return f"{np.ceil(100 * ends['low'] - 1e-6) / 100:.2f} to {np.floor(100 * ends['high'] + 1e-6) / 100:.2f}"
+
+
+def peak_of(walks: Walks, key: str, value: float) -> float:
+    """Measured peak of |L| / (m V H), normal gait, one parameter changed: of L_x for c_y, of L_y for c_s."""
+    walk = walks.walk("normal", (f"gait.{key}={value:.4f}",), steps=RANGE_STEPS)
+    return peaks(walk)[_AXIS[key]]
+
+
+def measured_range(peak: Callable[[float], float], key: str, low: float, high: float) -> dict[str, Any]:
+    """Where the measured momentum stays within people's bound: the planned ends, corrected by walking.
+
+    Args:
+        peak: measured peak of |L| / (m V H) at a value of the parameter.
+        key: ``c_y`` or ``c_s``.
+        low: end of the planned range below 1.
+        high: end above 1.
+
+    Returns:
+        ``low`` and ``high``, the outermost values that were walked within the bound, to about 0.003; and
+        ``walked``, every value and its peak.
+    """
+    bound, walked = HUMAN_MOMENTUM[_AXIS[key]], {}
+
+    def excess(value: float) -> float:
+        walked[value] = peak(value)
+        return walked[value] - bound
+
+    ends = []
+    for planned in (low, high):
+        # The peak grows almost linearly with the distance from 1, so the planned end is a good guess.
+        inner, outer = 1.0 + 0.7 * (planned - 1.0), 1.0 + 1.3 * (planned - 1.0)
+        at, fit = planned, planned
+        for _ in range(6):
+            found = excess(at)
+            if found > 0:
+                outer = at
+            else:
+                inner = fit = at
+            if abs(outer - inner) <= _CLOSE:
+                break
+            # Regula falsi on the line from 1, kept inside what is known; just within: an end must be walked.
+            guess = 1.0 + (at - 1.0) * bound / walked[at] * (1.0 - 0.2 * _CLOSE)
+            at = guess if min(inner, outer) < guess < max(inner, outer) else 0.5 * (inner + outer)
+            if found <= 0 and abs(guess - fit) <= _CLOSE:
+                break
+        ends.append(fit)
+    pairs = [[value, walked[value]] for value in sorted(walked)]
+    return {"low": ends[0], "high": ends[1], "walked": pairs}
 
 
 def _bars(axes: Sequence[Axes], found: Mapping[str, Mapping[str, float]]) -> None:
@@ -131,18 +203,34 @@ def _range(axis: Axes, key: str, letter: str, found: Mapping[str, Any]) -> None:
     bound = HUMAN_MOMENTUM[letter]
     axis.axhspan(0, bound, color=BAND, alpha=0.45, linewidth=0, label=f"people: ≤ {bound:g}")
     axis.plot(found["values"], found["peaks"], color=INK, linewidth=1.4, label="plan")
-    axis.axvspan(found["low"], found["high"], color=LEFT, alpha=0.12, linewidth=0)
-    axis.set_ylim(0, min(max(found["peaks"]), 8 * bound))
-    axis.set_xlim(found["values"][0], found["values"][-1])
+    axis.axvspan(found["low"], found["high"], color=PLAN, alpha=0.35, linewidth=0)
+    measured = found["measured"]
+    axis.plot(*np.transpose(measured["walked"]), "o", color=MEASURED, markersize=4, label="simulation")
+    for end in (measured["low"], measured["high"]):
+        axis.axvline(end, color=MEASURED, linewidth=0.9, linestyle=(0, (3, 2)))
+    axis.set_ylim(0, 3 * bound)
+    axis.set_xlim(0.65, 1.35)
     axis.set_title(
-        f"planned peak of $|L_{letter}|$ / (m V H); within: ${key}$ {found['low']:.2f} to {found['high']:.2f}"
+        f"peak of $|L_{letter}|$ / (m V H); within people's bound:\n"
+        f"plan: ${key}$ {_inward(found)}; simulation: {_inward(measured)}",
+        fontsize=8.5,
     )
     axis.set_xlabel(f"${key}$")
     legend_above(axis)
 
 
+def human_force() -> dict[str, Array]:
+    """Columns of :data:`HUMAN_FORCE`, shape (n,): ``stance_percent`` [%], the others [body weight]."""
+    lines = [
+        line for line in HUMAN_FORCE.read_text(encoding="utf-8").splitlines() if not line.startswith("#")
+    ]
+    names = lines[0].split(",")
+    columns = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]]).T
+    return dict(zip(names, columns, strict=True))
+
+
 def _forces(axes: Sequence[Axes], walk: Walk) -> dict[str, dict[str, float]]:
-    """One foot's ground force over its stance, beside the outline of people's."""
+    """One foot's ground force over its stance, beside people's."""
     measured = walk.trial.measured
     force = measured.foot_force[:, 0] / measured.weight
     constants = walk.plan.constants
@@ -156,32 +244,58 @@ def _forces(axes: Sequence[Axes], walk: Walk) -> dict[str, dict[str, float]]:
             for start in first
         ]
     )
+    people = human_force()
     said = {}
     panels = (("vertical", 2, 1.0), ("forward", 0, 1.0), ("medial", 1, -1.0))
     for axis, (name, component, sign) in zip(axes, panels, strict=True):
-        points = np.array(HUMAN_FORCE[name])
         ours = sign * folds[..., component]
-        outline = PchipInterpolator(points[:, 0], points[:, 1])(100 * share)
+        at = people["stance_percent"]
         axis.axhline(0.0, color=FAINT, linewidth=0.6)
-        axis.plot(100 * share, outline, color=BAND, linewidth=4, label="people (outline)")
+        said[name] = {"simulated_largest": float(ours.max()), "simulated_smallest": float(ours.min())}
+        for (end, speed), color, line in zip(SPEEDS.items(), (INK, FAINT), ("-", (0, (4, 2))), strict=True):
+            mean, deviation = people[f"{name}_mean_{end}"], people[f"{name}_sd_{end}"]
+            axis.fill_between(
+                at, mean - deviation, mean + deviation, color=BAND, alpha=0.8 if end == "0p8" else 0.35,
+                linewidth=0,
+            )  # fmt: skip
+            axis.plot(at, mean, color=color, linewidth=1.3, linestyle=line, label=f"people, {speed:g} m/s")
+            said[name] |= {
+                f"people_{end}_largest": float(mean.max()),
+                f"people_{end}_smallest": float(mean.min()),
+            }
         axis.fill_between(
             100 * share, ours.min(axis=0), ours.max(axis=0), color=MEASURED, alpha=0.3, linewidth=0
         )
-        axis.plot(100 * share, ours.mean(axis=0), color=MEASURED, linewidth=1.1, label="simulation")
+        speed = walk.plan.constants.mean_velocity
+        axis.plot(
+            100 * share,
+            ours.mean(axis=0),
+            color=MEASURED,
+            linewidth=1.3,
+            label=f"simulation, {speed:.2f} m/s",
+        )
         axis.set_xlim(0, 100)
         axis.set_title(f"{name} force on one foot")
-        said[name] = {
-            "simulated_largest": float(ours.max()),
-            "simulated_smallest": float(ours.min()),
-            "people_largest": float(points[:, 1].max()),
-            "people_smallest": float(points[:, 1].min()),
-        }
+    # What the double hump is, in numbers: two peaks over the least force between them.
+    for end in SPEEDS:
+        said["vertical"] |= _humps(people[f"vertical_mean_{end}"], f"people_{end}")
+    said["vertical"] |= _humps(folds.mean(axis=0)[:, 2], "simulated")
     axes[0].set_ylabel("[body weight]")
-    axes[1].set_xlabel("share of the foot's stance [%]")
-    legend_above(axes[0])
+    axes[1].set_xlabel("share of the foot's stance [%]; bands: people's standard deviation")
+    legend_above(axes[0], 3)
     for axis in axes[1:]:
         axis.set_title(axis.get_title(loc="left"), pad=19)
     return said
+
+
+def _humps(force: Array, who: str) -> dict[str, float]:
+    """Largest force in the first and in the last 45 % of stance, and the least between 35 and 65 %."""
+    count = len(force) - 1
+    return {
+        f"{who}_first": float(force[: round(0.45 * count) + 1].max()),
+        f"{who}_valley": float(force[round(0.35 * count) : round(0.65 * count) + 1].min()),
+        f"{who}_second": float(force[round(0.55 * count) :].max()),
+    }
 
 
 def table(numbers: Mapping[str, Any]) -> str:
@@ -200,22 +314,40 @@ def table(numbers: Mapping[str, Any]) -> str:
 
 
 def ranges_table(numbers: Mapping[str, Any]) -> str:
-    """The ranges of c_y and c_s within the human bounds as a Markdown table."""
-    lines = ["| parameter | bound on people | nearest to people |", "|---|---|---|"]
-    for key, axis in (("c_y", "x"), ("c_s", "y")):
+    """The ranges of c_y and c_s within the human bounds, by plan and by simulation, as a Markdown table."""
+    lines = [
+        "| parameter | bound on people | within, by the plan alone | within, walked |",
+        "|---|---|---|---|",
+    ]
+    for key, axis in _AXIS.items():
         found = numbers["ranges"][key]
         bound = f"L_{axis} / (m V H) ≤ {HUMAN_MOMENTUM[axis]:g}"
-        lines.append(f"| `gait.{key}` | {bound} | {found['low']:.2f} to {found['high']:.2f} |")
+        planned, walked = _inward(found), _inward(found["measured"])
+        lines.append(f"| `gait.{key}` | {bound} | {planned} | {walked} |")
+    offset = numbers["angular_momentum_y_offset"]
+    lines += [
+        "",
+        f"(The constant of L_y of `normal` is {offset['Nms']:.2f} N m s, {offset['of_m_V_H']:.3f} of m V H.)",
+    ]
     return "\n".join(lines)
 
 
 def forces_table(numbers: Mapping[str, Any]) -> str:
-    """One foot's ground force, smallest and largest, as a Markdown table."""
-    lines = ["| force on one foot [body weight] | people (outline) | simulation, `normal` |", "|---|---|---|"]
-    for name, found in numbers["forces"].items():
-        people, ours = (
-            f"{found[f'{who}_smallest']:.2f} to {found[f'{who}_largest']:.2f}"
-            for who in ("people", "simulated")
-        )
-        lines.append(f"| {name} | {people} | {ours} |")
+    """One foot's ground force as a Markdown table."""
+    who = {**{f"people_{end}": f"people, {speed:g} m/s" for end, speed in SPEEDS.items()},
+           "simulated": "simulation, `normal`"}  # fmt: skip
+    lines = [
+        f"| force on one foot [body weight] | {' | '.join(who.values())} |",
+        "|---|" + "---|" * len(who),
+    ]
+    forces = numbers["forces"]
+    vertical = forces["vertical"]
+    for name, label in (("first", "first peak"), ("valley", "least in mid-stance"), ("second", "last peak")):
+        cells = [f"{vertical[f'{key}_{name}']:.2f}" for key in who]
+        lines.append(f"| vertical, {label} | {' | '.join(cells)} |")
+    for name in ("forward", "medial"):
+        cells = [
+            f"{forces[name][f'{key}_smallest']:.2f} to {forces[name][f'{key}_largest']:.2f}" for key in who
+        ]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join(lines)

@@ -9,31 +9,38 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from ampm.body import SoleGeometry
 from ampm.exceptions import InputError
 from models.human import sole_geometry
 from validation.console import Silent
 from validation.folders import check_output_file, output_file
-from validation.paper_figures import accelerations, bodies, foot_roll, geometry, human
+from validation.paper_figures import accelerations, bodies, centroidal, foot_roll, geometry, human
 from validation.paper_figures.canvas import file_names, save, style
-from validation.paper_figures.walks import STEPS, Walks
+from validation.paper_figures.walks import STEPS, Walk, Walks
 
 NUMBERS = "figures.json"
 """File of the figures' numbers."""
 
 _MOMENTUM, _NORMAL = "momentum", "normal"
+_SWINGS = (0.1, 0.4, 0.7, 0.8, 0.9, 1.0)
+"""Values of c_y whose momentum and swing are said beside Fig. 11."""
 
 Drawn = tuple[Figure, Mapping[str, Any]]
 """A figure, and what its curves say in numbers."""
 
 
 def _figure_4(walks: Walks) -> Drawn:
-    planned = walks.plan(_MOMENTUM, with_body=False)
-    return geometry.figure_4(planned.plan, sole_geometry(planned.request.run.body.height)), {}
+    walk = walks.walk(_MOMENTUM)
+    return geometry.figure_4(walk, _sole(walk)), geometry.numbers(walk, 0)
 
 
 def _figure_5(walks: Walks) -> Drawn:
-    planned = walks.plan(_MOMENTUM, with_body=False)
-    return geometry.figure_5(planned.plan, sole_geometry(planned.request.run.body.height)), {}
+    walk = walks.walk(_MOMENTUM)
+    return geometry.figure_5(walk, _sole(walk)), geometry.numbers(walk, 1)
+
+
+def _sole(walk: Walk) -> SoleGeometry:
+    return sole_geometry(walk.trial.planned.request.run.body.height)
 
 
 def _figure_7(walks: Walks) -> Drawn:
@@ -41,7 +48,9 @@ def _figure_7(walks: Walks) -> Drawn:
 
 
 def _figure_8(walks: Walks) -> Drawn:
-    return bodies.figure_8(walks.walk(_NORMAL)), {}
+    walk = walks.walk(_NORMAL)
+    com = {f"COM {axis}": walk.less_plan["com"].component(k) for k, axis in enumerate("xyz")}
+    return bodies.figure_8(walk), centroidal.peak(com, "m")
 
 
 def _figure_9(walks: Walks) -> Drawn:
@@ -56,7 +65,9 @@ def _figure_10(walks: Walks) -> Drawn:
 
 def _figure_11(walks: Walks) -> Drawn:
     pair = [walks.walk("roll-0.1"), walks.walk("roll-0.7")]
-    return bodies.figure_11(pair), {walk.label: bodies.numbers(walk) for walk in pair}
+    swing = {f"{value:g}": bodies.swing(walks.plan(_NORMAL, (f"gait.c_y={value}",))) for value in _SWINGS}
+    gaits = {walk.label: bodies.numbers(walk) for walk in pair}
+    return bodies.figure_11(pair), {"gaits": gaits, "c_y": swing}
 
 
 def _figure_12(walks: Walks) -> Drawn:

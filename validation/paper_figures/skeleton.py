@@ -171,6 +171,21 @@ def draw(
     axis.add_patch(Circle(centre, body.head_radius, alpha=alpha, zorder=4, **fill))
 
 
+def outline(axis: Axes, body: Pose, view: tuple[int, int], color: str, *, shift: float = 0.0) -> None:
+    """Draw a posed body as thin lines over another one.
+
+    Args:
+        axis: axes in metres, equal scales.
+        body: the pose.
+        view: :data:`SIDE` or :data:`FRONT`.
+        color: of the lines.
+        shift: added to the horizontal coordinate [m].
+    """
+    for segment in body.segments:
+        flat = segment.points[:, view]
+        axis.plot(flat[:, 0] + shift, flat[:, 1], color=color, linewidth=0.8, zorder=5)
+
+
 def mark_com(axis: Axes, body: Pose, view: tuple[int, int], *, shift: float = 0.0) -> None:
     """The usual sign of a centre of mass."""
     at = (float(body.com[view[0]]) + shift, float(body.com[view[1]]))

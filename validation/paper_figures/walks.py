@@ -18,7 +18,9 @@ from ampm.motion import MotionSample, WholeBodyMotion
 from ampm.robot import Robot
 from validation.bridge import to_pinocchio
 from validation.console import Silent
+from validation.paper_figures.centroidal import Centroidal, LessPlan, of_motion
 from validation.planning import Planned, plan, request
+from validation.profiles import own_profile
 from validation.run import Options, Trial, validate
 
 Array = NDArray[np.float64]
@@ -115,6 +117,35 @@ class Walk:
         """The body's planned motion over a stride."""
         return self.motion.sample(self.phase, self.robot)
 
+    @cached_property
+    def ik(self) -> Centroidal:
+        """COM, momentum, force and ZMP of the whole-body motion over the first stride of the figures."""
+        sample = self.motion.sample(self.stride_starts[0] + self.phase, self.robot)
+        return of_motion(sample, self.robot, self.plan)
+
+    @cached_property
+    def less_plan(self) -> dict[str, LessPlan]:
+        """Distance from the plan, by name: ``com``, ``zmp``, ``force``, ``angular_momentum``."""
+        measured, planned = self.trial.measured, self.plan.sample(self.trial.measured.time)
+        first = self.plan.sample(self.stride_starts[0] + self.phase)
+        both = {
+            "com": (self.ik.com - first.com, measured.com - planned.com),
+            "zmp": (self.ik.zmp - first.zmp, measured.zmp - planned.zmp),
+            "force": (self.ik.force - first.force, measured.force - planned.force),
+            "angular_momentum": (
+                self.ik.angular_momentum[:, :2] - first.angular_momentum,
+                measured.angular_momentum[:, :2] - planned.angular_momentum,
+            ),
+        }
+        return {name: LessPlan(motion, self.folded(error)) for name, (motion, error) in both.items()}
+
+    def limit(self, metric: str) -> float:
+        """What the profile that this gait is judged by allows, in SI (forces in newton)."""
+        profile = own_profile(self.trial.planned.request.name)
+        tolerance = next(item for item in profile.tolerances if item.metric == metric)
+        weight = self.plan.mass * self.plan.gravity
+        return tolerance.limit * (weight if metric.startswith("force_") else 1.0)
+
     def configuration(self, time: float) -> Array:
         """Simulated configuration, in Pinocchio's coordinates, at the recorded instant next to ``time``."""
         record = self.trial.record
@@ -147,23 +178,32 @@ class Walks:
         """Plan a gait, and solve its motion, without walking it."""
         return plan(request(gait, list(settings)), with_body=with_body, stages=self.stages)
 
-    def walk(self, gait: str, settings: Sequence[str] = (), label: str = "") -> Walk:
+    def walk(
+        self, gait: str, settings: Sequence[str] = (), label: str = "", *, steps: int | None = None
+    ) -> Walk:
         """Walk a gait, or take the walk that was had before.
+
+        Args:
+            gait: preset.
+            settings: what to change in it.
+            label: what the figures call it.
+            steps: to walk, if not as many as every figure.
 
         Raises:
             InputError, MathematicalRefusal, BodilyRefusal: the gait cannot be walked.
             SolverError: the walk did not come to its end.
         """
-        key = (gait, *settings)
+        count = self.steps if steps is None else steps
+        key = (gait, *settings, f"gait.steps={count}")
         if key not in self._walks:
-            asked = request(gait, [*settings, f"gait.steps={self.steps}"])
+            asked = request(gait, list(key[1:]))
             target = Path(self._folder.name) / f"{len(self._walks)}"
             trial = validate(asked, target, Options(recording=False), stages=self.stages)
             outcome = trial.record.outcome
             if not outcome.completed:
                 raise SolverError(
-                    f"{' '.join(key)}: {outcome.name} after {outcome.time:.2f} s ({outcome.cause}); a figure "
-                    "needs a whole walk. Give fewer --steps, or leave it out with --only."
+                    f"{' '.join(key[:-1])}: {outcome.name} after {outcome.time:.2f} s ({outcome.cause}); "
+                    "a figure needs a whole walk. Give fewer --steps, or leave it out with --only."
                 )
-            self._walks[key] = Walk(label or " ".join(key), trial)
+            self._walks[key] = Walk(label or " ".join(key[:-1]), trial)
         return self._walks[key]
