@@ -33,7 +33,9 @@ def sweep(
     scheduler: Annotated[
         str | None,
         typer.Option(
-            "--scheduler", metavar="ADDRESS", help="Run on this dask scheduler: tcp://HOST:8786, or its --scheduler-file."
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Run on this dask scheduler: tcp://HOST:8786, or its --scheduler-file.",
         ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with what is missing in --out.")] = False,

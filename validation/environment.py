@@ -97,3 +97,17 @@ def _git(root: Path, *arguments: str) -> str:
     return subprocess.run(
         ["git", "-C", str(root), *arguments], check=True, capture_output=True, text=True, timeout=10
     ).stdout
+
+
+def memory_peak() -> float | None:
+    """Largest resident memory of this process so far [MB]; None where that is not known.
+
+    ``ru_maxrss`` would count the process that this one was started by.
+    """
+    try:
+        for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024 / 1e6
+    except (OSError, ValueError):
+        pass
+    return None

@@ -6,34 +6,31 @@ soon as it ends, then signals and summary, and last what can be drawn again from
 
 from __future__ import annotations
 
-import json
-import resource
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import InputError
-from ampm.parameters import dump_run
 from validation.bridge import to_pinocchio
 from validation.compare import Comparison
-from validation.console import Silent, json_ready
+from validation.console import Silent
 from validation.convergence.uncertainty import Uncertainty
 from validation.entry import interruption
 from validation.environment import describe_environment
-from validation.folders import INSTRUMENT_FILE, RUN_FILES, check_run_folder, run_folder
+from validation.folders import check_run_folder, run_folder
 from validation.measure import MeasuredGait, measure
 from validation.planning import Planned, Request, plan
 from validation.profiles import DEFAULT, Profile
 from validation.record import OutcomeName, SimulationRecord, load_record, save_record
-from validation.signals import save_signals, signals_table
+from validation.run_files import write_inputs, write_observation, write_signals, write_summary
 from validation.simulate import simulate
 from validation.trial import examine
-from validation.verdict import Verdict, build_summary
+from validation.verdict import Verdict
 
 if TYPE_CHECKING:
     from validation.instruments import Instrument
@@ -146,9 +143,7 @@ def validate(
     environment = describe_environment()
     late: BaseException | None = None
     with run_folder(target, force=options.force) as folder:
-        (folder / "run.toml").write_text(dump_run(asked.run), encoding="utf-8")
-        (folder / "model.xml").write_text(body.model.xml, encoding="utf-8")
-        _write_json(folder / "environment.json", environment)
+        write_inputs(folder, asked.run, body.model, environment)
         try:
             comparison, verdict, summary = _walk(planned, folder, options, clock, environment)
         finally:
@@ -184,49 +179,16 @@ def _walk(
     known = options.uncertainty
     with clock.stage("measurement"):
         found = examine(planned, record, options.profile, None if known is None else known.values)
-        signals = signals_table(
-            planned.plan,
-            record,
-            found.measured,
-            found.comparison,
-            motion_angular_momentum_z=found.motion_angular_momentum_z,
-        )
-        save_signals(signals, folder / "signals.parquet")
+        write_signals(folder, planned, record, found)
     timing = clock.timing(record)
-    extra = {
-        "gait": asked.name,
-        "motion": motion.report.as_dict(),
-        "standing": asdict(found.standing),
-        "memory_peak": {"value": _memory_peak(), "unit": "MB"},
-        **({} if known is None else {"uncertainty": known.as_dict()}),
-    }
+    more: dict[str, Any] = {} if known is None else {"uncertainty": known.as_dict()}
     if options.instrument is not None:
         with clock.stage("instrument"):
-            extra["instrument"] = _observe(options.instrument, planned, record, folder)
-    summary = build_summary(
-        record,
-        found.measured,
-        found.comparison,
-        found.verdict,
-        timing=timing,
-        environment=environment,
-        extra=extra,
+            more["instrument"] = write_observation(folder, options.instrument, planned, record)
+    summary = write_summary(
+        folder, planned, record, found, name=asked.name, timing=timing, environment=environment, more=more
     )
-    _write_json(folder / "summary.json", summary)
     return found.comparison, found.verdict, summary
-
-
-def _observe(
-    instrument: Instrument, planned: Planned, record: SimulationRecord, folder: Path
-) -> dict[str, Any]:
-    """Look at the walk with an instrument too: what it shows goes into a file, its error into the summary."""
-    from validation.instruments import observe_walk
-    from validation.instruments.table import observation_columns
-    from validation.samples import write_columns
-
-    seen = observe_walk(instrument, planned, record)
-    write_columns(observation_columns(seen), folder / INSTRUMENT_FILE)
-    return seen.as_dict()
 
 
 def _draw(folder: Path, target: Path, clock: _Clock) -> BaseException | None:
@@ -288,14 +250,3 @@ def _unused(folder: Path) -> Path:
         candidate = folder.with_name(f"{folder.name}-{number}")
         number += 1
     return candidate
-
-
-def _write_json(path: Path, value: Any) -> None:
-    if path.name not in RUN_FILES:
-        raise ValueError(f"{path.name} is no file of a run folder")
-    path.write_text(json.dumps(json_ready(value), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _memory_peak() -> float:
-    """Largest resident memory of this process so far [MB]; Linux counts it in KiB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6

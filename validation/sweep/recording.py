@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ampm.exceptions import InputError
-from ampm.parameters import dump_run
-from validation.console import json_ready
 from validation.environment import describe_environment
 from validation.folders import run_folder
 from validation.record import save_record
-from validation.signals import save_signals, signals_table
+from validation.run_files import write_inputs, write_observation, write_signals, write_summary
 from validation.sweep.exceptions import SweepStopped
-from validation.sweep.rows import memory_peak
 from validation.sweep.store import RECORDINGS, disk_is_full
-from validation.verdict import build_summary
 
 if TYPE_CHECKING:
     from validation.trial import Walk
@@ -32,7 +26,9 @@ _DRAW = (
 )
 
 
-def keep_run(walk: Walk, folder: Path, name: str, timing: Mapping[str, float]) -> str:
+def keep_run(
+    walk: Walk, folder: Path, name: str, timing: Mapping[str, float], instrument: str | None = None
+) -> str:
     """Write a run's folder, recording and report included; an earlier one of that run is replaced.
 
     Args:
@@ -40,6 +36,7 @@ def keep_run(walk: Walk, folder: Path, name: str, timing: Mapping[str, float]) -
         folder: of the sweep.
         name: of the run.
         timing: wall-clock times of its stages [s].
+        instrument: preset or TOML file of a sensor model that looks on.
 
     Returns:
         The run's folder, relative to the sweep's.
@@ -50,7 +47,7 @@ def keep_run(walk: Walk, folder: Path, name: str, timing: Mapping[str, float]) -
     relative = f"{RECORDINGS}/{name}"
     try:
         with run_folder(folder / relative, force=True) as work:
-            _write(walk, work, name, timing)
+            _write(walk, work, name, timing, instrument)
             # Drawing needs the viewer's library and matplotlib, which a worker is better off without.
             done = subprocess.run(
                 [sys.executable, "-c", _DRAW, str(work)], capture_output=True, text=True, check=False
@@ -74,42 +71,22 @@ def keep_run(walk: Walk, folder: Path, name: str, timing: Mapping[str, float]) -
     return relative
 
 
-def _write(walk: Walk, work: Path, name: str, timing: Mapping[str, float]) -> None:
-    planned, record, found = walk.planned, walk.record, walk.findings
-    body, motion = planned.body, planned.motion
-    if body is None or motion is None:
+def _write(walk: Walk, work: Path, name: str, timing: Mapping[str, float], instrument: str | None) -> None:
+    planned, record = walk.planned, walk.record
+    if planned.body is None:
         raise TypeError("a walk has a body")
     environment = describe_environment()
-    (work / "run.toml").write_text(dump_run(planned.request.run), encoding="utf-8")
-    (work / "model.xml").write_text(body.model.xml, encoding="utf-8")
-    _write_json(work / "environment.json", environment)
+    write_inputs(work, planned.request.run, planned.body.model, environment)
     save_record(record, work)
-    signals = signals_table(
-        planned.plan,
-        record,
-        found.measured,
-        found.comparison,
-        motion_angular_momentum_z=found.motion_angular_momentum_z,
-    )
-    save_signals(signals, work / "signals.parquet")
+    write_signals(work, planned, record, walk.findings)
     stages = ("planning", "simulation", "measurement", "real_time_factor")
-    summary = build_summary(
-        record,
-        found.measured,
-        found.comparison,
-        found.verdict,
-        timing={key: timing[key] for key in stages if key in timing}
-        | {"simulated": float(record.time[-1] - record.time[0])},
-        environment=environment,
-        extra={
-            "gait": name,
-            "motion": motion.report.as_dict(),
-            "standing": asdict(found.standing),
-            "memory_peak": {"value": memory_peak(), "unit": "MB"},
-        },
+    told = {key: timing[key] for key in stages if key in timing}
+    told["simulated"] = float(record.time[-1] - record.time[0])
+    more = {}
+    if instrument is not None:
+        from validation.instruments import load_instrument
+
+        more["instrument"] = write_observation(work, load_instrument(instrument), planned, record)
+    write_summary(
+        work, planned, record, walk.findings, name=name, timing=told, environment=environment, more=more
     )
-    _write_json(work / "summary.json", summary)
-
-
-def _write_json(path: Path, value: Any) -> None:
-    path.write_text(json.dumps(json_ready(value), indent=2, allow_nan=False) + "\n", encoding="utf-8")

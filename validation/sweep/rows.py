@@ -6,7 +6,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import fields
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +13,7 @@ import numpy as np
 from ampm.exceptions import AmpmError, InputError, RefusedGait
 from ampm.gait import GaitPlan, plan_gait
 from ampm.parameters import RunParameters
-from validation.environment import describe_environment
+from validation.environment import describe_environment, memory_peak
 from validation.sweep.columns import COLUMNS, parameter_values, run_key, version_column
 from validation.sweep.identity import code_hash
 
@@ -188,17 +187,3 @@ def environment_columns(worker: str | None, attempts: int, time: str) -> dict[st
         "environment_attempts": attempts,
         "environment_memory_peak": memory_peak(),
     }
-
-
-def memory_peak() -> float | None:
-    """Largest resident memory of this process so far [MB]; None where that is not known.
-
-    ``ru_maxrss`` would count the process that this one was started by.
-    """
-    try:
-        for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024 / 1e6
-    except (OSError, ValueError):
-        pass
-    return None

@@ -191,7 +191,7 @@ def _trial(task: Task, timing: dict[str, float]) -> dict[str, Any]:
 def _keep(walked: Walk, task: Task, timing: dict[str, float]) -> str:
     from validation.sweep.recording import keep_run
 
-    return keep_run(walked, Path(task.folder), task.name, timing)
+    return keep_run(walked, Path(task.folder), task.name, timing, task.instrument)
 
 
 class _Clock(Silent):
