@@ -9,11 +9,12 @@ import pytest
 
 from ampm.exceptions import BodilyRefusal
 from ampm.parameters import RunParameters
+from ampm.robot import Robot
 from models.human import build
 from validation.bridge import pinocchio_model, to_pinocchio
 from validation.measure import measure, standing_check, without_point
 from validation.record import SimulationRecord
-from validation.standing import SETTLE, stand
+from validation.standing import SETTLE, stand, weigh
 
 RUN = RunParameters()
 
@@ -51,3 +52,10 @@ def test_a_com_that_is_too_high_is_refused() -> None:
     run = RUN.replace({"gait.com_height": 1.2})
     with pytest.raises(BodilyRefusal, match=r"cannot stand .* 1\.2 m; lower gait\.com_height"):
         stand(run, build(run.body, run.contact, run.simulation))
+
+
+def test_the_run_s_own_gains_do_not_decide_what_a_body_weighs() -> None:
+    slack = RUN.replace({"controller.com_damping": 3.0, "controller.posture_damping": 10.0})
+    model = build(RUN.body, RUN.contact, RUN.simulation)
+    robot = Robot(model_of(RUN), model.description)
+    assert weigh(slack, model, robot).relative_error == weigh(RUN, model, robot).relative_error < 1e-7

@@ -1,8 +1,8 @@
-"""Weigh the body: the same controller, floor and instrument as the walk's, but standing still.
+"""Weigh the body: the floor and the instrument of the walk, but standing still.
 
-A still body presses on the floor with exactly its weight, under its COM. Every run weighs its own body with
-its own contact and controller parameters, so that an instrument that is off is found before its figures are
-believed.
+A still body presses on the floor with exactly its weight, under its COM. Every run weighs its own body on its
+own floor, so that an instrument that is off is found before its figures are believed. The controller's gains
+are not the run's but the default ones: how fast a body comes to rest is not what is asked.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import pinocchio as pin
 from ampm.controller import TrackingController
 from ampm.exceptions import BodilyRefusal
 from ampm.inverse_kinematics import InverseKinematics, StepReference, Unreachable
+from ampm.parameters import ControllerParameters
 from ampm.reference import TrackingReference
 from ampm.robot import TASK_ROWS, Robot
 from validation.bridge import to_pinocchio
@@ -73,7 +74,9 @@ def weigh(run: RunParameters, body_model: BodyModel, robot: Robot) -> StandingCh
         body_model: its body.
         robot: the same body, for Pinocchio's side of the measurement.
     """
-    record = stand(run, body_model)
+    own = run.controller
+    gains = ControllerParameters(frequency=own.frequency, friction=own.friction)
+    record = stand(run.model_copy(update={"controller": gains}), body_model)
     if record.outcome.name is OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
     # A body that falls is weighed as it is: not still.
