@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,9 +13,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from ampm.exceptions import BodilyRefusal
+from ampm.exceptions import BodilyRefusal, InputError
 from validation import cli
 from validation.sweep import cluster, execute, identity, rows, store, work
 from validation.sweep.columns import TABLE_METADATA
@@ -66,7 +69,7 @@ def direct(monkeypatch: pytest.MonkeyPatch) -> type[Direct]:
     """No cluster, no physics."""
 
     @contextmanager
-    def nobody(workers: int) -> Iterator[None]:
+    def nobody(workers: int, say: object) -> Iterator[None]:
         yield None
 
     def start(self: Direct, crew: object, todo: Any, sink: Any, watcher: Any) -> None:
@@ -134,10 +137,162 @@ def test_resume_walks_what_has_no_answer(direct, file, tmp_path, capsys):
     assert direct.sent == []
 
 
-def test_an_interrupted_sweep_goes_on(direct, file, tmp_path):
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (MemoryError(), "MemoryError"),
+        (np._core._exceptions._ArrayMemoryError((10**9,), np.dtype(float)), "MemoryError"),
+        (OSError(errno.EMFILE, "Too many open files"), "EMFILE"),
+        (OSError(errno.EIO, "Input/output error"), "EIO"),
+    ],
+)
+def test_what_the_machine_did_is_walked_again(direct, file, tmp_path, capsys, error, reason):
+    out = tmp_path / "out"
+    beside = InputError("the file cannot be read")
+    beside.__context__ = error
+    direct.outcome = {1: {"raise": error}, 4: {"raise": beside}, 7: {"raise": OSError(errno.ENOENT, "no")}}
+    assert call(file, out) == 4
+    assert "2 runs have no answer yet: --resume walks them again" in capsys.readouterr().out
+    table = store.load_results(out).table.to_pylist()
+    assert [table[run]["reason"] for run in (1, 4, 7)] == [reason, reason, "FileNotFoundError"]
+    direct.sent.clear()
+    direct.outcome = {4: {"raise": error}}
+    assert call(file, out, "--resume") == 4
+    assert "1 run has no answer yet: --resume walks it again" in capsys.readouterr().out
+    assert direct.sent == [1, 4]
+
+
+def test_crashes_are_walked_again_when_asked(direct, file, tmp_path, capsys):
+    out = tmp_path / "out"
+    direct.outcome = {
+        1: {"raise": ValueError("a bug")},
+        4: {"outcome": "fell", "verdict": "not_measured"},
+        7: {"outcome": "crashed", "reason": "ValueError", "verdict": None},
+    }
+    assert call(file, out) == 4
+    (out / "recordings" / "4").mkdir(parents=True)
+    direct.sent.clear()
+    direct.outcome = {7: {"outcome": "crashed", "reason": "ValueError", "verdict": None}}
+    assert call(file, out, "--resume", "--retry", "crashed") == 4
+    assert direct.sent == [1, 7]
+    assert not (out / "crashes" / "1.txt").exists()
+    assert (out / "recordings" / "4").exists()
+    direct.outcome = {}
+    assert call(file, out, "--resume", "--retry", "crashed, timed-out,fell") == 0
+    assert direct.sent == [1, 7, 4, 7]
+    assert not (out / "recordings" / "4").exists()
+    for extra, words in (
+        (("--resume", "--retry", "crash"), "'crash' must be of fell, "),
+        (("--retry", "crashed"), "--retry goes with --resume"),
+    ):
+        assert call(file, out, *extra) == 2
+        assert words in capsys.readouterr().err
+
+
+def test_any_text_of_an_error_can_be_kept(direct, file, tmp_path):
+    out = tmp_path / "out"
+    direct.outcome = {1: {"raise": ValueError("b\udcffd")}, 4: {"failed": "\ud800", "outcome": "fell"}}
+    assert call(file, out) == 4
+    table = store.load_results(out).table.to_pylist()
+    assert (table[1]["cause"], table[4]["failed"]) == ("b\\udcffd", "\\ud800")
+    assert "\\udcff" in (out / "crashes" / "1.txt").read_text(encoding="utf-8")
+
+
+def test_a_scheduler_that_does_not_answer_leaves_nothing(direct, file, tmp_path, monkeypatch, capsys):
+    @contextmanager
+    def silent(address: str, say: object) -> Iterator[None]:
+        raise InputError("no dask scheduler answers")
+        yield
+
+    monkeypatch.setattr(cluster, "remote_crew", silent)
+    out = tmp_path / "new" / "out"
+    for _ in range(2):
+        assert call(file, out, "--scheduler", "tcp://localhost:1") == 2
+        assert "no dask scheduler answers" in capsys.readouterr().err
+    assert not out.parent.exists()
+    assert call(file, out) == 0
+    assert call(file, out, "--resume", "--scheduler", "tcp://localhost:1") == 0  # nothing is left to walk
+
+
+def test_a_sweep_may_be_renamed(direct, file, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert call(file, out) == 0
+    renamed = file.rename(tmp_path / "other.toml")
+    assert call(renamed, out, "--resume") == 0
+    assert store.load_results(out).definition.name == "other"
+    # A folder of before, when the name was part of the hash.
+    kept = json.loads((out / "identity.json").read_text(encoding="utf-8"))
+    (out / "identity.json").write_text(json.dumps({**kept, "cases": "old"}), encoding="utf-8")
+    assert call(renamed, out, "--resume") == 0
+    for before, after, told in (
+        ("steps = 3", "steps = 4", "sweep.steps = 3 in the folder, 4 in the file"),
+        (
+            "0.8]",
+            "0.9]",
+            "contact.friction of [[vary]] block 1 = [0.6, 0.7, 0.8] in the folder, [0.6, 0.7, 0.",
+        ),
+        ('"flat"', '"normal"', "sweep.gait = 'flat' in the folder, 'normal' in the file; "),
+        (
+            "\n[[vary",
+            "\n[set]\nbody.mass = 60\n[[vary",
+            "body.mass under [set] = nothing in the folder, 60.0",
+        ),
+    ):
+        renamed.write_text(SWEEP.replace(before, after), encoding="utf-8")
+        assert call(renamed, out, "--resume") == 2
+        assert told in capsys.readouterr().err
+    lines = SWEEP.splitlines()
+    turned = "\n".join([*lines[:-2], lines[-1], lines[-2]])
+    renamed.write_text(turned, encoding="utf-8")
+    assert call(renamed, out, "--resume") == 2
+    assert "order of the varied keys" in capsys.readouterr().err
+
+
+def test_workers_with_several_threads_are_told_of_once(monkeypatch):
+    said: list[str] = []
+    crew = cluster.Crew(None, said.append)
+    for threads in (None, 1, 4, 8):
+        crew.saw(threads)
+    assert len(said) == 1
+    assert "4 BLAS threads" in said[0]
+    for variables, threads in (
+        ({"OMP_NUM_THREADS": "4"}, 4),
+        ({"OMP_NUM_THREADS": "4", "OPENBLAS_NUM_THREADS": "1"}, 1),
+        ({"OMP_NUM_THREADS": "3,2"}, 3),
+    ):
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS"):
+            monkeypatch.delenv(name, raising=False)
+        for name, value in variables.items():
+            monkeypatch.setenv(name, value)
+        assert work.blas_threads() == threads
+
+
+@pytest.mark.parametrize(
+    "last", ["OSError: [Errno 28] No space left", "OSError 28", "RuntimeError: io (os error 28)"]
+)
+def test_a_full_disk_is_told_while_a_recording_is_drawn(tmp_path, monkeypatch, last):
+    from validation.sweep import recording
+    from validation.sweep.exceptions import SweepStopped
+
+    monkeypatch.setattr(recording, "_write", lambda *_: None)
+    code = f"import sys; sys.stderr.buffer.write(b'\\xff\\n' + {last!r}.encode()); sys.exit(1)"
+    monkeypatch.setattr(recording, "_DRAW", code)
+    with pytest.raises(SweepStopped, match=r"no room is left for recording and report .*free some space"):
+        recording.keep_run(None, tmp_path, "0", {})
+    monkeypatch.setattr(recording, "_DRAW", "raise ValueError('4280')")
+    with pytest.raises(SweepStopped, match="could not be drawn"):
+        recording.keep_run(None, tmp_path, "0", {})
+
+
+def test_an_interrupted_sweep_goes_on(direct, file, tmp_path, capsys):
     out = tmp_path / "out"
     direct.outcome = {4: KeyboardInterrupt()}
     assert call(file, out) == 130
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert told == (
+        "ampm: interrupted; every finished row is kept; go on with: "
+        f"ampm sweep {shlex.quote(str(file))} --out {shlex.quote(str(out))} --resume"
+    )
     assert not store.load_results(out).complete
     direct.outcome = {}
     assert call(file, out, "--resume") == 0

@@ -22,7 +22,7 @@ from validation.sweep.cluster import local_crew
 from validation.sweep.columns import reproducible_columns
 from validation.sweep.execute import Execution
 from validation.sweep.store import load_results, read_rows
-from validation.sweep.work import Task
+from validation.sweep.work import Task, blas_threads
 
 SWEEP = """
 [sweep]
@@ -168,7 +168,9 @@ def test_a_full_disk_a_killed_program_and_ctrl_c_lose_nothing(undisturbed, file,
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process
     status, error = finish(process)
     assert status == INTERRUPTED, error
-    assert error.splitlines()[-1] == "ampm: interrupted"
+    assert error.splitlines()[-1].startswith(
+        "ampm: interrupted; every finished row is kept; go on with: ampm "
+    )
     assert "Traceback" not in error
 
     status, error = finish(start(file, out, "--resume", "--workers", "2"))
@@ -221,6 +223,16 @@ def test_whatever_a_run_does_it_gets_its_row(tmp_path):
     }
     assert found[2]["cause"] == "no good at 0x... in file.py of 2"
     assert found[6]["environment_attempts"] > 1
+
+
+def test_workers_have_one_thread_whatever_the_shell_says(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "4")
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    with local_crew(1) as crew:
+        crew.client.wait_for_workers(1, timeout=60)
+        assert list(crew.client.run(blas_threads).values()) == [1]
+    assert os.environ["OMP_NUM_THREADS"] == "4"
+    assert "OPENBLAS_NUM_THREADS" not in os.environ
 
 
 @pytest.mark.slow

@@ -13,7 +13,8 @@ from validation.console import Narrator, print_json
 SWEEP_EPILOG = (
     "Exit status: 0 every run that walked passed, 1 some are out of tolerance, 2 bad input, or every run was "
     "refused, 3 some did not complete, 4 some crashed, 5 stopped from outside (full disk, lost scheduler): "
-    "--resume goes on, 130 interrupted: --resume goes on."
+    "--resume goes on, 130 interrupted: --resume goes on. --dry-run: 0, or 2 if it is sure that every run is "
+    "refused."
 )
 
 
@@ -42,6 +43,22 @@ def sweep(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Count runs and refusals and estimate the time; walk nothing.")
     ] = False,
+    retry: Annotated[
+        str | None,
+        typer.Option(
+            "--retry",
+            metavar="OUTCOME,...",
+            help="With --resume: also walk again what crashed, timed_out, fell, ...: --retry crashed.",
+        ),
+    ] = None,
+    probe: Annotated[
+        int | None,
+        typer.Option(
+            "--probe",
+            metavar="N",
+            help="With --dry-run: gaits whose motion is solved; 20 of a larger sweep by default, 0 for none.",
+        ),
+    ] = None,
     force: Annotated[
         bool,
         typer.Option("--force", help="With --resume: go on although code or versions have changed since."),
@@ -55,10 +72,17 @@ def sweep(
     run is on the disk at once; after a kill, a full disk or Ctrl-C, --resume walks exactly what is missing,
     and the table is the same to the bit.
     """
-    from validation.sweep import command
+    from validation.sweep import command, opening
 
-    options = command.Options(
-        out=out, workers=workers, scheduler=scheduler, resume=resume, dry_run=dry_run, force=force
+    options = opening.Options(
+        out=out,
+        workers=workers,
+        scheduler=scheduler,
+        resume=resume,
+        dry_run=dry_run,
+        force=force,
+        retry=opening.retried(retry),
+        probe=probe,
     )
     return Status(command.run(file, options, as_json=as_json, narrator=Narrator()))
 

@@ -13,7 +13,7 @@ import os
 import signal
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -28,9 +28,11 @@ ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
+    "BLIS_NUM_THREADS": "1",
+    "VECLIB_MAXIMUM_THREADS": "1",
     "MUJOCO_GL": "disable",
 }
-"""Environment of a worker, set before its process starts and so before it loads numpy."""
+"""Environment of a worker that is started here, whatever the shell says; see :func:`_environment`."""
 
 _QUIET: dict[str, Any] = {
     "distributed.worker.profile.enabled": False,
@@ -54,16 +56,31 @@ _VAIN = 4  # times that all workers may be replaced without one of them coming u
 _CLOSE_TIME = 10.0
 
 
+def _silent(text: str) -> None:
+    """Nobody listens."""
+
+
 class Crew:
     """The workers of a sweep, on whatever scheduler.
 
     Args:
         client: of dask.
+        say: tells a user what he should know.
     """
 
-    def __init__(self, client: Client) -> None:
+    def __init__(self, client: Client, say: Callable[[str], None] = _silent) -> None:
         self.client = client
+        self._say, self._warned = say, False
         self._size, self._counted = 0, -math.inf
+
+    def saw(self, threads: int | None) -> None:
+        """A worker has said how many threads its BLAS takes; a warning, once, if they are several."""
+        if threads is not None and threads > 1 and not self._warned:
+            self._warned = True
+            self._say(
+                f"ampm: a worker has {threads} BLAS threads; walks are slower so, and may differ in their "
+                "last bits: start workers with OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1."
+            )
 
     def size(self) -> int:
         """Workers at present; 0 while there are none yet."""
@@ -109,10 +126,13 @@ class LocalCrew(Crew):
         client: of dask.
         cluster: without workers yet.
         wanted: processes.
+        say: tells a user what he should know.
     """
 
-    def __init__(self, client: Client, cluster: LocalCluster, wanted: int) -> None:
-        super().__init__(client)
+    def __init__(
+        self, client: Client, cluster: LocalCluster, wanted: int, say: Callable[[str], None] = _silent
+    ) -> None:
+        super().__init__(client, say)
         self._cluster, self._wanted = cluster, wanted
         self._short = time.monotonic()
         self._vain = 0
@@ -146,10 +166,33 @@ def default_workers() -> int:
 
 
 @contextmanager
-def local_crew(workers: int) -> Iterator[Crew]:
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Variables of this process while the body of the ``with`` runs, as they were afterwards.
+
+    Processes inherit them before they load any library. A nanny's own setting yields to a variable that the
+    shell has set, or comes when numpy is loaded already.
+    """
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def local_crew(workers: int, say: Callable[[str], None] = _silent) -> Iterator[Crew]:
     """Processes of this machine."""
     _silence()
-    with tempfile.TemporaryDirectory(prefix="ampm-sweep-") as scratch, dask.config.set(_QUIET):
+    with (
+        tempfile.TemporaryDirectory(prefix="ampm-sweep-") as scratch,
+        dask.config.set(_QUIET),
+        _environment(ONE_THREAD),  # to the end: a worker that dies is started again
+    ):
         # Ctrl-C reaches every process of a terminal, and workers are to finish what they do: threads and
         # processes that are started here inherit that it is blocked.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -170,7 +213,7 @@ def local_crew(workers: int) -> Iterator[Crew]:
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         try:
-            yield LocalCrew(client, cluster, workers)
+            yield LocalCrew(client, cluster, workers, say)
         finally:
             _end_workers(cluster)
             with suppress(Exception):
@@ -189,7 +232,7 @@ def _end_workers(cluster: LocalCluster) -> None:
 
 
 @contextmanager
-def remote_crew(address: str, timeout: float = 30.0) -> Iterator[Crew]:
+def remote_crew(address: str, say: Callable[[str], None] = _silent, timeout: float = 30.0) -> Iterator[Crew]:
     """Workers of a scheduler that is running already.
 
     Raises:
@@ -209,7 +252,7 @@ def remote_crew(address: str, timeout: float = 30.0) -> Iterator[Crew]:
                 "scheduler', or leave the option out to run on this machine."
             ) from None
         try:
-            yield Crew(client)
+            yield Crew(client, say)
         finally:
             with suppress(Exception):
                 client.close(timeout=_CLOSE_TIME)

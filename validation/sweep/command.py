@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -21,10 +22,10 @@ from ampm.parameters import RunParameters
 from validation.cli_options import Status
 from validation.console import Narrator, json_ready, print_json
 from validation.entry import interruption
-from validation.environment import describe_environment
 from validation.sweep.columns import column, reproducible_columns, run_key, schema, tidy
-from validation.sweep.definition import SweepDefinition, dump_sweep, load_sweep
-from validation.sweep.identity import changes, code_hash, identity
+from validation.sweep.definition import SweepDefinition, load_sweep
+from validation.sweep.identity import code_hash
+from validation.sweep.opening import Options, check_folder, holds_sweep, open_folder, resume_command
 from validation.sweep.progress import SweepProgress, state_of
 from validation.sweep.rows import environment_columns, first_columns, refused_columns
 from validation.sweep.sampling import Cases
@@ -34,35 +35,12 @@ from validation.sweep.store import (
     CRASHES,
     RECORDINGS,
     SUMMARY,
-    SWEEP_FILES,
     Store,
     latest,
-    open_store,
     table_metadata,
 )
 from validation.sweep.summary import print_summary, status_of, summarise, unfinished, worst_runs
 from validation.sweep.work import Task
-
-
-@dataclass(frozen=True)
-class Options:
-    """How a sweep is run.
-
-    Attributes:
-        out: its folder; only a dry run needs none.
-        workers: processes of this machine, one per core by default.
-        scheduler: address of a dask scheduler to run on instead.
-        resume: go on with what is there.
-        dry_run: only count and estimate.
-        force: go on although the code has changed.
-    """
-
-    out: Path | None = None
-    workers: int | None = None
-    scheduler: str | None = None
-    resume: bool = False
-    dry_run: bool = False
-    force: bool = False
 
 
 def run(file: Path, options: Options, *, as_json: bool = False, narrator: Narrator | None = None) -> Status:
@@ -74,7 +52,7 @@ def run(file: Path, options: Options, *, as_json: bool = False, narrator: Narrat
         KeyboardInterrupt: Ctrl-C; what is finished is kept.
     """
     narrator = narrator or Narrator()
-    _check(options)
+    options.check()
     definition = load_sweep(file)
     if options.dry_run:
         from validation.sweep.dry_run import plan_dry_run, print_dry_run
@@ -85,27 +63,17 @@ def run(file: Path, options: Options, *, as_json: bool = False, narrator: Narrat
         else:
             print_dry_run(dry)
         return Status.PASS
-    summary = run_sweep(definition, options, narrator=narrator)
+    try:
+        summary = run_sweep(definition, options, narrator=narrator)
+    except KeyboardInterrupt as error:
+        if options.out is not None and holds_sweep(options.out):
+            error.add_note(f"every finished row is kept; go on with: {resume_command(file, options)}")
+        raise
     if as_json:
         print_json({**summary, "directory": str(options.out)})
     else:
         print_summary(summary, str(options.out))
     return status_of(summary)
-
-
-def _check(options: Options) -> None:
-    if options.workers is not None and options.workers < 1:
-        raise InputError(f"--workers {options.workers} must be at least 1.")
-    if options.workers is not None and options.scheduler is not None:
-        raise InputError("--workers and --scheduler exclude each other: a scheduler has its own workers.")
-    if options.dry_run:
-        return
-    if options.out is None:
-        raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
-    if options.force and not options.resume:
-        raise InputError(
-            "--force goes with --resume: no sweep is ever replaced; remove the folder, or give another."
-        )
 
 
 def run_sweep(
@@ -123,15 +91,21 @@ def run_sweep(
     from validation.sweep.execute import Execution
 
     narrator = narrator or Narrator()
-    _check(options)
+    options.check()
     if options.out is None:
         raise TypeError("a dry run walks nothing")
     start = time.monotonic()
     cases = cases_of(definition)
     metadata = table_metadata(definition)
-    with _opened(options.out, definition, metadata, options, narrator) as store:
+    with ExitStack() as stack:
+        crew = None
+        if options.scheduler and not holds_sweep(options.out):
+            # First of all: a scheduler that does not answer shall leave no folder behind.
+            check_folder(options.out, resume=options.resume)
+            crew = stack.enter_context(remote_crew(options.scheduler, narrator.say))
+        store = stack.enter_context(open_folder(options.out, definition, metadata, options, narrator.say))
         kept = store.rows()
-        missing = _missing(kept, len(cases))
+        missing = _missing(kept, len(cases), options.retry)
         jobs = _Jobs(definition, cases, store.folder)
         counts = _counts(kept, missing)
         table = kept
@@ -139,80 +113,37 @@ def run_sweep(
             screening = screen(definition, cases)
             walks = int((missing & screening.accepted).sum())
             count = min(options.workers or default_workers(), max(walks, 1))
-            crew: AbstractContextManager[Any] = (
-                remote_crew(options.scheduler) if options.scheduler else local_crew(count)
-            )
-            with crew as workers:
+            with ExitStack() as work:
+                if crew is None:
+                    crew = work.enter_context(
+                        remote_crew(options.scheduler, narrator.say)
+                        if options.scheduler
+                        else local_crew(count, narrator.say)
+                    )
                 watcher = _Watcher(SweepProgress(len(cases), walks, counts, narrator.console), store)
+                sink = _Again(store, kept, missing)
                 with watcher.progress:
-                    Execution(workers, jobs.missing(missing, screening), store, watcher).run()
+                    Execution(crew, jobs.missing(missing, screening), sink, watcher).run()
                 interruption.check()
                 table = store.rows()
                 if table is None:
                     raise InputError("the sweep has no runs.")
                 if definition.recordings == "worst":
-                    table = _keep_worst(jobs, table, metadata, store, workers, narrator)
+                    table = _keep_worst(jobs, table, metadata, store, crew, narrator)
         if table is None:
             raise InputError("the sweep has no runs.")
         return _finish(store, table, metadata, time.monotonic() - start, narrator)
 
 
-# ------------------------------------------------------------------------- the folder
+# ------------------------------------------------------------------------- what is there
 
 
-def _opened(
-    folder: Path,
-    definition: SweepDefinition,
-    metadata: Mapping[str, Any],
-    options: Options,
-    narrator: Narrator,
-) -> Store:
-    """The sweep's folder, new or resumed.
-
-    Raises:
-        InputError: it holds something else, another sweep, or this one of other code.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"--out {folder} is a file, not a folder; give another folder.")
-    entries = {entry.name for entry in folder.iterdir()} if folder.is_dir() else set()
-    if entries and not options.resume:
-        raise InputError(
-            f"--out {folder} exists and is not empty; give another folder, or --resume to go on with its "
-            "sweep."
-        )
-    foreign = sorted(name for name in entries - SWEEP_FILES if not name.startswith("."))
-    if foreign and "identity.json" not in entries:
-        raise InputError(f"--out {folder} holds {foreign[0]!r} and no sweep; give the folder of a sweep.")
-    now = identity(definition, describe_environment()["revision"])
-
-    def check(before: Mapping[str, Any]) -> None:
-        if not before:
-            narrator.say(f"nothing to resume in {folder}; starting the sweep")
-            return
-        if before.get("cases") != now["cases"]:
-            raise InputError(
-                f"--out {folder} holds another sweep than this file defines (its own is in "
-                f"{folder / 'sweep.toml'}); give another folder, or that definition."
-            )
-        changed = changes(before, now)
-        if changed and not options.force:
-            raise InputError(
-                f"the rows in {folder} come from other code ({', '.join(changed)}), and results may differ; "
-                "go back to it, give another folder, or --force to mix them (environment_code tells)."
-            )
-        if changed:
-            narrator.say(f"ampm: rows of other code are kept ({', '.join(changed)}); environment_code tells")
-
-    return open_store(
-        folder, dump_sweep(definition), metadata, now, check if options.resume else lambda _: None
-    )
-
-
-def _missing(kept: pa.Table | None, total: int) -> np.ndarray:
-    """Runs that have no row yet, or one that is no answer, shape (N,), bool."""
+def _missing(kept: pa.Table | None, total: int, retry: Sequence[str] = ()) -> np.ndarray:
+    """Runs that have no row yet, one that is no answer, or an outcome to retry, shape (N,), bool."""
     missing = np.ones(total, dtype=bool)
     if kept is not None:
-        answered = kept["run"].to_numpy()[~unfinished(kept)]
+        again = unfinished(kept) | np.isin(np.array(kept["outcome"].to_pylist(), dtype=object), list(retry))
+        answered = kept["run"].to_numpy()[~again]
         missing[answered] = False
     return missing
 
@@ -226,6 +157,24 @@ def _counts(kept: pa.Table | None, missing: np.ndarray) -> dict[str, int]:
                 state = state_of(row)
                 counts[state] = counts.get(state, 0) + 1
     return counts
+
+
+class _Again:
+    """Writes rows; of a run that had one before, first removes what its new row does not speak of."""
+
+    def __init__(self, store: Store, kept: pa.Table | None, missing: np.ndarray) -> None:
+        self._store = store
+        runs = np.zeros(0, dtype=np.int64) if kept is None else kept["run"].to_numpy()
+        self._before = frozenset(runs[missing[runs]].tolist())
+
+    def append(self, rows: list[dict[str, Any]]) -> None:
+        for row in rows:
+            if row["run"] in self._before:
+                if row["recording"] is None:
+                    shutil.rmtree(self._store.folder / RECORDINGS / row["name"], ignore_errors=True)
+                if row["outcome"] != "crashed":
+                    (self._store.folder / CRASHES / f"{row['name']}.txt").unlink(missing_ok=True)
+        self._store.append(rows)
 
 
 class _Watcher:

@@ -145,7 +145,8 @@ def load_sweep(path: str | Path) -> SweepDefinition:
             f"the sweep file {str(path)!r} cannot be read ({error}); give a TOML file."
         ) from None
     try:
-        return parse_sweep(text, name=path.stem, folder=path.parent)
+        stem = path.stem.encode("utf-8", "backslashreplace").decode()  # a name may be no UTF-8
+        return parse_sweep(text, name=stem, folder=path.parent)
     except tomllib.TOMLDecodeError as error:
         raise InputError(
             f"the sweep file {str(path)!r} is no valid TOML: {error}; correct that line."
@@ -278,7 +279,7 @@ def dump_sweep(definition: SweepDefinition) -> str:
         lines += ["", "[[vary]]", f"method = {_toml(block.method)}"]
         if block.count is not None:
             lines.append(f"count = {block.count}")
-        lines += [f"{key} = {_toml_values(value)}" for key, value in block.keys.items()]
+        lines += [f"{key} = {toml_values(value)}" for key, value in block.keys.items()]
     text = "\n".join(lines) + "\n"
     if definition.gait in PRESETS and definition.base == load_run(definition.gait):
         return text
@@ -294,7 +295,8 @@ def _toml(value: Any) -> str:
     return tomli_w.dumps({"v": value}).removeprefix("v = ").rstrip("\n")
 
 
-def _toml_values(value: Range | tuple[Value, ...]) -> str:
+def toml_values(value: Range | tuple[Value, ...]) -> str:
+    """What a key of a block takes, as TOML."""
     if not isinstance(value, Range):
         return f"[{', '.join(_toml(item) for item in value)}]"
     parts = [f"from = {_toml(value.start)}", f"to = {_toml(value.stop)}"]

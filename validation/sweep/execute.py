@@ -22,6 +22,7 @@ from distributed.scheduler import KilledWorker
 from validation.sweep.cluster import Crew
 from validation.sweep.columns import tidy
 from validation.sweep.exceptions import SweepStopped
+from validation.sweep.faults import clean_row, clean_text
 from validation.sweep.rows import (
     environment_columns,
     first_columns,
@@ -202,6 +203,7 @@ class Execution:
             return
 
     def _began(self, event: Mapping[str, Any], when: float) -> None:
+        self._crew.saw(event.get("threads"))
         flight = self._flying.get(self._key(event["run"], event["attempt"]))
         if flight is None:
             return
@@ -244,7 +246,7 @@ class Execution:
 
     def _answer(self, answer: Answer) -> None:
         if answer.trace is not None:
-            self._watcher.trace(answer.row["name"], answer.trace)
+            self._watcher.trace(answer.row["name"], clean_text(answer.trace))
         self._keep(answer.row)
 
     def _failed(self, flight: _Flight, error: BaseException | None, when: float) -> None:
@@ -304,6 +306,7 @@ class Execution:
     def _keep(self, row: dict[str, Any]) -> None:
         if not self._rows:
             self._oldest = time.monotonic()
+        row = clean_row(row)  # one text that no file can hold would end the sweep, on every resume again
         self._rows.append(row)
         self._watcher.row(row)
 

@@ -10,7 +10,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from validation.sweep.definition import SweepDefinition, dump_sweep
+from validation.sweep.definition import SweepDefinition, dump_sweep, toml_values
 
 _ROOT = Path(__file__).resolve().parents[2]
 _PACKAGES = ("ampm", "models")
@@ -29,6 +29,7 @@ _MODULES = (
     "verdict",
     "watch",
     "sweep/columns",
+    "sweep/faults",
     "sweep/rows",
     "sweep/work",
 )
@@ -36,6 +37,7 @@ _MODULES = (
 _SUFFIXES = (".py", ".toml", ".xml")
 _VERSIONS = ("mujoco", "dm-control", "pin", "osqp", "daqp", "numpy", "scipy")
 _DIGITS = 16
+_SHOWN = 60
 
 
 @cache
@@ -72,8 +74,8 @@ def identity(definition: SweepDefinition, revision: str | None) -> dict[str, Any
 
 
 def cases_hash(definition: SweepDefinition) -> str:
-    """Hash of all that decides what is walked and kept; the wall-clock guard is free to change."""
-    same = definition.model_copy(update={"limits": type(definition.limits)()})
+    """Hash of all that decides what is walked and kept; name and wall-clock guard are free to change."""
+    same = definition.model_copy(update={"limits": type(definition.limits)(), "name": "sweep"})
     text = dump_sweep(same) + definition.run.model_dump_json()
     if definition.instrument is not None:
         from validation.instruments import load_instrument
@@ -93,6 +95,41 @@ def changes(kept: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
             else:
                 found.append(f"{name} {before.get(name, 'unknown')} -> {after[name]}")
     return found
+
+
+def differences(kept: SweepDefinition, now: SweepDefinition) -> list[str]:
+    """What of two definitions differs, in words: ``sweep.steps = 20 in the folder, 30 in the file``."""
+    before, after = _settings(kept), _settings(now)
+    found = []
+    for name in sorted(before.keys() | after.keys(), key=[*after, *before].index):
+        one, other = before.get(name), after.get(name)
+        if one != other:
+            found.append(f"{name} = {_short(one)} in the folder, {_short(other)} in the file")
+    if not found and [list(block.keys) for block in kept.vary] != [list(block.keys) for block in now.vary]:
+        found.append("the order of the varied keys, which numbers the runs")
+    return found
+
+
+def _settings(definition: SweepDefinition) -> dict[str, str]:
+    """All that :func:`cases_hash` depends on: place in the file to value, as texts."""
+    names = ("gait", "steps", "seed", "profile", "recordings", "worst", "instrument")
+    found = {f"sweep.{name}": repr(getattr(definition, name)) for name in names}
+    found |= {f"{key} under [set]": repr(value) for key, value in definition.set.items()}
+    for number, block in enumerate(definition.vary, start=1):
+        place = f"[[vary]] block {number}"
+        found[f"method of {place}"] = repr(block.method)
+        if block.count is not None:
+            found[f"count of {place}"] = repr(block.count)
+        found |= {f"{key} of {place}": toml_values(value) for key, value in block.keys.items()}
+    for section, values in definition.base.model_dump().items():
+        found |= {f"{section}.{key} of the gait": repr(value) for key, value in values.items()}
+    return found
+
+
+def _short(text: str | None) -> str:
+    if text is None:
+        return "nothing"
+    return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."
 
 
 def _sources() -> list[Path]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -24,6 +25,12 @@ _DRAW = (
     "from validation.rerun_log import write_recording; folder = Path(sys.argv[1]); "
     "write_recording(folder); write_report(folder)"
 )
+
+_FULL = re.compile(
+    r"no space left|no room is left|quota exceeded|file too large|(?:errno|os error|OSError) (?:27|28|122)\b",
+    re.IGNORECASE,
+)
+"""Words of a full disk or quota, by whichever library meets it."""
 
 
 def keep_run(
@@ -50,7 +57,11 @@ def keep_run(
             _write(walk, work, name, timing, instrument)
             # Drawing needs the viewer's library and matplotlib, which a worker is better off without.
             done = subprocess.run(
-                [sys.executable, "-c", _DRAW, str(work)], capture_output=True, text=True, check=False
+                [sys.executable, "-c", _DRAW, str(work)],
+                capture_output=True,
+                encoding="utf-8",
+                errors="replace",
+                check=False,
             )
     except OSError as error:
         what = "no room is left" if disk_is_full(error) else "a worker cannot write"
@@ -64,6 +75,11 @@ def keep_run(
         ) from error
     if done.returncode:
         last = done.stderr.strip().rpartition("\n")[2] or f"exit status {done.returncode}"
+        if _FULL.search(done.stderr):
+            raise SweepStopped(
+                f"no room is left for recording and report of {folder / relative} ({last}); every row until "
+                "now is kept: free some space and go on with --resume."
+            )
         raise SweepStopped(
             f"recording and report of {folder / relative} could not be drawn ({last}); every row until now "
             "is kept: go on with --resume."

@@ -220,7 +220,7 @@ class Store:
         """Write a small file of the folder, whole."""
         path = self.folder / name
         with durable(path) as file:
-            file.write(text.encode())
+            file.write(text.encode(errors="backslashreplace"))
         return path
 
     def _write_part(self, table: pa.Table, size: int) -> None:

@@ -11,12 +11,12 @@ import pyarrow as pa
 from validation.cli_options import Status
 from validation.console import print_line, print_table
 from validation.sweep.columns import OUTCOMES
+from validation.sweep.faults import MACHINE_FAULTS
 from validation.sweep.progress import duration
-from validation.sweep.rows import WORKER_DIED
 from validation.sweep.table import SweepTable
 
 AGAIN = ("timed_out", "interrupted")
-"""Outcomes that are no answer: ``--resume`` walks these runs again, and those whose worker died."""
+"""Outcomes that are no answer: ``--resume`` walks these runs again, and those that the machine ended."""
 _SHOWN = 10
 
 
@@ -24,7 +24,7 @@ def unfinished(table: pa.Table) -> np.ndarray:
     """Rows that ``--resume`` walks again, shape (N,), bool: what ended them may have been the machine."""
     outcome = np.array(table["outcome"].to_pylist(), dtype=object)
     reason = np.array(table["reason"].to_pylist(), dtype=object)
-    return np.isin(outcome, AGAIN) | (reason == WORKER_DIED)
+    return np.isin(outcome, AGAIN) | ((outcome == "crashed") & np.isin(reason, list(MACHINE_FAULTS)))
 
 
 def worst_runs(table: pa.Table, metadata: dict[str, Any], count: int) -> list[int]:
@@ -122,5 +122,9 @@ def print_summary(summary: dict[str, Any], directory: str) -> None:
     if timing["wall"] is not None:
         print_line(f"{duration(timing['wall'])} on the clock, {duration(timing['workers'])} of workers")
     if summary["unfinished"]:
-        print_line(f"{summary['unfinished']} runs have no answer yet: --resume walks them again")
+        one = summary["unfinished"] == 1
+        print_line(
+            f"{summary['unfinished']} {'run has' if one else 'runs have'} no answer yet: "
+            f"--resume walks {'it' if one else 'them'} again"
+        )
     print_line(directory)

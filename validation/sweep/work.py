@@ -26,6 +26,7 @@ from validation.console import Silent, Stage
 from validation.profiles import profile as find_profile
 from validation.sweep.columns import tidy
 from validation.sweep.exceptions import SweepStopped
+from validation.sweep.faults import clean_row, clean_text, machine_fault
 from validation.sweep.identity import code, code_hash
 from validation.sweep.rows import (
     crashed_columns,
@@ -141,17 +142,20 @@ def answer_of(
     trace = None
     try:
         row |= trial(task, timing)
-    except (RefusedGait, InputError) as error:
-        row |= refused_columns(error, task.parameters)
     except SweepStopped:
         raise
     except (Exception, SystemExit) as error:
-        row |= crashed_columns(error)
-        trace = "".join(traceback.format_exception(error))
+        fault = machine_fault(error)
+        if fault is None and isinstance(error, RefusedGait | InputError):
+            row |= refused_columns(error, task.parameters)
+        else:
+            row |= crashed_columns(error)
+            row["reason"] = fault or row["reason"]
+            trace = clean_text("".join(traceback.format_exception(error)))
     timing |= {"total": time.perf_counter() - wall, "cpu_total": time.thread_time() - cpu}
     row |= {f"timing_{name}": value for name, value in timing.items()}
     row |= environment_columns(worker, task.attempt, datetime.now(UTC).isoformat(timespec="milliseconds"))
-    return Answer(tidy(row), trace)
+    return Answer(clean_row(tidy(row)), trace)
 
 
 def _trial(task: Task, timing: dict[str, float]) -> dict[str, Any]:
@@ -224,12 +228,26 @@ def _announce(task: Task) -> str | None:
     except ValueError:  # called from Python, without a cluster
         return None
     if task.topic:
-        message = {"run": task.run, "attempt": task.attempt, "address": worker.address}
+        message = {
+            "run": task.run,
+            "attempt": task.attempt,
+            "address": worker.address,
+            "threads": blas_threads(),
+        }
         # Until the scheduler has it: who is to blame must be known even if the process dies at once.
         sync(worker.loop, worker.scheduler.log_event, topic=task.topic, msg=message)
     name = worker.name
     # A name that was not chosen is an address, and a table names no machines.
     return str(name) if isinstance(name, int) else hashlib.sha256(str(name).encode()).hexdigest()[:8]
+
+
+def blas_threads() -> int:
+    """Threads that this process's BLAS takes, by the variables that it has read when it was loaded."""
+    for name in ("OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS", "OMP_NUM_THREADS"):
+        value = os.environ.get(name, "").partition(",")[0]
+        if value.isdecimal() and int(value):
+            return int(value)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
