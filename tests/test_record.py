@@ -115,6 +115,17 @@ def test_arrays_are_read_only_copies(record):
         other.sensors["new"] = source
 
 
+def test_what_nobody_can_write_to_is_taken_over_without_a_copy(record):
+    source = record.q.copy()
+    view = source[: len(source)]
+    view.setflags(write=False)
+    copied = replace(record, q=view)
+    assert copied.q is not view  # through its owner the view can still change
+    source.setflags(write=False)
+    assert replace(record, q=view).q is view
+    assert replace(copied, friction=0.5).torque is copied.torque
+
+
 def test_equal_records_have_no_difference_whatever_the_clock_said(record):
     assert first_difference(record, replace(record, qp_time=record.qp_time * 3)) is None
 

@@ -14,6 +14,7 @@ from ampm.exceptions import InputError
 from ampm.qp import QPSolution, QPStatus, make_backend
 from models.human import BodyModel, build
 from tests.solved import COARSE, motion_of, walk_of
+from validation import run_log
 from validation import simulate as simulation
 from validation.bridge import to_pinocchio
 from validation.measure import measure
@@ -154,6 +155,18 @@ def test_commands_and_contacts_are_of_their_own_step():
 
 def test_two_walks_are_the_same_to_the_last_bit():
     assert first_difference(plain(), walk()) is None
+
+
+@pytest.mark.parametrize("block", [1, 7])
+def test_the_size_of_the_logs_blocks_shows_nowhere(monkeypatch, block):
+    monkeypatch.setattr(run_log, "_BLOCK", block)
+    assert first_difference(plain(), walk()) is None
+
+
+def test_a_walk_is_recorded_without_a_copy():
+    record = plain()
+    arrays = [record.q, record.point_velocity, record.command_point_force, *record.sensors.values()]
+    assert all(array.base is not None and not array.base.flags.writeable for array in arrays)
 
 
 def test_both_solvers_walk_alike():

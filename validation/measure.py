@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 LEAST_SUPPORT = 0.01
 """Share of body weight below which there is no ZMP: the quotient of two vanishing numbers says nothing."""
 _SETTLED = 1e-3
+_BLOCK = 4096  # steps measured at a time: all of a long walk, converted, would be as large as its record
 
 
 @dataclass(frozen=True)
@@ -189,17 +190,19 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
     least = LEAST_SUPPORT * weight
 
     point_force = record.point_force
-    point_torque = _cross(record.point_position, point_force)
-    foot_force = np.stack([point_force[:, record.point_foot == foot].sum(axis=1) for foot in (0, 1)], axis=1)
-    foot_torque = np.stack(
-        [point_torque[:, record.point_foot == foot].sum(axis=1) for foot in (0, 1)], axis=1
-    )
+    foot_force, foot_torque = _foot_wrenches(record)
     force, torque = foot_force.sum(axis=1), foot_torque.sum(axis=1)
     zmp = _centre_of_pressure(force, torque, least)
 
-    com_pin, com_velocity, momentum = _centroidal(model, *to_pinocchio(record.q, record.qd))
-    departed = np.concatenate([_step_back(record.q[:1], record.qd[:1], dt), record.q[:-1]])
-    _, departing_velocity, departing_momentum = _centroidal(model, *to_pinocchio(departed, record.qd))
+    com_pin, com_velocity, momentum = _centroidal(model, to_pinocchio, record.q, record.qd)
+    first = _step_back(record.q[:1], record.qd[:1], dt)
+    starts = [
+        _centroidal(model, to_pinocchio, q, qd)
+        for q, qd in ((first, record.qd[:1]), (record.q[:-1], record.qd[1:]))
+    ]
+    departing_velocity, departing_momentum = (
+        np.concatenate(parts) for parts in tuple(zip(*starts, strict=True))[1:]
+    )
     com_acceleration = np.diff(departing_velocity, axis=0) / dt
     momentum_rate = np.diff(departing_momentum, axis=0) / dt
     momentum_force = mass * (com_acceleration + np.array([0.0, 0.0, gravity]))
@@ -334,16 +337,34 @@ def _step_back(q: Array, qd: Array, dt: float) -> Array:
     return back
 
 
-def _centroidal(model: pin.Model, q: Array, v: Array) -> tuple[Array, Array, Array]:
-    """COM, its velocity and the angular momentum about it for every row, each shape (N, 3)."""
+def _foot_wrenches(record: SimulationRecord) -> tuple[Array, Array]:
+    """Force [N] on each foot and its moment about the world origin [N m], each shape (K, 2, 3)."""
+    force, torque = np.empty((record.steps, 2, 3)), np.empty((record.steps, 2, 3))
+    for start in range(0, record.steps, _BLOCK):
+        part = slice(start, start + _BLOCK)
+        point_force = record.point_force[part]
+        point_torque = _cross(record.point_position[part], point_force)
+        for foot in (0, 1):
+            mine = record.point_foot == foot
+            force[part, foot] = point_force[:, mine].sum(axis=1)
+            torque[part, foot] = point_torque[:, mine].sum(axis=1)
+    return force, torque
+
+
+def _centroidal(
+    model: pin.Model, to_pinocchio: ToPinocchio, q: Array, qd: Array
+) -> tuple[Array, Array, Array]:
+    """COM, its velocity and the angular momentum about it for every row of MuJoCo's, each shape (N, 3)."""
     data = model.createData()
     rows = q.shape[0]
     com, velocity, momentum = np.empty((rows, 3)), np.empty((rows, 3)), np.empty((rows, 3))
-    for row in range(rows):
-        about_com = pin.computeCentroidalMomentum(model, data, q[row], v[row])
-        com[row] = data.com[0]
-        velocity[row] = data.vcom[0]
-        momentum[row] = about_com.angular
+    for start in range(0, rows, _BLOCK):
+        part = slice(start, start + _BLOCK)
+        for row, state in enumerate(zip(*to_pinocchio(q[part], qd[part]), strict=True), start):
+            about_com = pin.computeCentroidalMomentum(model, data, *state)
+            com[row] = data.com[0]
+            velocity[row] = data.vcom[0]
+            momentum[row] = about_com.angular
     return com, velocity, momentum
 
 

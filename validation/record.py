@@ -12,7 +12,6 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -23,6 +22,8 @@ import pyarrow.parquet as pq
 
 from ampm.body import SOLE_POINT_GROUPS
 from ampm.exceptions import InputError
+from validation.outcome import Outcome as Outcome
+from validation.outcome import OutcomeName as OutcomeName
 from validation.record_layout import FEET as FEET
 from validation.record_layout import JOINTS_FILE as JOINTS_FILE
 from validation.record_layout import RECORD_FILES as RECORD_FILES
@@ -37,56 +38,6 @@ _FORMAT = 1
 _METADATA_KEY = b"ampm_record"
 NOT_REPRODUCIBLE = frozenset({"qp_time"})
 """Columns that hold wall-clock time: the only ones that two identical runs need not share."""
-
-
-class OutcomeName(StrEnum):
-    """How a run ended."""
-
-    COMPLETED = "completed"
-    FELL = "fell"
-    DIVERGED = "diverged"
-    INFEASIBLE = "infeasible"
-    INTERRUPTED = "interrupted"
-
-    @property
-    def sentence(self) -> str:
-        """What the name means."""
-        return {
-            OutcomeName.COMPLETED: "The body walked every planned step.",
-            OutcomeName.FELL: "The body fell.",
-            OutcomeName.DIVERGED: "The numbers of the simulation blew up.",
-            OutcomeName.INFEASIBLE: "The controller's QP stayed unsolved.",
-            OutcomeName.INTERRUPTED: "The run was stopped from outside.",
-        }[self]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a run ended, when, and why.
-
-    Attributes:
-        name: the kind of end.
-        time: simulated time at the end [s].
-        cause: the first cause, one sentence; empty if the run completed.
-        steps_completed: whole steps walked, 0 or more.
-    """
-
-    name: OutcomeName
-    time: float
-    cause: str
-    steps_completed: int
-
-    def __post_init__(self) -> None:
-        try:
-            object.__setattr__(self, "name", OutcomeName(self.name))
-        except ValueError:
-            known = ", ".join(OutcomeName)
-            raise InputError(f"outcome '{self.name}' is unknown; use one of {known}") from None
-
-    @property
-    def completed(self) -> bool:
-        """Whether the whole plan was walked."""
-        return self.name is OutcomeName.COMPLETED
 
 
 @dataclass(frozen=True)
@@ -115,7 +66,8 @@ class SimulationRecord:
 
     Rows that belong to an instant have K + 1 entries (t_0 ... t_K); rows that belong to a step have K, row
     k acts over [t_k, t_(k+1)]. Vectors are in the world frame (x forward, y left, z up, floor at z = 0). All
-    arrays are read-only; floats are float64.
+    arrays are read-only; floats are float64. What is given is copied, unless it and all that it is a view of
+    are read-only already: then it is taken over, and a long walk does not need its memory twice.
 
     Attributes:
         time: t_k, shape (K + 1,) [s].
@@ -306,6 +258,7 @@ def load_record(directory: str | Path) -> SimulationRecord:
     sensors: dict[str, NDArray[np.float64]] = {}
     for block in record_blocks(header):
         array = block_array(block, tables[block.file], directory)
+        array.setflags(write=False)
         if block.field.startswith("sensor:"):
             sensors[block.field.removeprefix("sensor:")] = array
         else:
@@ -452,7 +405,13 @@ def _exact(value: float) -> float | str:
 
 
 def _frozen(value: Any, dtype: Any) -> NDArray[Any]:
-    """A read-only C-contiguous copy, so that nothing outside can change a record."""
+    """Read-only and C-contiguous: as it is if nobody can write to it any more, else a copy."""
+    if isinstance(value, np.ndarray) and value.dtype == dtype and value.flags.c_contiguous:
+        owner: Any = value
+        while isinstance(owner, np.ndarray) and not owner.flags.writeable:
+            owner = owner.base
+        if owner is None:
+            return value
     array: NDArray[Any] = np.array(value, dtype=dtype, order="C")
     array.setflags(write=False)
     return array

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ampm.controller import LIMITED, ControlOutput, TrackingController
 from ampm.exceptions import InputError
@@ -202,10 +201,9 @@ class ClosedLoop:
     ) -> None:
         self.physics, self.controller, self.run_parameters = physics, controller, run
         self.step_duration, self.total, self.progress = step_duration, total, progress
-        self.outputs: list[ControlOutput] = []
-        self.points = len(physics.points.sites)
-        self.log = RunLog.empty(total, physics.model, self.points)
-        self.normal_force = np.zeros(self.points)
+        points = physics.points
+        self.log = RunLog.empty(total, physics.model, points.sites, points.soles, physics.substeps)
+        self.normal_force = np.zeros(len(points.sites))
         self.watch = Watch(run.controller.unsolved_limit)
         self.warnings = physics.data.warning.number[_BAD_STATE]  # a view
 
@@ -240,35 +238,31 @@ class ClosedLoop:
         """One step of the physics, with a control tick where one is due."""
         physics, log = self.physics, self.log
         model, data = physics.model, physics.data
-        log.q[k], log.qd[k] = data.qpos, data.qvel
-        log.warmstart[k] = data.qacc_warmstart
+        log.keep_state(k, data)
         mujoco.mj_step1(model, data)
-        log.sites[k] = data.site_xpos
-        for foot, site in enumerate(physics.points.soles):
-            log.rotation[k, foot] = data.site_xmat[site]
+        log.keep_places(k, data)
         point = physics.touching_points()
         end = None
         if k % physics.substeps == 0:
             q, v = physics.state()
             output = self.controller.update(q, v, physics.sensed(point), self.normal_force)
-            self.outputs.append(output)
+            log.keep_command(k, output)
             data.ctrl[:] = output.torque
-            end = self._look(k * physics.time_step, output)
+            end = self._look(k, output)
         log.torque[k] = data.ctrl
         mujoco.mj_step2(model, data)
         self.normal_force = log.keep_contacts(k, data, point)
-        log.sensors[k] = data.sensordata
         return end
 
-    def _look(self, time: float, output: ControlOutput) -> End | None:
-        """Whether the walk is over at this tick."""
+    def _look(self, k: int, output: ControlOutput) -> End | None:
+        """Whether the walk is over at this step's tick."""
         physics = self.physics
         return self.watch.look(
-            time,
+            k * physics.time_step,
             physics.com(),
             output.com.tolist(),
             physics.trunk(),
-            self.controller.reference.trunk[len(self.outputs) - 1, :, 2].tolist(),
+            self.controller.reference.trunk[k // physics.substeps, :, 2].tolist(),
             output.status,
             residual=output.residual,
             limit=self._worst_joint(output) if output.status == LIMITED else "",
@@ -282,7 +276,7 @@ class ClosedLoop:
         return f"{robot.joint_names[worst]} at {share[worst]:.0%} of its torque"
 
     def _finish(self, done: int) -> None:
-        """State and sensors at the end of the last whole step."""
+        """Bring the physics to the end of the last whole step."""
         physics, log = self.physics, self.log
         model, data = physics.model, physics.data
         if done < self.total and round(data.time / physics.time_step) != done:
@@ -290,57 +284,19 @@ class ClosedLoop:
             # step: back to where that step began.
             data.qpos[:], data.qvel[:] = log.q[done], log.qd[done]
         mujoco.mj_forward(model, data)
-        log.q[done], log.qd[done] = data.qpos, data.qvel
-        log.sites[done] = data.site_xpos
-        log.rotation[done] = data.site_xmat[list(physics.points.soles)]
-        log.sensors[done] = data.sensordata
 
     def _record(self, done: int, outcome: Outcome) -> SimulationRecord:
-        physics, log = self.physics, self.log
-        model, dt, robot = physics.model, physics.time_step, physics.robot
-        hold = np.arange(done) // physics.substeps
-        outputs = self.outputs[: -(-done // physics.substeps)]  # a step that was cut short has no tick either
-        sensors = {}
-        for i in range(model.nsensor):
-            start, size = model.sensor_adr[i], model.sensor_dim[i]
-            sensors[model.sensor(i).name] = log.sensors[: done + 1, start : start + size]
-        point_sites = log.sites[: done + 1, physics.points.sites]
-        force, place, depth = log.sole_contacts(done)
-        position = np.where(depth[..., None] > 0.0, place, point_sites[:-1])
-        rotation = log.rotation[: done + 1].reshape(-1, 3, 3)
-        xyzw = Rotation.from_matrix(rotation).as_quat().reshape(done + 1, 2, 4)
-
-        def held(name: str, *shape: int) -> NDArray[np.float64]:
-            values = np.array([getattr(output, name) for output in outputs], dtype=np.float64)
-            return values.reshape(-1, *shape)[hold]
-
+        dt, robot = self.physics.time_step, self.physics.robot
+        kept = self.log.close(done, self.physics.data)
+        sensors = kept.pop("sensors")
         return SimulationRecord(
             time=np.arange(done + 1, dtype=np.float64) * dt,
-            q=log.q[: done + 1],
-            qd=log.qd[: done + 1],
-            torque=log.torque[:done],
-            warmstart=log.warmstart[:done],
-            point_force=force,
-            point_position=position,
-            point_penetration=depth,
-            point_velocity=np.diff(point_sites, axis=0) / dt,
             point_foot=robot.point_foot,
             point_group=robot.point_group,
-            com=sensors["com"],
-            angular_momentum=sensors["angular_momentum"],
-            foot_position=log.sites[: done + 1, list(physics.points.soles)],
-            foot_rotation=xyzw[..., [3, 0, 1, 2]],
-            sensors={k: v for k, v in sensors.items() if k not in ("com", "angular_momentum")},
-            command_com=held("com", 3),
-            command_zmp=held("zmp", 2),
-            command_force=held("force", 3),
-            command_angular_momentum=held("angular_momentum", 3),
-            command_point_force=held("point_force", self.points, 3),
-            tick_time=np.arange(len(outputs), dtype=np.float64) * (physics.substeps * dt),
-            qp_status=np.array([o.status for o in outputs], dtype=np.int8),
-            qp_residual=np.array([o.residual for o in outputs], dtype=np.float64),
-            qp_iterations=np.array([o.iterations for o in outputs], dtype=np.int32),
-            qp_time=np.array([o.seconds for o in outputs], dtype=np.float64),
+            com=sensors.pop("com"),
+            angular_momentum=sensors.pop("angular_momentum"),
+            sensors=sensors,
+            tick_time=np.arange(kept["qp_time"].size, dtype=np.float64) * (self.physics.substeps * dt),
             outcome=outcome,
             mass=robot.mass,
             gravity=robot.gravity,
@@ -349,6 +305,7 @@ class ClosedLoop:
             torque_limit=robot.torque_limit,
             joint_range=np.stack([robot.lower, robot.upper], axis=1),
             joint_names=robot.joint_names,
+            **kept,
         )
 
 

@@ -1,0 +1,58 @@
+"""How a run ends, in one word and one sentence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ampm.exceptions import InputError
+
+
+class OutcomeName(StrEnum):
+    """How a run ended."""
+
+    COMPLETED = "completed"
+    FELL = "fell"
+    DIVERGED = "diverged"
+    INFEASIBLE = "infeasible"
+    INTERRUPTED = "interrupted"
+
+    @property
+    def sentence(self) -> str:
+        """What the name means."""
+        return {
+            OutcomeName.COMPLETED: "The body walked every planned step.",
+            OutcomeName.FELL: "The body fell.",
+            OutcomeName.DIVERGED: "The numbers of the simulation blew up.",
+            OutcomeName.INFEASIBLE: "The controller's QP stayed unsolved.",
+            OutcomeName.INTERRUPTED: "The run was stopped from outside.",
+        }[self]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended, when, and why.
+
+    Attributes:
+        name: the kind of end.
+        time: simulated time at the end [s].
+        cause: the first cause, one sentence; empty if the run completed.
+        steps_completed: whole steps walked, 0 or more.
+    """
+
+    name: OutcomeName
+    time: float
+    cause: str
+    steps_completed: int
+
+    def __post_init__(self) -> None:
+        try:
+            object.__setattr__(self, "name", OutcomeName(self.name))
+        except ValueError:
+            known = ", ".join(OutcomeName)
+            raise InputError(f"outcome '{self.name}' is unknown; use one of {known}") from None
+
+    @property
+    def completed(self) -> bool:
+        """Whether the whole plan was walked."""
+        return self.name is OutcomeName.COMPLETED
