@@ -1,8 +1,8 @@
 """What a walk leaves behind while it runs: the record's own arrays, filled step by step.
 
 What MuJoCo gives beyond the record (all sites, contacts as they come, rotation matrices) is kept for a block
-of steps only and sorted into those arrays when the block is full, so that a walk needs little more memory than
-its record.
+of steps only and sorted into those arrays when the block is full, so that a walk needs little more memory
+than its record.
 """
 
 from __future__ import annotations
