@@ -408,14 +408,33 @@ def test_a_study_serves_any_number_of_steps_of_its_gait_and_no_other_gait(folder
         matching([known], request("normal", ["simulation.time_step=0.001"]))
 
 
+def edited(folder, tmp_path, metrics):
+    """The study with other metrics."""
+    table = json.loads((folder / FILE).read_text())
+    (tmp_path / FILE).write_text(json.dumps({**table, "metrics": metrics}))
+    return tmp_path / FILE
+
+
+@pytest.mark.parametrize(
+    ("metrics", "why"),
+    [
+        ({}, "holds no metrics"),
+        ({"zmp_x_rmse": {"uncertainty": -1}}, "no number of at least 0"),
+        ({"zmp_x_rmse": {"uncertainty": "much"}}, "no number of at least 0"),
+    ],
+)
+def test_a_study_that_was_spoilt_is_refused(folder, tmp_path, metrics, why):
+    with pytest.raises(InputError, match=why):
+        load_uncertainty(edited(folder, tmp_path, metrics))
+
+
 @pytest.mark.parametrize(
     ("text", "why"),
     [
         ("{", "no JSON"),
-        ("[]", "holds no metrics"),
-        ('{"metrics": {}}', "holds no metrics"),
-        ('{"metrics": {"zmp_x_rmse": {"uncertainty": -1}}}', "no number of at least 0"),
-        ('{"metrics": {"zmp_x_rmse": {"uncertainty": "much"}}}', "no number of at least 0"),
+        ("[]", "is no convergence study"),
+        ('{"metrics": {}}', "is no convergence study"),
+        ('{"metrics": {"a": {"uncertainty": 1}}, "steps": "six"}', "is no convergence study"),
     ],
 )
 def test_a_file_that_is_no_study_is_refused(tmp_path, text, why):
@@ -425,11 +444,9 @@ def test_a_file_that_is_no_study_is_refused(tmp_path, text, why):
         load_uncertainty(path)
 
 
-def test_infinite_and_unknown_uncertainties_are_read_as_such(tmp_path):
-    path = tmp_path / FILE
-    path.write_text('{"metrics": {"a": {"uncertainty": "inf"}, "b": {"uncertainty": null}}}')
-    assert dict(load_uncertainty(path).values) == {"a": math.inf}
-    assert matching([load_uncertainty(path)], request("momentum", [])).values["a"] == math.inf
+def test_infinite_and_unknown_uncertainties_bound_nothing(folder, tmp_path):
+    path = edited(folder, tmp_path, {"a": {"uncertainty": "inf"}, "b": {"uncertainty": None}})
+    assert dict(load_uncertainty(path).values) == {"a": math.inf, "b": math.inf}
 
 
 def test_a_folder_with_anything_else_is_never_replaced(tmp_path, folder):
@@ -641,8 +658,12 @@ def test_a_walk_quotes_the_real_study(real):
     again = walk_levels({OWN: asked.run}, "flat", DEFAULT, workers=1)[OWN]
     name = "zmp_x_rmse"
     assert again.values[name] == found.metrics[name].value  # to the bit, in another process
-    assert known.values[name] == found.metrics[name].uncertainty
-    assert combine(asked, DEFAULT, [], {OWN: again}).metrics[name].uncertainty == 0.0
+    assert known.values[name] == found.metrics[name].at_least > 0.0
+    assert known.not_studied == ("ik_grid", "qp_tolerance")
+    assert found.metrics["switch_zmp_x_near"].value > 0.0
+    assert found.metrics["switch_zmp_x_near"].unit == "m"
+    assert found.verdict is VerdictName.UNDECIDED
+    assert math.isnan(combine(asked, DEFAULT, [], {OWN: again}).metrics[name].uncertainty)
 
 
 def test_a_study_of_nothing_numerical_is_told(capsys):
@@ -650,3 +671,105 @@ def test_a_study_of_nothing_numerical_is_told(capsys):
     print_convergence(found)
     assert "u_input" in capsys.readouterr().out
     assert found.metrics["zmp_x_rmse"].reason == "no numerical study"
+
+
+# --------------------------------------------------------------------------- what was not studied
+
+
+@pytest.mark.parametrize(
+    ("only", "lacking"),
+    [
+        (("contact_stiffness",), ["time_step", "ik_grid", "qp_tolerance"]),
+        (("time_step",), ["ik_grid", "qp_tolerance"]),
+        (("ik_grid", "qp_tolerance"), ["time_step"]),
+    ],
+)
+def test_what_was_not_studied_is_never_a_zero_nor_a_pass(only, lacking, capsys):
+    found = study(only=only)
+    assert found.verdict is VerdictName.UNDECIDED
+    assert f"Not studied: {', '.join(lacking)}" in found.verdict_reason
+    assert "met by more than the" not in found.verdict_reason
+    zmp = found.metrics["zmp_x_rmse"]
+    assert math.isnan(zmp.uncertainty)
+    assert (zmp.undecided, zmp.passed, list(zmp.not_studied)) == (True, None, lacking)
+    assert found.metrics["failed_qp"].uncertainty == 0.0  # a count is exact without any study
+    assert found.metrics["failed_qp"].passed is True
+    entries = command.json_ready(found.as_dict())
+    assert entries["metrics"]["zmp_x_rmse"]["uncertainty"] is None
+    assert entries["not_studied"] == lacking
+    print_convergence(found)
+    out = capsys.readouterr().out
+    assert "normal: UNDECIDED" in out
+    assert f"not studied: {', '.join(lacking)}" in out
+    assert ("± not studied" if only == ("contact_stiffness",) else "± ≥ ") in out
+    assert "zmp_x_rmse" in out
+
+
+def test_a_self_check_needs_no_time_step_and_an_exact_solver_no_tolerance():
+    gap = study(only=("ik_grid", "qp_tolerance")).metrics["zmp_agreement_rmse"]
+    assert (gap.not_studied, gap.passed) == ((), True)
+    exact = study(settings=["solver.qp=daqp"], only=("time_step", "ik_grid"))
+    assert exact.not_studied == ()
+    assert exact.verdict is VerdictName.PASS
+
+
+def test_the_verdict_names_the_studies_inside(result):
+    assert "(time_step + ik_grid + qp_tolerance)" in result.verdict_reason
+    assert result.as_dict()["uncertainty_of"] == ["time_step", "ik_grid", "qp_tolerance"]
+
+
+def test_a_study_without_the_time_step_decides_no_run(walk, tmp_path, capsys):
+    command.write(study(only=("contact_stiffness",)), tmp_path / "none")
+    command.write(study(only=("time_step",)), tmp_path / "step")
+    comparison, record, measured = off_by(walk, 0.0018), walk[1], walk[2]
+    for folder, shown in (("none", "not studied"), ("step", "≥ ")):
+        known = load_uncertainty(tmp_path / folder)
+        verdict = judge(comparison, record.outcome, GAIT_ONLY, known.values, known.incomplete)
+        assert verdict.name is VerdictName.UNDECIDED
+        assert "not studied: " in verdict.reason
+        extra = {"gait": "x", "uncertainty": known.as_dict()}
+        timing = {"simulated": 2.0, "real_time_factor": 5.0}
+        told = build_summary(record, measured, comparison, verdict, timing=timing, extra=extra)
+        entry = told["metrics"]["zmp_x_rmse"]
+        assert (entry["uncertainty"], entry["pass"], entry["undecided"]) == (None, None, True)
+        assert "qp_tolerance" in entry["not_studied"]
+        assert told["uncertainty"]["studies"] == ([] if folder == "none" else ["time_step"])
+        trial: Any = SimpleNamespace(summary=told, directory=tmp_path)
+        summary_text.print_result(trial)
+        out = capsys.readouterr().out
+        assert f"± {shown}" in out
+        assert "not studied, so nothing is decided" in out
+
+
+def test_studies_inside_are_named_on_the_terminal_and_in_the_summary(folder, summary, tmp_path, capsys):
+    known = load_uncertainty(folder).as_dict()
+    assert known["studies"] == ["time_step", "ik_grid", "qp_tolerance"]
+    trial: Any = SimpleNamespace(summary={**summary, "uncertainty": known}, directory=tmp_path)
+    summary_text.print_result(trial)
+    assert "(time_step + ik_grid + qp_tolerance)" in capsys.readouterr().out
+
+
+def test_an_older_study_without_a_time_step_is_no_zero_either(folder, tmp_path):
+    table = json.loads((folder / FILE).read_text())
+    for key in ("uncertainty_of", "not_studied"):
+        del table[key]
+    for entry in table["metrics"].values():
+        del entry["uncertainty_at_least"], entry["not_studied"]
+        entry["uncertainty"] = 0.0
+    table["levels"] = {"contact_stiffness": table["levels"]["contact_stiffness"]}
+    (tmp_path / FILE).write_text(json.dumps(table))
+    known = load_uncertainty(tmp_path)
+    assert dict(known.values) == {"failed_qp": 0.0}
+    assert known.bounds["zmp_x_rmse"] == math.inf
+
+
+def test_a_run_s_summary_is_no_convergence_study(summary, tmp_path, capsys):
+    path = tmp_path / "summary.json"
+    path.write_text(json.dumps(summary))
+    with pytest.raises(InputError, match="is no convergence study; give the convergence"):
+        load_uncertainty(path)
+    assert call(["validate", "normal", "--uncertainty", str(path), "--out", str(tmp_path / "run")]) == 2
+    told = capsys.readouterr()
+    assert "is no convergence study" in told.err
+    assert told.err.count("\n") == 1
+    assert not (tmp_path / "run").exists()

@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 
 from ampm.exceptions import InputError
+from ampm.parameters import load_run
 from validation.cli import call
-from validation.console import Silent
+from validation.console import Silent, json_ready
+from validation.convergence.uncertainty import Uncertainty
+from validation.pair_figures import catalogue, studied_name, walked_figures
 from validation.pairs import GRIDS, NUMBERS, PICTURE, REPORT, Row, _side, compare_pair, joint_jumps, pair_of
 
 STEPS = 5
@@ -65,14 +68,13 @@ def test_the_ground_feels_the_jump(pair):
 
 def test_it_is_said_where_continuity_buys_nothing(pair):
     better = {row.name: row.better for row in pair.rows}
-    assert {"plan_acceleration", "joint_limit", "zmp_x_near"} <= {k for k, v in better.items() if v == "a"}
-    assert better["transport"] == better["plan_moment"] == "even"
-    assert "ZMP error" in pair.won("a")
-    assert "mechanical cost of transport" in pair.won("even")["the whole run"]
+    assert {"plan_acceleration", "joint_limit"} <= {k for k, v in better.items() if v == "a"}
+    assert better["plan_moment"] == "even"
+    assert "mechanical cost of transport" in pair.won("")["the whole run"]
 
 
-def row(a, b, least=0.1):
-    return Row("group", "name", "label", "mm", a, b, least)
+def row(a, b, least=0.1, u_a=0.0, u_b=0.0):
+    return Row("group", "name", "label", "mm", a, b, least, u_a, u_b)
 
 
 def test_which_side_is_better():
@@ -80,8 +82,82 @@ def test_which_side_is_better():
     assert row(2.0, 1.0).better == "b"
     assert row(1.0, 1.2).better == row(1.2, 1.0).better == "even"
     assert row(1e-12, 0.09).better == "even"  # both are noise
-    assert row(1e-12, 1.0).ratio == pytest.approx(10.0)
+    assert row(1e-12, 1.0).better == "a"
+    assert row(1e-12, 1.0).ratio is None  # of rounding
+    assert row(2.0, 1.0).ratio == 0.5
     assert row(math.nan, 1.0).better == ""
+
+
+def test_a_difference_within_the_uncertainty_of_both_is_no_result():
+    assert row(1.0, 2.0, u_a=0.6, u_b=0.5).better == ""
+    assert row(1.0, 2.0, u_a=0.4, u_b=0.5).better == "a"
+    assert row(100.0, 102.0, u_a=0.4, u_b=0.5).better == "even"  # a difference, and a small one
+    assert row(1.0, 9.0, u_a=math.inf).better == row(1.0, 9.0, u_b=math.nan).better == ""
+    assert row(1.0, 2.0, u_a=math.nan).ratio == 2.0  # shown, and called nothing
+
+
+def study(parameters, u, **more):
+    values = {"switch_zmp_x_near": u, "margin_slip": 1e-3, "force_x_rmse": 1.0, **more}
+    return Uncertainty("a", 6, "", values, parameters.model_dump(), studies=("time_step",))
+
+
+def test_figures_of_the_walks_are_better_only_beyond_the_studies_of_both(pair):
+    assert pair.as_dict()["uncertainty"] is None
+    assert {row.better for row in pair.rows if not row.name.startswith(("plan_", "joint_"))} == {""}
+    both = [study(side.saved.parameters, 1e-3) for side in (pair.a, pair.b)]
+    found = {row.name: row for row in pair_of(pair.a, pair.b, studies=(both[0], both[1])).rows}
+    near = found["zmp_x_near"]
+    assert near.u_a + near.u_b == pytest.approx(2.0)  # mm
+    assert found["force_x"].u_a == pytest.approx(100.0 / (60.0 * 9.81), rel=1e-3)
+    assert near.better == ("a" if near.b - near.a > 2.0 else "")
+    assert found["zmp_y_near"].better == ""  # not in the studies
+    wide = [study(side.saved.parameters, 0.1) for side in (pair.a, pair.b)]
+    assert all(row.better != "a" for row in pair_of(pair.a, pair.b, studies=(wide[0], wide[1])).rows
+               if row.name == "zmp_x_near")  # fmt: skip
+    lacking = replace(both[0], incomplete={"switch_zmp_x_near": ("ik_grid",)})
+    rows = pair_of(pair.a, pair.b, studies=(lacking, both[1])).rows
+    assert next(row for row in rows if row.name == "zmp_x_near").better == ""
+
+
+def test_every_walked_figure_has_a_name_in_a_study(pair):
+    """What a trial does not have by another name, a study takes from the walk itself."""
+    planned, saved = pair.a.plan, pair.a.saved
+    walked = walked_figures(planned, saved.signals, saved.record)
+    names = {name for _, name, _, _, _ in catalogue(0.05) if not name.startswith(("plan_", "joint_"))}
+    assert walked.keys() <= names
+    for name in names - walked.keys():
+        assert not studied_name(name).startswith("switch_"), name
+
+
+def test_no_ratio_is_one_of_rounding(pair):
+    figures = pair.as_dict()["figures"]
+    assert figures["plan_acceleration"]["ratio"] is None
+    assert figures["plan_acceleration"]["better"] == "a"
+    assert figures["zmp_x_near"]["ratio"] > 1.0
+    assert all(entry["ratio"] is None or entry["ratio"] < 1e6 for entry in figures.values())
+
+
+def test_a_study_of_neither_gait_is_refused_before_anything_walks(folders, tmp_path, capfd):
+    summary = folders[0] / "summary.json"
+    assert call(["compare", *map(str, folders), "--uncertainty", str(summary)]) == 2
+    assert "is no convergence study" in capfd.readouterr().err
+    table = {
+        "gait": "normal",
+        "steps": 6,
+        "levels": {"time_step": {}},
+        "metrics": {"zmp_x_rmse": {"uncertainty": 1e-3}},
+        "parameters": load_run("normal", ["gait.steps=6"]).model_dump(mode="json"),
+    }
+    (tmp_path / "convergence.json").write_text(json.dumps(json_ready(table)))
+    out = tmp_path / "both"
+    arguments = ["compare", "normal", "ipm", "--uncertainty", str(tmp_path), "--out", str(out)]
+    assert call(arguments) == 2
+    assert "no study is of ipm" in capfd.readouterr().err
+    assert not out.exists()
+    assert call(["compare", *[str(folders[0])] * 2, "--uncertainty", str(tmp_path)]) == 0
+    told = capfd.readouterr().out
+    assert "not studied: ik_grid, qp_tolerance" in told
+    assert "nothing is said of" in told
 
 
 def test_the_limit_of_joint_jumps_is_exact_for_a_jump_on_a_slope():
@@ -109,7 +185,8 @@ def test_a_comparison_of_folders_is_written_and_read_back(folders, tmp_path, cap
     answer = json.loads(capfd.readouterr().out)
     assert json.loads((out / NUMBERS).read_text(encoding="utf-8")) == answer
     assert answer["b"]["model"] == "ipm"
-    assert answer["figures"]["zmp_x_near"]["better"] == "a"
+    assert answer["figures"]["zmp_x_near"]["better"] == ""
+    assert answer["figures"]["plan_zmp"]["better"] == "a"
     assert {entry.name for entry in out.iterdir()} == {REPORT, NUMBERS, PICTURE}
     page = (out / REPORT).read_text(encoding="utf-8")
     assert "http" not in page.replace("http://www.w3.org", "")
@@ -121,6 +198,8 @@ def test_a_comparison_of_folders_is_written_and_read_back(folders, tmp_path, cap
     printed = capfd.readouterr().out
     assert "single support" in printed
     assert "is better in" in printed
+    assert "of the walks no figure is called better" in printed
+    assert "of the walks no figure is called better" in page
 
 
 def test_what_cannot_be_compared_is_refused(folders, tmp_path):
@@ -142,7 +221,7 @@ def test_what_cannot_be_compared_is_refused(folders, tmp_path):
 def test_two_folders_of_one_gait_are_told_apart(folders):
     pair = compare_pair(str(folders[0]), str(folders[0]))
     assert pair.a.label != pair.b.label
-    assert {row.better for row in pair.rows} == {"even"}
+    assert {row.better for row in pair.rows} == {"even", ""}
 
 
 def test_a_walk_that_did_not_end_is_told_by_the_status(pair):

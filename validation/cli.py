@@ -349,6 +349,16 @@ def compare(
     b: Annotated[str, typer.Argument(help="What it is compared with.", metavar="[B]")] = "ipm",
     settings: Settings = None,
     steps: Annotated[int | None, typer.Option("--steps", metavar="N", help="Short for gait.steps=N.")] = None,
+    uncertainty: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--uncertainty",
+            metavar="FILE",
+            help="convergence.json of a gait, from 'ampm convergence': a difference within the numerical "
+            "uncertainty of both is no result. Repeatable, one per gait; without, no figure of a walk is "
+            "called better.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Keep the report, the numbers and the runs.")
     ] = None,
@@ -364,7 +374,9 @@ def compare(
     from validation import pairs
 
     extra = [*(settings or ()), *([] if steps is None else [f"gait.steps={steps}"])]
-    pair = pairs.compare_pair(a, b, extra, out=out, force=force, stages=Narrator())
+    pair = pairs.compare_pair(
+        a, b, extra, uncertainty=uncertainty or (), out=out, force=force, stages=Narrator()
+    )
     if as_json:
         print_json(pair.as_dict())
     else:

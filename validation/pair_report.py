@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from validation import figures
-from validation.pairs import EVEN, Pair, Side, _ratio, facts, shown
+from validation.pairs import EVEN, Pair, Side, _ratio, facts, known, shown, verdicts
 
 Array = NDArray[np.float64]
 
@@ -72,11 +72,8 @@ def render(pair: Pair) -> str:
         switches=Markup(switches),
         joints=Markup(joints),
         groups=groups,
-        won=[
-            (f"{a} is better in", pair.won("a")),
-            ("no difference in", pair.won("even")),
-            (f"{b} is better in", pair.won("b")),
-        ],
+        known=known(pair),
+        won=[(words, pair.won(better)) for better, words in verdicts(pair)],
     )
 
 

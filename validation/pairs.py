@@ -5,11 +5,15 @@ what does the plan demand there, what do the joints of the whole-body motion hav
 refined, what does the measured ground force do, how far is the ZMP off, how fast do torques change, how much
 feedback is needed. Figures of the whole run stand beside them, so that a gain at the switches is seen against
 the rest.
+
+How far a measured figure is from that of a vanishing time step only a convergence study says: without one no
+figure of a walk is called better, however large the difference.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,27 +22,30 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from ampm.gait import GaitPlan, plan_gait
 from ampm.motion import WholeBodyMotion
 from ampm.orbit import solve_motion
+from ampm.parameters import load_run
 from ampm.robot import Robot
 from validation.console import Silent, figure, json_ready, print_line, print_table
+from validation.convergence.uncertainty import Uncertainty, load_uncertainty, matching
 from validation.folders import RUN_FILES, check_run_folder, output_file
+from validation.pair_figures import (
+    GRIDS,
+    UNWALKED,
+    WINDOW,
+    catalogue,
+    si_unit,
+    studied_name,
+    summary_figures,
+    walked_figures,
+)
 from validation.planning import Request, make_body, motion_cache, request
 from validation.run import Options, validate
-from validation.saved import SavedRun, load_saved_run
+from validation.saved import RUN_FILE, SavedRun, load_saved_run
 
-Array = NDArray[np.float64]
-
-WINDOW = 0.05
-"""Half-width of the window about a switch [s]."""
-ACROSS = 0.02
-"""Interval on either side of a switch over which the ground force is averaged for its change [s]."""
-GRIDS = (0.004, 0.002, 0.001)
-"""Largest steps of the inverse kinematics' grid on which the jump of joint accelerations is looked at [s]."""
 EVEN = 1.25
 """Ratio of two figures within which neither side is called better."""
 REPORT, NUMBERS, PICTURE = "report.html", "comparison.json", "switches.svg"
@@ -97,6 +104,8 @@ class Row:
         a: of the first side, NaN if it has none.
         b: of the second side.
         least: values below it are noise and count as it when the two are compared.
+        u_a: numerical uncertainty of ``a``: 0 where nothing is walked, infinite without bound, NaN unknown.
+        u_b: of ``b``.
     """
 
     group: str
@@ -106,18 +115,29 @@ class Row:
     a: float
     b: float
     least: float
+    u_a: float = math.nan
+    u_b: float = math.nan
 
     @property
-    def ratio(self) -> float:
-        """Second over first value, both at least ``least``."""
-        return max(self.b, self.least) / max(self.a, self.least)
+    def ratio(self) -> float | None:
+        """Second over first value; None if one is missing, or noise."""
+        known = math.isfinite(self.a) and math.isfinite(self.b)
+        return self.b / self.a if known and min(self.a, self.b) >= self.least else None
 
     @property
     def better(self) -> str:
-        """``a``, ``b``, or ``even`` where they differ by less than :data:`EVEN`; empty if one is missing."""
-        if not np.isfinite(self.ratio):
+        """``a``, ``b``, or ``even`` where they differ by less than :data:`EVEN`.
+
+        Empty where nothing can be said: a figure is missing, its numerical uncertainty is not known, or the
+        difference is within that of both.
+        """
+        u = self.u_a + self.u_b
+        if not (math.isfinite(self.a) and math.isfinite(self.b) and math.isfinite(u)):
             return ""
-        return "a" if self.ratio > EVEN else "b" if self.ratio < 1.0 / EVEN else "even"
+        if u > 0.0 and abs(self.a - self.b) <= u:
+            return ""
+        ratio = max(self.b, self.least) / max(self.a, self.least)
+        return "a" if ratio > EVEN else "b" if ratio < 1.0 / EVEN else "even"
 
 
 @dataclass(frozen=True)
@@ -129,15 +149,17 @@ class Pair:
         b: second side.
         rows: figures, group by group.
         window: half-width of the window about a switch [s].
+        studies: convergence study of either side; None without.
     """
 
     a: Side
     b: Side
     rows: tuple[Row, ...]
     window: float
+    studies: tuple[Uncertainty, Uncertainty] | None = None
 
     def won(self, better: str) -> dict[str, list[str]]:
-        """Group to the labels of its figures in which one side is better, or neither is."""
+        """Group to the labels of its figures in which one side is better, neither is, or nothing is said."""
         groups: dict[str, list[str]] = {}
         for row in self.rows:
             if row.better == better:
@@ -174,11 +196,14 @@ class Pair:
                 "a": row.a,
                 "b": row.b,
                 "ratio": row.ratio,
+                "uncertainty": {"a": row.u_a, "b": row.u_b},
                 "better": row.better,
             }
             for row in self.rows
         }
-        return dict(json_ready({**sides, "window": self.window, "figures": figures}))
+        studies = None if self.studies is None else [study.as_dict() for study in self.studies]
+        rest = {"window": self.window, "uncertainty": studies, "figures": figures}
+        return dict(json_ready({**sides, **rest}))
 
 
 # ------------------------------------------------------------------------------------------------- getting
@@ -189,6 +214,7 @@ def compare_pair(
     b: str,
     settings: Sequence[str] = (),
     *,
+    uncertainty: Sequence[Path] = (),
     out: Path | None = None,
     force: bool = False,
     stages: Silent | None = None,
@@ -199,6 +225,7 @@ def compare_pair(
         a: preset, TOML file, or folder of a run.
         b: likewise.
         settings: ``key=value`` texts for the gaits that are to be walked.
+        uncertainty: ``convergence.json`` of both gaits; without, no figure of a walk is called better.
         out: folder for the report, the numbers, a picture, and the runs that were made; None keeps nothing.
         force: replace an earlier comparison in ``out``.
         stages: where to report progress.
@@ -220,6 +247,7 @@ def compare_pair(
             raise InputError(
                 f"{label} is no folder of a finished run; give a preset, a TOML file or a run's folder."
             )
+    studies = _studies(sources, labels, uncertainty)
     folders = _folders(out, labels, sources, force=force)
     with _place(out) as place:
         sides = []
@@ -234,7 +262,7 @@ def compare_pair(
                     raise KeyboardInterrupt
                 source = target
             sides.append(_side(label, source, stages))
-        pair = pair_of(*sides)
+        pair = pair_of(*sides, studies=studies)
     if out is not None:
         write_pair(pair, out)
     return pair
@@ -245,6 +273,24 @@ def _source(text: str, settings: Sequence[str]) -> Request | Path:
     if Path(text).is_dir():
         return Path(text)
     return request(text, settings)
+
+
+def _studies(
+    sources: Sequence[Request | Path], labels: Sequence[str], files: Sequence[Path]
+) -> tuple[Uncertainty, Uncertainty] | None:
+    """The convergence study of either side, before anything walks.
+
+    Raises:
+        InputError: a file is none, or none is of one of the gaits.
+    """
+    if not files:
+        return None
+    known = [load_uncertainty(file) for file in files]
+    a, b = (
+        matching(known, s if isinstance(s, Request) else Request(label, load_run(s / RUN_FILE, ())))
+        for label, s in zip(labels, sources, strict=True)
+    )
+    return a, b
 
 
 def _labels(sources: Sequence[Request | Path]) -> list[str]:
@@ -349,143 +395,56 @@ def joint_jumps(motions: Sequence[WholeBodyMotion], robot: Robot, grids: Sequenc
     )
 
 
-def pair_of(a: Side, b: Side, *, window: float = WINDOW) -> Pair:
-    """All figures of two walked sides."""
+def pair_of(
+    a: Side, b: Side, *, window: float = WINDOW, studies: tuple[Uncertainty, Uncertainty] | None = None
+) -> Pair:
+    """All figures of two walked sides, with the numerical uncertainty that the studies found."""
     figures_a, figures_b = _figures(a, window), _figures(b, window)
+    # A study looks at windows of its own width, and at no others.
+    known = studies if studies is not None and window == WINDOW else (None, None)
     rows = tuple(
-        Row(group, name, label, unit, figures_a[name], figures_b[name], least)
-        for group, name, label, unit, least in _catalogue(window)
+        Row(
+            group,
+            name,
+            label,
+            unit,
+            figures_a[name],
+            figures_b[name],
+            least,
+            _uncertainty(name, unit, a, known[0]),
+            _uncertainty(name, unit, b, known[1]),
+        )
+        for group, name, label, unit, least in catalogue(window)
     )
-    return Pair(a, b, rows, window)
+    return Pair(a, b, rows, window, studies)
 
 
-def _catalogue(window: float) -> Iterator[tuple[str, str, str, str, float]]:
-    """Group, name, label, unit, and what is noise, of every figure in its order."""
-    near = f"{1e3 * window:g} ms"
-    group = "jump at a switch: the plan"
-    yield group, "plan_acceleration", "COM acceleration", "m/s²", 1e-9
-    yield group, "plan_force", "horizontal force", "% of body weight", 1e-9
-    yield group, "plan_zmp", "ZMP", "mm", 1e-9
-    yield group, "plan_moment", "moment about the COM", "N m", 1e-9
-    group = "jump at a switch: joint accelerations of the whole-body motion"
-    for step in GRIDS:
-        yield group, f"joint_{1e3 * step:g}ms", f"on a grid of {1e3 * step:g} ms", "rad/s²", 1.0
-    yield group, "joint_limit", "without a grid (extrapolated)", "rad/s²", 1.0
-    group = f"measured ground force, within {near} of a switch (median over switches)"
-    change = f"COM acceleration, mean of {1e3 * ACROSS:g} ms after less before"
-    yield group, "planned_change", f"{change}: planned", "m/s²", 0.01
-    yield group, "measured_change", f"{change}: measured", "m/s²", 0.01
-    yield group, "force_rate", "fastest change of the horizontal force", "body weights/s", 0.1
-    yield group, "vertical_force", "largest error of the vertical force", "% of body weight", 0.1
-    group = "ZMP error"
-    for axis in "xy":
-        yield group, f"zmp_{axis}_near", f"{axis}, RMSE within {near} of a switch", "mm", 0.05
-        yield group, f"zmp_{axis}_far", f"{axis}, RMSE elsewhere", "mm", 0.05
-        yield group, f"zmp_{axis}_maximum", f"{axis}, largest", "mm", 0.5
-    group = "torque rates"
-    yield group, "torque_rate_peak", f"fastest joint within {near} (median over switches)", "N m/ms", 0.1
-    yield group, "torque_rate_near", f"RMS of all joints within {near}", "N m/ms", 0.01
-    yield group, "torque_rate_far", "RMS of all joints elsewhere", "N m/ms", 0.01
-    yield group, "torque", "largest torque, of the motor's limit", "%", 1.0
-    group = "feedback: command minus plan"
-    yield group, "effort_zmp_near", f"ZMP, RMS within {near}", "mm", 0.05
-    yield group, "effort_zmp_far", "ZMP, RMS elsewhere", "mm", 0.05
-    yield group, "effort_force_near", f"horizontal force, RMS within {near}", "% of body weight", 0.01
-    group = "the whole run"
-    for axis in "xyz":
-        yield group, f"force_{axis}", f"force {axis}, RMSE", "% of body weight", 0.01
-    for axis in "xy":
-        yield group, f"momentum_{axis}", f"angular momentum {axis}, RMSE", "N m s", 0.005
-    yield group, "slip", "longest slip of a stance foot", "mm", 0.5
-    yield group, "friction", "friction used by a loaded foot", "1", 0.05
-    yield group, "transport", "mechanical cost of transport", "1", 0.01
-    yield group, "unsolved", "unsolved QPs", "ticks", 1.0
+def _uncertainty(name: str, unit: str, side: Side, study: Uncertainty | None) -> float:
+    """Of one figure in the unit of the catalogue."""
+    if name.startswith(UNWALKED):
+        return 0.0
+    if study is None:
+        return math.nan
+    record = side.saved.record
+    return study.bounds.get(studied_name(name), math.nan) / si_unit(unit, record.mass * record.gravity)[0]
 
 
 def _figures(side: Side, window: float) -> dict[str, float]:
     """Every figure of one side, in the units of the catalogue."""
-    saved, plan, summary = side.saved, side.plan, side.saved.summary
-    signals, record = saved.signals, saved.record
-    time = signals.time
-    weight, mass = record.mass * record.gravity, record.mass
+    plan, record = side.plan, side.saved.record
     residuals = plan.residuals()
     jump = residuals.acceleration * plan.gravity
-    values = {
+    return {
         "plan_acceleration": jump,
         "plan_force": 100.0 * jump / plan.gravity,
         "plan_zmp": 1e3 * residuals.zmp * plan.parameters.com_height,
         "plan_moment": residuals.moment * plan.weight * plan.parameters.com_height,
         "joint_limit": side.joints.limit,
         **{f"joint_{1e3 * h:g}ms": j for h, j in zip(side.joints.grid, side.joints.jump, strict=True)},
+        **walked_figures(plan, side.saved.signals, record, window),
+        **summary_figures(side.saved.summary, record.mass * record.gravity),
+        "unsolved": float(np.count_nonzero(record.qp_status == 2)),
     }
-
-    after_first = time >= plan.constants.step_duration - 1e-9
-    switches = plan.switch_times
-    switches = switches[(switches >= plan.constants.step_duration - 1e-9) & (switches < time[-1] - window)]
-    distance = np.abs(time[:, None] - switches).min(axis=1, initial=np.inf)
-    near, far = after_first & (distance <= window), after_first & (distance > window)
-    about = [np.abs(time - switch) <= window for switch in switches]
-
-    def median_of_peaks(series: Array) -> float:
-        return float(np.median([np.nanmax(series[rows]) for rows in about])) if about else np.nan
-
-    measured, planned = signals.vector("measured_force"), signals.vector("plan_force")
-    dt = record.time_step
-
-    def change(force: Array) -> float:
-        steps = []
-        for switch in switches:
-            before = (time >= switch - ACROSS - 1e-9) & (time < switch - 1e-9)
-            after = (time >= switch - 1e-9) & (time < switch + ACROSS - 1e-9)
-            steps.append(np.linalg.norm(force[after, :2].mean(axis=0) - force[before, :2].mean(axis=0)))
-        return float(np.median(steps)) / mass if steps else np.nan
-
-    values["planned_change"], values["measured_change"] = change(planned), change(measured)
-    rate = np.linalg.norm(np.diff(measured[:, :2], axis=0, append=measured[-1:, :2]), axis=1) / dt
-    values["force_rate"] = median_of_peaks(rate) / weight
-    values["vertical_force"] = 100.0 * median_of_peaks(np.abs(measured[:, 2] - planned[:, 2])) / weight
-
-    error = 1e3 * (signals.vector("measured_zmp", "xy") - signals.vector("plan_zmp", "xy"))
-    for column, axis in enumerate("xy"):
-        values[f"zmp_{axis}_near"] = _rms(error[near, column])
-        values[f"zmp_{axis}_far"] = _rms(error[far, column])
-        values[f"zmp_{axis}_maximum"] = _largest(error[after_first, column])
-
-    torque_rate = np.abs(np.diff(record.torque, axis=0, append=record.torque[-1:])) / dt / 1e3
-    values["torque_rate_peak"] = median_of_peaks(torque_rate.max(axis=1))
-    values["torque_rate_near"] = _rms(torque_rate[near])
-    values["torque_rate_far"] = _rms(torque_rate[far])
-    values["torque"] = 100.0 * _number(summary["margins"]["torque"]["value"])
-
-    effort = 1e3 * (signals.vector("command_zmp", "xy") - signals.vector("plan_zmp", "xy"))
-    values["effort_zmp_near"] = _rms(effort[near]) * np.sqrt(2.0)
-    values["effort_zmp_far"] = _rms(effort[far]) * np.sqrt(2.0)
-    push = 100.0 * (signals.vector("command_force", "xy") - signals.vector("plan_force", "xy")) / weight
-    values["effort_force_near"] = _rms(push[near]) * np.sqrt(2.0)
-
-    metrics = summary["metrics"]
-    for axis in "xyz":
-        values[f"force_{axis}"] = 100.0 * _number(metrics[f"force_{axis}_rmse"]["value"]) / weight
-    for axis in "xy":
-        values[f"momentum_{axis}"] = _number(metrics[f"angular_momentum_{axis}_rmse"]["value"])
-    values["slip"] = 1e3 * _number(summary["margins"]["slip"]["value"])
-    values["friction"] = _number(summary["margins"]["friction"]["value"])
-    values["transport"] = _number(summary["energy"]["cost_of_transport"])
-    values["unsolved"] = float(np.count_nonzero(record.qp_status == 2))
-    return {name: float(value) for name, value in values.items()}
-
-
-def _number(value: Any) -> float:
-    return float("nan") if value is None else float(value)
-
-
-def _rms(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known * known))) if known.size else float("nan")
-
-
-def _largest(values: Array) -> float:
-    return float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else float("nan")
 
 
 # ------------------------------------------------------------------------------------------------- telling
@@ -542,13 +501,38 @@ def print_pair(pair: Pair) -> None:
             for row in rows
         ]
         print_table(group, columns, cells)
-    for better, words in (
-        ("a", f"{a} is better in"),
-        ("even", "no difference in"),
-        ("b", f"{b} is better in"),
-    ):
+    for better, words in verdicts(pair):
         count = sum(row.better == better for row in pair.rows)
         print_line(f"{words} {count} of {len(pair.rows)} figures")
+    print_line(f"  {known(pair)}".replace("[", "\\["))
+
+
+def verdicts(pair: Pair) -> list[tuple[str, str]]:
+    """Values of :attr:`Row.better`, and the words for them."""
+    return [
+        ("a", f"{pair.a.label} is better in"),
+        ("even", "no difference in"),
+        ("b", f"{pair.b.label} is better in"),
+        ("", "nothing is said of"),
+    ]
+
+
+def known(pair: Pair) -> str:
+    """What a difference is held against, in a sentence or two."""
+    if pair.studies is None:
+        return (
+            "No convergence study was given (--uncertainty FILE, one per gait): of the walks no figure is "
+            "called better, only of plan and motion, which are not simulated."
+        )
+    told = []
+    for side, study in zip((pair.a, pair.b), pair.studies, strict=True):
+        inside = " + ".join(study.studies) or "no numerical study"
+        lacking = f", not studied: {', '.join(study.not_studied)}" if study.not_studied else ""
+        told.append(f"of {side.label} ({inside}{lacking})")
+    return (
+        f"A difference within the sum of both numerical uncertainties, {' and '.join(told)}, is no result, "
+        "nor is one of a figure whose uncertainty is not known."
+    )
 
 
 def shown(value: float) -> str:
@@ -557,7 +541,7 @@ def shown(value: float) -> str:
 
 
 def _ratio(row: Row) -> str:
-    if not row.better:
+    if row.ratio is None:
         return ""
     return "> 1000" if row.ratio > 1000.0 else "< 0.001" if row.ratio < 1e-3 else figure(row.ratio, 3)
 

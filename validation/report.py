@@ -265,24 +265,39 @@ def _agreement(summary: Mapping[str, Any], *, judged: bool) -> list[Row]:
                 share=share,
                 passed=metric.get("pass"),
                 note=str(metric.get("reason") or ""),
-                spread=_spread(shown.get("uncertainty"), unit),
+                spread=_spread(shown, unit, lacking=bool(metric.get("not_studied"))),
                 undecided=bool(metric.get("undecided")),
             )
         )
     return rows
 
 
-def _spread(uncertainty: Any, unit: str) -> str:
-    """A numerical uncertainty with its sign and unit, empty where it is not known."""
+def _spread(shown: Mapping[str, Any], unit: str, *, lacking: bool) -> str:
+    """A numerical uncertainty with its sign and unit, empty where none was asked for.
+
+    Args:
+        shown: value and uncertainty in ``unit``.
+        unit: for people.
+        lacking: whether a study that belongs to it was not made.
+    """
+    uncertainty = shown.get("uncertainty_at_least" if lacking else "uncertainty")
     if uncertainty is None:
-        return ""
-    return f"±\u00a0{with_unit('∞' if uncertainty == 'inf' else uncertainty, unit, 2)}"
+        return "±\u00a0not studied" if lacking else ""
+    least = "≥\u00a0" if lacking else ""
+    return f"±\u00a0{least}{with_unit('∞' if uncertainty == 'inf' else uncertainty, unit, 2)}"
 
 
 def _convergence_study(summary: Mapping[str, Any]) -> str:
     """Which study the uncertainties are from, empty if there is none."""
     known = summary.get("uncertainty")
-    return "" if not known else f"a convergence study of {known['gait']}, {known['steps']} steps a level"
+    if not known:
+        return ""
+    text = f"a convergence study of {known['gait']}, {known['steps']} steps a level"
+    if known.get("studies"):
+        text += f" ({' + '.join(known['studies'])})"
+    if known.get("not_studied"):
+        text += f", which lacks {', '.join(known['not_studied'])}"
+    return text
 
 
 def _facts(saved: SavedRun, plan: GaitPlan | None) -> list[tuple[str, str]]:

@@ -178,7 +178,8 @@ def _walk(
     save_record(record, folder)
     known = options.uncertainty
     with clock.stage("measurement"):
-        found = examine(planned, record, options.profile, None if known is None else known.values)
+        studied = (None, None) if known is None else (known.values, known.incomplete)
+        found = examine(planned, record, options.profile, *studied)
         write_signals(folder, planned, record, found)
     timing = clock.timing(record)
     more: dict[str, Any] = {} if known is None else {"uncertainty": known.as_dict()}

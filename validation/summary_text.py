@@ -37,14 +37,20 @@ def print_result(trial: Trial) -> None:
     folder = trial.directory
     known = summary.get("uncertainty")
     if known is not None:
-        print_line(
-            f"  ± numerical uncertainty of a convergence study of {known['steps']} steps; a value closer to "
-            "its limit than that is undecided"
-        )
+        print_line(f"  {_escaped(_studied(known))}")
     for file, what in (("recording.rrd", f"ampm view {folder}"), ("report.html", "open in a browser")):
         if (folder / file).is_file():
             print_line(f"  {_escaped(str(folder / file))}  ({_escaped(what)})")
     print_line("")
+
+
+def _studied(known: Mapping[str, Any]) -> str:
+    """What is inside the ±, and what is not."""
+    inside = " + ".join(known.get("studies") or ())
+    text = f"± numerical uncertainty{f' ({inside})' if inside else ''} of a convergence study of "
+    text += f"{known['steps']} steps; a value closer to its limit than that is undecided"
+    lacking = known.get("not_studied") or ()
+    return text + (f"; not studied, so nothing is decided: {', '.join(lacking)}" if lacking else "")
 
 
 def _row(name: str, metric: Mapping[str, Any]) -> tuple[str, ...]:
@@ -57,7 +63,10 @@ def _row(name: str, metric: Mapping[str, Any]) -> tuple[str, ...]:
         mark = "[green]pass[/]" if metric["pass"] else "[red]FAIL[/]"
     unit = _SHORT.get(shown["unit"], shown["unit"])
     value = figure(shown["value"], 3)
-    if "uncertainty" in shown:
+    if metric.get("not_studied"):
+        known = shown["uncertainty_at_least"]
+        value += " ± not studied" if known is None else f" ± ≥ {figure(float(known), 2)}"
+    elif "uncertainty" in shown:
         value += f" ± {figure(float(shown['uncertainty']), 2)}"
     return (name, value, figure(shown["tolerance"], 3), unit, mark)
 

@@ -68,6 +68,7 @@ def examine(
     record: SimulationRecord,
     profile: Profile = DEFAULT,
     uncertainty: Mapping[str, float] | None = None,
+    not_studied: Mapping[str, tuple[str, ...]] | None = None,
 ) -> Findings:
     """Measure, weigh, compare and judge.
 
@@ -76,6 +77,7 @@ def examine(
         record: of its walk.
         profile: tolerances.
         uncertainty: numerical uncertainty of metrics in their SI units, see :func:`validation.verdict.judge`.
+        not_studied: metric to the studies that its uncertainty lacks.
 
     Raises:
         TypeError: the plan has no body.
@@ -94,7 +96,7 @@ def examine(
         motion_angular_momentum_z=motion_z,
         standing=standing,
     )
-    verdict = judge(comparison, record.outcome, profile, uncertainty)
+    verdict = judge(comparison, record.outcome, profile, uncertainty, not_studied)
     return Findings(measured, standing, comparison, verdict, motion_z)
 
 

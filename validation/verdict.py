@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
@@ -47,7 +47,10 @@ class MetricResult:
         uncertainty: numerical uncertainty of the value in ``unit``, infinite if it has no bound; None if none
             was given.
         display_uncertainty: the same in ``display_unit``.
-        undecided: whether the value is closer to the tolerance than its uncertainty.
+        undecided: whether the value is closer to the tolerance than its uncertainty, or a study that belongs
+            to it was not made.
+        not_studied: studies without which the uncertainty is not known; ``uncertainty`` is then what the
+            others leave, and the true one is no less.
     """
 
     name: str
@@ -65,6 +68,7 @@ class MetricResult:
     uncertainty: float | None = None
     display_uncertainty: float | None = None
     undecided: bool = False
+    not_studied: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -111,6 +115,7 @@ def judge(
     outcome: Outcome,
     profile: Profile,
     uncertainty: Mapping[str, float] | None = None,
+    not_studied: Mapping[str, tuple[str, ...]] | None = None,
 ) -> Verdict:
     """Hold a comparison against a profile.
 
@@ -124,14 +129,23 @@ def judge(
         uncertainty: numerical uncertainty of metrics, in each one's SI unit. A metric whose distance to its
             tolerance is below it is undecided: neither met nor missed. A metric that is not named is judged
             by its value.
+        not_studied: metric to the studies that its uncertainty lacks; it is undecided whatever its value.
     """
-    uncertainty = uncertainty or {}
+    uncertainty, not_studied = uncertainty or {}, not_studied or {}
     limits = {item.metric: item for item in profile.tolerances}
     weight = comparison.scales["body_weight"]
     names = [name for name in limits if name in comparison.metrics]
     names += [name for name in comparison.metrics if name not in limits]
     results = tuple(
-        _result(name, comparison, limits.get(name), weight, uncertainty.get(name), judged=outcome.completed)
+        _result(
+            name,
+            comparison,
+            limits.get(name),
+            weight,
+            uncertainty.get(name),
+            not_studied.get(name, ()),
+            judged=outcome.completed,
+        )
         for name in names
     )
     missing = [name for name in limits if name not in comparison.metrics]
@@ -150,7 +164,7 @@ def judge(
             f"{_shown(worst)}, limit {worst.display_tolerance:.3g}."
         )
         if undecided:
-            reason += f" {len(undecided)} undecided: closer to the limit than the numerical uncertainty."
+            reason += f" {len(undecided)} undecided: {_why(undecided)}."
     elif missing:
         name = VerdictName.NOT_MEASURED
         reason = f"No figure for {', '.join(missing)}: a run must last longer than its first step."
@@ -158,9 +172,8 @@ def judge(
         name = VerdictName.UNDECIDED
         least = max(undecided, key=lambda item: (item.uncertainty or 0.0) / (item.tolerance or math.inf))
         reason = (
-            f"{len(undecided)} of {len(limits)} tolerances undecided, closer to the limit than the numerical "
-            f"uncertainty; the least certain is {least.name}: {_shown(least)}, "
-            f"limit {least.display_tolerance:.3g}."
+            f"{len(undecided)} of {len(limits)} tolerances undecided, {_why(undecided)}; the least certain "
+            f"is {least.name}: {_shown(least)}, limit {least.display_tolerance:.3g}."
         )
     else:
         name = VerdictName.PASS
@@ -245,6 +258,7 @@ def _result(
     tolerance: Tolerance | None,
     weight: float,
     uncertainty: float | None,
+    not_studied: tuple[str, ...],
     *,
     judged: bool,
 ) -> MetricResult:
@@ -258,7 +272,9 @@ def _result(
     passed: bool | None = None
     margin: float | None = None
     comparable = limit is not None and judged and not math.isnan(metric.value)
-    undecided = limit is not None and comparable and is_undecided(metric.value, limit, uncertainty)
+    undecided = comparable and (
+        bool(not_studied) or (limit is not None and is_undecided(metric.value, limit, uncertainty))
+    )
     if limit is not None and comparable and not undecided:
         passed = metric.value <= limit
         if limit > 0.0:
@@ -281,13 +297,24 @@ def _result(
         uncertainty=uncertainty,
         display_uncertainty=None if uncertainty is None else uncertainty * factor,
         undecided=undecided,
+        not_studied=not_studied,
     )
+
+
+def _why(undecided: Sequence[MetricResult]) -> str:
+    """Why nothing can be said of these."""
+    lacking = dict.fromkeys(name for item in undecided for name in item.not_studied)
+    if lacking:
+        return f"their numerical uncertainty is not known (not studied: {', '.join(lacking)})"
+    return "closer to the limit than the numerical uncertainty"
 
 
 def _shown(item: MetricResult) -> str:
     """A value, its uncertainty if it is known, and its unit, if it has one."""
     known = item.display_uncertainty
-    spread = "" if known is None else f" ± {known:.2g}"
+    spread = "" if known is None else f" ± {'≥ ' if item.not_studied else ''}{known:.2g}"
+    if item.not_studied and known is None:
+        spread = " ± not studied"
     return f"{item.display_value:.3g}{spread} {item.display_unit}".rstrip()
 
 
@@ -329,6 +356,11 @@ def _metric_entry(item: MetricResult) -> dict[str, Any]:
         entry["undecided"] = item.undecided
         shown = item.display_uncertainty
         entry["display"]["uncertainty"] = shown if shown is None or math.isfinite(shown) else "inf"
+    if item.not_studied:  # what the other studies leave is no uncertainty of the value
+        entry["undecided"], entry["not_studied"] = item.undecided, list(item.not_studied)
+        for place in (entry, entry["display"]):
+            place["uncertainty_at_least"] = place.get("uncertainty")
+            place["uncertainty"] = None
     return entry
 
 

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 from validation.convergence.execute import OWN, Level, level
 from validation.convergence.order import Estimate, estimate, input_uncertainty
-from validation.convergence.studies import COUNTS, EXTREME, INSTRUMENT, Figures, Study, as_plain
+from validation.convergence.studies import (
+    COUNTS,
+    EXTREME,
+    INSTRUMENT,
+    Figures,
+    Study,
+    as_plain,
+    inside,
+    not_studied,
+)
 from validation.environment import describe_environment
 from validation.profiles import Profile
 from validation.sweep.columns import parameter_values, run_key
@@ -33,12 +42,15 @@ class MetricStudy:
         levels: study to the figure's value at every level.
         estimates: numerical study to what it says.
         inputs: input study to the largest deviation within it.
-        uncertainty: numerical uncertainty: the sum of those of the numerical studies that count.
+        uncertainty: numerical uncertainty: the sum of those of the numerical studies that count; NaN if one
+            of them was not made.
+        at_least: the sum of those that were made, NaN if none was.
+        not_studied: numerical studies that count and were not made; nothing is decided without them.
         input_uncertainty: root of the sum of squares of ``inputs``; None without such a study.
         reason: of the uncertainty, in words.
         tolerance: of the profile in ``unit``, None if it has none.
         passed: None where nothing is judged, or nothing can be said.
-        undecided: whether the value is closer to the tolerance than its uncertainty.
+        undecided: whether the value is closer to the tolerance than its uncertainty, or that is not known.
         factor, display_unit: what people are shown: value times factor.
     """
 
@@ -49,6 +61,8 @@ class MetricStudy:
     estimates: Mapping[str, Estimate]
     inputs: Mapping[str, float]
     uncertainty: float
+    at_least: float
+    not_studied: tuple[str, ...]
     input_uncertainty: float | None
     reason: str
     tolerance: float | None
@@ -81,6 +95,8 @@ class MetricStudy:
             "order": head.order if head else None,
             "extrapolated": head.extrapolated if head else None,
             "uncertainty": self.uncertainty,
+            "uncertainty_at_least": self.at_least,
+            "not_studied": list(self.not_studied),
             "input_uncertainty": self.input_uncertainty,
             "asymptotic": bool(head and head.asymptotic),
             "reason": self.reason,
@@ -127,6 +143,17 @@ class Convergence:
         }
         return all(self.walks[key].completed for key in needed | {OWN})
 
+    @property
+    def inside(self) -> tuple[str, ...]:
+        """Studies that the numerical uncertainty is the sum of."""
+        made = {study.topic.name for study in self.studies}
+        return tuple(name for name in inside("", self.request.run.solver.qp) if name in made)
+
+    @property
+    def not_studied(self) -> tuple[str, ...]:
+        """Studies that it lacks."""
+        return not_studied("", self.inside, self.request.run.solver.qp)
+
     def as_dict(self) -> dict[str, Any]:
         """Contents of ``convergence.json``."""
         run = self.request.run
@@ -148,6 +175,8 @@ class Convergence:
             "verdict": str(self.verdict),
             "reason": self.verdict_reason,
             "notes": list(self.notes),
+            "uncertainty_of": list(self.inside),
+            "not_studied": list(self.not_studied),
             "levels": levels,
             "metrics": {name: metric.as_dict() for name, metric in self.metrics.items()},
             "parameters": run.model_dump(),
@@ -166,14 +195,18 @@ def combine(
     own = walks[OWN]
     names = [name for name in own.limits if name in own.values]
     names += [name for name in own.values if name not in own.limits]
-    metrics = {name: _metric(name, own, found, walks) for name in names}
-    verdict, reason = _verdict(own, metrics)
+    qp = request.run.solver.qp
+    metrics = {name: _metric(name, own, found, walks, qp) for name in names}
+    made = [study.topic.name for study in found]
+    verdict, reason = _verdict(own, metrics, [name for name in inside("", qp) if name in made])
     return Convergence(
         request, profile, tuple(found), dict(walks), metrics, verdict, reason, _notes(found, walks)
     )
 
 
-def _metric(name: str, own: Figures, found: Sequence[Study], walks: Mapping[Level, Figures]) -> MetricStudy:
+def _metric(
+    name: str, own: Figures, found: Sequence[Study], walks: Mapping[Level, Figures], qp: str
+) -> MetricStudy:
     levels: dict[str, tuple[float, ...]] = {}
     estimates: dict[str, Estimate] = {}
     inputs: dict[str, float] = {}
@@ -198,12 +231,14 @@ def _metric(name: str, own: Figures, found: Sequence[Study], walks: Mapping[Leve
         del counted[TIME_STEP]
         reason += "; a self-check whose exact value is zero: the time step is what it measures, and no "
         reason += "uncertainty of it"
-    uncertainty = (
-        math.fsum(item.uncertainty for item in counted.values()) if not math.isnan(value) else math.nan
-    )
+    missing = not_studied(name, estimates, qp)
+    at_least = math.fsum(item.uncertainty for item in counted.values())
+    if math.isnan(value) or (missing and not counted):
+        at_least = math.nan
+    uncertainty = math.nan if missing else at_least
     limit = own.limits.get(name)
     judged = limit is not None and own.completed and not math.isnan(value)
-    undecided = limit is not None and judged and is_undecided(value, limit, uncertainty)
+    undecided = limit is not None and judged and (bool(missing) or is_undecided(value, limit, uncertainty))
     factor, unit = display_unit_of(own.units[name], own.weight)
     return MetricStudy(
         name=name,
@@ -213,6 +248,8 @@ def _metric(name: str, own: Figures, found: Sequence[Study], walks: Mapping[Leve
         estimates=estimates,
         inputs=inputs,
         uncertainty=uncertainty,
+        at_least=at_least,
+        not_studied=missing,
         input_uncertainty=math.hypot(*inputs.values()) if inputs else None,
         reason=reason,
         tolerance=limit,
@@ -228,26 +265,36 @@ def _value(walk: Figures, name: str) -> float:
     return walk.values.get(name, math.nan) if walk.completed else math.nan
 
 
-def _verdict(own: Figures, metrics: Mapping[str, MetricStudy]) -> tuple[VerdictName, str]:
+def _verdict(
+    own: Figures, metrics: Mapping[str, MetricStudy], made: Sequence[str]
+) -> tuple[VerdictName, str]:
     judged = [item for item in metrics.values() if item.tolerance is not None]
     if not own.completed:
         return VerdictName.NOT_MEASURED, f"The walk at the gait's own parameters {own.outcome}: {own.cause}"
+    spread = f"the numerical uncertainty ({' + '.join(made) or 'of no study'})"
+    lacking = tuple(dict.fromkeys(study for item in judged for study in item.not_studied))
     failed = [item.name for item in judged if item.passed is False]
     undecided = [item.name for item in judged if item.undecided]
     missing = [item.name for item in judged if item.passed is None and not item.undecided]
     if failed:
         return (
             VerdictName.FAIL,
-            f"Over the limit by more than the numerical uncertainty: {', '.join(failed)}.",
+            f"Over the limit by more than {spread}: {', '.join(failed)}.",
         )
     if missing:
         return VerdictName.NOT_MEASURED, f"No figure for {', '.join(missing)}."
+    if lacking:
+        return (
+            VerdictName.UNDECIDED,
+            f"Not studied: {', '.join(lacking)}; without that nobody knows the numerical uncertainty, and of "
+            f"{len(undecided)} of {len(judged)} tolerances it cannot be said whether they are met by more.",
+        )
     if undecided:
         return (
             VerdictName.UNDECIDED,
-            f"Closer to the limit than the numerical uncertainty: {', '.join(undecided)}.",
+            f"Closer to the limit than {spread}: {', '.join(undecided)}.",
         )
-    return VerdictName.PASS, f"All {len(judged)} tolerances are met by more than the numerical uncertainty."
+    return VerdictName.PASS, f"All {len(judged)} tolerances are met by more than {spread}."
 
 
 def _notes(found: Sequence[Study], walks: Mapping[Level, Figures]) -> tuple[str, ...]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import resource
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from ampm.exceptions import AmpmError, InputError, RefusedGait
 from validation.console import Silent
+from validation.pair_figures import switch_figures
 from validation.planning import Request
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ INSTRUMENT = frozenset(
 uncertainty of it."""
 COUNTS = frozenset({"failed_qp", "unsupported_instants"})
 """Counted in the very run that they judge: exact."""
-EXTREME = ("_maximum", "margin_")
+EXTREME = ("_maximum", "_peak", "margin_", "switch_force_rate", "switch_vertical_force")
 """End or beginning of the names of extremes, which are never extrapolated."""
 
 
@@ -159,6 +160,35 @@ def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVE
             kept = tuple(value for value in values if value == own or _allowed(run, topic, value))
             found.append(Study(topic, kept, kept.index(own)))
     return [study for study in found if len(study.values) > 1]
+
+
+def not_studied(name: str, studied: Collection[str], qp: str) -> tuple[str, ...]:
+    """Numerical studies that a figure's uncertainty lacks: without them nobody knows how large it is.
+
+    Args:
+        name: of the figure.
+        studied: names of the studies that were made.
+        qp: the run's QP solver.
+    """
+    return tuple(item for item in inside(name, qp) if item not in studied)
+
+
+def inside(name: str, qp: str) -> tuple[str, ...]:
+    """Numerical studies that a figure's uncertainty is the sum of; none for a count, which is exact.
+
+    Args:
+        name: of the figure; empty for any that is neither count nor self-check.
+        qp: the run's QP solver.
+    """
+    if name in COUNTS:
+        return ()
+    return tuple(
+        item.name
+        for item in TOPICS.values()
+        if item.kind == "numerical"
+        and not (item.name == "qp_tolerance" and qp != "osqp")
+        and not (item.name == "time_step" and name in INSTRUMENT)
+    )
 
 
 def _value(run: RunParameters, key: str) -> float:
@@ -248,7 +278,7 @@ def figures(walk: Walk) -> tuple[dict[str, float], dict[str, str]]:
     """Value and unit of every metric, and of integral quantities and extremes beside them.
 
     The latter are named like the columns of a sweep's table; ``zmp_x_single_support_rmse`` and the like are
-    the metric within one phase.
+    the metric within one phase, and ``switch_zmp_x_near`` and the like what ``ampm compare`` shows.
     """
     comparison = walk.findings.comparison
     values = {name: metric.value for name, metric in comparison.metrics.items()}
@@ -275,6 +305,9 @@ def figures(walk: Walk) -> tuple[dict[str, float], dict[str, str]]:
         ("penetration", "m"),
     ):  # fmt: skip
         add(f"margin_{name}", getattr(margins, name).value, unit)
+    if walk.record.outcome.completed:
+        for name, value, unit in switch_figures(walk.planned.plan, walk.record, walk.findings.measured):
+            add(name, value, unit)
     return values, units
 
 

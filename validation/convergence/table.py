@@ -76,7 +76,10 @@ def _last(item: MetricStudy) -> str:
 
 def quoted(item: MetricStudy) -> str:
     """A value and its numerical uncertainty, in the unit for people."""
-    return f"{_shown(item, item.value)} ± {_shown(item, item.uncertainty, 2)}"
+    if not item.not_studied:
+        return f"{_shown(item, item.value)} ± {_shown(item, item.uncertainty, 2)}"
+    known = "not studied" if math.isnan(item.at_least) else f"≥ {_shown(item, item.at_least, 2)}"
+    return f"{_shown(item, item.value)} ± {known}"
 
 
 def _order(item: MetricStudy) -> tuple[str, str]:
@@ -105,9 +108,11 @@ def _unit(item: MetricStudy) -> str:
 
 
 def _legend(result: Convergence) -> str:
-    numerical = [study.topic.name for study in result.studies if study.topic.kind == "numerical"]
     inputs = [study.topic.name for study in result.studies if study.topic.kind == "input"]
-    parts = [f"u_num of {' + '.join(numerical)}"] if numerical else []
+    parts = [f"u_num of {' + '.join(result.inside)}"] if result.inside else []
+    if result.not_studied:
+        lacking = ", ".join(result.not_studied)
+        parts.append(f"not studied: {lacking}, so u_num is not known, and ≥ is what the others leave")
     parts += [f"u_input of {', '.join(inputs)}, not in the verdict"] if inputs else []
     return "; ".join(parts) + "; a value closer to its limit than u_num is undecided"
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from ampm.exceptions import InputError
+from validation.convergence.studies import TOPICS, inside, not_studied
 from validation.planning import Request
 
 FILE = "convergence.json"
@@ -26,8 +27,12 @@ class Uncertainty:
         gait: name.
         steps: walked at every level; 0 if the file does not say.
         run: key of the run that was studied, empty if the file does not say.
-        values: metric to uncertainty in its SI unit; infinite where there is no bound.
-        parameters: of the run, by section; empty if the file does not say.
+        values: metric to uncertainty in its SI unit; infinite where there is no bound. Of a metric that is
+            ``incomplete`` what the studies that were made leave, and nothing if none was.
+        parameters: of the run, by section.
+        studies: inside the uncertainty.
+        not_studied: numerical studies of the gait that were not made.
+        incomplete: metric to the studies that its uncertainty lacks.
     """
 
     gait: str
@@ -35,6 +40,14 @@ class Uncertainty:
     run: str
     values: Mapping[str, float]
     parameters: Mapping[str, Mapping[str, Any]]
+    studies: tuple[str, ...] = ()
+    not_studied: tuple[str, ...] = ()
+    incomplete: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @property
+    def bounds(self) -> Mapping[str, float]:
+        """Metric to what a difference must exceed; infinite where studies are lacking."""
+        return {**self.values, **dict.fromkeys(self.incomplete, math.inf)}
 
     def difference(self, request: Request) -> str:
         """First key in which a run is not the one that was studied, with both values; empty if it is."""
@@ -49,7 +62,13 @@ class Uncertainty:
 
     def as_dict(self) -> dict[str, Any]:
         """For ``summary.json``."""
-        return {"gait": self.gait, "steps": self.steps, "run": self.run or None}
+        return {
+            "gait": self.gait,
+            "steps": self.steps,
+            "run": self.run or None,
+            "studies": list(self.studies),
+            "not_studied": list(self.not_studied),
+        }
 
 
 def load_uncertainty(path: Path) -> Uncertainty:
@@ -70,29 +89,61 @@ def load_uncertainty(path: Path) -> Uncertainty:
         ) from None
     except ValueError as error:
         raise InputError(f"--uncertainty {file} is no JSON ({error}); give a {FILE}.") from None
-    metrics = table.get("metrics") if isinstance(table, Mapping) else None
-    if not isinstance(metrics, Mapping) or not metrics:
-        raise InputError(f"--uncertainty {file} holds no metrics; give the {FILE} of 'ampm convergence'.")
-    values = {}
+    study = _study(table)
+    if study is None:
+        raise InputError(
+            f"--uncertainty {file} is no convergence study; give the {FILE} that 'ampm convergence --out' "
+            "writes."
+        )
+    metrics, made, qp = study
+    if not metrics:
+        raise InputError(f"--uncertainty {file} holds no metrics: its walk did not complete; study again.")
+    values, incomplete = {}, {}
     for name, entry in metrics.items():
-        raw = entry.get("uncertainty") if isinstance(entry, Mapping) else None
+        lacking = not_studied(name, made, qp)
+        if lacking:
+            incomplete[name] = lacking
+        if lacking and not set(made) & set(inside(name, qp)):
+            continue  # a sum over no study is no zero
+        raw = entry.get("uncertainty_at_least", entry.get("uncertainty"))
         if raw is None:
-            continue  # not measured: nothing is known of it
+            raw = "inf"  # not measured in the study: nothing bounds it
         value = _number(raw)
         if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0.0:
             raise InputError(
                 f"--uncertainty {file}: metrics.{name}.uncertainty = {raw!r} is no number of at least 0; "
                 "correct it, or study the gait again."
             )
-        values[str(name)] = float(value)
-    parameters = table.get("parameters")
+        values[name] = float(value)
     return Uncertainty(
-        gait=str(table.get("gait", "gait")),
-        steps=int(table.get("steps") or 0),
+        gait=table["gait"],
+        steps=table["steps"],
         run=str(table.get("run") or ""),
         values=MappingProxyType(values),
-        parameters=MappingProxyType(parameters if isinstance(parameters, dict) else {}),
+        parameters=MappingProxyType(table["parameters"]),
+        studies=tuple(name for name in inside("", qp) if name in made),
+        not_studied=not_studied("", made, qp),
+        incomplete=MappingProxyType(incomplete),
     )
+
+
+def _study(table: Any) -> tuple[Mapping[str, Mapping[str, Any]], tuple[str, ...], str] | None:
+    """Metrics, names of the studies and QP solver of what may be a ``convergence.json``; None if it is none.
+
+    A run's ``summary.json`` has metrics too, and no levels.
+    """
+    if not isinstance(table, dict):
+        return None
+    kinds = {"gait": str, "steps": int, "levels": dict, "metrics": dict, "parameters": dict}
+    if not all(isinstance(table.get(key), kind) for key, kind in kinds.items()) or table["steps"] < 1:
+        return None
+    entries = (table["levels"], table["metrics"], table["parameters"])
+    if not all(isinstance(item, dict) for part in entries for item in part.values()):
+        return None
+    qp = table["parameters"].get("solver", {}).get("qp")
+    if not isinstance(qp, str) or not set(table["levels"]) <= set(TOPICS):
+        return None
+    return table["metrics"], tuple(table["levels"]), qp
 
 
 def matching(known: Sequence[Uncertainty], request: Request) -> Uncertainty:
