@@ -564,12 +564,18 @@ def test_the_report_quotes_it(tmp_path):
     metric |= {"uncertainty": 0.002, "undecided": True, "pass": None, "margin": None}
     metric["display"]["uncertainty"] = 2.0
     found["metrics"]["zmp_y_rmse"]["display"]["uncertainty"] = "inf"
-    found |= {"verdict": "undecided", "uncertainty": {"gait": "normal", "steps": 6, "run": "abc"}}
+    lacking = found["metrics"]["force_x_rmse"]
+    lacking |= {"not_studied": ["qp_tolerance"], "undecided": True, "pass": None, "margin": None}
+    lacking["display"] |= {"uncertainty": None, "uncertainty_at_least": None}
+    known = {"gait": "normal", "steps": 6, "run": "abc"}
+    known |= {"studies": ["time_step", "ik_grid"], "not_studied": ["qp_tolerance"]}
+    found |= {"verdict": "undecided", "uncertainty": known}
     path.write_text(json.dumps(found))
     page = render(load_saved_run(run))
     assert "±\u00a0∞\u00a0mm" in page
     assert "±\u00a02.0\u00a0mm, <b>undecided</b>" in page
-    assert "a convergence study of normal, 6 steps a level" in page
+    assert "of normal, 6 steps a level (time_step + ik_grid), which lacks qp_tolerance" in page
+    assert "±\u00a0not studied" in page
 
 
 # --------------------------------------------------------------------------- command line, and a real study

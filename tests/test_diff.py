@@ -186,6 +186,28 @@ def test_no_difference_below_the_uncertainty_is_a_result(base):
         assert not diff.of_kind("newly_failing")
 
 
+def test_the_note_names_the_studies_and_what_lacks_one_is_no_difference(base):
+    whole = Uncertainty("normal", 6, "", {"zmp_x_rmse": 1e-9}, {}, studies=("time_step", "ik_grid"))
+    other = judged(with_metric(base, "zmp_x_rmse", metric(base, "zmp_x_rmse") + 1e-3))
+    assert any(
+        "(time_step + ik_grid) of normal" in note for note in compared(base, other, uncertainty=whole).notes
+    )
+    part = Uncertainty(
+        "normal",
+        6,
+        "",
+        {"zmp_x_rmse": 1e-9},
+        {},
+        ("ik_grid",),
+        ("time_step",),
+        {"zmp_x_rmse": ("time_step",)},
+    )
+    diff = compared(base, other, uncertainty=part)
+    assert any(note.startswith("not studied: time_step;") for note in diff.notes)
+    assert by_name(diff)["zmp_x_rmse"].worse == 0
+    assert by_name(compared(base, other, uncertainty=whole))["zmp_x_rmse"].worse == 60
+
+
 def test_a_step_across_the_limit_below_the_noise_is_no_failure(base):
     limit = 2.5e-3
     close = judged(with_metric(base, "zmp_x_rmse", [limit * (1 - 1e-8)] * 60))
@@ -339,11 +361,19 @@ def test_json(folders, capsys):
 def test_uncertainty_file(folders, tmp_path, capsys):
     a, b = folders
     file = tmp_path / "convergence.json"
-    file.write_text(
-        json.dumps({"metrics": {"zmp_y_rmse": {"uncertainty": 1.0, "unit": "m"}}}), encoding="utf-8"
-    )
+    table = {
+        "gait": "normal",
+        "steps": 6,
+        "levels": {"time_step": {}, "ik_grid": {}, "qp_tolerance": {}},
+        "metrics": {"zmp_y_rmse": {"uncertainty": 1.0, "unit": "m"}},
+        "parameters": {"solver": {"qp": "osqp"}},
+    }
+    file.write_text(json.dumps(table), encoding="utf-8")
     assert call(["diff", a, b, "--uncertainty", str(file), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["metrics"]["zmp_y_rmse"]["worse"] == 0
+    file.write_text(json.dumps({"metrics": table["metrics"], "verdict": "pass"}), encoding="utf-8")
+    assert call(["diff", a, b, "--uncertainty", str(file)]) == 2  # a run's summary
+    assert "is no convergence study" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

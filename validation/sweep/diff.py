@@ -220,7 +220,7 @@ def diff_tables(
     """The same for tables that are read already; ``allowed`` as from :func:`read_tolerances`."""
     matching = match(a, b)
     allowed = allowed if allowed is not None else {"": TOLERANCE}
-    values = uncertainty.values if uncertainty is not None else {}
+    values = uncertainty.bounds if uncertainty is not None else {}
     rows = [
         _Compared.of(name, a, b, matching, allowed.get(name, allowed[""]), values.get(name))
         for name in a.metrics
@@ -460,6 +460,14 @@ def _shift_test(row: _Compared) -> float:
 def _of_study(uncertainty: Uncertainty | None) -> list[str]:
     if uncertainty is None:
         return []
-    return [
-        f"the noise is the numerical uncertainty of {uncertainty.gait}, taken for all gaits of the sweeps"
+    inside = f" ({' + '.join(uncertainty.studies)})" if uncertainty.studies else ""
+    told = [
+        f"the noise is the numerical uncertainty{inside} of {uncertainty.gait}, taken for all gaits of the "
+        "sweeps"
     ]
+    if uncertainty.not_studied:
+        told.append(
+            f"not studied: {', '.join(uncertainty.not_studied)}; the uncertainty without has no bound, and no "
+            "difference of a figure that it is of is called one"
+        )
+    return told
