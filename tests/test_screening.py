@@ -18,11 +18,12 @@ from validation import simulate
 from validation.console import Silent, json_ready
 from validation.planning import make_body, plan
 from validation.planning import request as ask
-from validation.sweep import closed_form, dry_run
+from validation.sweep import closed_form, dry_run_text
 from validation.sweep.blocks import Block
 from validation.sweep.closed_form import ACCEPTED, BAD_PARAMETER, REASONS
 from validation.sweep.definition import SweepDefinition, parse_sweep
-from validation.sweep.dry_run import plan_dry_run, print_dry_run
+from validation.sweep.dry_run import plan_dry_run
+from validation.sweep.dry_run_text import print_dry_run
 from validation.sweep.keys import key_info
 from validation.sweep.sampling import cases
 from validation.sweep.screening import screen
@@ -434,4 +435,4 @@ def test_time_grows_with_work_and_shrinks_with_workers():
     ],
 )
 def test_durations_in_words(seconds, text):
-    assert dry_run.duration_text(seconds) == text
+    assert dry_run_text.duration_text(seconds) == text

@@ -9,11 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import validation.sweep
-from ampm.exceptions import InputError
+from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import RunParameters, dump_run, keys, load_run
+from validation import cli, planning
 from validation.sweep.blocks import METHODS, MOST_CASES
 from validation.sweep.definition import dump_sweep, load_sweep, parse_sweep
+from validation.sweep.dry_run import plan_dry_run
+from validation.sweep.dry_run_text import print_dry_run
 from validation.sweep.keys import key_info
+from validation.sweep.probing import SOLVED, wilson
 from validation.sweep.sampling import cases
 
 EXAMPLES = sorted((Path(validation.sweep.__file__).parent / "examples").glob("*.toml"))
@@ -389,3 +393,98 @@ def test_what_is_known_of_the_keys():
     assert key_info("gait.a_s").finite is False
     assert key_info("solver.qp").options == ("osqp", "daqp")
     assert key_info("solver.max_iterations").kind == "int"
+
+
+# --- dry run ---
+
+HEIGHTS = '[sweep]\ngait = "flat"\nsteps = 2\n' + GRID + "gait.c_y = { from = 0.5, to = 1, count = %d }\n"
+
+
+@pytest.fixture
+def solver(monkeypatch):
+    """Motions that are not really solved; low slopes have none."""
+    asked = []
+
+    def plan(request, **_):
+        asked.append(request.run.gait.c_y)
+        if request.run.gait.c_y < 0.6:
+            raise BodilyRefusal(
+                "hip", reason="joint_limits", value=-0.1, limit=0.0, unit="rad", way_out="bend [less]"
+            )
+        if request.run.gait.c_y > 0.9:
+            raise ZeroDivisionError
+
+    monkeypatch.setattr(planning, "plan", plan)
+    return asked
+
+
+def test_a_dry_run_solves_some_motions(solver, capsys):
+    definition = parse_sweep(HEIGHTS % 41)
+    dry = plan_dry_run(definition, 1, solve=None)
+    assert len(solver) == dry.solved.motions == SOLVED
+    low, high = dry.interval
+    assert 0 < low < dry.walking < high < 41
+    assert dry.walking == pytest.approx(41 * dry.solved.passing, abs=1)
+    assert set(dry.solved.refused) == {"joint_limits", "crashed (ZeroDivisionError)"}
+    print_dry_run(dry)
+    told = capsys.readouterr().out
+    for words in (
+        "walk, at most",
+        "with 95 % confidence",
+        "bend [less]",
+        "20 of them solved",
+        "falls show only",
+    ):
+        assert words in told
+    assert dry.as_dict()["walk_at_most"]["interval"] == [low, high]
+    first = solver.copy()
+    assert plan_dry_run(definition, 1, solve=None).interval == (low, high)
+    assert solver == first * 2
+    every = plan_dry_run(definition, 1, solve=99)
+    assert every.exact
+    assert every.interval == (every.walking,) * 2 == (24 + 1,) * 2
+
+
+def test_a_small_dry_run_solves_none(solver):
+    dry = plan_dry_run(parse_sweep(HEIGHTS % SOLVED), 1, solve=None)
+    assert not solver
+    assert dry.walking == SOLVED
+    assert "--probe" in dry.as_dict()["unseen"]
+    some = plan_dry_run(parse_sweep(HEIGHTS % SOLVED), 1, probed=10)
+    assert some.interval[0] < some.walking == some.interval[1] == SOLVED
+
+
+@pytest.mark.parametrize(
+    ("share", "number", "ends"),
+    [(0.0, 10, (0.0, 0.2775)), (0.5, 10, (0.2366, 0.7634)), (1.0, 128, (0.9709, 1.0)), (0.5, 0, (0.0, 1.0))],
+)
+def test_the_interval_is_wilsons(share, number, ends):
+    assert wilson(share, number, 0.95) == pytest.approx(ends, abs=1e-4)
+
+
+def test_a_dry_run_ends_as_the_sweep_would(solver, tmp_path, capsys):
+    path = tmp_path / "sweep.toml"
+    for text, extra, status in (
+        (HEIGHTS % 3, (), 0),
+        (GRID + "gait.switching_velocity = [0.1, 0.2]\n", (), 2),
+        ('[sweep]\ngait = "flat"\n' + GRID + "gait.com_height = [1.2]\n", (), 2),
+        ('[sweep]\ngait = "flat"\n' + GRID + "gait.c_y = [0.5, 0.55]\n", ("--probe", "5"), 2),
+        ('[sweep]\ngait = "flat"\n' + GRID + "gait.c_y = [0.5, 0.7]\n", ("--probe", "5"), 0),
+    ):
+        path.write_text(text, encoding="utf-8")
+        assert cli.call(["sweep", str(path), "--dry-run", *extra]) == status
+        assert ("every run is refused" in capsys.readouterr().out) == (status == 2)
+    assert cli.call(["sweep", str(path), "--dry-run", "--probe", "-1"]) == 2
+    assert cli.call(["sweep", str(path), "--out", str(tmp_path / "out"), "--probe", "1"]) == 2
+    assert "--probe goes with --dry-run" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_dry_run_warns_of_memory_and_of_clocks():
+    text = "[sweep]\nsteps = 30\n" + GRID + "simulation.time_step = [0.002, %s]\n"
+    assert not plan_dry_run(parse_sweep(text % 0.001), 1).notes()
+    (note,) = plan_dry_run(parse_sweep(text % 0.0005), 1).notes()
+    assert "time steps" in note
+    assert "--workers" in note
+    drawn = parse_sweep(SOBOL + "simulation.time_step = { from = 0.001, to = 0.002 }")
+    assert "whole number of time steps" in drawn.notes()[0]

@@ -55,14 +55,15 @@ def run(file: Path, options: Options, *, as_json: bool = False, narrator: Narrat
     options.check()
     definition = load_sweep(file)
     if options.dry_run:
-        from validation.sweep.dry_run import plan_dry_run, print_dry_run
+        from validation.sweep.dry_run import plan_dry_run
+        from validation.sweep.dry_run_text import print_dry_run
 
-        dry = plan_dry_run(definition, options.workers)
+        dry = plan_dry_run(definition, options.workers, solve=options.probe, stages=narrator)
         if as_json:
             print_json(dry.as_dict())
         else:
             print_dry_run(dry)
-        return Status.PASS
+        return Status.REFUSED if dry.all_refused else Status.PASS
     try:
         summary = run_sweep(definition, options, narrator=narrator)
     except KeyboardInterrupt as error:

@@ -36,7 +36,7 @@ from pydantic import Field
 from ampm.exceptions import InputError
 from ampm.parameters import PRESETS, RunParameters, Section, load_run
 from validation.profiles import profile as find_profile
-from validation.sweep.blocks import STEPS_KEY, Block, Range, check_key, flat_keys, read_blocks
+from validation.sweep.blocks import SAMPLED, STEPS_KEY, Block, Range, check_key, flat_keys, read_blocks
 from validation.sweep.keys import Value, key_info, nearest
 
 RECORDINGS: Mapping[str, str] = {
@@ -117,6 +117,12 @@ class SweepDefinition(Section):
                     f"a Sobol sequence is balanced at powers of two: the {block.count} points for "
                     f"{', '.join(block.keys)} are the first of {power}; {power // 2} or {power} points would "
                     "be even"
+                )
+            clock = [key for key in block.keys if key in ("controller.frequency", "simulation.time_step")]
+            if block.method in SAMPLED and clock:
+                notes.append(
+                    f"points drawn for {' and '.join(clock)} are mostly refused: a control period must be a "
+                    "whole number of time steps; list values that fit"
                 )
         return tuple(notes)
 

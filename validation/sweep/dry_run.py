@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.markup import escape
 
-from ampm.exceptions import InputError, RefusedGait
-from ampm.gait import plan_gait
-from validation.console import print_line, print_table
+from ampm.exceptions import InputError
+from validation.console import Silent
 from validation.sweep.closed_form import BAD_PARAMETER
 from validation.sweep.definition import SweepDefinition
+from validation.sweep.probing import (
+    PROBED,
+    SOLVED,
+    Probe,
+    Solved,
+    motion_numbers,
+    probe_bodies,
+    solve_motions,
+)
 from validation.sweep.sampling import Cases
 from validation.sweep.sampling import cases as cases_of
 from validation.sweep.screening import Refusal, Screening, screen
@@ -23,21 +29,22 @@ from validation.sweep.screening import Refusal, Screening, screen
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.body import BodyDescription
-    from ampm.parameters import BodyParameters, RunParameters
-
-_EXAMPLES = 3  # bodily refusals told in full
-
-PROBED = 128
-"""Different motions that are held against soles and legs at most; 5 to 45 ms each."""
-MOTION_SECTIONS = ("gait", "body", "foot")
-MOTION_KEYS = ("solver.ik_time_step",)
-"""Sections and keys that a whole-body motion depends on; runs that agree in them share one."""
 UNSEEN = (
     "knees too straight, joint limits and motions that do not close show only when the whole-body motion is "
-    "solved; falls only when it is walked"
+    "solved (--probe N), falls only when it is walked"
 )
+"""What a dry run without solved motions does not see."""
+UNSEEN_FALLS = "falls show only when it is walked"
 """What no dry run sees."""
+CONFIDENCE = 0.95
+"""Of the interval for the runs that get as far as walking."""
+
+MEMORY_BASE = 290.0
+MEMORY_PER_STEP = 0.01
+"""Memory of a worker, and what a time step of its walk adds [MB]: from above, of 30 steps of ``normal`` at 2,
+1 and 0.5 ms (378, 489 and 657 MB), before a walk's signals were sorted on the way."""
+MEMORY_NOTED = 500.0
+"""From which on a dry run says so [MB]."""
 
 
 @dataclass(frozen=True)
@@ -73,35 +80,6 @@ class Rates:
 
 
 @dataclass(frozen=True)
-class Probe:
-    """Plans held against soles and legs, as every run is before its motion is solved.
-
-    Attributes:
-        motions: different motions among the accepted runs.
-        probed: how many of them were looked at.
-        runs: accepted runs that have one of the probed motions.
-        refused: of these runs, by reason.
-        examples: of every reason, one refusal in words.
-    """
-
-    motions: int
-    probed: int
-    runs: int
-    refused: Mapping[str, int]
-    examples: Mapping[str, str]
-
-    @property
-    def complete(self) -> bool:
-        """Whether every motion was looked at."""
-        return self.probed == self.motions
-
-    @property
-    def passing(self) -> float:
-        """Share of the probed runs that the body takes [1]."""
-        return 1.0 - sum(self.refused.values()) / self.runs if self.runs else 0.0
-
-
-@dataclass(frozen=True)
 class DryRun:
     """A sweep that was not walked.
 
@@ -110,6 +88,8 @@ class DryRun:
         screening: the formula's answer to every run.
         refusals: runs refused by bounds, formula, or clock, with what would pass.
         probe: what soles and legs say, of all or some.
+        solved: what the motions of some of those say.
+        longest: time steps of the longest walk [1].
         simulated: simulated time of the runs that are expected to walk [s].
         processor: processor time of them [s].
         wall_clock: expected duration of the sweep [s].
@@ -121,6 +101,8 @@ class DryRun:
     screening: Screening
     refusals: tuple[Refusal, ...]
     probe: Probe
+    solved: Solved
+    longest: int
     simulated: float
     processor: float
     wall_clock: float
@@ -151,16 +133,57 @@ class DryRun:
 
     @property
     def walking(self) -> int:
-        """Runs expected to get as far as their whole-body motion; two digits, if only some were looked at."""
-        number = self.accepted * self.probe.passing
-        if self.probe.complete or number < 10:
+        """Runs that walk, at most: what falls is among them, and if no motion was solved also what refuses
+        there. An estimate of two digits, if only some were looked at.
+        """
+        number = self.accepted * self.probe.passing * self.solved.passing
+        if self.exact or number < 10:
             return round(number)
         unit = 10 ** (math.floor(math.log10(number)) - 1)
         return round(number / unit) * unit
 
+    @property
+    def exact(self) -> bool:
+        """Whether :attr:`walking` rests on every motion."""
+        return self.probe.complete and (self.solved.complete or not self.solved.motions)
+
+    @property
+    def interval(self) -> tuple[int, int]:
+        """Where :attr:`walking` is, with :data:`CONFIDENCE`."""
+        sampled = (not self.probe.complete) + (self.solved.motions > 0 and not self.solved.complete)
+        each = 1.0 - (1.0 - CONFIDENCE) / max(sampled, 1)  # both shall hold
+        low, high = np.multiply(self.probe.interval(each), self.solved.interval(each)) * self.accepted
+        return (self.walking, self.walking) if not sampled else (math.floor(low), math.ceil(high))
+
+    @property
+    def unseen(self) -> str:
+        """What this has not seen."""
+        return UNSEEN_FALLS if self.solved.motions else UNSEEN
+
+    @property
+    def all_refused(self) -> bool:
+        """Whether it is sure that nothing walks."""
+        return self.accepted == 0 or (self.exact and self.walking == 0)
+
+    @property
+    def memory(self) -> float:
+        """What a worker needs for the longest walk, from above [MB]."""
+        return MEMORY_BASE + MEMORY_PER_STEP * self.longest
+
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know."""
+        notes = list(self.definition.notes())
+        if self.memory > MEMORY_NOTED and not self.all_refused:
+            notes.append(
+                f"the longest walk has {self.longest:,} time steps, for which a worker may need "
+                f"{self.memory:.0f} MB: take fewer sweep.steps, a longer simulation.time_step, or fewer "
+                "--workers if memory is short"
+            )
+        return tuple(notes)
+
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, times in s."""
-        definition, probe = self.definition, self.probe
+        definition, probe, solved = self.definition, self.probe, self.solved
         return {
             "sweep": definition.name,
             "gait": definition.gait,
@@ -181,10 +204,24 @@ class DryRun:
                 "complete": probe.complete,
                 "refused": dict(probe.refused),
                 "examples": dict(probe.examples),
-                "expected_to_walk": self.walking,
             },
-            "unseen": UNSEEN,
-            "notes": list(definition.notes()),
+            "solved": {
+                "motions": solved.motions,
+                "runs": solved.runs,
+                "complete": solved.complete,
+                "refused": dict(solved.refused),
+                "examples": dict(solved.examples),
+                "seconds": solved.seconds,
+            },
+            "walk_at_most": {
+                "estimate": self.walking,
+                "interval": list(self.interval),
+                "confidence": CONFIDENCE,
+                "exact": self.exact,
+            },
+            "unseen": self.unseen,
+            "notes": list(self.notes()),
+            "memory": {"steps": self.longest, "value": self.memory, "unit": "MB"},
             "time": {
                 "workers": self.workers,
                 "simulated": self.simulated,
@@ -202,6 +239,8 @@ def plan_dry_run(
     *,
     rates: Rates | None = None,
     probed: int = PROBED,
+    solve: int | None = 0,
+    stages: Silent | None = None,
 ) -> DryRun:
     """Count, screen and estimate a sweep.
 
@@ -210,6 +249,9 @@ def plan_dry_run(
         workers: processes; one per core by default.
         rates: what a run costs, if it has been measured.
         probed: different motions that are held against soles and legs at most.
+        solve: how many of those that pass are solved; None for :data:`~validation.sweep.probing.SOLVED` of a
+            sweep of more runs than that, and else none.
+        stages: where to report progress.
 
     Raises:
         InputError: fewer than one worker.
@@ -222,16 +264,22 @@ def plan_dry_run(
     screening = screen(definition, cases)
     late, walking = _clock(cases, screening)
     numbers = np.flatnonzero(walking)
-    motion = _motions(cases, numbers)
-    probe = _probe(cases, numbers, motion, probed)
-    simulated, processor = _cost(cases, screening, numbers, rates)
-    share = probe.passing
-    processor = share * (processor + probe.motions * rates.motion)
+    probe, passed = probe_bodies(cases, numbers, motion_numbers(cases, numbers), probed)
+    if solve is None:
+        solve = SOLVED if len(numbers) > SOLVED else 0
+    solved = Solved()
+    if solve and passed:
+        solved = solve_motions(cases, passed, solve, all_probed=probe.complete, stages=stages or Silent())
+    simulated, processor, longest = _cost(cases, screening, numbers, rates)
+    share = probe.passing * solved.passing
+    processor = share * processor + probe.passing * probe.motions * rates.motion
     return DryRun(
         definition=definition,
         screening=screening,
         refusals=(*screening.refusals(), *late),
         probe=probe,
+        solved=solved,
+        longest=longest,
         simulated=share * simulated,
         processor=processor,
         wall_clock=rates.start + processor / (min(workers, max(len(numbers), 1)) * rates.efficiency),
@@ -269,144 +317,13 @@ def _clock(cases: Cases, screening: Screening) -> tuple[list[Refusal], NDArray[n
     return [refusal], accepted & ~bad
 
 
-def _motions(cases: Cases, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Number of the whole-body motion of each of some cases: equal where all that it depends on is."""
-    motion = np.zeros(len(numbers), dtype=np.int64)
-    for axis in cases.axes:
-        if axis.key.partition(".")[0] in MOTION_SECTIONS or axis.key in MOTION_KEYS:
-            _, value = np.unique(axis.values, return_inverse=True)
-            motion = motion * (int(value.max()) + 1) + value[axis.index(numbers)]
-            _, motion = np.unique(motion, return_inverse=True)  # small again, whatever the number of axes
-    return motion
-
-
-def _probe(cases: Cases, numbers: NDArray[np.int64], motion: NDArray[np.int64], most: int) -> Probe:
-    """Hold one run of every motion, or of some drawn at random, against soles and legs."""
-    _, first, count = np.unique(motion, return_index=True, return_counts=True)
-    chosen = np.arange(len(first))
-    if len(first) > most:
-        # At random: every so manieth of a grid would always have the same value of the last key.
-        generator = np.random.default_rng([cases.definition.seed, len(cases.definition.vary)])
-        chosen = np.sort(generator.choice(len(first), size=most, replace=False))
-    refused: dict[str, int] = {}
-    examples: dict[str, str] = {}
-    bodies: dict[BodyParameters, BodyDescription] = {}
-    for index in chosen:
-        run = cases.run(int(numbers[first[index]]))
-        try:
-            _hold_against_body(run, bodies)
-        except InputError as error:
-            reason, words = BAD_PARAMETER, str(error)
-        except RefusedGait as error:
-            reason, words = error.reason, str(error)
-        else:
-            continue
-        refused[reason] = refused.get(reason, 0) + int(count[index])
-        examples.setdefault(reason, words)
-    return Probe(len(first), len(chosen), int(count[chosen].sum()), refused, examples)
-
-
-def _hold_against_body(run: RunParameters, bodies: dict[BodyParameters, BodyDescription]) -> None:
-    """What planning asks of a body before it solves the motion.
-
-    Raises:
-        InputError, RefusedGait: as planning does.
-    """
-    from ampm.feasibility import check_body
-    from models.human import build
-
-    if run.body not in bodies:
-        bodies[run.body] = build(run.body, run.contact, run.simulation).description
-    description = bodies[run.body]
-    # The first step stands for all.
-    gait = run.gait.model_copy(update={"steps": min(run.gait.steps, 2)})
-    plan = plan_gait(gait, mass=run.body.mass, foot=run.foot, sole=description.sole)
-    check_body(plan, description)
-
-
 def _cost(
     cases: Cases, screening: Screening, numbers: NDArray[np.int64], rates: Rates
-) -> tuple[float, float]:
-    """Simulated and processor time of some cases, motions left out [s]."""
+) -> tuple[float, float, int]:
+    """Simulated and processor time of some cases, motions left out [s]; time steps of the longest walk."""
     simulated = cases.definition.steps * screening.step_duration[numbers]
     ticks = cases.column("controller.frequency", numbers)
     steps = 1.0 / cases.column("simulation.time_step", numbers)
     seconds = rates.run + simulated * ticks * rates.tick + (simulated + rates.standing) * steps * rates.step
-    return float(simulated.sum()), float(seconds.sum())
-
-
-# ------------------------------------------------------------------------- words
-
-
-def print_dry_run(dry: DryRun) -> None:
-    """Print a dry run for a reader."""
-    definition, probe, rates = dry.definition, dry.probe, dry.rates
-    rows = [("runs", _count(dry.runs), "", f"of {escape(definition.gait)}, {definition.steps} steps each")]
-    for item in dry.refusals:
-        share = _share(item.count, dry.runs)
-        rows.append((f"refused: {item.reason}", _count(item.count), share, _hint(item)))
-    rows.append(("accepted by the formula", _count(dry.accepted), _share(dry.accepted, dry.runs), ""))
-    of = "" if probe.complete else f"of {_count(probe.runs)} looked at"
-    body = sorted(probe.refused.items(), key=lambda item: -item[1])
-    for reason, count in body:
-        rows.append((f"  the body refuses: {reason}", _count(count), _share(count, probe.runs), of))
-    about = "" if probe.complete else "about "
-    rows.append(("expected to walk", about + _count(dry.walking), _share(dry.walking, dry.runs), ""))
-    print_table(
-        f"dry run of {escape(definition.name)}: {', '.join(definition.keys)}",
-        (("", "left"), ("runs", "right"), ("share", "right"), ("", "left")),
-        rows,
-    )
-    for reason, _ in body[:_EXAMPLES]:
-        print_line(f"  {reason}, for example: {escape(probe.examples[reason])}")
-    print_line(
-        f"  time              {duration_text(dry.wall_clock)} with {dry.workers} "
-        f"worker{'s' if dry.workers > 1 else ''}: {duration_text(dry.processor)} of processor time for "
-        f"{duration_text(dry.simulated)} of walking and at most {_count(probe.motions)} new "
-        f"motion{'' if probe.motions == 1 else 's'}"
-    )
-    print_line(
-        f"  assumed           {rates.real_time_factor():.1f} times real time at 500 Hz and 2 ms, "
-        f"{rates.motion:g} s for a new motion, {rates.run:g} s for the rest of a run, on one core of a "
-        "server; recordings come on top"
-    )
-    print_line(f"  not seen          {UNSEEN}")
-    for note in definition.notes():
-        print_line(f"  note              {note}")
-
-
-def _hint(item: Refusal) -> str:
-    """What was asked for, and what would pass."""
-    asked = "" if item.asked is None else f"{item.key} is {_span(item.asked)}"
-    way_out = item.way_out()
-    if not way_out:
-        return f"{item.meaning}; {asked}" if asked else item.meaning
-    return f"{asked}; passes if {way_out.removeprefix(f'{item.key} ')}"
-
-
-def duration_text(seconds: float) -> str:
-    """A time in two words: ``3 h 20 min``."""
-    if not math.isfinite(seconds):
-        return "for ever"
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60)
-    if minutes < 90:
-        return f"{minutes} min"
-    hours, minutes = divmod(minutes, 60)
-    if hours < 48:
-        return f"{hours} h {minutes} min" if minutes else f"{hours} h"
-    return f"{seconds / 86400:.1f} days"
-
-
-def _count(number: int) -> str:
-    return f"{number:,}"
-
-
-def _share(number: int, total: int) -> str:
-    return f"{100.0 * number / total:.3g} %" if total else "-"
-
-
-def _span(ends: tuple[float, float]) -> str:
-    low, high = (f"{value:.4g}" for value in ends)
-    return low if low == high else f"{low} ... {high}"
+    longest = np.ceil(simulated * steps).max(initial=0.0)
+    return float(simulated.sum()), float(seconds.sum()), int(longest) if np.isfinite(longest) else 0
