@@ -728,7 +728,7 @@ def test_a_study_without_the_time_step_decides_no_run(walk, tmp_path, capsys):
     command.write(study(only=("contact_stiffness",)), tmp_path / "none")
     command.write(study(only=("time_step",)), tmp_path / "step")
     comparison, record, measured = off_by(walk, 0.0018), walk[1], walk[2]
-    for folder, shown in (("none", "not studied"), ("step", "≥ ")):
+    for folder, shown in (("none", "not studied"), ("step", "≥ ")):  # and neither has ± 0 of a metric
         known = load_uncertainty(tmp_path / folder)
         verdict = judge(comparison, record.outcome, GAIT_ONLY, known.values, known.incomplete)
         assert verdict.name is VerdictName.UNDECIDED

@@ -171,10 +171,11 @@ def judge(
     elif undecided:
         name = VerdictName.UNDECIDED
         least = max(undecided, key=lambda item: (item.uncertainty or 0.0) / (item.tolerance or math.inf))
-        reason = (
-            f"{len(undecided)} of {len(limits)} tolerances undecided, {_why(undecided)}; the least certain "
-            f"is {least.name}: {_shown(least)}, limit {least.display_tolerance:.3g}."
-        )
+        reason = f"{len(undecided)} of {len(limits)} tolerances undecided, {_why(undecided)}"
+        if least.uncertainty is not None:
+            reason += f"; the least certain is {least.name}: {_shown(least)}"
+            reason += f", limit {least.display_tolerance:.3g}"
+        reason += "."
     else:
         name = VerdictName.PASS
         judged = [item for item in results if item.margin is not None and item.tolerance]

@@ -112,7 +112,9 @@ def _legend(result: Convergence) -> str:
     parts = [f"u_num of {' + '.join(result.inside)}"] if result.inside else []
     if result.not_studied:
         lacking = ", ".join(result.not_studied)
-        parts.append(f"not studied: {lacking}, so u_num is not known, and ≥ is what the others leave")
+        parts.append(f"not studied: {lacking}, so u_num is not known")
+        if result.inside:
+            parts.append("≥ is what the others leave")
     parts += [f"u_input of {', '.join(inputs)}, not in the verdict"] if inputs else []
     return "; ".join(parts) + "; a value closer to its limit than u_num is undecided"
 
