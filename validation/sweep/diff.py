@@ -467,7 +467,7 @@ def _of_study(uncertainty: Uncertainty | None) -> list[str]:
     ]
     if uncertainty.not_studied:
         told.append(
-            f"not studied: {', '.join(uncertainty.not_studied)}; the uncertainty without has no bound, and no "
-            "difference of a figure that it is of is called one"
+            f"not studied: {', '.join(uncertainty.not_studied)}; figures whose uncertainty lacks that have "
+            "no bound, and no difference of theirs is called one"
         )
     return told
