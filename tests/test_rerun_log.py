@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
+from scipy.spatial.transform import Rotation
 
 from ampm.exceptions import InputError
 from tests.saved_run import ZMP_ERROR, make_run
@@ -64,15 +65,26 @@ def test_segments_move_as_the_model_says(run_dir):
     record = load_record(run_dir)
     model = mujoco.MjModel.from_xml_string((run_dir / "model.xml").read_text(encoding="utf-8"))
     data = mujoco.MjData(model)
-    name = model.body(model.nbody - 1).name
-    moved = columns(run_dir / RECORDING_FILE, f"/world/body/{name}")
-    translation = moved["Transform3D:translation"].reshape(-1, 3)
-    quaternion = moved["Transform3D:quaternion"].reshape(-1, 4)
-    for row in (0, len(translation) // 2, len(translation) - 1):
-        data.qpos[:] = record.q[5 * row]
-        mujoco.mj_kinematics(model, data)
-        np.testing.assert_allclose(translation[row], data.body(name).xpos, atol=1e-6)
-        np.testing.assert_allclose(quaternion[row], np.roll(data.body(name).xquat, -1), atol=1e-6)
+    seen = 0
+    for name, at in (("ellipsoid", "centers"), ("box", "centers"), ("capsule", "translations")):
+        kind = getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}")
+        mine = np.flatnonzero((model.geom_type == kind) & (model.geom_bodyid > 0))
+        if not len(mine):
+            continue
+        moved = columns(run_dir / RECORDING_FILE, f"/world/body/{name}")
+        archetype = "Capsules3D" if name == "capsule" else "Boxes3D" if name == "box" else "Ellipsoids3D"
+        position, turned = moved[f"{archetype}:{at}"], moved[f"{archetype}:quaternions"]
+        for row in (0, len(position) // 2, len(position) - 1):
+            data.qpos[:] = record.q[5 * row]
+            mujoco.mj_kinematics(model, data)
+            matrix = data.geom_xmat[mine].reshape(-1, 3, 3)
+            place = data.geom_xpos[mine]
+            if name == "capsule":  # from its lower end
+                place = place - matrix[..., 2] * model.geom_size[mine, 1:2]
+            np.testing.assert_allclose(position[row], place, atol=1e-6)
+            np.testing.assert_allclose(Rotation.from_quat(turned[row]).as_matrix(), matrix, atol=1e-5)
+        seen += len(mine)
+    assert seen == np.count_nonzero((model.geom_bodyid > 0) & (model.geom_rbound > 0.005))
 
 
 def test_what_a_viewer_must_show_is_there(run_dir):
@@ -99,6 +111,23 @@ def test_identical_runs_give_identical_recordings(run_dir, tmp_path):
 def test_recording_is_small(run_dir):
     seconds = load_record(run_dir).time[-1]
     assert (run_dir / RECORDING_FILE).stat().st_size / seconds < 1e6
+
+
+def test_a_small_time_step_makes_no_larger_recording(tmp_path):
+    run = make_run(tmp_path, steps=2, settings=["simulation.time_step=0.0005"])
+    write_recording(run)
+    signals = load_signals(run / "signals.parquet")
+    time = signals["time"]
+    assert (run / RECORDING_FILE).stat().st_size / time[-1] < 1e6
+    kept = columns(run / RECORDING_FILE, "/signals/force_z")
+    rows = np.searchsorted(time, kept["time"] - 1e-9)
+    assert np.array_equal(kept["Scalars:scalars"][:, 2], signals["measured_force_z"][rows])
+    switches = np.flatnonzero(signals["phase"][1:] != signals["phase"][:-1]) + 1
+    assert len(switches)
+    assert {*switches, *(switches - 1), 0, len(time) - 1} <= set(rows)
+    changes = sum(np.count_nonzero(np.diff(signals[f"{foot}_contact"])) for foot in ("left", "right"))
+    assert len(rows) <= len(time) / 4 + 2 * (len(switches) + changes) + 2
+    assert "signals.parquet" in verdict_markdown(load_saved_run(run))
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.002, 0.9])

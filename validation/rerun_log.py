@@ -1,12 +1,14 @@
 """The recording: a run folder drawn as a Rerun file with its own blueprint.
 
 World frame, SI units, timeline ``sim_time``. What is drawn in 3D is float32 and about 100 pictures a second;
-the time series are float64 and hold every simulation step, so they can be read back as data.
+the curves are float64, one sample every 2 ms at most, and both sides of every switch: a screen shows no more,
+and a small time step would only make the file large. ``signals.parquet`` has every step.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ import mujoco
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ampm.gait import GaitPlan
 from ampm.geometry import convex_hull
@@ -40,9 +43,15 @@ RECORDING_FILE = "recording.rrd"
 PICTURE_RATE = 100.0
 """Pictures of the body per second [Hz]: beyond what an eye or a screen follows."""
 
+CURVE_STEP = 0.002
+"""Least time between samples of a curve [s]; both sides of every switch come on top."""
+
 FORCE_SCALE = 1.0 / 500.0
 """Length of a force arrow [m/N]: the weight of a person reaches from the floor past the COM, so that one sees
 whether the line of the force meets it."""
+
+_LEAST_SHAPE = 0.005
+"""Radius from which a shape of the body is drawn [m]."""
 
 SERIES = ("plan", "command", "measured")
 SERIES_COLORS = (PLAN, COMMAND, MEASURED)
@@ -123,87 +132,83 @@ def record_run(saved: SavedRun) -> Path:
 
 def _frames(saved: SavedRun) -> NDArray[np.intp]:
     """Rows of the signals of which a picture is drawn."""
-    rows = len(saved.signals)
-    step = saved.record.time_step
-    return np.arange(0, rows, max(1, round(1.0 / (PICTURE_RATE * step))))
+    return np.arange(0, len(saved.signals), _stride(saved, 1.0 / PICTURE_RATE))
+
+
+def _stride(saved: SavedRun, least: float) -> int:
+    """Rows of the signals in a time that is at least this [s]."""
+    return max(1, math.ceil(least / saved.record.time_step * (1.0 - 1e-9)))
+
+
+def _curve_rows(saved: SavedRun) -> NDArray[np.intp]:
+    """Rows of the signals that the curves have: evenly spread, before and at every switch, and the last."""
+    signals = saved.signals
+    rows = len(signals)
+    kept = np.zeros(rows, dtype=bool)
+    kept[:: _stride(saved, CURVE_STEP)] = True
+    kept[-1:] = True
+    changes = [signals.switches()[1:]]
+    for foot in ("left", "right"):
+        contact = signals[f"{foot}_contact"]
+        changes.append(np.flatnonzero(contact[1:] != contact[:-1]) + 1)
+    change = np.concatenate(changes)
+    kept[change] = kept[change - 1] = True
+    return np.flatnonzero(kept)
 
 
 # ----------------------------------------------------------------------------------------------- body
 
 
 def _log_body(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None:
-    """Segments as they are in the model, moved by forward kinematics of the recorded q."""
-    model = mujoco.MjModel.from_xml_string(saved.model_xml)
-    data = mujoco.MjData(model)
-    q = saved.record.q[frames]
-    position = np.empty((len(frames), model.nbody, 3))
-    quaternion = np.empty((len(frames), model.nbody, 4))
-    for row, qpos in enumerate(q):
-        data.qpos[:] = qpos
-        mujoco.mj_kinematics(model, data)
-        position[row] = data.xpos
-        quaternion[row] = data.xquat
-    times = saved.record.time[frames]
-    for body in range(1, model.nbody):
-        entity = f"world/body/{model.body(body).name}"
-        if not _log_shapes(log, entity, model, body):
-            continue
-        if len(frames):
-            log.columns(
-                entity,
-                times,
-                rr.Transform3D.columns(
-                    translation=position[:, body], quaternion=np.roll(quaternion[:, body], -1, axis=-1)
-                ),
-            )
+    """Segments as they are in the model, moved by forward kinematics of the recorded q.
 
-
-def _log_shapes(log: _Log, entity: str, model: Any, body: int) -> bool:
-    """Draw one body's geoms once, in its own frame; say whether there are any.
-
+    Shapes of one kind are one entity: every further one costs a short recording more than the motion in it.
     The millimetre spheres of the soles are left out: the contact points are drawn where they act.
     """
-    start = int(model.body_geomadr[body])
-    shapes: dict[int, list[int]] = {}
-    for geom in range(start, start + int(model.body_geomnum[body])):
-        if model.geom_rbound[geom] > 0.005:
-            shapes.setdefault(int(model.geom_type[geom]), []).append(geom)
-    drawn = False
-    for kind, geoms in shapes.items():
-        size = model.geom_size[geoms]
-        center = model.geom_pos[geoms].copy()
-        rotation = np.roll(model.geom_quat[geoms], -1, axis=-1)
-        color = [_shape_color(model.geom_rgba[geom]) for geom in geoms]
-        fill = rr.components.FillMode.Solid
+    model = mujoco.MjModel.from_xml_string(saved.model_xml)
+    data = mujoco.MjData(model)
+    drawn = np.flatnonzero((model.geom_bodyid > 0) & (model.geom_rbound > _LEAST_SHAPE))
+    position = np.empty((len(frames), len(drawn), 3))
+    rotation = np.empty((len(frames), len(drawn), 9))
+    for row, qpos in enumerate(saved.record.q[frames]):
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        position[row], rotation[row] = data.geom_xpos[drawn], data.geom_xmat[drawn]
+    times = saved.record.time[frames]
+    for kind in np.unique(model.geom_type[drawn]).tolist():
+        mine = np.flatnonzero(model.geom_type[drawn] == kind)
+        size = model.geom_size[drawn[mine]]
+        color = [_shape_color(model.geom_rgba[geom]) for geom in drawn[mine]]
+        place = position[:, mine]
+        shape: Any
+        looks: dict[str, Any] = {"colors": color, "fill_mode": rr.components.FillMode.Solid}
         if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
             # MuJoCo centres a capsule, Rerun starts it at its lower hemisphere's centre.
-            for row, geom in enumerate(geoms):
-                axis = np.empty(3)
-                mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, 1.0]), model.geom_quat[geom])
-                center[row] -= axis * size[row, 1]
-            shape: Any = rr.Capsules3D(
-                lengths=2 * size[:, 1], radii=size[:, 0], translations=center, quaternions=rotation,
-                colors=color, fill_mode=fill,
-            )  # fmt: skip
+            place = place - rotation[:, mine][..., 2::3] * size[:, 1:2]
+            shape = rr.Capsules3D
+            looks |= {"lengths": 2 * size[:, 1], "radii": size[:, 0]}
         elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-            shape = rr.Cylinders3D(
-                lengths=2 * size[:, 1], radii=size[:, 0], centers=center, quaternions=rotation,
-                colors=color, fill_mode=fill,
-            )  # fmt: skip
+            shape = rr.Cylinders3D
+            looks |= {"lengths": 2 * size[:, 1], "radii": size[:, 0]}
         elif kind == mujoco.mjtGeom.mjGEOM_BOX:
-            shape = rr.Boxes3D(
-                half_sizes=size, centers=center, quaternions=rotation, colors=color, fill_mode=fill
-            )
-        elif kind in (mujoco.mjtGeom.mjGEOM_ELLIPSOID, mujoco.mjtGeom.mjGEOM_SPHERE):
-            half = size if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else np.repeat(size[:, :1], 3, axis=1)
-            shape = rr.Ellipsoids3D(
-                half_sizes=half, centers=center, quaternions=rotation, colors=color, fill_mode=fill
-            )
+            shape = rr.Boxes3D
+            looks["half_sizes"] = size
+        elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            shape = rr.Ellipsoids3D
+            looks["half_sizes"] = size
+        elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+            shape = rr.Ellipsoids3D
+            looks["half_sizes"] = np.repeat(size[:, :1], 3, axis=1)
         else:
             continue  # planes and meshes: the floor is the grid
-        log.static(f"{entity}/{mujoco.mjtGeom(kind).name.removeprefix('mjGEOM_').lower()}", shape)
-        drawn = True
-    return drawn
+        entity = f"world/body/{mujoco.mjtGeom(kind).name.removeprefix('mjGEOM_').lower()}"
+        log.static(entity, shape.from_fields(**looks))
+        if not len(frames):
+            continue
+        turned = Rotation.from_matrix(rotation[:, mine].reshape(-1, 3, 3)).as_quat()
+        at = "translations" if shape is rr.Capsules3D else "centers"
+        poses = shape.columns(**{at: place.reshape(-1, 3)}, quaternions=turned)
+        log.columns(entity, times, poses.partition(np.full(len(frames), len(mine))))
 
 
 def _shape_color(rgba: Array) -> Color:
@@ -362,10 +367,11 @@ def _footprints(plan: GaitPlan) -> rr.LineStrips3D:
 
 
 def _log_series(log: _Log, saved: SavedRun) -> None:
-    """Plan, command and measurement of every step, and what lies between them."""
-    signals = saved.signals
-    if not len(signals):
+    """Plan, command and measurement, and what lies between them."""
+    if not len(saved.signals):
         return
+    rows = _curve_rows(saved)
+    signals = saved.signals.take(rows)
     times = signals.time
     weight = saved.record.mass * saved.record.gravity
 
@@ -410,8 +416,9 @@ def _log_series(log: _Log, saved: SavedRun) -> None:
     log.series("selfcheck/zmp", times, both, ("x", "y"), xyz[:2])
     feet = np.column_stack([signals["left_force_z"], signals["right_force_z"], signals["plan_force_z"]])
     log.series("signals/foot_force_z", times, feet, ("left", "right", "plan, both"), (LEFT, RIGHT, PLAN))
-    use = np.abs(saved.record.torque) / saved.record.torque_limit
-    if len(use) == len(times):
+    torque = saved.record.torque
+    if len(torque) == len(saved.signals):
+        use = np.abs(torque[rows]) / saved.record.torque_limit
         log.series("effort/torque", times, 100 * use.max(axis=1)[:, None], ("busiest motor",), (MEASURED,))
 
 

@@ -39,6 +39,12 @@ def verdict_markdown(saved: SavedRun) -> str:
         value = "not measured" if shown["value"] is None else f"{shown['value']:.3g} {shown['unit']}"
         passed = {True: "pass", False: "**FAIL**", None: ""}[metric.get("pass")]
         lines.append(f"| {name.replace('_', ' ')} | {value} | {shown['tolerance']:.3g} | {passed} |")
+    step = f"{1e3 * saved.record.time_step:g} ms"
+    lines += [
+        "",
+        "Curves: one sample every 2 ms at most, and both sides of every switch of phase or contact.",
+    ]
+    lines += [f"Every time step ({step}) is in `signals.parquet`."]
     return plain_text("\n".join(lines) + "\n")
 
 
@@ -60,8 +66,7 @@ def plot(name: str, *origins: str, whole: bool = False) -> rrb.TimeSeriesView:
     """Curves of one or several entities; about the cursor, or the whole run."""
     options: dict[str, Any] = {} if whole else {"axis_x": near()}
     where: dict[str, Any] = {"origin": origins[0]} if len(origins) == 1 else {"contents": list(origins)}
-    legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
-    return rrb.TimeSeriesView(name=name, plot_legend=legend, **where, **options)
+    return rrb.TimeSeriesView(name=name, **where, **options)
 
 
 def body_view(name: str, origin: str, contents: Sequence[str]) -> rrb.Spatial3DView:

@@ -58,6 +58,10 @@ class Signals:
         """Start of each step (N,) [s]."""
         return self["time"]
 
+    def take(self, rows: NDArray[np.intp]) -> Signals:
+        """Some of the rows, of every column."""
+        return Signals({name: column[rows] for name, column in self.columns.items()})
+
     def switches(self) -> NDArray[np.intp]:
         """Rows at which a planned phase begins, the first row included."""
         phase, stance = self["phase"], self["stance"]
