@@ -9,12 +9,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from ampm.exceptions import InputError
+from tests.browser import look
 from tests.sweep_table import make_table, replaced, write_sweep
 from tests.test_report import Page
 from validation.cli import call
 from validation.convergence.uncertainty import Uncertainty
 from validation.sweep.diff import ABSOLUTE_FLOOR, diff_tables, read_tolerances
-from validation.sweep.diff_text import describe_diff
+from validation.sweep.diff_text import describe_diff, write_page
 from validation.sweep.matching import match
 from validation.sweep.table import METRIC, State, SweepTable
 
@@ -87,6 +88,38 @@ def test_missing_and_new(base):
     assert compared(base.slice(0, 50), base.slice(5, 55), require_all=True).regressions == ["5 missing"]
 
 
+@pytest.mark.parametrize(
+    ("a", "b", "said"),
+    [
+        (60, 25, "; 35 of the 60 runs of A are missing in B, which is not finished."),
+        (60, 59, "; 1 of the 60 runs of A is missing in B, which is not finished."),
+        (25, 60, "; 35 of the 60 runs of B are missing in A, which is not finished."),
+        (25, 25, "; A and B are not finished."),
+        (60, 60, "."),
+    ],
+)
+def test_the_answer_says_what_is_missing(base, a, b, said):
+    diff = compared(base.slice(0, a), base.slice(0, b))
+    assert diff.sentence == f"No difference beyond noise in {min(a, b)} matched runs{said}"
+    assert bool(diff.lacking) == (said != ".")
+
+
+def test_a_regression_says_what_is_missing_too(base):
+    worse = replaced(base, "outcome", ["fell", *["completed"] * 59])
+    worse = replaced(worse, "verdict", ["not_measured", *base.column("verdict").to_pylist()[1:]])
+    assert "missing in B, which is not finished" in compared(base, worse.slice(0, 25)).sentence
+
+
+def test_an_incomplete_page_is_not_green(base, tmp_path, capsys):
+    one, two = write_sweep(tmp_path / "a", base), write_sweep(tmp_path / "b", base.slice(0, 25))
+    page = tmp_path / "diff.html"
+    assert call(["diff", str(one), str(two), "--out", str(page)]) == 0
+    assert "35 of the 60 runs of A are missing in B" in " ".join(capsys.readouterr().out.split())
+    html = page.read_text(encoding="utf-8")
+    assert 'class="card verdict open"' in html
+    assert "no regression in the runs that both have" in html
+
+
 def test_a_parameter_that_one_sweep_lacks(base):
     new_keys = [f"other-{i}" for i in range(60)]
     older = replaced(base, "key", new_keys).drop_columns(["contact.friction"])
@@ -96,13 +129,17 @@ def test_a_parameter_that_one_sweep_lacks(base):
     assert "all parameters that are comparable" in found.by
 
 
-def test_a_default_that_was_changed(base):
+def test_a_default_that_was_changed(base, tmp_path):
     other = replaced(base, "key", [f"other-{i}" for i in range(60)])
     other = replaced(other, "body.mass", [61.0] * 60)
     diff = compared(base, other)
     assert len(diff.matching.a) == 60
     assert diff.matching.changed == (("body.mass", "60.0", "61.0"),)
     assert any("body.mass is 60.0" in note for note in diff.notes)
+    write_page(diff, tmp_path / "diff.html", force=False)
+    text = Page((tmp_path / "diff.html").read_text(encoding="utf-8")).text
+    assert "body.mass is 60.0" in text  # as it is typed
+    assert "Body.mass" not in text
 
 
 def test_a_parameter_that_only_one_sweep_varies_is_ambiguous():
@@ -342,6 +379,26 @@ def test_command_line(folders, tmp_path, capsys):
     assert call(["diff", f"{a}/results.parquet", f"{b}/results.parquet"]) == 1
     assert call(["diff", a, b, "--out", str(page)]) == 2  # it exists
     assert call(["diff", a, b, "--out", str(page), "--force"]) == 1
+
+
+@pytest.mark.parametrize("size", [(390, 844), (768, 1024), (1366, 768)])
+def test_better_and_worse_are_in_the_window(folders, tmp_path, size):
+    page = tmp_path / "diff.html"
+    assert call(["diff", *folders, "--out", str(page)]) == 1
+    probe = """
+    const out = [];
+    for (const name of ["all runs", "better", "worse", "beyond"])
+      for (const cell of document.querySelectorAll(`td[data-name="${name}"]`)) {
+        const box = cell.getBoundingClientRect();
+        const card = cell.closest(".card").getBoundingClientRect();
+        out.push(box.width > 0 && box.left >= card.left && box.right <= card.right);
+      }
+    tell({ cells: out, width: innerWidth, scroll: document.documentElement.scrollWidth });
+    """
+    told = look(page, tmp_path, probe, size=size).told
+    assert len(told["cells"]) >= 4 * 17
+    assert all(told["cells"])
+    assert told["scroll"] <= told["width"]
 
 
 def test_json(folders, capsys):

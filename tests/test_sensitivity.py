@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 from scipy.stats import qmc, spearmanr
 
-from validation.sweep.sensitivity import LEAST_RUNS, MOST_RUNS, analyse, classes, entangled
+from validation.sweep.report_sensitivity import _cell
+from validation.sweep.sensitivity import (
+    LEAST_RUNS,
+    MOST_RUNS,
+    Influence,
+    Sensitivity,
+    analyse,
+    classes,
+    entangled,
+)
 
 
 def ishigami(count, dimensions=4, seed=2):
@@ -62,6 +71,35 @@ def test_levels_and_words():
     assert by_name["words"].clear
     assert not by_name["grid"].clear
     assert not math.isnan(by_name["grid"].rho)
+
+
+@pytest.mark.parametrize(
+    ("clear_rho", "clear_share", "first", "width"),
+    [
+        (True, False, "ρ −0.38", 0),
+        (False, True, "4\u00a0% [0, 9]", "4"),
+        (True, True, "4\u00a0% [0, 9]", "4"),
+    ],
+)
+def test_bold_is_what_made_it_a_driver(clear_rho, clear_share, first, width):
+    item = Influence("gait.c_s", -0.38, (-0.5, -0.2), 0.04, (0.0, 0.09), clear_rho, clear_share)
+    cell = _cell(item, Sensitivity("y", 60, 60, (item,), 0.05))
+    assert item.clear
+    assert cell["beyond"]
+    assert cell["lines"][0] == (first, True)
+    assert dict(cell["lines"])["ρ −0.38"] is clear_rho
+    assert cell["width"] == width
+
+
+def test_a_trend_and_a_share_are_told_apart():
+    rng = np.random.default_rng(4)
+    x = rng.random((60, 2))
+    trend = analyse({"a": x[:, 0], "b": x[:, 1]}, "y", x[:, 0] + 0.55 * rng.normal(size=60))
+    wave = analyse({"a": x[:, 0], "b": x[:, 1]}, "y", np.cos(2 * np.pi * x[:, 0]))
+    assert trend.influences[0].clear_rho
+    assert wave.influences[0].clear_share
+    assert not wave.influences[0].clear_rho
+    assert not trend.influences[1].clear
 
 
 def test_silence():

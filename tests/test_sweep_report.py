@@ -20,7 +20,7 @@ from tests.test_report import Page
 from validation.cli import call
 from validation.sweep import map_data
 from validation.sweep.report import REPORT_FILE, render, worst_rows, write_sweep_report
-from validation.sweep.report_rows import Repeat, links_of
+from validation.sweep.report_rows import Repeat, facts, links_of
 from validation.sweep.table import STATES, State, SweepTable, read_sweep
 from validation.sweep.tally import judge_sweep, share
 
@@ -348,6 +348,19 @@ def test_a_tolerance_of_zero():
     assert sweep_of(table).used("failed_qp").tolist() == [0.0, np.inf]
 
 
+def test_unsolved_problems_are_counted():
+    table = make_table(20, failures=False)
+    sweep = sweep_of(replaced(table, "metric_failed_qp", [4.0] * 12 + [0.0] * 8))
+    found = dict(facts(sweep))
+    assert found["over a limit of 0 (unsolved QPs)"] == "12 of 20"
+    assert re.fullmatch(r"\d+\u00a0%", found["of its tightest tolerance above 0, the median run uses"])
+    text = Page(render(sweep)).text
+    assert "inf\u00a0%" not in text
+    assert "unsolved QPs: 4, limit 0" in text
+    assert "4.00" not in text
+    assert not any("limit of 0" in label for label, _ in facts(sweep_of(table)))
+
+
 def test_a_run_is_repeated_with_every_digit(folder):
     from ampm.parameters import load_run
 
@@ -461,6 +474,33 @@ def test_page_lives(folder, html, tmp_path, size, dark):
     assert told["scroll"] <= told["width"]  # nothing sticks out sideways
     assert told["dark"] is dark
     assert told["page"] == ("rgb(20, 23, 27)" if dark else "rgb(251, 251, 250)")
+
+
+@pytest.mark.parametrize("size", [(390, 844), (600, 800), (1366, 768)])
+def test_nothing_decisive_is_hidden(folder, html, tmp_path, size):
+    path = tmp_path / "report.html"
+    path.write_text(html, encoding="utf-8")
+    probe = """
+    const inside = (cell) => {
+      const box = cell.getBoundingClientRect(), card = cell.closest(".card").getBoundingClientRect();
+      return box.width > 0 && box.left >= card.left && box.right <= card.right;
+    };
+    const table = (name) => document.querySelector(`table.${name}`);
+    tell({
+      head: table("figures").rows[0].cells[1].textContent,
+      over: [...table("figures").rows].filter((r) => r.cells.length > 1).map((r) => inside(r.cells[1])),
+      clear: [...document.querySelectorAll(".matrix .clear")].map(inside),
+      fits: [table("figures"), table("matrix")].map((t) => t.parentElement)
+        .every((card) => card.scrollWidth <= card.clientWidth),
+    });
+    """
+    told = look(path, tmp_path, probe, size=size).told
+    assert told["head"] == "over"
+    assert len(told["over"]) > 10
+    assert all(told["over"])
+    assert len(told["clear"]) > 5
+    assert all(told["clear"])
+    assert told["fits"]
 
 
 @pytest.mark.parametrize("kind", ["grid", "large", "one parameter"])

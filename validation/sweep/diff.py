@@ -164,16 +164,41 @@ class SweepDiff:
         """The answer in one sentence."""
         pairs = len(self.matching.a)
         runs = f"{pairs:,} matched run{'' if pairs == 1 else 's'}"
+        lacking = "".join(f"; {part}" for part in self.lacking)
         if self.regressions:
-            return f"Regression in {runs}: {', '.join(self.regressions)}."
+            return f"Regression in {runs}: {', '.join(self.regressions)}{lacking}."
         gained = len(self.of_kind("newly_passing"))
         better = sum(item.verdict == "better" for item in self.metrics)
         parts = [f"{gained} newly passing"] if gained else []
         parts += [f"{better} figure{'' if better == 1 else 's'} better over all runs"] if better else []
         if parts:
-            return f"No regression in {runs}; {', '.join(parts)}."
+            return f"No regression in {runs}; {', '.join(parts)}{lacking}."
         changed = any(item.better or item.worse for item in self.metrics) or self.changes
-        return f"No regression in {runs}." if changed else f"No difference beyond noise in {runs}."
+        return f"No {'regression' if changed else 'difference beyond noise'} in {runs}{lacking}."
+
+    @property
+    def lacking(self) -> list[str]:
+        """What the comparison says nothing of, in words; empty if every run of either sweep has a partner."""
+        found = []
+        severally = len(self.matching.ambiguous)
+        for rows, left, right, name, other in (
+            (len(self.matching.missing) - severally, self.a, self.b, "A", "B"),
+            (len(self.matching.new), self.b, self.a, "B", "A"),
+        ):
+            # Runs that only B has are no gap, unless A was to have them.
+            unfinished = right.planned > len(right)
+            if rows > 0 and (name == "A" or unfinished):
+                state = ", which is not finished" if unfinished else ""
+                verb = "is" if rows == 1 else "are"
+                found.append(f"{rows:,} of the {len(left):,} runs of {name} {verb} missing in {other}{state}")
+        if severally:
+            found.append(f"{severally:,} of A {'has' if severally == 1 else 'have'} several partners in B")
+        if not found:
+            open_ends = [name for name, side in (("A", self.a), ("B", self.b)) if side.planned > len(side)]
+            if open_ends:
+                verb = "is" if len(open_ends) == 1 else "are"
+                found.append(f"{' and '.join(open_ends)} {verb} not finished")
+        return found
 
 
 _REGRESSIONS = {

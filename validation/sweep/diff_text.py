@@ -40,6 +40,7 @@ def describe_diff(diff: SweepDiff) -> dict[str, Any]:
         "regression": bool(diff.regressions),
         "sentence": diff.sentence,
         "regressions": diff.regressions,
+        "lacking": diff.lacking,
         "a": _side(diff.a),
         "b": _side(diff.b),
         "matched": {
@@ -148,21 +149,21 @@ def print_diff(diff: SweepDiff) -> None:
         changes = diff.of_kind(kind)
         if changes:
             _print_changes(f"{title}: {len(changes):,}", changes)
-    style = "bold red" if diff.regressions else "bold green"
+    style = "bold red" if diff.regressions else "bold yellow" if diff.lacking else "bold green"
     print_line(f"[{style}]{escape(diff.sentence)}[/]")
 
 
 _COLUMNS = (
     ("figure", "left"),
+    ("all runs", "left"),
+    ("better", "right"),
+    ("worse", "right"),
+    ("beyond", "right"),
     ("median A", "right"),
     ("median B", "right"),
     ("unit", "left"),
     ("shift", "right"),
     ("p", "right"),
-    ("all runs", "left"),
-    ("better", "right"),
-    ("worse", "right"),
-    ("beyond", "right"),
     ("noise", "right"),
     ("worst", "left"),
 )
@@ -174,15 +175,15 @@ def _cells(item: MetricChange) -> tuple[str, ...]:
     noise = "no bound" if math.isinf(item.noise) else figure(scale * item.noise, 2)
     return (
         metric_label(item.metric),
+        item.verdict,
+        f"{item.better:,}",
+        f"{item.worse:,}",
+        f"{item.regressed:,}",
         figure(scale * item.before),
         figure(scale * item.after),
         unit,
         f"{scale * item.shift:+.2g}" if item.shift else "0",
         figure(item.p, 2),
-        item.verdict,
-        f"{item.better:,}",
-        f"{item.worse:,}",
-        f"{item.regressed:,}",
         noise,
         worst if item.worst else "",
     )
@@ -192,9 +193,9 @@ def _row(item: MetricChange) -> tuple[str, ...]:
     cells = [escape(cell) for cell in _cells(item)]
     colour = {"worse": "red", "better": "green"}.get(item.verdict)
     if colour:
-        cells[6] = f"[{colour}]{cells[6]}[/]"
+        cells[1] = f"[{colour}]{cells[1]}[/]"
     if item.regressed:
-        cells[9] = f"[red]{cells[9]}[/]"
+        cells[4] = f"[red]{cells[4]}[/]"
     return tuple(cells)
 
 
@@ -260,7 +261,7 @@ def write_page(diff: SweepDiff, path: Path, *, force: bool) -> None:
         diff=diff,
         sides=[_side(diff.a), _side(diff.b)],
         transitions=_ordered(diff),
-        columns=[name for name, _ in _COLUMNS],
+        columns=_COLUMNS,
         metrics=[(_cells(item), item) for item in diff.metrics],
         changes=[
             (

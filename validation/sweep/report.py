@@ -20,6 +20,7 @@ from validation.report import metric_label, number, with_unit
 from validation.sweep import figures, map_data, store
 from validation.sweep.report_rows import (
     Repeat,
+    amount,
     broken_rows,
     environment_rows,
     facts,
@@ -219,7 +220,7 @@ def _figure_table(sweep: SweepTable) -> list[tuple[str, list[dict[str, Any]]]]:
         if not known.size:
             continue
         over = int((sweep.used(name) > 1.0).sum())
-        median, high, largest = (with_unit(float(np.quantile(known, q)), unit) for q in (0.5, 0.95, 1.0))
+        median, high, largest = (amount(np.quantile(known, q), unit) for q in (0.5, 0.95, 1.0))
         entry = {
             "label": metric_label(name),
             "median": median,

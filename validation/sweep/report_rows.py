@@ -79,6 +79,13 @@ def value_text(value: Any) -> str:
     return str(value)
 
 
+def amount(value: float, unit: str) -> str:
+    """A figure and its unit; a whole number without one is a count and has no decimals."""
+    if not unit and float(value).is_integer() and abs(value) < 1e5:
+        return f"{value:.0f}"
+    return with_unit(float(value), unit)
+
+
 # ------------------------------------------------------------------------------------------------ runs
 
 
@@ -139,7 +146,7 @@ def _used_sentence(sweep: SweepTable, row: int) -> str:
     worst = max(shares, key=lambda name: shares[name])
     values, limit, unit = sweep.shown(worst)
     unit = "% BW" if unit == "% of body weight" else unit
-    text = f"{metric_label(worst)}: {with_unit(float(values[row]), unit)}"
+    text = f"{metric_label(worst)}: {amount(values[row], unit)}"
     if limit is not None:
         text += f", limit {with_unit(f'{limit:.6g}', unit)}"
     over = sum(value > 1.0 for value in shares.values())
@@ -248,14 +255,30 @@ def facts(sweep: SweepTable) -> list[tuple[str, str]]:
         text = f"{known[0]:.0f}" if known.size == 1 else f"{known[0]:.0f} … {known[-1]:.0f}"
         rows.append(("steps of a run", text))
     rows.append(("parameters that vary", f"{len(sweep.varied)}"))
-    completed = sweep.worst_used[~np.isnan(sweep.worst_used)]
-    if completed.size:
-        rows.append(
-            ("of its tightest tolerance, the median run uses", f"{100 * np.median(completed):.0f}\u00a0%")
-        )
+    rows += _used_facts(sweep)
     total = np.nansum(sweep.numbers("timing_total"))
     if total > 0.0:
         rows.append(("computing time", duration(float(total))))
+    return rows
+
+
+def _used_facts(sweep: SweepTable) -> list[tuple[str, str]]:
+    """How much of the tolerances is used; a broken limit of 0 has no share, and is counted instead."""
+    shares = {name: sweep.used(name) for name in sweep.metrics if name in sweep.limits}
+    if not shares:
+        return []
+    used = np.stack(list(shares.values()))
+    worst = np.max(np.where(np.isfinite(used), used, -np.inf), axis=0)
+    worst = worst[np.isfinite(worst)]
+    broken = [name for name, values in shares.items() if np.isinf(values).any()]
+    rows = []
+    if worst.size:
+        which = "tolerance above 0" if broken else "tolerance"
+        rows.append((f"of its tightest {which}, the median run uses", f"{100 * np.median(worst):.0f}\u00a0%"))
+    if broken:
+        names = "; ".join(metric_label(name) for name in broken)
+        count, measured = int(np.isinf(used).any(axis=0).sum()), int(sweep.measured.sum())
+        rows.append((f"over a limit of 0 ({names})", f"{count:,} of {measured:,}"))
     return rows
 
 

@@ -88,7 +88,7 @@ def sensitivity_table(sweep: SweepTable) -> SensitivityTable:
             silent=f"{completed} completed run{' is' if completed == 1 else 's are'} too few to say what "
             f"drives an error; at {LEAST_RUNS} and more this section has an answer.",
         )
-    columns = tuple(sorted(ranked[:MOST_COLUMNS], key=keys.index))
+    columns = ranked[:MOST_COLUMNS]  # the strongest first, where no window cuts them off
     return SensitivityTable(
         rows=[_row(item, columns) for item in found if not item.silent],
         unsaid=_unsaid(found),
@@ -120,32 +120,43 @@ def _row(item: Sensitivity, columns: tuple[str, ...]) -> dict[str, Any]:
     if item.drawn_from > item.runs:
         runs = f"{item.runs:,} of {item.drawn_from:,} runs, drawn at random"
     by_name = {influence.parameter: influence for influence in item.influences}
+    ranked = [influence.parameter for influence in item.drivers]
+    cells = [_cell(by_name[key], item) for key in columns]
+    for cell in cells:
+        cell["order"] = ranked.index(cell["key"]) if cell["key"] in ranked else len(ranked)
     return {
         "label": item.target,
         "runs": runs,
-        "cells": [_cell(by_name[key], item) for key in columns],
+        "cells": cells,
+        "idle": not any(cell["beyond"] for cell in cells),
     }
 
 
 def _cell(item: Influence, of: Sensitivity) -> dict[str, Any]:
     if math.isnan(item.share):
         text = "does not vary among these runs"
-        return {"share": "–", "rho": "", "beyond": False, "width": 0, "title": f"{item.parameter}: {text}"}
+        return {
+            "key": item.parameter,
+            "lines": [("–", False)],
+            "beyond": False,
+            "width": 0,
+            "title": f"{item.parameter}: {text}",
+        }
     low, high = item.share_interval
     title = (
         f"{of.target} by {item.parameter}: S1 = {100 * item.share:.0f} % [{100 * low:.0f}, "
         f"{100 * high:.0f}], chance reaches {100 * of.noise:.0f} %"
     )
-    rho = ""
+    lines = [(f"{100 * item.share:.0f}\u00a0% [{100 * low:.0f}, {100 * high:.0f}]", item.clear_share)]
     if not math.isnan(item.rho):
         bounds = ", ".join(number(float(f"{value:.2f}"), 2) for value in item.rho_interval)
-        rho = f"ρ {_signed(item.rho)}"
+        lines.append((f"ρ {_signed(item.rho)}", item.clear_rho))
         title += f"; rho = {_signed(item.rho)} [{bounds}]"
     return {
-        "share": f"{100 * item.share:.0f}\u00a0% [{100 * low:.0f}, {100 * high:.0f}]",
-        "rho": rho,
+        "key": item.parameter,
+        "lines": sorted(lines, key=lambda line: not line[1]),  # first what made the parameter a driver
         "beyond": item.clear,
-        "width": f"{100 * item.share:.0f}",
+        "width": f"{100 * item.share:.0f}" if item.clear_share else 0,
         "title": title,
     }
 

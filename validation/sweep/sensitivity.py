@@ -60,7 +60,8 @@ class Influence:
         rho_interval: 95 % interval of it.
         share: first-order Sobol index S1 [1]; NaN if the parameter does not vary among these runs.
         share_interval: 95 % interval of it.
-        clear: whether either is beyond what chance gives.
+        clear_rho: whether the rank correlation is beyond what chance gives.
+        clear_share: the same of the Sobol index.
     """
 
     parameter: str
@@ -68,7 +69,13 @@ class Influence:
     rho_interval: tuple[float, float]
     share: float
     share_interval: tuple[float, float]
-    clear: bool
+    clear_rho: bool
+    clear_share: bool
+
+    @property
+    def clear(self) -> bool:
+        """Whether either is beyond what chance gives."""
+        return self.clear_rho or self.clear_share
 
 
 @dataclass(frozen=True)
@@ -166,7 +173,9 @@ def analyse(
     noise = max(float(np.quantile(chance_share, SIGNIFICANCE)), 0.0)
     noise_rho = float(np.quantile(chance_rho, SIGNIFICANCE))
     influences = tuple(
-        Influence(name, rho, rho_interval, share, share_interval, bool(share > noise or abs(rho) > noise_rho))
+        Influence(
+            name, rho, rho_interval, share, share_interval, bool(abs(rho) > noise_rho), bool(share > noise)
+        )
         for name, (share, share_interval), (rho, rho_interval) in zip(names, shares, ranks, strict=True)
     )
     return Sensitivity(target, len(rows), found, influences, noise)
