@@ -45,6 +45,7 @@ def test_workflow_is_one():
     found = workflow()
     triggers = found.get("on", found.get(True)) or {}  # YAML 1.1 takes `on` for a truth value
     assert "pull_request" in triggers
+    assert not triggers["pull_request"]  # a filter would leave a required check pending
     assert found["permissions"] == {"contents": "read"}
     job = found["jobs"]["gate"]
     assert job["timeout-minutes"] <= 60
@@ -52,7 +53,11 @@ def test_workflow_is_one():
     uses = [step["uses"] for step in job["steps"] if "uses" in step]
     assert all(re.fullmatch(r"actions/[\w-]+@v\d+", name) for name in uses)
     paths = [step["with"]["path"] for step in job["steps"] if "checkout" in step.get("uses", "")]
-    assert paths == ["head", "base"]
+    assert paths == ["head"]
+    guarded = [step for step in job["steps"] if step.get("if") == "steps.changes.outputs.walk == 'true'"]
+    free = [step.get("name") for step in job["steps"] if "if" not in step]
+    assert len(guarded) == 6
+    assert free == ["Check out the pull request, as merged", "See whether a walk can change"]
 
 
 def test_fragments_of_the_page_are_yaml():
@@ -108,6 +113,7 @@ def workspace(tmp_path):
     worse = replaced(table, "outcome", ["fell", *["completed"] * 7])
     worse = replaced(worse, "verdict", ["not_measured", *table.column("verdict").to_pylist()[1:]])
     write_sweep(tmp_path / "prepared" / "worse", worse)
+    merge(tmp_path / "head", "validation/run.py")
     for side in ("head", "base"):
         folder = tmp_path / side / ".venv" / "bin"
         folder.mkdir(parents=True)
@@ -124,17 +130,74 @@ def workspace(tmp_path):
     return tmp_path
 
 
+def merge(folder: Path, changed: str) -> None:
+    """Make a checkout of a merge that changes one file, as far back as the workflow fetches it."""
+    git = ["git", "-C", str(folder), "-c", "user.name=A", "-c", "user.email=a@example.org"]
+
+    def run(*words: str) -> None:
+        subprocess.run([*git, *words], check=True, capture_output=True, timeout=60)
+
+    folder.mkdir()
+    run("init", "--quiet", "--initial-branch=main")
+    for name in ("validation/run.py", "docs/sweeps.md", "docs/examples/gate.toml", "README.md", changed):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("before\n", encoding="utf-8")
+        run("add", name)
+    run("commit", "--quiet", "--message", "base")
+    run("checkout", "--quiet", "-b", "change")
+    (folder / changed).write_text("after\n", encoding="utf-8")
+    run("commit", "--quiet", "--all", "--message", "change")
+    run("checkout", "--quiet", "main")
+    run("merge", "--quiet", "--no-ff", "--message", "merge", "change")
+
+
+@pytest.mark.parametrize(
+    ("changed", "walked"),
+    [
+        ("validation/run.py", True),
+        ("docs/examples/gate.toml", True),
+        (".github/workflows/gate.yml", True),
+        ("docs/sweeps.md", False),
+        ("docs/images/map.svg", False),
+        ("README.md", False),
+    ],
+)
+def test_what_is_walked(tmp_path, changed, walked):
+    for needed in ("bash", "git"):
+        if shutil.which(needed) is None:
+            pytest.skip(f"no {needed} on this machine")
+    merge(tmp_path / "head", changed)
+    output, summary = tmp_path / "output.txt", tmp_path / "summary.md"
+    summary.touch()
+    env = {**os.environ, "GITHUB_OUTPUT": str(output), "GITHUB_STEP_SUMMARY": str(summary)}
+    script = ["bash", "-eo", "pipefail", "-c", scripts()["See whether a walk can change"]]
+    subprocess.run(script, cwd=tmp_path, env=env, check=True, timeout=60)
+    assert output.read_text(encoding="utf-8").split() == [f"walk={str(walked).lower()}"]
+    assert ("nothing is walked" in summary.read_text(encoding="utf-8")) is not walked
+    if walked:
+        checkout = ["bash", "-e", "-c", scripts()["Check out the branch that it goes into"]]
+        subprocess.run(checkout, cwd=tmp_path, env=env, check=True, capture_output=True, timeout=60)
+        assert (tmp_path / "base" / changed).read_text(encoding="utf-8") == "before\n"
+
+
 def walk_through(workspace: Path, **environment: str) -> tuple[dict[str, int], str]:
     """Run the steps as the runner would: a failed one skips those after it that are not for ``always()``."""
-    summary = workspace / "summary.md"
+    summary, output = workspace / "summary.md", workspace / "output.txt"
     summary.touch()
+    output.touch()
     root = DOCS.parent
-    env = {**os.environ, **environment, "GITHUB_STEP_SUMMARY": str(summary), "PYTHONPATH": str(root)}
+    env = {
+        **os.environ, **environment, "GITHUB_STEP_SUMMARY": str(summary), "GITHUB_OUTPUT": str(output),
+        "PYTHONPATH": str(root),
+    }  # fmt: skip
     statuses: dict[str, int] = {}
     for step in workflow()["jobs"]["gate"]["steps"]:
-        if "run" not in step or "make " in step["run"]:
+        if "run" not in step or "make " in step["run"] or "worktree" in step["run"]:
             continue
-        if any(statuses.values()) and step.get("if") != "always()":
+        when = step.get("if", "")
+        if any(statuses.values()) and when != "always()":
+            continue
+        if "outputs.walk" in when and "walk=true" not in output.read_text(encoding="utf-8"):
             continue
         done = subprocess.run(
             ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]],
