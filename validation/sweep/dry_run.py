@@ -39,10 +39,10 @@ UNSEEN_FALLS = "falls show only when it is walked"
 CONFIDENCE = 0.95
 """Of the interval for the runs that get as far as walking."""
 
-MEMORY_BASE = 290.0
-MEMORY_PER_STEP = 0.01
-"""Memory of a worker, and what a time step of its walk adds [MB]: from above, of 30 steps of ``normal`` at 2,
-1 and 0.5 ms (378, 489 and 657 MB), before a walk's signals were sorted on the way."""
+MEMORY_BASE = 320.0
+MEMORY_PER_STEP = 0.006
+"""Memory of a worker, and what a time step of its walk adds [MB]: a bound for 30 steps of ``normal`` at 2, 1,
+0.5 and 0.25 ms, 332, 431, 499 and 718 MB."""
 MEMORY_NOTED = 500.0
 """From which on a dry run says so [MB]."""
 
