@@ -295,7 +295,8 @@ def _keep_worst(
     worst = worst_runs(table, metadata, jobs.definition.worst)
     wanted = [run for run in worst if not (jobs.folder / RECORDINGS / jobs.cases.name(run)).is_dir()]
     again = _Collected()
-    with narrator.stage(f"recordings of the {len(worst)} worst runs", "runs") as stage:
+    those = "worst run" if len(worst) == 1 else f"{len(worst)} worst runs"
+    with narrator.stage(f"recordings of the {those}", "runs") as stage:
         if wanted:
             # Without a guard on the clock: they have come to their end before.
             todo = (replace(jobs.task(run, keep=True), wall_clock=None) for run in wanted)

@@ -16,7 +16,8 @@ _EXAMPLES = 3  # bodily refusals told in full
 def print_dry_run(dry: DryRun) -> None:
     """Print a dry run for a reader."""
     definition, probe, rates = dry.definition, dry.probe, dry.rates
-    rows = [("runs", _count(dry.runs), "", f"of {escape(definition.gait)}, {definition.steps} steps each")]
+    steps = "1 step" if definition.steps == 1 else f"{definition.steps} steps"
+    rows = [("runs", _count(dry.runs), "", f"of {escape(definition.gait)}, {steps} each")]
     for item in dry.refusals:
         share = _share(item.count, dry.runs)
         rows.append((f"refused: {item.reason}", _count(item.count), share, _hint(item)))

@@ -160,7 +160,8 @@ def solve_motions(
     examples: dict[str, str] = {}
     runs = 0
     start = time.perf_counter()
-    with stages.stage(f"motions of {len(chosen)} gaits, as a sample", "gaits") as stage:
+    told = "motion of 1 gait" if len(chosen) == 1 else f"motions of {len(chosen)} gaits"
+    with stages.stage(f"{told}, as a sample", "gaits") as stage:
         for done, index in enumerate(chosen, start=1):
             case, count = passed[index]
             runs += count

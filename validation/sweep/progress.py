@@ -58,7 +58,8 @@ class SweepProgress:
     ) -> None:
         if self._bar is not None:
             self._bar.stop()
-        self.console.print(f"sweep: {self.done} of {self.total} runs, {self.text()}", markup=False)
+        runs = "run" if self.total == 1 else "runs"
+        self.console.print(f"sweep: {self.done} of {self.total} {runs}, {self.text()}", markup=False)
 
     @property
     def done(self) -> int:
