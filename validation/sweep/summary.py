@@ -113,7 +113,8 @@ def print_summary(summary: dict[str, Any], directory: str) -> None:
         elif name == "refused":
             detail = ", ".join(f"{n} {reason}" for reason, n in summary["refusals"].items())
         rows.append((name.replace("_", " "), str(number), detail))
-    title = f"sweep {summary['name']}: {summary['rows']} of {summary['runs']} run{'' if summary['runs'] == 1 else 's'}"
+    noun = "run" if summary["runs"] == 1 else "runs"
+    title = f"sweep {summary['name']}: {summary['rows']} of {summary['runs']} {noun}"
     print_table(title, (("outcome", "left"), ("runs", "right"), ("", "left")), rows)
     if summary["failed"]:
         shown = ", ".join(f"{name} {number}" for name, number in list(summary["failed"].items())[:_SHOWN])
