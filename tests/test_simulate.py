@@ -163,6 +163,17 @@ def test_the_size_of_the_logs_blocks_shows_nowhere(monkeypatch, block):
     assert first_difference(plain(), walk()) is None
 
 
+def test_joint_sensors_read_what_the_simulator_reads():
+    record, model = plain(), body_of().compile()
+    data = mujoco.MjData(model)
+    for k in (0, 1, record.steps // 2, record.steps):
+        data.qpos[:], data.qvel[:] = record.q[k], record.qd[k]
+        mujoco.mj_forward(model, data)
+        for joint in record.joint_names:
+            for kind in ("position", "velocity"):
+                assert record.sensors[f"{joint}_{kind}"][k] == data.sensor(f"{joint}_{kind}").data
+
+
 def test_a_walk_is_recorded_without_a_copy():
     record = plain()
     arrays = [record.q, record.point_velocity, record.command_point_force, *record.sensors.values()]

@@ -405,8 +405,8 @@ def _exact(value: float) -> float | str:
 
 
 def _frozen(value: Any, dtype: Any) -> NDArray[Any]:
-    """Read-only and C-contiguous: as it is if nobody can write to it any more, else a copy."""
-    if isinstance(value, np.ndarray) and value.dtype == dtype and value.flags.c_contiguous:
+    """Read-only: as it is if nobody can write to it any more, else a C-contiguous copy."""
+    if isinstance(value, np.ndarray) and value.dtype == dtype:
         owner: Any = value
         while isinstance(owner, np.ndarray) and not owner.flags.writeable:
             owner = owner.base

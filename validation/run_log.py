@@ -10,13 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
+import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import mujoco
     from numpy.typing import NDArray
 
     from ampm.controller import ControlOutput
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 _FRICTION_ROWS = 3  # of a contact of a point on the floor: normal and two tangents
 _LIMIT_ROWS = 2  # of a joint at its limits
+_JOINT_POSITION = int(mujoco.mjtSensor.mjSENS_JOINTPOS)
+_JOINT_VELOCITY = int(mujoco.mjtSensor.mjSENS_JOINTVEL)
 _BLOCK = 1024  # steps that are kept as MuJoCo has them; all of a long walk would fill the memory
 
 
@@ -78,6 +80,8 @@ class RunLog:
         substeps: steps of a control tick.
         time_step: dt [s].
         block: the steps that are not sorted yet.
+        sensors: name to readings, in the model's order.
+        sensor_columns: name to the place of those readings that are sorted out of a block.
         sorted: number of steps that are.
     """
 
@@ -126,14 +130,19 @@ class RunLog:
                 zip(model.sensor_adr.tolist(), model.sensor_dim.tolist(), strict=True)
             )
         }
+        q, qd = np.empty((steps + 1, model.nq)), np.empty((steps + 1, model.nv))
+        readings = _joint_readings(model, q, qd)
+        columns = {name: part for name, part in columns.items() if name not in readings}
+        made = {name: np.empty((steps + 1, part.stop - part.start)) for name, part in columns.items()}
+        order = [model.sensor(i).name for i in range(model.nsensor)]
         return cls(
             point_sites=point_sites,
             sole_sites=list(sole_sites),
             substeps=substeps,
             time_step=float(model.opt.timestep),
             block=_Block.empty(min(steps, _BLOCK), model, points),
-            q=np.empty((steps + 1, model.nq)),
-            qd=np.empty((steps + 1, model.nv)),
+            q=q,
+            qd=qd,
             torque=np.empty((steps, model.nu)),
             warmstart=np.empty((steps, model.nv)),
             point_force=np.zeros((steps, points, 3)),
@@ -151,7 +160,7 @@ class RunLog:
             qp_residual=np.empty(ticks),
             qp_iterations=np.empty(ticks, dtype=np.int32),
             qp_time=np.empty(ticks),
-            sensors={name: np.empty((steps + 1, part.stop - part.start)) for name, part in columns.items()},
+            sensors={name: made[name] if name in made else readings[name] for name in order},
             sensor_columns=columns,
         )
 
@@ -252,8 +261,8 @@ class RunLog:
         if instants:
             xyzw = Rotation.from_matrix(block.rotation[:instants].reshape(-1, 3, 3)).as_quat()
             self.foot_rotation[passed] = xyzw.reshape(instants, 2, 4)[..., [3, 0, 1, 2]]
-        for name, array in self.sensors.items():
-            array[passed] = block.sensors[:instants, self.sensor_columns[name]]
+        for name, part in self.sensor_columns.items():
+            self.sensors[name][passed] = block.sensors[:instants, part]
 
         position, depth = self.point_position[done], self.point_penetration[done]
         position[:] = sites[:-1]
@@ -271,3 +280,19 @@ class RunLog:
         block.point[:count] = -1
         block.sites[0], block.rotation[0] = block.sites[count], block.rotation[count]
         self.sorted += count
+
+
+def _joint_readings(model: mujoco.MjModel, q: Array, qd: Array) -> dict[str, Array]:
+    """Sensors that read a joint's position or rate, as views of the states: they are the same bits."""
+    found = {}
+    for i in range(model.nsensor):
+        joint, kind = int(model.sensor_objid[i]), int(model.sensor_type[i])
+        if model.sensor_cutoff[i] > 0.0:
+            continue
+        if kind == _JOINT_POSITION:
+            address = int(model.jnt_qposadr[joint])
+            found[model.sensor(i).name] = q[:, address : address + 1]
+        elif kind == _JOINT_VELOCITY:
+            address = int(model.jnt_dofadr[joint])
+            found[model.sensor(i).name] = qd[:, address : address + 1]
+    return found
