@@ -175,6 +175,7 @@ class RoughOrbits:
         lean: float,
         near: RoughOrbit | None = None,
         shift: NDArray[np.float64] | None = None,
+        motion: WholeBodyMotion | None = None,
     ) -> RoughOrbit:
         """The periodic step of a plan.
 
@@ -183,6 +184,7 @@ class RoughOrbits:
             lean: mean trunk pitch [rad].
             near: orbit of a similar plan; without it, Newton begins from a body that stands upright.
             shift: what is expected to lead there from ``near``, see :meth:`difference`.
+            motion: the same plan's, on a fine grid, to begin from instead.
 
         Raises:
             Unreachable: there is none, or none was found.
@@ -193,7 +195,10 @@ class RoughOrbits:
         reference = step_reference(plan, time)
         origin = _standing(self.ik, reference)
         step_map = _StepMap(self, reference, origin, plan.parameters.step_length, lean)
-        if near is None:
+        if motion is not None:
+            z = step_map.encode(motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset)
+            known = None
+        elif near is None:
             z, known = step_map.guess(), None
         else:
             q, v, offset = _brought(near, reference), near.trajectory.v[0], near.offset

@@ -145,7 +145,7 @@ def _as_it_is(space: FreeChoices, robot: Robot, cache: Path | None) -> Tuned | N
         plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=space.sole)
         check_body(plan, space.description)
         motion = solve_motion(plan, run, robot, cache=cache)
-        orbit = RoughOrbits(robot, run, _NODES).solve(plan, run.body.lean)
+        orbit = RoughOrbits(robot, run, _NODES).solve(plan, run.body.lean, motion=motion)
     except (RefusedGait, InputError, Unreachable):
         return None
     values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, robot)

@@ -90,7 +90,8 @@ def print_tuned(asked: Request, tuned: Tuned) -> None:
         for key, value in tuned.found.items()
     ]
     print_table(f"free choices of {asked.name}", (("key", "left"), ("value", "right")), rows)
-    print_line(f"{tuned.tried} choices tried; what is nearest to its limit:")
+    count = "1 choice" if tuned.tried == 1 else f"{tuned.tried} choices"
+    print_line(f"{count} tried; what is nearest to its limit:")
     for text in _margin_lines(tuned)[:4]:
         print_line(f"  {text}")
 
