@@ -36,6 +36,7 @@ from ampm.inverse_kinematics import (
     step_reference,
 )
 from ampm.motion import MotionReport, WholeBodyMotion
+from ampm.return_map import Solution, Stalled, StepMap, leading_multipliers, newton, standing
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,9 +51,6 @@ TOLERANCE = 1e-9
 COARSE_STEP = 0.008
 """Largest step of the grid on which the orbit is searched [s]."""
 
-MULTIPLIERS = 4
-"""How many multipliers of the return map are reported."""
-
 _LESS = "bring gait.c_s and gait.c_y nearer to 1, lower gait.com_height or shorten gait.step_length"
 _WAYS_OUT = {
     "knee": "lower gait.com_height, shorten gait.step_length or raise foot.toe_off_angle",
@@ -64,11 +62,6 @@ _WAYS_OUT = {
 _STABLE = 0.8  # largest product of a posture gain's rate and the grid's step that integrates well
 _COARSE_TOLERANCE = 1e-7
 _RUNG_TOLERANCE = 1e-5  # of the orbits on the way to the one that was asked for
-_VELOCITY_SCALE = 0.1  # weighs velocities against positions in the Krylov norm [s]
-_OFFSET_SCALE = 1.0  # likewise for the constant of L_y [1/(N m s)]
-_MAX_STEP = 0.5  # of a Newton step, in scaled units
-_DIFFERENCE = 1e-5  # step of finite differences, in scaled units
-_KRYLOV = 10  # directions in which Newton knows the map
 _DROPS = (0.03, 0.06, 0.1)  # by how much the COM is lowered to find a first orbit [m]
 _FIRST_RUNG, _LAST_RUNG = 0.5, 0.02  # share of the way gone at a time, at first and at least
 _BUDGET = 700  # coarse steps that a search may take
@@ -80,6 +73,7 @@ _SOURCES = (
     "orbit.py",
     "pendulum.py",
     "qp.py",
+    "return_map.py",
     "robot.py",
 )
 
@@ -193,8 +187,8 @@ class RoughOrbits:
         n1, n2 = self.nodes
         time = np.concatenate([single * np.arange(n1) / n1, single + double * np.arange(n2 + 1) / n2])
         reference = step_reference(plan, time)
-        origin = _standing(self.ik, reference)
-        step_map = _StepMap(self, reference, origin, plan.parameters.step_length, lean)
+        origin = standing(self.ik, reference)
+        step_map = StepMap(self, reference, origin, plan.parameters.step_length, lean)
         if motion is not None:
             z = step_map.encode(motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset)
             known = None
@@ -208,8 +202,8 @@ class RoughOrbits:
                 v, offset = v + shift[nv:-1], offset + shift[-1]
             z, known = step_map.encode(q, v, offset), near.known
         try:
-            found = _newton(step_map, z, _RUNG_TOLERANCE, known, rebuilds=2 if near else 4)
-        except _Stalled as error:
+            found = newton(step_map, z, _RUNG_TOLERANCE, known, rebuilds=2 if near else 4)
+        except Stalled as error:
             if error.cause is not None:
                 raise error.cause from error
             raise Unreachable(0.0, "no periodic motion is found", error.residual, 0.0, "rad") from error
@@ -289,251 +283,6 @@ def _check(report: MotionReport) -> None:
         )
 
 
-class _StepMap:
-    """The mirrored one-step map of one reference, in scaled unknowns ``z``.
-
-    ``z`` holds the start configuration as a tangent vector at ``origin``, the start velocity and the constant
-    of L_y, each times ``scale``.
-    """
-
-    def __init__(
-        self,
-        search: _Search | RoughOrbits,
-        reference: StepReference,
-        origin: NDArray[np.float64],
-        step_length: float,
-        lean: float,
-    ) -> None:
-        self._search = search
-        self.ik, self.reference, self.origin = search.ik, reference, origin
-        self.step_length, self.lean = step_length, lean
-        self.draft = True
-        nv = self.ik.robot.nv
-        self.n = 2 * nv + 1
-        self.scale = np.concatenate([np.ones(nv), np.full(nv, _VELOCITY_SCALE), [_OFFSET_SCALE]])
-
-    def encode(self, q: NDArray[np.float64], v: NDArray[np.float64], offset: float) -> NDArray[np.float64]:
-        """Unknowns of a start state and a constant of L_y [N m s]."""
-        tangent = pin.difference(self.ik.robot.model, self.origin, q)
-        return np.concatenate([tangent, v, [offset]]) * self.scale
-
-    def decode(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        """Start configuration, start velocity, constant of L_y [N m s]."""
-        plain, nv = z / self.scale, self.ik.robot.nv
-        return pin.integrate(self.ik.robot.model, self.origin, plain[:nv]), plain[nv:-1], float(plain[-1])
-
-    def offset(self, z: NDArray[np.float64]) -> float:
-        """Constant of L_y [N m s]."""
-        return float(z[-1] / self.scale[-1])
-
-    def step(self, z: NDArray[np.float64]) -> StepTrajectory:
-        """Integrate the step.
-
-        Raises:
-            Unreachable: the body cannot follow.
-        """
-        self._search.evaluations += 1
-        return self.ik.integrate(self.reference, *self.decode(z), draft=self.draft)
-
-    def returned(self, trajectory: StepTrajectory, offset: float) -> NDArray[np.float64]:
-        """Unknowns of the step's mirrored end."""
-        robot = self.ik.robot
-        q = robot.mirror_q(trajectory.q[-1])
-        q[0] -= self.step_length
-        return self.encode(q, robot.mirror_v(trajectory.v[-1]), offset)
-
-    def mean_pitch(self, trajectory: StepTrajectory) -> float:
-        """Mean pitch of the trunk over the step [rad]."""
-        time = self.reference.time
-        return float(np.trapezoid(trajectory.trunk_pitch, time) / time[-1])
-
-    def residual(self, z: NDArray[np.float64], trajectory: StepTrajectory) -> NDArray[np.float64]:
-        """Mirrored return minus start, and mean trunk pitch minus lean; scaled."""
-        out = self.returned(trajectory, 0.0) - z
-        out[-1] = self.mean_pitch(trajectory) - self.lean
-        return out
-
-    def size(self, value: NDArray[np.float64]) -> float:
-        """Largest component of a residual [rad, m, rad/s, m/s]."""
-        return float(np.abs(value / self.scale).max())
-
-    def guess(self) -> NDArray[np.float64]:
-        """A few plain steps let the fast modes settle; the trunk's mean pitch, which is slow, is set by hand.
-
-        Raises:
-            Unreachable: the body cannot even stand at the start of the step, or walk these steps.
-        """
-        nv, offset = self.ik.robot.nv, 0.4
-        q = self.ik.upright(self.reference, 0, self.origin)
-        q, v = self.ik.project(self.reference, 0, q, np.zeros(nv), offset)
-        z = self.encode(q, v, offset)
-        for _ in range(5):
-            trajectory = self.step(z)
-            z = self.returned(trajectory, offset)
-            change = trajectory.trunk_pitch[-1] - trajectory.trunk_pitch[0]
-            z[4] += self.lean - self.mean_pitch(trajectory)
-            z[nv + 4] -= change / self.reference.time[-1] * _VELOCITY_SCALE
-        return z
-
-
-def _standing(ik: InverseKinematics, reference: StepReference) -> NDArray[np.float64]:
-    """Where unknowns are counted from: upright at the planned COM, knees bent, arms at rest."""
-    robot = ik.robot
-    q = pin.neutral(robot.model)
-    q[7:] = ik.rest
-    q[robot.knee_joints + 1] = 0.6
-    q[:3] += reference.position[0, 0] - robot.jacobian(q, np.zeros(robot.nv)).com
-    return q
-
-
-class _Stalled(Exception):
-    """Newton gave up.
-
-    Attributes:
-        residual: the smallest that it reached [rad, m, rad/s, m/s].
-        cause: what the last trial could not do, if the body was the reason.
-    """
-
-    def __init__(self, residual: float, cause: Unreachable | None) -> None:
-        super().__init__(f"Newton stalls at a residual of {residual:.2g}")
-        self.residual, self.cause = residual, cause
-
-
-@dataclass
-class _Solution:
-    """A fixed point of one map, and what Newton knew of the map there."""
-
-    z: NDArray[np.float64]
-    trajectory: StepTrajectory
-    inverse: _BroydenInverse | None
-
-
-def _newton(
-    step_map: _StepMap,
-    z: NDArray[np.float64],
-    tolerance: float,
-    inverse: _BroydenInverse | None = None,
-    *,
-    rebuilds: int = 8,
-    say: Callable[[str], None] | None = None,
-) -> _Solution:
-    """Fixed point of a map near ``z``.
-
-    Args:
-        step_map: the map.
-        z: first guess.
-        tolerance: of the residual [rad, m, rad/s, m/s].
-        inverse: of the Jacobian at a neighbour; it is built here where it is missing or no longer good.
-        rebuilds: how many times it may be built.
-        say: called with a line of text before every step.
-
-    Raises:
-        Unreachable: the guess itself, or its neighbourhood, cannot be walked.
-        _Stalled: no convergence.
-    """
-    trajectory = step_map.step(z)
-    value = step_map.residual(z, trajectory)
-    best = step_map.size(value)
-    cause: Unreachable | None = None
-    while best > tolerance:
-        if say is not None:
-            say(f"residual {best:.2e}")
-        fresh = inverse is None
-        if inverse is None:
-            if rebuilds == 0:
-                raise _Stalled(best, cause)
-            rebuilds -= 1
-            inverse = _approximate_inverse(step_map, z, value)
-        step = -inverse(value)
-        largest = float(np.abs(step[: step_map.ik.robot.nv]).max())
-        damping = min(1.0, _MAX_STEP / largest)
-        for _ in range(5):
-            trial = z + damping * step
-            try:
-                moved = step_map.step(trial)
-                new = step_map.residual(trial, moved)
-                size = step_map.size(new)
-                if size < (1.0 - 0.2 * damping) * best:
-                    break
-            except Unreachable as error:
-                cause = error
-            damping *= 0.4
-        else:
-            if fresh:
-                raise _Stalled(best, cause)
-            inverse = None
-            continue
-        if damping == 1.0 and size < 0.3 * best:
-            inverse.update(trial - z, new - value)
-        else:
-            inverse = None
-        z, trajectory, value, best = trial, moved, new, size
-    return _Solution(z, trajectory, inverse)
-
-
-def _approximate_inverse(
-    step_map: _StepMap, z: NDArray[np.float64], value: NDArray[np.float64]
-) -> _BroydenInverse:
-    """Inverse Jacobian from directional differences along a Krylov space grown from the residual.
-
-    Raises:
-        Unreachable: a neighbour of ``z`` cannot be walked.
-    """
-    basis, images = np.zeros((_KRYLOV, step_map.n)), np.zeros((_KRYLOV, step_map.n))
-    direction = np.zeros(step_map.n)
-    direction[-1] = 1.0  # the constant of L_y always matters
-    following = value
-    used = 0
-    while True:
-        moved = z + _DIFFERENCE * direction
-        image = (step_map.residual(moved, step_map.step(moved)) - value) / _DIFFERENCE
-        basis[used], images[used] = direction, image
-        if used > 0:
-            following = image + direction  # the part that the map remembers
-        used += 1
-        if used == _KRYLOV:
-            break
-        known = basis[:used]
-        direction = following - known.T @ (known @ following)
-        direction = direction - known.T @ (known @ direction)  # twice is enough
-        norm = float(np.linalg.norm(direction))
-        if norm < 1e-12:
-            break
-        direction = direction / norm
-    return _BroydenInverse(basis[:used].T, images[:used].T)
-
-
-def _multipliers(step_map: _StepMap, solution: _Solution) -> tuple[tuple[float, float], ...]:
-    """Leading eigenvalues of the return map at a fixed constant of L_y: Arnoldi from a fixed start vector."""
-    most, n = 12, step_map.n - 1
-    z = solution.z
-    offset = step_map.offset(z)
-    base = step_map.returned(solution.trajectory, offset)
-    basis, hessenberg = np.zeros((most + 1, n)), np.zeros((most + 1, most))
-    start = np.random.default_rng(0).normal(size=n)
-    basis[0] = start / np.linalg.norm(start)
-    leading = np.zeros(0, dtype=complex)
-    for k in range(most):
-        moved = z.copy()
-        moved[:-1] += _DIFFERENCE * basis[k]
-        image = (step_map.returned(step_map.step(moved), offset) - base)[:-1] / _DIFFERENCE
-        for j in range(k + 1):
-            hessenberg[j, k] = basis[j] @ image
-            image = image - hessenberg[j, k] * basis[j]
-        rest = float(np.linalg.norm(image))
-        hessenberg[k + 1, k] = rest
-        values, vectors = np.linalg.eig(hessenberg[: k + 1, : k + 1])
-        order = np.argsort(-np.abs(values), kind="stable")[:MULTIPLIERS]
-        leading = values[order]
-        # A Ritz value's residual is what the next direction would add to its vector. What dies within a step
-        # need not be known as well as what lasts.
-        slow = order[np.abs(leading) > 0.05]
-        if rest < 1e-8 or (k + 1 >= MULTIPLIERS and (rest * np.abs(vectors[-1, slow]) < 1e-5).all()):
-            break
-        basis[k + 1] = image / rest
-    return tuple((float(x.real), float(x.imag)) for x in leading)
-
-
 class _Search:
     """From a plan and a body to the periodic step, or to the reason why there is none."""
 
@@ -554,10 +303,10 @@ class _Search:
         coarse = min(COARSE_STEP, longest)
         self.fine = step_reference(plan, step_grid(plan, fine))
         self.coarse = self.fine if fine >= coarse else step_reference(plan, step_grid(plan, coarse))
-        self.origin = _standing(self.ik, self.coarse)
+        self.origin = standing(self.ik, self.coarse)
 
-    def _map(self, reference: StepReference) -> _StepMap:
-        return _StepMap(self, reference, self.origin, self.plan.parameters.step_length, self.run.body.lean)
+    def _map(self, reference: StepReference) -> StepMap:
+        return StepMap(self, reference, self.origin, self.plan.parameters.step_length, self.run.body.lean)
 
     # --------------------------------------------------------------- search
 
@@ -570,18 +319,18 @@ class _Search:
         rough = self._rough()
         fine = self._map(self.fine)
         try:
-            solution = _newton(fine, rough.z, TOLERANCE, rough.inverse, say=self._say)
+            solution = newton(fine, rough.z, TOLERANCE, rough.inverse, say=self._say)
             solution = self._by_osqp(fine, solution)
-        except (Unreachable, _Stalled) as error:
+        except (Unreachable, Stalled) as error:
             raise self._refusal(error) from error
         return self._motion(fine, solution)
 
-    def _by_osqp(self, fine: _StepMap, solution: _Solution) -> _Solution:
+    def _by_osqp(self, fine: StepMap, solution: Solution) -> Solution:
         """The step that is handed out has every acceleration from OSQP."""
         fine.draft = False
-        return _newton(fine, solution.z, TOLERANCE, solution.inverse, say=self._say)
+        return newton(fine, solution.z, TOLERANCE, solution.inverse, say=self._say)
 
-    def _rough(self) -> _Solution:
+    def _rough(self) -> Solution:
         """Orbit on the coarse grid: from a standing start, else along a path from an easier one.
 
         Raises:
@@ -589,16 +338,16 @@ class _Search:
         """
         coarse = self._map(self.coarse)
         try:
-            return _newton(coarse, coarse.guess(), _COARSE_TOLERANCE, say=self._say)
-        except (Unreachable, _Stalled) as error:
-            failed: Unreachable | _Stalled = error
+            return newton(coarse, coarse.guess(), _COARSE_TOLERANCE, say=self._say)
+        except (Unreachable, Stalled) as error:
+            failed: Unreachable | Stalled = error
         spins = bool(np.abs(self.coarse.acceleration[:, 3:6]).max() > 1e-9)
         refusal = self._refusal(failed)
         for drop in _DROPS:
             eased = self._map(self.coarse.eased(drop, 0.0))
             try:
-                solution = _newton(eased, eased.guess(), _RUNG_TOLERANCE, say=self._say)
-            except (Unreachable, _Stalled):
+                solution = newton(eased, eased.guess(), _RUNG_TOLERANCE, say=self._say)
+            except (Unreachable, Stalled):
                 continue
             if spins:
                 solution, way, cause = self._follow(solution, (drop, 0.0), (drop, 1.0))
@@ -612,8 +361,8 @@ class _Search:
         raise refusal from failed
 
     def _follow(
-        self, solution: _Solution, begin: tuple[float, float], end: tuple[float, float]
-    ) -> tuple[_Solution, float, Unreachable | _Stalled | None]:
+        self, solution: Solution, begin: tuple[float, float], end: tuple[float, float]
+    ) -> tuple[Solution, float, Unreachable | Stalled | None]:
         """Follow the orbit from one easing of the reference towards another.
 
         Args:
@@ -626,7 +375,7 @@ class _Search:
         """
         here, stride = 0.0, _FIRST_RUNG
         before: tuple[float, NDArray[np.float64]] | None = None
-        failed: Unreachable | _Stalled | None = None
+        failed: Unreachable | Stalled | None = None
         while here < 1.0:
             there = min(1.0, here + stride)
             guess = solution.z
@@ -636,8 +385,8 @@ class _Search:
             eased = self._map(self.coarse.eased(drop, share))
             self._say(f"{there:.0%} of the way")
             try:
-                found = _newton(eased, guess, _RUNG_TOLERANCE, solution.inverse, rebuilds=2)
-            except (Unreachable, _Stalled) as error:
+                found = newton(eased, guess, _RUNG_TOLERANCE, solution.inverse, rebuilds=2)
+            except (Unreachable, Stalled) as error:
                 failed = error
                 stride *= 0.4
                 if stride < _LAST_RUNG or self.evaluations > _BUDGET:
@@ -648,13 +397,13 @@ class _Search:
         return solution, 1.0, None
 
     def _refusal(
-        self, error: Unreachable | _Stalled | None, *, drop: float = 0.0, share: float = 1.0
+        self, error: Unreachable | Stalled | None, *, drop: float = 0.0, share: float = 1.0
     ) -> BodilyRefusal:
         """Why there is no orbit; ``drop`` and ``share`` say how near the search came."""
-        cause = error.cause if isinstance(error, _Stalled) and error.cause is not None else error
+        cause = error.cause if isinstance(error, Stalled) and error.cause is not None else error
         if isinstance(cause, Unreachable):
             value, limit, unit = cause.value, cause.limit, cause.unit
-        elif isinstance(cause, _Stalled):
+        elif isinstance(cause, Stalled):
             value, limit, unit = cause.residual, TOLERANCE, "rad"
         else:
             value, limit, unit = 1.0, TOLERANCE, "1"
@@ -683,12 +432,12 @@ class _Search:
 
     # --------------------------------------------------------------- result
 
-    def _motion(self, fine: _StepMap, solution: _Solution) -> WholeBodyMotion:
+    def _motion(self, fine: StepMap, solution: Solution) -> WholeBodyMotion:
         robot, trajectory, z = self.robot, solution.trajectory, solution.z
         offset = fine.offset(z)
         value = fine.returned(trajectory, offset) - fine.encode(trajectory.q[0], trajectory.v[0], offset)
         fine.draft = True
-        multipliers = _multipliers(fine, solution)
+        multipliers = leading_multipliers(fine, solution)
         knees = trajectory.q[:, robot.knee_joints + 1]
         when, side = np.unravel_index(int(np.argmin(knees)), knees.shape)
         angles = trajectory.q[:, 7:]
@@ -751,27 +500,3 @@ def _group(robot: Robot, joint: str) -> str:
             if joint in joints:
                 return name
     return "trunk" if joint in robot.description.trunk else "arms"
-
-
-class _BroydenInverse:
-    """Inverse of a Jacobian that is minus the identity off a small known space, with Broyden's updates."""
-
-    def __init__(self, basis: NDArray[np.float64], images: NDArray[np.float64]) -> None:
-        # J = -I + (images + basis) basis^T, inverted by Woodbury.
-        self._U, self._V = images + basis, basis
-        small = np.eye(basis.shape[1]) - self._V.T @ self._U
-        self._core = np.linalg.solve(small, self._V.T)
-        self._updates: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
-
-    def __call__(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
-        out = -(value + self._U @ (self._core @ value))
-        for left, right in self._updates:
-            out = out + left * (right @ out)
-        return out
-
-    def update(self, step: NDArray[np.float64], change: NDArray[np.float64]) -> None:
-        """Make the inverse map ``change`` to ``step``."""
-        image = self(change)
-        denominator = float(step @ image)
-        if abs(denominator) > 1e-300:
-            self._updates.append(((step - image) / denominator, step))

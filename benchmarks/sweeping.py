@@ -13,9 +13,8 @@ import multiprocessing
 import os
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
@@ -28,7 +27,7 @@ from ampm.exceptions import InputError
 from validation.console import Narrator, Silent, json_ready, print_line, print_table
 from validation.environment import describe_environment
 from validation.folders import check_output_file, output_file
-from validation.sweep.cluster import ONE_THREAD
+from validation.sweep.cluster import ONE_THREAD, environment
 from validation.sweep.command import Options, run_sweep
 from validation.sweep.definition import SweepDefinition, parse_sweep
 from validation.sweep.sampling import cases as cases_of
@@ -135,7 +134,7 @@ def time_sweep(gait: str, steps: int, runs: int, narrator: Narrator) -> SweepTim
 def _bare(lists: Sequence[Sequence[Task]]) -> list[float]:
     """Seconds of every run, each list in a process of its own, at the same time."""
     with (
-        _one_thread(),
+        environment(ONE_THREAD),
         ProcessPoolExecutor(len(lists), mp_context=multiprocessing.get_context("spawn")) as pool,
     ):
         list(pool.map(_walk_all, [tasks[:1] for tasks in lists]))  # imports and caches
@@ -155,21 +154,6 @@ def _walk_all(tasks: Sequence[Task]) -> list[float]:
         if not found.record.outcome.completed:
             raise InputError("a run of the benchmark did not complete; take a gait that walks.")
     return seconds
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Processes that are started inside have one thread in BLAS, as workers do."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(ONE_THREAD)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
 def _swept(

@@ -10,6 +10,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from pages import between
+
 from ampm.parameters import dump_run, load_run
 from validation.console import Narrator
 from validation.pair_report import draw_file
@@ -45,7 +47,7 @@ def main() -> None:
         ]
     draw_file(pairs[1], PICTURE)
     page = PAGE.read_text(encoding="utf-8")
-    page = _between(page, "figures", _table(pairs))
+    page = between(page, "figures", _table(pairs))
     PAGE.write_text(page, encoding="utf-8")
 
 
@@ -67,14 +69,6 @@ def _table(pairs: list[Pair]) -> str:
         values = " | ".join(shown(value) for row in rows for value in (row.a, row.b))
         lines.append(f"| {rows[0].label} | {rows[0].unit if rows[0].unit != '1' else ''} | {values} |")
     return "\n".join(lines)
-
-
-def _between(page: str, name: str, table: str) -> str:
-    """The page with another table between its marks."""
-    start, end = f"<!-- {name} -->\n", f"\n<!-- end of {name} -->"
-    before, _, rest = page.partition(start)
-    _, _, after = rest.partition(end)
-    return f"{before}{start}{table}{end}{after}"
 
 
 if __name__ == "__main__":

@@ -9,6 +9,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from pages import between
+
 from validation.convergence.command import Options, run
 from validation.convergence.picture import draw
 from validation.convergence.result import Convergence
@@ -37,7 +39,7 @@ def main() -> None:
     for gait in STUDIES:
         found = run(gait, (), Options())
         print(gait, found.verdict, found.verdict_reason, file=sys.stderr, flush=True)  # noqa: T201
-        page = _between(page, gait, "\n".join(_tables(found)))
+        page = between(page, gait, "\n".join(_tables(found)))
         if gait == "normal":
             draw(found, PICTURE)
     PAGE.write_text(page, encoding="utf-8")
@@ -52,15 +54,6 @@ def _tables(found: Convergence) -> Iterator[str]:
         if study.topic.name in STUDIES[found.request.name]:
             yield from ("", f"`{study.topic.name}`: {study.topic.title}", "")
             yield from levels_table(found, study, shown)
-
-
-def _between(page: str, mark: str, text: str) -> str:
-    """Replace what stands between two marks."""
-    head, first, rest = page.partition(f"<!-- {mark} -->")
-    _, last, tail = rest.partition(f"<!-- end of {mark} -->")
-    if not (first and last):
-        raise SystemExit(f"{PAGE} lacks the marks of '{mark}'")
-    return f"{head}{first}\n{text}\n{last}{tail}"
 
 
 if __name__ == "__main__":  # the workers of the studies import this file

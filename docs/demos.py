@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pages import between
 
 from ampm.parameters import PRESETS
 from validation.console import Silent
@@ -71,15 +72,15 @@ DOWNWARD = (0.5, 0.4, 0.33, 0.315, 0.31)
 def main() -> None:
     """Walk every preset and every step towards the limits of c_s, and rewrite the tables of the page."""
     page = PAGE.read_text(encoding="utf-8")
-    page = _between(page, "presets", _presets())
+    page = between(page, "presets", _presets())
     rows = [
         _limit("normal", c_s, f"gait.step_length={step}", f"gait.switching_velocity={speed}", tune=True)
         for step, speed, slopes in UPWARD
         for c_s in slopes
     ]
-    page = _between(page, "upward", _lines([LIMITS, ("---",) * len(LIMITS), *rows]))
+    page = between(page, "upward", _lines([LIMITS, ("---",) * len(LIMITS), *rows]))
     rows = [_limit("pitch-low", c_s) for c_s in DOWNWARD]
-    page = _between(page, "downward", _lines([LIMITS, ("---",) * len(LIMITS), *rows]))
+    page = between(page, "downward", _lines([LIMITS, ("---",) * len(LIMITS), *rows]))
     PAGE.write_text(page, encoding="utf-8")
 
 
@@ -195,14 +196,6 @@ def _trial(
 
 def _lines(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
-
-
-def _between(page: str, name: str, table: str) -> str:
-    """The page with another table between its marks."""
-    start, end = f"<!-- {name} -->\n", f"\n<!-- end of {name} -->"
-    before, _, rest = page.partition(start)
-    _, _, after = rest.partition(end)
-    return f"{before}{start}{table}{end}{after}"
 
 
 if __name__ == "__main__":

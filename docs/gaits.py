@@ -13,6 +13,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pages import between
+
 PAGE = Path(__file__).with_suffix(".md")
 PROFILE = "default"
 AGREEMENT = (
@@ -43,8 +45,8 @@ def main() -> None:
     page = PAGE.read_text(encoding="utf-8")
     gaits: list[tuple[str, tuple[str, ...]]] = [("normal", ()), ("momentum", ()), ("flat", ())]
     gaits += [("normal", ("--set", f"{key}={value}")) for key, value in ONE_BY_ONE]
-    page = _between(page, "thirty steps", _tables(gaits))
-    page = _between(page, "two hundred steps", _tables([(gait, ("--steps", "200")) for gait, _ in gaits[:2]]))
+    page = between(page, "thirty steps", _tables(gaits))
+    page = between(page, "two hundred steps", _tables([(gait, ("--steps", "200")) for gait, _ in gaits[:2]]))
     PAGE.write_text(page, encoding="utf-8")
 
 
@@ -99,14 +101,6 @@ def _trial(*arguments: str) -> dict[str, Any]:
             [*command, "--out", f"{folder}/run"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         )
     return dict(json.loads(answer.stdout))
-
-
-def _between(page: str, name: str, table: str) -> str:
-    """The page with another table between its marks."""
-    start, end = f"<!-- {name} -->\n", f"\n<!-- end of {name} -->"
-    before, _, rest = page.partition(start)
-    _, _, after = rest.partition(end)
-    return f"{before}{start}{table}{end}{after}"
 
 
 if __name__ == "__main__":

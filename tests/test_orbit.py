@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm import orbit
+from ampm import orbit, return_map
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.inverse_kinematics import Unreachable
 from ampm.orbit import solve_motion
@@ -187,7 +187,7 @@ def test_multipliers_are_eigenvalues_of_the_return_map(change, slow):
     exact = np.linalg.eigvals(jacobian)
     exact = exact[np.argsort(-np.abs(exact))]
     reported = [complex(*x) for x in motion.report.multipliers]
-    assert len(reported) == orbit.MULTIPLIERS
+    assert len(reported) == return_map.MULTIPLIERS
     np.testing.assert_allclose(reported[:slow], exact[:slow], atol=2e-4)
     assert np.abs(exact[slow:]).max() < 0.1
     assert reported[0].real > 1.0  # why a walk is tiled, never integrated on
@@ -200,7 +200,7 @@ def test_multipliers_are_eigenvalues_of_the_return_map(change, slow):
 def test_search_goes_by_way_of_easier_gaits(monkeypatch):
     """With the standing start taken away, the same orbit is found from a lower COM without momentum."""
     settings = GAITS["momentum"]
-    guess = orbit._StepMap.guess
+    guess = orbit.StepMap.guess
     wanted = walk_of(*settings).run.gait.com_height
 
     def only_eased(step_map):
@@ -208,7 +208,7 @@ def test_search_goes_by_way_of_easier_gaits(monkeypatch):
             raise Unreachable(0.0, "nothing", 0.0, 0.0, "1")
         return guess(step_map)
 
-    monkeypatch.setattr(orbit._StepMap, "guess", only_eased)
+    monkeypatch.setattr(orbit.StepMap, "guess", only_eased)
     told: list[str] = []
     motion = solve(*settings, progress=told.append)
     direct = motion_of(*settings)

@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ampm.gait import GaitPlan
+from validation.figure_style import figure_style
 from validation.saved import SavedRun, Signals
 
 Array = NDArray[np.float64]
@@ -39,36 +40,10 @@ _VARIABLES: Mapping[str, str] = {
 WIDTH = 5.2
 """Width of an ordinary figure [in]: 500 px, so that its 9 pt text stays readable on a telephone."""
 
-_STYLE: Any = {
+_STYLE: Any = figure_style(INK, FAINT, GRID) | {
     "svg.fonttype": "none",
-    "svg.hashsalt": "ampm",
-    "font.family": "sans-serif",
-    "font.size": 9,
     "axes.titlesize": 9,
-    "axes.titlelocation": "left",
-    "axes.labelsize": 9,
-    "axes.edgecolor": FAINT,
-    "axes.labelcolor": INK,
-    "axes.titlecolor": INK,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": GRID,
-    "grid.linewidth": 0.6,
-    "xtick.color": FAINT,
-    "ytick.color": FAINT,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "text.color": INK,
-    "legend.frameon": False,
-    "legend.fontsize": 8,
     "lines.linewidth": 1.3,
-    "lines.solid_joinstyle": "round",
-    "path.simplify_threshold": 0.3,
 }
 
 CAUSES: Mapping[str, str] = {

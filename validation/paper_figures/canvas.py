@@ -14,6 +14,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from validation.figure_style import figure_style
 from validation.folders import output_file
 
 Array = NDArray[np.float64]
@@ -26,38 +27,12 @@ BAND = "#f0c987"
 
 SOURCES = {"plan": PLAN, "motion": MOTION, "measured": MEASURED}
 
-_STYLE: Any = {
+_STYLE: Any = figure_style(INK, FAINT, GRID) | {
     "svg.fonttype": "path",  # the same letters wherever the file is shown
-    "svg.hashsalt": "ampm",
-    "font.family": "sans-serif",
-    "font.size": 9,
     "axes.titlesize": 9.5,
-    "axes.titlelocation": "left",
     "axes.titleweight": "bold",
-    "axes.titlecolor": INK,
-    "axes.labelsize": 9,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": FAINT,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": GRID,
-    "grid.linewidth": 0.6,
-    "xtick.color": FAINT,
-    "ytick.color": FAINT,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "text.color": INK,
-    "legend.frameon": False,
-    "legend.fontsize": 8,
     "lines.linewidth": 1.4,
     "lines.solid_capstyle": "round",
-    "lines.solid_joinstyle": "round",
-    "path.simplify_threshold": 0.3,
     "figure.facecolor": "white",
 }
 

@@ -32,7 +32,7 @@ ONE_THREAD = {
     "VECLIB_MAXIMUM_THREADS": "1",
     "MUJOCO_GL": "disable",
 }
-"""Environment of a worker that is started here, whatever the shell says; see :func:`_environment`."""
+"""Environment of a worker that is started here, whatever the shell says; see :func:`environment`."""
 
 _QUIET: dict[str, Any] = {
     "distributed.worker.profile.enabled": False,
@@ -166,7 +166,7 @@ def default_workers() -> int:
 
 
 @contextmanager
-def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+def environment(variables: Mapping[str, str]) -> Iterator[None]:
     """Variables of this process while the body of the ``with`` runs, as they were afterwards.
 
     Processes inherit them before they load any library. A nanny's own setting yields to a variable that the
@@ -191,7 +191,7 @@ def local_crew(workers: int, say: Callable[[str], None] = _silent) -> Iterator[C
     with (
         tempfile.TemporaryDirectory(prefix="ampm-sweep-") as scratch,
         dask.config.set(_QUIET),
-        _environment(ONE_THREAD),  # to the end: a worker that dies is started again
+        environment(ONE_THREAD),  # to the end: a worker that dies is started again
     ):
         # Ctrl-C reaches every process of a terminal, and workers are to finish what they do: threads and
         # processes that are started here inherit that it is blocked.
