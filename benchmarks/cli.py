@@ -12,9 +12,9 @@ from typing import Annotated
 import typer
 
 from ampm.parameters import PRESETS
-from validation.cli import Status, explain
-from validation.console import Narrator, json_ready
-from validation.folders import check_output_file, output_file
+from validation.cli.app import Status, explain
+from validation.cli.console import Narrator, json_ready
+from validation.store.folders import check_output_file, output_file
 
 
 class Solvers(StrEnum):

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.gait import GaitPlan, plan_gait
-from ampm.inverse_kinematics import InverseKinematics, StepReference, step_grid, step_reference
-from ampm.motion import WholeBodyMotion
-from ampm.orbit import solve_motion
+from ampm.body.inverse_kinematics import InverseKinematics, StepReference, step_grid, step_reference
+from ampm.body.motion import WholeBodyMotion
+from ampm.body.orbit import solve_motion
+from ampm.body.robot import Robot
 from ampm.parameters import RunParameters
-from ampm.robot import Robot
+from ampm.planner.gait import GaitPlan, plan_gait
 from benchmarks.clock import Statistics, least, repeat
-from validation.planning import Body
+from validation.trial.planning import Body
 
 PLANS = 200
 """How often a plan is made."""

@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from validation.console import Silent, Stage
+from validation.cli.console import Silent, Stage
 
 MOST_SHARE = 0.10
 """Share of a run's time that a recording may cost."""
@@ -115,7 +115,8 @@ class _Times(Silent):
 
 def _trial(run_file: Path, target: Path) -> dict[str, float]:
     """The trial itself, in a fresh process."""
-    from validation import planning, run
+    from validation.run import validate as run
+    from validation.trial import planning
 
     stages = _Times()
     trial = run.validate(planning.request(str(run_file), ()), target, stages=stages)

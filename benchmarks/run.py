@@ -10,16 +10,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ampm.feasibility import check_body
+from ampm.body.feasibility import check_body
 from ampm.parameters import dump_run
 from ampm.qp import BACKENDS
 from benchmarks.clock import Statistics
 from benchmarks.planning import MotionBenchmark, PlanBenchmark
 from benchmarks.recording import RecordingCost, time_recording
 from benchmarks.walking import WalkBenchmark, WalkTiming
-from validation.console import Silent
-from validation.environment import describe_environment
-from validation.planning import Request, make_body, request
+from validation.cli.console import Silent
+from validation.store.environment import describe_environment
+from validation.trial.planning import Request, make_body, request
 
 DEFAULT_STEPS = 30
 DEFAULT_WALKS = 3

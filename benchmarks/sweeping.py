@@ -24,15 +24,15 @@ import numpy as np
 import typer
 
 from ampm.exceptions import InputError
-from validation.console import Narrator, Silent, json_ready, print_line, print_table
-from validation.environment import describe_environment
-from validation.folders import check_output_file, output_file
-from validation.sweep.cluster import ONE_THREAD, environment
-from validation.sweep.command import Options, run_sweep
-from validation.sweep.definition import SweepDefinition, parse_sweep
-from validation.sweep.sampling import cases as cases_of
-from validation.sweep.store import load_results
-from validation.sweep.work import Task
+from validation.cli.console import Narrator, Silent, json_ready, print_line, print_table
+from validation.store.environment import describe_environment
+from validation.store.folders import check_output_file, output_file
+from validation.study.sweep.cluster import ONE_THREAD, environment
+from validation.study.sweep.command import Options, run_sweep
+from validation.study.sweep.definition import SweepDefinition, parse_sweep
+from validation.study.sweep.sampling import cases as cases_of
+from validation.study.sweep.store import load_results
+from validation.study.sweep.work import Task
 
 RATIO, OVERHEAD, MEMORY = 1.85, 0.03, 500.0
 """Targets: throughput of two workers over one, share of a run beside its trial, peak of a worker [MB]."""
@@ -143,8 +143,8 @@ def _bare(lists: Sequence[Sequence[Task]]) -> list[float]:
 
 def _walk_all(tasks: Sequence[Task]) -> list[float]:
     """Seconds of plan, walk and verdict of every run, and nothing else."""
-    from validation.planning import Request, plan
-    from validation.trial import walk
+    from validation.judge.examine import walk
+    from validation.trial.planning import Request, plan
 
     seconds = []
     for task in tasks:

@@ -12,14 +12,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.controller import LIMITED, UNSOLVED, ControlOutput, TrackingController
-from ampm.gait import GaitPlan
-from ampm.motion import WholeBodyMotion
+from ampm.body.motion import WholeBodyMotion
+from ampm.control.controller import LIMITED, UNSOLVED, ControlOutput, TrackingController
 from ampm.parameters import RunParameters
+from ampm.planner.gait import GaitPlan
 from benchmarks.clock import Statistics, Stopwatch, least
 from models.human import BodyModel
-from validation import simulate
-from validation.record import OutcomeName, SimulationRecord
+from validation.trial import simulate
+from validation.trial.record import OutcomeName, SimulationRecord
 
 Progress = Callable[[int, int], None]
 

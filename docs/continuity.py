@@ -13,9 +13,9 @@ from pathlib import Path
 from pages import between
 
 from ampm.parameters import dump_run, load_run
-from validation.console import Narrator
-from validation.pair_report import draw_file
-from validation.pairs import Pair, compare_pair, facts, shown
+from validation.cli.console import Narrator
+from validation.study.compare.report import draw_file
+from validation.study.compare.run import Pair, compare_pair, facts, shown
 
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "continuity.png"

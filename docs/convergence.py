@@ -11,11 +11,11 @@ from pathlib import Path
 
 from pages import between
 
-from validation.convergence.command import Options, run
-from validation.convergence.picture import draw
-from validation.convergence.result import Convergence
-from validation.convergence.studies import COUNTS
-from validation.convergence.table import levels_table, summary_lines
+from validation.study.convergence.command import Options, run
+from validation.study.convergence.picture import draw
+from validation.study.convergence.result import Convergence
+from validation.study.convergence.studies import COUNTS
+from validation.study.convergence.table import levels_table, summary_lines
 
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "convergence.svg"

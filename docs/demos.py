@@ -18,9 +18,9 @@ import numpy as np
 from pages import between
 
 from ampm.parameters import PRESETS
-from validation.console import Silent
-from validation.planning import plan, request
-from validation.signals import load_signals
+from validation.cli.console import Silent
+from validation.judge.signals import load_signals
+from validation.trial.planning import plan, request
 
 PAGE = Path(__file__).with_suffix(".md")
 WIDE = ("roll-0.1", "pitch")

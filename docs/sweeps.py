@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from validation.sweep.columns import COLUMNS
+from validation.study.sweep.columns import COLUMNS
 
 PAGE = Path(__file__).with_suffix(".md")
 MARKS = ("<!-- columns -->", "<!-- end of columns -->")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from ampm.body import SOLE_POINT_GROUPS, BodyDescription, LegDescription, SoleGeometry
+from ampm.description import SOLE_POINT_GROUPS, BodyDescription, LegDescription, SoleGeometry
 from ampm.exceptions import InputError
 from models import anthropometry as table
 from models._pymjcf import mjcf

@@ -35,8 +35,8 @@ def run_of(shared_folder: Path) -> RunOf:
     """
 
     def get(gait: str = "normal", settings: dict[str, object] | None = None, *, steps: int = 8) -> Path:
-        from validation.planning import request
-        from validation.run import Options, validate
+        from validation.run.validate import Options, validate
+        from validation.trial.planning import request
 
         changed = {**(settings or {}), "gait.steps": steps}
         parts = [gait, *(f"{key}={value}" for key, value in changed.items())]

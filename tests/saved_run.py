@@ -12,17 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ampm.gait import plan_gait
 from ampm.parameters import dump_run, load_run
+from ampm.planner.gait import plan_gait
 from models.human import build
-from validation.bridge import pinocchio_model, to_pinocchio
-from validation.compare import compare
-from validation.environment import describe_environment
-from validation.measure import measure
-from validation.profiles import profile
-from validation.record import Outcome, OutcomeName, SimulationRecord, save_record
-from validation.signals import save_signals, signals_table
-from validation.verdict import build_summary, judge
+from validation.judge.compare import compare
+from validation.judge.profiles import profile
+from validation.judge.signals import save_signals, signals_table
+from validation.judge.verdict import build_summary, judge
+from validation.measure.measure import measure
+from validation.store.environment import describe_environment
+from validation.trial.bridge import pinocchio_model, to_pinocchio
+from validation.trial.record import Outcome, OutcomeName, SimulationRecord, save_record
 
 ZMP_ERROR = (1.5e-3, 0.7e-3)
 """Amplitude of the error that is put on the measured ZMP [m]."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 from functools import cache
 from typing import NamedTuple
 
-from ampm.gait import GaitPlan, plan_gait
-from ampm.motion import WholeBodyMotion
-from ampm.orbit import solve_motion
+from ampm.body.motion import WholeBodyMotion
+from ampm.body.orbit import solve_motion
+from ampm.body.robot import Robot
 from ampm.parameters import RunParameters, load_run
-from ampm.robot import Robot
+from ampm.planner.gait import GaitPlan, plan_gait
 from models.human import build
-from validation.bridge import pinocchio_model
+from validation.trial.bridge import pinocchio_model
 
 WALK = (
     "gait.com_height=0.875",

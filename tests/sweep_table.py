@@ -18,10 +18,10 @@ import tomli_w
 from scipy.stats import qmc
 
 from ampm.parameters import GRAVITY, RunParameters, keys
-from validation.profiles import BODY_WEIGHT, profile
-from validation.sweep.columns import TABLE_METADATA, schema
-from validation.sweep.definition import parse_sweep
-from validation.sweep.store import table_metadata
+from validation.judge.profiles import BODY_WEIGHT, profile
+from validation.study.sweep.columns import TABLE_METADATA, schema
+from validation.study.sweep.definition import parse_sweep
+from validation.study.sweep.store import table_metadata
 
 RANGES: Mapping[str, tuple[float, float]] = {
     "gait.step_length": (0.4, 0.75),

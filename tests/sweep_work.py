@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ampm.exceptions import BodilyRefusal
-from validation.sweep.work import Answer, Task, answer_of, on_worker
+from validation.study.sweep.work import Answer, Task, answer_of, on_worker
 
 
 def act(task: Task) -> Answer:

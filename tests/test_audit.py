@@ -12,12 +12,12 @@ import pytest
 import sympy as sp
 from rich.console import Console
 
-from ampm.gait import plan_gait
 from ampm.parameters import load_run
-from validation.audit import audit
-from validation.audit.rows import Check, Row, Verdict, against, claim, symbolic, zero
-from validation.audit.table import FILE_WIDTH, describe, markdown, print_rows, summary
-from validation.cli import Status, call
+from ampm.planner.gait import plan_gait
+from validation.cli.app import Status, call
+from validation.paper.audit import audit
+from validation.paper.audit.rows import Check, Row, Verdict, against, claim, symbolic, zero
+from validation.paper.audit.table import FILE_WIDTH, describe, markdown, print_rows, summary
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 OF_WORDS = {"E21", "E26", "E30", "E33"}
@@ -180,7 +180,9 @@ def test_checks_show_what_matters():
 
 def test_the_page_is_in_step(rows):
     page = (DOCS / "audit.md").read_text(encoding="utf-8")
-    assert page == markdown(rows), "docs/audit.md is not what the audit says: run python -m validation.audit"
+    assert page == markdown(rows), (
+        "docs/audit.md is not what the audit says: run python -m validation.paper.audit"
+    )
 
 
 def test_the_table_can_be_read_at_100_columns(rows, capsys):
@@ -202,7 +204,7 @@ def test_the_counts_add_up(rows):
 @pytest.fixture
 def quick(monkeypatch, rows):
     """The command without the work."""
-    monkeypatch.setattr("validation.audit.command.audit", lambda _: rows)
+    monkeypatch.setattr("validation.paper.audit.command.audit", lambda _: rows)
 
 
 @pytest.mark.usefixtures("quick")
@@ -230,7 +232,7 @@ def test_a_correction_that_fails_is_told(monkeypatch, capsys):
         corrected="a = c",
         errata=("E1",),
     )
-    monkeypatch.setattr("validation.audit.command.audit", lambda _: (broken,))
+    monkeypatch.setattr("validation.paper.audit.command.audit", lambda _: (broken,))
     assert call(["audit"]) == Status.OUT_OF_TOLERANCE
     assert "Eq. 1" in capsys.readouterr().err
 

@@ -12,7 +12,7 @@ from benchmarks import cli, table
 from benchmarks.clock import Statistics, Stopwatch, least, repeat
 from benchmarks.run import BenchmarkResult, run_benchmarks
 from benchmarks.walking import PARTS
-from validation.cli import Status
+from validation.cli.app import Status
 
 STEPS = 2
 

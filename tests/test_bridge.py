@@ -10,7 +10,7 @@ import pytest
 from ampm.exceptions import InputError
 from ampm.parameters import BodyParameters, RunParameters
 from models.human import build
-from validation.bridge import (
+from validation.trial.bridge import (
     acceleration_to_mujoco,
     acceleration_to_pinocchio,
     pinocchio_model,

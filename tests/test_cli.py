@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from validation import cli
-from validation.cli import Status, call
+from validation.cli import app as cli
+from validation.cli.app import Status, call
 
 COLUMNS = (
     "time phase stance com_x com_y com_z com_velocity_x com_velocity_y com_velocity_z com_acceleration_x "
@@ -252,7 +252,7 @@ def test_view_without_a_display_says_what_to_do(ampm, tmp_path, monkeypatch):
 
 
 def test_view_in_a_browser_stays_on_this_machine(tmp_path):
-    from validation.viewer import page_address, viewer_command
+    from validation.show.viewer import page_address, viewer_command
 
     command = viewer_command(tmp_path / "recording.rrd", ports=(9090, 9876))
     assert command[command.index("--bind") + 1] == "127.0.0.1"
@@ -280,7 +280,7 @@ def test_crash_is_one_sentence_and_keeps_its_traceback(ampm, monkeypatch):
     def broken(*_: object) -> None:
         raise ZeroDivisionError("by zero")
 
-    monkeypatch.setattr("validation.planning.request", broken)
+    monkeypatch.setattr("validation.trial.planning.request", broken)
     answer = ampm("plan", "--json")
     assert answer.status == Status.CRASH
     assert answer.json["error"]["kind"] == "crash"
@@ -294,7 +294,7 @@ def test_debug_shows_the_traceback(ampm, monkeypatch):
     def broken(*_: object) -> None:
         raise ZeroDivisionError("by zero")
 
-    monkeypatch.setattr("validation.planning.request", broken)
+    monkeypatch.setattr("validation.trial.planning.request", broken)
     answer = ampm("plan", "--debug")
     assert answer.status == Status.CRASH
     assert "Traceback" in answer.err
@@ -304,7 +304,7 @@ def test_interrupt_outside_a_simulation(ampm, monkeypatch):
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("validation.planning.request", interrupted)
+    monkeypatch.setattr("validation.trial.planning.request", interrupted)
     assert ampm("plan").status == Status.INTERRUPTED
 
 
@@ -385,7 +385,7 @@ class Finder:
                 {answer}
 
 sys.meta_path.insert(0, Finder())
-from validation.entry import main
+from validation.cli.entry import main
 sys.argv = ["ampm", "plan", "--no-body", "--json"]
 main()
 """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ampm.contact_gate import ContactGate
+from ampm.control.contact_gate import ContactGate
 from tests.solved import COARSE, walk_of
 
 PERIOD, RAMP = 0.002, 0.04

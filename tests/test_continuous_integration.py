@@ -15,10 +15,10 @@ import typer
 import yaml
 
 from tests.sweep_table import make_table, replaced, write_sweep
-from validation.cli import app
-from validation.sweep.definition import load_sweep
-from validation.sweep.sampling import cases
-from validation.sweep.screening import screen
+from validation.cli.app import app
+from validation.study.sweep.definition import load_sweep
+from validation.study.sweep.sampling import cases
+from validation.study.sweep.screening import screen
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 WORKFLOW = DOCS / "examples" / "gate.yml"
@@ -113,7 +113,7 @@ def workspace(tmp_path):
     worse = replaced(table, "outcome", ["fell", *["completed"] * 7])
     worse = replaced(worse, "verdict", ["not_measured", *table.column("verdict").to_pylist()[1:]])
     write_sweep(tmp_path / "prepared" / "worse", worse)
-    merge(tmp_path / "head", "validation/run.py")
+    merge(tmp_path / "head", "validation/run/validate.py")
     for side in ("head", "base"):
         folder = tmp_path / side / ".venv" / "bin"
         folder.mkdir(parents=True)
@@ -123,7 +123,7 @@ def workspace(tmp_path):
             'if [ "$1" = sweep ]; then\n'
             f'  mkdir -p sweeps && cp -r "prepared/${{{side}_sweep}}" "$4" && exit "${{{side}_status:-0}}"\n'
             "fi\n"
-            f'exec "{sys.executable}" -m validation.cli "$@"\n',
+            f'exec "{sys.executable}" -m validation.cli.app "$@"\n',
             encoding="utf-8",
         )
         script.chmod(0o755)
@@ -139,7 +139,13 @@ def merge(folder: Path, changed: str) -> None:
 
     folder.mkdir()
     run("init", "--quiet", "--initial-branch=main")
-    for name in ("validation/run.py", "docs/sweeps.md", "docs/examples/gate.toml", "README.md", changed):
+    for name in (
+        "validation/run/validate.py",
+        "docs/sweeps.md",
+        "docs/examples/gate.toml",
+        "README.md",
+        changed,
+    ):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text("before\n", encoding="utf-8")
         run("add", name)
@@ -154,7 +160,7 @@ def merge(folder: Path, changed: str) -> None:
 @pytest.mark.parametrize(
     ("changed", "walked"),
     [
-        ("validation/run.py", True),
+        ("validation/run/validate.py", True),
         ("docs/examples/gate.toml", True),
         (".github/workflows/gate.yml", True),
         ("docs/sweeps.md", False),

@@ -9,13 +9,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.controller import LIMITED, SOLVED, UNSOLVED, TrackingController
-from ampm.inverse_kinematics import POSTURE_WEIGHTS
-from ampm.joint_limits import JointLimits
+from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
+from ampm.body.robot import TASK_ROWS, Robot
+from ampm.control.controller import LIMITED, SOLVED, UNSOLVED, TrackingController
+from ampm.control.joint_limits import JointLimits
+from ampm.control.reference import tracking_reference
+from ampm.control.wrench_qp import ANGULAR, STANCE, SWING, YAW_COST
 from ampm.parameters import ControllerParameters
-from ampm.reference import tracking_reference
-from ampm.robot import TASK_ROWS, Robot
-from ampm.wrench_qp import ANGULAR, STANCE, SWING, YAW_COST
 from tests.solved import COARSE, motion_of, walk_of
 
 INSTANTS = (0.2, 0.62, 0.66, 0.9)

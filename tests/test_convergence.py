@@ -17,12 +17,16 @@ from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import load_run
 from tests.saved_run import make_run
 from tests.walk import perfect_walk, with_state
-from validation import summary_text
-from validation.cli import Status, call
-from validation.compare import compare
-from validation.convergence import command
-from validation.convergence.execute import OWN, runs_of, walk_levels
-from validation.convergence.order import (
+from validation.cli.app import Status, call
+from validation.judge.compare import compare
+from validation.judge.profiles import DEFAULT, STRICT
+from validation.judge.verdict import VerdictName, build_summary, judge
+from validation.show import summary as summary_text
+from validation.show.report import render
+from validation.store.saved import load_saved_run
+from validation.study.convergence import command
+from validation.study.convergence.execute import OWN, runs_of, walk_levels
+from validation.study.convergence.order import (
     CONFIRMED,
     NO_RANGE,
     UNCONFIRMED,
@@ -31,16 +35,12 @@ from validation.convergence.order import (
     input_uncertainty,
     observed_orders,
 )
-from validation.convergence.result import combine
-from validation.convergence.studies import Figures, studies, walk_level
-from validation.convergence.table import markdown, print_convergence
-from validation.convergence.uncertainty import FILE, load_uncertainty, matching
-from validation.planning import request
-from validation.profiles import DEFAULT, STRICT
-from validation.record import Outcome, OutcomeName
-from validation.report import render
-from validation.saved import load_saved_run
-from validation.verdict import VerdictName, build_summary, judge
+from validation.study.convergence.result import combine
+from validation.study.convergence.studies import Figures, studies, walk_level
+from validation.study.convergence.table import markdown, print_convergence
+from validation.study.convergence.uncertainty import FILE, load_uncertainty, matching
+from validation.trial.planning import request
+from validation.trial.record import Outcome, OutcomeName
 
 STEPS = 2e-3 / 2.0 ** np.arange(4)
 
@@ -370,7 +370,7 @@ def test_a_refusal_inside_a_level_is_an_outcome(monkeypatch):
     def refuse(*args, **keywords):
         raise BodilyRefusal("too long", reason="leg", value=1.0, limit=0.5, unit="m", way_out="shorten")
 
-    monkeypatch.setattr("validation.planning.plan", refuse)
+    monkeypatch.setattr("validation.trial.planning.plan", refuse)
     walk = walk_level(load_run("normal"), "normal", DEFAULT)
     assert (walk.outcome, walk.completed) == ("refused", False)
     assert walk.cause == "too long; shorten."

@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from ampm.gait import plan_gait
 from ampm.parameters import load_run, preset_names
-from validation.signals import load_signals
+from ampm.planner.gait import plan_gait
+from validation.judge.signals import load_signals
 
 ROLLS = (0.1, 0.4, 0.7, 1.0)
 """Profile that each preset is to pass; all others pass the default one."""
@@ -56,7 +56,7 @@ def test_the_pitch_demos_turn_the_body_in_opposite_senses(run_of):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", preset_names())
 def test_every_preset_walks_thirty_steps_within_its_profile(name, run_of):
-    from validation.profiles import own_profile
+    from validation.judge.profiles import own_profile
 
     summary = json.loads((run_of(name, steps=30) / "summary.json").read_text(encoding="utf-8"))
     assert summary["outcome"] == "completed"
@@ -68,7 +68,7 @@ def test_every_preset_walks_thirty_steps_within_its_profile(name, run_of):
 
 
 def test_two_demos_may_take_twice_the_limits_and_no_other_may():
-    from validation.profiles import DEFAULT, WIDE, own_profile
+    from validation.judge.profiles import DEFAULT, WIDE, own_profile
 
     wide = {name for name in preset_names() if own_profile(name) is WIDE}
     assert wide == {"roll-0.1", "pitch"}

@@ -12,12 +12,12 @@ from ampm.exceptions import InputError
 from tests.browser import look
 from tests.sweep_table import make_table, replaced, write_sweep
 from tests.test_report import Page
-from validation.cli import call
-from validation.convergence.uncertainty import Uncertainty
-from validation.sweep.diff import ABSOLUTE_FLOOR, diff_tables, read_tolerances
-from validation.sweep.diff_text import describe_diff, write_page
-from validation.sweep.matching import match
-from validation.sweep.table import METRIC, State, SweepTable
+from validation.cli.app import call
+from validation.study.convergence.uncertainty import Uncertainty
+from validation.study.sweep.diff import ABSOLUTE_FLOOR, diff_tables, read_tolerances
+from validation.study.sweep.diff_text import describe_diff, write_page
+from validation.study.sweep.matching import match
+from validation.study.sweep.table import METRIC, State, SweepTable
 
 EASY = {"gait.c_s": (0.8, 1.2), "gait.c_y": (0.5, 1.1), "body.height": (1.6, 1.8)}
 

@@ -13,9 +13,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.linalg import null_space
 
-from ampm.gait import plan_gait
-from ampm.inverse_kinematics import InverseKinematics
+from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.parameters import load_run
+from ampm.planner.gait import plan_gait
 from tests.solved import COARSE, motion_of, walk_of
 
 

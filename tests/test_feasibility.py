@@ -4,11 +4,11 @@ import math
 
 import pytest
 
-from ampm.body import BodyDescription, LegDescription, SoleGeometry
+from ampm.body.feasibility import check_body
+from ampm.description import BodyDescription, LegDescription, SoleGeometry
 from ampm.exceptions import BodilyRefusal, InputError
-from ampm.feasibility import check_body
-from ampm.gait import plan_gait
 from ampm.parameters import FootParameters, GaitParameters
+from ampm.planner.gait import plan_gait
 
 SOLE = SoleGeometry(
     heel_x=-0.107,

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ampm.body import SoleGeometry
+from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
-from ampm.feet import BALL, HEEL, TIP, FootSample, cubic, plan_feet, quintic
-from ampm.gait import Footstep, plan_gait
 from ampm.parameters import FootParameters, load_run, preset_names
+from ampm.planner.feet import BALL, HEEL, TIP, FootSample, cubic, plan_feet, quintic
+from ampm.planner.gait import Footstep, plan_gait
 from models.human import build
 
 SOLE = SoleGeometry(-0.1, 0.09, 0.16, 0.03, 0.04, 0.035, -0.035, 0.066)

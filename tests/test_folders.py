@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ampm.exceptions import InputError
-from validation.folders import output_file, run_folder
+from validation.store.folders import output_file, run_folder
 
 
 def fill(folder, text="first"):

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import cumulative_simpson, solve_ivp
 
-from ampm.body import SoleGeometry
+from ampm.description import SoleGeometry
 from ampm.exceptions import InputError, MathematicalRefusal
-from ampm.gait import CONTINUOUS, RESIDUAL_LIMIT, plan_gait
 from ampm.parameters import FootParameters, GaitParameters
+from ampm.planner.gait import CONTINUOUS, RESIDUAL_LIMIT, plan_gait
 
 G = 9.81
 GOLDEN = GaitParameters(

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ampm.body import BodyDescription
+from ampm.description import BodyDescription
 from ampm.exceptions import InputError
 from ampm.parameters import BodyParameters, ContactParameters, RunParameters, SimulationParameters
 from models import anthropometry as table

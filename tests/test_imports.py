@@ -46,7 +46,9 @@ def test_the_whole_of_ampm_leaves_the_simulator_unloaded():
 
 
 def test_the_planner_needs_no_body_library():
-    loaded = loaded_by("import ampm.parameters, ampm.pendulum, ampm.gait, ampm.feet, ampm.feasibility")
+    loaded = loaded_by(
+        "import ampm.parameters, ampm.planner.pendulum, ampm.planner.gait, ampm.planner.feet, ampm.body.feasibility"
+    )
     assert not loaded & {"pinocchio", "osqp", "daqp", "scipy", "mujoco"}
 
 
@@ -62,7 +64,7 @@ def test_imports_point_one_way(package, forbidden):
     assert not imported_packages(package) & forbidden
 
 
-@pytest.mark.parametrize("module", ["validation.measure", "validation.record"])
+@pytest.mark.parametrize("module", ["validation.measure.measure", "validation.trial.record"])
 def test_measurement_cannot_see_the_plan(module):
     path = ROOT.joinpath(*module.split(".")).with_suffix(".py")
     seen = {
@@ -72,17 +74,22 @@ def test_measurement_cannot_see_the_plan(module):
         for alias in node.names
     }
     assert not {
-        name for name in seen if name and name.startswith(("ampm.gait", "ampm.pendulum", "ampm.motion"))
+        name
+        for name in seen
+        if name and name.startswith(("ampm.planner.gait", "ampm.planner.pendulum", "ampm.body.motion"))
     }
 
 
 def test_a_run_without_a_recording_loads_no_drawing():
-    loaded = loaded_by("import validation.run, validation.trial, validation.planning, validation.sweep.work")
+    loaded = loaded_by(
+        "import validation.run.validate, validation.judge.examine, validation.trial.planning, "
+        "validation.study.sweep.work"
+    )
     assert not loaded & {"rerun", "matplotlib"}
 
 
 def test_the_schema_of_a_sweep_needs_no_simulator():
-    loaded = loaded_by("from validation.instruments import INSTRUMENT_COLUMNS, load_instrument")
+    loaded = loaded_by("from validation.measure.instruments import INSTRUMENT_COLUMNS, load_instrument")
     assert not loaded & {"mujoco", "pinocchio", "scipy", "rerun", "matplotlib"}
 
 
@@ -93,7 +100,11 @@ def test_only_the_simulation_side_owns_simulator_data():
         for path in (ROOT / package).rglob("*.py")
         if "MjData(" in path.read_text(encoding="utf-8")
     }
-    assert owners <= {"validation/simulate.py", "validation/replay.py", "validation/rerun_log.py"}
+    assert owners <= {
+        "validation/trial/simulate.py",
+        "validation/run/replay.py",
+        "validation/show/rerun/record.py",
+    }
 
 
 def test_public_names_exist():

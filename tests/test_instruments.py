@@ -15,9 +15,8 @@ from ampm.exceptions import InputError
 from ampm.parameters import load_run
 from models.human import build
 from tests.saved_run import make_run
-from validation.bridge import pinocchio_model, to_pinocchio
-from validation.cli import Status, call
-from validation.instruments import (
+from validation.cli.app import Status, call
+from validation.measure.instruments import (
     CAUSES,
     INSTRUMENT_COLUMNS,
     PRESETS,
@@ -25,7 +24,7 @@ from validation.instruments import (
     make_instrument,
     observe,
 )
-from validation.instruments.chain import (
+from validation.measure.instruments.chain import (
     BIAS,
     CROSS_TALK,
     DELAY,
@@ -37,12 +36,13 @@ from validation.instruments.chain import (
     Chain,
     Dice,
 )
-from validation.instruments.columns import columns_of
-from validation.instruments.model import Acquisition, Channel
-from validation.instruments.rigs import make_rig
-from validation.instruments.truth import true_gait
-from validation.measure import measure
-from validation.record import load_record
+from validation.measure.instruments.columns import columns_of
+from validation.measure.instruments.model import Acquisition, Channel
+from validation.measure.instruments.rigs import make_rig
+from validation.measure.instruments.truth import true_gait
+from validation.measure.measure import measure
+from validation.trial.bridge import pinocchio_model, to_pinocchio
+from validation.trial.record import load_record
 
 DT = 2e-3
 
@@ -356,7 +356,7 @@ def test_a_low_pass_above_the_steps_rate_is_left_out_and_said_so(record, human):
 
 
 def test_a_walk_that_ended_at_once_has_figures_without_numbers(tmp_path, human):
-    from validation.record import Outcome, OutcomeName
+    from validation.trial.record import Outcome, OutcomeName
 
     end = Outcome(OutcomeName.FELL, 0.0, "It fell.", 0)
     record = load_record(make_run(tmp_path / "run", steps=2, seconds=0.0, outcome=end))

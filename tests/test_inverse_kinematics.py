@@ -9,16 +9,16 @@ import pinocchio as pin
 import pytest
 from scipy.linalg import null_space
 
-from ampm.exceptions import InputError
-from ampm.gait import plan_gait
-from ampm.inverse_kinematics import (
+from ampm.body.inverse_kinematics import (
     POSTURE_WEIGHTS,
     InverseKinematics,
     Unreachable,
     step_grid,
     step_reference,
 )
-from ampm.orbit import COARSE_STEP
+from ampm.body.orbit import COARSE_STEP
+from ampm.exceptions import InputError
+from ampm.planner.gait import plan_gait
 from tests.solved import COARSE, motion_of, walk_of
 
 NODES = (0, 40, 90, 120, 150)

@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-import validation.measure as module
+import validation.measure.measure as module
 from ampm.exceptions import InputError
 from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, pinocchio_model, simulate, swinging, to_pinocchio
-from validation.measure import measure, standing_check, without_point
+from validation.measure.measure import measure, standing_check, without_point
 
 WEIGHT = (MASS + ARM_MASS) * GRAVITY
 
@@ -35,7 +35,11 @@ def test_measurement_never_sees_a_plan_or_the_simulator():
     tree = ast.parse(Path(module.__file__).read_text())
     names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     names |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    assert not {name for name in names if name.startswith(("ampm.gait", "ampm.feet", "mujoco", "models"))}
+    assert not {
+        name
+        for name in names
+        if name.startswith(("ampm.planner.gait", "ampm.planner.feet", "mujoco", "models"))
+    }
 
 
 def test_a_still_block_weighs_its_weight_under_its_com(still):

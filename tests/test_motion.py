@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from ampm.body.motion import WholeBodyMotion
 from ampm.exceptions import InputError
-from ampm.motion import WholeBodyMotion
 from tests.solved import COARSE, motion_of, walk_of
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm import orbit, return_map
+from ampm.body import orbit, return_map
+from ampm.body.inverse_kinematics import Unreachable
+from ampm.body.orbit import solve_motion
 from ampm.exceptions import BodilyRefusal, InputError
-from ampm.inverse_kinematics import Unreachable
-from ampm.orbit import solve_motion
 from tests.solved import COARSE, motion_of, walk_of
 from tests.test_motion import same
 

@@ -13,11 +13,21 @@ import pytest
 
 from ampm.exceptions import InputError
 from ampm.parameters import load_run
-from validation.cli import call
-from validation.console import Silent, json_ready
-from validation.convergence.uncertainty import Uncertainty
-from validation.pair_figures import catalogue, studied_name, walked_figures
-from validation.pairs import GRIDS, NUMBERS, PICTURE, REPORT, Row, _side, compare_pair, joint_jumps, pair_of
+from validation.cli.app import call
+from validation.cli.console import Silent, json_ready
+from validation.study.compare.metrics import catalogue, studied_name, walked_figures
+from validation.study.compare.run import (
+    GRIDS,
+    NUMBERS,
+    PICTURE,
+    REPORT,
+    Row,
+    _side,
+    compare_pair,
+    joint_jumps,
+    pair_of,
+)
+from validation.study.convergence.uncertainty import Uncertainty
 
 STEPS = 5
 
@@ -225,7 +235,7 @@ def test_two_folders_of_one_gait_are_told_apart(folders):
 
 
 def test_a_walk_that_did_not_end_is_told_by_the_status(pair):
-    from validation.pairs import status
+    from validation.study.compare.run import status
 
     fallen = replace(pair, b=replace(pair.b, outcome="fell"))
     stopped = replace(pair, a=replace(pair.a, outcome="interrupted"))

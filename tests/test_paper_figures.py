@@ -16,15 +16,15 @@ from ampm.exceptions import InputError, SolverError
 from ampm.parameters import load_run
 from models.human import sole_geometry
 from tests.solved import COARSE, motion_of, walk_of
-from validation.cli import Status, call
-from validation.paper_figures import FIGURES, make_figures
-from validation.paper_figures.accelerations import com_accelerations, figure_9, figure_10, joint_accelerations
-from validation.paper_figures.bodies import figure_8, figure_11, figure_12, numbers, trunk
-from validation.paper_figures.canvas import save, style
-from validation.paper_figures.centroidal import of_motion
-from validation.paper_figures.foot_roll import joint_jumps, table
-from validation.paper_figures.geometry import figure_4, figure_5
-from validation.paper_figures.human import (
+from validation.cli.app import Status, call
+from validation.paper.figures import FIGURES, make_figures
+from validation.paper.figures.accelerations import com_accelerations, figure_9, figure_10, joint_accelerations
+from validation.paper.figures.bodies import figure_8, figure_11, figure_12, numbers, trunk
+from validation.paper.figures.canvas import save, style
+from validation.paper.figures.centroidal import of_motion
+from validation.paper.figures.foot_roll import joint_jumps, table
+from validation.paper.figures.geometry import figure_4, figure_5
+from validation.paper.figures.human import (
     HUMAN_FORCE,
     HUMAN_MOMENTUM,
     SPEEDS,
@@ -35,13 +35,13 @@ from validation.paper_figures.human import (
     ranges,
     scale,
 )
-from validation.paper_figures.human import table as human_table
-from validation.paper_figures.panels import SPREAD
-from validation.paper_figures.skeleton import pose
-from validation.paper_figures.walks import Walk, Walks
-from validation.planning import request
-from validation.record import Outcome, OutcomeName
-from validation.run import Options, validate
+from validation.paper.figures.human import table as human_table
+from validation.paper.figures.panels import SPREAD
+from validation.paper.figures.skeleton import pose
+from validation.paper.figures.walks import Walk, Walks
+from validation.run.validate import Options, validate
+from validation.trial.planning import request
+from validation.trial.record import Outcome, OutcomeName
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def paper():
 
 def test_figures_are_written_as_svg_and_png_and_never_lost(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(
-        "validation.paper_figures.make.FIGURES",
+        "validation.paper.figures.make.FIGURES",
         {name: (f"figure-0{name}", lambda walks: (Figure(), {})) for name in "45"},
     )
     out = tmp_path / "new" / "out"
@@ -93,7 +93,7 @@ def test_unknown_figures_and_too_short_walks_are_refused(tmp_path):
 def test_numbers_of_earlier_figures_are_kept(tmp_path, monkeypatch):
     drawn = {name: lambda walks, name=name: (Figure(), {"said": name}) for name in ("8", "9")}
     monkeypatch.setattr(
-        "validation.paper_figures.make.FIGURES",
+        "validation.paper.figures.make.FIGURES",
         {name: (f"figure-{name}", draw) for name, draw in drawn.items()},
     )
     make_figures(tmp_path, "8")
@@ -108,7 +108,7 @@ def test_a_gait_is_walked_once(monkeypatch):
         walked.append((asked.name, asked.run.gait.steps))
         return walk_that("completed")
 
-    monkeypatch.setattr("validation.paper_figures.walks.validate", count)
+    monkeypatch.setattr("validation.paper.figures.walks.validate", count)
     with Walks(5) as walks:
         first = walks.walk("normal")
         assert walks.walk("normal") is first
@@ -123,7 +123,7 @@ def walk_that(outcome: str) -> SimpleNamespace:
 
 
 def test_no_figure_is_drawn_of_a_fall(monkeypatch):
-    monkeypatch.setattr("validation.paper_figures.walks.validate", lambda *_, **__: walk_that("fell"))
+    monkeypatch.setattr("validation.paper.figures.walks.validate", lambda *_, **__: walk_that("fell"))
     with Walks(5) as walks, pytest.raises(SolverError, match=r"normal: fell after 1\.50 s \(It slipped\.\)"):
         walks.walk("normal")
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
-from ampm.pendulum import (
+from ampm.planner.pendulum import (
     AffineLaw,
     double_support_root,
     frontal_plane,

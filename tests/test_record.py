@@ -12,7 +12,7 @@ import pytest
 
 from ampm.exceptions import InputError
 from tests.tiny import swinging
-from validation.record import (
+from validation.trial.record import (
     RECORD_FILES,
     Outcome,
     OutcomeName,

@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from ampm.control.reference import TrackingReference, tracking_reference
 from ampm.exceptions import InputError
-from ampm.gait import plan_gait
-from ampm.reference import TrackingReference, tracking_reference
+from ampm.planner.gait import plan_gait
 from tests.solved import COARSE, motion_of, walk_of
 
 EARLY, LEAD = 0.04, 0.01

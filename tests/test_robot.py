@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from ampm.body.robot import LEFT, RIGHT, TASK_ROWS, Robot
 from ampm.exceptions import InputError
-from ampm.robot import LEFT, RIGHT, TASK_ROWS, Robot
 from tests.solved import walk_of
 
 SEEDS = range(4)

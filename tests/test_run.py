@@ -13,10 +13,10 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from validation.cli import Status, call
-from validation.folders import INSTRUMENT_FILE, RUN_FILES
-from validation.record import JOINTS_FILE, first_difference, load_record
-from validation.signals import COLUMNS
+from validation.cli.app import Status, call
+from validation.judge.signals import COLUMNS
+from validation.store.folders import INSTRUMENT_FILE, RUN_FILES
+from validation.trial.record import JOINTS_FILE, first_difference, load_record
 
 STEPS = 2
 
@@ -149,7 +149,8 @@ def test_several_gaits_get_a_folder_each(tmp_path, capsys):
 
 INTERRUPTED_AT_STEP_500 = """
 import os, signal, sys
-from validation import cli, run
+from validation.cli import app as cli
+from validation.run import validate as run
 
 simulate = run.simulate
 
@@ -203,8 +204,9 @@ def test_ctrl_c_before_the_walk_leaves_nothing(tmp_path):
 
 INTERRUPTED_LATER = """
 import os, signal, sys
-from validation import rerun_log, trial
-from validation.entry import main
+from validation.show.rerun import record as rerun_log
+from validation.judge import examine as trial
+from validation.cli.entry import main
 
 module, name = (trial, "measure") if sys.argv.pop(1) == "measurement" else (rerun_log, "record_run")
 original = getattr(module, name)

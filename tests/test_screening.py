@@ -10,23 +10,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import ampm.gait
+import ampm.planner.gait
 from ampm.exceptions import InputError, MathematicalRefusal
-from ampm.gait import plan_gait
 from ampm.parameters import keys, load_run
-from validation import simulate
-from validation.console import Silent, json_ready
-from validation.planning import make_body, plan
-from validation.planning import request as ask
-from validation.sweep import closed_form, dry_run_text
-from validation.sweep.blocks import Block
-from validation.sweep.closed_form import ACCEPTED, BAD_PARAMETER, REASONS
-from validation.sweep.definition import SweepDefinition, parse_sweep
-from validation.sweep.dry_run import plan_dry_run
-from validation.sweep.dry_run_text import print_dry_run
-from validation.sweep.keys import key_info
-from validation.sweep.sampling import cases
-from validation.sweep.screening import screen
+from ampm.planner.gait import plan_gait
+from validation.cli.console import Silent, json_ready
+from validation.study.sweep import closed_form, dry_run_text
+from validation.study.sweep.blocks import Block
+from validation.study.sweep.closed_form import ACCEPTED, BAD_PARAMETER, REASONS
+from validation.study.sweep.definition import SweepDefinition, parse_sweep
+from validation.study.sweep.dry_run import plan_dry_run
+from validation.study.sweep.dry_run_text import print_dry_run
+from validation.study.sweep.keys import key_info
+from validation.study.sweep.sampling import cases
+from validation.study.sweep.screening import screen
+from validation.trial import simulate
+from validation.trial.planning import make_body, plan
+from validation.trial.planning import request as ask
 
 LONG = {"a_s": math.inf, "c_s": 0.005, "switching_velocity": 0.0577}
 """A single support of many time constants of the lateral pendulum, if c_y is large."""
@@ -235,9 +235,9 @@ def test_the_first_of_several_bad_parameters_is_told():
 
 
 def test_constants_are_the_planners():
-    assert closed_form.LARGEST_ANGLE == ampm.gait._LARGEST_ANGLE
+    assert closed_form.LARGEST_ANGLE == ampm.planner.gait._LARGEST_ANGLE
     names = set(REASONS) - {ACCEPTED, BAD_PARAMETER}
-    source = Path(ampm.gait.__file__).read_text(encoding="utf-8")
+    source = Path(ampm.planner.gait.__file__).read_text(encoding="utf-8")
     told = {part.split('"')[0] for part in source.split('reason="')[1:]}
     assert names == told
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import qmc, spearmanr
 
-from validation.sweep.report_sensitivity import _cell
-from validation.sweep.sensitivity import (
+from validation.study.sweep.report_sensitivity import _cell
+from validation.study.sweep.sensitivity import (
     LEAST_RUNS,
     MOST_RUNS,
     Influence,

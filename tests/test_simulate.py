@@ -8,19 +8,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from ampm import wrench_qp
-from ampm.controller import LIMITED, SOLVED, UNSOLVED
+from ampm.control import wrench_qp
+from ampm.control.controller import LIMITED, SOLVED, UNSOLVED
 from ampm.exceptions import InputError
 from ampm.qp import QPSolution, QPStatus, make_backend
 from models.human import BodyModel, build
 from tests.solved import COARSE, motion_of, walk_of
-from validation import run_log
-from validation import simulate as simulation
-from validation.bridge import to_pinocchio
-from validation.measure import measure
-from validation.record import OutcomeName, first_difference, load_record, save_record
-from validation.replay import compare, step_again
-from validation.run_log import RunLog
+from validation.measure.measure import measure
+from validation.run.replay import compare, step_again
+from validation.trial import log as run_log
+from validation.trial import simulate as simulation
+from validation.trial.bridge import to_pinocchio
+from validation.trial.log import RunLog
+from validation.trial.record import OutcomeName, first_difference, load_record, save_record
 
 STEPS = 2
 FAIL_AT = 150  # a tick in single support

@@ -7,14 +7,14 @@ from dataclasses import replace
 import pinocchio as pin
 import pytest
 
+from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal
 from ampm.parameters import RunParameters
-from ampm.robot import Robot
 from models.human import build
-from validation.bridge import pinocchio_model, to_pinocchio
-from validation.measure import measure, standing_check, without_point
-from validation.record import SimulationRecord
-from validation.standing import SETTLE, stand, weigh
+from validation.measure.measure import measure, standing_check, without_point
+from validation.measure.standing import SETTLE, stand, weigh
+from validation.trial.bridge import pinocchio_model, to_pinocchio
+from validation.trial.record import SimulationRecord
 
 RUN = RunParameters()
 

@@ -7,7 +7,7 @@ import pytest
 from ampm.exceptions import InputError
 from benchmarks import sweeping
 from benchmarks.cli import main
-from validation.console import Narrator
+from validation.cli.console import Narrator
 
 TIMING = sweeping.SweepTiming(
     gait="normal",
@@ -52,8 +52,8 @@ def test_too_few_runs_tell_nothing():
 
 
 def test_what_is_timed_is_a_sweep_that_differs_from_run_to_run():
-    from validation.sweep.definition import parse_sweep
-    from validation.sweep.sampling import cases
+    from validation.study.sweep.definition import parse_sweep
+    from validation.study.sweep.sampling import cases
 
     definition = parse_sweep(sweeping._DEFINITION.format(gait="flat", steps=2, runs=32))
     runs = cases(definition)

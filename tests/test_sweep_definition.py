@@ -8,19 +8,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import validation.sweep
+import validation.study.sweep
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import RunParameters, dump_run, keys, load_run
-from validation import cli, planning
-from validation.sweep.blocks import METHODS, MOST_CASES
-from validation.sweep.definition import dump_sweep, load_sweep, parse_sweep
-from validation.sweep.dry_run import plan_dry_run
-from validation.sweep.dry_run_text import print_dry_run
-from validation.sweep.keys import key_info
-from validation.sweep.probing import SOLVED, wilson
-from validation.sweep.sampling import cases
+from validation.cli import app as cli
+from validation.study.sweep.blocks import METHODS, MOST_CASES
+from validation.study.sweep.definition import dump_sweep, load_sweep, parse_sweep
+from validation.study.sweep.dry_run import plan_dry_run
+from validation.study.sweep.dry_run_text import print_dry_run
+from validation.study.sweep.keys import key_info
+from validation.study.sweep.probing import SOLVED, wilson
+from validation.study.sweep.sampling import cases
+from validation.trial import planning
 
-EXAMPLES = sorted((Path(validation.sweep.__file__).parent / "examples").glob("*.toml"))
+EXAMPLES = sorted((Path(validation.study.sweep.__file__).parent / "examples").glob("*.toml"))
 GRID = '[[vary]]\nmethod = "grid"\n'
 SOBOL = '[[vary]]\nmethod = "sobol"\ncount = 8\n'
 

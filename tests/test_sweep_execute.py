@@ -16,13 +16,13 @@ from typing import Any, cast
 import pytest
 
 from ampm.exceptions import BodilyRefusal, InputError
-from validation import cli
-from validation.sweep import cluster, execute, identity, rows, store, work
-from validation.sweep.columns import TABLE_METADATA
-from validation.sweep.execute import Execution
-from validation.sweep.progress import SweepProgress, duration, state_of
-from validation.sweep.rows import one_line
-from validation.sweep.summary import status_of
+from validation.cli import app as cli
+from validation.study.sweep import cluster, execute, identity, rows, store, work
+from validation.study.sweep.columns import TABLE_METADATA
+from validation.study.sweep.execute import Execution
+from validation.study.sweep.progress import SweepProgress, duration, state_of
+from validation.study.sweep.rows import one_line
+from validation.study.sweep.summary import status_of
 
 SWEEP = """
 [sweep]
@@ -270,8 +270,8 @@ def test_workers_with_several_threads_are_told_of_once(monkeypatch):
     "last", ["OSError: [Errno 28] No space left", "OSError 28", "RuntimeError: io (os error 28)"]
 )
 def test_a_full_disk_is_told_while_a_recording_is_drawn(tmp_path, monkeypatch, last):
-    from validation.sweep import recording
-    from validation.sweep.exceptions import SweepStopped
+    from validation.study.sweep import recording
+    from validation.study.sweep.exceptions import SweepStopped
 
     monkeypatch.setattr(recording, "_write", lambda *_: None)
     code = f"import sys; sys.stderr.buffer.write(b'\\xff\\n' + {last!r}.encode()); sys.exit(1)"
@@ -385,7 +385,7 @@ def test_the_status_is_that_of_the_worst_walk(outcomes, verdicts, status):
 
 def test_a_worker_of_other_code_is_refused():
     from ampm.parameters import RunParameters
-    from validation.sweep.exceptions import SweepStopped
+    from validation.study.sweep.exceptions import SweepStopped
 
     with pytest.raises(SweepStopped, match="other code or versions"):
         work.walk_task(work.Task(0, "0", RunParameters(), "default", code="other"))
@@ -407,7 +407,7 @@ def test_a_refusal_of_the_body_still_has_the_plan():
 
 def test_a_worker_loads_no_viewer_and_no_pictures():
     code = (
-        "import sys, validation.sweep.work, validation.planning, validation.trial; "
+        "import sys, validation.study.sweep.work, validation.trial.planning, validation.judge.examine; "
         "print([name for name in ('rerun', 'matplotlib', 'typer') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

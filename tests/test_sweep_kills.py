@@ -18,11 +18,11 @@ import pyarrow as pa
 import pytest
 
 from tests.sweep_work import act
-from validation.sweep.cluster import local_crew
-from validation.sweep.columns import reproducible_columns
-from validation.sweep.execute import Execution
-from validation.sweep.store import load_results, read_rows
-from validation.sweep.work import Task, blas_threads
+from validation.study.sweep.cluster import local_crew
+from validation.study.sweep.columns import reproducible_columns
+from validation.study.sweep.execute import Execution
+from validation.study.sweep.store import load_results, read_rows
+from validation.study.sweep.work import Task, blas_threads
 
 SWEEP = """
 [sweep]
@@ -46,7 +46,7 @@ def start(
 ) -> subprocess.Popen[str]:
     """The console script in a process group of its own, as on a terminal."""
     return subprocess.Popen(
-        [sys.executable, "-m", "validation.cli", "sweep", str(file), "--out", str(out), *extra],
+        [sys.executable, "-m", "validation.cli.app", "sweep", str(file), "--out", str(out), *extra],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -17,12 +17,12 @@ from ampm.exceptions import InputError
 from tests.browser import look
 from tests.sweep_table import RANGES, make_table, replaced, write_sweep
 from tests.test_report import Page
-from validation.cli import call
-from validation.sweep import map_data
-from validation.sweep.report import REPORT_FILE, render, worst_rows, write_sweep_report
-from validation.sweep.report_rows import Repeat, facts, links_of
-from validation.sweep.table import STATES, State, SweepTable, read_sweep
-from validation.sweep.tally import judge_sweep, share
+from validation.cli.app import call
+from validation.study.sweep import map_data
+from validation.study.sweep.report import REPORT_FILE, render, worst_rows, write_sweep_report
+from validation.study.sweep.report_rows import Repeat, facts, links_of
+from validation.study.sweep.table import STATES, State, SweepTable, read_sweep
+from validation.study.sweep.tally import judge_sweep, share
 
 GRID: dict[str, list[Any]] = {
     "gait.c_s": [0.6, 1.0, 1.4],

@@ -13,11 +13,11 @@ import pytest
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from validation.compare import Comparison
-from validation.sweep import columns, store
-from validation.sweep.columns import COLUMNS, parameter_values, run_key, schema, tidy
-from validation.sweep.definition import dump_sweep, parse_sweep
-from validation.sweep.exceptions import SweepStopped
+from validation.judge.compare import Comparison
+from validation.study.sweep import columns, store
+from validation.study.sweep.columns import COLUMNS, parameter_values, run_key, schema, tidy
+from validation.study.sweep.definition import dump_sweep, parse_sweep
+from validation.study.sweep.exceptions import SweepStopped
 
 ROOT = Path(__file__).resolve().parents[1]
 DEFINITION = parse_sweep('[[vary]]\nmethod = "grid"\ngait.c_s = { from = 0.8, to = 1.2, count = 300 }\n')

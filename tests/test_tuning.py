@@ -11,19 +11,19 @@ import pinocchio as pin
 import pyarrow.parquet as pq
 import pytest
 
-from ampm.certificate import Untunable, way_out
+from ampm.body.feasibility import check_body
+from ampm.body.orbit import RoughOrbits
+from ampm.body.step_torques import step_torques
 from ampm.exceptions import InputError, MathematicalRefusal
-from ampm.feasibility import check_body
-from ampm.free_choices import FREE_KEYS, FreeChoices, named_keys
-from ampm.gait import plan_gait
-from ampm.gait_limits import LIMITS, plan_margins
-from ampm.orbit import RoughOrbits
 from ampm.parameters import PRESETS, dump_run, keys, load_run
-from ampm.step_torques import step_torques
-from ampm.tuning import tune
-from validation import campaign
-from validation.cli import Status, call
-from validation.planning import make_body
+from ampm.planner.gait import plan_gait
+from ampm.tune.certificate import Untunable, way_out
+from ampm.tune.free_choices import FREE_KEYS, FreeChoices, named_keys
+from ampm.tune.gait_limits import LIMITS, plan_margins
+from ampm.tune.tuning import tune
+from validation.cli.app import Status, call
+from validation.study import campaign
+from validation.trial.planning import make_body
 
 LONG = ("gait.step_length=0.7", "gait.switching_velocity=1.2", "gait.steps=3")
 

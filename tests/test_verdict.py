@@ -11,11 +11,11 @@ import pytest
 
 from ampm.exceptions import InputError
 from tests.walk import perfect_walk, with_state
-from validation.compare import compare
-from validation.measure import StandingCheck
-from validation.profiles import BODY_WEIGHT, DEFAULT, PROFILES, STRICT, WIDE, profile
-from validation.record import Outcome, OutcomeName
-from validation.verdict import VerdictName, build_summary, judge
+from validation.judge.compare import compare
+from validation.judge.profiles import BODY_WEIGHT, DEFAULT, PROFILES, STRICT, WIDE, profile
+from validation.judge.verdict import VerdictName, build_summary, judge
+from validation.measure.measure import StandingCheck
+from validation.trial.record import Outcome, OutcomeName
 
 DOCS = Path(__file__).parents[1] / "docs" / "tolerances.md"
 

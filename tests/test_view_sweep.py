@@ -14,13 +14,13 @@ from rerun.chunk import RrdReader
 from ampm.exceptions import InputError
 from tests.saved_run import make_run
 from tests.sweep_table import make_table, replaced, write_sweep
-from validation.cli import Status, call
-from validation.record import Outcome, OutcomeName
-from validation.rerun_log import write_recording
-from validation.rerun_merge import PHASE, SINGLE_SUPPORT, read_part, same_gait
-from validation.saved import load_saved_run
-from validation.signals import load_signals
-from validation.view_sources import choose, parse_runs
+from validation.cli.app import Status, call
+from validation.judge.signals import load_signals
+from validation.show.rerun.merge import PHASE, SINGLE_SUPPORT, read_part, same_gait
+from validation.show.rerun.record import write_recording
+from validation.show.view_sources import choose, parse_runs
+from validation.store.saved import load_saved_run
+from validation.trial.record import Outcome, OutcomeName
 
 SLOW = ("gait.switching_velocity=0.9", "gait.single_support_ratio=0.7")
 
@@ -187,8 +187,8 @@ def test_chosen_runs_of_a_sweep_stand_side_by_side(sweep, tmp_path):
 
 
 def test_worst_and_median_are_shown_by_default(sweep):
-    from validation.sweep.store import load_results
-    from validation.sweep.summary import worst_runs
+    from validation.study.sweep.store import load_results
+    from validation.study.sweep.summary import worst_runs
 
     folder, kept = sweep
     results = load_results(folder)

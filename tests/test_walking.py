@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from ampm.parameters import load_run
-from validation.signals import load_signals
+from validation.judge.signals import load_signals
 
 STEPS = 10
 

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from ampm.controller import LIMITED, SOLVED, UNSOLVED
-from validation.record import OutcomeName
-from validation.watch import BLOW_UP, CALM, FALL_TIME, Watch
+from ampm.control.controller import LIMITED, SOLVED, UNSOLVED
+from validation.trial.record import OutcomeName
+from validation.trial.watch import BLOW_UP, CALM, FALL_TIME, Watch
 
 PERIOD = 0.002
 PLANNED = (0.0, 0.0, 0.88)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ampm import wrench_qp
-from ampm.qp import QPSettings
-from ampm.wrench_qp import (
+from ampm.control import wrench_qp
+from ampm.control.wrench_qp import (
     ANGULAR,
     FORCES,
     LARGEST_NORMAL,
@@ -20,6 +19,7 @@ from ampm.wrench_qp import (
     ForceMap,
     without_closed,
 )
+from ampm.qp import QPSettings
 
 SEEDS = range(4)
 FRICTION = 0.6

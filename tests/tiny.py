@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from validation.record import Outcome, OutcomeName, SimulationRecord
+from validation.trial.record import Outcome, OutcomeName, SimulationRecord
 
 MASS = 10.0
 ARM_MASS = 2.0

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ampm.body import SoleGeometry
-from ampm.gait import plan_gait
+from ampm.description import SoleGeometry
 from ampm.parameters import load_run
-from validation.measure import MeasuredGait, SelfChecks, zmp_from_momentum
-from validation.record import Outcome, OutcomeName, SimulationRecord
+from ampm.planner.gait import plan_gait
+from validation.measure.measure import MeasuredGait, SelfChecks, zmp_from_momentum
+from validation.trial.record import Outcome, OutcomeName, SimulationRecord
 
 MASS = 60.0
 SOLE = SoleGeometry(-0.107, 0.083, 0.151, 0.03, 0.045, 0.03, -0.042, 0.066)

@@ -15,12 +15,12 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from validation.console import Silent
-from validation.instruments import load_instrument
-from validation.instruments.command import observe_folder, write_files
-from validation.planning import plan, request, write_picture
-from validation.rerun_merge import PHASE
-from validation.viewer import view
+from validation.cli.console import Silent
+from validation.measure.instruments import load_instrument
+from validation.measure.instruments.command import observe_folder, write_files
+from validation.show.rerun.merge import PHASE
+from validation.show.viewer import view
+from validation.trial.planning import plan, request, write_picture
 
 HERE = Path(__file__).resolve().parent
 MENU_BAR = 36

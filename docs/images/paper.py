@@ -15,12 +15,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from validation.console import Narrator
-from validation.paper_figures import make_figures
-from validation.paper_figures.foot_roll import table as foot_roll_table
-from validation.paper_figures.human import forces_table, ranges_table
-from validation.paper_figures.human import table as human_table
-from validation.paper_figures.make import NUMBERS
+from validation.cli.console import Narrator
+from validation.paper.figures import make_figures
+from validation.paper.figures.foot_roll import table as foot_roll_table
+from validation.paper.figures.human import forces_table, ranges_table
+from validation.paper.figures.human import table as human_table
+from validation.paper.figures.make import NUMBERS
 
 HERE = Path(__file__).resolve().parent
 DOCS = HERE.parent

@@ -14,8 +14,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib import pyplot as plt
 
-from ampm.gait import GaitPlan, plan_gait
 from ampm.parameters import load_run
+from ampm.planner.gait import GaitPlan, plan_gait
 
 HERE = Path(__file__).resolve().parent
 COM, ZMP, FORCE, GREY, WRONG = "#1f5fa8", "#c2410c", "#2e7d32", "#8a8a8a", "#b00020"

@@ -7,10 +7,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.body import BodyDescription
+from ampm.description import BodyDescription
 from ampm.parameters import BodyParameters, RunParameters
 from models.human import build
-from validation.bridge import pinocchio_model, to_pinocchio
+from validation.trial.bridge import pinocchio_model, to_pinocchio
 
 GRAVITY = 9.81
 

@@ -1,0 +1,1 @@
+"""The body as planner and controller know it, and its whole-body motion."""

@@ -1,0 +1,526 @@
+"""Whole-body motion from a plan: accelerations that meet the plan's constraints and keep the body upright.
+
+At every instant (paper, section 2.3, Eqs. 8-12)
+
+    minimise    1/2 || qdd + k (q - q0) + d qd ||^2_W
+    subject to  J qdd + dJ/dt qd = lambda,     lower <= qdd <= upper,
+
+where the rows of J are the COM (3), the angular momentum about it (2, or 3 with L_z held at zero), both feet
+(6 each) and both toes (2). The sign of k is corrected: as printed, the posture runs away. The printed cost
+weighs loins and chest only, which leaves 40 - 20 directions with several minimisers; here every coordinate
+has a weight (:data:`POSTURE_WEIGHTS`), so the minimiser is unique.
+
+The QP is handed to OSQP after the change of variables ``u = W^(1/2) (qdd - qdd_0)`` and with orthonormal
+constraint rows, on which ADMM converges to rounding error in a few iterations. Where no joint limit binds,
+the same minimiser is the projection of zero on those rows; a search that only needs the end of the step takes
+it from there (``draft``) and leaves OSQP to the step that is handed out.
+
+The grid divides both phases exactly. After every step of the grid the state is projected back on the
+constraints (position and velocity), in the metric of the same weights, so that nothing drifts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import lapack
+
+from ampm.body.robot import LEFT, RIGHT, TASK_ROWS, Robot
+from ampm.exceptions import InputError
+from ampm.qp import OsqpBackend, QPSettings
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ampm.parameters import RunParameters
+    from ampm.planner.gait import GaitPlan
+
+POSTURE_WEIGHTS = {
+    "root_linear": 1e-3,
+    "root_angular": 1.0,
+    "trunk": 1.0,
+    "arms": 0.3,
+    "legs": 1e-3,
+}
+"""Weights W of the posture form by group of coordinates [1]; the legs and the root's position follow from
+feet and COM and need only enough to be unique."""
+
+ARM_BEND = 0.3
+"""How far the arms' rest posture stays inside the joint limits [rad]: hanging, with slightly bent elbows."""
+
+KNEE_MINIMUM = 0.1
+"""A knee straighter than this [rad] has lost its authority over the hip's height."""
+
+_LIMIT_HORIZON = 0.02  # time over which a joint limit may be approached [s]
+_LOST = 0.05  # error after a step of the grid at which the legs no longer follow [m, rad]
+CORRECTED = 1e-9
+"""Position error that a corrected grid node may keep [m, rad]."""
+_L_Z = 5  # row of the angular momentum about z
+
+
+@dataclass(frozen=True)
+class StepReference:
+    """What one step asks of the body, at the n + 1 times of the grid.
+
+    Attributes:
+        time: shape (n+1,) [s], the first step of the plan.
+        position: com, left sole, right sole, shape (n+1, 3, 3) [m].
+        velocity: the task velocities in the order of the task rows, shape (n+1, 20).
+        acceleration: the same for accelerations, shape (n+1, 20).
+        pitch: pitch of left and right foot, shape (n+1, 2) [rad].
+        toe: angles of left and right toe joint, shape (n+1, 2) [rad].
+    """
+
+    time: NDArray[np.float64]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    pitch: NDArray[np.float64]
+    toe: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            value.setflags(write=False)
+
+    @cached_property
+    def rotation(self) -> NDArray[np.float64]:
+        """Orientation of left and right sole, shape (n+1, 2, 3, 3)."""
+        rotation = np.zeros((*self.pitch.shape, 3, 3))
+        rotation[..., 0, 0] = rotation[..., 2, 2] = np.cos(self.pitch)
+        rotation[..., 0, 2] = np.sin(self.pitch)
+        rotation[..., 2, 0] = -rotation[..., 0, 2]
+        rotation[..., 1, 1] = 1.0
+        rotation.setflags(write=False)
+        return rotation
+
+    def eased(self, drop: float, share: float) -> StepReference:
+        """The same step with the COM lower by ``drop`` [m] and only a ``share`` [1] of the angular momentum.
+
+        A neighbour that is easier for legs and trunk, and not another plan: feet and times are the same.
+        """
+        position, velocity, acceleration = (
+            self.position.copy(),
+            self.velocity.copy(),
+            self.acceleration.copy(),
+        )
+        position[:, 0, 2] -= drop
+        velocity[:, 3:6] *= share
+        acceleration[:, 3:6] *= share
+        return replace(self, position=position, velocity=velocity, acceleration=acceleration)
+
+
+@dataclass(frozen=True)
+class StepTrajectory:
+    """One integrated step: states and accelerations at the n + 1 times of the grid.
+
+    Attributes:
+        q: Pinocchio configurations, shape (n+1, nq).
+        v: Pinocchio velocities, shape (n+1, nv).
+        acceleration: Pinocchio accelerations, shape (n+1, nv).
+        trunk_pitch: pitch of the trunk segment, shape (n+1,) [rad].
+        angular_momentum_z: about the COM, shape (n+1,) [N m s].
+        constraint_position: largest position error of any task before projection [m, rad].
+        constraint_velocity: largest velocity error before projection [m/s, rad/s].
+        constraint_acceleration: largest residual of the acceleration constraints [m/s^2, rad/s^2].
+    """
+
+    q: NDArray[np.float64]
+    v: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    trunk_pitch: NDArray[np.float64]
+    angular_momentum_z: NDArray[np.float64]
+    constraint_position: float
+    constraint_velocity: float
+    constraint_acceleration: float
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+
+
+def step_grid(plan: GaitPlan, largest_step: float) -> NDArray[np.float64]:
+    """Times of the first step's grid, uniform within each phase, with a node on every switch [s]."""
+    single, double = plan.constants.single_support_duration, plan.constants.double_support_duration
+    n1, n2 = max(2, int(np.ceil(single / largest_step))), max(2, int(np.ceil(double / largest_step)))
+    return np.concatenate([single * np.arange(n1) / n1, single + double * np.arange(n2 + 1) / n2])
+
+
+def step_reference(plan: GaitPlan, time: NDArray[np.float64]) -> StepReference:
+    """Evaluate the plan and its feet as task references.
+
+    Raises:
+        InputError: the plan was made without a body and has no feet.
+    """
+    if plan.feet is None:
+        raise InputError("the plan has no feet; plan the gait with the body's sole and foot parameters")
+    sample, feet = plan.sample(time), plan.feet.sample(time)
+    n = len(time)
+    position, velocity, acceleration = np.zeros((n, 3, 3)), np.zeros((n, TASK_ROWS)), np.zeros((n, TASK_ROWS))
+    position[:, 0] = sample.com
+    velocity[:, 0:3], acceleration[:, 0:3] = sample.com_velocity, sample.com_acceleration
+    velocity[:, 3:5] = sample.angular_momentum / plan.mass
+    acceleration[:, 3:5] = sample.moment / plan.mass
+    for foot, motion in enumerate(feet):
+        row = 6 + 6 * foot
+        position[:, 1 + foot] = motion.position
+        velocity[:, row : row + 3], acceleration[:, row : row + 3] = motion.velocity, motion.acceleration
+        velocity[:, row + 4], acceleration[:, row + 4] = motion.pitch_velocity, motion.pitch_acceleration
+        velocity[:, 18 + foot], acceleration[:, 18 + foot] = motion.toe_velocity, motion.toe_acceleration
+    return StepReference(
+        time=np.array(time),
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+        pitch=np.stack([f.pitch for f in feet], axis=1),
+        toe=np.stack([f.toe for f in feet], axis=1),
+    )
+
+
+class Unreachable(Exception):
+    """The body cannot follow at one instant; a search may try elsewhere.
+
+    Attributes:
+        time: of the step [s].
+        what: clause that says what cannot be done at that time.
+        value: by how much, or how far, in ``unit``.
+        limit: what it should have been at most or at least.
+        unit: of both.
+    """
+
+    def __init__(self, time: float, what: str, value: float, limit: float, unit: str) -> None:
+        super().__init__(f"at {time:.3f} s of the step {what}")
+        self.time, self.what, self.value, self.limit, self.unit = time, what, value, limit, unit
+
+
+class InverseKinematics:
+    """Integrates one step of a plan for one body.
+
+    Args:
+        robot: the body.
+        run: supplies posture gains and the choice for L_z.
+    """
+
+    def __init__(self, robot: Robot, run: RunParameters) -> None:
+        self.robot = robot
+        self.stiffness = run.body.posture_stiffness
+        self.damping = run.body.posture_damping
+        self.zero_yaw_momentum = run.body.angular_momentum_z == "zero"
+        rows = np.arange(TASK_ROWS)
+        self.position_rows = np.delete(rows, [3, 4, 5])  # a configuration has no angular momentum
+        self.rows = rows if self.zero_yaw_momentum else np.delete(rows, _L_Z)
+        self.weights = robot.by_group(POSTURE_WEIGHTS)
+        self._root_weight = np.sqrt(self.weights)
+        self.rest = np.zeros(robot.nu)
+        arms = robot.arm_joints - 6
+        inside = np.minimum(ARM_BEND, 0.5 * (robot.upper - robot.lower))
+        self.rest[arms] = np.clip(0.0, (robot.lower + inside)[arms], (robot.upper - inside)[arms])
+        # Joint limits bind only where there is freedom to respect them; the legs' are checked on the orbit.
+        self.limited = np.concatenate([robot.trunk_joints, robot.arm_joints])
+        m = len(self.rows)
+        self._A = np.zeros((m + len(self.limited), robot.nv))
+        self._A[m + np.arange(len(self.limited)), self.limited] = 1.0
+        mask = self._A != 0.0
+        mask[:m] = True
+        self._P, self._q = np.eye(robot.nv), np.zeros(robot.nv)
+        self.tolerance = 1e-12
+        settings = QPSettings(
+            tolerance=self.tolerance,
+            max_iterations=4000,
+            rho=1.0,
+            adaptive_rho=False,
+            alpha=1.0,
+            check_every=2,
+        )
+        self._solver = OsqpBackend(np.eye(robot.nv, dtype=bool), mask, settings)
+        self._error = np.zeros(TASK_ROWS)
+        self._still = np.zeros(robot.nv)
+        self._legs = np.concatenate(robot.leg_joints)
+        self._limits_low, self._limits_high = robot.lower[self.limited - 6], robot.upper[self.limited - 6]
+
+    # ------------------------------------------------------------- one instant
+
+    def _factor(
+        self, jacobian: NDArray[np.float64], rows: NDArray[np.intp], time: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Scaled rows J W^(-1/2) and the Cholesky factor of their Gram matrix.
+
+        Raises:
+            Unreachable: the rows are dependent, as with a straight leg.
+        """
+        scaled = jacobian[rows] / self._root_weight
+        factor, info = lapack.dpotrf(scaled @ scaled.T, lower=1)
+        if info != 0:
+            what = "feet, COM and angular momentum cannot be chosen independently: a leg is straight"
+            raise Unreachable(time, what, 0.0, 0.0, "1")
+        return scaled, factor
+
+    def _position_error(
+        self, reference: StepReference, k: int, q: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Task errors of the configuration of the last Jacobian, in the order of ``position_rows``."""
+        robot, error = self.robot, self._error
+        error[:3] = reference.position[k, 0] - robot.data.com[0]
+        for foot in (LEFT, RIGHT):
+            pose = robot.sole_pose(foot)
+            row = 6 + 6 * foot
+            error[row : row + 3] = reference.position[k, 1 + foot] - pose.translation
+            error[row + 3 : row + 6] = pin.log3(reference.rotation[k, foot] @ pose.rotation.T)
+            error[18 + foot] = reference.toe[k, foot] - q[robot.toe_joints[foot] + 1]
+        return error[self.position_rows]
+
+    def _miss(self, reference: StepReference, k: int, error: NDArray[np.float64]) -> Unreachable:
+        """What an error of the position rows at node k says."""
+        com, left, right = (
+            float(np.abs(error[part]).max()) for part in (slice(0, 3), slice(3, 9), slice(9, 15))
+        )
+        side = "left" if left >= right else "right"
+        size = max(com, left, right)
+        what = f"the {side} leg does not reach from the hip to the planned foot (it misses by {size:.2g} m)"
+        return Unreachable(float(reference.time[k]), what, size, 0.0, "m")
+
+    def _check_knees(self, reference: StepReference, k: int, q: NDArray[np.float64]) -> None:
+        for foot, joint in enumerate(self.robot.knee_joints):
+            if q[joint + 1] < 0.0:
+                what = f"the {('left', 'right')[foot]} knee would bend backwards: the leg is too short"
+                raise Unreachable(float(reference.time[k]), what, float(q[joint + 1]), 0.0, "rad")
+
+    def project(
+        self,
+        reference: StepReference,
+        k: int,
+        q: NDArray[np.float64],
+        v: NDArray[np.float64],
+        offset: float,
+        iterations: int = 25,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Nearest state on the constraints at grid node k, by Newton in the metric of the posture weights.
+
+        Raises:
+            Unreachable: Newton does not converge; the legs are too short for this instant.
+        """
+        robot, time = self.robot, float(reference.time[k])
+        for iteration in range(iterations):
+            terms = robot.jacobian(q, v)
+            error = self._position_error(reference, k, q)
+            size = float(np.abs(error).max())
+            if size < 1e-13 or (iteration >= 6 and size < 1e-11):
+                break
+            step = self._pull(*self._factor(terms.jacobian, self.position_rows, time), error)
+            largest = float(np.abs(step).max())
+            q = pin.integrate(robot.model, q, step * min(1.0, 0.3 / largest) if largest > 0.3 else step)
+        else:
+            terms = robot.jacobian(q, v)
+            error = self._position_error(reference, k, q)
+            if not float(np.abs(error).max()) < 1e-10:
+                raise self._miss(reference, k, error)
+        self._check_knees(reference, k, q)
+        scaled, factor = self._factor(terms.jacobian, self.rows, time)
+        v = v + self._pull(scaled, factor, self._velocity_error(reference, k, terms.jacobian, v, offset))
+        return q, v
+
+    def upright(self, reference: StepReference, k: int, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Configuration on the constraints at grid node k that is nearest to the upright posture.
+
+        Raises:
+            Unreachable: no such configuration was found.
+        """
+        robot, still, rows = self.robot, self._still, self.position_rows
+        for _ in range(60):
+            terms = robot.jacobian(q, still)
+            error = self._position_error(reference, k, q)
+            wanted = self._posture(q, still) / self.stiffness
+            scaled, factor = self._factor(terms.jacobian, rows, float(reference.time[k]))
+            step = wanted + self._pull(scaled, factor, error - terms.jacobian[rows] @ wanted)
+            largest = float(np.abs(step).max())
+            q = pin.integrate(robot.model, q, step * min(1.0, 0.2 / max(largest, 1e-300)))
+            if largest < 1e-6:
+                break
+        return self.project(reference, k, q, still, 0.0)[0]
+
+    def _pull(
+        self, scaled: NDArray[np.float64], factor: NDArray[np.float64], error: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Weighted least-norm change of the coordinates that cancels a task error."""
+        multiplier, _ = lapack.dpotrs(factor, error, lower=1)
+        return (scaled.T @ multiplier) / self._root_weight
+
+    def _velocity_error(
+        self,
+        reference: StepReference,
+        k: int,
+        jacobian: NDArray[np.float64],
+        v: NDArray[np.float64],
+        offset: float,
+    ) -> NDArray[np.float64]:
+        error = reference.velocity[k] - jacobian @ v
+        error[4] += offset / self.robot.mass
+        return error[self.rows]
+
+    def _posture(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Acceleration that the posture form wants: -k (q - q0) - d qd (Eq. 12, sign corrected)."""
+        wanted = -self.damping * v
+        wanted[:3] = 0.0
+        vector, w = q[3:6], float(q[6])
+        norm = math.sqrt(vector @ vector)
+        angle = 2.0 * math.atan2(norm, w) / norm if norm > 1e-12 else 2.0
+        wanted[3:6] -= (self.stiffness * angle) * vector
+        wanted[6:] -= self.stiffness * (q[7:] - self.rest)
+        wanted[self._legs] = 0.0
+        return wanted
+
+    # ---------------------------------------------------------------- one step
+
+    def integrate(
+        self,
+        reference: StepReference,
+        q: NDArray[np.float64],
+        v: NDArray[np.float64],
+        offset: float,
+        *,
+        draft: bool = False,
+    ) -> StepTrajectory:
+        """Integrate a step from a state that is projected on the constraints first.
+
+        Args:
+            reference: the step's tasks on its grid.
+            q: start configuration, shape (nq,).
+            v: start velocity, shape (nv,).
+            offset: constant of L_y [N m s].
+            draft: take the minimiser in closed form where no joint limit binds, instead of from OSQP.
+
+        Raises:
+            Unreachable: the legs cannot follow, or joint limits and constraints contradict each other.
+        """
+        robot, time = self.robot, reference.time
+        n = len(time) - 1
+        qs, vs, accelerations = (
+            np.empty((n + 1, robot.nq)),
+            np.empty((n + 1, robot.nv)),
+            np.empty((n + 1, robot.nv)),
+        )
+        pitch, yaw_momentum = np.empty(n + 1), np.empty(n + 1)
+        worst_position = worst_velocity = worst_acceleration = 0.0
+        q, v = self.project(reference, 0, q, v, offset)
+        last_step = 0.0
+        for k in range(n + 1):
+            if k > 0:
+                q, size = self._correct(reference, k, q, v, 1e-12 if k == n else CORRECTED)
+                worst_position = max(worst_position, size)
+                self._check_knees(reference, k, q)
+            terms = robot.jacobian(q, v)
+            jacobian = terms.jacobian
+            scaled, factor = self._factor(jacobian, self.rows, float(time[k]))
+            if k > 0:
+                velocity_error = self._velocity_error(reference, k, jacobian, v, offset)
+                worst_velocity = max(worst_velocity, float(np.abs(velocity_error).max()))
+                v = v + self._pull(scaled, factor, velocity_error)
+            wanted = reference.acceleration[k] - robot.drift(q, v).drift
+            acceleration = self._accelerate(
+                scaled, factor, wanted[self.rows], q, v, float(time[k]), draft=draft
+            )
+            residual = (jacobian @ acceleration - wanted)[self.rows]
+            worst_acceleration = max(worst_acceleration, float(np.abs(residual).max()))
+            qs[k], vs[k], accelerations[k] = q, v, acceleration
+            yaw_momentum[k] = robot.mass * float(jacobian[_L_Z] @ v)
+            rotation = robot.rotation_of(robot.trunk_frame)
+            pitch[k] = math.atan2(rotation[0, 2], rotation[2, 2])
+            if k < n:
+                dt = time[k + 1] - time[k]
+                # Second order (Adams-Bashforth): the slope of the acceleration from the last interval.
+                slope = (acceleration - accelerations[k - 1]) / last_step if k > 0 else self._still
+                move = dt * v + (0.5 * dt**2) * acceleration + (dt**3 / 6.0) * slope
+                q = pin.integrate(robot.model, q, move)
+                v = v + dt * acceleration + (0.5 * dt**2) * slope
+                last_step = dt
+        return StepTrajectory(
+            q=qs,
+            v=vs,
+            acceleration=accelerations,
+            trunk_pitch=pitch,
+            angular_momentum_z=yaw_momentum,
+            constraint_position=worst_position,
+            constraint_velocity=worst_velocity,
+            constraint_acceleration=worst_acceleration,
+        )
+
+    def _correct(
+        self,
+        reference: StepReference,
+        k: int,
+        q: NDArray[np.float64],
+        v: NDArray[np.float64],
+        tolerance: float,
+    ) -> tuple[NDArray[np.float64], float]:
+        """Take off what integration has drifted: one Newton step, more where it was coarse.
+
+        Returns:
+            The corrected configuration, and the largest error before [m, rad].
+
+        Raises:
+            Unreachable: the error is so large that the legs do not follow.
+        """
+        first, time = 0.0, float(reference.time[k])
+        for iteration in range(4):
+            terms = self.robot.jacobian(q, v)
+            error = self._position_error(reference, k, q)
+            size = float(np.abs(error).max())
+            if iteration == 0:
+                first = size
+            if not size < _LOST:
+                raise self._miss(reference, k, error)
+            if size < tolerance:
+                break
+            q = pin.integrate(
+                self.robot.model,
+                q,
+                self._pull(*self._factor(terms.jacobian, self.position_rows, time), error),
+            )
+            if size * size < tolerance:  # the step left its square
+                break
+        return q, first
+
+    def _accelerate(
+        self,
+        scaled: NDArray[np.float64],
+        factor: NDArray[np.float64],
+        wanted: NDArray[np.float64],
+        q: NDArray[np.float64],
+        v: NDArray[np.float64],
+        time: float,
+        *,
+        draft: bool = False,
+    ) -> NDArray[np.float64]:
+        """The QP of one instant, in u = W^(1/2) (qdd - posture) with orthonormal rows."""
+        posture = self._posture(q, v)
+        rhs = wanted - scaled @ (posture * self._root_weight)
+        joints, h = self.limited, _LIMIT_HORIZON
+        reach = q[joints + 1] + h * v[joints]
+        low = (2.0 / h**2) * (self._limits_low - reach)
+        high = (2.0 / h**2) * (self._limits_high - reach)
+        if draft:
+            acceleration = posture + self._pull(scaled, factor, rhs)
+            bounded = acceleration[joints]
+            if (bounded >= low).all() and (bounded <= high).all():
+                return acceleration
+        m = len(self.rows)
+        rows, _ = lapack.dtrtrs(factor, scaled, lower=1)
+        level, _ = lapack.dtrtrs(factor, rhs, lower=1)
+        self._A[:m] = rows
+        scale, shift = self._root_weight[joints], posture[joints]
+        solution = self._solver.solve(
+            self._P,
+            self._q,
+            self._A,
+            np.concatenate([level, (low - shift) * scale]),
+            np.concatenate([level, (high - shift) * scale]),
+        )
+        if not solution.solved:
+            what = "the joint limits of trunk and arms leave no acceleration that meets the plan"
+            raise Unreachable(time, what, solution.residual, self.tolerance, "1")
+        return posture + solution.x / self._root_weight

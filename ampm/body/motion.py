@@ -1,0 +1,280 @@
+"""The whole-body motion of one step, tiled over a walk by mirroring.
+
+The one-step map of the inverse kinematics is unstable (an error grows every step), so a walk is never had by
+integrating on: one step is solved as a periodic orbit (:mod:`ampm.body.orbit`) and every later step is
+its mirror
+image, moved forward by a step length.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import zipfile
+import zlib
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ampm.exceptions import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from ampm.body.robot import Robot
+
+
+_DAMAGED = (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error)
+
+
+@dataclass(frozen=True)
+class MotionReport:
+    """What the orbit says of itself.
+
+    Attributes:
+        angular_momentum_y_offset: constant of L_y that makes the step periodic [N m s].
+        residual: largest difference of the mirrored return, q [rad, m] and qd [rad/s, m/s].
+        mean_trunk_pitch: over the step [rad].
+        multipliers: largest eigenvalues of the one-step return map, by magnitude, as (real, imaginary).
+        constraint_position: largest task error of an integration step before projection [m, rad].
+        constraint_velocity: likewise [m/s, rad/s].
+        constraint_acceleration: largest residual of the acceleration constraints [m/s^2, rad/s^2].
+        knee_minimum: smallest knee flexion [rad].
+        knee_minimum_time: its time within the step [s].
+        knee_minimum_side: left or right, the left foot standing.
+        joint_limit_margin: smallest distance of any joint from its limits, negative beyond them [rad].
+        joint_limit_joint: that joint.
+        joint_limit_group: where it is: hip, knee, ankle, toe, trunk or arms.
+        joint_limit_time: when, within the step [s].
+        acceleration_jump: largest change of a joint's acceleration over a grid interval beside a switch
+            [rad/s^2].
+        evaluations: one-step integrations that the solution took.
+    """
+
+    angular_momentum_y_offset: float
+    residual: float
+    mean_trunk_pitch: float
+    multipliers: tuple[tuple[float, float], ...]
+    constraint_position: float
+    constraint_velocity: float
+    constraint_acceleration: float
+    knee_minimum: float
+    knee_minimum_time: float
+    knee_minimum_side: str
+    joint_limit_margin: float
+    joint_limit_joint: str
+    joint_limit_group: str
+    joint_limit_time: float
+    acceleration_jump: float
+    evaluations: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class MotionSample:
+    """The tiled motion at N times, in Pinocchio's coordinates.
+
+    Attributes:
+        q: shape (N, nq).
+        v: shape (N, nv), root velocity in root axes.
+        acceleration: shape (N, nv).
+        angular_momentum_z: about the COM, shape (N,) [N m s].
+    """
+
+    q: NDArray[np.float64]
+    v: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    angular_momentum_z: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            value.setflags(write=False)
+
+
+@dataclass(frozen=True)
+class WholeBodyMotion:
+    """One periodic step of a body: left stance, from the start of single support to the next one.
+
+    Attributes:
+        joint_names: hinges in the order of ``v[6:]``.
+        time: grid, shape (n+1,) [s].
+        q: Pinocchio configurations (root quaternion x, y, z, w), shape (n+1, nq).
+        v: Pinocchio velocities, shape (n+1, nv).
+        acceleration: Pinocchio accelerations, shape (n+1, nv).
+        trunk_pitch: shape (n+1,) [rad].
+        angular_momentum_z: about the COM, shape (n+1,) [N m s]; the motion's, no plan has it.
+        step_length: [m].
+        double_support_start: time of the switch within the step [s].
+        report: constant of L_y, residuals, multipliers, margins.
+    """
+
+    joint_names: tuple[str, ...]
+    time: NDArray[np.float64]
+    q: NDArray[np.float64]
+    v: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    trunk_pitch: NDArray[np.float64]
+    angular_momentum_z: NDArray[np.float64]
+    step_length: float
+    double_support_start: float
+    report: MotionReport
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).copy().items():
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, _immutable(value))
+
+    @property
+    def step_duration(self) -> float:
+        """Duration of the step [s]."""
+        return float(self.time[-1])
+
+    @cached_property
+    def _rates(self) -> NDArray[np.float64]:
+        """Time derivative of q at the grid's nodes, shape (n+1, nq)."""
+        return _configuration_rate(self.q, self.v)
+
+    def sample(self, times: ArrayLike, robot: Robot) -> MotionSample:
+        """Evaluate the tiled motion by cubic Hermite interpolation between grid nodes.
+
+        Args:
+            times: from the start of the first step on, shape (N,) [s].
+            robot: the body, for its mirror map.
+
+        Raises:
+            InputError: a negative time.
+        """
+        t = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        if t.size and t.min() < -1e-9:
+            raise InputError(f"time {t.min():g} s lies before the motion's start at 0 s; ask for later times")
+        step = np.maximum(np.floor(t / self.step_duration + 1e-9), 0.0)
+        local = np.clip(t - step * self.step_duration, 0.0, self.step_duration)
+        index = np.clip(np.searchsorted(self.time, local + 1e-12, side="right") - 1, 0, len(self.time) - 2)
+        h = (self.time[index + 1] - self.time[index])[:, None]
+        s = (local - self.time[index])[:, None] / h
+        rates = self._rates
+        q = _hermite(s, h, self.q[index], self.q[index + 1], rates[index], rates[index + 1])
+        q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+        rates = self.acceleration
+        v = _hermite(s, h, self.v[index], self.v[index + 1], rates[index], rates[index + 1])
+        acceleration = (1.0 - s) * rates[index] + s * rates[index + 1]
+        yaw = (1.0 - s[:, 0]) * self.angular_momentum_z[index] + s[:, 0] * self.angular_momentum_z[index + 1]
+        odd = np.mod(step, 2.0) == 1.0
+        q[odd] = robot.mirror_q(q[odd])
+        v[odd], acceleration[odd] = robot.mirror_v(v[odd]), robot.mirror_v(acceleration[odd])
+        q[:, 0] += step * self.step_length
+        return MotionSample(q, v, acceleration, np.where(odd, -yaw, yaw))
+
+    def table(self) -> dict[str, NDArray[np.float64]]:
+        """Columns for a table: time, root pose and velocity, every joint's angle, velocity, acceleration."""
+        columns: dict[str, NDArray[np.float64]] = {"time": self.time}
+        for i, name in enumerate(("x", "y", "z")):
+            columns[f"root_position_{name}"] = self.q[:, i]
+        for i, name in enumerate(("x", "y", "z", "w")):
+            columns[f"root_quaternion_{name}"] = self.q[:, 3 + i]
+        for i, name in enumerate(("x", "y", "z")):
+            columns[f"root_linear_velocity_local_{name}"] = self.v[:, i]
+            columns[f"root_angular_velocity_local_{name}"] = self.v[:, 3 + i]
+        for i, name in enumerate(self.joint_names):
+            columns[f"q_{name}"] = self.q[:, 7 + i]
+            columns[f"qd_{name}"] = self.v[:, 6 + i]
+            columns[f"qdd_{name}"] = self.acceleration[:, 6 + i]
+        columns["trunk_pitch"] = self.trunk_pitch
+        columns["angular_momentum_z"] = self.angular_momentum_z
+        return columns
+
+    def save(self, path: Path) -> None:
+        """Write as ``.npz`` that needs no pickle.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        arrays: dict[str, Any] = {k: v for k, v in values.items() if isinstance(v, np.ndarray)}
+        meta = {
+            "joint_names": self.joint_names,
+            "step_length": self.step_length,
+            "double_support_start": self.double_support_start,
+            "report": self.report.as_dict(),
+        }
+        # Written beside and renamed, so that no reader sees half a file, however many write at once.
+        handle, partial = tempfile.mkstemp(dir=path.parent, prefix=f"{path.stem}.", suffix=".partial")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                np.savez(file, meta=np.array(json.dumps(meta)), **arrays)
+            os.replace(partial, path)
+        except BaseException:
+            Path(partial).unlink(missing_ok=True)
+            raise
+
+    @classmethod
+    def load(cls, path: Path) -> WholeBodyMotion:
+        """Read what :meth:`save` wrote, to the last bit.
+
+        Raises:
+            OSError: there is no such file, or it cannot be read.
+            InputError: it holds no motion, or a damaged one.
+        """
+        try:
+            # Opened here: numpy leaves a damaged archive open.
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+                meta = json.loads(str(stored["meta"]))
+                arrays = {name: stored[name] for name in stored.files if name != "meta"}
+            report = dict(meta["report"])
+            report["multipliers"] = tuple((float(a), float(b)) for a, b in report["multipliers"])
+            motion = cls(
+                joint_names=tuple(meta["joint_names"]),
+                step_length=meta["step_length"],
+                double_support_start=meta["double_support_start"],
+                report=MotionReport(**report),
+                **arrays,
+            )
+            n, nu = len(motion.time), len(motion.joint_names)
+            shapes = [motion.q.shape, motion.v.shape, motion.acceleration.shape]
+            if shapes != [(n, nu + 7), (n, nu + 6), (n, nu + 6)]:
+                raise ValueError("arrays of unequal length")
+        except _DAMAGED as error:
+            raise InputError(f"{path} holds no whole-body motion ({error}); delete it.") from error
+        return motion
+
+
+def _immutable(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A read-only copy: to freeze a view would leave the array behind it writable."""
+    copy = values.copy()
+    copy.setflags(write=False)
+    return copy
+
+
+def _configuration_rate(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Time derivative of configurations (n, nq): root velocity in world, quaternion rate, joint rates."""
+    rate = np.empty_like(q)
+    vector, w = q[:, 3:6], q[:, 6:7]
+    # R u = u + 2 r x (r x u + w u), and for the quaternion half its product with the angular velocity.
+    turned = np.cross(vector, v[:, :3]) + w * v[:, :3]
+    rate[:, :3] = v[:, :3] + 2.0 * np.cross(vector, turned)
+    omega = v[:, 3:6]
+    rate[:, 3:6] = 0.5 * (w * omega + np.cross(vector, omega))
+    rate[:, 6] = -0.5 * np.sum(vector * omega, axis=1)
+    rate[:, 7:] = v[:, 6:]
+    return rate
+
+
+def _hermite(
+    s: NDArray[np.float64],
+    h: NDArray[np.float64],
+    p0: NDArray[np.float64],
+    p1: NDArray[np.float64],
+    d0: NDArray[np.float64],
+    d1: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    s2, s3 = s * s, s * s * s
+    return (
+        (2 * s3 - 3 * s2 + 1) * p0 + (s3 - 2 * s2 + s) * h * d0 + (3 * s2 - 2 * s3) * p1 + (s3 - s2) * h * d1
+    )

@@ -1,0 +1,309 @@
+"""The mirrored one-step map of the inverse kinematics, and Newton's method for its fixed point.
+
+Only a few modes of the map are slow, so Newton knows it on a small Krylov space; off that space the Jacobian
+of ``return - start`` is minus the identity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from ampm.body.inverse_kinematics import InverseKinematics, StepReference, StepTrajectory, Unreachable
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+MULTIPLIERS = 4
+"""How many multipliers of the return map are reported."""
+
+_VELOCITY_SCALE = 0.1  # weighs velocities against positions in the Krylov norm [s]
+_OFFSET_SCALE = 1.0  # likewise for the constant of L_y [1/(N m s)]
+_MAX_STEP = 0.5  # of a Newton step, in scaled units
+_DIFFERENCE = 1e-5  # step of finite differences, in scaled units
+_KRYLOV = 10  # directions in which Newton knows the map
+
+
+class Integrator(Protocol):
+    """Who integrates steps, and counts them.
+
+    Attributes:
+        ik: of the body.
+        evaluations: steps integrated so far.
+    """
+
+    ik: InverseKinematics
+    evaluations: int
+
+
+class StepMap:
+    """The mirrored one-step map of one reference, in scaled unknowns ``z``.
+
+    ``z`` holds the start configuration as a tangent vector at ``origin``, the start velocity and the constant
+    of L_y, each times ``scale``.
+    """
+
+    def __init__(
+        self,
+        search: Integrator,
+        reference: StepReference,
+        origin: NDArray[np.float64],
+        step_length: float,
+        lean: float,
+    ) -> None:
+        self._search = search
+        self.ik, self.reference, self.origin = search.ik, reference, origin
+        self.step_length, self.lean = step_length, lean
+        self.draft = True
+        nv = self.ik.robot.nv
+        self.n = 2 * nv + 1
+        self.scale = np.concatenate([np.ones(nv), np.full(nv, _VELOCITY_SCALE), [_OFFSET_SCALE]])
+
+    def encode(self, q: NDArray[np.float64], v: NDArray[np.float64], offset: float) -> NDArray[np.float64]:
+        """Unknowns of a start state and a constant of L_y [N m s]."""
+        tangent = pin.difference(self.ik.robot.model, self.origin, q)
+        return np.concatenate([tangent, v, [offset]]) * self.scale
+
+    def decode(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Start configuration, start velocity, constant of L_y [N m s]."""
+        plain, nv = z / self.scale, self.ik.robot.nv
+        return pin.integrate(self.ik.robot.model, self.origin, plain[:nv]), plain[nv:-1], float(plain[-1])
+
+    def offset(self, z: NDArray[np.float64]) -> float:
+        """Constant of L_y [N m s]."""
+        return float(z[-1] / self.scale[-1])
+
+    def step(self, z: NDArray[np.float64]) -> StepTrajectory:
+        """Integrate the step.
+
+        Raises:
+            Unreachable: the body cannot follow.
+        """
+        self._search.evaluations += 1
+        return self.ik.integrate(self.reference, *self.decode(z), draft=self.draft)
+
+    def returned(self, trajectory: StepTrajectory, offset: float) -> NDArray[np.float64]:
+        """Unknowns of the step's mirrored end."""
+        robot = self.ik.robot
+        q = robot.mirror_q(trajectory.q[-1])
+        q[0] -= self.step_length
+        return self.encode(q, robot.mirror_v(trajectory.v[-1]), offset)
+
+    def mean_pitch(self, trajectory: StepTrajectory) -> float:
+        """Mean pitch of the trunk over the step [rad]."""
+        time = self.reference.time
+        return float(np.trapezoid(trajectory.trunk_pitch, time) / time[-1])
+
+    def residual(self, z: NDArray[np.float64], trajectory: StepTrajectory) -> NDArray[np.float64]:
+        """Mirrored return minus start, and mean trunk pitch minus lean; scaled."""
+        out = self.returned(trajectory, 0.0) - z
+        out[-1] = self.mean_pitch(trajectory) - self.lean
+        return out
+
+    def size(self, value: NDArray[np.float64]) -> float:
+        """Largest component of a residual [rad, m, rad/s, m/s]."""
+        return float(np.abs(value / self.scale).max())
+
+    def guess(self) -> NDArray[np.float64]:
+        """A few plain steps let the fast modes settle; the trunk's mean pitch, which is slow, is set by hand.
+
+        Raises:
+            Unreachable: the body cannot even stand at the start of the step, or walk these steps.
+        """
+        nv, offset = self.ik.robot.nv, 0.4
+        q = self.ik.upright(self.reference, 0, self.origin)
+        q, v = self.ik.project(self.reference, 0, q, np.zeros(nv), offset)
+        z = self.encode(q, v, offset)
+        for _ in range(5):
+            trajectory = self.step(z)
+            z = self.returned(trajectory, offset)
+            change = trajectory.trunk_pitch[-1] - trajectory.trunk_pitch[0]
+            z[4] += self.lean - self.mean_pitch(trajectory)
+            z[nv + 4] -= change / self.reference.time[-1] * _VELOCITY_SCALE
+        return z
+
+
+def standing(ik: InverseKinematics, reference: StepReference) -> NDArray[np.float64]:
+    """Where unknowns are counted from: upright at the planned COM, knees bent, arms at rest."""
+    robot = ik.robot
+    q = pin.neutral(robot.model)
+    q[7:] = ik.rest
+    q[robot.knee_joints + 1] = 0.6
+    q[:3] += reference.position[0, 0] - robot.jacobian(q, np.zeros(robot.nv)).com
+    return q
+
+
+class Stalled(Exception):
+    """Newton gave up.
+
+    Attributes:
+        residual: the smallest that it reached [rad, m, rad/s, m/s].
+        cause: what the last trial could not do, if the body was the reason.
+    """
+
+    def __init__(self, residual: float, cause: Unreachable | None) -> None:
+        super().__init__(f"Newton stalls at a residual of {residual:.2g}")
+        self.residual, self.cause = residual, cause
+
+
+@dataclass
+class Solution:
+    """A fixed point of one map, and what Newton knew of the map there."""
+
+    z: NDArray[np.float64]
+    trajectory: StepTrajectory
+    inverse: _BroydenInverse | None
+
+
+def newton(
+    step_map: StepMap,
+    z: NDArray[np.float64],
+    tolerance: float,
+    inverse: _BroydenInverse | None = None,
+    *,
+    rebuilds: int = 8,
+    say: Callable[[str], None] | None = None,
+) -> Solution:
+    """Fixed point of a map near ``z``.
+
+    Args:
+        step_map: the map.
+        z: first guess.
+        tolerance: of the residual [rad, m, rad/s, m/s].
+        inverse: of the Jacobian at a neighbour; it is built here where it is missing or no longer good.
+        rebuilds: how many times it may be built.
+        say: called with a line of text before every step.
+
+    Raises:
+        Unreachable: the guess itself, or its neighbourhood, cannot be walked.
+        Stalled: no convergence.
+    """
+    trajectory = step_map.step(z)
+    value = step_map.residual(z, trajectory)
+    best = step_map.size(value)
+    cause: Unreachable | None = None
+    while best > tolerance:
+        if say is not None:
+            say(f"residual {best:.2e}")
+        fresh = inverse is None
+        if inverse is None:
+            if rebuilds == 0:
+                raise Stalled(best, cause)
+            rebuilds -= 1
+            inverse = _approximate_inverse(step_map, z, value)
+        step = -inverse(value)
+        largest = float(np.abs(step[: step_map.ik.robot.nv]).max())
+        damping = min(1.0, _MAX_STEP / largest)
+        for _ in range(5):
+            trial = z + damping * step
+            try:
+                moved = step_map.step(trial)
+                new = step_map.residual(trial, moved)
+                size = step_map.size(new)
+                if size < (1.0 - 0.2 * damping) * best:
+                    break
+            except Unreachable as error:
+                cause = error
+            damping *= 0.4
+        else:
+            if fresh:
+                raise Stalled(best, cause)
+            inverse = None
+            continue
+        if damping == 1.0 and size < 0.3 * best:
+            inverse.update(trial - z, new - value)
+        else:
+            inverse = None
+        z, trajectory, value, best = trial, moved, new, size
+    return Solution(z, trajectory, inverse)
+
+
+def _approximate_inverse(
+    step_map: StepMap, z: NDArray[np.float64], value: NDArray[np.float64]
+) -> _BroydenInverse:
+    """Inverse Jacobian from directional differences along a Krylov space grown from the residual.
+
+    Raises:
+        Unreachable: a neighbour of ``z`` cannot be walked.
+    """
+    basis, images = np.zeros((_KRYLOV, step_map.n)), np.zeros((_KRYLOV, step_map.n))
+    direction = np.zeros(step_map.n)
+    direction[-1] = 1.0  # the constant of L_y always matters
+    following = value
+    used = 0
+    while True:
+        moved = z + _DIFFERENCE * direction
+        image = (step_map.residual(moved, step_map.step(moved)) - value) / _DIFFERENCE
+        basis[used], images[used] = direction, image
+        if used > 0:
+            following = image + direction  # the part that the map remembers
+        used += 1
+        if used == _KRYLOV:
+            break
+        known = basis[:used]
+        direction = following - known.T @ (known @ following)
+        direction = direction - known.T @ (known @ direction)  # twice is enough
+        norm = float(np.linalg.norm(direction))
+        if norm < 1e-12:
+            break
+        direction = direction / norm
+    return _BroydenInverse(basis[:used].T, images[:used].T)
+
+
+def leading_multipliers(step_map: StepMap, solution: Solution) -> tuple[tuple[float, float], ...]:
+    """Leading eigenvalues of the return map at a fixed constant of L_y: Arnoldi from a fixed start vector."""
+    most, n = 12, step_map.n - 1
+    z = solution.z
+    offset = step_map.offset(z)
+    base = step_map.returned(solution.trajectory, offset)
+    basis, hessenberg = np.zeros((most + 1, n)), np.zeros((most + 1, most))
+    start = np.random.default_rng(0).normal(size=n)
+    basis[0] = start / np.linalg.norm(start)
+    leading = np.zeros(0, dtype=complex)
+    for k in range(most):
+        moved = z.copy()
+        moved[:-1] += _DIFFERENCE * basis[k]
+        image = (step_map.returned(step_map.step(moved), offset) - base)[:-1] / _DIFFERENCE
+        for j in range(k + 1):
+            hessenberg[j, k] = basis[j] @ image
+            image = image - hessenberg[j, k] * basis[j]
+        rest = float(np.linalg.norm(image))
+        hessenberg[k + 1, k] = rest
+        values, vectors = np.linalg.eig(hessenberg[: k + 1, : k + 1])
+        order = np.argsort(-np.abs(values), kind="stable")[:MULTIPLIERS]
+        leading = values[order]
+        # A Ritz value's residual is what the next direction would add to its vector. What dies within a step
+        # need not be known as well as what lasts.
+        slow = order[np.abs(leading) > 0.05]
+        if rest < 1e-8 or (k + 1 >= MULTIPLIERS and (rest * np.abs(vectors[-1, slow]) < 1e-5).all()):
+            break
+        basis[k + 1] = image / rest
+    return tuple((float(x.real), float(x.imag)) for x in leading)
+
+
+class _BroydenInverse:
+    """Inverse of a Jacobian that is minus the identity off a small known space, with Broyden's updates."""
+
+    def __init__(self, basis: NDArray[np.float64], images: NDArray[np.float64]) -> None:
+        # J = -I + (images + basis) basis^T, inverted by Woodbury.
+        self._U, self._V = images + basis, basis
+        small = np.eye(basis.shape[1]) - self._V.T @ self._U
+        self._core = np.linalg.solve(small, self._V.T)
+        self._updates: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+
+    def __call__(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
+        out = -(value + self._U @ (self._core @ value))
+        for left, right in self._updates:
+            out = out + left * (right @ out)
+        return out
+
+    def update(self, step: NDArray[np.float64], change: NDArray[np.float64]) -> None:
+        """Make the inverse map ``change`` to ``step``."""
+        image = self(change)
+        denominator = float(step @ image)
+        if abs(denominator) > 1e-300:
+            self._updates.append(((step - image) / denominator, step))

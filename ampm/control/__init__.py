@@ -1,0 +1,1 @@
+"""Whole-body torque control along a reference."""

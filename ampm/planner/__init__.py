@@ -1,0 +1,1 @@
+"""Plans in closed form: pendulum laws, contacts, feet."""

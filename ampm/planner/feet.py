@@ -1,0 +1,454 @@
+"""Where the feet are planned to be: key-frames, heel rise, swing, heel strike, sole points in contact.
+
+A foot passes four key-frames in every stride (paper, Fig. 7): initial contact (heel only), full contact, heel
+rise, toe off. Between two key-frames its pitch is one quintic in time; the heel is fixed while the foot rolls
+down after initial contact, the ball while the heel rises, and in the swing the ball follows a quintic with an
+extra lift at mid swing. Pitch, toe angle and the pivot's path are C2 across every key-frame.
+
+``foot.swing = "paper"`` plans the same key-frames as the paper's section 2.3 has them, to compare with:
+cubic splines, and a ball that leaves the floor with the forward speed ``l_s / T_swing`` at once. It has been
+resting until then, so the foot's velocity jumps there, and accelerations jump at every key-frame.
+
+Everything is closed form; nothing is sampled or integrated.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ampm.description import SoleGeometry
+from ampm.exceptions import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from ampm.parameters import FootParameters
+    from ampm.planner.gait import GaitPlan
+
+HEEL, BALL, TIP = 0, 1, 2
+"""Columns of :attr:`FootSample.contact`."""
+
+_PIVOT_HEEL, _PIVOT_BALL = 0, 1
+_ORDER = 6  # coefficients of a quintic
+_CUBIC_RISE = np.array([0.0, 0.0, 3.0, -2.0, 0.0, 0.0, 0.0])  # from 0 to 1 in unit time, at rest at both ends
+_LIFT = np.array([0.0, 0.0, 0.0, 64.0, -192.0, 192.0, -64.0])  # 64 tau^3 (1 - tau)^3, one at mid swing
+
+
+@dataclass(frozen=True)
+class FootSample:
+    """One foot's planned motion at N times, in world.
+
+    Attributes:
+        position: sole reference point, shape (N, 3) [m].
+        velocity: its velocity, shape (N, 3) [m/s].
+        acceleration: its acceleration, shape (N, 3) [m/s^2].
+        pitch: rotation of the foot segment about +y, toes down positive, shape (N,) [rad].
+        pitch_velocity: shape (N,) [rad/s].
+        pitch_acceleration: shape (N,) [rad/s^2].
+        toe: angle of the toe joint about +y, relative to the foot segment, shape (N,) [rad].
+        toe_velocity: shape (N,) [rad/s].
+        toe_acceleration: shape (N,) [rad/s^2].
+        contact: heel, ball and tip planned in contact, shape (N, 3), bool.
+        sole_points: heel left/right, ball left/right, tip left/right, shape (N, 6, 3) [m].
+    """
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    pitch: NDArray[np.float64]
+    pitch_velocity: NDArray[np.float64]
+    pitch_acceleration: NDArray[np.float64]
+    toe: NDArray[np.float64]
+    toe_velocity: NDArray[np.float64]
+    toe_acceleration: NDArray[np.float64]
+    contact: NDArray[np.bool_]
+    sole_points: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            value.setflags(write=False)
+
+
+@dataclass(frozen=True)
+class FootPath:
+    """One foot's path as a sequence of polynomial segments, each in the time since its own start.
+
+    Attributes:
+        start: start of every segment, ascending, shape (K,) [s].
+        pivot: which point the path is written for, heel or ball, shape (K,).
+        path: coefficients of the pivot's x, y, z, shape (K, 3, 7), lowest order first [m/s^k].
+        pitch: coefficients of the foot's pitch, shape (K, 6) [rad/s^k].
+        toe: coefficients of the toe angle, shape (K, 6) [rad/s^k].
+        contact: heel, ball, tip in contact, shape (K, 3), bool.
+    """
+
+    start: NDArray[np.float64]
+    pivot: NDArray[np.int8]
+    path: NDArray[np.float64]
+    pitch: NDArray[np.float64]
+    toe: NDArray[np.float64]
+    contact: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            value.setflags(write=False)
+
+
+@dataclass(frozen=True)
+class FeetPlan:
+    """Both feet's paths over a whole plan."""
+
+    sole: SoleGeometry
+    left: FootPath
+    right: FootPath
+    duration: float
+
+    def sample(self, times: ArrayLike) -> tuple[FootSample, FootSample]:
+        """Evaluate left and right foot at ``times``, shape (N,) [s].
+
+        Raises:
+            InputError: a time lies outside the plan.
+        """
+        t = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        if t.size and not (t.min() >= -1e-9 and t.max() <= self.duration + 1e-9):
+            raise InputError(
+                f"time {t.min():g} ... {t.max():g} s lies outside the plan's 0 ... {self.duration:g} s; "
+                "ask for times within it or plan more steps"
+            )
+        return _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
+
+
+def quintic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> NDArray[np.float64]:
+    """Quintics through (position, velocity, acceleration) at both ends.
+
+    Args:
+        start: value, first and second derivative at time 0, shape (3, ...).
+        end: the same at ``duration``, shape (3, ...).
+        duration: [s], positive, shape (...).
+
+    Returns:
+        Coefficients, lowest order first, in time since the start, shape (..., 6).
+    """
+    p0, v0, a0 = np.asarray(start, dtype=np.float64)
+    p1, v1, a1 = np.asarray(end, dtype=np.float64)
+    T = np.asarray(duration, dtype=np.float64)
+    T2 = T * T
+    T3 = T2 * T
+    dp, dv, da = p1 - p0 - v0 * T - 0.5 * a0 * T2, (v1 - v0 - a0 * T) * T, (a1 - a0) * T2
+    out = np.empty((*dp.shape, _ORDER))
+    out[..., 0], out[..., 1], out[..., 2] = p0, v0, 0.5 * a0
+    out[..., 3] = (10.0 * dp - 4.0 * dv + 0.5 * da) / T3
+    out[..., 4] = (-15.0 * dp + 7.0 * dv - da) / (T3 * T)
+    out[..., 5] = (6.0 * dp - 3.0 * dv + 0.5 * da) / (T3 * T2)
+    return out
+
+
+def cubic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> NDArray[np.float64]:
+    """Cubics through (position, velocity) at both ends, as :func:`quintic` has its coefficients.
+
+    Args:
+        start: value and first derivative at time 0; further rows are not read, shape (2+, ...).
+        end: the same at ``duration``, shape (2+, ...).
+        duration: [s], positive, shape (...).
+
+    Returns:
+        Coefficients, lowest order first, the last two zero, shape (..., 6).
+    """
+    p0, v0 = np.asarray(start, dtype=np.float64)[:2]
+    p1, v1 = np.asarray(end, dtype=np.float64)[:2]
+    T = np.asarray(duration, dtype=np.float64)
+    dp, dv = p1 - p0 - v0 * T, (v1 - v0) * T
+    out = np.zeros((*dp.shape, _ORDER))
+    out[..., 0], out[..., 1] = p0, v0
+    out[..., 2] = (3.0 * dp - dv) / T**2
+    out[..., 3] = (dv - 2.0 * dp) / T**3
+    return out
+
+
+def _evaluate(
+    coefficients: NDArray[np.float64], t: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Value and two derivatives of polynomials (..., K) at times broadcast against their leading axes."""
+    value = np.zeros(np.broadcast_shapes(coefficients.shape[:-1], t.shape))
+    first = np.zeros_like(value)
+    second = np.zeros_like(value)
+    for k in range(coefficients.shape[-1] - 1, -1, -1):  # Horner, derivatives alongside
+        second = second * t + 2.0 * first
+        first = first * t + value
+        value = value * t + coefficients[..., k]
+    return value, first, second
+
+
+def _sample_path(path: FootPath, sole: SoleGeometry, t: NDArray[np.float64]) -> FootSample:
+    index = np.clip(np.searchsorted(path.start, t + 1e-12, side="right") - 1, 0, len(path.start) - 1)
+    local = t - path.start[index]
+    pivot, pivot_velocity, pivot_acceleration = _evaluate(path.path[index], local[:, None])
+    pitch, pitch_velocity, pitch_acceleration = _evaluate(path.pitch[index], local)
+    toe, toe_velocity, toe_acceleration = _evaluate(path.toe[index], local)
+    x = np.where(path.pivot[index] == _PIVOT_HEEL, sole.heel_x, sole.ball_x)
+    c, s = np.cos(pitch), np.sin(pitch)
+    zero = np.zeros_like(c)
+    arm = np.stack([x * c, zero, -x * s], axis=1)
+    arm_first = np.stack([-x * s, zero, -x * c], axis=1)  # d arm / d pitch
+    position = pivot - arm
+    velocity = pivot_velocity - pitch_velocity[:, None] * arm_first
+    acceleration = (
+        pivot_acceleration - pitch_acceleration[:, None] * arm_first + (pitch_velocity**2)[:, None] * arm
+    )
+    return FootSample(
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+        pitch=pitch,
+        pitch_velocity=pitch_velocity,
+        pitch_acceleration=pitch_acceleration,
+        toe=toe,
+        toe_velocity=toe_velocity,
+        toe_acceleration=toe_acceleration,
+        contact=path.contact[index],
+        sole_points=_sole_points(sole, position, pitch, toe),
+    )
+
+
+def _sole_points(
+    sole: SoleGeometry, position: NDArray[np.float64], pitch: NDArray[np.float64], toe: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    points = np.empty((len(position), 6, 3))
+    c, s = np.cos(pitch), np.sin(pitch)
+    ct, st = np.cos(pitch + toe), np.sin(pitch + toe)
+    toes = sole.tip_x - sole.ball_x
+    for group, half_width in enumerate((sole.heel_half_width, sole.ball_half_width, sole.tip_half_width)):
+        x = (sole.heel_x, sole.ball_x, sole.ball_x)[group]
+        dx, dz = x * c, -x * s
+        if group == TIP:
+            dx, dz = dx + toes * ct, dz - toes * st
+        for side, sign in enumerate((1.0, -1.0)):
+            points[:, 2 * group + side, 0] = position[:, 0] + dx
+            points[:, 2 * group + side, 1] = position[:, 1] + sign * half_width
+            points[:, 2 * group + side, 2] = position[:, 2] + dz
+    return points
+
+
+@dataclass
+class _Segment:
+    """One segment of the stride in each of n steps; what is left out rests: no motion, flat, straight toe.
+
+    Attributes:
+        start: shape (n,) [s].
+        pivot: the point that ``path`` is written for.
+        contact: heel, ball, tip.
+        path: shape (n, 3, 7).
+        pitch: shape (n, 6).
+        toe: shape (n, 6).
+    """
+
+    start: NDArray[np.float64]
+    pivot: int
+    contact: tuple[bool, bool, bool]
+    path: NDArray[np.float64]
+    pitch: NDArray[np.float64] | None = None
+    toe: NDArray[np.float64] | None = None
+
+
+def plan_feet(plan: GaitPlan, foot: FootParameters, sole: SoleGeometry) -> FeetPlan:
+    """Plan both feet's motion for a plan's footsteps and phases.
+
+    All steps are built at once: every segment of the stride is an array over the steps, so footsteps and
+    durations may differ from step to step.
+
+    Args:
+        plan: supplies phases (who stands, when) and footsteps (where).
+        foot: key-frame angles, rates and timings.
+        sole: the sole's outline.
+
+    Returns:
+        Closed-form paths of both feet over the whole plan.
+
+    Raises:
+        InputError: the phases are not single and double supports in turn, or the heel would rise before the
+            foot stands alone, or after it has left.
+    """
+    singles, doubles = plan.phases[0::2], plan.phases[1::2]
+    alternate = all(p.kind == "single_support" for p in singles) and all(
+        p.kind == "double_support" for p in doubles
+    )
+    if not alternate or len(singles) != len(doubles):
+        raise InputError(
+            "feet are planned for single and double supports in turn; give a plan of such phases."
+        )
+    start, single, double = np.array(
+        [(s.start, s.duration, d.duration) for s, d in zip(singles, doubles, strict=True)]
+    ).T
+    if foot.schedule == "roll" and not foot.heel_rise_lead < single.min():
+        raise InputError(
+            f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets the heel rise before the foot stands "
+            f"alone: the single support lasts {single.min():.4g} s; take less than that."
+        )
+    if foot.schedule == "roll" and not foot.heel_rise_lead > -double.min():
+        raise InputError(
+            f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets the heel rise when the foot has left: the "
+            f"double support lasts {double.min():.4g} s; take more than {-double.min():.4g} s."
+        )
+    placement = np.array([f.position for f in plan.footsteps])
+    n = len(singles)
+    behind, here, ahead = placement[:n], placement[1 : n + 1], placement[2 : n + 2]
+    speed = plan.constants.l_s / single
+    stance, swing = _stride(foot, sole, start, single, double, behind, here, ahead, speed)
+    stands_left = np.array([p.stance == "left" for p in singles])
+    return FeetPlan(
+        sole=sole,
+        left=_foot_path(stance, swing, stands_left),
+        right=_foot_path(stance, swing, ~stands_left),
+        duration=plan.duration,
+    )
+
+
+def _stride(
+    foot: FootParameters,
+    sole: SoleGeometry,
+    start: NDArray[np.float64],
+    single: NDArray[np.float64],
+    double: NDArray[np.float64],
+    behind: NDArray[np.float64],
+    here: NDArray[np.float64],
+    ahead: NDArray[np.float64],
+    lift_speed: NDArray[np.float64],
+) -> tuple[list[_Segment], list[_Segment]]:
+    """Segments of the foot that stands, and of the one that swings from ``behind`` to ``ahead``.
+
+    The times have the shape (n,) [s], the placements (n, 2) [m]; ``lift_speed`` (n,) [m/s] is the paper's
+    ``v_swing``.
+    """
+    roll, paper = foot.schedule == "roll", foot.swing == "paper"
+    lift = (foot.toe_off_angle, foot.toe_off_rate) if roll else (0.0, 0.0)
+    land = (-foot.heel_strike_angle, 0.0 if paper else foot.heel_strike_rate) if roll else (0.0, 0.0)
+    rise, straighten, down = (
+        double + foot.heel_rise_lead,
+        foot.toe_return * single,
+        foot.full_contact * double,
+    )
+    # The ball leaves its place from rest; it arrives turning about the heel that has just landed.
+    x, rate = sole.ball_x - sole.heel_x, land[1]
+    c, s = math.cos(land[0]), math.sin(land[0])
+    # Rows: heel rise, pitch in the swing, the ball's x, y, z in the swing, toe joint, roll down.
+    begin, end = np.zeros((2, 3, 7, len(start)))
+    end[:2, 0] = begin[:2, 1] = np.array(lift)[:, None]
+    end[:2, 1] = begin[:2, 6] = np.array(land)[:, None]
+    begin[:2, 5] = -begin[:2, 1]
+    begin[0, 2], begin[0, 3] = behind[:, 0] + sole.ball_x, behind[:, 1]
+    end[0, 2], end[0, 3], end[0, 4] = ahead[:, 0] + sole.heel_x + x * c, ahead[:, 1], -x * s
+    end[1, 2], end[1, 4] = -x * s * rate, -x * c * rate
+    end[2, 2], end[2, 4] = -x * c * rate**2, x * s * rate**2
+    if paper:
+        begin[1, 2] = lift_speed
+    connect = cubic if paper else quintic
+    curves = connect(begin, end, np.stack([rise, single, single, single, single, straighten, down]))
+    pitch_up, pitch, toe, pitch_down = curves[0], curves[1], curves[5], curves[6]
+
+    path = np.zeros((len(start), 3, _ORDER + 1))
+    path[:, :, :_ORDER] = curves[2:5].swapaxes(0, 1)
+    pieces = _paper_swing(path, single, foot.swing_height) if paper else [(0.0, path)]
+    if not paper:
+        lift_shape = _LIFT / single[:, None] ** np.arange(_ORDER + 1)
+        path[:, 0] -= (foot.swing_lag * (ahead[:, 0] - behind[:, 0]))[:, None] * lift_shape
+        path[:, 2] += foot.swing_height * lift_shape
+
+    def resting(at: NDArray[np.float64], pivot_x: float) -> NDArray[np.float64]:
+        still = np.zeros((len(start), 3, _ORDER + 1))
+        still[:, 0, 0], still[:, 1, 0] = at[:, 0] + pivot_x, at[:, 1]
+        return still
+
+    none, flat = (False, False, False), (True, True, True)
+    standing = resting(here, sole.ball_x)
+    stance = [_Segment(start, _PIVOT_BALL, flat, standing)]
+    swing = []
+    # The share of the swing from which on the toe joint is straight.
+    returned = foot.toe_return if roll else 0.0
+    shares = {share for share, _ in pieces} | ({returned} if returned < 1.0 else set())
+    for share in sorted(shares):  # the same polynomials, their time counted from a later start
+        since, piece = [item for item in pieces if item[0] <= share][-1]
+        bent = _shift(toe, share * single) if share < returned else None
+        swing.append(
+            _Segment(
+                start + share * single,
+                _PIVOT_BALL,
+                none,
+                _shift(piece, (share - since) * single),
+                _shift(pitch, share * single),
+                bent,
+            )
+        )
+    if not roll:
+        landed = start + single
+    else:
+        off = start + single + double
+        stance.append(_Segment(off - rise, _PIVOT_BALL, (False, True, True), standing, pitch_up, -pitch_up))
+        on_heel = resting(ahead, sole.heel_x)
+        swing.append(_Segment(start + single, _PIVOT_HEEL, (True, False, False), on_heel, pitch_down))
+        landed = start + single + down
+    if not roll or foot.full_contact < 1.0:
+        swing.append(_Segment(landed, _PIVOT_BALL, flat, resting(ahead, sole.ball_x)))
+    return stance, swing
+
+
+def _paper_swing(
+    path: NDArray[np.float64], single: NDArray[np.float64], height: float
+) -> list[tuple[float, NDArray[np.float64]]]:
+    """The swing's two pieces: a clamped cubic spline through one more key-frame, ``height`` up at mid swing.
+
+    Args:
+        path: the swing without the lift, shape (n, 3, 7).
+        single: durations of the swings, shape (n,) [s].
+        height: lift at mid swing [m].
+
+    Returns:
+        (share of the swing at which it begins, coefficients) of either piece.
+    """
+    half = 0.5 * single
+    shape = height * _CUBIC_RISE / half[:, None] ** np.arange(_ORDER + 1)
+    rising, falling = path.copy(), _shift(path, half)
+    rising[:, 2] += shape
+    falling[:, 2] -= shape
+    falling[:, 2, 0] += height
+    return [(0.0, rising), (0.5, falling)]
+
+
+def _foot_path(stance: list[_Segment], swing: list[_Segment], stands: NDArray[np.bool_]) -> FootPath:
+    """Path of the foot that stands in the steps where ``stands`` holds and swings in the others."""
+    parts = [(segment, stands) for segment in stance] + [(segment, ~stands) for segment in swing]
+    start = np.concatenate([segment.start[steps] for segment, steps in parts])
+    order = np.argsort(start, kind="stable")
+    still = np.zeros((len(stands), _ORDER))
+
+    def gather(values: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+        return np.concatenate([v[steps] for v, (_, steps) in zip(values, parts, strict=True)])[order]
+
+    lengths = [int(np.count_nonzero(steps)) for _, steps in parts]
+    return FootPath(
+        start=start[order],
+        pivot=np.repeat(np.array([segment.pivot for segment, _ in parts], dtype=np.int8), lengths)[order],
+        path=gather([segment.path for segment, _ in parts]),
+        pitch=gather([still if segment.pitch is None else segment.pitch for segment, _ in parts]),
+        toe=gather([still if segment.toe is None else segment.toe for segment, _ in parts]),
+        contact=np.repeat(np.array([segment.contact for segment, _ in parts]), lengths, axis=0)[order],
+    )
+
+
+def _shift(coefficients: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Coefficients of p(t + by) from those of p(t), by Taylor expansion (repeated Horner).
+
+    Args:
+        coefficients: lowest order first, shape (n, ..., K).
+        by: shape (n,) [s].
+    """
+    shifted = coefficients.copy()
+    by = by.reshape(-1, *(1,) * (coefficients.ndim - 2))
+    size = coefficients.shape[-1]
+    for k in range(size - 1):
+        for j in range(size - 2, k - 1, -1):
+            shifted[..., j] += by * shifted[..., j + 1]
+    return shifted

@@ -1,0 +1,1 @@
+"""Search for the free parameters of a gait that a body can walk."""

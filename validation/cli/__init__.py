@@ -1,0 +1,1 @@
+"""The command line: options, text, exit statuses. No other package imports it."""

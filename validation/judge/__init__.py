@@ -1,0 +1,1 @@
+"""Measured minus planned: metrics, tolerance profiles, verdicts."""

@@ -1,0 +1,149 @@
+"""``signals.parquet``: plan, command and measurement on one clock, one row per simulation step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ampm.exceptions import InputError
+from validation.judge.compare import PARTS
+from validation.trial.record import write_table
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ampm.planner.gait import GaitPlan
+    from validation.judge.compare import Comparison
+    from validation.measure.measure import MeasuredGait
+    from validation.trial.record import SimulationRecord
+
+    Array = NDArray[np.float64]
+
+_SIGNALS = (("zmp", 2), ("force", 3), ("com", 3), ("angular_momentum", 3))
+COLUMNS = (
+    "time",
+    "phase",
+    "stance",
+    *(
+        f"{source}_{name}_{axis}"
+        for source in ("plan", "command", "measured")
+        for name, width in _SIGNALS
+        for axis in "xyz"[:width]
+    ),
+    "motion_angular_momentum_z",
+    "measured_zmp_momentum_x",
+    "measured_zmp_momentum_y",
+    *(f"{foot}_force_{axis}" for foot in ("left", "right") for axis in "xyz"),
+    "left_contact",
+    "right_contact",
+)
+"""Columns that every ``signals.parquet`` has; more may follow them."""
+
+
+def signals_table(
+    plan: GaitPlan,
+    record: SimulationRecord,
+    measured: MeasuredGait,
+    comparison: Comparison | None = None,
+    *,
+    motion_angular_momentum_z: Array | None = None,
+) -> pa.Table:
+    """Build the table: row k holds plan and state at t_k, force and command over [t_k, t_(k+1)].
+
+    SI units, world frame. The plan has no L_z: its column is null, and so are ZMPs of an unsupported instant
+    and, without ``motion_angular_momentum_z``, the motion's column.
+
+    Args:
+        plan: the plan that was walked.
+        record: the run.
+        measured: its measurement.
+        comparison: adds the parts of the ZMP error, ``zmp_error_{part}_{x,y}``.
+        motion_angular_momentum_z: L_z of the periodic motion at t_k, shape (K,) [N m s].
+    """
+    time = measured.time
+    sample = plan.sample(np.minimum(time, plan.duration))
+    columns: dict[str, pa.Array] = {
+        "time": pa.array(time),
+        "phase": pa.array(sample.phase_name.tolist(), pa.string()),
+        "stance": pa.array(sample.stance_name.tolist(), pa.string()),
+    }
+
+    def put(name: str, values: Array) -> None:
+        for column, axis in enumerate("xyz"[: values.shape[1]]):
+            columns[f"{name}_{axis}"] = _nullable(values[:, column])
+
+    put("plan_zmp", sample.zmp)
+    put("plan_force", sample.force)
+    put("plan_com", sample.com)
+    put("plan_angular_momentum", sample.angular_momentum)
+    columns["plan_angular_momentum_z"] = pa.nulls(time.size, pa.float64())
+    put("command_zmp", record.command_zmp)
+    put("command_force", record.command_force)
+    put("command_com", record.command_com)
+    put("command_angular_momentum", record.command_angular_momentum)
+    put("measured_zmp", measured.zmp)
+    put("measured_force", measured.force)
+    put("measured_com", measured.com)
+    put("measured_angular_momentum", measured.angular_momentum)
+    motion = (
+        pa.nulls(time.size, pa.float64())
+        if motion_angular_momentum_z is None
+        else _nullable(np.asarray(motion_angular_momentum_z, dtype=np.float64))
+    )
+    columns["motion_angular_momentum_z"] = motion
+    put("measured_zmp_momentum", measured.zmp_momentum)
+    for index, foot in enumerate(("left", "right")):
+        put(f"{foot}_force", measured.foot_force[:, index])
+    for index, foot in enumerate(("left", "right")):
+        columns[f"{foot}_contact"] = pa.array(measured.foot_contact[:, index])
+    if plan.feet is not None and time.size:
+        columns["plan_zmp_margin"] = _nullable(plan.zmp_margin(sample.time))
+    columns["measured_zmp_margin"] = _nullable(measured.polygon_margin)
+    if comparison is not None:
+        for part in PARTS:
+            put(f"zmp_error_{part}", comparison.zmp_split.parts[part])
+    for index, foot in enumerate(("left", "right")):
+        columns[f"{foot}_slip"] = _nullable(measured.slip[:, index])
+        columns[f"{foot}_penetration"] = _nullable(measured.penetration[:, index])
+    return pa.table(columns)
+
+
+def save_signals(table: pa.Table, path: str | Path) -> None:
+    """Write the table.
+
+    Raises:
+        InputError: a column of the contract is missing.
+    """
+    missing = [name for name in COLUMNS if name not in table.column_names]
+    if missing:
+        raise InputError(f"the signals lack {', '.join(missing)}; build them with signals_table")
+    write_table(table, path)
+
+
+def load_signals(path: str | Path) -> dict[str, NDArray[Any]]:
+    """Read the table as arrays: nulls become NaN, labels are strings.
+
+    Raises:
+        InputError: the file is missing or is no table.
+    """
+    try:
+        table = pq.read_table(Path(path))
+    except FileNotFoundError:
+        raise InputError(f"{path} is missing; give the folder of a finished run") from None
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(f"{path} cannot be read ({error}); run the validation again") from error
+    arrays: dict[str, NDArray[Any]] = {}
+    for name in table.column_names:
+        column = table.column(name)
+        text = pa.types.is_string(column.type)
+        arrays[name] = np.array(column.to_pylist()) if text else column.to_numpy()
+    return arrays
+
+
+def _nullable(values: Array) -> pa.Array:
+    """NaN becomes null: a number that was not measured is absent."""
+    return pa.array(np.ascontiguousarray(values), from_pandas=True)

@@ -1,0 +1,390 @@
+"""Pass, fail or not measured: a comparison held against a tolerance profile, and the summary of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from validation.judge.compare import FIRST_STEP, Comparison, statistics_table
+from validation.judge.profiles import BODY_WEIGHT, Profile, Tolerance
+
+if TYPE_CHECKING:
+    from validation.measure.measure import MeasuredGait
+    from validation.trial.record import Outcome, SimulationRecord
+
+
+class VerdictName(StrEnum):
+    """What a verdict says."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    UNDECIDED = "undecided"
+    NOT_MEASURED = "not_measured"
+
+
+@dataclass(frozen=True)
+class MetricResult:
+    """One metric, judged or only reported.
+
+    Attributes:
+        name: metric.
+        value: measured value in ``unit``, NaN if there is none.
+        unit: SI unit.
+        tolerance: largest value that passes, in ``unit``; None if the profile has none.
+        passed: None where nothing is judged, or nothing can be said.
+        margin: share of the tolerance that is left, 1 - value / tolerance; negative if failed, None where
+            ``passed`` is. Where the tolerance is zero, 1 if met and -infinity if not.
+        reason: of the tolerance, empty if there is none.
+        display_value, display_tolerance: the same two numbers in ``display_unit``.
+        display_unit: what tables show: mm, % of body weight, N m s.
+        normalised: value over foot length, body weight and the like [1].
+        first_step: the same figure for the first step, in ``unit``, None if it has none.
+        uncertainty: numerical uncertainty of the value in ``unit``, infinite if it has no bound; None if none
+            was given.
+        display_uncertainty: the same in ``display_unit``.
+        undecided: whether the value is closer to the tolerance than its uncertainty, or a study that belongs
+            to it was not made.
+        not_studied: studies without which the uncertainty is not known; ``uncertainty`` is then what the
+            others leave, and the true one is no less.
+    """
+
+    name: str
+    value: float
+    unit: str
+    tolerance: float | None
+    passed: bool | None
+    margin: float | None
+    reason: str
+    display_value: float
+    display_tolerance: float | None
+    display_unit: str
+    normalised: Mapping[str, float]
+    first_step: float | None
+    uncertainty: float | None = None
+    display_uncertainty: float | None = None
+    undecided: bool = False
+    not_studied: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a profile says of a run.
+
+    Attributes:
+        name: pass only if every tolerance was judged and met; undecided if all that can be said are passes,
+            but of some tolerance nothing can be said.
+        profile: name of the profile.
+        reason: one sentence.
+        metrics: judged ones first, in the profile's order, then those only reported.
+    """
+
+    name: VerdictName
+    profile: str
+    reason: str
+    metrics: tuple[MetricResult, ...]
+
+    @property
+    def judged(self) -> tuple[MetricResult, ...]:
+        """Metrics that have a tolerance."""
+        return tuple(item for item in self.metrics if item.tolerance is not None)
+
+    @property
+    def failed(self) -> tuple[MetricResult, ...]:
+        """Metrics out of tolerance."""
+        return tuple(item for item in self.metrics if item.passed is False)
+
+    @property
+    def undecided(self) -> tuple[MetricResult, ...]:
+        """Metrics closer to their tolerance than their numerical uncertainty."""
+        return tuple(item for item in self.metrics if item.undecided)
+
+    @property
+    def tightest(self) -> MetricResult | None:
+        """The judged metric with the least margin."""
+        judged = [item for item in self.judged if item.margin is not None]
+        return min(judged, key=lambda item: item.margin or 0.0, default=None)
+
+
+def judge(
+    comparison: Comparison,
+    outcome: Outcome,
+    profile: Profile,
+    uncertainty: Mapping[str, float] | None = None,
+    not_studied: Mapping[str, tuple[str, ...]] | None = None,
+) -> Verdict:
+    """Hold a comparison against a profile.
+
+    A run that did not complete has no verdict on tolerances: its figures would be of a walk that did not
+    happen. They are reported all the same, unjudged.
+
+    Args:
+        comparison: of the run with its plan.
+        outcome: of the run.
+        profile: tolerances.
+        uncertainty: numerical uncertainty of metrics, in each one's SI unit. A metric whose distance to its
+            tolerance is below it is undecided: neither met nor missed. A metric that is not named is judged
+            by its value.
+        not_studied: metric to the studies that its uncertainty lacks; it is undecided whatever its value.
+    """
+    uncertainty, not_studied = uncertainty or {}, not_studied or {}
+    limits = {item.metric: item for item in profile.tolerances}
+    weight = comparison.scales["body_weight"]
+    names = [name for name in limits if name in comparison.metrics]
+    names += [name for name in comparison.metrics if name not in limits]
+    results = tuple(
+        _result(
+            name,
+            comparison,
+            limits.get(name),
+            weight,
+            uncertainty.get(name),
+            not_studied.get(name, ()),
+            judged=outcome.completed,
+        )
+        for name in names
+    )
+    missing = [name for name in limits if name not in comparison.metrics]
+    missing += [item.name for item in results if item.tolerance is not None and math.isnan(item.value)]
+    failed = [item for item in results if item.passed is False]
+    undecided = [item for item in results if item.undecided]
+    if not outcome.completed:
+        name = VerdictName.NOT_MEASURED
+        reason = f"{outcome.name.sentence[:-1]}, at {outcome.time:.3f} s"
+        reason += f": {outcome.cause.rstrip('.')}." if outcome.cause else "."
+    elif failed:
+        name = VerdictName.FAIL
+        worst = min(failed, key=lambda item: item.margin or 0.0)
+        reason = (
+            f"{len(failed)} of {len(limits)} tolerances not met; the furthest is {worst.name}: "
+            f"{_shown(worst)}, limit {worst.display_tolerance:.3g}."
+        )
+        if undecided:
+            reason += f" {len(undecided)} undecided: {_why(undecided)}."
+    elif missing:
+        name = VerdictName.NOT_MEASURED
+        reason = f"No figure for {', '.join(missing)}: a run must last longer than its first step."
+    elif undecided:
+        name = VerdictName.UNDECIDED
+        least = max(undecided, key=lambda item: (item.uncertainty or 0.0) / (item.tolerance or math.inf))
+        reason = f"{len(undecided)} of {len(limits)} tolerances undecided, {_why(undecided)}"
+        if least.uncertainty is not None:
+            reason += f"; the least certain is {least.name}: {_shown(least)}"
+            reason += f", limit {least.display_tolerance:.3g}"
+        reason += "."
+    else:
+        name = VerdictName.PASS
+        judged = [item for item in results if item.margin is not None and item.tolerance]
+        tight = min(judged, key=lambda item: item.margin or 0.0)
+        reason = (
+            f"All {len(limits)} tolerances met; the tightest is {tight.name}: "
+            f"{_shown(tight)}, limit {tight.display_tolerance:.3g}."
+        )
+    return Verdict(name, profile.name, reason, results)
+
+
+def build_summary(
+    record: SimulationRecord,
+    measured: MeasuredGait,
+    comparison: Comparison,
+    verdict: Verdict,
+    *,
+    timing: Mapping[str, Any] | None = None,
+    environment: Mapping[str, Any] | None = None,
+    extra: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Contents of ``summary.json``: plain JSON values in SI units, None for what is undefined.
+
+    Args:
+        record: the run.
+        measured: its measurement.
+        comparison: with the plan.
+        verdict: of a profile.
+        timing: wall-clock times [s] and what follows from them.
+        environment: versions and platform.
+        extra: further top-level entries, such as the gait's name or the motion's residuals.
+    """
+    status = record.qp_status
+    summary = {
+        "outcome": str(record.outcome.name),
+        "verdict": str(verdict.name),
+        "steps_completed": record.outcome.steps_completed,
+        "reason": verdict.reason,
+        "profile": verdict.profile,
+        "end": {"time": record.outcome.time, "cause": record.outcome.cause},
+        "metrics": {item.name: _metric_entry(item) for item in verdict.metrics},
+        "timing": dict(timing or {}),
+        "statistics": statistics_table(comparison),
+        "zmp_error_split": {
+            "residual": comparison.zmp_split.residual,
+            "rmse": {name: list(pair) for name, pair in comparison.zmp_split.rmse.items()},
+            "share": {name: list(pair) for name, pair in comparison.zmp_split.share.items()},
+            "unit": "m",
+        },
+        "effort": asdict(comparison.effort),
+        "effort_first_step": asdict(comparison.effort_first_step),
+        "margins": asdict(comparison.margins),
+        "energy": asdict(comparison.energy),
+        "self_checks": asdict(measured.self_checks),
+        "solver": {
+            "ticks": int(status.size),
+            "solved": int(np.count_nonzero(status == 0)),
+            "solved_with_limits": int(np.count_nonzero(status == 1)),
+            "unsolved": int(np.count_nonzero(status == 2)),
+            "residual_maximum": _maximum(record.qp_residual),
+            "iterations_median": _quantile(record.qp_iterations, 0.5),
+            "iterations_maximum": _maximum(record.qp_iterations),
+            "time_median": _quantile(record.qp_time, 0.5),
+            "time_p99": _quantile(record.qp_time, 0.99),
+        },
+        "scales": dict(comparison.scales),
+        "environment": dict(environment or {}),
+        **(extra or {}),
+    }
+    return _plain(summary)
+
+
+def is_undecided(value: float, tolerance: float, uncertainty: float | None) -> bool:
+    """Whether the value is closer to its tolerance than its uncertainty; all in one unit."""
+    return uncertainty is not None and abs(tolerance - value) < uncertainty
+
+
+def _result(
+    name: str,
+    comparison: Comparison,
+    tolerance: Tolerance | None,
+    weight: float,
+    uncertainty: float | None,
+    not_studied: tuple[str, ...],
+    *,
+    judged: bool,
+) -> MetricResult:
+    metric = comparison.metrics[name]
+    factor, display_unit = display_unit_of(metric.unit, weight)
+    if uncertainty is not None and math.isnan(uncertainty):
+        uncertainty = None
+    limit: float | None = None
+    if tolerance is not None:
+        limit = tolerance.limit * (weight if tolerance.unit == BODY_WEIGHT else 1.0)
+    passed: bool | None = None
+    margin: float | None = None
+    comparable = limit is not None and judged and not math.isnan(metric.value)
+    undecided = comparable and (
+        bool(not_studied) or (limit is not None and is_undecided(metric.value, limit, uncertainty))
+    )
+    if limit is not None and comparable and not undecided:
+        passed = metric.value <= limit
+        if limit > 0.0:
+            margin = 1.0 - metric.value / limit
+        else:
+            margin = 1.0 if passed else -math.inf
+    return MetricResult(
+        name=name,
+        value=metric.value,
+        unit=metric.unit,
+        tolerance=limit,
+        passed=passed,
+        margin=margin,
+        reason=tolerance.reason if tolerance is not None else "",
+        display_value=metric.value * factor,
+        display_tolerance=None if limit is None else limit * factor,
+        display_unit=display_unit,
+        normalised=metric.normalised,
+        first_step=_first_step(name, comparison),
+        uncertainty=uncertainty,
+        display_uncertainty=None if uncertainty is None else uncertainty * factor,
+        undecided=undecided,
+        not_studied=not_studied,
+    )
+
+
+def _why(undecided: Sequence[MetricResult]) -> str:
+    """Why nothing can be said of these."""
+    lacking = dict.fromkeys(name for item in undecided for name in item.not_studied)
+    if lacking:
+        return f"their numerical uncertainty is not known (not studied: {', '.join(lacking)})"
+    return "closer to the limit than the numerical uncertainty"
+
+
+def _shown(item: MetricResult) -> str:
+    """A value, its uncertainty if it is known, and its unit, if it has one."""
+    known = item.display_uncertainty
+    spread = "" if known is None else f" ± {'≥ ' if item.not_studied else ''}{known:.2g}"
+    if item.not_studied and known is None:
+        spread = " ± not studied"
+    return f"{item.display_value:.3g}{spread} {item.display_unit}".rstrip()
+
+
+def display_unit_of(unit: str, weight: float) -> tuple[float, str]:
+    """Factor and unit for people: millimetres, percent of body weight."""
+    if unit == "m":
+        return 1e3, "mm"
+    if unit == "N":
+        return 100.0 / weight, "% of body weight"
+    return 1.0, "" if unit == "1" else unit
+
+
+def _first_step(name: str, comparison: Comparison) -> float | None:
+    signal, _, figure = name.rpartition("_")
+    if signal not in comparison.signals or figure not in ("rmse", "maximum"):
+        return None
+    value = getattr(comparison.signals[signal].windows[FIRST_STEP], figure)
+    return None if math.isnan(value) else float(value)
+
+
+def _metric_entry(item: MetricResult) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "value": item.value,
+        "unit": item.unit,
+        "tolerance": item.tolerance,
+        "pass": item.passed,
+        "margin": item.margin,
+        "first_step": item.first_step,
+        "normalised": dict(item.normalised),
+        "display": {
+            "value": item.display_value,
+            "unit": item.display_unit,
+            "tolerance": item.display_tolerance,
+        },
+        "reason": item.reason or None,
+    }
+    if item.uncertainty is not None:  # JSON has no infinity: as everywhere in the project, a word
+        entry["uncertainty"] = item.uncertainty if math.isfinite(item.uncertainty) else "inf"
+        entry["undecided"] = item.undecided
+        shown = item.display_uncertainty
+        entry["display"]["uncertainty"] = shown if shown is None or math.isfinite(shown) else "inf"
+    if item.not_studied:  # what the other studies leave is no uncertainty of the value
+        entry["undecided"], entry["not_studied"] = item.undecided, list(item.not_studied)
+        for place in (entry, entry["display"]):
+            place["uncertainty_at_least"] = place.get("uncertainty")
+            place["uncertainty"] = None
+    return entry
+
+
+def _maximum(values: Any) -> float:
+    return float(values.max()) if values.size else math.nan
+
+
+def _quantile(values: Any, share: float) -> float:
+    return float(np.quantile(values, share)) if values.size else math.nan
+
+
+def _plain(value: Any) -> Any:
+    """Only what JSON has: NaN and infinities become None."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, StrEnum):
+        return str(value)
+    return value

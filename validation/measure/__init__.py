@@ -1,0 +1,1 @@
+"""Measurements from a record. Nothing here imports the plan."""

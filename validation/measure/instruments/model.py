@@ -1,0 +1,273 @@
+"""What an instrument is: frozen, validated figures as a data sheet gives them, from a preset or a TOML file.
+
+Whatever is left out is ideal: no noise, no bias, no filter, every step read at once, endless range. A file
+therefore holds only what its instrument has, and one with ``kind`` alone shows the truth.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ampm.exceptions import InputError
+
+PRESETS: dict[str, str] = {
+    "force-plate": "a laboratory's force plates, one under every footstep",
+    "foot-ft": "a six-axis force/torque sensor in each ankle, pose by joint encoders",
+    "imu": "an accelerometer and gyroscope on the pelvis",
+}
+"""Presets and what they are; each is ``validation/measure/instruments/presets/<name>.toml``."""
+
+Real = Annotated[float, Field(allow_inf_nan=False)]
+
+
+def _field(default: Any, description: str, unit: str, **bounds: Any) -> Any:
+    return Field(default, description=description, json_schema_extra={"unit": unit}, **bounds)
+
+
+class _Part(BaseModel):
+    """Immutable, no unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class Channel(_Part):
+    """Figures of one group of channels; ``u`` is its unit: N, N m, rad/s, m/s^2 or rad.
+
+    Each channel of the group (left and right foot, x and y) has noise and bias of its own.
+    """
+
+    noise: Real = _field(
+        0.0, "one-sided density of white noise ahead of the filter; RMS over a band of B Hz is noise sqrt(B)",
+        "u/sqrt(Hz)", ge=0, le=1e6,
+    )  # fmt: skip
+    bias: Real = _field(
+        0.0, "bound of a constant that is drawn evenly from -bias ... bias for every run", "u", ge=0, le=1e6
+    )
+    offset: Real = _field(0.0, "constant that is always added", "u", ge=-1e6, le=1e6)
+    resolution: Real = _field(0.0, "step of the converter (LSB); 0 is endlessly fine", "u", ge=0, le=1e6)
+    range: float = _field(math.inf, "readings are cut off at plus and minus this", "u", gt=0)
+
+
+class Acquisition(_Part):
+    """What every channel of an instrument passes: low-pass, sampling, delay."""
+
+    cutoff: Real | None = _field(
+        None, "-3 dB frequency of the causal Butterworth low-pass; without it there is none", "Hz",
+        ge=0.01, le=1e6,
+    )  # fmt: skip
+    order: int = _field(4, "order of the low-pass", "1", ge=1, le=10)
+    rate: Real | None = _field(
+        None,
+        "samples per second, each held until the next; without it as many as steps",
+        "Hz",
+        gt=0,
+        le=1e6,
+    )
+    delay: Real = _field(0.0, "time from a sample to its arrival", "s", ge=0, le=10)
+
+
+class Instrument(_Part):
+    """What all instruments have.
+
+    Attributes:
+        kind: which instrument.
+        name: of this one, for reports.
+    """
+
+    kind: str
+    name: str = _field("", "name for reports; by default that of the preset or file", "", max_length=60)
+    seed: int = _field(1, "seed of biases and noise, with the key of the run", "1", ge=0, le=2**63 - 1)
+    acquisition: Acquisition = Field(default_factory=Acquisition)
+    groups: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    """Group of channels to its unit and meaning."""
+
+
+class _Wrench(Instrument):
+    """Six axes under or in each foot."""
+
+    threshold: Real = _field(
+        0.0, "a foot whose vertical force reads less than this counts as unloaded; 0 takes every reading",
+        "N", ge=0, le=1e4,
+    )  # fmt: skip
+    cross_talk: Real = _field(
+        0.0, "bound of a channel's share of every other channel, drawn evenly, both relative to their ranges",
+        "1", ge=0, le=0.5,
+    )  # fmt: skip
+    force_xy: Channel = Field(default_factory=Channel)
+    force_z: Channel = Field(default_factory=Channel)
+    moment_xy: Channel = Field(default_factory=Channel)
+    moment_z: Channel = Field(default_factory=Channel)
+    groups: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "force_xy": ("N", "horizontal forces"),
+        "force_z": ("N", "vertical force"),
+        "moment_xy": ("N m", "moments about the horizontal axes"),
+        "moment_z": ("N m", "moment about the vertical axis"),
+    }
+
+
+class ForcePlate(_Wrench):
+    """A plate of its own under every footstep, centred under the sole and level with the floor."""
+
+    kind: Literal["force-plate"]
+
+
+class FootForceTorque(_Wrench):
+    """A force/torque sensor at each ankle's centre, fixed to the foot."""
+
+    kind: Literal["foot-ft"]
+    compensation: Literal["none", "weight", "inertia"] = _field(
+        "inertia",
+        "what the user takes off for the part of the foot below the sensor: nothing, its weight, or its "
+        "weight and inertial forces exactly",
+        "1",
+    )
+    pose: Literal["true", "encoders"] = _field(
+        "true",
+        "pose of the sensor that the user takes: the true one, or the pelvis's true pose and the leg's joint "
+        "encoders",
+        "1",
+    )
+    encoder: Channel = Field(default_factory=Channel)
+    groups: ClassVar[Mapping[str, tuple[str, str]]] = {
+        **_Wrench.groups,
+        "encoder": ("rad", "angles of the leg's joints"),
+    }
+
+
+class Imu(Instrument):
+    """An inertial measurement unit."""
+
+    kind: Literal["imu"]
+    mount: Literal["pelvis", "chest"] = _field(
+        "pelvis", "where it sits: origin of the pelvis, or the model's own sensor site", "1"
+    )
+    tilt: Real = _field(
+        0.0, "bound of the constant roll and pitch error of the orientation estimate, drawn evenly", "rad",
+        ge=0, le=1,
+    )  # fmt: skip
+    gyroscope: Channel = Field(default_factory=Channel)
+    accelerometer: Channel = Field(default_factory=Channel)
+    groups: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "gyroscope": ("rad/s", "angular velocity"),
+        "accelerometer": ("m/s^2", "specific force"),
+    }
+
+
+KINDS: dict[str, type[Instrument]] = {"force-plate": ForcePlate, "foot-ft": FootForceTorque, "imu": Imu}
+
+
+def load_instrument(name: str | Path) -> Instrument:
+    """An instrument by the name of a preset or the path of a TOML file.
+
+    Raises:
+        InputError: no such preset or file, no valid TOML, unknown key or bad value.
+    """
+    if isinstance(name, str) and name in PRESETS:
+        text = (
+            resources.files("validation.measure.instruments")
+            .joinpath("presets", f"{name}.toml")
+            .read_text(encoding="utf-8")
+        )
+        return make_instrument(tomllib.loads(text), name)
+    path = Path(name)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (FileNotFoundError, NotADirectoryError):
+        close = difflib.get_close_matches(str(name).lower(), PRESETS, n=1)
+        hint = f"did you mean {close[0]!r}? " if close else ""
+        raise InputError(
+            f"there is neither an instrument nor a file {str(name)!r}; {hint}the instruments are "
+            f"{', '.join(PRESETS)}.",
+            value=str(name),
+            **({"nearest": close[0]} if close else {}),
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"the file {str(name)!r} cannot be read ({error}); give a TOML file.") from None
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"the file {str(name)!r} is no valid TOML: {error}; correct that line.") from None
+    return make_instrument(table, path.stem)
+
+
+def make_instrument(table: Mapping[str, Any], name: str = "") -> Instrument:
+    """An instrument of a table as a TOML file holds it.
+
+    Args:
+        table: ``kind`` and what that kind has.
+        name: used if the table has none.
+
+    Raises:
+        InputError: unknown kind or key, or a bad value.
+    """
+    kind = table.get("kind")
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise InputError(
+            f"kind = {kind!r} is no kind of instrument; write one of {', '.join(map(repr, KINDS))}.",
+            key="kind",
+            value=kind,
+            limit=f"one of {', '.join(KINDS)}",
+        )
+    try:
+        return KINDS[kind](**{"name": name[:60], **table})
+    except ValidationError as error:
+        raise _input_error(error, KINDS[kind]) from None
+
+
+_WORDS = {
+    "greater_than": ("gt", "must be greater than"),
+    "greater_than_equal": ("ge", "must be at least"),
+    "less_than": ("lt", "must be less than"),
+    "less_than_equal": ("le", "must be at most"),
+}
+_KINDS_OF_VALUE = {
+    "int_type": "must be a whole number",
+    "float_type": "must be a number",
+    "finite_number": "must be a finite number",
+    "string_type": "must be text",
+    "model_type": "must be a table of keys",
+}
+
+
+def _input_error(error: ValidationError, model: type[Instrument]) -> InputError:
+    """The first failure as one sentence: key, value, limit, way out."""
+    detail = error.errors()[0]
+    place = [str(part) for part in detail["loc"]]
+    key, value, kind = ".".join(place), detail.get("input"), detail["type"]
+    owner: Any = model
+    for part in place[:-1]:
+        field = owner.model_fields[part]
+        owner = field.annotation
+    if kind == "extra_forbidden":
+        near = difflib.get_close_matches(place[-1], owner.model_fields, n=1, cutoff=0.0)[0]
+        nearest = ".".join([*place[:-1], near])
+        return InputError(
+            f"unknown key {key!r} of this kind of instrument; did you mean {nearest!r}?",
+            key=key,
+            nearest=nearest,
+        )
+    field = owner.model_fields.get(place[-1]) if place else None
+    extra = field.json_schema_extra if field is not None else None
+    unit = str(extra.get("unit", "1")) if isinstance(extra, dict) else "1"
+    if place and place[0] in model.groups:
+        unit = unit.replace("u", model.groups[place[0]][0], 1)
+    shown = "" if unit in ("1", "") else f" {unit}"
+    context = detail.get("ctx", {})
+    if kind in _WORDS:
+        name, words = _WORDS[kind]
+        limit = f"{words} {context[name]:g}{shown}"
+    elif kind == "literal_error":
+        limit = f"must be one of {context['expected']}"
+    else:
+        limit = _KINDS_OF_VALUE.get(kind, "is not allowed")
+    meaning = f" Meaning: {field.description}." if field is not None and field.description else ""
+    given = f"{value:g}{shown}" if isinstance(value, int | float) else repr(value)
+    return InputError(f"{key} = {given} {limit}.{meaning}", key=key, value=value, limit=limit)

@@ -1,0 +1,1 @@
+"""Audit and figures of the paper."""

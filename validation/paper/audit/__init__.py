@@ -1,0 +1,60 @@
+"""The paper, statement by statement, against first principles and against the project's own numbers.
+
+Every displayed equation and every claim of
+
+    S. Kudoh and T. Komura, "C2 Continuous Gait-Pattern Generation for Biped Robots", IROS 2003
+
+is one :class:`~validation.paper.audit.rows.Row`; there is one module per section of the paper. Formulas
+are held
+against mechanics derived with sympy, claims against numbers computed on the ``normal`` gait.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ampm.exceptions import InputError
+from validation.cli.console import Silent
+
+if TYPE_CHECKING:
+    from validation.paper.audit.rows import Row
+
+
+def audit(stages: Silent | None = None) -> tuple[Row, ...]:
+    """Check the whole paper.
+
+    Args:
+        stages: where to report progress.
+
+    Returns:
+        Rows in the order of the paper.
+
+    Raises:
+        InputError: sympy is not installed.
+    """
+    try:
+        import sympy  # noqa: F401
+    except ImportError:
+        raise InputError(
+            "the audit derives the paper's formulas with sympy, which is not installed; install it with "
+            "'.venv/bin/python -m pip install sympy' and run the audit again."
+        ) from None
+    from validation.paper.audit import (
+        section_1,
+        section_2,
+        section_2_1,
+        section_2_2,
+        section_2_3,
+        section_3,
+        section_4,
+    )
+    from validation.paper.audit.case import Case
+
+    stages = stages or Silent()
+    case = Case()
+    rows: list[Row] = []
+    for module in (section_1, section_2, section_2_1, section_2_2, section_2_3, section_3, section_4):
+        name = module.__name__.rpartition("section_")[2].replace("_", ".")
+        with stages.stage(f"section {name}"):
+            rows.extend(module.rows(case))
+    return tuple(rows)

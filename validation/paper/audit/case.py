@@ -1,0 +1,171 @@
+"""What the audit computes numbers on: the ``normal`` gait, and ``momentum`` where ``normal`` has none.
+
+``normal`` sends the force through the COM (c_s = c_y = 1), which hides several misprints: there the momentum
+that they would spoil is zero. Such numbers are given for both gaits.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ampm.exceptions import InputError, RefusedGait
+from ampm.planner.gait import GaitPlan
+from validation.cli.console import Silent
+from validation.paper.audit.body import BodyEvidence
+from validation.trial import planning
+from validation.trial.simulate import simulate
+
+if TYPE_CHECKING:
+    from ampm.parameters import GaitParameters
+    from ampm.planner.gait import PlanConstants, PlanSample
+    from validation.trial.record import Outcome
+
+Array = NDArray[np.float64]
+
+SAMPLES_PER_STEP = 2001
+COARSE = 0.004
+"""Largest step of the inverse kinematics' grid where bodies are compared with each other [s]."""
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """One gait's constants under the paper's names; the plan is the one thing they come from.
+
+    Attributes:
+        name: of the gait.
+        plan: of the gait.
+    """
+
+    name: str
+    plan: GaitPlan
+
+    @property
+    def gait(self) -> GaitParameters:
+        """What was asked for."""
+        return self.plan.parameters
+
+    @property
+    def constants(self) -> PlanConstants:
+        """What follows from it."""
+        return self.plan.constants
+
+    @property
+    def g_over_h(self) -> float:
+        """Gravity over height, g / H [1/s^2]."""
+        return self.plan.gravity / self.gait.com_height
+
+    @property
+    def t_ss(self) -> float:
+        """Duration of a single support [s]."""
+        return self.constants.single_support_duration
+
+    @property
+    def t_ds(self) -> float:
+        """Duration of a double support [s]."""
+        return self.constants.double_support_duration
+
+    @property
+    def t_l(self) -> float:
+        """T_ls, time constant of the lateral single support [s]."""
+        return 1.0 / math.sqrt(self.gait.c_y * self.g_over_h)
+
+    @property
+    def w_d(self) -> float:
+        """Rate of the lateral double support, ``sqrt(g c_y s / (H beta))`` [1/s]."""
+        return math.sqrt(self.gait.c_y * self.g_over_h * self.constants.s / self.constants.beta)
+
+    @property
+    def v_ex(self) -> float:
+        """The paper's v_ex, from its own formula [m]."""
+        angle = self.t_ss / self.t_l
+        return self.constants.s * (math.cosh(angle) - 1.0) / math.sinh(angle)
+
+    @property
+    def half_width(self) -> float:
+        """Half the lateral distance of the feet, s + beta [m]."""
+        return 0.5 * self.gait.step_width
+
+    @cached_property
+    def switch(self) -> PlanSample:
+        """The plan at the first switch from single to double support."""
+        return self.plan.sample(self.t_ss)
+
+    @cached_property
+    def stride(self) -> PlanSample:
+        """The plan over two steps."""
+        step = self.constants.step_duration
+        return self.plan.sample(np.linspace(0.0, 2.0 * step, 2 * SAMPLES_PER_STEP - 1))
+
+    def momentum_peak_to_peak(self, axis: int) -> float:
+        """Peak to peak of L_x (0) or L_y (1) over a stride [N m s]."""
+        return float(np.ptp(self.stride.angular_momentum[:, axis]))
+
+
+@dataclass(frozen=True)
+class Case:
+    """The gaits of the audit, each planned when it is first asked for."""
+
+    @cached_property
+    def body(self) -> BodyEvidence:
+        """``normal`` walked by the body's inverse kinematics."""
+        return self._walked()
+
+    @cached_property
+    def normal(self) -> Numbers:
+        """The plan of ``normal``, with the body's feet and constant of L_y."""
+        return Numbers("normal", self.body.plan)
+
+    @cached_property
+    def momentum(self) -> Numbers:
+        """The plan of ``momentum``, without a body: mean L_y zero."""
+        return self._preset("momentum")
+
+    @cached_property
+    def ipm(self) -> Numbers:
+        """The plan of ``ipm``, the plain inverted pendulum with the normal gait's steps."""
+        return self._preset("ipm")
+
+    def outcome(self, name: str, steps: int) -> Outcome:
+        """How a preset's walk in physics ends.
+
+        Args:
+            name: of the preset.
+            steps: to be walked.
+        """
+        planned = planning.plan(
+            planning.request(name, (f"gait.steps={steps}",)), with_body=True, stages=Silent()
+        )
+        if planned.motion is None or planned.body is None:
+            raise InputError(f"preset {name} has no body to walk with; plan it with one.")
+        run = planned.request.run
+        return simulate(planned.plan, planned.motion, run, planned.body.model, steps=steps).outcome
+
+    def _preset(self, name: str) -> Numbers:
+        asked = planning.request(name, ())
+        return Numbers(name, planning.plan(asked, with_body=False, stages=Silent()).plan)
+
+    def varied(self, **gait: float) -> Numbers:
+        """The plan of ``normal`` with some of its gait changed, without a body."""
+        settings = [f"gait.{name}={value!r}" for name, value in gait.items()]
+        label = ", ".join(f"{name} {value:g}" for name, value in gait.items())
+        asked = planning.request("normal", settings)
+        return Numbers(f"normal, {label}", planning.plan(asked, with_body=False, stages=Silent()).plan)
+
+    def walked(self, **gait: float) -> BodyEvidence | None:
+        """``normal`` with some of its gait changed, on a coarse grid; None if the body cannot."""
+        changed = [f"gait.{name}={value!r}" for name, value in gait.items()]
+        try:
+            return self._walked(f"solver.ik_time_step={COARSE!r}", *changed)
+        except RefusedGait:
+            return None
+
+    def _walked(self, *settings: str) -> BodyEvidence:
+        return BodyEvidence(
+            planning.plan(planning.request("normal", settings), with_body=True, stages=Silent())
+        )

@@ -1,0 +1,161 @@
+"""Makes the figures that are asked for, and says in numbers how far plan, motion and physics agree."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from ampm.description import SoleGeometry
+from ampm.exceptions import InputError
+from models.human import sole_geometry
+from validation.cli.console import Silent
+from validation.paper.figures import accelerations, bodies, centroidal, foot_roll, geometry, human
+from validation.paper.figures.canvas import file_names, save, style
+from validation.paper.figures.walks import STEPS, Walk, Walks
+from validation.store.folders import check_output_file, output_file
+
+NUMBERS = "figures.json"
+"""File of the figures' numbers."""
+
+_MOMENTUM, _NORMAL = "momentum", "normal"
+_SWINGS = (0.1, 0.4, 0.7, 0.8, 0.9, 1.0)
+"""Values of c_y whose momentum and swing are said beside Fig. 11."""
+
+Drawn = tuple[Figure, Mapping[str, Any]]
+"""A figure, and what its curves say in numbers."""
+
+
+def _figure_4(walks: Walks) -> Drawn:
+    walk = walks.walk(_MOMENTUM)
+    return geometry.figure_4(walk, _sole(walk)), geometry.numbers(walk, 0)
+
+
+def _figure_5(walks: Walks) -> Drawn:
+    walk = walks.walk(_MOMENTUM)
+    return geometry.figure_5(walk, _sole(walk)), geometry.numbers(walk, 1)
+
+
+def _sole(walk: Walk) -> SoleGeometry:
+    return sole_geometry(walk.trial.planned.request.run.body.height)
+
+
+def _figure_7(walks: Walks) -> Drawn:
+    return foot_roll.figure_7(walks)
+
+
+def _figure_8(walks: Walks) -> Drawn:
+    walk = walks.walk(_NORMAL)
+    com = {f"COM {axis}": walk.less_plan["com"].component(k) for k, axis in enumerate("xyz")}
+    return bodies.figure_8(walk), centroidal.peak(com, "m")
+
+
+def _figure_9(walks: Walks) -> Drawn:
+    figure, answers = accelerations.figure_9(walks.walk(_NORMAL))
+    return figure, accelerations.as_numbers(answers)
+
+
+def _figure_10(walks: Walks) -> Drawn:
+    figure, answers = accelerations.figure_10(walks.walk(_NORMAL))
+    return figure, accelerations.as_numbers(answers)
+
+
+def _figure_11(walks: Walks) -> Drawn:
+    pair = [walks.walk("roll-0.1"), walks.walk("roll-0.7")]
+    swing = {f"{value:g}": bodies.swing(walks.plan(_NORMAL, (f"gait.c_y={value}",))) for value in _SWINGS}
+    gaits = {walk.label: bodies.numbers(walk) for walk in pair}
+    return bodies.figure_11(pair), {"gaits": gaits, "c_y": swing}
+
+
+def _figure_12(walks: Walks) -> Drawn:
+    pair = walks.walk("pitch"), walks.walk(_NORMAL)
+    return bodies.figure_12(*pair), {walk.label: bodies.numbers(walk) for walk in pair}
+
+
+def _human(walks: Walks) -> Drawn:
+    return human.figure_human(walks)
+
+
+FIGURES: Mapping[str, tuple[str, Callable[[Walks], Drawn]]] = {
+    "4": ("figure-04", _figure_4),
+    "5": ("figure-05", _figure_5),
+    "7": ("figure-07", _figure_7),
+    "8": ("figure-08", _figure_8),
+    "9": ("figure-09", _figure_9),
+    "10": ("figure-10", _figure_10),
+    "11": ("figure-11", _figure_11),
+    "12": ("figure-12", _figure_12),
+    "human": ("human", _human),
+}
+"""What can be asked for: name of the files, and what draws it."""
+
+
+def make_figures(
+    out: Path,
+    only: str | Sequence[str] | None = None,
+    steps: int = STEPS,
+    *,
+    force: bool = False,
+    stages: Silent | None = None,
+) -> list[Path]:
+    """Draw the paper's figures from data.
+
+    Args:
+        out: folder to write into; what else is in it stays.
+        only: figures to draw, as a list or separated by commas; all if not given.
+        steps: steps walked for a figure.
+        force: whether earlier figures there may be replaced.
+        stages: where to report progress.
+
+    Returns:
+        The files, SVG and PNG of every figure, and the numbers.
+
+    Raises:
+        InputError: no such figure, too few steps, or a file that exists.
+    """
+    stages = stages or Silent()
+    wanted = _wanted(only)
+    if steps < 4:
+        raise InputError(f"--steps {steps} leaves no whole stride after the first one; take 4 or more.")
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out} is a file, not a folder; give another folder.")
+    for name in wanted:
+        for file in file_names(FIGURES[name][0]):
+            check_output_file(out / file, force=force)
+    paths: list[Path] = []
+    numbers: dict[str, Any] = {}
+    with Walks(steps, stages) as walks, style():
+        for name in wanted:
+            stem, draw = FIGURES[name]
+            figure, said = draw(walks)
+            paths += save(figure, out, stem)
+            numbers[stem] = said
+    if any(numbers.values()):
+        numbers = {**_earlier(out / NUMBERS), **{name: said for name, said in numbers.items() if said}}
+        with output_file(out / NUMBERS) as work:
+            work.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
+        paths.append(out / NUMBERS)
+    return paths
+
+
+def _wanted(only: str | Sequence[str] | None) -> list[str]:
+    """Names of the figures to draw, in the paper's order."""
+    if only is None:
+        return list(FIGURES)
+    asked = [item.strip() for item in (only.split(",") if isinstance(only, str) else only)]
+    unknown = [item for item in asked if item not in FIGURES]
+    if unknown or not asked:
+        raise InputError(f"there is no figure {', '.join(unknown)!r}; the figures are {', '.join(FIGURES)}.")
+    return [name for name in FIGURES if name in asked]
+
+
+def _earlier(path: Path) -> dict[str, Any]:
+    """Numbers of figures that were drawn before into the same folder."""
+    try:
+        earlier = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return earlier if isinstance(earlier, dict) else {}

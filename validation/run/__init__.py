@@ -1,0 +1,1 @@
+"""One walk: in memory, into a folder, and replayed."""

@@ -1,0 +1,1 @@
+"""Pictures, pages, recordings and text tables, made from saved records."""

@@ -1,0 +1,641 @@
+"""The report: one self-contained HTML page about a run, made from its folder alone.
+
+Agreement and cost stand side by side, because either alone misleads. All text is escaped; pictures are inline
+SVG whose colours follow the page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ampm.parameters import RunParameters
+from ampm.planner.gait import GaitPlan
+from validation.show import run_figures as figures
+from validation.show.run_figures import Curve, Window
+from validation.store.saved import SavedRun, load_saved_run, run_events
+from validation.trial.planning import MOTION_UNITS
+from validation.trial.record import OutcomeName
+
+REPORT_FILE = "report.html"
+BODY_WEIGHT = "% BW"
+"""Percent of body weight, as tables have room for it."""
+
+
+_LOST = (OutcomeName.FELL, OutcomeName.DIVERGED, OutcomeName.INFEASIBLE)
+"""Outcomes that are failures without a look at any figure."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One figure of the page.
+
+    Attributes:
+        svg: markup.
+        caption: what to look at.
+        wide: whether it spans the page.
+    """
+
+    svg: Markup
+    caption: str
+    wide: bool = False
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a table of figures.
+
+    Attributes:
+        label: what it is.
+        value: with its unit.
+        limit: tolerance or limit, empty if there is none.
+        share: value over limit, for the bar; None without a limit.
+        passed: None where nothing is judged.
+        note: reason of the tolerance, or where and when.
+        own: whether the figure judges the testbed rather than the walk.
+        spread: numerical uncertainty with sign and unit, empty if it is not known.
+        undecided: whether the value is closer to the limit than that.
+    """
+
+    label: str
+    value: str
+    limit: str = ""
+    share: float | None = None
+    passed: bool | None = None
+    note: str = ""
+    own: bool = False
+    spread: str = ""
+    undecided: bool = False
+
+
+def write_report(run_dir: Path) -> Path:
+    """Write ``report.html`` into a run folder from what the folder holds.
+
+    Args:
+        run_dir: folder of a finished run; an existing report in it is replaced.
+
+    Returns:
+        Path of the report.
+
+    Raises:
+        InputError: the folder is no run folder.
+    """
+    return report_run(load_saved_run(Path(run_dir)))
+
+
+def report_run(saved: SavedRun) -> Path:
+    """Write the report of a loaded run into its folder; see :func:`write_report`."""
+    path = saved.directory / REPORT_FILE
+    path.write_text(render(saved), encoding="utf-8")
+    return path
+
+
+def render(saved: SavedRun) -> str:
+    """Render the report of a run.
+
+    Returns:
+        A complete HTML document without references to anything outside it.
+    """
+    environment = Environment(
+        loader=PackageLoader("validation.show"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    template = environment.get_template("report.html.j2")
+    source, _, _ = environment.loader.get_source(environment, "report.css")  # type: ignore[union-attr]
+    return template.render(css=Markup(source), **_context(saved))
+
+
+def _context(saved: SavedRun) -> dict[str, Any]:
+    summary = saved.summary
+    plan = saved.plan()
+    outcome = saved.record.outcome
+    verdict = str(summary.get("verdict", "not_measured"))
+    gait = str(summary.get("gait", "gait"))
+    headline = {"pass": "pass", "fail": "out of tolerance"}.get(verdict, verdict.replace("_", " "))
+    if not outcome.completed:
+        headline = f"{outcome.name}, {headline}"
+    with figures.style():
+        pictures = _pictures(saved, plan) if len(saved.signals) > 1 else {}
+    return {
+        "gait": gait,
+        "verdict": verdict,
+        "verdict_class": "fail"
+        if outcome.name in _LOST
+        else verdict
+        if verdict in ("pass", "fail")
+        else "open",
+        "headline": headline,
+        "reason": _readable(str(summary.get("reason", "")), summary),
+        "outcome_sentence": outcome.name.sentence,
+        "profile": str(summary.get("profile", "")),
+        "uncertainty": _convergence_study(summary),
+        "facts": _facts(saved, plan),
+        "agreement": _agreement(summary, judged=True),
+        "reported": _agreement(summary, judged=False),
+        "cost": _cost(saved),
+        "first_step": _first_step_rows(summary),
+        "windows": _window_table(summary),
+        "split": _split_rows(summary),
+        "solver": _solver_rows(summary),
+        "instrument": _instrument(saved),
+        "motion": _plain_rows(summary.get("motion")),
+        "parameters": _parameters(saved.parameters),
+        "environment": _plain_rows(summary.get("environment")),
+        "timing": _plain_rows(summary.get("timing")),
+        "pictures_by_section": pictures,
+        "events": _events(saved),
+    }
+
+
+def _instrument(saved: SavedRun) -> dict[str, Any] | None:
+    """What an instrument shows, if the run was looked at with one."""
+    if saved.summary.get("instrument") is None:
+        return None
+    from validation.measure.instruments.page import instrument_section
+
+    return instrument_section(saved)
+
+
+# --------------------------------------------------------------------------------------------- figures
+
+
+def number(value: Any, digits: int = 3) -> str:
+    """Write a figure for people: ``digits`` significant ones, a dash for what is absent."""
+    if value is None or (isinstance(value, float) and not np.isfinite(value)):
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value}"
+    if isinstance(value, float):
+        if value == 0.0:
+            return "0"
+        if abs(value) < 1e-3 or abs(value) >= 1e5:
+            mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+            power = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+            return f"{mantissa}·10{power}".replace("-", "−")
+        decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value)))))
+        return f"{value:.{decimals}f}".replace("-", "−")
+    return str(value)
+
+
+def with_unit(value: Any, unit: str, digits: int = 3) -> str:
+    """A figure and its unit, with a space that does not break."""
+    text = number(value, digits)
+    unit = BODY_WEIGHT if unit == "% of body weight" else unit
+    return text if text == "–" or unit in ("", "1") else f"{text} {unit}".replace(" ", "\u00a0")
+
+
+def metric_label(name: str) -> str:
+    """Readable name of a metric: ``zmp_x_rmse`` becomes ``ZMP x, RMSE``."""
+    known = {
+        "zmp_agreement_rmse": "both measured ZMPs, RMS distance",
+        "zmp_agreement_maximum": "both measured ZMPs, largest distance",
+        "force_agreement_rmse": "F = m (a + g), RMS error",
+        "com_agreement_maximum": "COM of both libraries, largest distance",
+        "angular_momentum_agreement_maximum": "momentum of both libraries, largest distance",
+        "impulse_residual": "impulse against weight, relative",
+        "standing_weight_error": "still body against weight, relative",
+        "failed_qp": "unsolved QPs",
+        "unsupported_instants": "instants without ground contact",
+    }
+    if name in known:
+        return known[name]
+    signal, _, figure = name.rpartition("_")
+    if figure not in ("rmse", "maximum"):
+        return name.replace("_", " ")
+    base, _, axis = signal.rpartition("_")
+    words = {
+        "zmp": f"ZMP {axis}",
+        "force": f"force F{axis}",
+        "angular_momentum": f"momentum L{axis}",
+        "com": f"COM {axis}",
+    }.get(base, signal.replace("_", " "))
+    return f"{words}, {'RMSE' if figure == 'rmse' else 'largest error'}"
+
+
+def _readable(sentence: str, summary: Mapping[str, Any]) -> str:
+    """A sentence with the names of metrics written out."""
+    for name in sorted(summary.get("metrics", {}), key=len, reverse=True):
+        sentence = sentence.replace(name, metric_label(name))
+    return sentence.replace("% of body weight", BODY_WEIGHT)
+
+
+_INSTRUMENT = ("agreement", "impulse_residual", "standing", "failed_qp", "unsupported_instants")
+"""Metrics that judge the testbed itself, by a part of their name."""
+
+
+def _limit(limit: float | None, unit: str) -> str:
+    """A tolerance as it was set: without zeros that nobody measured."""
+    if limit is None:
+        return ""
+    text = number(limit)
+    mantissa, times, power = text.partition("·")
+    if "." in mantissa:
+        mantissa = mantissa.rstrip("0").rstrip(".")
+    return with_unit(mantissa + times + power, unit)
+
+
+def _agreement(summary: Mapping[str, Any], *, judged: bool) -> list[Row]:
+    rows = []
+    for name, metric in summary.get("metrics", {}).items():
+        tolerance = metric.get("tolerance")
+        if (tolerance is not None) != judged:
+            continue
+        shown = metric.get("display") or metric
+        unit = str(shown.get("unit") or "")
+        value, limit = shown.get("value"), shown.get("tolerance")
+        share = value / limit if value is not None and limit else None
+        if unit == "" and limit == 0.0:
+            value, limit = int(value) if value is not None else None, 0
+        rows.append(
+            Row(
+                own=any(part in name for part in _INSTRUMENT),
+                label=metric_label(name),
+                value=with_unit(value, unit) if judged or unit else number(value),
+                limit=_limit(limit, unit),
+                share=share,
+                passed=metric.get("pass"),
+                note=str(metric.get("reason") or ""),
+                spread=_spread(shown, unit, lacking=bool(metric.get("not_studied"))),
+                undecided=bool(metric.get("undecided")),
+            )
+        )
+    return rows
+
+
+def _spread(shown: Mapping[str, Any], unit: str, *, lacking: bool) -> str:
+    """A numerical uncertainty with its sign and unit, empty where none was asked for.
+
+    Args:
+        shown: value and uncertainty in ``unit``.
+        unit: for people.
+        lacking: whether a study that belongs to it was not made.
+    """
+    uncertainty = shown.get("uncertainty_at_least" if lacking else "uncertainty")
+    if uncertainty is None:
+        return "±\u00a0not studied" if lacking else ""
+    least = "≥\u00a0" if lacking else ""
+    return f"±\u00a0{least}{with_unit('∞' if uncertainty == 'inf' else uncertainty, unit, 2)}"
+
+
+def _convergence_study(summary: Mapping[str, Any]) -> str:
+    """Which study the uncertainties are from, empty if there is none."""
+    known = summary.get("uncertainty")
+    if not known:
+        return ""
+    text = f"a convergence study of {known['gait']}, {known['steps']} steps a level"
+    if known.get("studies"):
+        text += f" ({' + '.join(known['studies'])})"
+    if known.get("not_studied"):
+        text += f", which lacks {', '.join(known['not_studied'])}"
+    return text
+
+
+def _facts(saved: SavedRun, plan: GaitPlan | None) -> list[tuple[str, str]]:
+    record, summary = saved.record, saved.summary
+    facts = [
+        ("steps walked", f"{record.outcome.steps_completed} of {saved.parameters.gait.steps}"),
+        ("simulated", with_unit(float(record.outcome.time), "s")),
+        ("distance", with_unit(float(record.com[-1, 0] - record.com[0, 0]), "m")),
+    ]
+    if plan is not None:
+        facts.append(("planned speed", with_unit(float(plan.constants.mean_velocity), "m/s")))
+    facts.append(
+        ("body", f"{number(float(record.mass))}\u00a0kg, {number(saved.parameters.body.height)}\u00a0m")
+    )
+    facts.append(("unsolved QPs", f"{int((record.qp_status == 2).sum())} of {len(record.qp_status)}"))
+    timing = summary.get("timing", {})
+    for key in ("times_real_time", "real_time_factor"):
+        if isinstance(timing.get(key), int | float):
+            facts.append(("times real time", number(float(timing[key]))))
+            break
+    return facts
+
+
+def _extreme(entry: Any, scale: float, unit: str) -> tuple[str, str]:
+    """Value, and where and when, of an entry of the margins."""
+    if not isinstance(entry, Mapping):
+        return with_unit(None if entry is None else scale * entry, unit), ""
+    value, time = entry.get("value"), entry.get("time")
+    note = str(entry.get("where") or "").replace("_", " ")
+    if time is not None:
+        note = f"{note} at {time:.2f} s".strip()
+    return with_unit(None if value is None else scale * value, unit), note
+
+
+def _cost(saved: SavedRun) -> list[Row]:
+    """What the agreement cost: feedback, torque, friction, and what was left of every margin."""
+    summary = saved.summary
+    effort, margins = summary.get("effort", {}), summary.get("margins", {})
+    energy = summary.get("energy", {})
+    weight = saved.record.mass * saved.record.gravity
+    rows: list[Row] = []
+
+    def components(label: str, values: Any, scale: float, unit: str, note: str = "") -> None:
+        if values:
+            *first, last = (None if value is None else scale * value for value in values)
+            texts = [*(number(value) for value in first), with_unit(last, unit)]
+            rows.append(Row(label, ", ".join(texts), note=note))
+
+    components("feedback on the ZMP x, y, RMS", effort.get("zmp"), 1e3, "mm", "commanded minus planned")
+    components("feedback on the force x, y, z, RMS", effort.get("force"), 100 / weight, BODY_WEIGHT)
+    components("feedback on the momentum x, y, RMS", effort.get("angular_momentum"), 1.0, "N m s")
+
+    def extreme(key: str, label: str, scale: float, unit: str, limit: float | None = None) -> None:
+        if key not in margins:
+            return
+        entry = margins[key]
+        value, note = _extreme(entry, scale, unit)
+        raw = entry.get("value") if isinstance(entry, Mapping) else entry
+        share = raw / limit if raw is not None and limit else None
+        shown = _limit(scale * limit, unit) if limit else ""
+        rows.append(Row(label, value, shown, share, None if share is None else share <= 1.0, note))
+
+    extreme("torque", "largest torque, of the motor's limit", 100.0, "%", 1.0)
+    extreme("saturated", "time with a saturated motor", 100.0, "%")
+    available = margins.get("friction_available")
+    extreme("friction", "friction used by a loaded foot", 1.0, "1", available)
+    extreme("measured_polygon", "measured ZMP within the loaded sole", 1e3, "mm")
+    extreme("plan_polygon", "planned ZMP within the planned support", 1e3, "mm")
+    extreme("joint", "joint closest to its limit", 1.0, "rad")
+    extreme("knee", "least knee flexion", 1.0, "rad")
+    extreme("slip", "longest slip of a stance foot", 1e3, "mm")
+    extreme("penetration", "deepest penetration of a sole", 1e3, "mm")
+    if energy.get("cost_of_transport") is not None:
+        rows.append(
+            Row(
+                "mechanical cost of transport",
+                number(energy["cost_of_transport"]),
+                note="positive work over weight and way",
+            )
+        )
+    if energy.get("mean_power") is not None:
+        rows.append(Row("mean positive power", with_unit(energy["mean_power"], "W")))
+    return rows
+
+
+def _first_step_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Label, first step, rest of the run, of every judged metric that has a first step."""
+    rows = []
+    for name, metric in summary.get("metrics", {}).items():
+        first, value = metric.get("first_step"), metric.get("value")
+        shown = metric.get("display") or metric
+        if metric.get("tolerance") is None or first is None or value is None:
+            continue
+        scale = shown["value"] / value if value and shown.get("value") is not None else 1.0
+        unit = str(shown.get("unit") or "")
+        rows.append((metric_label(name), with_unit(first * scale, unit), with_unit(value * scale, unit)))
+    return rows
+
+
+_WINDOWS: Mapping[str, str] = {
+    "run": "whole run",
+    "single_support": "planned single support",
+    "double_support": "planned double support",
+    "measured_single_support": "measured single support",
+    "measured_double_support": "measured double support",
+    "first_step": "first step",
+}
+
+
+def _window_table(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Statistics of every signal by planned phase and by measured contact."""
+    table = []
+    for name, windows in summary.get("statistics", {}).items():
+        rows = []
+        for window, label in _WINDOWS.items():
+            entry = windows.get(window)
+            if not entry or not entry.get("count"):
+                continue
+            scale, unit = (1e3, "mm") if entry["unit"] == "m" else (1.0, entry["unit"])
+            r2 = entry.get("r2")
+            rows.append(
+                {
+                    "window": label,
+                    "rmse": number(_times(entry.get("rmse"), scale)),
+                    "maximum": number(_times(entry.get("maximum"), scale)),
+                    "bias": number(_times(entry.get("bias"), scale)),
+                    "r2": number(r2, 5) if r2 is not None else str(entry.get("r2_reason") or "–"),
+                    "unit": unit,
+                }
+            )
+        if rows:
+            label = metric_label(f"{name}_rmse").removesuffix(", RMSE")
+            reference = windows.get("run", {}).get("reference", "plan")
+            table.append({"label": label, "rows": rows, "reference": reference, "unit": rows[0]["unit"]})
+    return table
+
+
+def _times(value: float | None, scale: float) -> float | None:
+    return None if value is None else scale * value
+
+
+def _split_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Cause, RMS x, y [mm], share of the squared error x, y [%]."""
+    split = summary.get("zmp_error_split", {})
+    rows = []
+    for part, label in figures.CAUSES.items():
+        if part in split.get("rmse", {}):
+            rms = [number(_times(v, 1e3)) for v in split["rmse"][part]]
+            share = [number(_times(v, 100.0), 2) for v in split["share"][part]]
+            rows.append((label, *rms, *share))
+    return rows
+
+
+def _solver_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    solver = summary.get("solver", {})
+    names = {
+        "ticks": ("control ticks", 1.0, ""),
+        "solved_with_limits": ("ticks solved in the form with limits", 1.0, ""),
+        "unsolved": ("unsolved ticks", 1.0, ""),
+        "time_median": ("time of a solve, median", 1e6, "µs"),
+        "time_p99": ("time of a solve, 99 %", 1e6, "µs"),
+        "iterations_median": ("iterations, median", 1.0, ""),
+        "residual_maximum": ("largest residual", 1.0, ""),
+    }
+    rows = []
+    for key, (label, scale, unit) in names.items():
+        if solver.get(key) is not None:
+            value = solver[key] if scale == 1.0 else scale * solver[key]
+            if isinstance(value, float) and unit == "" and value.is_integer():
+                value = int(value)
+            rows.append((label, with_unit(value, unit)))
+    return rows
+
+
+_UNITS: Mapping[str, str] = {
+    **MOTION_UNITS,
+    "planning": "s",
+    "simulation": "s",
+    "measurement": "s",
+    "simulated": "s",
+    "memory": "GB",
+}
+"""Units of entries of the summary that carry none, by their documented SI."""
+
+
+def _plain_rows(entry: Any, prefix: str = "") -> list[tuple[str, str]]:
+    """Any table of the summary as (name, value) rows, nested names joined by a dot."""
+    rows: list[tuple[str, str]] = []
+    if isinstance(entry, Mapping):
+        for key, value in entry.items():
+            name = f"{prefix}{str(key).replace('_', ' ')}"
+            if isinstance(value, Mapping):
+                rows += _plain_rows(value, f"{name} · ")
+            elif isinstance(value, Sequence) and not isinstance(value, str):
+                rows.append((name, ", ".join(_item(item) for item in value)))
+            else:
+                rows.append((name, with_unit(value, _UNITS.get(str(key), ""), 4)))
+    return rows
+
+
+def _item(value: Any) -> str:
+    """An entry of a list; a pair of numbers is a complex one."""
+    if isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 2:
+        real, imaginary = (float(part) for part in value)
+        sign = "−" if imaginary < 0 else "+"
+        return number(real, 4) + (f" {sign} {number(abs(imaginary), 4)}i" if imaginary else "")
+    return number(value, 4)
+
+
+def _parameters(run: RunParameters) -> list[dict[str, Any]]:
+    """Every parameter with value, unit and meaning, by section."""
+    sections = []
+    for section in type(run).model_fields:
+        model = getattr(run, section)
+        rows = []
+        for key, field in type(model).model_fields.items():
+            extra = field.json_schema_extra
+            unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+            value = getattr(model, key)
+            text = f"{value:.10g}" if isinstance(value, float) else str(value)
+            rows.append((f"{section}.{key}", text, "" if unit == "1" else unit, field.description or ""))
+        sections.append({"name": section, "rows": rows})
+    return sections
+
+
+def _events(saved: SavedRun) -> list[tuple[str, str]]:
+    """What happened, apart from footfalls."""
+    return [(f"{time:.3f} s", text) for time, level, text in sorted(run_events(saved)) if level != "DEBUG"]
+
+
+# -------------------------------------------------------------------------------------------- pictures
+
+
+def _pictures(saved: SavedRun, plan: GaitPlan | None) -> dict[str, list[Picture]]:
+    """All figures, by section of the page."""
+    signals, summary = saved.signals, saved.summary
+    weight = saved.record.mass * saved.record.gravity
+    counter = iter(range(1000))
+
+    def picture(figure: Figure, label: str, caption: str = "", *, wide: bool = False) -> Picture:
+        return Picture(Markup(figures.to_svg(figure, f"f{next(counter)}", label)), caption, wide)
+
+    def tolerances(name: str) -> dict[str, float | None]:
+        found = {}
+        for figure in ("rmse", "maximum"):
+            metric = summary.get("metrics", {}).get(f"{name}_{figure}", {})
+            found[f"tolerance_{figure}"] = (metric.get("display") or metric).get("tolerance")
+        return found
+
+    def tracking(curve: Curve, caption: str = "", **options: Any) -> Picture:
+        options |= tolerances(curve.name)
+        figure = figures.tracking(signals, curve, **options)
+        return picture(
+            figure, f"{curve.title}: plan, command and measurement over one stride, and the error", caption
+        )
+
+    def feet(axis: str) -> Any:
+        def draw(axes: Axes, window: Window) -> None:
+            for foot, color in (("left", figures.LEFT), ("right", figures.RIGHT)):
+                part = signals[f"{foot}_force_{axis}"][window.rows]
+                axes.plot(signals.time[window.rows], part, color=color, linewidth=0.9, label=foot)
+
+        return draw
+
+    zmp_note = (
+        "Green band: plus and minus the tolerance of the RMSE. Dashed, where the axis reaches so far: the "
+        "largest error allowed."
+    )
+    pictures = {
+        "zmp": [
+            tracking(Curve("zmp_x", "ZMP x about the planned COM", "mm", 1e3, about="plan_com_x"), zmp_note),
+            tracking(Curve("zmp_y", "ZMP y", "mm", 1e3)),
+        ],
+        "split": [
+            picture(figures.zmp_error_split(signals, axis), f"Causes of the ZMP error in {axis}, stacked")
+            for axis in "xy"
+        ],
+        "above": [
+            picture(
+                figures.top_view(saved, plan), "ZMP and COM over the footprints, seen from above",
+                "Four steps from the middle of the run.", wide=True,
+            )
+        ],
+        "force": [
+            tracking(
+                Curve(
+                    f"force_{axis}", f"Ground force {axis}", "N",
+                    residual_unit=BODY_WEIGHT, residual_scale=100.0 / weight,
+                ),
+                extra=feet(axis),
+            )
+            for axis in "xyz"
+        ],
+        "contact": [
+            picture(figures.contact_timeline(saved, plan), "Contact of heel, ball and tip of both feet")
+        ],
+        "momentum": [
+            tracking(Curve(f"angular_momentum_{axis}", f"Angular momentum {axis} about the COM", "N m s"))
+            for axis in "xy"
+        ],
+        "com": [],
+        "cost": [],
+        "first": [picture(figures.opening(signals, axis), f"ZMP {axis} of the first steps") for axis in "xy"],
+    }  # fmt: skip
+    if np.isfinite(signals["motion_angular_momentum_z"]).any():
+        yaw = Curve("angular_momentum_z", "Angular momentum z about the COM", "N m s")
+        pictures["momentum"].append(
+            tracking(
+                yaw,
+                "AMPM does not plan it; the reference is the whole-body motion.",
+                reference=("motion", "motion"),
+            )
+        )
+    error = 1e3 * (signals.vector("measured_com") - signals.vector("plan_com"))
+    pictures["com"].append(
+        picture(
+            figures.residuals(signals, dict(zip("xyz", error.T, strict=True)), "mm", "COM error"),
+            "COM error in x, y and z",
+        )
+    )
+    both = 1e3 * (signals.vector("measured_zmp_momentum", "xy") - signals.vector("measured_zmp", "xy"))
+    pictures["check"] = [
+        picture(
+            figures.residuals(
+                signals, dict(zip("xy", both.T, strict=True)), "mm", "ZMP by momentum − ZMP by contact"
+            ),
+            "Difference of the two measured ZMPs",
+        )
+    ]
+    feedback = 1e3 * (signals.vector("command_zmp", "xy") - signals.vector("plan_zmp", "xy"))
+    pictures["cost"] = [
+        picture(figures.torque_use(saved), "Torque of the busiest motors"),
+        picture(figures.qp_statistics(saved), "Time and residual of the QP"),
+        picture(
+            figures.residuals(
+                signals, dict(zip("xy", feedback.T, strict=True)), "mm", "Feedback: commanded − planned ZMP"
+            ),
+            "Commanded minus planned ZMP",
+        ),
+    ]
+    return pictures

@@ -1,0 +1,462 @@
+"""The recording: a run folder drawn as a Rerun file with its own blueprint.
+
+World frame, SI units, timeline ``sim_time``. What is drawn in 3D is float32 and about 100 pictures a second;
+the curves are float64, one sample every 2 ms at most, and both sides of every switch: a screen shows no more,
+and a small time step would only make the file large. ``signals.parquet`` has every step.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ampm.geometry import convex_hull
+from ampm.planner.gait import GaitPlan
+from validation.show.rerun.views import (
+    COMMAND,
+    FAINT,
+    LEFT,
+    MEASURED,
+    PLAN,
+    RIGHT,
+    TIMELINE,
+    Color,
+    plain_text,
+    run_blueprint,
+    verdict_markdown,
+)
+from validation.store.saved import SavedRun, load_saved_run, run_events
+
+Array = NDArray[np.float64]
+
+RECORDING_FILE = "recording.rrd"
+
+PICTURE_RATE = 100.0
+"""Pictures of the body per second [Hz]: beyond what an eye or a screen follows."""
+
+CURVE_STEP = 0.002
+"""Least time between samples of a curve [s]; both sides of every switch come on top."""
+
+FORCE_SCALE = 1.0 / 500.0
+"""Length of a force arrow [m/N]: the weight of a person reaches from the floor past the COM, so that one sees
+whether the line of the force meets it."""
+
+_LEAST_SHAPE = 0.005
+"""Radius from which a shape of the body is drawn [m]."""
+
+SERIES = ("plan", "command", "measured")
+SERIES_COLORS = (PLAN, COMMAND, MEASURED)
+
+
+class _Log:
+    """One recording stream with the project's conventions: columns only, one timeline."""
+
+    def __init__(self, stream: rr.RecordingStream) -> None:
+        self.stream = stream
+
+    def static(self, entity: str, *archetypes: Any) -> None:
+        for archetype in archetypes:
+            self.stream.log(entity, archetype, static=True)
+
+    def columns(self, entity: str, times: Array, columns: Iterable[Any]) -> None:
+        # Rounded: the SDK cuts seconds off to nanoseconds, and 2.05 s would become 2.049999999 s.
+        nanoseconds = np.round(1e9 * np.asarray(times)).astype("timedelta64[ns]")
+        index = rr.TimeColumn(TIMELINE, duration=nanoseconds)
+        self.stream.send_columns(entity, indexes=[index], columns=columns)
+
+    def series(
+        self, entity: str, times: Array, values: Array, names: Sequence[str], colors: Sequence[Color]
+    ) -> None:
+        """Send ``values`` (N, k) as one wide entity: a third of the size of k narrow ones."""
+        self.static(
+            # The plan is drawn broad beneath the others, or it would be hidden where they agree.
+            entity,
+            rr.SeriesLines(
+                names=list(names), colors=list(colors), widths=[4.0 if n == "plan" else 1.5 for n in names]
+            ),
+        )
+        flat = np.ascontiguousarray(values)
+        # A gap is a NaN, which the plots leave out.
+        self.columns(entity, times, rr.Scalars.columns(scalars=flat))
+
+
+def write_recording(run_dir: Path) -> Path:
+    """Write ``recording.rrd`` into a run folder from what the folder holds.
+
+    Args:
+        run_dir: folder of a finished run; an existing recording in it is replaced.
+
+    Returns:
+        Path of the recording.
+
+    Raises:
+        InputError: the folder is no run folder.
+    """
+    return record_run(load_saved_run(Path(run_dir)))
+
+
+def record_run(saved: SavedRun) -> Path:
+    """Write the recording of a loaded run into its folder; see :func:`write_recording`."""
+    path = saved.directory / RECORDING_FILE
+    # The SDK announces on its own logger what it saves; a library keeps quiet.
+    logging.getLogger("rerun").setLevel(logging.ERROR)
+    # A fixed id: two identical runs give identical recordings (`rerun rrd compare`).
+    stream = rr.RecordingStream("ampm", recording_id="ampm-run", send_properties=False)
+    stream.save(str(path), default_blueprint=run_blueprint())
+    try:
+        log = _Log(stream)
+        plan = saved.plan()
+        frames = _frames(saved)
+        log.static("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        log.static("verdict", rr.TextDocument(verdict_markdown(saved), media_type=rr.MediaType.MARKDOWN))
+        _log_body(log, saved, frames)
+        _log_ground(log, saved, frames, plan)
+        _log_series(log, saved)
+        _log_states(log, saved)
+        _log_events(log, saved)
+    finally:
+        # Without the footer that this writes the file does not verify.
+        stream.flush()
+        stream.disconnect()
+    return path
+
+
+def _frames(saved: SavedRun) -> NDArray[np.intp]:
+    """Rows of the signals of which a picture is drawn."""
+    return np.arange(0, len(saved.signals), _stride(saved, 1.0 / PICTURE_RATE))
+
+
+def _stride(saved: SavedRun, least: float) -> int:
+    """Rows of the signals in a time that is at least this [s]."""
+    return max(1, math.ceil(least / saved.record.time_step * (1.0 - 1e-9)))
+
+
+def _curve_rows(saved: SavedRun) -> NDArray[np.intp]:
+    """Rows of the signals that the curves have: evenly spread, before and at every switch, and the last."""
+    signals = saved.signals
+    rows = len(signals)
+    kept = np.zeros(rows, dtype=bool)
+    kept[:: _stride(saved, CURVE_STEP)] = True
+    kept[-1:] = True
+    changes = [signals.switches()[1:]]
+    for foot in ("left", "right"):
+        contact = signals[f"{foot}_contact"]
+        changes.append(np.flatnonzero(contact[1:] != contact[:-1]) + 1)
+    change = np.concatenate(changes)
+    kept[change] = kept[change - 1] = True
+    return np.flatnonzero(kept)
+
+
+# ----------------------------------------------------------------------------------------------- body
+
+
+def _log_body(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None:
+    """Segments as they are in the model, moved by forward kinematics of the recorded q.
+
+    Shapes of one kind are one entity: every further one costs a short recording more than the motion in it.
+    The millimetre spheres of the soles are left out: the contact points are drawn where they act.
+    """
+    model = mujoco.MjModel.from_xml_string(saved.model_xml)
+    data = mujoco.MjData(model)
+    drawn = np.flatnonzero((model.geom_bodyid > 0) & (model.geom_rbound > _LEAST_SHAPE))
+    position = np.empty((len(frames), len(drawn), 3))
+    rotation = np.empty((len(frames), len(drawn), 9))
+    for row, qpos in enumerate(saved.record.q[frames]):
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        position[row], rotation[row] = data.geom_xpos[drawn], data.geom_xmat[drawn]
+    times = saved.record.time[frames]
+    for kind in np.unique(model.geom_type[drawn]).tolist():
+        mine = np.flatnonzero(model.geom_type[drawn] == kind)
+        size = model.geom_size[drawn[mine]]
+        color = [_shape_color(model.geom_rgba[geom]) for geom in drawn[mine]]
+        place = position[:, mine]
+        shape: Any
+        looks: dict[str, Any] = {"colors": color, "fill_mode": rr.components.FillMode.Solid}
+        if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+            # MuJoCo centres a capsule, Rerun starts it at its lower hemisphere's centre.
+            place = place - rotation[:, mine][..., 2::3] * size[:, 1:2]
+            shape = rr.Capsules3D
+            looks |= {"lengths": 2 * size[:, 1], "radii": size[:, 0]}
+        elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            shape = rr.Cylinders3D
+            looks |= {"lengths": 2 * size[:, 1], "radii": size[:, 0]}
+        elif kind == mujoco.mjtGeom.mjGEOM_BOX:
+            shape = rr.Boxes3D
+            looks["half_sizes"] = size
+        elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            shape = rr.Ellipsoids3D
+            looks["half_sizes"] = size
+        elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+            shape = rr.Ellipsoids3D
+            looks["half_sizes"] = np.repeat(size[:, :1], 3, axis=1)
+        else:
+            continue  # planes and meshes: the floor is the grid
+        entity = f"world/body/{mujoco.mjtGeom(kind).name.removeprefix('mjGEOM_').lower()}"
+        log.static(entity, shape.from_fields(**looks))
+        if not len(frames):
+            continue
+        turned = Rotation.from_matrix(rotation[:, mine].reshape(-1, 3, 3)).as_quat()
+        at = "translations" if shape is rr.Capsules3D else "centers"
+        poses = shape.columns(**{at: place.reshape(-1, 3)}, quaternions=turned)
+        log.columns(entity, times, poses.partition(np.full(len(frames), len(mine))))
+
+
+def _shape_color(rgba: Array) -> Color:
+    """Colour of the model, lightened for a dark ground; clear, so that force and COM show within the body."""
+    r, g, b = (round(255 * (0.7 * float(c) + 0.3)) for c in rgba[:3])
+    return (r, g, b, 90)
+
+
+# --------------------------------------------------------------------------------------------- ground
+
+
+def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: GaitPlan | None) -> None:
+    """Soles, contact points, support polygon, ZMPs, forces and COM."""
+    if not len(frames):
+        return
+    record, signals = saved.record, saved.signals
+    times = signals.time[frames]
+
+    # The views stand on this frame, so the body walks on the spot and the floor passes by.
+    com = signals.vector("plan_com")[frames]
+    follow = np.column_stack([com[:, 0], np.zeros((len(frames), 2))])
+    log.columns("world/follow", times, rr.Transform3D.columns(translation=follow))
+
+    point = record.point_position[frames]
+    load = record.point_force[frames][..., 2]
+    for foot, (name, color) in enumerate((("left", LEFT), ("right", RIGHT))):
+        mine = np.flatnonzero(record.point_foot == foot)
+        outline = point[:, mine[[0, 2, 4, 5, 3, 1, 0]]]
+        _strips(log, f"world/feet/{name}/sole", times, outline, color, 0.004)
+        # The area of a point's disc is its share of the load; an unloaded one vanishes.
+        radius = 0.028 * np.sqrt(np.clip(load[:, mine], 0.0, None) / (record.mass * record.gravity))
+        log.static(f"world/feet/{name}/contact", rr.Points3D.from_fields(colors=[color]))
+        log.columns(
+            f"world/feet/{name}/contact",
+            times,
+            rr.Points3D.columns(positions=point[:, mine].reshape(-1, 3), radii=radius.ravel()).partition(
+                np.full(len(frames), len(mine))
+            ),
+        )
+
+    zmp = {kind: _on_floor(signals.vector(f"{kind}_zmp", "xy")[frames]) for kind in SERIES}
+    force = {kind: signals.vector(f"{kind}_force")[frames] for kind in SERIES}
+    # Concentric from above: the smaller ones lie higher.
+    for kind, color, size, lift in (
+        ("plan", PLAN, 0.016, 0.01), ("command", COMMAND, 0.011, 0.03), ("measured", MEASURED, 0.007, 0.05)
+    ):  # fmt: skip
+        _point(log, f"world/floor/zmp/{kind}", times, zmp[kind] + (0.0, 0.0, lift), color, size)
+    # The plan's arrow is thin and a third longer: it goes on where the measured one ends, if the two agree.
+    for kind, color, scale, size in (("plan", PLAN, 1.33, 0.006), ("measured", MEASURED, 1.0, 0.013)):
+        _arrow(log, f"world/force/{kind}", times, zmp[kind], scale * force[kind], color, size)
+    for kind, color, size, lift in (("plan", PLAN, 0.004, 0.0), ("measured", MEASURED, 0.002, 0.002)):
+        path = signals.vector(f"{kind}_com")[frames]
+        _point(log, f"world/com/{kind}", times, path, color, 0.03)
+        log.static(f"world/com/{kind}/trail", _line(path, color, size))
+        # From above everything lies on the floor: nearer things would hide and outgrow the ZMP.
+        shadow = _on_floor(path[:, :2])
+        _point(log, f"world/floor/com/{kind}", times, shadow, color, 0.007)
+        rise = np.array([0.0, 0.0, lift])
+        log.static(f"world/floor/com/{kind}/trail", _line(shadow + rise, color, 0.4 * size))
+        log.static(f"world/floor/zmp/{kind}/trail", _line(zmp[kind] + rise, color, size))
+    for foot, (name, color) in enumerate((("left", LEFT), ("right", RIGHT))):
+        mine = np.flatnonzero(record.point_foot == foot)
+        share = load[:, mine]
+        total = share.sum(axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            centre = np.einsum("np,npd->nd", share, point[:, mine]) / total[:, None]
+        centre[total < 1.0] = np.nan
+        _arrow(
+            log,
+            f"world/force/{name}",
+            times,
+            _on_floor(centre[:, :2]),
+            record.point_force[frames][:, mine].sum(axis=1),
+            color,
+            0.005,
+        )
+
+    if plan is not None:
+        log.static("world/plan/footprints", _footprints(plan))
+        _log_polygon(log, plan, times)
+
+
+def _on_floor(xy: Array) -> Array:
+    """Lift (N, 2) floor points a hair so that they are not hidden by the floor's lines."""
+    return np.column_stack([xy, np.full(len(xy), 0.002)])
+
+
+def _line(path: Array, color: Color, radius: float) -> rr.LineStrips3D:
+    path = path[np.isfinite(path).all(axis=1)]
+    return rr.LineStrips3D([path[::2]], colors=[(*color[:3], 110)], radii=radius)
+
+
+def _strips(log: _Log, entity: str, times: Array, strips: Array, color: Color, radius: float) -> None:
+    """One line strip (N, k, 3) per picture."""
+    log.static(entity, rr.LineStrips3D.from_fields(colors=[color], radii=[radius]))
+    log.columns(entity, times, rr.LineStrips3D.columns(strips=strips.astype(np.float32)))
+
+
+def _point(log: _Log, entity: str, times: Array, position: Array, color: Color, radius: float) -> None:
+    """A point per picture; none where it is not defined."""
+    log.static(entity, rr.Points3D.from_fields(colors=[color], radii=[radius]))
+    there = np.isfinite(position).all(axis=1)
+    log.columns(entity, times, rr.Points3D.columns(positions=position[there]).partition(there.astype(int)))
+
+
+def _arrow(
+    log: _Log, entity: str, times: Array, origin: Array, force: Array, color: Color, radius: float
+) -> None:
+    """A force arrow per picture; none where there is no force."""
+    log.static(entity, rr.Arrows3D.from_fields(colors=[color], radii=[radius]))
+    there = np.isfinite(origin).all(axis=1) & np.isfinite(force).all(axis=1)
+    log.columns(
+        entity,
+        times,
+        rr.Arrows3D.columns(origins=origin[there], vectors=force[there] * FORCE_SCALE).partition(
+            there.astype(int)
+        ),
+    )
+
+
+def _log_polygon(log: _Log, plan: GaitPlan, times: Array) -> None:
+    """Support polygon of the points planned in contact: sent when it changes, it stands still in between."""
+    if plan.feet is None:
+        return
+    within = np.minimum(times, plan.duration)
+    feet = plan.feet.sample(within)
+    contact = np.concatenate([foot.contact for foot in feet], axis=1)
+    change = np.flatnonzero(np.r_[True, (contact[1:] != contact[:-1]).any(axis=1)])
+    points = np.concatenate([foot.sole_points[change, :, :2] for foot in feet], axis=1)
+    loaded = contact[change].repeat(2, axis=1)
+    polygons = [_on_floor(convex_hull(mine[here])) for mine, here in zip(points, loaded, strict=True)]
+    entity = "world/plan/polygon"
+    log.static(entity, rr.LineStrips3D.from_fields(colors=[PLAN], radii=[0.004]))
+    strips = [np.vstack([polygon, polygon[:1]]).astype(np.float32) for polygon in polygons]
+    log.columns(entity, times[change], rr.LineStrips3D.columns(strips=strips))
+
+
+def _footprints(plan: GaitPlan) -> rr.LineStrips3D:
+    """Outlines of all planned footsteps."""
+    if plan.feet is None:
+        return rr.LineStrips3D([])
+    sole = plan.feet.sole
+    x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
+    half = np.array([sole.heel_half_width, sole.ball_half_width, sole.tip_half_width])
+    outline = np.column_stack([np.r_[x, x[::-1], x[0]], np.r_[half, -half[::-1], half[0]]])
+    strips, colors = [], []
+    for step in plan.footsteps:
+        c, s = np.cos(step.heading), np.sin(step.heading)
+        xy = outline @ np.array([[c, s], [-s, c]]) + np.asarray(step.position)
+        strips.append(_on_floor(xy) - np.array([0.0, 0.0, 0.001]))
+        colors.append(FAINT)
+    return rr.LineStrips3D(strips, colors=colors, radii=0.002)
+
+
+# ------------------------------------------------------------------------------------------ time series
+
+
+def _log_series(log: _Log, saved: SavedRun) -> None:
+    """Plan, command and measurement, and what lies between them."""
+    if not len(saved.signals):
+        return
+    rows = _curve_rows(saved)
+    signals = saved.signals.take(rows)
+    times = signals.time
+    weight = saved.record.mass * saved.record.gravity
+
+    def three(name: str) -> Array:
+        return np.column_stack([signals[f"{kind}_{name}"] for kind in SERIES])
+
+    # Metres walked would flatten every curve: x is drawn about the planned COM.
+    com_x = signals["plan_com_x"][:, None]
+    log.series("signals/zmp_x", times, 1e3 * (three("zmp_x") - com_x), SERIES, SERIES_COLORS)
+    log.series("signals/zmp_y", times, 1e3 * three("zmp_y"), SERIES, SERIES_COLORS)
+    for axis in "xyz":
+        log.series(f"signals/force_{axis}", times, three(f"force_{axis}"), SERIES, SERIES_COLORS)
+    for axis in "xy":
+        name = f"angular_momentum_{axis}"
+        log.series(f"signals/{name}", times, three(name), SERIES, SERIES_COLORS)
+    log.series(
+        "signals/angular_momentum_z",
+        times,
+        np.column_stack([signals["motion_angular_momentum_z"], signals["measured_angular_momentum_z"]]),
+        ("motion", "measured"),
+        (PLAN, MEASURED),
+    )
+    for axis in "xyz":
+        values = three(f"com_{axis}")
+        log.series(
+            f"signals/com_{axis}", times, values - com_x if axis == "x" else values, SERIES, SERIES_COLORS
+        )
+
+    def residual(name: str, axes: str, scale: float) -> Array:
+        return scale * (signals.vector(f"measured_{name}", axes) - signals.vector(f"plan_{name}", axes))
+
+    xyz = ((255, 99, 99, 255), (120, 220, 120, 255), (110, 160, 255, 255))
+    log.series("residual/zmp", times, residual("zmp", "xy", 1e3), ("x", "y"), xyz[:2])
+    log.series("residual/force", times, residual("force", "xyz", 100.0 / weight), ("x", "y", "z"), xyz)
+    log.series(
+        "residual/angular_momentum", times, residual("angular_momentum", "xy", 1.0), ("x", "y"), xyz[:2]
+    )
+    log.series("residual/com", times, residual("com", "xyz", 1e3), ("x", "y", "z"), xyz)
+    feedback = 1e3 * (signals.vector("command_zmp", "xy") - signals.vector("plan_zmp", "xy"))
+    log.series("feedback/zmp", times, feedback, ("x", "y"), xyz[:2])
+    both = 1e3 * (signals.vector("measured_zmp_momentum", "xy") - signals.vector("measured_zmp", "xy"))
+    log.series("selfcheck/zmp", times, both, ("x", "y"), xyz[:2])
+    feet = np.column_stack([signals["left_force_z"], signals["right_force_z"], signals["plan_force_z"]])
+    log.series("signals/foot_force_z", times, feet, ("left", "right", "plan, both"), (LEFT, RIGHT, PLAN))
+    torque = saved.record.torque
+    if len(torque) == len(saved.signals):
+        use = np.abs(torque[rows]) / saved.record.torque_limit
+        log.series("effort/torque", times, 100 * use.max(axis=1)[:, None], ("busiest motor",), (MEASURED,))
+
+
+def _log_states(log: _Log, saved: SavedRun) -> None:
+    """Phase of the plan and contact of the feet as lanes."""
+    signals = saved.signals
+    if not len(signals):
+        return
+    planned = np.array(
+        ["both feet" if stance == "both" else f"{stance} foot" for stance in signals["stance"]],
+        dtype=object,
+    )
+    lanes = {"planned stance": planned}
+    for foot in ("left", "right"):
+        lanes[f"{foot} foot on the floor"] = np.where(signals[f"{foot}_contact"], foot, "")
+    colors = {
+        "both feet": (*FAINT[:3], 255),
+        "left foot": LEFT,
+        "right foot": RIGHT,
+        "left": LEFT,
+        "right": RIGHT,
+    }
+    for name, states in lanes.items():
+        entity = "phase/" + name.replace(" ", "_")
+        log.static(entity, rr.StateConfiguration(values=list(colors), colors=list(colors.values())))
+        change = np.flatnonzero(np.r_[True, states[1:] != states[:-1]])
+        log.columns(
+            entity, signals.time[change], rr.StateChange.columns(state=[str(s) for s in states[change]])
+        )
+
+
+def _log_events(log: _Log, saved: SavedRun) -> None:
+    """What happened, in words: footfalls, the largest error, unsolved QPs, how it ended."""
+    events = sorted(run_events(saved), key=lambda event: event[0])
+    log.columns(
+        "events",
+        np.array([event[0] for event in events]),
+        rr.TextLog.columns(
+            text=[plain_text(event[2]) for event in events], level=[event[1] for event in events]
+        ),
+    )

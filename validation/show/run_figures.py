@@ -1,0 +1,557 @@
+"""Plots of a saved run, as vector graphics that follow the page's light or dark colours.
+
+Every function takes what the run folder holds and returns a matplotlib figure, drawn within :func:`style`;
+:func:`to_svg` turns it into an inline SVG whose colours are CSS variables. Nothing here opens a window.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ampm.planner.gait import GaitPlan
+from validation.show.style import figure_style
+from validation.store.saved import SavedRun, Signals
+
+Array = NDArray[np.float64]
+
+# Stand-ins that no other colour equals; `to_svg` replaces each by the CSS variable of its name.
+INK, FAINT, GRID, SHADE = "#010101", "#010102", "#010103", "#010104"
+PLAN, COMMAND, MEASURED = "#010105", "#010106", "#010107"
+LEFT, RIGHT, GOOD, BAD = "#010108", "#010109", "#01010a", "#01010b"
+PARTS = ("#01010c", "#01010d", "#01010e", "#01010f")
+_VARIABLES: Mapping[str, str] = {
+    INK: "ink", FAINT: "faint", GRID: "grid", SHADE: "shade", PLAN: "plan", COMMAND: "command",
+    MEASURED: "measured", LEFT: "left", RIGHT: "right", GOOD: "good", BAD: "bad",
+    **{color: f"part-{index + 1}" for index, color in enumerate(PARTS)},
+}  # fmt: skip
+
+WIDTH = 5.2
+"""Width of an ordinary figure [in]: 500 px, so that its 9 pt text stays readable on a telephone."""
+
+_STYLE: Any = figure_style(INK, FAINT, GRID) | {
+    "svg.fonttype": "none",
+    "axes.titlesize": 9,
+    "lines.linewidth": 1.3,
+}
+
+CAUSES: Mapping[str, str] = {
+    "com_position": "COM position",
+    "com_acceleration": "COM acceleration",
+    "momentum_rate": "momentum rate",
+    "vertical_force": "vertical force",
+    "instrument": "instrument",
+}
+"""Parts of the ZMP error, by their names in the signals."""
+
+_BUCKETS = 420
+"""Buckets over a whole run: each keeps its smallest and largest sample, so no spike is lost."""
+
+
+def style() -> Any:
+    """Context in which every figure is drawn and written: matplotlib reads its settings at each call."""
+    return mpl.rc_context(_STYLE)
+
+
+def new_figure(
+    height: float,
+    rows: int = 1,
+    *,
+    width: float = WIDTH,
+    left: float = 0.62,
+    top: float = 0.42,
+    gap: float = 0.3,
+    ratios: Sequence[float] | None = None,
+) -> tuple[Figure, list[Axes]]:
+    """Make a figure of ``rows`` axes over each other.
+
+    Margins are given, not searched for: matplotlib's automatic layout takes longer than all the drawing.
+
+    Args:
+        height: of the figure [in].
+        rows: number of axes.
+        width: of the figure [in].
+        left: room for the labels of the vertical axis [in].
+        top: room for title and legend [in].
+        gap: between two axes [in].
+        ratios: relative heights of the axes.
+    """
+    figure = Figure(figsize=(width, height))
+    inner = (height - top - 0.42 - gap * (rows - 1)) / rows
+    axes = figure.subplots(rows, 1, squeeze=False, height_ratios=ratios)[:, 0]
+    figure.subplots_adjust(
+        left=left / width, right=1.0 - 0.12 / width, bottom=0.42 / height, top=1.0 - top / height,
+        hspace=gap / inner,
+    )  # fmt: skip
+    figure.patch.set_alpha(0.0)
+    for axis in axes:
+        axis.patch.set_alpha(0.0)
+        axis.yaxis.set_label_coords(-(left - 0.14) / (width - left - 0.12), 0.5)
+    return figure, list(axes)
+
+
+def to_svg(figure: Figure, name: str, label: str) -> str:
+    """Render a figure for inlining in HTML.
+
+    Args:
+        figure: the figure.
+        name: unique in the page; prefixes every id.
+        label: what the picture shows, for those who cannot see it.
+    """
+    buffer = io.StringIO()
+    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = text.replace("url(#", f"url(#{name}-").replace('xlink:href="#', f'xlink:href="#{name}-')
+    for color, variable in _VARIABLES.items():
+        text = text.replace(color, f"var(--{variable})")
+    # The page's own type; matplotlib lists every font of the family it was configured with.
+    text = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1", text)
+    escaped = label.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    width, height = (72 * size for size in figure.get_size_inches())
+    head = (
+        f'<svg role="img" aria-label="{escaped}" viewBox="0 0 {width:g} {height:g}" '
+        'xmlns:xlink="http://www.w3.org/1999/xlink" xmlns="http://www.w3.org/2000/svg">'
+    )
+    return re.sub(r"\s*\n\s*", "\n", head + text[text.index(">") + 1 :])
+
+
+# ---------------------------------------------------------------------------------------- preparation
+
+
+def decimate(time: Array, value: Array, buckets: int = _BUCKETS) -> tuple[Array, Array]:
+    """Thin a curve for drawing without losing its extremes.
+
+    Args:
+        time: shape (N,).
+        value: shape (N,); NaN where undefined.
+        buckets: each yields its smallest and its largest sample.
+
+    Returns:
+        Times and values, at most ``2 * buckets`` of each.
+    """
+    count = len(time)
+    if count <= 2 * buckets:
+        return time, value
+    picked: list[int] = []
+    for rows in np.array_split(np.arange(count), buckets):
+        part = value[rows]
+        if np.isnan(part).all():
+            picked.append(int(rows[0]))
+            continue
+        picked += sorted({int(rows[np.nanargmin(part)]), int(rows[np.nanargmax(part)])})
+    return time[picked], value[picked]
+
+
+@dataclass(frozen=True)
+class Window:
+    """A piece of the run, by rows of the signals: ``rows = slice(first, last)``."""
+
+    first: int
+    last: int
+
+    @property
+    def rows(self) -> slice:
+        """The rows."""
+        return slice(self.first, self.last)
+
+
+def strides(signals: Signals) -> list[Window]:
+    """Complete strides (two steps), each from the start of a left stance, the first step left out."""
+    starts = signals.switches()
+    phase, stance = signals["phase"], signals["stance"]
+    left = [
+        int(row) for row in starts if phase[row] == "single_support" and stance[row] == "left" and row > 0
+    ]
+    return [Window(a, b) for a, b in pairwise(left)]
+
+
+def middle(signals: Signals) -> Window:
+    """A stride from the middle of the run; the whole run if it has none."""
+    all_strides = strides(signals)
+    return all_strides[len(all_strides) // 2] if all_strides else Window(0, len(signals))
+
+
+def shade_double_support(axis: Axes, signals: Signals, window: Window, *, origin: float = 0.0) -> None:
+    """Shade the planned double supports."""
+    starts = [int(s) for s in signals.switches()] + [len(signals)]
+    step = _step(signals)
+    for a, b in pairwise(starts):
+        a, b = max(a, window.first), min(b, window.last)
+        if a < b and signals["phase"][a] == "double_support":
+            begin = float(signals.time[a]) - origin
+            axis.axvspan(begin, begin + (b - a) * step, color=SHADE, linewidth=0, zorder=0)
+
+
+def _step(signals: Signals) -> float:
+    return float(signals.time[1] - signals.time[0]) if len(signals) > 1 else 0.0
+
+
+def spread(signals: Signals, error: Array, window: Window) -> tuple[Array, Array]:
+    """Smallest and largest ``error`` over all strides at the same instant of the stride.
+
+    Returns:
+        Two arrays as long as ``window``.
+    """
+    length = window.last - window.first
+    folded = [error[s.first : s.first + length] for s in strides(signals)]
+    folded = [part for part in folded if len(part) == length]
+    if not folded:
+        return error[window.rows], error[window.rows]
+    stack = np.stack(folded)
+    # Instants without contact have no ZMP in any stride.
+    stack = np.where(np.isnan(stack).all(axis=0), 0.0, stack)
+    return np.nanmin(stack, axis=0), np.nanmax(stack, axis=0)
+
+
+# --------------------------------------------------------------------------------------------- curves
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A quantity that is planned, commanded and measured.
+
+    Attributes:
+        name: column without its prefix, e.g. ``zmp_x``.
+        title: what it is.
+        unit: unit in which it is drawn.
+        scale: drawn value per SI value.
+        about: column that is subtracted from the values, so that metres walked do not flatten the curve.
+        residual_unit, residual_scale: of the error, where they differ.
+    """
+
+    name: str
+    title: str
+    unit: str
+    scale: float = 1.0
+    about: str | None = None
+    residual_unit: str | None = None
+    residual_scale: float | None = None
+
+
+def tracking(
+    signals: Signals,
+    curve: Curve,
+    *,
+    tolerance_rmse: float | None = None,
+    tolerance_maximum: float | None = None,
+    extra: Callable[[Axes, Window], None] | None = None,
+    reference: tuple[str, str] = ("plan", "plan"),
+) -> Figure:
+    """Plan, command and measurement over one stride, and the error over the whole run.
+
+    Args:
+        signals: the run.
+        curve: the quantity.
+        tolerance_rmse: drawn as a band about zero, in ``residual_unit``.
+        tolerance_maximum: drawn as two lines, in ``residual_unit``.
+        extra: draws further curves into the upper axes.
+        reference: prefix and label of what the measurement is compared with.
+    """
+    figure, (upper, lower) = new_figure(3.9, 2, ratios=[3, 2])
+    window = middle(signals)
+    prefix, label = reference
+    reference_values = signals[f"{prefix}_{curve.name}"]
+    measured = signals[f"measured_{curve.name}"]
+    error = measured - reference_values
+    about = signals[curve.about] if curve.about is not None else np.zeros(len(signals))
+    time = signals.time
+    part = window.rows
+    shade_double_support(upper, signals, window)
+    if len(signals):
+        low, high = spread(signals, error, window)
+        base = (reference_values - about)[part]
+        upper.fill_between(
+            time[part], curve.scale * (base + low), curve.scale * (base + high),
+            color=MEASURED, alpha=0.25, linewidth=0,
+        )  # fmt: skip
+    if extra is not None:
+        extra(upper, window)
+    lines = [(prefix, label, PLAN, "-", 2.4), ("command", "command", COMMAND, "-", 1.1)]
+    for kind, text, color, style, width in (*lines, ("measured", "measured", MEASURED, "-", 1.1)):
+        column = f"{kind}_{curve.name}"
+        if column in signals and np.isfinite(signals[column]).any():
+            values = curve.scale * (signals[column] - about)
+            upper.plot(time[part], values[part], style, color=color, linewidth=width, label=text)
+    upper.set_ylabel(f"[{curve.unit}]")
+    upper.margins(x=0)
+    upper.set_title(curve.title)
+    _legend(upper)
+
+    scale = curve.scale if curve.residual_scale is None else curve.residual_scale
+    unit = curve.unit if curve.residual_unit is None else curve.residual_unit
+    lower.plot(*decimate(time, scale * error), color=MEASURED, linewidth=0.8)
+    _band(lower, tolerance_rmse, tolerance_maximum)
+    lower.set_ylabel(f"error [{unit}]")
+    lower.set_xlabel("time [s]")
+    lower.margins(x=0)
+    _first_step_line(lower, signals)
+    return figure
+
+
+def _legend(axis: Axes, columns: int = 5) -> None:
+    """Legend over the axes, beside nothing: curves fill the axes themselves."""
+    handles, labels = axis.get_legend_handles_labels()
+    if labels:
+        axis.legend(
+            handles, labels, loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, borderaxespad=0.1,
+            handlelength=1.2, columnspacing=1.0, handletextpad=0.4, borderpad=0.1,
+        )  # fmt: skip
+        lines = -(-len(labels) // columns)
+        axis.set_title(axis.get_title(loc="left"), pad=6 + 13 * lines)
+
+
+def _band(axis: Axes, rmse: float | None, maximum: float | None) -> None:
+    """Draw tolerances about zero, without letting a wide one flatten the error."""
+    axis.axhline(0.0, color=FAINT, linewidth=0.7)
+    reach = 1.15 * max(abs(limit) for limit in axis.get_ylim())
+    if rmse is not None:
+        axis.axhspan(-rmse, rmse, color=GOOD, alpha=0.22, linewidth=0)
+        reach = max(reach, 1.6 * rmse)
+    if maximum is not None:
+        if 0.4 * maximum < reach:
+            reach = max(reach, 1.1 * maximum)
+        for sign in (-1, 1):
+            axis.axhline(sign * maximum, color=BAD, linewidth=0.9, linestyle=(0, (4, 3)))
+    axis.set_ylim(-reach, reach)
+
+
+def _first_step_line(axis: Axes, signals: Signals) -> None:
+    """Mark where the first step, which is judged apart, ends."""
+    end = signals.first_step()
+    if 0 < end < len(signals):
+        axis.axvline(float(signals.time[end]), color=FAINT, linewidth=0.8, linestyle=":")
+
+
+def residuals(
+    signals: Signals, columns: Mapping[str, Array], unit: str, title: str, colors: Sequence[str] = PARTS,
+) -> Figure:  # fmt: skip
+    """Several errors over the whole run in one axes.
+
+    Args:
+        signals: the run.
+        columns: label to values (N,), in ``unit``.
+        unit: of the values.
+        title: of the axes.
+        colors: one per label.
+    """
+    figure, (axis,) = new_figure(2.3)
+    axis.axhline(0.0, color=FAINT, linewidth=0.7)
+    for (label, values), color in zip(columns.items(), colors, strict=False):
+        axis.plot(*decimate(signals.time, values), color=color, linewidth=0.9, label=label)
+    axis.set_ylabel(f"[{unit}]")
+    axis.set_xlabel("time [s]")
+    axis.set_title(title)
+    axis.margins(x=0)
+    _first_step_line(axis, signals)
+    _legend(axis)
+    return figure
+
+
+# ------------------------------------------------------------------------------------------- the floor
+
+
+def top_view(saved: SavedRun, plan: GaitPlan | None, steps: int = 4) -> Figure:
+    """ZMP and COM over the footprints, some steps from the middle of the run, seen from above."""
+    signals = saved.signals
+    starts = signals.switches()[::2]
+    bounds = [*(int(s) for s in starts), len(signals)]
+    begin = max(0, min(len(bounds) // 2 - steps // 2, len(bounds) - 1 - steps))
+    window = Window(bounds[begin], bounds[min(begin + steps, len(bounds) - 1)])
+    part = window.rows
+    com = signals.vector("plan_com", "xy")[part]
+    ahead, behind, side = 0.35, 0.35, 0.17
+    low, high = (com[0, 0] - behind, com[-1, 0] + ahead) if len(com) else (-behind, ahead)
+    width, left, top = 2 * WIDTH, 0.62, 0.24
+    # As high as equal scales make it, plus legend and labels.
+    inner = (width - left - 0.12) * 2 * side / (high - low)
+    figure, (axis,) = new_figure(inner + top + 0.42, width=width, left=left, top=top)
+    if plan is not None and plan.feet is not None and len(com):
+        sole = plan.feet.sole
+        x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
+        half = np.array([sole.heel_half_width, sole.ball_half_width, sole.tip_half_width])
+        outline = np.column_stack([np.r_[x, x[::-1], x[0]], np.r_[half, -half[::-1], half[0]]])
+        for step in plan.footsteps:
+            if com[0, 0] - 0.5 < step.position[0] < com[-1, 0] + 0.5:
+                c, s = np.cos(step.heading), np.sin(step.heading)
+                foot = outline @ np.array([[c, s], [-s, c]]) + np.asarray(step.position)
+                axis.fill(*foot.T, color=SHADE, linewidth=0)
+                axis.plot(*foot.T, color=LEFT if step.foot == "left" else RIGHT, linewidth=0.9)
+    for kind, color, width in (("plan", PLAN, 2.4), ("command", COMMAND, 1.0), ("measured", MEASURED, 1.0)):
+        axis.plot(
+            *signals.vector(f"{kind}_zmp", "xy")[part].T, color=color, linewidth=width, label=f"ZMP, {kind}"
+        )
+    for kind, color in (("plan", PLAN), ("measured", MEASURED)):
+        xy = signals.vector(f"{kind}_com", "xy")[part]
+        axis.plot(*xy.T, color=color, linewidth=1.0, linestyle=(0, (4, 2)), label=f"COM, {kind}")
+    axis.set_aspect("equal")
+    axis.set_xlim(low, high)
+    axis.set_ylim(-side, side)
+    axis.set_xlabel("x, forward [m]")
+    axis.set_ylabel("y, left [m]")
+    _legend(axis)
+    return figure
+
+
+def contact_timeline(saved: SavedRun, plan: GaitPlan | None) -> Figure:
+    """Which part of which sole is on the floor: planned (line) and measured (bar), over one stride."""
+    signals, record = saved.signals, saved.record
+    window = middle(signals)
+    part = window.rows
+    time = signals.time[part]
+    figure, (axis,) = new_figure(2.6, left=0.85, top=0.28)
+    shade_double_support(axis, signals, window)
+    planned = None
+    if plan is not None and plan.feet is not None and len(time):
+        planned = [sample.contact for sample in plan.feet.sample(np.minimum(time, plan.duration))]
+    ticks: list[tuple[float, str]] = []
+    for foot, (name, color) in enumerate((("left", LEFT), ("right", RIGHT))):
+        for group, region in enumerate(("heel", "ball", "tip")):
+            row = -(3.5 * foot + group)
+            points = (record.point_foot == foot) & (record.point_group == group)
+            loaded = record.point_force[part][:, points, 2].max(axis=1, initial=0.0) > 1.0
+            _bars(axis, time, loaded, row, 0.62, color=color, alpha=0.85)
+            if planned is not None:
+                _bars(axis, time, planned[foot][:, group], row, 0.14, color=INK, alpha=1.0)
+            ticks.append((row, f"{name} {region}"))
+    axis.set_yticks([t[0] for t in ticks], [t[1] for t in ticks])
+    axis.grid(False, axis="y")
+    axis.set_xlabel("time [s]")
+    axis.margins(x=0)
+    axis.set_title("Measured contact (bars) and planned contact (thin lines)")
+    return figure
+
+
+def _bars(axis: Axes, time: Array, on: NDArray[np.bool_], row: float, height: float, **style: Any) -> None:
+    """Horizontal bars where ``on`` holds."""
+    if not len(time):
+        return
+    edges = np.flatnonzero(np.diff(np.r_[False, on, False].astype(int)))
+    step = float(time[1] - time[0]) if len(time) > 1 else 0.0
+    spans = [(float(time[a]), float(time[b - 1]) - float(time[a]) + step) for a, b in edges.reshape(-1, 2)]
+    axis.broken_barh(spans, (row - height / 2, height), linewidth=0, **style)
+
+
+# ------------------------------------------------------------------------------------------------ cost
+
+
+def torque_use(saved: SavedRun, count: int = 16) -> Figure:
+    """Largest and RMS torque of the busiest motors, as shares of their limits."""
+    record = saved.record
+    figure, (axis,) = new_figure(3.9, left=1.45)
+    share = 100.0 * np.abs(record.torque) / record.torque_limit
+    if len(share):
+        peak, rms = share.max(axis=0), np.sqrt((share**2).mean(axis=0))
+        order = np.argsort(peak)[::-1][:count]
+        rows = np.arange(len(order))
+        axis.barh(rows, peak[order], height=0.7, color=PLAN, alpha=0.45, linewidth=0, label="largest")
+        axis.barh(rows, rms[order], height=0.32, color=PLAN, linewidth=0, label="RMS")
+        axis.set_yticks(rows, [record.joint_names[index] for index in order])
+        axis.invert_yaxis()
+        axis.set_xlim(0, max(100.0, 1.05 * float(peak.max())))
+    axis.axvline(100.0, color=BAD, linewidth=0.9, linestyle=(0, (4, 3)))
+    axis.grid(False, axis="y")
+    axis.set_xlabel("torque [% of the motor's limit]")
+    axis.set_title("The busiest motors")
+    _legend(axis)
+    return figure
+
+
+def qp_statistics(saved: SavedRun) -> Figure:
+    """Wall-clock time of the controller's QP, and its residual at every tick."""
+    record = saved.record
+    figure, (upper, lower) = new_figure(3.9, 2, gap=0.6)
+    if len(record.qp_time):
+        micro = 1e6 * record.qp_time
+        # A few ticks are interrupted by other processes: they are counted in the last bar.
+        top = max(min(float(micro.max()), 5.0 * float(np.median(micro))), 1e-3)
+        upper.hist(np.minimum(micro, top), bins=60, range=(0.0, top), color=PLAN, linewidth=0)
+        marks = {name: float(np.percentile(micro, share)) for share, name in ((50, "median"), (99, "99 %"))}
+        for at in marks.values():
+            if at <= top:
+                upper.axvline(at, color=INK, linewidth=0.9, linestyle=":")
+        shown = ", ".join(f"{name} {at:.0f} µs" for name, at in marks.items())
+        upper.set_title(f"The controller's QP: {shown}")
+        finite = np.where(record.qp_residual > 0, record.qp_residual, np.nan)
+        if np.isfinite(finite).any():
+            lower.plot(*decimate(record.tick_time, finite), color=PLAN, linewidth=0.7)
+            lower.set_yscale("log")
+        for status, color, label in ((1, COMMAND, "limits active"), (2, BAD, "unsolved")):
+            rows = record.qp_status == status
+            if rows.any():
+                lower.plot(
+                    record.tick_time[rows], np.full(rows.sum(), 0.04), ".", color=color, markersize=4,
+                    transform=lower.get_xaxis_transform(), label=label,
+                )  # fmt: skip
+    upper.set_xlabel("time of a solve [µs]")
+    upper.set_ylabel("ticks")
+    lower.set_xlabel("time [s]")
+    lower.set_ylabel("residual [1]")
+    lower.margins(x=0)
+    _legend(lower)
+    return figure
+
+
+def zmp_error_split(signals: Signals, axis: str) -> Figure:
+    """Causes of the ZMP error over one stride, stacked, with the error itself as a line."""
+    figure, (axes,) = new_figure(2.7, top=0.6)
+    window = middle(signals)
+    rows = np.arange(window.first, window.last, max(1, (window.last - window.first) // 280))
+    shade_double_support(axes, signals, window)
+    if len(rows):
+        parts = 1e3 * np.column_stack([signals[f"zmp_error_{part}_{axis}"][rows] for part in CAUSES])
+        time = signals.time[rows]
+        up, down = np.zeros(len(rows)), np.zeros(len(rows))
+        for part, name, color in zip(np.nan_to_num(parts).T, CAUSES.values(), (*PARTS, FAINT), strict=True):
+            rise, fall = np.maximum(part, 0.0), np.minimum(part, 0.0)
+            axes.fill_between(time, up, up + rise, color=color, alpha=0.75, linewidth=0, label=name)
+            axes.fill_between(time, down, down + fall, color=color, alpha=0.75, linewidth=0)
+            up, down = up + rise, down + fall
+        axes.plot(time, parts.sum(axis=1), color=INK, linewidth=1.1, label="error")
+    axes.set_title(f"Causes of the ZMP error in {axis}")
+    axes.set_ylabel("[mm]")
+    axes.set_xlabel("time [s]")
+    axes.margins(x=0)
+    _legend(axes, 3)
+    return figure
+
+
+def opening(signals: Signals, axis: str) -> Figure:
+    """ZMP of the first step and the two after it, with its error."""
+    figure, (upper, lower) = new_figure(3.3, 2, ratios=[3, 2])
+    starts = signals.switches()
+    window = Window(0, int(starts[6]) if len(starts) > 6 else len(signals))
+    part = window.rows
+    time = signals.time[part]
+    about = signals["plan_com_x"][part] if axis == "x" else 0.0
+    for panel in (upper, lower):
+        shade_double_support(panel, signals, window)
+    for kind, color, width in (("plan", PLAN, 2.4), ("command", COMMAND, 1.1), ("measured", MEASURED, 1.1)):
+        values = 1e3 * (signals[f"{kind}_zmp_{axis}"][part] - about)
+        upper.plot(time, values, color=color, linewidth=width, label=kind)
+    error = 1e3 * (signals[f"measured_zmp_{axis}"] - signals[f"plan_zmp_{axis}"])[part]
+    lower.axhline(0.0, color=FAINT, linewidth=0.7)
+    lower.plot(time, error, color=MEASURED, linewidth=0.9)
+    _first_step_line(lower, signals)
+    upper.set_ylabel("[mm]")
+    upper.set_title("ZMP x about the planned COM" if axis == "x" else "ZMP y")
+    lower.set_ylabel("error [mm]")
+    lower.set_xlabel("time [s]")
+    for panel in (upper, lower):
+        panel.margins(x=0)
+    _legend(upper)
+    return figure

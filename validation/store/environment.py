@@ -1,0 +1,113 @@
+"""What a run ran on: versions, platform and revision, so that a figure can be traced to what produced it."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+DISTRIBUTIONS = (
+    "ampm",
+    "mujoco",
+    "dm-control",
+    "pin",
+    "osqp",
+    "daqp",
+    "numpy",
+    "scipy",
+    "pyarrow",
+    "rerun-sdk",
+    "matplotlib",
+    "pydantic",
+)
+"""Distributions whose version can change a result."""
+
+
+def describe_environment() -> dict[str, Any]:
+    """Versions, platform and source revision; no names of users or machines.
+
+    Returns:
+        JSON-ready table: ``time`` (UTC, ISO 8601), ``python``, ``versions``, ``platform``, ``processor``,
+        ``cores``, ``memory`` [GB, None if unknown], ``revision`` (git commit, None outside a checkout), and
+        ``modified`` (whether the checkout differs from it).
+    """
+    revision, modified = _revision()
+    return {
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+        "python": platform.python_version(),
+        "versions": {name: _version(name) for name in DISTRIBUTIONS},
+        "platform": f"{platform.system()} {platform.machine()}, {_system()}",
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "memory": _memory(),
+        "revision": revision,
+        "modified": modified,
+    }
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _system() -> str:
+    try:
+        return platform.freedesktop_os_release().get("PRETTY_NAME", platform.release())
+    except OSError:
+        return platform.release()
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def _memory() -> float | None:
+    try:
+        return round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9, 1)
+    except (ValueError, OSError, AttributeError):
+        return None
+
+
+def _revision() -> tuple[str | None, bool | None]:
+    """Commit of the checkout that this file lies in, and whether tracked files differ from it."""
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():  # installed elsewhere: an enclosing repository would not be ours
+        return None, None
+    try:
+        commit = _git(root, "rev-parse", "HEAD").strip()
+        modified = bool(_git(root, "status", "--porcelain", "--untracked-files=no").strip())
+    except (OSError, subprocess.SubprocessError):
+        return None, None
+    return commit, modified
+
+
+def _git(root: Path, *arguments: str) -> str:
+    return subprocess.run(
+        ["git", "-C", str(root), *arguments], check=True, capture_output=True, text=True, timeout=10
+    ).stdout
+
+
+def memory_peak() -> float | None:
+    """Largest resident memory of this process so far [MB]; None where that is not known.
+
+    ``ru_maxrss`` would count the process that this one was started by.
+    """
+    try:
+        for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024 / 1e6
+    except (OSError, ValueError):
+        pass
+    return None

@@ -1,0 +1,175 @@
+"""A finished run as its folder holds it: what the recording and the report are drawn from.
+
+Nothing here simulates or measures. The closed-form plan alone is evaluated again from ``run.toml``, because
+it is exact, and the support polygons are cheaper to recompute than to keep.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ampm.exceptions import AmpmError, InputError
+from ampm.parameters import RunParameters, load_run
+from ampm.planner.gait import GaitPlan, plan_gait
+from models.human import sole_geometry
+from validation.judge.signals import load_signals
+from validation.store.stored import StoredRecord
+
+Array = NDArray[np.float64]
+
+RUN_FILE = "run.toml"
+MODEL_FILE = "model.xml"
+SIGNALS_FILE = "signals.parquet"
+SUMMARY_FILE = "summary.json"
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Columns of ``signals.parquet``; a null is NaN.
+
+    Attributes:
+        columns: name to array (N,): float64, bool, or object for the labels.
+    """
+
+    columns: Mapping[str, NDArray[Any]]
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self.columns:
+            raise InputError(
+                f"{SIGNALS_FILE} has no column '{name}': the run was saved by another version; run it again."
+            )
+        return self.columns[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.columns
+
+    def __len__(self) -> int:
+        return len(self["time"])
+
+    @property
+    def time(self) -> Array:
+        """Start of each step (N,) [s]."""
+        return self["time"]
+
+    def take(self, rows: NDArray[np.intp]) -> Signals:
+        """Some of the rows, of every column."""
+        return Signals({name: column[rows] for name, column in self.columns.items()})
+
+    def switches(self) -> NDArray[np.intp]:
+        """Rows at which a planned phase begins, the first row included."""
+        phase, stance = self["phase"], self["stance"]
+        if not len(phase):
+            return np.zeros(0, dtype=np.intp)
+        change = (phase[1:] != phase[:-1]) | (stance[1:] != stance[:-1])
+        return np.flatnonzero(np.r_[True, change])
+
+    def first_step(self) -> int:
+        """Number of rows of the first step: one single and one double support."""
+        starts = self.switches()
+        return int(starts[2]) if len(starts) > 2 else len(self)
+
+    def vector(self, name: str, axes: str = "xyz") -> Array:
+        """Stack ``{name}_{axis}`` of the given axes.
+
+        Returns:
+            (N, len(axes)), in the unit of the columns.
+
+        Raises:
+            InputError: a column is missing.
+        """
+        return np.column_stack([self[f"{name}_{axis}"] for axis in axes])
+
+
+@dataclass(frozen=True)
+class SavedRun:
+    """Everything that a run folder says.
+
+    Attributes:
+        directory: the folder.
+        parameters: the resolved parameters.
+        parameters_text: ``run.toml`` as written.
+        model_xml: the compiled model's source (MJCF).
+        record: states, torques and contact forces of every step, read as they are used.
+        signals: plan, command and measurement on the common clock.
+        summary: ``summary.json``.
+    """
+
+    directory: Path
+    parameters: RunParameters
+    parameters_text: str
+    model_xml: str
+    record: StoredRecord
+    signals: Signals
+    summary: Mapping[str, Any]
+
+    def plan(self) -> GaitPlan | None:
+        """Evaluate the closed-form plan again, with feet; None if this version of the planner refuses it."""
+        run = self.parameters
+        try:
+            sole = sole_geometry(run.body.height)
+            return plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=sole)
+        except AmpmError:
+            return None
+
+
+def load_saved_run(directory: Path) -> SavedRun:
+    """Read a run folder.
+
+    Args:
+        directory: folder with ``run.toml``, ``model.xml``, the record, the signals and the summary.
+
+    Raises:
+        InputError: the folder or one of its files is missing or cannot be read.
+    """
+    directory = Path(directory)
+    missing = [f for f in (RUN_FILE, MODEL_FILE, SIGNALS_FILE, SUMMARY_FILE) if not (directory / f).is_file()]
+    if missing:
+        raise InputError(f"{directory} has no {', '.join(missing)}; give the folder of a finished run.")
+    try:
+        summary = json.loads((directory / SUMMARY_FILE).read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise InputError(f"{directory / SUMMARY_FILE} is no JSON ({error}); run the gait again.") from error
+    return SavedRun(
+        directory=directory,
+        parameters=load_run(directory / RUN_FILE, ()),
+        parameters_text=(directory / RUN_FILE).read_text(encoding="utf-8"),
+        model_xml=(directory / MODEL_FILE).read_text(encoding="utf-8"),
+        record=StoredRecord(directory),
+        signals=Signals(load_signals(directory / SIGNALS_FILE)),
+        summary=summary,
+    )
+
+
+def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:
+    """List (time [s], level, sentence) of what happened in a run."""
+    signals, record = saved.signals, saved.record
+    events: list[tuple[float, str, str]] = []
+    if len(signals):
+        time = signals.time
+        for foot in ("left", "right"):
+            contact = signals[f"{foot}_contact"]
+            for row in np.flatnonzero(contact[1:] != contact[:-1]) + 1:
+                verb = "touches the floor" if contact[row] else "leaves the floor"
+                events.append((float(time[row]), "DEBUG", f"The {foot} foot {verb}."))
+        for axis in "xy":
+            error = np.abs(signals[f"measured_zmp_{axis}"] - signals[f"plan_zmp_{axis}"])
+            first = signals.first_step() if signals.first_step() < len(signals) else 0
+            if np.isfinite(error[first:]).any():
+                worst = first + int(np.nanargmax(error[first:]))
+                events.append(
+                    (float(time[worst]), "INFO", f"Largest ZMP error in {axis}: {1e3 * error[worst]:.1f} mm.")
+                )
+    unsolved = record.tick_time[record.qp_status == 2]
+    begins = unsolved[np.r_[True, np.diff(unsolved) > 0.05]] if len(unsolved) else unsolved
+    events += [(float(t), "ERROR", "The QP was not solved; the fallback gave the torques.") for t in begins]
+    outcome = record.outcome
+    level = "INFO" if outcome.name == "completed" else "CRITICAL"
+    events.append((float(outcome.time), level, f"Outcome: {outcome.name}. {outcome.cause}".strip()))
+    return events

@@ -1,0 +1,1 @@
+"""Two gaits side by side."""

@@ -1,0 +1,195 @@
+"""Report and pictures of two gaits side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from validation.show import run_figures as figures
+from validation.study.compare.run import EVEN, Pair, Side, _ratio, facts, known, shown, verdicts
+
+Array = NDArray[np.float64]
+
+REACH = 0.1
+"""How far the pictures look on either side of a switch [s]."""
+
+_LIGHT: Mapping[str, str] = {
+    figures.INK: "#1d2126",
+    figures.FAINT: "#6c737d",
+    figures.GRID: "#e6e8ea",
+    figures.PLAN: "#0072b2",
+    figures.MEASURED: "#d55e00",
+}
+"""The page's light colours, for a picture in a file of its own."""
+_A, _B = figures.PLAN, figures.MEASURED
+_KINDS = ("single to double support", "double to single support")
+
+
+def render(pair: Pair) -> str:
+    """The report as one self-contained page."""
+    environment = Environment(
+        loader=PackageLoader("validation.show"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    css, _, _ = environment.loader.get_source(environment, "report.css")  # type: ignore[union-attr]
+    a, b = pair.a.label, pair.b.label
+    with figures.style():
+        switches = figures.to_svg(draw_switches(pair), "s", f"{a} and {b} about the switches")
+        joints = figures.to_svg(_draw_joints(pair), "j", f"Joint accelerations of {a} and {b} on finer grids")
+    names = {"a": a, "b": b, "even": "–", "": ""}
+    groups = [
+        (
+            group,
+            [
+                {
+                    "label": row.label,
+                    "a": shown(row.a),
+                    "b": shown(row.b),
+                    "unit": "" if row.unit == "1" else row.unit,
+                    "ratio": _ratio(row),
+                    "better": names[row.better],
+                }
+                for row in pair.rows
+                if row.group == group
+            ],
+        )
+        for group in dict.fromkeys(row.group for row in pair.rows)
+    ]
+    return environment.get_template("pair.html.j2").render(
+        css=Markup(css),
+        a=a,
+        b=b,
+        even=EVEN,
+        facts=facts(pair),
+        switches=Markup(switches),
+        joints=Markup(joints),
+        groups=groups,
+        known=known(pair),
+        won=[(words, pair.won(better)) for better, words in verdicts(pair)],
+    )
+
+
+def draw_file(pair: Pair, path: Path) -> None:
+    """Save the picture of the switches; the suffix chooses the format."""
+    with figures.style():
+        real = {
+            key: _LIGHT[value]
+            for key, value in mpl.rcParams.items()
+            if isinstance(value, str) and value in _LIGHT
+        }
+        with mpl.rc_context(real):
+            figure = draw_switches(pair, _LIGHT)
+            figure.patch.set(alpha=1.0, facecolor="white")
+            metadata = {"Date": None, "Creator": None} if path.suffix == ".svg" else None
+            figure.savefig(path, dpi=110, metadata=metadata)
+
+
+def draw_switches(pair: Pair, colours: Mapping[str, str] | None = None) -> Figure:
+    """Acceleration, ZMP error and torque rate about both kinds of switch, of both sides.
+
+    Args:
+        pair: both sides.
+        colours: in place of the stand-ins of :mod:`validation.show.run_figures`.
+    """
+    rows = (
+        "COM acceleration x\n[m/s²]",
+        "ZMP error x\n[mm]",
+        "ZMP error y, to\nthe stance foot [mm]",
+        "torque rate\n[N m/ms]",
+    )
+    figure = Figure(figsize=(2 * figures.WIDTH, 8.6))
+    axes = figure.subplots(len(rows), 2, sharex=True, sharey="row")
+    figure.subplots_adjust(left=0.09, right=0.985, top=0.92, bottom=0.06, hspace=0.16, wspace=0.06)
+    figure.patch.set_alpha(0.0)
+    colours = colours or {}
+    for side, name in ((pair.a, _A), (pair.b, _B)):
+        colour = colours.get(name, name)
+        series = _series(side)
+        for kind in (0, 1):
+            for row, (planned, values) in enumerate(series):
+                _draw(axes[row, kind], side, kind, values, planned, colour, lateral=row == 2)
+    ink = colours.get(figures.FAINT, figures.FAINT)
+    for kind in (0, 1):
+        axes[0, kind].set_title(_KINDS[kind])
+        axes[-1, kind].set_xlabel("time from the switch [ms]")
+        for axis, label in zip(axes[:, kind], rows, strict=True):
+            axis.patch.set_alpha(0.0)
+            axis.axvline(0.0, color=ink, linewidth=0.8)
+            axis.set_xlim(-1e3 * REACH, 1e3 * REACH)
+            axis.set_xticks(np.arange(-75, 76, 25))
+            if kind == 0:
+                axis.set_ylabel(label)
+    figure.align_ylabels(axes[:, 0])
+    handles = [
+        axes[0, 0].plot([], [], color=colours.get(name, name), label=side.label)[0]
+        for side, name in ((pair.a, _A), (pair.b, _B))
+    ]
+    handles.append(axes[0, 0].plot([], [], color=ink, linestyle=(0, (4, 2)), label="plan")[0])
+    figure.legend(handles=handles, loc="upper right", ncols=3, bbox_to_anchor=(0.985, 0.995))
+    return figure
+
+
+def _series(side: Side) -> list[tuple[Array | None, Array]]:
+    """Planned (or None) and measured curve of every row of the picture, over the whole run."""
+    signals, record = side.saved.signals, side.saved.record
+    error = 1e3 * (signals.vector("measured_zmp", "xy") - signals.vector("plan_zmp", "xy"))
+    rate = np.abs(np.diff(record.torque, axis=0, append=record.torque[-1:])).max(axis=1) / record.time_step
+    measured, planned = signals["measured_force_x"] / record.mass, signals["plan_force_x"] / record.mass
+    return [(planned, measured), (None, error[:, 0]), (None, error[:, 1]), (None, rate / 1e3)]
+
+
+def _draw(
+    axis: Axes, side: Side, kind: int, values: Array, planned: Array | None, colour: str, *, lateral: bool
+) -> None:
+    """Median and band over all switches of one kind but those of the first step."""
+    time, dt = side.saved.signals.time, side.saved.record.time_step
+    reach = round(REACH / dt)
+    # The plan's switches alternate; the first step's are left out.
+    rows = [int(np.searchsorted(time, t - 1e-9)) for t in side.plan.switch_times[2 + kind :: 2]]
+    rows = [row for row in rows if reach <= row < len(time) - reach]
+    if not rows:
+        return
+    # The last row before a switch and the first behind it belong to different phases.
+    offset = np.arange(-reach, reach + 1)
+    about = np.array(rows)[:, None] + offset
+    stack = values[about]
+    if lateral:  # towards the foot that stood: the right foot's switches are the left's, mirrored
+        stack = stack * np.where(np.arange(1, len(rows) + 1) % 2 == 0, 1.0, -1.0)[:, None]
+    # Sampled times straddle the switch by less than a step: on average by what is shown.
+    shown_time = 1e3 * (
+        offset * dt + np.median(time[rows] - side.plan.switch_times[2 + kind :: 2][: len(rows)])
+    )
+    axis.fill_between(
+        shown_time, np.nanmin(stack, axis=0), np.nanmax(stack, axis=0), color=colour, alpha=0.22, linewidth=0
+    )
+    axis.plot(shown_time, np.nanmedian(stack, axis=0), color=colour, linewidth=1.4)
+    if planned is not None:
+        axis.plot(
+            shown_time, np.median(planned[about], axis=0), color=colour, linewidth=1.1, linestyle=(0, (4, 2))
+        )
+
+
+def _draw_joints(pair: Pair) -> Figure:
+    """Largest change of a joint acceleration at a switch against the grid's step."""
+    figure, (axis,) = figures.new_figure(2.6)
+    for side, colour in ((pair.a, _A), (pair.b, _B)):
+        steps = 1e3 * np.array(side.joints.grid)
+        axis.plot(steps, side.joints.jump, "o-", color=colour, label=side.label, markersize=4)
+        axis.axhline(side.joints.limit, color=colour, linewidth=0.8, linestyle=":")
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.set_xticks(steps, [f"{step:g}" for step in steps])
+    axis.minorticks_off()
+    axis.set_xlabel("step of the grid [ms]")
+    axis.set_ylabel("[rad/s²]")
+    axis.set_title("Joint accelerations at a switch (dotted: without a grid)")
+    axis.legend(loc="best")
+    return figure

@@ -1,0 +1,552 @@
+"""Two gaits side by side: what continuity at the switches buys, and where it buys nothing.
+
+Both sides are walked (or loaded) and asked the same questions about the instants at which support changes:
+what does the plan demand there, what do the joints of the whole-body motion have to do as its grid is
+refined, what does the measured ground force do, how far is the ZMP off, how fast do torques change, how much
+feedback is needed. Figures of the whole run stand beside them, so that a gain at the switches is seen against
+the rest.
+
+How far a measured figure is from that of a vanishing time step only a convergence study says: without one no
+figure of a walk is called better, however large the difference.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ampm.body.motion import WholeBodyMotion
+from ampm.body.orbit import solve_motion
+from ampm.body.robot import Robot
+from ampm.exceptions import InputError
+from ampm.parameters import load_run
+from ampm.planner.gait import GaitPlan, plan_gait
+from validation.cli.console import Silent, figure, json_ready, print_line, print_table
+from validation.run.validate import Options, validate
+from validation.store.folders import RUN_FILES, check_run_folder, output_file
+from validation.store.saved import RUN_FILE, SavedRun, load_saved_run
+from validation.study.compare.metrics import (
+    GRIDS,
+    UNWALKED,
+    WINDOW,
+    catalogue,
+    si_unit,
+    studied_name,
+    summary_figures,
+    walked_figures,
+)
+from validation.study.convergence.uncertainty import Uncertainty, load_uncertainty, matching
+from validation.trial.planning import Request, make_body, motion_cache, request
+
+EVEN = 1.25
+"""Ratio of two figures within which neither side is called better."""
+REPORT, NUMBERS, PICTURE = "report.html", "comparison.json", "switches.svg"
+_OWN = (REPORT, NUMBERS, PICTURE)
+
+
+@dataclass(frozen=True)
+class Joints:
+    """What the joints of the periodic motion do at a switch, on finer and finer grids.
+
+    Attributes:
+        grid: largest step of each grid, descending, shape (n,) [s].
+        jump: largest change of a joint's acceleration over the grid interval that ends at a switch, shape
+            (n,) [rad/s^2].
+        limit: what the two finest grids say is left without a grid [rad/s^2]: a jump that stays is the
+            motion's, one that vanishes was the grid's.
+        joint: the joint with the largest limit.
+    """
+
+    grid: tuple[float, ...]
+    jump: tuple[float, ...]
+    limit: float
+    joint: str
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two gaits, walked.
+
+    Attributes:
+        label: how tables call it.
+        saved: its run.
+        plan: in closed form.
+        joints: of its motion.
+        completed: whether it walked to the end.
+        outcome: name of the outcome.
+    """
+
+    label: str
+    saved: SavedRun
+    plan: GaitPlan
+    joints: Joints
+    completed: bool
+    outcome: str
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure of both sides; smaller is better.
+
+    Attributes:
+        group: heading that it stands under.
+        name: key in JSON.
+        label: in words.
+        unit: of both values, as shown.
+        a: of the first side, NaN if it has none.
+        b: of the second side.
+        least: values below it are noise and count as it when the two are compared.
+        u_a: numerical uncertainty of ``a``: 0 where nothing is walked, infinite without bound, NaN unknown.
+        u_b: of ``b``.
+    """
+
+    group: str
+    name: str
+    label: str
+    unit: str
+    a: float
+    b: float
+    least: float
+    u_a: float = math.nan
+    u_b: float = math.nan
+
+    @property
+    def ratio(self) -> float | None:
+        """Second over first value; None if one is missing, or noise."""
+        known = math.isfinite(self.a) and math.isfinite(self.b)
+        return self.b / self.a if known and min(self.a, self.b) >= self.least else None
+
+    @property
+    def better(self) -> str:
+        """``a``, ``b``, or ``even`` where they differ by less than :data:`EVEN`.
+
+        Empty where nothing can be said: a figure is missing, its numerical uncertainty is not known, or the
+        difference is within that of both.
+        """
+        u = self.u_a + self.u_b
+        if not (math.isfinite(self.a) and math.isfinite(self.b) and math.isfinite(u)):
+            return ""
+        if u > 0.0 and abs(self.a - self.b) <= u:
+            return ""
+        ratio = max(self.b, self.least) / max(self.a, self.least)
+        return "a" if ratio > EVEN else "b" if ratio < 1.0 / EVEN else "even"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Both sides and all figures.
+
+    Attributes:
+        a: first side.
+        b: second side.
+        rows: figures, group by group.
+        window: half-width of the window about a switch [s].
+        studies: convergence study of either side; None without.
+    """
+
+    a: Side
+    b: Side
+    rows: tuple[Row, ...]
+    window: float
+    studies: tuple[Uncertainty, Uncertainty] | None = None
+
+    def won(self, better: str) -> dict[str, list[str]]:
+        """Group to the labels of its figures in which one side is better, neither is, or nothing is said."""
+        groups: dict[str, list[str]] = {}
+        for row in self.rows:
+            if row.better == better:
+                groups.setdefault(row.group, []).append(row.label)
+        return groups
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything, as plain data."""
+        sides = {
+            key: {
+                "name": side.label,
+                "outcome": side.outcome,
+                "steps_completed": side.saved.record.outcome.steps_completed,
+                "model": side.plan.parameters.model,
+                "step_length": side.plan.parameters.step_length,
+                "switching_velocity": side.plan.parameters.switching_velocity,
+                "mean_velocity": side.plan.constants.mean_velocity,
+                "single_support_duration": side.plan.constants.single_support_duration,
+                "double_support_duration": side.plan.constants.double_support_duration,
+                "joint_acceleration_jump": {
+                    "grid": side.joints.grid,
+                    "jump": side.joints.jump,
+                    "limit": side.joints.limit,
+                    "joint": side.joints.joint,
+                },
+            }
+            for key, side in (("a", self.a), ("b", self.b))
+        }
+        figures = {
+            row.name: {
+                "group": row.group,
+                "label": row.label,
+                "unit": row.unit,
+                "a": row.a,
+                "b": row.b,
+                "ratio": row.ratio,
+                "uncertainty": {"a": row.u_a, "b": row.u_b},
+                "better": row.better,
+            }
+            for row in self.rows
+        }
+        studies = None if self.studies is None else [study.as_dict() for study in self.studies]
+        rest = {"window": self.window, "uncertainty": studies, "figures": figures}
+        return dict(json_ready({**sides, **rest}))
+
+
+# ------------------------------------------------------------------------------------------------- getting
+
+
+def compare_pair(
+    a: str,
+    b: str,
+    settings: Sequence[str] = (),
+    *,
+    uncertainty: Sequence[Path] = (),
+    out: Path | None = None,
+    force: bool = False,
+    stages: Silent | None = None,
+) -> Pair:
+    """Walk or load two gaits, compare them, and write the comparison if it is to be kept.
+
+    Args:
+        a: preset, TOML file, or folder of a run.
+        b: likewise.
+        settings: ``key=value`` texts for the gaits that are to be walked.
+        uncertainty: ``convergence.json`` of both gaits; without, no figure of a walk is called better.
+        out: folder for the report, the numbers, a picture, and the runs that were made; None keeps nothing.
+        force: replace an earlier comparison in ``out``.
+        stages: where to report progress.
+
+    Raises:
+        InputError, MathematicalRefusal, BodilyRefusal: a gait or folder cannot be used.
+    """
+    stages = stages or Silent()
+    sources = [_source(text, settings) for text in (a, b)]
+    if settings and all(isinstance(source, Path) for source in sources):
+        raise InputError(
+            "both sides are runs that are already walked: --set has nothing to change; leave it out."
+        )
+    labels = _labels(sources)
+    for label, source in zip(labels, sources, strict=True):
+        if isinstance(source, Request):  # refuse bad mathematics before anything walks
+            plan_gait(source.run.gait, mass=source.run.body.mass)
+        elif not (source / "summary.json").is_file():
+            raise InputError(
+                f"{label} is no folder of a finished run; give a preset, a TOML file or a run's folder."
+            )
+    studies = _studies(sources, labels, uncertainty)
+    folders = _folders(out, labels, sources, force=force)
+    with _place(out) as place:
+        sides = []
+        for label, source, folder in zip(labels, sources, folders, strict=True):
+            if isinstance(source, Request):
+                target = folder or place / label
+                options = Options(force=force, recording=out is not None)
+                trial = validate(source, target, options, stages=stages)
+                if (
+                    trial.summary["outcome"] == "interrupted"
+                ):  # whoever stops one walk does not want the other
+                    raise KeyboardInterrupt
+                source = target
+            sides.append(_side(label, source, stages))
+        pair = pair_of(*sides, studies=studies)
+    if out is not None:
+        write_pair(pair, out)
+    return pair
+
+
+def _source(text: str, settings: Sequence[str]) -> Request | Path:
+    """A gait to walk, or the folder of a run."""
+    if Path(text).is_dir():
+        return Path(text)
+    return request(text, settings)
+
+
+def _studies(
+    sources: Sequence[Request | Path], labels: Sequence[str], files: Sequence[Path]
+) -> tuple[Uncertainty, Uncertainty] | None:
+    """The convergence study of either side, before anything walks.
+
+    Raises:
+        InputError: a file is none, or none is of one of the gaits.
+    """
+    if not files:
+        return None
+    known = [load_uncertainty(file) for file in files]
+    a, b = (
+        matching(known, s if isinstance(s, Request) else Request(label, load_run(s / RUN_FILE, ())))
+        for label, s in zip(labels, sources, strict=True)
+    )
+    return a, b
+
+
+def _labels(sources: Sequence[Request | Path]) -> list[str]:
+    """Names for tables; two of one name are told apart by a number."""
+    names = [s.name if isinstance(s, Request) else s.resolve().name for s in sources]
+    if names[0] == names[1]:
+        if all(isinstance(source, Request) for source in sources):
+            raise InputError(
+                f"both gaits are named {names[0]!r}; give two different ones, or folders of runs."
+            )
+        names = [f"{name}-{number}" for number, name in enumerate(names, start=1)]
+    return names
+
+
+def _folders(
+    out: Path | None, labels: Sequence[str], sources: Sequence[Request | Path], *, force: bool
+) -> list[Path | None]:
+    """Where each run that is to be made goes; refuses what must not be written.
+
+    Raises:
+        InputError: ``out`` is a file, holds something else, or holds a comparison and ``force`` is off.
+    """
+    if out is None:
+        return [None, None]
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out} is a file, not a folder; give another folder.")
+    entries = {entry.name for entry in out.iterdir()} if out.is_dir() else set()
+    if entries and not force:
+        raise InputError(
+            f"--out {out} exists and is not empty; give another folder, or --force to replace it."
+        )
+    if entries & RUN_FILES - {REPORT} or (entries and not entries & set(_OWN)):
+        raise InputError(
+            f"--out {out} holds no comparison, so --force does not replace it; give another folder."
+        )
+    folders = [
+        out / name if isinstance(s, Request) else None for name, s in zip(labels, sources, strict=True)
+    ]
+    for folder in folders:
+        if folder is not None:
+            check_run_folder(folder, force=force)
+    return folders
+
+
+@contextmanager
+def _place(out: Path | None) -> Iterator[Path]:
+    """Folder for runs: ``out``, or one that vanishes."""
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        yield out
+        return
+    with tempfile.TemporaryDirectory(prefix="ampm-compare-") as folder:
+        yield Path(folder)
+
+
+def _side(label: str, folder: Path, stages: Silent) -> Side:
+    """Load a run and solve its motion on all grids."""
+    saved = load_saved_run(folder)
+    if not len(saved.signals):
+        raise InputError(f"{label} ended before its first instant; there is nothing to compare.")
+    run = saved.parameters
+    with stages.stage(f"{label}: motion on {len(GRIDS)} grids") as stage:
+        body = make_body(run)
+        sole = body.model.description.sole
+        plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=sole)
+        motions = []
+        for step in GRIDS:
+            finer = run.replace({"solver.ik_time_step": step})
+            motions.append(solve_motion(plan, finer, body.robot, progress=stage.note, cache=motion_cache()))
+        joints = joint_jumps(motions, body.robot, GRIDS)
+    outcome = saved.record.outcome
+    return Side(label, saved, plan, joints, outcome.completed, str(outcome.name))
+
+
+# ------------------------------------------------------------------------------------------------ figuring
+
+
+def joint_jumps(motions: Sequence[WholeBodyMotion], robot: Robot, grids: Sequence[float]) -> Joints:
+    """Change of joint accelerations over the grid interval that ends at a switch, and what is left of it.
+
+    Args:
+        motions: of one gait, on finer and finer grids.
+        robot: the body.
+        grids: the largest step of each, only reported [s].
+    """
+    steps, changes = [], []
+    for motion in motions:
+        a, time = motion.acceleration[:, 6:], motion.time
+        switch = int(np.searchsorted(time, motion.double_support_start - 1e-9))
+        # The step begins with a switch too: the interval before it is the step's last one, mirrored.
+        changes.append(np.stack([a[switch] - a[switch - 1], a[0] - robot.mirror_joints(a[-2])]))
+        steps.append(np.array([time[switch] - time[switch - 1], time[-1] - time[-2]])[:, None])
+    # A continuous acceleration changes in proportion to the step; what is left at none is a jump.
+    h, finer = steps[-2:]
+    limit = np.abs((changes[-1] * h - changes[-2] * finer) / (h - finer))
+    joint = int(limit.max(axis=0).argmax())
+    return Joints(
+        grid=tuple(grids),
+        jump=tuple(float(np.abs(change).max()) for change in changes),
+        limit=float(limit.max()),
+        joint=robot.joint_names[joint],
+    )
+
+
+def pair_of(
+    a: Side, b: Side, *, window: float = WINDOW, studies: tuple[Uncertainty, Uncertainty] | None = None
+) -> Pair:
+    """All figures of two walked sides, with the numerical uncertainty that the studies found."""
+    figures_a, figures_b = _figures(a, window), _figures(b, window)
+    # A study looks at windows of its own width, and at no others.
+    known = studies if studies is not None and window == WINDOW else (None, None)
+    rows = tuple(
+        Row(
+            group,
+            name,
+            label,
+            unit,
+            figures_a[name],
+            figures_b[name],
+            least,
+            _uncertainty(name, unit, a, known[0]),
+            _uncertainty(name, unit, b, known[1]),
+        )
+        for group, name, label, unit, least in catalogue(window)
+    )
+    return Pair(a, b, rows, window, studies)
+
+
+def _uncertainty(name: str, unit: str, side: Side, study: Uncertainty | None) -> float:
+    """Of one figure in the unit of the catalogue."""
+    if name.startswith(UNWALKED):
+        return 0.0
+    if study is None:
+        return math.nan
+    record = side.saved.record
+    return study.bounds.get(studied_name(name), math.nan) / si_unit(unit, record.mass * record.gravity)[0]
+
+
+def _figures(side: Side, window: float) -> dict[str, float]:
+    """Every figure of one side, in the units of the catalogue."""
+    plan, record = side.plan, side.saved.record
+    residuals = plan.residuals()
+    jump = residuals.acceleration * plan.gravity
+    return {
+        "plan_acceleration": jump,
+        "plan_force": 100.0 * jump / plan.gravity,
+        "plan_zmp": 1e3 * residuals.zmp * plan.parameters.com_height,
+        "plan_moment": residuals.moment * plan.weight * plan.parameters.com_height,
+        "joint_limit": side.joints.limit,
+        **{f"joint_{1e3 * h:g}ms": j for h, j in zip(side.joints.grid, side.joints.jump, strict=True)},
+        **walked_figures(plan, side.saved.signals, record, window),
+        **summary_figures(side.saved.summary, record.mass * record.gravity),
+        "unsolved": float(np.count_nonzero(record.qp_status == 2)),
+    }
+
+
+# ------------------------------------------------------------------------------------------------- telling
+
+
+def write_pair(pair: Pair, out: Path) -> None:
+    """Write report, numbers and picture into a folder."""
+    from validation.study.compare.report import draw_file, render
+
+    with output_file(out / NUMBERS) as work:
+        text = json.dumps(pair.as_dict(), indent=2, allow_nan=False)
+        work.write_text(text + "\n", encoding="utf-8")
+    with output_file(out / PICTURE) as work:
+        draw_file(pair, work)
+    with output_file(out / REPORT) as work:
+        work.write_text(render(pair), encoding="utf-8")
+
+
+def facts(pair: Pair) -> list[tuple[str, str, str]]:
+    """What both gaits are: name of the fact, first side, second side."""
+
+    def both(label: str, tell: Any) -> tuple[str, str, str]:
+        return label, tell(pair.a), tell(pair.b)
+
+    return [
+        both("outcome", lambda s: f"{s.outcome}, {s.saved.record.outcome.steps_completed} steps"),
+        both("model", lambda s: s.plan.parameters.model),
+        both("step length", lambda s: f"{s.plan.parameters.step_length:g} m"),
+        both("speed at a switch", lambda s: f"{s.plan.parameters.switching_velocity:g} m/s"),
+        both("mean speed", lambda s: f"{s.plan.constants.mean_velocity:.3f} m/s"),
+        both("single support", lambda s: f"{s.plan.constants.single_support_duration:.3f} s"),
+        both("double support", lambda s: f"{s.plan.constants.double_support_duration:.3f} s"),
+        both("joint that jumps most", lambda s: s.joints.joint.replace("_", " ")),
+    ]
+
+
+def print_pair(pair: Pair) -> None:
+    """Print both sides for a reader."""
+    a, b = pair.a.label, pair.b.label
+    columns = [("", "left"), (a, "right"), (b, "right")]
+    print_table(f"{a} and {b}", columns, facts(pair))
+    columns += [("unit", "left"), ("ratio", "right"), ("better", "left")]
+    for group in dict.fromkeys(row.group for row in pair.rows):
+        rows = [row for row in pair.rows if row.group == group]
+        cells = [
+            (
+                row.label,
+                shown(row.a),
+                shown(row.b),
+                "" if row.unit == "1" else row.unit.replace("% of body weight", "% of weight"),
+                _ratio(row),
+                {"a": a, "b": b, "even": "=", "": ""}[row.better],
+            )
+            for row in rows
+        ]
+        print_table(group, columns, cells)
+    for better, words in verdicts(pair):
+        count = sum(row.better == better for row in pair.rows)
+        print_line(f"{words} {count} of {len(pair.rows)} figures")
+    print_line(f"  {known(pair)}".replace("[", "\\["))
+
+
+def verdicts(pair: Pair) -> list[tuple[str, str]]:
+    """Values of :attr:`Row.better`, and the words for them."""
+    return [
+        ("a", f"{pair.a.label} is better in"),
+        ("even", "no difference in"),
+        ("b", f"{pair.b.label} is better in"),
+        ("", "nothing is said of"),
+    ]
+
+
+def known(pair: Pair) -> str:
+    """What a difference is held against, in a sentence or two."""
+    if pair.studies is None:
+        return (
+            "No convergence study was given (--uncertainty FILE, one per gait): of the walks no figure is "
+            "called better, only of plan and motion, which are not simulated."
+        )
+    told = []
+    for side, study in zip((pair.a, pair.b), pair.studies, strict=True):
+        inside = " + ".join(study.studies) or "no numerical study"
+        lacking = f", not studied: {', '.join(study.not_studied)}" if study.not_studied else ""
+        told.append(f"of {side.label} ({inside}{lacking})")
+    return (
+        f"A difference within the sum of both numerical uncertainties, {' and '.join(told)}, is no result, "
+        "nor is one of a figure whose uncertainty is not known."
+    )
+
+
+def shown(value: float) -> str:
+    """A figure for a table: rounding errors are 0."""
+    return "0" if abs(value) < 1e-9 else figure(value, 3)
+
+
+def _ratio(row: Row) -> str:
+    if row.ratio is None:
+        return ""
+    return "> 1000" if row.ratio > 1000.0 else "< 0.001" if row.ratio < 1e-3 else figure(row.ratio, 3)
+
+
+def status(pair: Pair) -> tuple[int, int]:
+    """Exit status of both sides: 0 completed, 3 did not complete, 130 interrupted."""
+    codes = {"completed": 0, "interrupted": 130}
+    return codes.get(pair.a.outcome, 3), codes.get(pair.b.outcome, 3)

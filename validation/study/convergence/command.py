@@ -1,0 +1,155 @@
+"""``ampm convergence``: from options to studies, a verdict and files."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ampm.exceptions import InputError
+from validation.cli.console import Silent, json_ready
+from validation.judge import profiles
+from validation.store.folders import output_file
+from validation.study.convergence.execute import runs_of, walk_levels
+from validation.study.convergence.result import Convergence, combine
+from validation.study.convergence.studies import LEVELS, STEPS, Runner, studies, walk_level
+from validation.study.convergence.table import markdown
+from validation.study.convergence.uncertainty import FILE
+from validation.trial import planning
+
+MARKDOWN = "convergence.md"
+PICTURES = ("convergence.svg", "convergence.png")
+FILES = (FILE, MARKDOWN, *PICTURES)
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a gait is studied.
+
+    Attributes:
+        steps: walked at every level.
+        levels: of every numerical study.
+        only: studies, all by default.
+        profile: name of the tolerance profile.
+        workers: processes, None for one a core.
+        out: folder of the files, None for none.
+        force: replace an earlier study there.
+    """
+
+    steps: int = STEPS
+    levels: int = LEVELS
+    only: Sequence[str] = ()
+    profile: str = "default"
+    workers: int | None = None
+    out: Path | None = None
+    force: bool = False
+
+
+def run(
+    gait: str,
+    settings: Sequence[str],
+    options: Options,
+    *,
+    stages: Silent | None = None,
+    runner: Runner = walk_level,
+) -> Convergence:
+    """Study one gait, and write the files if a folder was given.
+
+    Args:
+        gait: preset or TOML file.
+        settings: ``key=value`` texts.
+        options: how.
+        stages: where to report progress.
+        runner: what walks one level.
+
+    Raises:
+        InputError, RefusedGait: the request cannot be met; nothing is written.
+    """
+    stages = stages or Silent()
+    if options.steps < 2:
+        raise InputError(
+            f"--steps {options.steps}: the first step is in no metric; walk 2 at least.", value=options.steps
+        )
+    workers = options.workers if options.workers is not None else _cores()
+    if workers < 1:
+        raise InputError(f"--workers {workers}: at least one process has to walk.", value=workers)
+    profile = profiles.profile(options.profile)
+    if options.out is not None:
+        check_folder(options.out, force=options.force)
+    request = planning.request(gait, [*settings, f"gait.steps={options.steps}"])
+    found = studies(request.run, options.only, levels=options.levels)
+    _check_ticks(request)
+    if runner is walk_level:  # refusals come before any worker starts, and the motion is in the cache
+        planning.plan(request, with_body=True, stages=stages)
+    walks = walk_levels(
+        runs_of(request.run, found), request.name, profile, workers=workers, stages=stages, runner=runner
+    )
+    result = combine(request, profile, found, walks)
+    if options.out is not None:
+        write(result, options.out)
+    return result
+
+
+def _cores() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _check_ticks(request: planning.Request) -> None:
+    """Refuse a control period that is no multiple of the time step: halving it does not mend that.
+
+    Raises:
+        InputError: it is none.
+    """
+    frequency, step = request.run.controller.frequency, request.run.simulation.time_step
+    ratio = 1.0 / (frequency * step)
+    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
+        raise InputError(
+            f"controller.frequency = {frequency:g} Hz is a tick every {ratio:.4g} time steps of {step:g} s; "
+            f"it must be a whole number: choose for example simulation.time_step="
+            f"{1.0 / (frequency * max(1, round(ratio))):g}.",
+            key="simulation.time_step",
+            value=step,
+        )
+
+
+def check_folder(out: Path, *, force: bool) -> None:
+    """Refuse a folder that must not be written.
+
+    Raises:
+        InputError: it is a file, or is not empty and ``force`` is off, or holds what no study writes.
+    """
+    if not out.exists() and not out.is_symlink():
+        return
+    if not out.is_dir():
+        raise InputError(f"--out {out} is a file, not a folder; give another folder.")
+    entries = {entry.name for entry in out.iterdir()}
+    if not entries:
+        return
+    if not force:
+        raise InputError(
+            f"--out {out} exists and is not empty; give another folder, or --force to replace it."
+        )
+    foreign = sorted(entries - set(FILES))
+    if foreign:
+        raise InputError(
+            f"--out {out} holds {foreign[0]!r}, which no convergence study writes, so --force does not "
+            "replace it; give another folder."
+        )
+
+
+def write(result: Convergence, out: Path) -> None:
+    """Write table, pictures and, last, ``convergence.json``: where that is, the study is whole."""
+    from validation.study.convergence.picture import draw
+
+    (out / FILE).unlink(missing_ok=True)
+    with output_file(out / MARKDOWN) as path:
+        path.write_text(markdown(result), encoding="utf-8")
+    for name in PICTURES:
+        with output_file(out / name) as path:
+            draw(result, path)
+    text = json.dumps(json_ready(result.as_dict()), indent=2, allow_nan=False)
+    with output_file(out / FILE) as path:
+        path.write_text(f"{text}\n", encoding="utf-8")

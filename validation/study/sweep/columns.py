@@ -1,0 +1,414 @@
+"""Columns of a sweep's table: name, type, unit and meaning of each, in the order of the table.
+
+One row per run. What is undefined is null, never NaN. Every column but those that begin with ``timing_`` or
+``environment_`` is a function of the definition alone: the same bits whatever the workers, and whatever
+happened on the way.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+import pyarrow as pa
+
+from ampm.parameters import RunParameters, keys
+from ampm.planner.gait import PlanConstants
+from validation.measure.instruments.names import INSTRUMENT_COLUMNS
+from validation.store.environment import DISTRIBUTIONS
+
+TABLE_METADATA = b"ampm_sweep"
+"""Schema metadata of a table: JSON with the definition, the tolerances, and these columns in words."""
+
+OUTCOMES = (
+    "completed",
+    "fell",
+    "diverged",
+    "infeasible",
+    "refused",
+    "crashed",
+    "timed_out",
+    "interrupted",
+)
+"""How a run can end. The first four are ends of a walk; the others never walked, or not to an end."""
+WALKED = OUTCOMES[:4]
+
+NOT_REPRODUCIBLE = ("timing_", "environment_")
+"""Beginnings of the columns in which equal runs may differ."""
+
+Kind = Literal["real", "whole", "text", "flag"]
+_TYPES: Mapping[Kind, pa.DataType] = {
+    "real": pa.float64(),
+    "whole": pa.int64(),
+    "text": pa.string(),
+    "flag": pa.bool_(),
+}
+_KEY_DIGITS = 20
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of the table.
+
+    Attributes:
+        name: as in the file.
+        kind: real (float64), whole (int64), text (UTF-8), flag (bool).
+        unit: SI unit, ``1`` for a plain number, empty for words.
+        words: meaning.
+    """
+
+    name: str
+    kind: Kind
+    unit: str
+    words: str
+
+    @property
+    def reproducible(self) -> bool:
+        """Whether equal runs have equal values here, to the bit."""
+        return not self.name.startswith(NOT_REPRODUCIBLE)
+
+
+def _identity() -> list[Column]:
+    return [
+        Column("run", "whole", "1", "number of the run in the sweep, from 0"),
+        Column("name", "text", "", "the same, padded with zeros: name of the run's folder"),
+        Column(
+            "key",
+            "text",
+            "",
+            "hash of all parameters and of the profile: the same run in another sweep has the same key",
+        ),
+    ]
+
+
+def _parameters() -> list[Column]:
+    columns = []
+    kinds: dict[type, Kind] = {float: "real", int: "whole", bool: "flag"}
+    default = RunParameters()
+    for key in keys():
+        section, _, leaf = key.partition(".")
+        model = getattr(default, section)
+        field = type(model).model_fields[leaf]
+        extra = field.json_schema_extra
+        kind = kinds.get(type(getattr(model, leaf)), "text")
+        unit = str(extra.get("unit", "1")) if isinstance(extra, dict) else "1"
+        columns.append(Column(key, kind, "" if kind == "text" else unit, field.description or ""))
+    return columns
+
+
+_PLAN = (
+    ("l_s", "m", "half the COM's travel in single support"),
+    ("l_d", "m", "half the COM's travel in double support"),
+    ("inverse_a_s", "1", "ZMP travel over COM travel in single support"),
+    ("a_d", "1", "COM travel over ZMP travel in double support"),
+    ("c_d", "1", "slope of the force line in double support"),
+    ("single_support_duration", "s", "duration of a single support"),
+    ("double_support_duration", "s", "duration of a double support"),
+    ("s", "m", "lateral distance of COM and stance foot at a switch"),
+    ("beta", "m", "lateral distance of COM and midline at a switch"),
+    ("lateral_switching_velocity", "m/s", "lateral speed of the COM at a switch"),
+    ("mean_velocity", "m/s", "mean forward speed"),
+    ("angular_momentum_y_offset", "N m s", "mean of L_y about the COM; null for a run without motion"),
+    ("step_duration", "s", "duration of a step"),
+    ("duration", "s", "duration of the planned walk"),
+)
+_MOTION = (
+    ("residual", "1", "largest difference of the motion's mirrored return [m, rad, m/s, rad/s]"),
+    ("knee_minimum", "rad", "smallest knee flexion of the planned motion"),
+    ("joint_limit_margin", "rad", "smallest distance of the planned motion from a joint's limit"),
+    ("trunk_pitch", "rad", "mean pitch of the trunk in the planned motion"),
+)
+"""Columns ``plan_motion_*``."""
+
+
+def _plan() -> list[Column]:
+    columns = [Column(f"plan_{name}", "real", unit, words) for name, unit, words in _PLAN]
+    columns.append(
+        Column(
+            "plan_zmp_margin",
+            "real",
+            "m",
+            "smallest distance of the planned ZMP from the edge of the planned support; negative outside",
+        )
+    )
+    return columns + [Column(f"plan_motion_{name}", "real", unit, words) for name, unit, words in _MOTION]
+
+
+def _outcome() -> list[Column]:
+    return [
+        Column("outcome", "text", "", ", ".join(OUTCOMES)),
+        Column("reason", "text", "", "of a refusal, its short name; of a crash, the error's type; else null"),
+        Column("cause", "text", "", "one sentence on why the run did not complete, else null"),
+        Column("verdict", "text", "", "pass, fail or not_measured; null for a run that did not walk"),
+        Column("failed", "text", "", "metrics out of tolerance, separated by commas; empty if none is"),
+        Column("steps_completed", "whole", "1", "whole steps walked; null for a run that did not walk"),
+        Column("outcome_time", "real", "s", "simulated time at the end of the walk"),
+    ]
+
+
+def _metrics() -> list[Column]:
+    signals = [
+        *((f"zmp_{axis}", "m", "ZMP, measured minus planned") for axis in "xy"),
+        *((f"force_{axis}", "N", "net ground force, measured minus planned") for axis in "xyz"),
+        *(
+            (f"angular_momentum_{axis}", "N m s", "angular momentum about the COM, measured minus planned")
+            for axis in "xy"
+        ),
+        (
+            "angular_momentum_z",
+            "N m s",
+            "angular momentum about the vertical, measured minus that of the whole-body motion",
+        ),
+        *((f"com_{axis}", "m", "COM, measured minus planned") for axis in "xyz"),
+        *(
+            (f"{side}_foot_{axis}", "m", f"{side} foot's reference point, measured minus planned")
+            for side in ("left", "right")
+            for axis in "xyz"
+        ),
+    ]
+    columns = []
+    for name, unit, words in signals:
+        columns.append(Column(f"metric_{name}_rmse", "real", unit, f"root mean square of: {words}"))
+        columns.append(Column(f"metric_{name}_maximum", "real", unit, f"largest magnitude of: {words}"))
+    others = (
+        ("zmp_agreement_rmse", "m", "root mean square distance of the ZMP by contact and by momentum"),
+        ("zmp_agreement_maximum", "m", "largest distance of the ZMP by contact and by momentum"),
+        ("force_agreement_rmse", "N", "root mean square of contact force minus m (a + g)"),
+        ("com_agreement_maximum", "m", "largest distance of MuJoCo's and Pinocchio's COM"),
+        (
+            "angular_momentum_agreement_maximum",
+            "N m s",
+            "largest difference of MuJoCo's and Pinocchio's angular momentum",
+        ),
+        ("impulse_residual", "1", "vertical impulse of the floor against weight and momentum, relative"),
+        ("failed_qp", "1", "control ticks whose QP stayed unsolved"),
+        ("unsupported_instants", "1", "instants without any contact force"),
+        ("standing_weight_error", "1", "the still body's weight, measured against its mass, relative"),
+    )
+    return columns + [Column(f"metric_{name}", "real", unit, words) for name, unit, words in others]
+
+
+def _margins() -> list[Column]:
+    return [
+        Column("margin_torque", "real", "1", "largest share of a motor's limit that was used"),
+        Column("margin_torque_joint", "text", "", "that motor's joint"),
+        Column("margin_saturated", "real", "1", "share of the time in which some motor was at its limit"),
+        Column(
+            "margin_friction",
+            "real",
+            "1",
+            "largest tangential over normal force of a foot that carries weight",
+        ),
+        Column("margin_friction_net", "real", "1", "the same of the net ground force"),
+        Column("margin_joint", "real", "rad", "smallest distance of a joint from its range"),
+        Column("margin_joint_name", "text", "", "that joint"),
+        Column("margin_knee", "real", "rad", "smallest knee flexion"),
+        Column(
+            "margin_plan_polygon",
+            "real",
+            "m",
+            "smallest distance of the planned ZMP into the planned support",
+        ),
+        Column(
+            "margin_plan_in_measured_polygon",
+            "real",
+            "m",
+            "smallest distance of the planned ZMP into the polygon of the points that carried force",
+        ),
+        Column(
+            "margin_measured_polygon",
+            "real",
+            "m",
+            "smallest distance of the measured ZMP into the polygon of the points that carried force",
+        ),
+        Column("margin_slip", "real", "m", "longest way that a foot slid in one stance"),
+        Column("margin_penetration", "real", "m", "deepest sole point under the floor"),
+    ]
+
+
+def _cost() -> list[Column]:
+    effort = [
+        *(
+            Column(f"effort_force_{axis}", "real", "N", "root mean square of commanded minus planned force")
+            for axis in "xyz"
+        ),
+        *(
+            Column(f"effort_zmp_{axis}", "real", "m", "root mean square of commanded minus planned ZMP")
+            for axis in "xy"
+        ),
+        *(
+            Column(
+                f"effort_angular_momentum_{axis}",
+                "real",
+                "N m s",
+                "root mean square of commanded minus planned angular momentum",
+            )
+            for axis in "xy"
+        ),
+    ]
+    return [
+        Column("qp_ticks", "whole", "1", "control ticks"),
+        Column("qp_limited", "whole", "1", "control ticks whose QP needed torque or joint limits"),
+        Column("qp_unsolved", "whole", "1", "control ticks whose QP stayed unsolved"),
+        Column("qp_iterations_maximum", "whole", "1", "most iterations of a control tick's QP"),
+        *effort,
+        Column("energy_positive_work", "real", "J", "positive work of the motors, without the first step"),
+        Column("energy_negative_work", "real", "J", "negative work of the motors, without the first step"),
+        Column("energy_distance", "real", "m", "way of the COM in that time"),
+        Column(
+            "energy_cost_of_transport", "real", "1", "positive work over weight times distance (mechanical)"
+        ),
+        Column("energy_mean_power", "real", "W", "positive work over time"),
+    ]
+
+
+def _recording() -> list[Column]:
+    return [
+        Column(
+            "recording",
+            "text",
+            "",
+            "folder of the run, relative to the sweep's; null if the run was not kept",
+        ),
+    ]
+
+
+def _instrument() -> list[Column]:
+    """Null without ``sweep.instrument``."""
+    return [Column(name, "real", unit, words) for name, (unit, words) in INSTRUMENT_COLUMNS.items()]
+
+
+def _timings() -> list[Column]:
+    return [
+        Column("timing_planning", "real", "s", "wall clock of body, plan and whole-body motion"),
+        Column("timing_motion", "real", "s", "of which the whole-body motion"),
+        Column("timing_simulation", "real", "s", "wall clock of the closed loop"),
+        Column("timing_measurement", "real", "s", "wall clock of weighing, measurement, comparison, verdict"),
+        Column("timing_recording", "real", "s", "wall clock of writing the run's folder"),
+        Column("timing_total", "real", "s", "wall clock of the whole run on its worker"),
+        Column("timing_cpu_planning", "real", "s", "processor time of body, plan and whole-body motion"),
+        Column("timing_cpu_walk", "real", "s", "processor time of closed loop and measurement"),
+        Column("timing_cpu_total", "real", "s", "processor time of the whole run on its worker"),
+        Column("timing_real_time_factor", "real", "1", "simulated time over wall clock of the closed loop"),
+    ]
+
+
+def version_column(distribution: str) -> str:
+    """Column of a distribution's version."""
+    return f"environment_version_{distribution.replace('-', '_')}"
+
+
+def _environment() -> list[Column]:
+    return [
+        Column("environment_time", "text", "", "when the run ended (UTC, ISO 8601)"),
+        Column("environment_worker", "text", "", "worker that walked it; null if none had to"),
+        Column("environment_attempts", "whole", "1", "times it was begun; more than 1 if workers were lost"),
+        Column("environment_memory_peak", "real", "MB", "largest resident memory of the worker so far"),
+        Column("environment_revision", "text", "", "git commit of the code; null outside a checkout"),
+        Column("environment_modified", "flag", "", "whether tracked files differed from that commit"),
+        Column("environment_code", "text", "", "hash of the sources and versions that results can depend on"),
+        Column("environment_python", "text", "", "version of Python"),
+        *(Column(version_column(name), "text", "", f"version of {name}") for name in DISTRIBUTIONS),
+        Column("environment_platform", "text", "", "operating system and machine type"),
+        Column("environment_processor", "text", "", "processor"),
+    ]
+
+
+COLUMNS: tuple[Column, ...] = (
+    *_identity(),
+    *_parameters(),
+    *_plan(),
+    *_outcome(),
+    *_metrics(),
+    *_margins(),
+    *_cost(),
+    *_instrument(),
+    *_recording(),
+    *_timings(),
+    *_environment(),
+)
+"""All columns, in the order of the table."""
+
+_BY_NAME = {column.name: column for column in COLUMNS}
+if {name for name, *_ in _PLAN} - {"step_duration", "duration"} != {
+    field.name for field in fields(PlanConstants)
+}:
+    raise TypeError("a constant of the plan has no column")
+
+
+def column(name: str) -> Column:
+    """The column of that name.
+
+    Raises:
+        KeyError: there is none.
+    """
+    return _BY_NAME[name]
+
+
+def schema(metadata: Mapping[str, Any] | None = None) -> pa.Schema:
+    """Arrow schema of the table.
+
+    Args:
+        metadata: goes into the schema as JSON, see :func:`table_metadata`.
+    """
+    arrow = pa.schema([pa.field(item.name, _TYPES[item.kind]) for item in COLUMNS])
+    if metadata is None:
+        return arrow
+    text = json.dumps(dict(metadata), sort_keys=True, allow_nan=False)
+    return arrow.with_metadata({TABLE_METADATA: text.encode()})
+
+
+def described_columns() -> dict[str, dict[str, str]]:
+    """Name to unit and meaning, for a table's metadata."""
+    return {item.name: {"unit": item.unit, "words": item.words} for item in COLUMNS}
+
+
+def reproducible_columns() -> list[str]:
+    """Names of the columns that are the same bits in equal sweeps."""
+    return [item.name for item in COLUMNS if item.reproducible]
+
+
+def parameter_values(run: RunParameters) -> dict[str, Any]:
+    """Namespaced key to value, in the order of the table."""
+    sections = run.model_dump()
+    return {f"{name}.{key}": value for name, section in sections.items() for key, value in section.items()}
+
+
+def run_key(values: Mapping[str, Any], profile: str, instrument: str | None = None) -> str:
+    """Hash of all that decides a run's results.
+
+    Args:
+        values: of every parameter, see :func:`parameter_values`.
+        profile: of the tolerances, which decide the verdict.
+        instrument: sensor model beside the simulator's truth, if any.
+    """
+    listed = [[key, value] for key, value in values.items()]
+    text = json.dumps([listed, profile, instrument])
+    return hashlib.sha256(text.encode()).hexdigest()[:_KEY_DIGITS]
+
+
+def tidy(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row as the table holds it: every column there, what is undefined null.
+
+    Raises:
+        KeyError: an entry has no column.
+    """
+    unknown = row.keys() - _BY_NAME.keys()
+    if unknown:
+        raise KeyError(f"no column for {', '.join(sorted(unknown))}")
+    return {name: _plain(row.get(name)) for name in _BY_NAME}
+
+
+def table_of(rows: list[dict[str, Any]], metadata: Mapping[str, Any] | None = None) -> pa.Table:
+    """Table of tidied rows."""
+    return pa.Table.from_pylist(rows, schema=schema(metadata))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float):
+        return None if math.isnan(value) else value
+    return value

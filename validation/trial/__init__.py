@@ -1,0 +1,1 @@
+"""From run parameters to a simulation record in memory."""

@@ -1,0 +1,319 @@
+"""Walk a motion in MuJoCo under torque control; the only module that owns ``MjData``.
+
+Each step is ``mj_step1`` (kinematics, contacts, sensors), a control tick where one is due, and ``mj_step2``,
+so that the controller senses the contacts of the very state it acts on. The run starts on the periodic
+motion.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+
+from ampm.body.robot import Robot
+from ampm.control.controller import LIMITED, ControlOutput, TrackingController
+from ampm.control.reference import tracking_reference
+from ampm.exceptions import InputError
+from validation.trial.bridge import pinocchio_model, to_mujoco
+from validation.trial.log import RunLog
+from validation.trial.record import Outcome, OutcomeName, SimulationRecord
+from validation.trial.watch import End, Watch
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ampm.body.motion import WholeBodyMotion
+    from ampm.parameters import RunParameters
+    from ampm.planner.gait import GaitPlan
+    from models.human import BodyModel
+
+_PROGRESS_STEPS = 50
+_NO_POINTS = np.zeros(0, dtype=np.intp)
+_XYZW = np.array([4, 5, 6, 3])  # Pinocchio's order of the root's quaternion
+_BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Indices of the sole points' geoms and sites in the compiled model."""
+
+    of_geom: NDArray[np.intp]
+    sites: NDArray[np.intp]
+    soles: tuple[int, ...]
+
+
+class Physics:
+    """One simulation: model, data, and what is read from them at every step.
+
+    Args:
+        body_model: MJCF and its description.
+        run: time step and control frequency.
+
+    Raises:
+        InputError: the control period is no multiple of the time step.
+    """
+
+    def __init__(self, body_model: BodyModel, run: RunParameters) -> None:
+        self.model = body_model.compile()
+        self.data = mujoco.MjData(self.model)
+        self.robot = Robot(pinocchio_model(self.model), body_model.description)
+        self.time_step = float(self.model.opt.timestep)
+        ratio = 1.0 / (run.controller.frequency * self.time_step)
+        self.substeps = round(ratio)
+        if self.substeps < 1 or abs(ratio - self.substeps) > 1e-9 * ratio:
+            raise InputError(
+                f"controller.frequency = {run.controller.frequency:g} Hz gives a tick every {ratio:.4g} time "
+                f"steps of {self.time_step:g} s; it must be a whole number: choose for example "
+                f"controller.frequency = {1.0 / (max(1, self.substeps) * self.time_step):g}"
+            )
+        description = body_model.description
+        sites = [site for _, _, site in description.sole_points()]
+        of_geom = np.full(self.model.ngeom, -1, dtype=np.intp)
+        for index, name in enumerate(sites):
+            of_geom[self.model.geom(name).id] = index
+        self.points = _Points(
+            of_geom=of_geom,
+            sites=np.array([self.model.site(name).id for name in sites]),
+            soles=tuple(int(self.model.site(leg.sole_frame).id) for leg in description.legs),
+        )
+        self.q, self.v = np.zeros(self.robot.nq), np.zeros(self.robot.nv)
+        # Views of MuJoCo's own memory.
+        root = self.model.body(description.root_segment).id
+        self._root_rotation = self.data.xmat[root].reshape(3, 3)
+        self._root_com = self.data.subtree_com[root]
+        self._trunk_axis = self.data.xmat[self.model.body(description.trunk_segment).id].reshape(3, 3)[:, 2]
+
+    def place(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> None:
+        """Set the state from Pinocchio's coordinates."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:], self.data.qvel[:] = to_mujoco(q, v)
+
+    def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """State in Pinocchio's coordinates after ``mj_step1``; the next call overwrites the arrays."""
+        qpos, qvel, q, v = self.data.qpos, self.data.qvel, self.q, self.v
+        q[:] = qpos
+        q[3:7] = qpos[_XYZW]
+        v[:] = qvel
+        v[:3] = qvel[:3].dot(self._root_rotation)  # world to root axes
+        return q, v
+
+    def com(self) -> list[float]:
+        """COM of the body after ``mj_step1``, plain numbers [m]."""
+        return self._root_com.tolist()
+
+    def trunk(self) -> list[float]:
+        """Long axis of the trunk after ``mj_step1``, plain numbers."""
+        return self._trunk_axis.tolist()
+
+    def sensed(self, point: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Whether each sole point is in contact, shape (P,), from :meth:`touching_points`."""
+        touching = np.zeros(len(self.points.sites) + 1, dtype=bool)
+        touching[point] = True
+        return touching[:-1]  # the last stands for all that is no sole point
+
+    def touching_points(self) -> NDArray[np.intp]:
+        """Sole point of every contact after ``mj_step1``, -1 for none, shape (ncon,)."""
+        if not self.data.ncon:
+            return _NO_POINTS
+        # MuJoCo sorts the two geoms of a contact by type: the floor, a plane, comes first.
+        return self.points.of_geom[self.data.contact.geom[:, 1]]
+
+
+def simulate(
+    plan: GaitPlan,
+    motion: WholeBodyMotion,
+    run: RunParameters,
+    body_model: BodyModel,
+    *,
+    steps: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> SimulationRecord:
+    """Walk the plan and record everything.
+
+    Args:
+        plan: with feet; the constant of L_y is taken from the motion.
+        motion: the periodic whole-body step.
+        run: gains, contact, time step.
+        body_model: the simulated body.
+        steps: walking steps, the plan's by default.
+        progress: called with (simulation steps done, all) now and then.
+
+    Returns:
+        The record up to the end of the run, whatever the outcome; an interrupt ends the run, not the record.
+
+    Raises:
+        InputError: control period and time step do not fit, or more steps than planned.
+    """
+    steps = plan.parameters.steps if steps is None else steps
+    if not 1 <= steps <= plan.parameters.steps:
+        raise InputError(
+            f"{steps} steps were asked for, but the plan has {plan.parameters.steps}; "
+            f"ask for 1 ... {plan.parameters.steps} or raise gait.steps"
+        )
+    physics = Physics(body_model, run)
+    plan = plan.with_angular_momentum_offset(motion.report.angular_momentum_y_offset)
+    dt = physics.time_step
+    duration = steps * plan.constants.step_duration
+    total = int(np.floor(duration / dt + 1e-9))
+    ticks = np.arange(0, total, physics.substeps, dtype=np.float64) * dt
+    reference = tracking_reference(
+        plan,
+        motion,
+        physics.robot,
+        ticks,
+        lead=run.controller.touchdown_lead,
+        early=run.controller.touchdown_window,
+        hold=(physics.substeps - 1) * dt,
+    )
+    controller = TrackingController(physics.robot, reference, run, velocity_lag=0.5 * dt)
+    start = motion.sample(np.zeros(1), physics.robot)
+    q = start.q[0].copy()
+    q[2] -= run.simulation.start_depth  # the soles carry weight from the first instant
+    physics.place(q, start.v[0])
+    return ClosedLoop(physics, controller, run, plan.constants.step_duration, total, progress).run()
+
+
+class ClosedLoop:
+    """Controller and physics, step by step, and the record of it.
+
+    Args:
+        physics: placed at the start.
+        controller: at its first tick.
+        run: parameters.
+        step_duration: of a walking step, to count those completed [s].
+        total: simulation steps.
+        progress: called with (simulation steps done, all) now and then.
+    """
+
+    def __init__(
+        self,
+        physics: Physics,
+        controller: TrackingController,
+        run: RunParameters,
+        step_duration: float,
+        total: int,
+        progress: Callable[[int, int], None] | None,
+    ) -> None:
+        self.physics, self.controller, self.run_parameters = physics, controller, run
+        self.step_duration, self.total, self.progress = step_duration, total, progress
+        points = physics.points
+        self.log = RunLog.empty(total, physics.model, points.sites, points.soles, physics.substeps)
+        self.normal_force = np.zeros(len(points.sites))
+        self.watch = Watch(run.controller.unsolved_limit)
+        self.warnings = physics.data.warning.number[_BAD_STATE]  # a view
+
+    def run(self) -> SimulationRecord:
+        """Step to the end, whatever it is; an interrupt ends the run, not the record."""
+        done, end = 0, None
+        try:
+            with _quiet_mujoco():
+                for k in range(self.total):
+                    if self.progress is not None and k % _PROGRESS_STEPS == 0:
+                        self.progress(k, self.total)
+                    end = self._step(k)
+                    if any(self.warnings.tolist()):  # MuJoCo has reset the state rather than step it
+                        end = self.watch.blown_up(k * self.physics.time_step)
+                        break
+                    done = k + 1
+                    if end is not None:
+                        break
+            if self.progress is not None:
+                self.progress(done, self.total)
+        except KeyboardInterrupt:
+            end = End(OutcomeName.INTERRUPTED, "the run was interrupted by the user")
+        self._finish(done)
+        time = done * self.physics.time_step
+        if end is None:
+            walked = round(self.total * self.physics.time_step / self.step_duration)
+            return self._record(done, Outcome(OutcomeName.COMPLETED, time, "", walked))
+        walked = int(np.floor(time / self.step_duration + 1e-6))
+        return self._record(done, Outcome(end.name, time, end.cause, walked))
+
+    def _step(self, k: int) -> End | None:
+        """One step of the physics, with a control tick where one is due."""
+        physics, log = self.physics, self.log
+        model, data = physics.model, physics.data
+        log.keep_state(k, data)
+        mujoco.mj_step1(model, data)
+        log.keep_places(k, data)
+        point = physics.touching_points()
+        end = None
+        if k % physics.substeps == 0:
+            q, v = physics.state()
+            output = self.controller.update(q, v, physics.sensed(point), self.normal_force)
+            log.keep_command(k, output)
+            data.ctrl[:] = output.torque
+            end = self._look(k, output)
+        log.torque[k] = data.ctrl
+        mujoco.mj_step2(model, data)
+        self.normal_force = log.keep_contacts(k, data, point)
+        return end
+
+    def _look(self, k: int, output: ControlOutput) -> End | None:
+        """Whether the walk is over at this step's tick."""
+        physics = self.physics
+        return self.watch.look(
+            k * physics.time_step,
+            physics.com(),
+            output.com.tolist(),
+            physics.trunk(),
+            self.controller.reference.trunk[k // physics.substeps, :, 2].tolist(),
+            output.status,
+            residual=output.residual,
+            limit=self._worst_joint(output) if output.status == LIMITED else "",
+        )
+
+    def _worst_joint(self, output: ControlOutput) -> str:
+        """The joint closest to its torque limit."""
+        robot = self.physics.robot
+        share = np.abs(output.torque) / robot.torque_limit
+        worst = int(np.argmax(share))
+        return f"{robot.joint_names[worst]} at {share[worst]:.0%} of its torque"
+
+    def _finish(self, done: int) -> None:
+        """Bring the physics to the end of the last whole step."""
+        physics, log = self.physics, self.log
+        model, data = physics.model, physics.data
+        if done < self.total and round(data.time / physics.time_step) != done:
+            # An interrupt fell between a step and its record, or MuJoCo has reset a state that it could not
+            # step: back to where that step began.
+            data.qpos[:], data.qvel[:] = log.q[done], log.qd[done]
+        mujoco.mj_forward(model, data)
+
+    def _record(self, done: int, outcome: Outcome) -> SimulationRecord:
+        dt, robot = self.physics.time_step, self.physics.robot
+        kept = self.log.close(done, self.physics.data)
+        sensors = kept.pop("sensors")
+        return SimulationRecord(
+            time=np.arange(done + 1, dtype=np.float64) * dt,
+            point_foot=robot.point_foot,
+            point_group=robot.point_group,
+            com=sensors.pop("com"),
+            angular_momentum=sensors.pop("angular_momentum"),
+            sensors=sensors,
+            tick_time=np.arange(kept["qp_time"].size, dtype=np.float64) * (self.physics.substeps * dt),
+            outcome=outcome,
+            mass=robot.mass,
+            gravity=robot.gravity,
+            time_step=dt,
+            friction=self.run_parameters.contact.friction,
+            torque_limit=robot.torque_limit,
+            joint_range=np.stack([robot.lower, robot.upper], axis=1),
+            joint_names=robot.joint_names,
+            **kept,
+        )
+
+
+@contextlib.contextmanager
+def _quiet_mujoco() -> Iterator[None]:
+    """Keep MuJoCo from writing MUJOCO_LOG.TXT into the working folder; outcomes tell of its warnings."""
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)

@@ -1,0 +1,178 @@
+"""How a walk ends: the body has fallen, the numbers have blown up, or the QP has failed; and what came first.
+
+A falling body soon asks for what no contact force can give, so its QP fails before it lies on the floor; and
+a QP that fails makes the body fall. What tells the two apart is what came first: a QP that stays unsolved
+while the body still keeps to the plan is ``infeasible``, a body that had left the plan before is given time
+to fall.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ampm.control.controller import LIMITED, UNSOLVED
+from validation.trial.record import OutcomeName
+
+FALL_SHARE = 0.75
+"""The body has fallen when its COM is lower than this share of the planned height [1]."""
+
+FALL_DISTANCE = 0.3
+"""The body has fallen when its COM is farther than this from the plan [m]: more than half a foot's length
+outside any support that the plan could offer."""
+
+FALL_TILT = math.radians(60.0)
+"""The body has fallen when its trunk leans farther than this from the planned motion's [rad]."""
+
+BLOW_UP = 20.0
+"""Speed of the COM [m/s] that only numbers reach: a fall from standing height ends at 4 m/s."""
+
+FIRST_SIGN = 0.02
+"""COM error that is told as the first sign of a failure [m]: a hundred times that of a good walk."""
+
+FIRST_TILT = math.radians(10.0)
+"""Lean of the trunk from the motion's that is told as the first sign of a failure [rad]."""
+
+CALM = 1.0
+"""Time without any sign after which the first one is forgotten [s]: what was got over caused nothing."""
+
+FALL_TIME = 1.0
+"""Time that a body off the plan is given to fall while its QP stays unsolved [s]."""
+
+
+@dataclass(frozen=True)
+class End:
+    """How a walk ended before its time.
+
+    Attributes:
+        name: the kind of end.
+        cause: one sentence: what was seen, and the first sign of it.
+    """
+
+    name: OutcomeName
+    cause: str
+
+
+class Watch:
+    """Looks at every control tick, and says when the walk is over.
+
+    Args:
+        unsolved_limit: time for which the QP may stay unsolved while the body keeps to the plan [s].
+    """
+
+    def __init__(self, unsolved_limit: float) -> None:
+        self._unsolved_limit = unsolved_limit
+        self._unsolved_since: float | None = None
+        self._unsolved_patience = unsolved_limit
+        self._last_com: Sequence[float] | None = None
+        self._last_time = 0.0
+        self._first_sign, self._last_sign = "", 0.0
+
+    def look(
+        self,
+        time: float,
+        com: Sequence[float],
+        planned: Sequence[float],
+        trunk: Sequence[float],
+        planned_trunk: Sequence[float],
+        status: int,
+        *,
+        residual: float = 0.0,
+        limit: str = "",
+    ) -> End | None:
+        """One tick.
+
+        Args:
+            time: [s].
+            com: x, y, z [m].
+            planned: COM of the plan [m].
+            trunk: its long axis in world, unit vector.
+            planned_trunk: the same of the planned motion.
+            status: of the controller's tick.
+            residual: of its QP.
+            limit: what the tick says of a torque or joint at its limit, if it is ``LIMITED``.
+
+        Returns:
+            None while the walk goes on.
+        """
+        error = com[0] - planned[0], com[1] - planned[1], com[2] - planned[2]
+        distance = math.hypot(*error)
+        lean = math.atan2(math.hypot(*_cross(trunk, planned_trunk)), _dot(trunk, planned_trunk))
+        speed = self._speed(time, com)
+        if not math.isfinite(distance + lean):
+            return self._end(OutcomeName.DIVERGED, f"the state was no longer finite at {time:.3f} s")
+        if speed > BLOW_UP:
+            return self._end(
+                OutcomeName.DIVERGED, f"the COM moved at {speed:.3g} m/s at {time:.3f} s, which no body does"
+            )
+        on_plan = distance <= FIRST_SIGN and lean <= FIRST_TILT
+        sign = ""
+        if status == UNSOLVED:
+            sign = f"an unsolved QP at {time:.3f} s (residual {residual:.2g})"
+        elif distance > FIRST_SIGN:
+            axis = "xyz"[max(range(3), key=lambda i: abs(error[i]))]
+            sign = f"a COM {distance * 1e3:.0f} mm off the plan, mostly along {axis}, at {time:.3f} s"
+        elif lean > FIRST_TILT:
+            sign = f"a trunk {math.degrees(lean):.0f} degrees off the motion's at {time:.3f} s"
+        elif status == LIMITED:
+            sign = f"a torque or joint limit at {time:.3f} s ({limit})"
+        if sign:
+            self._first_sign = self._first_sign or sign
+            self._last_sign = time
+        elif self._first_sign and time - self._last_sign > CALM:
+            self._first_sign = ""
+        fall = self._fallen(time, com, planned, distance, lean)
+        if fall:
+            return self._end(OutcomeName.FELL, fall)
+        return self._unsolved(time, status == UNSOLVED, on_plan)
+
+    def blown_up(self, time: float) -> End:
+        """The end of a walk whose accelerations the simulator refused to integrate."""
+        return self._end(OutcomeName.DIVERGED, f"the accelerations left all bounds at {time:.3f} s")
+
+    def _speed(self, time: float, com: Sequence[float]) -> float:
+        """Mean speed of the COM since the last tick [m/s]."""
+        last, span = self._last_com, time - self._last_time
+        self._last_com, self._last_time = com, time
+        return math.dist(com, last) / span if last is not None and span > 0.0 else 0.0
+
+    @staticmethod
+    def _fallen(
+        time: float, com: Sequence[float], planned: Sequence[float], distance: float, lean: float
+    ) -> str:
+        """What shows that the body has fallen, empty if it has not."""
+        if com[2] < FALL_SHARE * planned[2]:
+            return f"the COM sank to {com[2]:.2f} m at {time:.3f} s"
+        if distance > FALL_DISTANCE:
+            return f"the COM was {distance:.2f} m off the plan at {time:.3f} s"
+        if lean > FALL_TILT:
+            return f"the trunk leaned over by {math.degrees(lean):.0f} degrees at {time:.3f} s"
+        return ""
+
+    def _unsolved(self, time: float, unsolved: bool, on_plan: bool) -> End | None:
+        """The end by an unsolved QP, if it has lasted."""
+        if not unsolved:
+            self._unsolved_since = None
+            return None
+        if self._unsolved_since is None:
+            self._unsolved_since = time
+            self._unsolved_patience = (
+                self._unsolved_limit if on_plan else max(self._unsolved_limit, FALL_TIME)
+            )
+        if time - self._unsolved_since < self._unsolved_patience - 1e-9:
+            return None
+        return self._end(
+            OutcomeName.INFEASIBLE, f"the QP stayed unsolved from {self._unsolved_since:.3f} to {time:.3f} s"
+        )
+
+    def _end(self, name: OutcomeName, what: str) -> End:
+        return End(name, f"{what}; the first sign was {self._first_sign}" if self._first_sign else what)
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
