@@ -56,14 +56,14 @@ Values = dict[str, Any]
 
 def call_cli(arguments: Sequence[str]) -> int:
     """Run one command line in this process; the exit status."""
-    from validation.cli import call
+    from validation.cli.app import call
 
     return int(call(arguments))
 
 
 def record_of(folder: Path) -> Any:
     """The simulation record of a run folder: a dataclass of arrays, mappings of arrays, and scalars."""
-    from validation.record import load_record
+    from validation.trial.record import load_record
 
     return load_record(folder)
 

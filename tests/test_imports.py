@@ -46,9 +46,7 @@ def test_the_whole_of_ampm_leaves_the_simulator_unloaded():
 
 
 def test_the_planner_needs_no_body_library():
-    loaded = loaded_by(
-        "import ampm.parameters, ampm.planner.pendulum, ampm.planner.gait, ampm.planner.feet, ampm.body.feasibility"
-    )
+    loaded = loaded_by("import ampm.parameters, ampm.planner.gait, ampm.planner.feet, ampm.body.feasibility")
     assert not loaded & {"pinocchio", "osqp", "daqp", "scipy", "mujoco"}
 
 
