@@ -15,7 +15,7 @@ from ampm.body.robot import Robot
 from ampm.parameters import RunParameters
 from ampm.planner.gait import GaitPlan, plan_gait
 from benchmarks.clock import Statistics, least, repeat
-from validation.trial.planning import Body
+from validation.trial.plan import Body
 
 PLANS = 200
 """How often a plan is made."""

@@ -116,10 +116,10 @@ class _Times(Silent):
 def _trial(run_file: Path, target: Path) -> dict[str, float]:
     """The trial itself, in a fresh process."""
     from validation.run import validate as run
-    from validation.trial import planning
+    from validation.trial.plan import load_request
 
     stages = _Times()
-    trial = run.validate(planning.request(str(run_file), ()), target, stages=stages)
+    trial = run.validate(load_request(str(run_file)), target, stages=stages)
     timing = trial.summary["timing"]
     return {
         **{stage: timing[stage] for stage in _RUN if stage in timing},

@@ -19,7 +19,7 @@ from benchmarks.recording import RecordingCost, time_recording
 from benchmarks.walking import WalkBenchmark, WalkTiming
 from validation.cli.console import Silent
 from validation.store.environment import describe_environment
-from validation.trial.planning import Request, make_body, request
+from validation.trial.plan import Request, load_request, make_body
 
 DEFAULT_STEPS = 30
 DEFAULT_WALKS = 3
@@ -146,4 +146,4 @@ def run_benchmarks(
 
 
 def _request(gait: str, settings: Sequence[str], steps: int, solver: str) -> Request:
-    return request(gait, [*settings, f"gait.steps={steps}", f"solver.qp={solver}"])
+    return load_request(gait, [*settings, f"gait.steps={steps}", f"solver.qp={solver}"])

@@ -24,7 +24,7 @@ import numpy as np
 import typer
 
 from ampm.exceptions import InputError
-from validation.cli.console import Narrator, Silent, json_ready, print_line, print_table
+from validation.cli.console import Narrator, json_ready, print_line, print_table
 from validation.store.environment import describe_environment
 from validation.store.folders import check_output_file, output_file
 from validation.study.sweep.cluster import ONE_THREAD, environment
@@ -144,12 +144,12 @@ def _bare(lists: Sequence[Sequence[Task]]) -> list[float]:
 def _walk_all(tasks: Sequence[Task]) -> list[float]:
     """Seconds of plan, walk and verdict of every run, and nothing else."""
     from validation.judge.examine import walk
-    from validation.trial.planning import Request, plan
+    from validation.trial.plan import Request, plan_walk
 
     seconds = []
     for task in tasks:
         start = time.perf_counter()
-        found = walk(plan(Request(task.name, task.parameters), with_body=True, stages=Silent()))
+        found = walk(plan_walk(Request(task.name, task.parameters)))
         seconds.append(time.perf_counter() - start)
         if not found.record.outcome.completed:
             raise InputError("a run of the benchmark did not complete; take a gait that walks.")

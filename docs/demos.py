@@ -18,9 +18,8 @@ import numpy as np
 from pages import between
 
 from ampm.parameters import PRESETS
-from validation.cli.console import Silent
 from validation.judge.signals import load_signals
-from validation.trial.planning import plan, request
+from validation.trial.plan import load_request, plan_walk
 
 PAGE = Path(__file__).with_suffix(".md")
 WIDE = ("roll-0.1", "pitch")
@@ -125,7 +124,7 @@ def _cost(name: str, summary: dict[str, Any], swing: dict[str, float]) -> Iterat
 def _limit(preset: str, c_s: float, *settings: str, tune: bool = False) -> tuple[str, ...]:
     """What becomes of one c_s."""
     chosen = (*settings, f"gait.c_s={c_s}")
-    gait = request(preset, chosen).run.gait
+    gait = load_request(preset, chosen).run.gait
     head = (f"{gait.step_length:g}, {gait.switching_velocity:g}", f"{c_s:g}")
     summary, swing = _trial(preset, chosen, "wide", tune=tune)
     if "error" in summary:
@@ -152,9 +151,7 @@ def _torque(summary: dict[str, Any]) -> str:
 
 def _trunk(name: str) -> tuple[float, float]:
     """Peak to peak of the trunk's roll and pitch in the periodic motion [degrees]."""
-    planned = plan(request(name, ()), with_body=True, stages=Silent())
-    if planned.motion is None or planned.body is None:
-        raise TypeError("a plan with a body has a motion")
+    planned = plan_walk(load_request(name))
     robot, motion = planned.body.robot, planned.motion
     turns = []
     for q, v in zip(motion.q, motion.v, strict=True):

@@ -36,7 +36,7 @@ def run_of(shared_folder: Path) -> RunOf:
 
     def get(gait: str = "normal", settings: dict[str, object] | None = None, *, steps: int = 8) -> Path:
         from validation.run.validate import Options, validate
-        from validation.trial.planning import request
+        from validation.trial.plan import load_request
 
         changed = {**(settings or {}), "gait.steps": steps}
         parts = [gait, *(f"{key}={value}" for key, value in changed.items())]
@@ -45,7 +45,7 @@ def run_of(shared_folder: Path) -> RunOf:
         with _locked(shared_folder / f"{name}.lock"):
             if not (target / "summary.json").is_file():
                 shutil.rmtree(target, ignore_errors=True)
-                asked = request(gait, [f"{key}={value}" for key, value in changed.items()])
+                asked = load_request(gait, [f"{key}={value}" for key, value in changed.items()])
                 validate(asked, target, Options(recording=False))
         return target
 

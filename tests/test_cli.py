@@ -280,7 +280,7 @@ def test_crash_is_one_sentence_and_keeps_its_traceback(ampm, monkeypatch):
     def broken(*_: object) -> None:
         raise ZeroDivisionError("by zero")
 
-    monkeypatch.setattr("validation.trial.planning.request", broken)
+    monkeypatch.setattr("validation.trial.plan.load_request", broken)
     answer = ampm("plan", "--json")
     assert answer.status == Status.CRASH
     assert answer.json["error"]["kind"] == "crash"
@@ -294,7 +294,7 @@ def test_debug_shows_the_traceback(ampm, monkeypatch):
     def broken(*_: object) -> None:
         raise ZeroDivisionError("by zero")
 
-    monkeypatch.setattr("validation.trial.planning.request", broken)
+    monkeypatch.setattr("validation.trial.plan.load_request", broken)
     answer = ampm("plan", "--debug")
     assert answer.status == Status.CRASH
     assert "Traceback" in answer.err
@@ -304,7 +304,7 @@ def test_interrupt_outside_a_simulation(ampm, monkeypatch):
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("validation.trial.planning.request", interrupted)
+    monkeypatch.setattr("validation.trial.plan.load_request", interrupted)
     assert ampm("plan").status == Status.INTERRUPTED
 
 

@@ -39,7 +39,7 @@ from validation.study.convergence.result import combine
 from validation.study.convergence.studies import Figures, studies, walk_level
 from validation.study.convergence.table import markdown, print_convergence
 from validation.study.convergence.uncertainty import FILE, load_uncertainty, matching
-from validation.trial.planning import request
+from validation.trial.plan import load_request
 from validation.trial.record import Outcome, OutcomeName
 
 STEPS = 2e-3 / 2.0 ** np.arange(4)
@@ -370,7 +370,7 @@ def test_a_refusal_inside_a_level_is_an_outcome(monkeypatch):
     def refuse(*args, **keywords):
         raise BodilyRefusal("too long", reason="leg", value=1.0, limit=0.5, unit="m", way_out="shorten")
 
-    monkeypatch.setattr("validation.trial.planning.plan", refuse)
+    monkeypatch.setattr("validation.trial.plan.plan_walk", refuse)
     walk = walk_level(load_run("normal"), "normal", DEFAULT)
     assert (walk.outcome, walk.completed) == ("refused", False)
     assert walk.cause == "too long; shorten."
@@ -401,11 +401,11 @@ def test_the_files_are_whole_and_read_back(folder, result):
 
 def test_a_study_serves_any_number_of_steps_of_its_gait_and_no_other_gait(folder):
     known = load_uncertainty(folder)
-    assert matching([known], request("normal", ["gait.steps=30"])) is known
+    assert matching([known], load_request("normal", ["gait.steps=30"])) is known
     with pytest.raises(InputError, match=r"no study is of momentum.*gait\.c_s = 1\.0, and here 1\.2"):
-        matching([known], request("momentum", []))
+        matching([known], load_request("momentum", []))
     with pytest.raises(InputError, match=r"simulation\.time_step = 0\.002, and here 0\.001"):
-        matching([known], request("normal", ["simulation.time_step=0.001"]))
+        matching([known], load_request("normal", ["simulation.time_step=0.001"]))
 
 
 def edited(folder, tmp_path, metrics):
@@ -659,7 +659,7 @@ def test_a_real_study_walks_every_level_and_keeps_it(real):
 
 def test_a_walk_quotes_the_real_study(real):
     found, out = real
-    asked = request("flat", ["solver.ik_time_step=0.004", "gait.steps=2"])
+    asked = load_request("flat", ["solver.ik_time_step=0.004", "gait.steps=2"])
     known = matching([load_uncertainty(out)], asked)
     again = walk_levels({OWN: asked.run}, "flat", DEFAULT, workers=1)[OWN]
     name = "zmp_x_rmse"

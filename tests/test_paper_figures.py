@@ -40,13 +40,13 @@ from validation.paper.figures.panels import SPREAD
 from validation.paper.figures.skeleton import pose
 from validation.paper.figures.walks import Walk, Walks
 from validation.run.validate import Options, validate
-from validation.trial.planning import request
+from validation.trial.plan import load_request
 from validation.trial.record import Outcome, OutcomeName
 
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory) -> Walk:
-    asked = request("normal", ["gait.steps=6", COARSE])
+    asked = load_request("normal", ["gait.steps=6", COARSE])
     trial = validate(asked, tmp_path_factory.mktemp("walk") / "run", Options(recording=False))
     return Walk("normal", trial)
 

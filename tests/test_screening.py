@@ -14,7 +14,7 @@ import ampm.planner.gait
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import keys, load_run
 from ampm.planner.gait import plan_gait
-from validation.cli.console import Silent, json_ready
+from validation.cli.console import json_ready
 from validation.study.sweep import closed_form, dry_run_text
 from validation.study.sweep.blocks import Block
 from validation.study.sweep.closed_form import ACCEPTED, BAD_PARAMETER, REASONS
@@ -25,8 +25,7 @@ from validation.study.sweep.keys import key_info
 from validation.study.sweep.sampling import cases
 from validation.study.sweep.screening import screen
 from validation.trial import simulate
-from validation.trial.planning import make_body, plan
-from validation.trial.planning import request as ask
+from validation.trial.plan import load_request, make_body, plan_walk
 
 LONG = {"a_s": math.inf, "c_s": 0.005, "switching_velocity": 0.0577}
 """A single support of many time constants of the lateral pendulum, if c_y is large."""
@@ -353,7 +352,7 @@ def test_the_body_is_asked_as_planning_asks_it():
     expected: dict[str, int] = {}
     for case in range(1, 4):
         with pytest.raises((InputError, ampm.exceptions.RefusedGait)) as caught:
-            plan(ask("normal", drawn.settings(case)), with_body=True, stages=Silent())
+            plan_walk(load_request("normal", drawn.settings(case)))
         reason = getattr(caught.value, "reason", BAD_PARAMETER)
         expected[reason] = expected.get(reason, 0) + 1
     assert dry.probe.refused == expected

@@ -19,7 +19,7 @@ from validation.study.sweep.dry_run_text import print_dry_run
 from validation.study.sweep.keys import key_info
 from validation.study.sweep.probing import SOLVED, wilson
 from validation.study.sweep.sampling import cases
-from validation.trial import planning
+from validation.trial import plan as planning
 
 EXAMPLES = sorted((Path(validation.study.sweep.__file__).parent / "examples").glob("*.toml"))
 GRID = '[[vary]]\nmethod = "grid"\n'
@@ -406,7 +406,7 @@ def solver(monkeypatch):
     """Motions that are not really solved; low slopes have none."""
     asked = []
 
-    def plan(request, **_):
+    def plan_walk(request, *_):
         asked.append(request.run.gait.c_y)
         if request.run.gait.c_y < 0.6:
             raise BodilyRefusal(
@@ -415,7 +415,7 @@ def solver(monkeypatch):
         if request.run.gait.c_y > 0.9:
             raise ZeroDivisionError
 
-    monkeypatch.setattr(planning, "plan", plan)
+    monkeypatch.setattr(planning, "plan_walk", plan_walk)
     return asked
 
 

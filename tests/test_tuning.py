@@ -23,7 +23,7 @@ from ampm.tune.gait_limits import LIMITS, plan_margins
 from ampm.tune.tuning import tune
 from validation.cli.app import Status, call
 from validation.study import campaign
-from validation.trial.planning import make_body
+from validation.trial.plan import make_body
 
 LONG = ("gait.step_length=0.7", "gait.switching_velocity=1.2", "gait.steps=3")
 

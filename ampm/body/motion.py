@@ -31,6 +31,24 @@ if TYPE_CHECKING:
 _DAMAGED = (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
+MOTION_UNITS = {
+    "step_duration": "s",
+    "step_length": "m",
+    "angular_momentum_y_offset": "N m s",
+    "residual": "rad, m, rad/s, m/s",
+    "mean_trunk_pitch": "rad",
+    "constraint_position": "m, rad",
+    "constraint_velocity": "m/s, rad/s",
+    "constraint_acceleration": "m/s², rad/s²",
+    "knee_minimum": "rad",
+    "knee_minimum_time": "s",
+    "joint_limit_margin": "rad",
+    "joint_limit_time": "s",
+    "acceleration_jump": "rad/s²",
+}
+"""Units of what a motion reports of itself; what is not listed is a name or a plain number."""
+
+
 @dataclass(frozen=True)
 class MotionReport:
     """What the orbit says of itself.

@@ -15,12 +15,12 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from validation.cli.console import Silent
+from validation.cli.plan import write_picture
 from validation.measure.instruments import load_instrument
 from validation.measure.instruments.command import observe_folder, write_files
 from validation.show.rerun.merge import PHASE
 from validation.show.viewer import view
-from validation.trial.planning import plan, request, write_picture
+from validation.trial.plan import load_request, plan_walk
 
 HERE = Path(__file__).resolve().parent
 MENU_BAR = 36
@@ -79,7 +79,7 @@ def picture_of_plan(gait: str, target: Path) -> None:
     """Save the picture that ``ampm plan --plot`` draws, in few colours."""
     with tempfile.TemporaryDirectory() as folder:
         drawn = Path(folder) / "plan.png"
-        write_picture(plan(request(gait, ()), with_body=True, stages=Silent()), drawn)
+        write_picture(gait, plan_walk(load_request(gait)).plan, drawn)
         image = Image.open(drawn).convert("RGB")
         image.quantize(64, dither=Image.Dither.NONE).save(target, optimize=True)
 

@@ -100,27 +100,31 @@ def plan(
     With a body (the default) the plan is checked against its soles, legs and joints, and the constant of L_y
     is the one that makes the body's motion periodic.
     """
+    from ampm.planner.gait import plan_gait
+    from validation.cli import plan as output
     from validation.store.folders import check_folder_of
-    from validation.trial import planning
+    from validation.trial.plan import load_request, plan_walk
 
-    request = planning.request(gait, settings or ())
+    request = load_request(gait, settings or ())
     for path in (samples, plot):
         if path is not None:
             check_folder_of(path)
     if samples is not None:
-        planning.check_samples(samples, request.run, rate)
+        output.check_samples(samples, request.run, rate)
     if plot is not None:
-        planning.check_picture(plot)
+        output.check_picture(plot)
     narrator = Narrator()
-    planned = planning.plan(request, with_body=not no_body, stages=narrator)
+    walk = None if no_body else plan_walk(request, narrator)
+    run = request.run
+    planned = plan_gait(run.gait, mass=run.body.mass) if walk is None else walk.plan
     if samples is not None:
-        planning.write_samples(planned, samples, rate)
+        output.write_samples(planned, samples, rate)
     if plot is not None:
-        planning.write_picture(planned, plot)
+        output.write_picture(request.name, planned, plot)
     if as_json:
-        print_json(planning.describe(planned))
+        print_json(output.describe(request, planned, walk))
     else:
-        planning.print_plan(planned)
+        output.print_plan(request, planned, walk)
     for path in (samples, plot):
         if path is not None:
             narrator.say(f"wrote {path}")
@@ -140,21 +144,22 @@ def motion(
     debug: Debug = False,
 ) -> int:
     """Solve the periodic whole-body motion of one step: what every joint does."""
+    from validation.cli import plan as output
     from validation.store.folders import check_output_file
-    from validation.trial import planning
+    from validation.trial.plan import load_requests, plan_walk
 
     if out is not None:
         check_output_file(out, force=force)
-    requests = planning.requests(gaits or ["normal"], settings or ())
+    requests = load_requests(gaits or ["normal"], settings or ())
     narrator = Narrator()
-    planned = [planning.plan(request, with_body=True, stages=narrator) for request in requests]
+    walks = [plan_walk(request, narrator) for request in requests]
     if out is not None:
-        planning.write_motions(planned, out, force=force)
+        output.write_motions(walks, out, force=force)
     if as_json:
-        print_json([planning.describe_motion(item) for item in planned])
+        print_json([output.describe_motion(walk) for walk in walks])
     else:
-        for item in planned:
-            planning.print_motion(item)
+        for walk in walks:
+            output.print_motion(walk)
     if out is not None:
         narrator.say(f"wrote {out}")
     return Status.PASS
@@ -221,17 +226,16 @@ def validate(
     from validation.run import validate as run
     from validation.show import summary as summary_text
     from validation.study.convergence.uncertainty import load_uncertainty, matching
-    from validation.trial import planning
-    from validation.trial import tune as tuned
+    from validation.trial.plan import load_requests
+    from validation.trial.tune import tune_walk
 
     extra = list(settings or ())
     if steps is not None:
         extra.append(f"gait.steps={steps}")
     if qp is not None:
         extra.append(f'solver.qp="{qp}"')
-    resolve = tuned.requests if tune else planning.requests
     gaits = gaits or ["normal"]
-    requests = resolve(gaits, extra)
+    requests = load_requests(gaits, extra, check=not tune)
     judges = [profiles.own_profile(gait) if profile is None else profiles.profile(profile) for gait in gaits]
     known = [load_uncertainty(path) for path in uncertainty or ()]
     if known and not tune:
@@ -249,8 +253,7 @@ def validate(
         try:
             options = replace(options, profile=judge)
             if tune:
-                choice = tuned.tune_request(request, stages=narrator)
-                request = planning.Request(request.name, choice.run)
+                request = tune_walk(request, narrator).request
             if known:
                 options = replace(options, uncertainty=matching(known, request))
             result = run.validate(request, target, options, stages=narrator)
@@ -292,22 +295,23 @@ def tune(
     What the preset, the file or --set names stays as it is. An optimiser works on plan and whole-body motion
     alone; nothing is simulated. Where no choice walks, the refusal names the limit and the best it found.
     """
+    from validation.cli import tune as output
     from validation.store.folders import check_output_file
-    from validation.trial import planning
-    from validation.trial import tune as tuned
+    from validation.trial.plan import load_request
+    from validation.trial.tune import tune_walk
 
     if out is not None:
-        tuned.check_toml(out)
+        output.check_toml(out)
         check_output_file(out, force=force)
     narrator = Narrator()
-    request = planning.request(gait, settings or ())
-    result = tuned.tune_request(request, stages=narrator)
+    request = load_request(gait, settings or ())
+    result = tune_walk(request, narrator).tuned
     if out is not None:
-        tuned.write_tuned(request, result, out, force=force)
+        output.write_tuned(request.name, result, out, force=force)
     if as_json:
-        print_json(tuned.describe_tuned(request, result))
+        print_json(output.describe_tuned(request.name, result))
     else:
-        tuned.print_tuned(request, result)
+        output.print_tuned(request.name, result)
     if out is not None:
         narrator.say(f"wrote {out}")
     return Status.PASS

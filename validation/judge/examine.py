@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from validation.trial.planning import Planned
+    from validation.trial.plan import PlannedWalk
 
 
 @dataclass(frozen=True)
@@ -57,14 +57,14 @@ class Walk:
         seconds: wall-clock time of ``simulation`` and ``measurement`` [s].
     """
 
-    planned: Planned
+    planned: PlannedWalk
     record: SimulationRecord
     findings: Findings
     seconds: Mapping[str, float]
 
 
 def examine(
-    planned: Planned,
+    planned: PlannedWalk,
     record: SimulationRecord,
     profile: Profile = DEFAULT,
     uncertainty: Mapping[str, float] | None = None,
@@ -73,19 +73,14 @@ def examine(
     """Measure, weigh, compare and judge.
 
     Args:
-        planned: with body and motion.
+        planned: plan, body and motion.
         record: of its walk.
         profile: tolerances.
         uncertainty: numerical uncertainty of metrics in their SI units, see
         :func:`validation.judge.verdict.judge`.
         not_studied: metric to the studies that its uncertainty lacks.
-
-    Raises:
-        TypeError: the plan has no body.
     """
     run, body, motion = planned.request.run, planned.body, planned.motion
-    if body is None or motion is None:
-        raise TypeError("a trial needs a body")
     motion_z = motion.sample(record.time[:-1], body.robot).angular_momentum_z
     measured = measure(record, body.robot.model, to_pinocchio)
     standing = weigh(run, body.model, body.robot)
@@ -102,7 +97,7 @@ def examine(
 
 
 def walk(
-    planned: Planned,
+    planned: PlannedWalk,
     profile: Profile = DEFAULT,
     *,
     progress: Callable[[int, int], None] | None = None,
@@ -110,16 +105,11 @@ def walk(
     """Walk a planned gait and examine it; nothing is written.
 
     Args:
-        planned: with body and motion, see :func:`validation.trial.planning.plan`.
+        planned: see :func:`validation.trial.plan.plan_walk`.
         profile: tolerances.
         progress: called with steps done and steps in all.
-
-    Raises:
-        TypeError: the plan has no body.
     """
     run, body, motion = planned.request.run, planned.body, planned.motion
-    if body is None or motion is None:
-        raise TypeError("a trial needs a body")
     seconds: dict[str, float] = {}
     with _timed(seconds, "simulation"):
         record = simulate(planned.plan, motion, run, body.model, steps=run.gait.steps, progress=progress)

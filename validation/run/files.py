@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from models.human import BodyModel
     from validation.judge.examine import Findings
     from validation.measure.instruments import Instrument
-    from validation.trial.planning import Planned
+    from validation.trial.plan import PlannedWalk
     from validation.trial.record import SimulationRecord
 
 
@@ -31,7 +31,7 @@ def write_inputs(folder: Path, run: RunParameters, model: BodyModel, environment
     _write_json(folder / "environment.json", environment)
 
 
-def write_signals(folder: Path, planned: Planned, record: SimulationRecord, found: Findings) -> None:
+def write_signals(folder: Path, planned: PlannedWalk, record: SimulationRecord, found: Findings) -> None:
     """Plan, command and measurement on the physics' time steps."""
     signals = signals_table(
         planned.plan,
@@ -45,7 +45,7 @@ def write_signals(folder: Path, planned: Planned, record: SimulationRecord, foun
 
 def write_summary(
     folder: Path,
-    planned: Planned,
+    planned: PlannedWalk,
     record: SimulationRecord,
     found: Findings,
     *,
@@ -68,12 +68,7 @@ def write_summary(
 
     Returns:
         The contents of ``summary.json``.
-
-    Raises:
-        TypeError: the plan has no motion.
     """
-    if planned.motion is None:
-        raise TypeError("a walk has a motion")
     summary = build_summary(
         record,
         found.measured,
@@ -94,7 +89,7 @@ def write_summary(
 
 
 def write_observation(
-    folder: Path, instrument: Instrument, planned: Planned, record: SimulationRecord
+    folder: Path, instrument: Instrument, planned: PlannedWalk, record: SimulationRecord
 ) -> dict[str, Any]:
     """The walk as an instrument shows it: readings into a file.
 

@@ -28,7 +28,7 @@ from validation.store.environment import describe_environment
 from validation.store.folders import check_run_folder, run_folder
 from validation.study.convergence.uncertainty import Uncertainty
 from validation.trial.bridge import to_pinocchio
-from validation.trial.planning import Planned, Request, plan
+from validation.trial.plan import PlannedWalk, Request, plan_walk
 from validation.trial.record import OutcomeName, SimulationRecord, load_record, save_record
 from validation.trial.simulate import simulate
 
@@ -71,7 +71,7 @@ class Trial:
         directory: the run folder.
     """
 
-    planned: Planned
+    planned: PlannedWalk
     comparison: Comparison
     verdict: Verdict
     summary: dict[str, Any]
@@ -85,8 +85,6 @@ class Trial:
     @cached_property
     def measured(self) -> MeasuredGait:
         """Blind to the plan; measured again, to the same bits."""
-        if self.planned.body is None:
-            raise TypeError("a trial needs a body")
         return measure(self.record, self.planned.body.robot.model, to_pinocchio)
 
 
@@ -137,14 +135,11 @@ def validate(
     clock = _Clock(stages, asked.name)
     check_run_folder(target, force=options.force)
     with clock("planning"):
-        planned = plan(asked, with_body=True, stages=stages)
-    body, motion = planned.body, planned.motion
-    if body is None or motion is None:
-        raise TypeError("a trial needs a body")
+        planned = plan_walk(asked, stages)
     environment = describe_environment()
     late: BaseException | None = None
     with run_folder(target, force=options.force) as folder:
-        write_inputs(folder, asked.run, body.model, environment)
+        write_inputs(folder, asked.run, planned.body.model, environment)
         try:
             comparison, verdict, summary = _walk(planned, folder, options, clock, environment)
         finally:
@@ -157,12 +152,10 @@ def validate(
 
 
 def _walk(
-    planned: Planned, folder: Path, options: Options, clock: _Clock, environment: dict[str, Any]
+    planned: PlannedWalk, folder: Path, options: Options, clock: _Clock, environment: dict[str, Any]
 ) -> tuple[Comparison, Verdict, dict[str, Any]]:
     """Walk, measure and judge, and write all that says so; record and measurement are given up at the end."""
     asked, body, motion = planned.request, planned.body, planned.motion
-    if body is None or motion is None:
-        raise TypeError("a trial needs a body")
     with clock.stage("simulation", "steps") as advance:
 
         def progress(done: int, total: int) -> None:

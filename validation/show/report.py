@@ -17,12 +17,12 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ampm.body.motion import MOTION_UNITS
 from ampm.parameters import RunParameters
 from ampm.planner.gait import GaitPlan
 from validation.show import run_figures as figures
 from validation.show.run_figures import Curve, Window
 from validation.store.saved import SavedRun, load_saved_run, run_events
-from validation.trial.planning import MOTION_UNITS
 from validation.trial.record import OutcomeName
 
 REPORT_FILE = "report.html"

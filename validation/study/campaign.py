@@ -123,7 +123,7 @@ def walk(case: Case, steps: int) -> dict[str, Any]:
     from validation.judge.compare import compare
     from validation.measure.measure import measure
     from validation.trial.bridge import to_pinocchio
-    from validation.trial.planning import make_body, motion_cache
+    from validation.trial.plan import make_body, motion_cache
     from validation.trial.simulate import simulate
 
     row: dict[str, Any] = {"name": case.name, **case.values, "steps": steps}

@@ -12,7 +12,7 @@ from validation.measure.instruments.result import Observation, observe, run_key
 
 if TYPE_CHECKING:
     from validation.judge.examine import Walk
-    from validation.trial.planning import Planned
+    from validation.trial.plan import PlannedWalk
     from validation.trial.record import SimulationRecord
 
 
@@ -32,12 +32,9 @@ def instrument_columns(walk: Walk, name: str) -> dict[str, float | None]:
     return columns_of(observe_walk(_loaded(name), walk.planned, walk.record))
 
 
-def observe_walk(instrument: Instrument, planned: Planned, record: SimulationRecord) -> Observation:
+def observe_walk(instrument: Instrument, planned: PlannedWalk, record: SimulationRecord) -> Observation:
     """Look at a walk in memory with an instrument; of ``planned`` only body and parameters are used."""
-    body = planned.body
-    if body is None:
-        raise TypeError("a trial needs a body")
-    model = body.model
+    model = planned.body.model
     key = run_key(planned.request.run)
     return observe(instrument, record, key, lambda: (model.compile(), model.description))
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ampm.body.robot import Robot
     from ampm.planner.feet import FeetPlan, FootSample
     from ampm.planner.gait import GaitPlan
-    from validation.trial.planning import Planned
+    from validation.trial.plan import PlannedWalk
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class BodyEvidence:
         planned: the gait.
     """
 
-    planned: Planned
+    planned: PlannedWalk
 
     @property
     def plan(self) -> GaitPlan:
@@ -68,15 +68,11 @@ class BodyEvidence:
     @cached_property
     def motion(self) -> WholeBodyMotion:
         """Its periodic step."""
-        if self.planned.motion is None:
-            raise InputError("a plan without a body has no motion; plan it with one.")
         return self.planned.motion
 
     @cached_property
     def robot(self) -> Robot:
         """The body."""
-        if self.planned.body is None:
-            raise InputError("a plan without a body has no robot; plan it with one.")
         return self.planned.body.robot
 
     @cached_property

@@ -7,6 +7,7 @@ that they would spoil is zero. Such numbers are given for both gaits.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -14,11 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.exceptions import InputError, RefusedGait
-from ampm.planner.gait import GaitPlan
-from validation.cli.console import Silent
+from ampm.exceptions import RefusedGait
+from ampm.planner.gait import GaitPlan, plan_gait
 from validation.paper.audit.body import BodyEvidence
-from validation.trial import planning
+from validation.trial.plan import load_request, plan_walk
 from validation.trial.simulate import simulate
 
 if TYPE_CHECKING:
@@ -138,24 +138,17 @@ class Case:
             name: of the preset.
             steps: to be walked.
         """
-        planned = planning.plan(
-            planning.request(name, (f"gait.steps={steps}",)), with_body=True, stages=Silent()
-        )
-        if planned.motion is None or planned.body is None:
-            raise InputError(f"preset {name} has no body to walk with; plan it with one.")
-        run = planned.request.run
-        return simulate(planned.plan, planned.motion, run, planned.body.model, steps=steps).outcome
+        planned = plan_walk(load_request(name, (f"gait.steps={steps}",)))
+        return simulate(planned.plan, planned.motion, planned.run, planned.body.model, steps=steps).outcome
 
     def _preset(self, name: str) -> Numbers:
-        asked = planning.request(name, ())
-        return Numbers(name, planning.plan(asked, with_body=False, stages=Silent()).plan)
+        return self._numbers(name, name)
 
     def varied(self, **gait: float) -> Numbers:
         """The plan of ``normal`` with some of its gait changed, without a body."""
         settings = [f"gait.{name}={value!r}" for name, value in gait.items()]
         label = ", ".join(f"{name} {value:g}" for name, value in gait.items())
-        asked = planning.request("normal", settings)
-        return Numbers(f"normal, {label}", planning.plan(asked, with_body=False, stages=Silent()).plan)
+        return self._numbers(f"normal, {label}", "normal", settings)
 
     def walked(self, **gait: float) -> BodyEvidence | None:
         """``normal`` with some of its gait changed, on a coarse grid; None if the body cannot."""
@@ -166,6 +159,10 @@ class Case:
             return None
 
     def _walked(self, *settings: str) -> BodyEvidence:
-        return BodyEvidence(
-            planning.plan(planning.request("normal", settings), with_body=True, stages=Silent())
-        )
+        return BodyEvidence(plan_walk(load_request("normal", settings)))
+
+    @staticmethod
+    def _numbers(label: str, preset: str, settings: Sequence[str] = ()) -> Numbers:
+        """Plan without a body."""
+        run = load_request(preset, settings).run
+        return Numbers(label, plan_gait(run.gait, mass=run.body.mass))

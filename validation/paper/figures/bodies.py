@@ -30,7 +30,7 @@ from validation.paper.figures.panels import band_legend, curves, difference
 from validation.paper.figures.skeleton import FRONT, SIDE, draw, mark_com, outline, pose
 from validation.paper.figures.walks import Walk
 from validation.trial.bridge import to_pinocchio
-from validation.trial.planning import Planned
+from validation.trial.plan import PlannedWalk
 
 Array = NDArray[np.float64]
 
@@ -285,14 +285,8 @@ def trunk(walk: Walk, what: str) -> tuple[Array, Array, Array]:
     return phase / walk.stride, motion, walk.folded(angles, record.time[rows])[:, ::4]
 
 
-def swing(planned: Planned) -> dict[str, float]:
-    """Planned momentum about the forward axis and the trunk's roll in the motion, without a walk.
-
-    Raises:
-        TypeError: there is no motion.
-    """
-    if planned.motion is None or planned.body is None:
-        raise TypeError("a swing needs a motion")
+def swing(planned: PlannedWalk) -> dict[str, float]:
+    """Planned momentum about the forward axis and the trunk's roll in the motion, without a walk."""
     robot, plan = planned.body.robot, planned.plan
     stride = np.linspace(0.0, 2.0 * float(plan.constants.step_duration), 200, endpoint=False)
     roll = [pose(robot, q).trunk_roll for q in planned.motion.sample(stride, robot).q]

@@ -21,7 +21,7 @@ from validation.judge.profiles import own_profile
 from validation.paper.figures.centroidal import Centroidal, LessPlan, of_motion
 from validation.run.validate import Options, Trial, validate
 from validation.trial.bridge import to_pinocchio
-from validation.trial.planning import Planned, plan, request
+from validation.trial.plan import PlannedWalk, load_request, plan_walk
 
 Array = NDArray[np.float64]
 
@@ -52,15 +52,11 @@ class Walk:
     @property
     def motion(self) -> WholeBodyMotion:
         """The periodic whole-body motion."""
-        if self.trial.planned.motion is None:
-            raise TypeError("a walk has a motion")
         return self.trial.planned.motion
 
     @property
     def robot(self) -> Robot:
         """The body."""
-        if self.trial.planned.body is None:
-            raise TypeError("a walk has a body")
         return self.trial.planned.body.robot
 
     @property
@@ -174,9 +170,9 @@ class Walks:
     ) -> None:
         self._folder.cleanup()
 
-    def plan(self, gait: str, settings: Sequence[str] = (), *, with_body: bool = True) -> Planned:
+    def plan(self, gait: str, settings: Sequence[str] = ()) -> PlannedWalk:
         """Plan a gait, and solve its motion, without walking it."""
-        return plan(request(gait, list(settings)), with_body=with_body, stages=self.stages)
+        return plan_walk(load_request(gait, settings), self.stages)
 
     def walk(
         self, gait: str, settings: Sequence[str] = (), label: str = "", *, steps: int | None = None
@@ -196,7 +192,7 @@ class Walks:
         count = self.steps if steps is None else steps
         key = (gait, *settings, f"gait.steps={count}")
         if key not in self._walks:
-            asked = request(gait, list(key[1:]))
+            asked = load_request(gait, key[1:])
             target = Path(self._folder.name) / f"{len(self._walks)}"
             trial = validate(asked, target, Options(recording=False), stages=self.stages)
             outcome = trial.record.outcome

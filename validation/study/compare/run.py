@@ -44,7 +44,7 @@ from validation.study.compare.metrics import (
     walked_figures,
 )
 from validation.study.convergence.uncertainty import Uncertainty, load_uncertainty, matching
-from validation.trial.planning import Request, make_body, motion_cache, request
+from validation.trial.plan import Request, load_request, make_body, motion_cache
 
 EVEN = 1.25
 """Ratio of two figures within which neither side is called better."""
@@ -272,7 +272,7 @@ def _source(text: str, settings: Sequence[str]) -> Request | Path:
     """A gait to walk, or the folder of a run."""
     if Path(text).is_dir():
         return Path(text)
-    return request(text, settings)
+    return load_request(text, settings)
 
 
 def _studies(

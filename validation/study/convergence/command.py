@@ -17,7 +17,7 @@ from validation.study.convergence.result import Convergence, combine
 from validation.study.convergence.studies import LEVELS, STEPS, Runner, studies, walk_level
 from validation.study.convergence.table import markdown
 from validation.study.convergence.uncertainty import FILE
-from validation.trial import planning
+from validation.trial.plan import Request, load_request, plan_walk
 
 MARKDOWN = "convergence.md"
 PICTURES = ("convergence.svg", "convergence.png")
@@ -78,11 +78,11 @@ def run(
     profile = profiles.profile(options.profile)
     if options.out is not None:
         check_folder(options.out, force=options.force)
-    request = planning.request(gait, [*settings, f"gait.steps={options.steps}"])
+    request = load_request(gait, [*settings, f"gait.steps={options.steps}"])
     found = studies(request.run, options.only, levels=options.levels)
     _check_ticks(request)
     if runner is walk_level:  # refusals come before any worker starts, and the motion is in the cache
-        planning.plan(request, with_body=True, stages=stages)
+        plan_walk(request, stages)
     walks = walk_levels(
         runs_of(request.run, found), request.name, profile, workers=workers, stages=stages, runner=runner
     )
@@ -97,7 +97,7 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _check_ticks(request: planning.Request) -> None:
+def _check_ticks(request: Request) -> None:
     """Refuse a control period that is no multiple of the time step: halving it does not mend that.
 
     Raises:

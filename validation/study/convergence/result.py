@@ -25,7 +25,7 @@ from validation.study.convergence.studies import (
 from validation.study.sweep.columns import parameter_values, run_key
 
 if TYPE_CHECKING:
-    from validation.trial.planning import Request
+    from validation.trial.plan import Request
 
 TIME_STEP = "time_step"
 """The study whose order and extrapolated value stand for a metric."""

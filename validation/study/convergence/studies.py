@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from ampm.exceptions import AmpmError, InputError, RefusedGait
-from validation.cli.console import Silent
 from validation.study.compare.metrics import switch_figures
-from validation.trial.planning import Request
+from validation.trial.plan import Request
 
 if TYPE_CHECKING:
     from ampm.parameters import RunParameters
@@ -249,11 +248,11 @@ class Figures:
 def walk_level(run: RunParameters, name: str, profile: Profile) -> Figures:
     """Plan and walk one level; runs in a worker and returns numbers only."""
     from validation.judge.examine import walk
-    from validation.trial.planning import plan
+    from validation.trial.plan import plan_walk
 
     start = time.perf_counter()
     try:
-        result = walk(plan(Request(name, run), with_body=True, stages=Silent()), profile)
+        result = walk(plan_walk(Request(name, run)), profile)
     except AmpmError as error:
         outcome = "refused" if isinstance(error, RefusedGait | InputError) else "infeasible"
         return Figures(outcome, str(error), {}, {}, {}, 0.0, time.perf_counter() - start, memory_peak())

@@ -12,7 +12,7 @@ from typing import Any
 
 from ampm.exceptions import InputError
 from validation.study.convergence.studies import TOPICS, inside, not_studied
-from validation.trial.planning import Request
+from validation.trial.plan import Request
 
 FILE = "convergence.json"
 _FREE = ("gait.steps",)

@@ -153,7 +153,7 @@ def solve_motions(
         all_probed: whether these are all motions of the sweep.
         stages: where to report progress.
     """
-    from validation.trial.planning import Request, plan
+    from validation.trial import plan
 
     chosen = _drawn(len(passed), most, cases.definition.seed, len(cases.definition.vary), 1)
     refused: dict[str, int] = {}
@@ -166,7 +166,7 @@ def solve_motions(
             case, count = passed[index]
             runs += count
             try:
-                plan(Request(cases.name(case), cases.run(case)), with_body=True, stages=Silent())
+                plan.plan_walk(plan.Request(cases.name(case), cases.run(case)))
             except InputError as error:
                 reason, words = BAD_PARAMETER, str(error)
             except RefusedGait as error:

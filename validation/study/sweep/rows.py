@@ -19,7 +19,7 @@ from validation.study.sweep.identity import code_hash
 
 if TYPE_CHECKING:
     from validation.judge.examine import Walk
-    from validation.trial.planning import Planned
+    from validation.trial.plan import PlannedWalk
 
 REFUSED, CRASHED, TIMED_OUT = "refused", "crashed", "timed_out"
 BAD_PARAMETER = "bad_parameter"
@@ -55,19 +55,17 @@ def plan_columns(plan: GaitPlan, *, with_motion: bool) -> dict[str, Any]:
     return row
 
 
-def motion_columns(planned: Planned) -> dict[str, Any]:
+def motion_columns(planned: PlannedWalk) -> dict[str, Any]:
     """Plan and whole-body motion."""
-    row = plan_columns(planned.plan, with_motion=planned.motion is not None)
-    row["plan_zmp_margin"] = planned.zmp_margin
-    if planned.motion is not None:
-        report = planned.motion.report
-        row |= {
-            "plan_motion_residual": report.residual,
-            "plan_motion_knee_minimum": report.knee_minimum,
-            "plan_motion_joint_limit_margin": report.joint_limit_margin,
-            "plan_motion_trunk_pitch": report.mean_trunk_pitch,
-        }
-    return row
+    report = planned.motion.report
+    return {
+        **plan_columns(planned.plan, with_motion=True),
+        "plan_zmp_margin": planned.zmp_margin,
+        "plan_motion_residual": report.residual,
+        "plan_motion_knee_minimum": report.knee_minimum,
+        "plan_motion_joint_limit_margin": report.joint_limit_margin,
+        "plan_motion_trunk_pitch": report.mean_trunk_pitch,
+    }
 
 
 def walk_columns(walk: Walk) -> dict[str, Any]:

@@ -163,13 +163,13 @@ def _trial(task: Task, timing: dict[str, float]) -> dict[str, Any]:
     """Plan and walk; ``timing`` keeps what was measured even if this raises."""
     # Here, not above: the sweep's own process needs neither simulator nor body.
     from validation.judge.examine import walk
-    from validation.trial.planning import Request, plan
+    from validation.trial.plan import Request, plan_walk
 
     clock = _Clock()
     cpu = time.thread_time()
     profile = find_profile(task.profile)
     try:
-        planned = plan(Request(task.name, task.parameters), with_body=True, stages=clock)
+        planned = plan_walk(Request(task.name, task.parameters), clock)
     finally:
         timing |= clock.timing() | {"cpu_planning": time.thread_time() - cpu}
     row = motion_columns(planned)
@@ -271,7 +271,7 @@ def _trim_cache() -> None:
     _done += 1
     if _done % _TRIM_EVERY:
         return
-    from validation.trial.planning import motion_cache
+    from validation.trial.plan import motion_cache
 
     folder = motion_cache()
     if folder is None:

@@ -1,0 +1,157 @@
+"""Text and files of ``ampm plan`` and ``ampm motion``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ampm.body.motion import MOTION_UNITS
+from ampm.exceptions import InputError
+from ampm.parameters import RunParameters
+from ampm.planner.gait import GaitPlan, PlanConstants, plan_gait
+from validation.cli.console import figure, print_line, print_table
+from validation.store.folders import output_file
+from validation.store.tables import check_suffix, plan_table, sample_times, write_columns
+
+if TYPE_CHECKING:
+    from validation.trial.plan import PlannedWalk, Request
+
+MOTION_METADATA = "ampm_motion"
+"""Schema metadata of a motion's Parquet file: JSON, gait to what the orbit says of itself."""
+
+_UNITS = {
+    "l_s": "m",
+    "l_d": "m",
+    "inverse_a_s": "1",
+    "a_d": "1",
+    "c_d": "1",
+    "single_support_duration": "s",
+    "double_support_duration": "s",
+    "s": "m",
+    "beta": "m",
+    "lateral_switching_velocity": "m/s",
+    "mean_velocity": "m/s",
+    "angular_momentum_y_offset": "N m s",
+}
+
+
+def describe(request: Request, plan: GaitPlan, walk: PlannedWalk | None = None) -> dict[str, Any]:
+    """A plan as a JSON object: parameters, derived constants, residuals, and with a body its margins."""
+    constants = plan.constants
+    residuals = plan.residuals()
+    return {
+        "gait": request.name,
+        "parameters": request.run.model_dump(),
+        **{field.name: getattr(constants, field.name) for field in fields(constants)},
+        "step_duration": constants.step_duration,
+        "duration": plan.duration,
+        "residuals": {field.name: getattr(residuals, field.name) for field in fields(residuals)},
+        "zmp_margin": None if walk is None else walk.zmp_margin,
+        "motion": None if walk is None else walk.motion.report.as_dict(),
+    }
+
+
+def print_plan(request: Request, plan: GaitPlan, walk: PlannedWalk | None = None) -> None:
+    """Print a plan for a reader."""
+    described = describe(request, plan, walk)
+    rows = [
+        (name, figure(described[name], 6), "" if unit == "1" else unit, _MEANINGS[name])
+        for name, unit in _UNITS.items()
+    ]
+    print_table(
+        f"plan of {request.name}",
+        (("constant", "left"), ("value", "right"), ("unit", "left"), ("meaning", "left")),
+        rows,
+    )
+    print_line(f"largest jump at a switch, relative: {figure(plan.residuals().largest, 2)}")
+    if walk is not None:
+        print_line(f"least distance of the ZMP from the edge of the support: {1000 * walk.zmp_margin:.1f} mm")
+        print_line(f"least flexion of a knee: {walk.motion.report.knee_minimum:.3f} rad")
+
+
+def describe_motion(walk: PlannedWalk) -> dict[str, Any]:
+    """What a motion says of itself, as a JSON object."""
+    return {
+        "gait": walk.name,
+        "step_duration": walk.motion.step_duration,
+        "step_length": walk.motion.step_length,
+        **walk.motion.report.as_dict(),
+    }
+
+
+def print_motion(walk: PlannedWalk) -> None:
+    """Print what a motion says of itself."""
+    rows = []
+    for name, value in describe_motion(walk).items():
+        if name == "gait":
+            continue
+        if name == "multipliers":
+            text = ", ".join(f"{re:.4g}{im:+.2g}i" if im else f"{re:.4g}" for re, im in value[:4])
+        else:
+            text = figure(value, 5) if isinstance(value, float) else str(value)
+        rows.append((name, text, MOTION_UNITS.get(name, "")))
+    columns = (("quantity", "left"), ("value", "left"), ("unit", "left"))
+    print_table(f"motion of {walk.name}, one step", columns, rows)
+
+
+def check_samples(path: Path, run: RunParameters, rate: float) -> None:
+    """Refuse a table that could not be written, before anything is computed."""
+    check_suffix(path)
+    sample_times(plan_gait(run.gait, mass=run.body.mass).duration, rate)
+
+
+def write_samples(plan: GaitPlan, path: Path, rate: float) -> None:
+    """Write a plan's signals at k / rate."""
+    columns = plan_table(plan, sample_times(plan.duration, rate))
+    with output_file(path) as work:
+        write_columns(columns, work)
+
+
+def check_picture(path: Path) -> None:
+    """Refuse a picture that could not be written."""
+    if path.suffix not in (".png", ".svg", ".pdf"):
+        raise InputError(f"{path} must end in .png, .svg or .pdf; the suffix chooses the format.")
+
+
+def write_picture(name: str, plan: GaitPlan, path: Path) -> None:
+    """Draw a plan."""
+    from validation.show.plan import plot_plan
+
+    with output_file(path) as work:
+        plot_plan(plan, work, title=f"plan of {name}")
+
+
+def write_motions(walks: Sequence[PlannedWalk], path: Path, *, force: bool) -> None:
+    """Write one step of every motion into one table, whose column ``gait`` tells them apart."""
+    check_suffix(path)
+    tables = []
+    for walk in walks:
+        table = walk.motion.table()
+        tables.append({"gait": np.full(len(table["time"]), walk.name, dtype=object), **table})
+    columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+    reports = json.dumps({walk.name: describe_motion(walk) for walk in walks})
+    with output_file(path, force=force) as work:
+        write_columns(columns, work, {MOTION_METADATA: reports})
+
+
+_MEANINGS = {
+    "l_s": "half the COM's travel in single support",
+    "l_d": "half the COM's travel in double support",
+    "inverse_a_s": "ZMP travel over COM travel in single support",
+    "a_d": "COM travel over ZMP travel in double support",
+    "c_d": "slope of the force line in double support",
+    "single_support_duration": "duration of a single support",
+    "double_support_duration": "duration of a double support",
+    "s": "lateral distance of COM and stance foot at a switch",
+    "beta": "lateral distance of COM and midline at a switch",
+    "lateral_switching_velocity": "lateral speed of the COM at a switch",
+    "mean_velocity": "mean forward speed",
+    "angular_momentum_y_offset": "mean of L_y about the COM",
+}
+if _MEANINGS.keys() != _UNITS.keys() or set(_UNITS) != {field.name for field in fields(PlanConstants)}:
+    raise TypeError("a plan's constant lacks its unit or its meaning")

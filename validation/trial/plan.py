@@ -1,0 +1,173 @@
+"""From a request to a planned walk: body, centroidal plan, feet and whole-body motion.
+
+Every trial starts here, so that a gait is planned in one way only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import platformdirs
+
+from ampm.exceptions import InputError
+from ampm.parameters import PRESETS, RunParameters, load_run
+from ampm.planner.gait import plan_gait
+from validation.cli.console import Silent
+
+if TYPE_CHECKING:
+    from ampm.body.motion import WholeBodyMotion
+    from ampm.body.robot import Robot
+    from ampm.planner.gait import GaitPlan
+    from models.human import BodyModel
+
+
+@dataclass(frozen=True)
+class Request:
+    """One gait that a user asks for.
+
+    Attributes:
+        name: preset, or stem of the file.
+        run: everything that describes the run.
+    """
+
+    name: str
+    run: RunParameters
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body as both sides need it.
+
+    Attributes:
+        model: the simulator's.
+        robot: of planner and controller.
+    """
+
+    model: BodyModel
+    robot: Robot
+
+
+@dataclass(frozen=True)
+class PlannedWalk:
+    """All that a walk starts from.
+
+    Attributes:
+        request: name and parameters.
+        plan: with feet and the motion's constant of L_y.
+        body: that walks.
+        motion: periodic whole-body step.
+    """
+
+    request: Request
+    plan: GaitPlan
+    body: Body
+    motion: WholeBodyMotion
+
+    @property
+    def name(self) -> str:
+        """The gait's name."""
+        return self.request.name
+
+    @property
+    def run(self) -> RunParameters:
+        """Parameters of the run."""
+        return self.request.run
+
+    @cached_property
+    def zmp_margin(self) -> float:
+        """Least distance of the planned ZMP from the edge of the support polygon [m]."""
+        return self.plan.least_zmp_margin()[0]
+
+
+def load_request(gait: str, settings: Sequence[str] = ()) -> Request:
+    """Resolve one gait and its settings.
+
+    Args:
+        gait: preset or TOML file.
+        settings: ``key=value`` texts.
+
+    Raises:
+        InputError: unknown gait or key, or a bad value.
+    """
+    run = load_run(gait, settings)
+    path = Path(gait)
+    # A run folder's own run.toml is named after the folder.
+    name = path.resolve().parent.name if path.name == "run.toml" else path.stem
+    if gait in PRESETS:  # a dot in a preset's name begins no suffix
+        name = gait
+    return Request(name, run)
+
+
+def load_requests(gaits: Sequence[str], settings: Sequence[str] = (), *, check: bool = True) -> list[Request]:
+    """Resolve several gaits.
+
+    Args:
+        gaits: presets or TOML files.
+        settings: ``key=value`` texts, the same for all.
+        check: refuse what has no plan before any of them walks; off for gaits that are yet to be tuned.
+
+    Raises:
+        InputError: as :func:`load_request`, or two gaits of one name.
+        MathematicalRefusal: a gait has no plan.
+    """
+    resolved = [load_request(gait, settings) for gait in gaits]
+    names = [item.name for item in resolved]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(
+                f"{names.count(name)} gaits are named {name!r}; give every gait once, by its own name."
+            )
+    for item in resolved if check else ():
+        plan_gait(item.run.gait, mass=item.run.body.mass)
+    return resolved
+
+
+def make_body(run: RunParameters) -> Body:
+    """Build the body of a run."""
+    # Here, not above: simulator and Pinocchio take a second to load.
+    from ampm.body.robot import Robot
+    from models.human import build
+    from validation.trial.bridge import pinocchio_model
+
+    model = build(run.body, run.contact, run.simulation)
+    return Body(model, Robot(pinocchio_model(model.compile()), model.description))
+
+
+def plan_walk(request: Request, progress: Silent | None = None) -> PlannedWalk:
+    """Plan a gait with its body, and solve the periodic motion, which fixes the constant of L_y.
+
+    Args:
+        request: the gait.
+        progress: where to report stages.
+
+    Raises:
+        InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met.
+    """
+    run, progress = request.run, progress or Silent()
+    plan_gait(run.gait, mass=run.body.mass)  # refuse bad mathematics before a body is built
+    # Here, not above: Pinocchio takes long to load.
+    from ampm.body.feasibility import check_body
+    from ampm.body.orbit import solve_motion
+
+    with progress.stage(f"{request.name}: body"):
+        body = make_body(run)
+    plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=body.model.description.sole)
+    check_body(plan, body.model.description)
+    with progress.stage(f"{request.name}: whole-body motion") as stage:
+        motion = solve_motion(plan, run, body.robot, progress=stage.note, cache=motion_cache())
+    offset = motion.report.angular_momentum_y_offset
+    return PlannedWalk(request, plan.with_angular_momentum_offset(offset), body, motion)
+
+
+def motion_cache() -> Path | None:
+    """Folder of solved motions, in the user's cache; None if it cannot be written."""
+    folder = platformdirs.user_cache_path("ampm") / "motions"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return folder
