@@ -61,7 +61,7 @@ class Section(BaseModel):
         try:
             super().__init__(**values)
         except ValidationError as error:
-            raise _input_error(error, type(self)) from None
+            raise input_error(error, type(self)) from None
 
 
 def _field(default: Any, description: str, unit: str, **bounds: Any) -> Any:
@@ -307,13 +307,15 @@ class RunParameters(Section):
     def replace(self, values: Mapping[str, Any]) -> RunParameters:
         """Copy with some namespaced keys changed, validated like any other input.
 
+        What was left at its default stays unnamed, so that it can still be tuned.
+
         Args:
             values: new values by namespaced key, for example ``{"gait.c_s": 1.2}``.
 
         Raises:
             InputError: unknown key or bad value.
         """
-        table = self.model_dump()
+        table = self.model_dump(exclude_unset=True)
         for key, value in values.items():
             _assign(table, key, value)
         return RunParameters(**table)
@@ -414,7 +416,7 @@ def _assign(table: dict[str, Any], key: str, value: Any) -> None:
     """Set one namespaced key in a nested table."""
     name, dot, field = key.partition(".")
     if not dot or name not in RunParameters.model_fields:
-        raise _unknown_key(key)
+        raise unknown_key(key)
     section = table.setdefault(name, {})
     if not isinstance(section, dict):
         raise InputError(
@@ -432,8 +434,8 @@ def _section_type(annotation: Any) -> type[Section]:
     return annotation
 
 
-def _unknown_key(key: str, *, is_table: bool = False) -> InputError:
-    """Error about an unknown key, or section if it is a table, with the nearest known one."""
+def unknown_key(key: str, known: Sequence[str] = (), *, is_table: bool = False) -> InputError:
+    """Error about an unknown key, or section if it is a table, with the nearest of the ``known`` ones."""
     sections = tuple(RunParameters.model_fields)
     lower = key.lower()
     section, _, leaf = lower.rpartition(".")
@@ -445,7 +447,7 @@ def _unknown_key(key: str, *, is_table: bool = False) -> InputError:
             nearest=nearest,
             way_out=f"write [{nearest}]",
         )
-    known = keys()
+    known = known or keys()
     # The leaf as it is counts most; among equal leaves, and without one, the whole name decides.
     candidates = [k for k in known if k.rpartition(".")[2] == leaf]
     if not candidates and section in sections:
@@ -465,24 +467,32 @@ _LIMITS = {
     "less_than": ("lt", "must be less than"),
     "less_than_equal": ("le", "must be at most"),
 }
+_KINDS = {"int_type": "must be a whole number", "float_type": "must be a number"}
 
 
-def _input_error(error: ValidationError, model: type[Section]) -> InputError:
+def input_error(error: ValidationError, model: type[Section]) -> InputError:
     """Translate the first failure of a validation into one sentence: key, value, limit, way out."""
     detail = error.errors()[0]
     location = [str(part) for part in detail["loc"]]
     key = ".".join([model.section, *location] if model.section else location)
     kind, value, context = detail["type"], detail.get("input"), detail.get("ctx", {})
+    known = {field.alias or name: field for name, field in model.model_fields.items()}
+    is_run = issubclass(model, RunParameters)
     if kind == "extra_forbidden":
-        return _unknown_key(key, is_table=not model.section and isinstance(value, Mapping))
-    field = model.model_fields.get(location[0]) if location else None
-    if field is None or not model.section:
+        if is_run or model.section in RunParameters.model_fields:
+            return unknown_key(key, is_table=is_run and isinstance(value, Mapping))
+        return unknown_key(key, [f"{model.section}.{name}".lstrip(".") for name in known])
+    field = known.get(location[0]) if location else None
+    if field is None or is_run:
         return InputError(
             f"{key} = {value!r} is no section of keys; write [{key}] and its keys below it.",
             key=key,
             value=value,
             way_out=f"write [{key}] and its keys below it",
         )
+    meaning = f" Meaning: {field.description}." if field.description else ""
+    if kind == "missing":
+        return InputError(f"{key} is missing; write {key} = ...{meaning}", key=key, way_out=f"write {key}")
     extra = field.json_schema_extra
     unit = str(extra.get("unit", "1")) if isinstance(extra, dict) else "1"
     shown_unit = "" if unit == "1" else f" {unit}"
@@ -491,18 +501,18 @@ def _input_error(error: ValidationError, model: type[Section]) -> InputError:
         limit = f"{words} {context[name]:g}{shown_unit}"
     elif kind == "literal_error":
         limit = f"must be one of {context['expected']}"
-    elif kind == "int_type":
-        limit = "must be a whole number"
-    elif kind == "float_type":
-        limit = "must be a number"
-    else:
-        limit = "must be a finite number"
-    default = field.default
-    shown = f"{default:g}{shown_unit}" if isinstance(default, float) else repr(default)
+    elif kind == "value_error":
+        limit = str(context["error"])
+    else:  # pydantic's own words: "Input should be a valid string"
+        limit = _KINDS.get(kind) or f"must {detail['msg'].partition(' should ')[2]}"
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     given = f"{value:g}{shown_unit}" if is_number else repr(value)
+    if field.is_required():
+        return InputError(f"{key} = {given} {limit}.{meaning}", key=key, value=value, limit=limit)
+    default = field.default
+    shown = f"{default:g}{shown_unit}" if isinstance(default, float) else repr(default)
     return InputError(
-        f"{key} = {given} {limit}; the default is {shown}. Meaning: {field.description}.",
+        f"{key} = {given} {limit}; the default is {shown}.{meaning}",
         key=key,
         value=value,
         limit=limit,
