@@ -13,8 +13,9 @@ import typer
 
 from ampm.parameters import PRESETS
 from validation.cli.app import Status, explain
-from validation.cli.console import Narrator, json_ready
+from validation.cli.console import Narrator
 from validation.store.folders import check_output_file, output_file
+from validation.store.json import json_ready
 
 
 class Solvers(StrEnum):

@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from validation.cli.console import Silent, Stage
+from validation.progress import Progress, Stage
 
 MOST_SHARE = 0.10
 """Share of a run's time that a recording may cost."""
@@ -99,7 +99,7 @@ def _one(run_file: Path) -> dict[str, float]:
     return answer
 
 
-class _Times(Silent):
+class _Times(Progress):
     """Keeps how long every stage took."""
 
     def __init__(self) -> None:

@@ -17,7 +17,7 @@ from benchmarks.clock import Statistics
 from benchmarks.planning import MotionBenchmark, PlanBenchmark
 from benchmarks.recording import RecordingCost, time_recording
 from benchmarks.walking import WalkBenchmark, WalkTiming
-from validation.cli.console import Silent
+from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.trial.plan import Request, load_request, make_body
 
@@ -88,7 +88,7 @@ def run_benchmarks(
     steps: int = DEFAULT_STEPS,
     walks: int = DEFAULT_WALKS,
     solvers: Sequence[str] = BACKENDS,
-    stages: Silent | None = None,
+    stages: Progress | None = None,
 ) -> BenchmarkResult:
     """Time planning, motion and closed loop of one gait.
 
@@ -103,7 +103,7 @@ def run_benchmarks(
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: the gait cannot be met.
     """
-    stages = stages or Silent()
+    stages = stages or Progress()
     load = os.getloadavg()[0]
     asked = {solver: _request(gait, settings, steps, solver) for solver in solvers}
     run = next(iter(asked.values())).run

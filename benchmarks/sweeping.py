@@ -24,9 +24,11 @@ import numpy as np
 import typer
 
 from ampm.exceptions import InputError
-from validation.cli.console import Narrator, json_ready, print_line, print_table
+from validation.cli.console import Narrator
+from validation.show.text import print_line, print_table
 from validation.store.environment import describe_environment
 from validation.store.folders import check_output_file, output_file
+from validation.store.json import json_ready
 from validation.study.sweep.cluster import ONE_THREAD, environment
 from validation.study.sweep.command import Options, run_sweep
 from validation.study.sweep.definition import SweepDefinition, parse_sweep

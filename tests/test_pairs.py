@@ -14,7 +14,8 @@ import pytest
 from ampm.exceptions import InputError
 from ampm.parameters import load_run
 from validation.cli.app import call
-from validation.cli.console import Silent, json_ready
+from validation.progress import Progress
+from validation.store.json import json_ready
 from validation.study.compare.metrics import catalogue, studied_name, walked_figures
 from validation.study.compare.run import (
     GRIDS,
@@ -39,7 +40,7 @@ def folders(run_of):
 
 @pytest.fixture(scope="module")
 def pair(folders):
-    return pair_of(_side("normal", folders[0], Silent()), _side("ipm", folders[1], Silent()))
+    return pair_of(_side("normal", folders[0], Progress()), _side("ipm", folders[1], Progress()))
 
 
 def value(pair, name):

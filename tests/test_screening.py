@@ -14,7 +14,7 @@ import ampm.planner.gait
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import keys, load_run
 from ampm.planner.gait import plan_gait
-from validation.cli.console import json_ready
+from validation.store.json import json_ready
 from validation.study.sweep import closed_form, dry_run_text
 from validation.study.sweep.blocks import Block
 from validation.study.sweep.closed_form import ACCEPTED, BAD_PARAMETER, REASONS

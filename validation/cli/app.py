@@ -26,12 +26,13 @@ import ampm
 from ampm.exceptions import RefusedGait
 from ampm.parameters import PRESETS
 from validation.cli import sweeps as cli_sweeps
-from validation.cli.console import Narrator, print_json, print_line
-from validation.cli.entry import interruption
+from validation.cli.console import Narrator, print_json
 from validation.cli.entry import main as main  # for callers from Python
 from validation.cli.errors import describe_error, explain, keep_traceback
 from validation.cli.options import Debug, Force, Json, Status
 from validation.judge.profiles import OWN
+from validation.progress import interruption
+from validation.show.text import print_line
 
 _PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.items())
 _EPILOG = (

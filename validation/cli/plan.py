@@ -14,7 +14,7 @@ from ampm.body.motion import MOTION_UNITS
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.gait import GaitPlan, PlanConstants, plan_gait
-from validation.cli.console import figure, print_line, print_table
+from validation.show.text import format_number, print_line, print_table
 from validation.store.folders import output_file
 from validation.store.tables import check_suffix, plan_table, sample_times, write_columns
 
@@ -60,7 +60,7 @@ def print_plan(request: Request, plan: GaitPlan, walk: PlannedWalk | None = None
     """Print a plan for a reader."""
     described = describe(request, plan, walk)
     rows = [
-        (name, figure(described[name], 6), "" if unit == "1" else unit, _MEANINGS[name])
+        (name, format_number(described[name], 6), "" if unit == "1" else unit, _MEANINGS[name])
         for name, unit in _UNITS.items()
     ]
     print_table(
@@ -68,7 +68,7 @@ def print_plan(request: Request, plan: GaitPlan, walk: PlannedWalk | None = None
         (("constant", "left"), ("value", "right"), ("unit", "left"), ("meaning", "left")),
         rows,
     )
-    print_line(f"largest jump at a switch, relative: {figure(plan.residuals().largest, 2)}")
+    print_line(f"largest jump at a switch, relative: {format_number(plan.residuals().largest, 2)}")
     if walk is not None:
         print_line(f"least distance of the ZMP from the edge of the support: {1000 * walk.zmp_margin:.1f} mm")
         print_line(f"least flexion of a knee: {walk.motion.report.knee_minimum:.3f} rad")
@@ -93,7 +93,7 @@ def print_motion(walk: PlannedWalk) -> None:
         if name == "multipliers":
             text = ", ".join(f"{re:.4g}{im:+.2g}i" if im else f"{re:.4g}" for re, im in value[:4])
         else:
-            text = figure(value, 5) if isinstance(value, float) else str(value)
+            text = format_number(value, 5) if isinstance(value, float) else str(value)
         rows.append((name, text, MOTION_UNITS.get(name, "")))
     columns = (("quantity", "left"), ("value", "left"), ("unit", "left"))
     print_table(f"motion of {walk.name}, one step", columns, rows)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ampm.exceptions import InputError
 from ampm.parameters import dump_run
 from ampm.tune.gait_limits import LIMITS
-from validation.cli.console import figure, print_line, print_table
+from validation.show.text import format_number, print_line, print_table
 from validation.store.folders import output_file
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def describe_tuned(name: str, tuned: Tuned) -> dict[str, Any]:
 def print_tuned(name: str, tuned: Tuned) -> None:
     """Print the choices and the tightest margins for a reader."""
     rows = [
-        (key, figure(value, 5) if isinstance(value, float) else str(value))
+        (key, format_number(value, 5) if isinstance(value, float) else str(value))
         for key, value in tuned.found.items()
     ]
     print_table(f"free choices of {name}", (("key", "left"), ("value", "right")), rows)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
-from validation.cli.console import Silent
+from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.trial.record import JOINTS_FILE, SimulationRecord, load_record, record_columns
 
@@ -58,7 +58,7 @@ class Replay:
         )
 
 
-def replay(directory: Path, *, stages: Silent | None = None) -> Replay:
+def replay(directory: Path, *, stages: Progress | None = None) -> Replay:
     """Replay a run folder.
 
     Args:
@@ -73,7 +73,7 @@ def replay(directory: Path, *, stages: Silent | None = None) -> Replay:
     record = load_record(directory)
     model = _load_model(directory / MODEL_FILE, record)
     note = _note(directory / ENVIRONMENT_FILE)
-    with (stages or Silent()).stage("replay", "steps") as stage:
+    with (stages or Progress()).stage("replay", "steps") as stage:
         q, qd = step_again(model, record, stage.advance)
     return compare(record, q, qd, note)
 

@@ -16,13 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import InputError
-from validation.cli.console import Silent
-from validation.cli.entry import interruption
 from validation.judge.compare import Comparison
 from validation.judge.examine import examine
 from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.verdict import Verdict
 from validation.measure.measure import MeasuredGait, measure
+from validation.progress import Progress, interruption
 from validation.run.files import write_inputs, write_observation, write_signals, write_summary
 from validation.store.environment import describe_environment
 from validation.store.folders import check_run_folder, run_folder
@@ -114,7 +113,7 @@ def targets(asked: Sequence[Request], out: Path | None, *, force: bool) -> list[
 
 
 def validate(
-    asked: Request, target: Path, options: Options | None = None, *, stages: Silent | None = None
+    asked: Request, target: Path, options: Options | None = None, *, stages: Progress | None = None
 ) -> Trial:
     """Plan, walk, measure and judge one gait, and keep everything in a folder.
 
@@ -131,7 +130,7 @@ def validate(
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met; nothing is written.
     """
-    options, stages = options or Options(), stages or Silent()
+    options, stages = options or Options(), stages or Progress()
     clock = _Clock(stages, asked.name)
     check_run_folder(target, force=options.force)
     with clock("planning"):
@@ -211,7 +210,7 @@ def _draw(folder: Path, target: Path, clock: _Clock) -> BaseException | None:
 class _Clock:
     """Wall-clock time of the stages, reported as they pass."""
 
-    def __init__(self, stages: Silent, name: str) -> None:
+    def __init__(self, stages: Progress, name: str) -> None:
         self.stages, self.name = stages, name
         self.seconds: dict[str, float] = {}
 

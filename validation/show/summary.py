@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from validation.cli.console import figure, print_line, print_table
+from validation.show.text import format_number, print_line, print_table
 
 if TYPE_CHECKING:
     from validation.run.validate import Trial
@@ -62,24 +62,25 @@ def _row(name: str, metric: Mapping[str, Any]) -> tuple[str, ...]:
     else:
         mark = "[green]pass[/]" if metric["pass"] else "[red]FAIL[/]"
     unit = _SHORT.get(shown["unit"], shown["unit"])
-    value = figure(shown["value"], 3)
+    value = format_number(shown["value"], 3)
     if metric.get("not_studied"):
         known = shown["uncertainty_at_least"]
-        value += " ± not studied" if known is None else f" ± ≥ {figure(float(known), 2)}"
+        value += " ± not studied" if known is None else f" ± ≥ {format_number(float(known), 2)}"
     elif "uncertainty" in shown:
-        value += f" ± {figure(float(shown['uncertainty']), 2)}"
-    return (name, value, figure(shown["tolerance"], 3), unit, mark)
+        value += f" ± {format_number(float(shown['uncertainty']), 2)}"
+    return (name, value, format_number(shown["tolerance"], 3), unit, mark)
 
 
 def cost(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What the walk cost, as (name, text)."""
     margins, effort, solver = summary["margins"], summary["effort"], summary["solver"]
     timing, torque = summary["timing"], margins["torque"]
-    feedback = " ".join(figure(1000 * value, 2) for value in _numbers(effort["zmp"]))
+    feedback = " ".join(format_number(1000 * value, 2) for value in _numbers(effort["zmp"]))
     return [
         (
             "outcome",
-            f"{summary['outcome']}, {summary['steps_completed']} steps in {figure(timing['simulated'])} s",
+            f"{summary['outcome']}, {summary['steps_completed']} steps in "
+            f"{format_number(timing['simulated'])} s",
         ),
         ("feedback", f"command minus plan, RMS: ZMP x y {feedback} mm"),
         (
@@ -88,19 +89,20 @@ def cost(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ),
         (
             "friction",
-            f"{figure(margins['friction']['value'], 2)} used of {figure(margins['friction_available'], 2)}",
+            f"{format_number(margins['friction']['value'], 2)} used of "
+            f"{format_number(margins['friction_available'], 2)}",
         ),
         (
             "support",
             f"measured ZMP at least {_millimetres(margins['measured_polygon']['value'])} inside",
         ),
-        ("knee", f"bent by {figure(margins['knee']['value'], 3)} rad at least"),
+        ("knee", f"bent by {format_number(margins['knee']['value'], 3)} rad at least"),
         (
             "QP",
             f"{solver['ticks']} ticks, {solver['unsolved']} unsolved, "
             f"{_micro(solver['time_median'])} median, {_micro(solver['time_p99'])} at the 99th percentile",
         ),
-        ("speed", f"closed loop at {figure(timing['real_time_factor'], 3)} times real time"),
+        ("speed", f"closed loop at {format_number(timing['real_time_factor'], 3)} times real time"),
         *_instrument(summary.get("instrument")),
     ]
 
@@ -114,7 +116,7 @@ def _instrument(seen: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     }
     known = {cause: size for cause, size in causes.items() if size == size}
     most = f", most of it by {max(known, key=lambda c: known[c]).replace('_', ' ')}" if known else ""
-    off = " ".join(figure(1000 * value, 3) for value in _numbers(seen["zmp_error"]["run"]["rmse"]))
+    off = " ".join(format_number(1000 * value, 3) for value in _numbers(seen["zmp_error"]["run"]["rmse"]))
     return [("instrument", f"{_escaped(seen['name'])} shows the ZMP x y {off} mm off (RMS){most}")]
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from ampm.exceptions import InputError
-from validation.cli.console import print_line
+from validation.show.text import print_line
 from validation.show.view_sources import Source, choose
 from validation.store.folders import output_file
 

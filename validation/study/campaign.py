@@ -24,7 +24,7 @@ import pyarrow.parquet as pq
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import dump_run, load_run
-from validation.cli.console import Silent
+from validation.progress import Progress
 from validation.store.environment import describe_environment
 
 RANGE: Mapping[str, tuple[float, float]] = {
@@ -177,7 +177,7 @@ def run_campaign(
     seed: int = 1,
     steps: int = 30,
     workers: int = 2,
-    stages: Silent | None = None,
+    stages: Progress | None = None,
 ) -> list[dict[str, Any]]:
     """Walk a campaign, or what is missing of it.
 
@@ -204,7 +204,7 @@ def run_campaign(
     missing = [case for case in cases if case.name not in rows]
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")  # one thread per worker: more cost time, and the run its bits
-    with (stages or Silent()).stage("campaign", "gaits") as stage:
+    with (stages or Progress()).stage("campaign", "gaits") as stage:
         # Workers are started afresh: a fork would share the state of compiled libraries.
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(max_workers=workers, mp_context=context) as pool:

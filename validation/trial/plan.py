@@ -16,7 +16,7 @@ import platformdirs
 from ampm.exceptions import InputError
 from ampm.parameters import PRESETS, RunParameters, load_run
 from ampm.planner.gait import plan_gait
-from validation.cli.console import Silent
+from validation.progress import Progress
 
 if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
@@ -137,7 +137,7 @@ def make_body(run: RunParameters) -> Body:
     return Body(model, Robot(pinocchio_model(model.compile()), model.description))
 
 
-def plan_walk(request: Request, progress: Silent | None = None) -> PlannedWalk:
+def plan_walk(request: Request, progress: Progress | None = None) -> PlannedWalk:
     """Plan a gait with its body, and solve the periodic motion, which fixes the constant of L_y.
 
     Args:
@@ -147,7 +147,7 @@ def plan_walk(request: Request, progress: Silent | None = None) -> PlannedWalk:
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met.
     """
-    run, progress = request.run, progress or Silent()
+    run, progress = request.run, progress or Progress()
     plan_gait(run.gait, mass=run.body.mass)  # refuse bad mathematics before a body is built
     # Here, not above: Pinocchio takes long to load.
     from ampm.body.feasibility import check_body

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ampm.exceptions import InputError
 from ampm.tune.free_choices import FREE_KEYS, named_keys
-from validation.cli.console import Silent
+from validation.progress import Progress
 from validation.trial.plan import Body, PlannedWalk, Request, make_body, motion_cache
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class TunedWalk:
         return PlannedWalk(self.request, self.tuned.plan, self.body, self.tuned.motion)
 
 
-def tune_walk(request: Request, progress: Silent | None = None) -> TunedWalk:
+def tune_walk(request: Request, progress: Progress | None = None) -> TunedWalk:
     """Make the free choices of a gait; what a preset, a file or a setting names stays as it is.
 
     Args:
@@ -53,7 +53,7 @@ def tune_walk(request: Request, progress: Silent | None = None) -> TunedWalk:
             f"{request.name} names every free choice, so there is nothing to tune; leave out what is to be "
             "found, for example gait.com_height."
         )
-    with (progress or Silent()).stage(f"{request.name}: free choices") as stage:
+    with (progress or Progress()).stage(f"{request.name}: free choices") as stage:
         body = make_body(request.run)
         tuned = tune(request.run, body.robot, progress=stage.note, cache=motion_cache())
     return TunedWalk(Request(request.name, tuned.run), tuned, body)

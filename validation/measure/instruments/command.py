@@ -9,10 +9,10 @@ import mujoco
 
 from ampm.exceptions import InputError
 from ampm.parameters import load_run
-from validation.cli.console import print_line, print_table
 from validation.measure.instruments.model import Instrument
 from validation.measure.instruments.result import Observation, observe, run_key
 from validation.measure.instruments.table import cause_rows, draw, error_rows, observation_columns
+from validation.show.text import print_line, print_table
 from validation.store.folders import check_folder_of, check_output_file, output_file
 from validation.store.tables import check_suffix, write_columns
 from validation.trial.record import load_record

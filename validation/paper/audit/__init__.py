@@ -14,13 +14,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ampm.exceptions import InputError
-from validation.cli.console import Silent
+from validation.progress import Progress
 
 if TYPE_CHECKING:
     from validation.paper.audit.rows import Row
 
 
-def audit(stages: Silent | None = None) -> tuple[Row, ...]:
+def audit(stages: Progress | None = None) -> tuple[Row, ...]:
     """Check the whole paper.
 
     Args:
@@ -50,7 +50,7 @@ def audit(stages: Silent | None = None) -> tuple[Row, ...]:
     )
     from validation.paper.audit.case import Case
 
-    stages = stages or Silent()
+    stages = stages or Progress()
     case = Case()
     rows: list[Row] = []
     for module in (section_1, section_2, section_2_1, section_2_2, section_2_3, section_3, section_4):

@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
 from models.human import sole_geometry
-from validation.cli.console import Silent
 from validation.paper.figures import accelerations, bodies, centroidal, foot_roll, geometry, human
 from validation.paper.figures.canvas import file_names, save, style
 from validation.paper.figures.walks import STEPS, Walk, Walks
+from validation.progress import Progress
 from validation.store.folders import check_output_file, output_file
 
 NUMBERS = "figures.json"
@@ -99,7 +99,7 @@ def make_figures(
     steps: int = STEPS,
     *,
     force: bool = False,
-    stages: Silent | None = None,
+    stages: Progress | None = None,
 ) -> list[Path]:
     """Draw the paper's figures from data.
 
@@ -116,7 +116,7 @@ def make_figures(
     Raises:
         InputError: no such figure, too few steps, or a file that exists.
     """
-    stages = stages or Silent()
+    stages = stages or Progress()
     wanted = _wanted(only)
     if steps < 4:
         raise InputError(f"--steps {steps} leaves no whole stride after the first one; take 4 or more.")

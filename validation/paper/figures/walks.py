@@ -16,9 +16,9 @@ from ampm.body.motion import MotionSample, WholeBodyMotion
 from ampm.body.robot import Robot
 from ampm.exceptions import SolverError
 from ampm.planner.gait import GaitPlan
-from validation.cli.console import Silent
 from validation.judge.profiles import own_profile
 from validation.paper.figures.centroidal import Centroidal, LessPlan, of_motion
+from validation.progress import Progress
 from validation.run.validate import Options, Trial, validate
 from validation.trial.bridge import to_pinocchio
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
@@ -157,8 +157,8 @@ class Walks:
         stages: where to report progress.
     """
 
-    def __init__(self, steps: int, stages: Silent | None = None) -> None:
-        self.steps, self.stages = steps, stages or Silent()
+    def __init__(self, steps: int, stages: Progress | None = None) -> None:
+        self.steps, self.stages = steps, stages or Progress()
         self._walks: dict[tuple[str, ...], Walk] = {}
         self._folder = tempfile.TemporaryDirectory(prefix="ampm-figures-")
 

@@ -29,9 +29,11 @@ from ampm.body.robot import Robot
 from ampm.exceptions import InputError
 from ampm.parameters import load_run
 from ampm.planner.gait import GaitPlan, plan_gait
-from validation.cli.console import Silent, figure, json_ready, print_line, print_table
+from validation.progress import Progress
 from validation.run.validate import Options, validate
+from validation.show.text import format_number, print_line, print_table
 from validation.store.folders import RUN_FILES, check_run_folder, output_file
+from validation.store.json import json_ready
 from validation.store.saved import RUN_FILE, SavedRun, load_saved_run
 from validation.study.compare.metrics import (
     GRIDS,
@@ -217,7 +219,7 @@ def compare_pair(
     uncertainty: Sequence[Path] = (),
     out: Path | None = None,
     force: bool = False,
-    stages: Silent | None = None,
+    stages: Progress | None = None,
 ) -> Pair:
     """Walk or load two gaits, compare them, and write the comparison if it is to be kept.
 
@@ -233,7 +235,7 @@ def compare_pair(
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: a gait or folder cannot be used.
     """
-    stages = stages or Silent()
+    stages = stages or Progress()
     sources = [_source(text, settings) for text in (a, b)]
     if settings and all(isinstance(source, Path) for source in sources):
         raise InputError(
@@ -346,7 +348,7 @@ def _place(out: Path | None) -> Iterator[Path]:
         yield Path(folder)
 
 
-def _side(label: str, folder: Path, stages: Silent) -> Side:
+def _side(label: str, folder: Path, stages: Progress) -> Side:
     """Load a run and solve its motion on all grids."""
     saved = load_saved_run(folder)
     if not len(saved.signals):
@@ -537,13 +539,13 @@ def known(pair: Pair) -> str:
 
 def shown(value: float) -> str:
     """A figure for a table: rounding errors are 0."""
-    return "0" if abs(value) < 1e-9 else figure(value, 3)
+    return "0" if abs(value) < 1e-9 else format_number(value, 3)
 
 
 def _ratio(row: Row) -> str:
     if row.ratio is None:
         return ""
-    return "> 1000" if row.ratio > 1000.0 else "< 0.001" if row.ratio < 1e-3 else figure(row.ratio, 3)
+    return "> 1000" if row.ratio > 1000.0 else "< 0.001" if row.ratio < 1e-3 else format_number(row.ratio, 3)
 
 
 def status(pair: Pair) -> tuple[int, int]:

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ampm.exceptions import InputError
-from validation.cli.console import Silent, json_ready
 from validation.judge import profiles
+from validation.progress import Progress
 from validation.store.folders import output_file
+from validation.store.json import json_ready
 from validation.study.convergence.execute import runs_of, walk_levels
 from validation.study.convergence.result import Convergence, combine
 from validation.study.convergence.studies import LEVELS, STEPS, Runner, studies, walk_level
@@ -52,7 +53,7 @@ def run(
     settings: Sequence[str],
     options: Options,
     *,
-    stages: Silent | None = None,
+    stages: Progress | None = None,
     runner: Runner = walk_level,
 ) -> Convergence:
     """Study one gait, and write the files if a folder was given.
@@ -67,7 +68,7 @@ def run(
     Raises:
         InputError, RefusedGait: the request cannot be met; nothing is written.
     """
-    stages = stages or Silent()
+    stages = stages or Progress()
     if options.steps < 2:
         raise InputError(
             f"--steps {options.steps}: the first step is in no metric; walk 2 at least.", value=options.steps

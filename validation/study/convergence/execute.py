@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from typing import TYPE_CHECKING
 
-from validation.cli.console import Silent
+from validation.progress import Progress
 from validation.study.convergence.studies import Figures, Runner, Study, walk_level
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def walk_levels(
     profile: Profile,
     *,
     workers: int = 2,
-    stages: Silent | None = None,
+    stages: Progress | None = None,
     runner: Runner = walk_level,
 ) -> dict[Level, Figures]:
     """Walk every level.
@@ -60,7 +60,7 @@ def walk_levels(
         runner: what walks one level; with more than one worker, it must be importable.
     """
     done: dict[Level, Figures] = {}
-    with (stages or Silent()).stage(f"{name}: convergence", "walks") as stage:
+    with (stages or Progress()).stage(f"{name}: convergence", "walks") as stage:
         if workers == 1:
             for key, run in runs.items():
                 done[key] = runner(run, name, profile)

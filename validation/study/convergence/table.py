@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from validation.cli.console import figure, print_line, print_table
+from validation.show.text import format_number, print_line, print_table
 from validation.study.convergence.execute import level
 from validation.study.convergence.order import NO_RANGE, Estimate, Kind
 from validation.study.convergence.result import Convergence, MetricStudy
@@ -100,7 +100,7 @@ def _order(item: MetricStudy) -> tuple[str, str]:
 def _shown(item: MetricStudy, value: float, digits: int = 3) -> str:
     if math.isinf(value):
         return "∞"
-    return figure(value * item.factor, digits)
+    return format_number(value * item.factor, digits)
 
 
 def _unit(item: MetricStudy) -> str:

@@ -19,9 +19,10 @@ import pyarrow.compute as pc
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import RunParameters
 from ampm.planner.gait import plan_gait
-from validation.cli.console import Narrator, json_ready, print_json
-from validation.cli.entry import interruption
+from validation.cli.console import Narrator, print_json
 from validation.cli.options import Status
+from validation.progress import interruption
+from validation.store.json import json_ready
 from validation.study.sweep.columns import column, reproducible_columns, run_key, schema, tidy
 from validation.study.sweep.definition import SweepDefinition, load_sweep
 from validation.study.sweep.identity import code_hash

@@ -12,8 +12,8 @@ from markupsafe import Markup
 from rich.markup import escape
 
 from ampm.exceptions import InputError
-from validation.cli.console import figure, print_line, print_table
 from validation.show.report import metric_label
+from validation.show.text import format_number, print_line, print_table
 from validation.store.folders import output_file
 from validation.study.sweep.diff import SIGNIFICANCE, Change, MetricChange, SweepDiff
 from validation.study.sweep.matching import revision
@@ -171,19 +171,20 @@ _COLUMNS = (
 
 def _cells(item: MetricChange) -> tuple[str, ...]:
     scale, unit = (1e3, "mm") if item.unit == "m" else (1.0, "" if item.unit == "1" else item.unit)
-    worst = f"{item.worst}: {figure(scale * item.worst_before, 3)} → {figure(scale * item.worst_after, 3)}"
-    noise = "no bound" if math.isinf(item.noise) else figure(scale * item.noise, 2)
+    before, after = scale * item.worst_before, scale * item.worst_after
+    worst = f"{item.worst}: {format_number(before, 3)} → {format_number(after, 3)}"
+    noise = "no bound" if math.isinf(item.noise) else format_number(scale * item.noise, 2)
     return (
         metric_label(item.metric),
         item.verdict,
         f"{item.better:,}",
         f"{item.worse:,}",
         f"{item.regressed:,}",
-        figure(scale * item.before),
-        figure(scale * item.after),
+        format_number(scale * item.before),
+        format_number(scale * item.after),
         unit,
         f"{scale * item.shift:+.2g}" if item.shift else "0",
-        figure(item.p, 2),
+        format_number(item.p, 2),
         noise,
         worst if item.worst else "",
     )

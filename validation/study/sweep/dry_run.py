@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ampm.exceptions import InputError
-from validation.cli.console import Silent
+from validation.progress import Progress
 from validation.study.sweep.closed_form import BAD_PARAMETER
 from validation.study.sweep.definition import SweepDefinition
 from validation.study.sweep.probing import (
@@ -240,7 +240,7 @@ def plan_dry_run(
     rates: Rates | None = None,
     probed: int = PROBED,
     solve: int | None = 0,
-    stages: Silent | None = None,
+    stages: Progress | None = None,
 ) -> DryRun:
     """Count, screen and estimate a sweep.
 
@@ -270,7 +270,7 @@ def plan_dry_run(
         solve = SOLVED if len(numbers) > SOLVED else 0
     solved = Solved()
     if solve and passed:
-        solved = solve_motions(cases, passed, solve, all_probed=probe.complete, stages=stages or Silent())
+        solved = solve_motions(cases, passed, solve, all_probed=probe.complete, stages=stages or Progress())
     simulated, processor, longest = _cost(cases, screening, numbers, rates)
     share = probe.passing * solved.passing
     processor = share * processor + probe.passing * probe.motions * rates.motion

@@ -6,7 +6,7 @@ import math
 
 from rich.markup import escape
 
-from validation.cli.console import print_line, print_table
+from validation.show.text import print_line, print_table
 from validation.study.sweep.dry_run import CONFIDENCE, DryRun
 from validation.study.sweep.screening import Refusal
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.planner.gait import plan_gait
-from validation.cli.console import Silent
+from validation.progress import Progress
 from validation.study.sweep.closed_form import BAD_PARAMETER
 from validation.study.sweep.sampling import Cases
 
@@ -142,7 +142,7 @@ def probe_bodies(
 
 
 def solve_motions(
-    cases: Cases, passed: list[tuple[int, int]], most: int, *, all_probed: bool, stages: Silent
+    cases: Cases, passed: list[tuple[int, int]], most: int, *, all_probed: bool, stages: Progress
 ) -> Solved:
     """Solve the whole-body motion of some of the gaits that soles and legs take.
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from validation.cli.console import print_line, print_table
 from validation.cli.options import Status
+from validation.show.text import print_line, print_table
 from validation.study.sweep.columns import OUTCOMES
 from validation.study.sweep.faults import MACHINE_FAULTS
 from validation.study.sweep.progress import duration

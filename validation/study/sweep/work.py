@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import RunParameters
-from validation.cli.console import Silent, Stage
 from validation.judge.profiles import profile as find_profile
+from validation.progress import Progress, Stage
 from validation.study.sweep.columns import tidy
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.faults import clean_row, clean_text, machine_fault
@@ -199,7 +199,7 @@ def _keep(walked: Walk, task: Task, timing: dict[str, float]) -> str:
     return keep_run(walked, Path(task.folder), task.name, timing, task.instrument)
 
 
-class _Clock(Silent):
+class _Clock(Progress):
     """Times the stages of planning."""
 
     def __init__(self) -> None:

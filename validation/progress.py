@@ -1,0 +1,105 @@
+"""Progress of long work, and interruption by a signal. Silent unless a subclass prints.
+
+A ``KeyboardInterrupt`` can be lost: C extensions turn it into an ``ImportError`` or swallow it, and one that
+is raised in a callback of the garbage collector vanishes. So the signal also leaves a mark, which is checked
+between stages and at the end. Only the standard library is imported here, and as little of it as possible.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+INTERRUPTED = 130
+
+
+class Interruption:
+    """The mark that a signal leaves.
+
+    Attributes:
+        count: signals so far.
+        seen: how many of them somebody has answered.
+        holding: whether the first signal waits for :meth:`release`, for work that is worth finishing.
+        finished: whether the answer is out, so that a further signal may end the program at once.
+    """
+
+    def __init__(self) -> None:
+        self.count = self.seen = 0
+        self.holding = self.finished = False
+
+    @property
+    def pending(self) -> bool:
+        """Whether a signal came that nobody has answered."""
+        return self.count > self.seen
+
+    def install(self) -> None:
+        """Answer Ctrl-C and a termination signal from now on."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._receive)
+        unraisable = sys.unraisablehook
+
+        def quiet(lost: Any) -> None:
+            if not (self.count and isinstance(lost.exc_value, KeyboardInterrupt)):
+                unraisable(lost)
+
+        sys.unraisablehook = quiet
+
+    def _receive(self, number: int, frame: object) -> None:
+        self.count += 1
+        if self.finished:
+            os._exit(INTERRUPTED)
+        if self.holding and self.count - self.seen == 1:
+            return
+        raise KeyboardInterrupt
+
+    def check(self) -> None:
+        """Raise the ``KeyboardInterrupt`` that was lost on its way, if one was."""
+        if self.pending and not self.holding:
+            raise KeyboardInterrupt
+
+    def acknowledge(self) -> None:
+        """Count what came so far as answered: a walk that was interrupted says so itself."""
+        self.seen = self.count
+
+    def hold(self) -> None:
+        """Let the first signal wait; a second one still interrupts."""
+        self.holding = True
+
+    def release(self) -> None:
+        """End of :meth:`hold`."""
+        self.holding = False
+
+
+interruption = Interruption()
+"""Of this process."""
+
+
+class Stage:
+    """One stage of a pipeline. This one reports nothing."""
+
+    def advance(self, done: int, total: int) -> None:
+        """Report how much is done, in the stage's unit."""
+
+    def note(self, text: str) -> None:
+        """Report in words."""
+
+
+class Progress:
+    """Reports nothing: the default of calls from Python, and the base of what does report."""
+
+    @contextmanager
+    def stage(self, label: str, unit: str = "") -> Iterator[Stage]:
+        """Enter one stage.
+
+        Args:
+            label: what is being done.
+            unit: what ``done`` and ``total`` of :meth:`Stage.advance` count.
+        """
+        yield Stage()
+
+    def say(self, text: str) -> None:
+        """Report one line."""

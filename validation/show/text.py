@@ -1,0 +1,46 @@
+"""Text tables and numbers for a reader."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+
+_FILE_WIDTH = 160
+"""Columns of a table that is written to a file or a pipe."""
+
+
+def print_table(title: str, columns: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table on stdout.
+
+    Args:
+        title: line above.
+        columns: header and justification (``"left"`` or ``"right"``) of each column.
+        rows: cells, rich markup allowed.
+    """
+    table = Table()
+    for number, (header, justify) in enumerate(columns):
+        right = justify == "right"
+        table.add_column(header, justify="right" if right else "left", no_wrap=right or number == 0)
+    for row in rows:
+        table.add_row(*row)
+    console = Console(highlight=False)
+    if not console.is_terminal:  # a file or a pipe has no edge to wrap at
+        console.width = max(console.width, _FILE_WIDTH)
+    # The title is padded to the table's width otherwise, and a file keeps such blanks.
+    console.print(f"[bold]{title}[/]", soft_wrap=True)
+    console.print(table)
+
+
+def print_line(text: str) -> None:
+    """Print one line on stdout, unwrapped."""
+    Console(highlight=False, soft_wrap=True).print(text)
+
+
+def format_number(value: float | None, digits: int = 4) -> str:
+    """A number for a table: significant digits, or a dash where there is none."""
+    if value is None or math.isnan(value):
+        return "-"
+    return f"{value:.{digits}g}"
