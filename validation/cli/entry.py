@@ -7,6 +7,7 @@ import signal
 import sys
 
 from validation.progress import INTERRUPTED, interruption
+from validation.store.machine import one_blas_thread
 
 
 def main() -> None:
@@ -14,10 +15,7 @@ def main() -> None:
     interruption.install()
     arguments = sys.argv[1:]
     try:
-        # Before numpy is loaded: threads on matrices this small cost three times what they save, and a run's
-        # bits must not depend on how many cores share a sum.
-        for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-            os.environ.setdefault(variable, "1")
+        one_blas_thread()
         from validation.cli import app as cli
 
         if "_AMPM_COMPLETE" in os.environ:  # a shell asks for completions

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 from ampm.parameters import dump_run
 from validation.judge.signals import save_signals, signals_table
 from validation.judge.verdict import build_summary
-from validation.store.environment import memory_peak
 from validation.store.folders import INSTRUMENT_FILE, RUN_FILES
 from validation.store.json import json_ready
+from validation.store.machine import memory_peak
 
 if TYPE_CHECKING:
     from ampm.parameters import RunParameters

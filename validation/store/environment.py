@@ -1,4 +1,4 @@
-"""What a run ran on: versions, platform and revision, so that a figure can be traced to what produced it."""
+"""Versions, platform and revision that a run ran on, so that its numbers can be traced."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from typing import Any
+
+from validation.store.machine import cores
 
 DISTRIBUTIONS = (
     "ampm",
@@ -42,7 +44,7 @@ def describe_environment() -> dict[str, Any]:
         "versions": {name: _version(name) for name in DISTRIBUTIONS},
         "platform": f"{platform.system()} {platform.machine()}, {_system()}",
         "processor": _processor(),
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "cores": cores(),
         "memory": _memory(),
         "revision": revision,
         "modified": modified,
@@ -97,17 +99,3 @@ def _git(root: Path, *arguments: str) -> str:
     return subprocess.run(
         ["git", "-C", str(root), *arguments], check=True, capture_output=True, text=True, timeout=10
     ).stdout
-
-
-def memory_peak() -> float | None:
-    """Largest resident memory of this process so far [MB]; None where that is not known.
-
-    ``ru_maxrss`` would count the process that this one was started by.
-    """
-    try:
-        for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024 / 1e6
-    except (OSError, ValueError):
-        pass
-    return None

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
+
+from validation.store.machine import one_blas_thread
 
 
 def main() -> None:
     """Audit the paper and write the page."""
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy, as the console script does
-        os.environ.setdefault(variable, "1")
+    one_blas_thread()
     from validation.cli.console import Narrator
     from validation.paper.audit import audit
     from validation.paper.audit.table import markdown

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from validation.judge import profiles
 from validation.progress import Progress
 from validation.store.folders import output_file
 from validation.store.json import json_ready
+from validation.store.machine import cores
 from validation.study.convergence.execute import runs_of, walk_levels
 from validation.study.convergence.result import Convergence, combine
 from validation.study.convergence.studies import LEVELS, STEPS, Runner, studies, walk_level
@@ -73,7 +73,7 @@ def run(
         raise InputError(
             f"--steps {options.steps}: the first step is in no metric; walk 2 at least.", value=options.steps
         )
-    workers = options.workers if options.workers is not None else _cores()
+    workers = options.workers if options.workers is not None else cores()
     if workers < 1:
         raise InputError(f"--workers {workers}: at least one process has to walk.", value=workers)
     profile = profiles.profile(options.profile)
@@ -91,11 +91,6 @@ def run(
     if options.out is not None:
         write(result, options.out)
     return result
-
-
-def _cores() -> int:
-    """Processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _check_ticks(request: Request) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from typing import TYPE_CHECKING
 
 from validation.progress import Progress
+from validation.store.machine import one_blas_thread
 from validation.study.convergence.studies import Figures, Runner, Study, walk_level
 
 if TYPE_CHECKING:
@@ -66,10 +66,7 @@ def walk_levels(
                 done[key] = runner(run, name, profile)
                 stage.advance(len(done), len(runs))
             return done
-        for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-            os.environ.setdefault(
-                variable, "1"
-            )  # one thread per worker: more cost time, and the run its bits
+        one_blas_thread()
         # Workers are started afresh: a fork would share the state of compiled libraries.
         context = multiprocessing.get_context("spawn")
         others = set(multiprocessing.active_children())

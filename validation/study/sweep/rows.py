@@ -13,7 +13,8 @@ import numpy as np
 from ampm.exceptions import AmpmError, InputError, RefusedGait
 from ampm.parameters import RunParameters
 from ampm.planner.gait import GaitPlan, plan_gait
-from validation.store.environment import describe_environment, memory_peak
+from validation.store.environment import describe_environment
+from validation.store.machine import memory_peak
 from validation.study.sweep.columns import COLUMNS, parameter_values, run_key, version_column
 from validation.study.sweep.identity import code_hash
 

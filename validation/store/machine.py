@@ -1,0 +1,50 @@
+"""Cores, threads and memory of this process. Only ``os`` is imported: this runs before anything heavy."""
+
+from __future__ import annotations
+
+import os
+
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+"""What the libraries of linear algebra read when they are loaded."""
+
+
+def cores() -> int:
+    """Processors that this process may use: by its affinity, and by the quota of a container."""
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    quota = _quota()
+    return allowed if quota is None else max(1, min(allowed, quota))
+
+
+def one_blas_thread() -> None:
+    """Give linear algebra one thread, unless the environment says otherwise; call it before numpy is loaded.
+
+    Threads on matrices this small cost three times what they save, and a run's bits must not depend on how
+    many cores share a sum.
+    """
+    for variable in THREAD_VARIABLES:
+        os.environ.setdefault(variable, "1")
+
+
+def memory_peak() -> float | None:
+    """Largest resident memory of this process so far [MB]; None where that is not known.
+
+    ``ru_maxrss`` would count the process that this one was started by.
+    """
+    try:
+        with open("/proc/self/status", encoding="utf-8") as file:
+            for line in file:
+                if line.startswith("VmHWM:"):
+                    return int(line.split()[1]) * 1024 / 1e6
+    except (OSError, ValueError):
+        pass
+    return None
+
+
+def _quota() -> int | None:
+    """Processors that a container's quota allows (cgroup 2), rounded up; None without a quota."""
+    try:
+        with open("/sys/fs/cgroup/cpu.max", encoding="utf-8") as file:
+            limit, period = file.read().split()
+        return None if limit == "max" else -(-int(limit) // int(period))
+    except (OSError, ValueError):
+        return None
