@@ -1,15 +1,30 @@
-"""Imports point one way: `ampm` never sees a simulator, its planner not even Pinocchio."""
+"""Imports point one way: from room to room in order, without a circle, and `ampm` never sees a simulator."""
 
 from __future__ import annotations
 
 import ast
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+
+ORDER = {
+    "ampm": (
+        "exceptions geometry so3 description qp parameters run_file planner walk body control planners tune"
+    ).split(),
+    "validation": "progress trial store measure judge show run study paper cli".split(),
+}
+"""Rooms of a package, each of which may import itself and those before it. The package itself comes last."""
+
+KNOWN = {
+    ("measure", "judge"), ("measure", "show"), ("paper", "cli"), ("run", "study"), ("show", "run"),
+    ("show", "study"), ("store", "judge"), ("study", "cli"), ("trial", "store"),
+}  # fmt: skip
+"""Arrows of ``validation`` that still point the wrong way. None may be added."""
 
 
 def loaded_by(statement: str) -> set[str]:
@@ -38,6 +53,47 @@ def imported_packages(package: str) -> set[str]:
             elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
                 names.add(node.module.split(".")[0])
     return names
+
+
+def module_name(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def imports(package: str) -> dict[str, set[str]]:
+    """Modules of the same package that each module imports, at any depth of its code."""
+    known = {module_name(path): path for path in (ROOT / package).rglob("*.py")}
+    found: dict[str, set[str]] = {}
+    for name, path in known.items():
+        seen = found.setdefault(name, set())
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                seen.update(alias.name for alias in node.names if alias.name in known)
+            elif isinstance(node, ast.ImportFrom) and node.module in known:
+                members = {f"{node.module}.{alias.name}" for alias in node.names}
+                # What a package's own file re-exports counts as an import of the package.
+                seen.update(members & known.keys() or {node.module})
+        seen.discard(name)
+    return found
+
+
+@pytest.mark.parametrize("package", ORDER)
+def test_rooms_import_in_order(package):
+    order = [*ORDER[package], ""]
+    room = {name: [*name.split("."), ""][1] for name in imports(package)}
+    assert set(room.values()) <= set(order), "a room without a place in the order"
+    wrong = {
+        (room[name], room[other]): f"{name} imports {other}"
+        for name, others in imports(package).items()
+        for other in others
+        if order.index(room[other]) > order.index(room[name])
+    }
+    assert {pair: text for pair, text in wrong.items() if pair not in KNOWN} == {}
+
+
+@pytest.mark.skip(reason="gait and feet, app and entry still import each other")
+@pytest.mark.parametrize("package", ORDER)
+def test_no_circle_of_imports(package):
+    TopologicalSorter(imports(package)).prepare()  # raises CycleError, which names the modules
 
 
 def test_the_whole_of_ampm_leaves_the_simulator_unloaded():
