@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -21,6 +20,7 @@ from ampm.body.motion import MOTION_UNITS
 from ampm.parameters import RunParameters
 from ampm.planner.gait import GaitPlan
 from validation.show import run_figures as figures
+from validation.show.page import render_page
 from validation.show.run_figures import Curve, Window
 from validation.store.saved import SavedRun, load_saved_run, run_events
 from validation.trial.record import OutcomeName
@@ -104,13 +104,7 @@ def render(saved: SavedRun) -> str:
     Returns:
         A complete HTML document without references to anything outside it.
     """
-    environment = Environment(
-        loader=PackageLoader("validation.show"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
-    )  # fmt: skip
-    template = environment.get_template("report.html.j2")
-    source, _, _ = environment.loader.get_source(environment, "report.css")  # type: ignore[union-attr]
-    return template.render(css=Markup(source), **_context(saved))
+    return render_page("report.html.j2", styles=["report.css"], **_context(saved))
 
 
 def _context(saved: SavedRun) -> dict[str, Any]:

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from validation.show import run_figures as figures
+from validation.show.page import render_page
 from validation.study.compare.run import EVEN, Pair, Side, _ratio, facts, known, shown, verdicts
 
 Array = NDArray[np.float64]
@@ -35,11 +35,6 @@ _KINDS = ("single to double support", "double to single support")
 
 def render(pair: Pair) -> str:
     """The report as one self-contained page."""
-    environment = Environment(
-        loader=PackageLoader("validation.show"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
-    )  # fmt: skip
-    css, _, _ = environment.loader.get_source(environment, "report.css")  # type: ignore[union-attr]
     a, b = pair.a.label, pair.b.label
     with figures.style():
         switches = figures.to_svg(draw_switches(pair), "s", f"{a} and {b} about the switches")
@@ -63,8 +58,9 @@ def render(pair: Pair) -> str:
         )
         for group in dict.fromkeys(row.group for row in pair.rows)
     ]
-    return environment.get_template("pair.html.j2").render(
-        css=Markup(css),
+    return render_page(
+        "pair.html.j2",
+        styles=["report.css"],
         a=a,
         b=b,
         even=EVEN,

@@ -1,0 +1,30 @@
+"""HTML pages from templates: one environment, style sheets and scripts put into the page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+_LOADER = PackageLoader("validation.show")
+_ENVIRONMENT = Environment(
+    loader=_LOADER, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+)
+
+
+def render_page(template: str, *, styles: Sequence[str], scripts: Sequence[str] = (), **context: Any) -> str:
+    """Render a self-contained page.
+
+    Args:
+        template: its name among the templates; it finds the sheets as ``css`` and the scripts as ``script``.
+        styles: names of style sheets among the templates, in order.
+        scripts: names of scripts, in order.
+        context: what else the template needs.
+    """
+    css, script = (
+        Markup("".join(_LOADER.get_source(_ENVIRONMENT, name)[0] for name in names))
+        for names in (styles, scripts)
+    )
+    return _ENVIRONMENT.get_template(template).render(css=css, script=script, **context)
