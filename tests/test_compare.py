@@ -9,7 +9,8 @@ import pytest
 
 from ampm.exceptions import InputError
 from tests.walk import MASS, perfect_walk, with_state
-from validation.judge.compare import PARTS, RUN, WINDOWS, compare, statistics_table
+from validation.judge.compare import compare, statistics_table
+from validation.judge.errors import PARTS, RUN, WINDOWS
 from validation.judge.signals import COLUMNS, load_signals, save_signals, signals_table
 
 WEIGHT = MASS * 9.81

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ampm.exceptions import InputError
-from validation.judge.compare import PARTS
+from validation.judge.errors import PARTS
 from validation.trial.record import write_table
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from validation.judge.compare import FIRST_STEP, Comparison, statistics_table
+from validation.judge.compare import Comparison, statistics_table
+from validation.judge.metrics import METRICS, display_unit
 from validation.judge.profiles import BODY_WEIGHT, Profile, Tolerance
 
 if TYPE_CHECKING:
@@ -135,7 +136,11 @@ def judge(
     limits = {item.metric: item for item in profile.tolerances}
     weight = comparison.scales["body_weight"]
     names = [name for name in limits if name in comparison.metrics]
-    names += [name for name in comparison.metrics if name not in limits]
+    names += [
+        name
+        for name in comparison.metrics
+        if name not in limits and not METRICS[name].section  # its section of the summary has it
+    ]
     results = tuple(
         _result(
             name,
@@ -264,7 +269,7 @@ def _result(
     judged: bool,
 ) -> MetricResult:
     metric = comparison.metrics[name]
-    factor, display_unit = display_unit_of(metric.unit, weight)
+    factor, unit = display_unit(metric.unit, weight)
     if uncertainty is not None and math.isnan(uncertainty):
         uncertainty = None
     limit: float | None = None
@@ -292,9 +297,9 @@ def _result(
         reason=tolerance.reason if tolerance is not None else "",
         display_value=metric.value * factor,
         display_tolerance=None if limit is None else limit * factor,
-        display_unit=display_unit,
+        display_unit=unit,
         normalised=metric.normalised,
-        first_step=_first_step(name, comparison),
+        first_step=metric.first_step,
         uncertainty=uncertainty,
         display_uncertainty=None if uncertainty is None else uncertainty * factor,
         undecided=undecided,
@@ -317,23 +322,6 @@ def _shown(item: MetricResult) -> str:
     if item.not_studied and known is None:
         spread = " ± not studied"
     return f"{item.display_value:.3g}{spread} {item.display_unit}".rstrip()
-
-
-def display_unit_of(unit: str, weight: float) -> tuple[float, str]:
-    """Factor and unit for people: millimetres, percent of body weight."""
-    if unit == "m":
-        return 1e3, "mm"
-    if unit == "N":
-        return 100.0 / weight, "% of body weight"
-    return 1.0, "" if unit == "1" else unit
-
-
-def _first_step(name: str, comparison: Comparison) -> float | None:
-    signal, _, figure = name.rpartition("_")
-    if signal not in comparison.signals or figure not in ("rmse", "maximum"):
-        return None
-    value = getattr(comparison.signals[signal].windows[FIRST_STEP], figure)
-    return None if math.isnan(value) else float(value)
 
 
 def _metric_entry(item: MetricResult) -> dict[str, Any]:

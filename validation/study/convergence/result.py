@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from validation.judge.metrics import display_unit
 from validation.judge.profiles import Profile
-from validation.judge.verdict import VerdictName, display_unit_of, is_undecided
+from validation.judge.verdict import VerdictName, is_undecided
 from validation.store.environment import describe_environment
 from validation.study.convergence.execute import OWN, Level, level
 from validation.study.convergence.order import Estimate, estimate, input_uncertainty
@@ -239,7 +240,7 @@ def _metric(
     limit = own.limits.get(name)
     judged = limit is not None and own.completed and not math.isnan(value)
     undecided = limit is not None and judged and (bool(missing) or is_undecided(value, limit, uncertainty))
-    factor, unit = display_unit_of(own.units[name], own.weight)
+    factor, unit = display_unit(own.units[name], own.weight)
     return MetricStudy(
         name=name,
         value=value,
