@@ -18,7 +18,8 @@ import tomli_w
 from scipy.stats import qmc
 
 from ampm.parameters import GRAVITY, RunParameters, keys
-from validation.judge.profiles import BODY_WEIGHT, profile
+from validation.judge.metrics import BODY_WEIGHT
+from validation.judge.profiles import profile
 from validation.study.sweep.columns import TABLE_METADATA, schema
 from validation.study.sweep.definition import parse_sweep
 from validation.study.sweep.store import table_metadata

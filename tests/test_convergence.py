@@ -16,7 +16,7 @@ import pytest
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import load_run
 from tests.saved_run import make_run
-from tests.walk import perfect_walk, with_state
+from tests.walk import STILL, perfect_walk, with_state
 from validation.cli.app import Status, call
 from validation.judge.compare import compare
 from validation.judge.profiles import DEFAULT, STRICT
@@ -472,37 +472,33 @@ def walk():
 
 def off_by(walk, shift):
     planned, record, measured = walk
-    return compare(planned, record, with_state(planned, measured, com_shift=(shift, 0.0, 0.0)))
+    off = with_state(planned, measured, com_shift=(shift, 0.0, 0.0))
+    return compare(planned, record, off, standing=STILL)
 
 
 def named(verdict, name="zmp_x_rmse"):
     return next(item for item in verdict.metrics if item.name == name)
 
 
-GAIT_ONLY = replace(
-    STRICT, tolerances=tuple(t for t in STRICT.tolerances if t.metric != "standing_weight_error")
-)
-
-
 def test_a_value_closer_to_its_limit_than_its_uncertainty_is_undecided(walk):
     comparison, outcome = off_by(walk, 0.0018), walk[1].outcome
-    plain = judge(comparison, outcome, GAIT_ONLY)
+    plain = judge(comparison, outcome, STRICT)
     assert plain.name is VerdictName.PASS
-    verdict = judge(comparison, outcome, GAIT_ONLY, {"zmp_x_rmse": 0.0003})
+    verdict = judge(comparison, outcome, STRICT, {"zmp_x_rmse": 0.0003})
     assert verdict.name is VerdictName.UNDECIDED
     item = named(verdict)
     assert (item.passed, item.margin, item.undecided) == (None, None, True)
     assert (item.uncertainty, item.display_uncertainty) == (0.0003, pytest.approx(0.3))
     assert "zmp_x_rmse: 1.8 ± 0.3 mm, limit 2" in verdict.reason
     assert [one.name for one in verdict.undecided] == ["zmp_x_rmse"]
-    assert judge(comparison, outcome, GAIT_ONLY, {"zmp_x_rmse": 0.0001}).name is VerdictName.PASS
+    assert judge(comparison, outcome, STRICT, {"zmp_x_rmse": 0.0001}).name is VerdictName.PASS
 
 
 def test_a_failure_below_the_uncertainty_is_undecided_too(walk):
     comparison, outcome = off_by(walk, 0.0022), walk[1].outcome
-    assert judge(comparison, outcome, GAIT_ONLY).name is VerdictName.FAIL
-    assert judge(comparison, outcome, GAIT_ONLY, {"zmp_x_rmse": 0.0003}).name is VerdictName.UNDECIDED
-    decided = judge(comparison, outcome, GAIT_ONLY, {"zmp_x_rmse": 0.0001, "zmp_y_rmse": math.inf})
+    assert judge(comparison, outcome, STRICT).name is VerdictName.FAIL
+    assert judge(comparison, outcome, STRICT, {"zmp_x_rmse": 0.0003}).name is VerdictName.UNDECIDED
+    decided = judge(comparison, outcome, STRICT, {"zmp_x_rmse": 0.0001, "zmp_y_rmse": math.inf})
     assert decided.name is VerdictName.FAIL
     assert "1 undecided" in decided.reason
 
@@ -510,8 +506,8 @@ def test_a_failure_below_the_uncertainty_is_undecided_too(walk):
 def test_without_a_study_nothing_changes(walk):
     _, record, measured = walk
     comparison = off_by(walk, 0.0018)
-    verdict = judge(comparison, record.outcome, GAIT_ONLY)
-    assert verdict == judge(comparison, record.outcome, GAIT_ONLY, {})
+    verdict = judge(comparison, record.outcome, STRICT)
+    assert verdict == judge(comparison, record.outcome, STRICT, {})
     text = json.dumps(build_summary(record, measured, comparison, verdict))
     assert "uncertainty" not in text
     assert "undecided" not in text
@@ -519,7 +515,7 @@ def test_without_a_study_nothing_changes(walk):
 
 def test_what_did_not_complete_is_not_judged_with_uncertainty_either(walk):
     outcome = Outcome(OutcomeName.FELL, 1.0, "It stumbled.", 1)
-    verdict = judge(off_by(walk, 0.0018), outcome, GAIT_ONLY, {"zmp_x_rmse": math.inf})
+    verdict = judge(off_by(walk, 0.0018), outcome, STRICT, {"zmp_x_rmse": math.inf})
     assert verdict.name is VerdictName.NOT_MEASURED
     assert not verdict.undecided
 
@@ -529,7 +525,7 @@ def summary(walk):
     _, record, measured = walk
     comparison = off_by(walk, 0.0018)
     known = {"zmp_x_rmse": 0.0003, "zmp_y_rmse": 1e-5, "zmp_x_maximum": math.inf}
-    verdict = judge(comparison, record.outcome, GAIT_ONLY, known)
+    verdict = judge(comparison, record.outcome, STRICT, known)
     extra = {"gait": "x", "uncertainty": {"gait": "x", "steps": 6, "run": "abc"}}
     timing = {"simulated": 2.0, "real_time_factor": 5.0}
     return build_summary(record, measured, comparison, verdict, timing=timing, extra=extra)
@@ -730,7 +726,7 @@ def test_a_study_without_the_time_step_decides_no_run(walk, tmp_path, capsys):
     comparison, record, measured = off_by(walk, 0.0018), walk[1], walk[2]
     for folder, shown in (("none", "not studied"), ("step", "≥ ")):  # and neither has ± 0 of a metric
         known = load_uncertainty(tmp_path / folder)
-        verdict = judge(comparison, record.outcome, GAIT_ONLY, known.values, known.incomplete)
+        verdict = judge(comparison, record.outcome, STRICT, known.values, known.incomplete)
         assert verdict.name is VerdictName.UNDECIDED
         assert "not studied: " in verdict.reason
         extra = {"gait": "x", "uncertainty": known.as_dict()}

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 
 from ampm.exceptions import InputError
 from tests.saved_run import make_run
+from validation.judge.metrics import metric_label
 from validation.judge.signals import COLUMNS
 from validation.show import run_figures as figures
-from validation.show.report import REPORT_FILE, metric_label, number, render, with_unit, write_report
+from validation.show.report import REPORT_FILE, number, render, with_unit, write_report
 from validation.store.saved import load_saved_run
 from validation.trial.record import Outcome, OutcomeName
 

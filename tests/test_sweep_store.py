@@ -15,7 +15,7 @@ from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.judge.compare import Comparison
 from validation.study.sweep import columns, store
-from validation.study.sweep.columns import COLUMNS, parameter_values, run_key, schema, tidy
+from validation.study.sweep.columns import parameter_values, run_key, schema, tidy
 from validation.study.sweep.definition import dump_sweep, parse_sweep
 from validation.study.sweep.exceptions import SweepStopped
 
@@ -163,18 +163,18 @@ def test_undefined_is_null_and_infinity_is_kept(tmp_path):
 
 
 def test_every_parameter_and_metric_has_its_column(run_of):
-    names = {item.name for item in COLUMNS}
-    assert len(names) == len(COLUMNS)
+    names = {item.name for item in columns.columns()}
+    assert len(names) == len(columns.columns())
     assert set(parameter_values(RunParameters())) <= names
     summary = json.loads((run_of("flat", steps=3) / "summary.json").read_text(encoding="utf-8"))
-    units = {item.name: item.unit for item in COLUMNS}
+    units = {item.name: item.unit for item in columns.columns()}
     for metric, entry in summary["metrics"].items():
         assert units[f"metric_{metric}"] == entry["unit"]
     assert Comparison.__dataclass_fields__.keys() >= {"metrics", "margins", "energy", "effort"}
 
 
 def test_every_column_says_what_it_is(tmp_path):
-    for item in COLUMNS:
+    for item in columns.columns():
         assert item.words, item.name
         assert bool(item.unit) == (item.kind in ("real", "whole")), item.name
     path = tmp_path / "t.parquet"
@@ -190,8 +190,8 @@ def test_every_column_says_what_it_is(tmp_path):
 def test_the_documentation_lists_every_column():
     text = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `([^`]+)` \| (\S+) \| ([^|]*) \|", text, flags=re.MULTILINE)
-    assert [name for name, *_ in listed] == [item.name for item in COLUMNS]
-    for (_, kind, unit), item in zip(listed, COLUMNS, strict=True):
+    assert [name for name, *_ in listed] == [item.name for item in columns.columns()]
+    for (_, kind, unit), item in zip(listed, columns.columns(), strict=True):
         assert (kind, unit.strip()) == (item.kind, item.unit)
 
 

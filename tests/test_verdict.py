@@ -10,19 +10,14 @@ import numpy as np
 import pytest
 
 from ampm.exceptions import InputError
-from tests.walk import perfect_walk, with_state
+from tests.walk import STILL, perfect_walk, with_state
 from validation.judge.compare import compare
-from validation.judge.profiles import BODY_WEIGHT, DEFAULT, PROFILES, STRICT, WIDE, profile
+from validation.judge.metrics import BODY_WEIGHT
+from validation.judge.profiles import DEFAULT, PROFILES, STRICT, WIDE, profile
 from validation.judge.verdict import VerdictName, build_summary, judge
-from validation.measure.measure import StandingCheck
 from validation.trial.record import Outcome, OutcomeName
 
 DOCS = Path(__file__).parents[1] / "docs" / "tolerances.md"
-
-
-STILL = StandingCheck(
-    force_error=np.zeros(3), relative_error=0.0, zmp_error=np.zeros(2), speed=0.0, still=True
-)
 
 
 def compare_walk(plan, record, measured):

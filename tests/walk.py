@@ -9,10 +9,14 @@ import numpy as np
 from ampm.description import SoleGeometry
 from ampm.parameters import load_run
 from ampm.planner.gait import plan_gait
-from validation.measure.measure import MeasuredGait, SelfChecks, zmp_from_momentum
+from validation.measure.measure import MeasuredGait, SelfChecks, StandingCheck, zmp_from_momentum
 from validation.trial.record import Outcome, OutcomeName, SimulationRecord
 
 MASS = 60.0
+STILL = StandingCheck(
+    force_error=np.zeros(3), relative_error=0.0, zmp_error=np.zeros(2), speed=0.0, still=True
+)
+"""A still body that was weighed right."""
 SOLE = SoleGeometry(-0.107, 0.083, 0.151, 0.03, 0.045, 0.03, -0.042, 0.066)
 
 

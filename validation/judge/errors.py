@@ -84,9 +84,7 @@ SIGNALS = (
         )
         for axis in "xyz"
     ),
-    *(
-        Signal("angular_momentum", axis, "N m s", f"momentum L{axis}", _ABOUT_COM, _MOMENTUM) for axis in "xy"
-    ),
+    *(Signal("angular_momentum", axis, "N m s", f"momentum L{axis}", _ABOUT_COM, _MOMENTUM) for axis in "xy"),
     Signal("angular_momentum", "z", "N m s", "momentum Lz", _YAW, _MOMENTUM, "motion"),
     *(Signal("com", axis, "m", f"COM {axis}", "COM, measured minus planned") for axis in "xyz"),
     *(

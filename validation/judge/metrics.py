@@ -349,7 +349,8 @@ _INSTRUMENT = (
         tolerances={"default": 0.5e-3},
         reason="The two measurements of the ZMP share no force and no acceleration. Their gap is the time "
         "step's: first order in dt, about 0.3 mm at 2 ms. A quarter of the ZMP tolerance, so that the "
-        "instrument is finer than what it measures; one contact missing from the log makes it more than 5 mm.",
+        "instrument is finer than what it measures; one contact missing from the log makes it more than "
+        "5 mm.",
         widens=True,
         scales=("foot_length",),
     ),

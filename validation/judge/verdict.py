@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from validation.judge.compare import Comparison, statistics_table
-from validation.judge.metrics import METRICS, display_unit
-from validation.judge.profiles import BODY_WEIGHT, Profile, Tolerance
+from validation.judge.metrics import BODY_WEIGHT, METRICS, display_unit
+from validation.judge.profiles import Profile, Tolerance
 
 if TYPE_CHECKING:
     from validation.measure.measure import MeasuredGait

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from ampm.body.motion import MOTION_UNITS
 from ampm.parameters import RunParameters
 from ampm.planner.gait import GaitPlan
+from validation.judge.metrics import METRICS, metric_label
 from validation.show import run_figures as figures
 from validation.show.page import render_page
 from validation.show.run_figures import Curve, Window
@@ -188,43 +189,11 @@ def with_unit(value: Any, unit: str, digits: int = 3) -> str:
     return text if text == "–" or unit in ("", "1") else f"{text} {unit}".replace(" ", "\u00a0")
 
 
-def metric_label(name: str) -> str:
-    """Readable name of a metric: ``zmp_x_rmse`` becomes ``ZMP x, RMSE``."""
-    known = {
-        "zmp_agreement_rmse": "both measured ZMPs, RMS distance",
-        "zmp_agreement_maximum": "both measured ZMPs, largest distance",
-        "force_agreement_rmse": "F = m (a + g), RMS error",
-        "com_agreement_maximum": "COM of both libraries, largest distance",
-        "angular_momentum_agreement_maximum": "momentum of both libraries, largest distance",
-        "impulse_residual": "impulse against weight, relative",
-        "standing_weight_error": "still body against weight, relative",
-        "failed_qp": "unsolved QPs",
-        "unsupported_instants": "instants without ground contact",
-    }
-    if name in known:
-        return known[name]
-    signal, _, figure = name.rpartition("_")
-    if figure not in ("rmse", "maximum"):
-        return name.replace("_", " ")
-    base, _, axis = signal.rpartition("_")
-    words = {
-        "zmp": f"ZMP {axis}",
-        "force": f"force F{axis}",
-        "angular_momentum": f"momentum L{axis}",
-        "com": f"COM {axis}",
-    }.get(base, signal.replace("_", " "))
-    return f"{words}, {'RMSE' if figure == 'rmse' else 'largest error'}"
-
-
 def _readable(sentence: str, summary: Mapping[str, Any]) -> str:
     """A sentence with the names of metrics written out."""
     for name in sorted(summary.get("metrics", {}), key=len, reverse=True):
         sentence = sentence.replace(name, metric_label(name))
     return sentence.replace("% of body weight", BODY_WEIGHT)
-
-
-_INSTRUMENT = ("agreement", "impulse_residual", "standing", "failed_qp", "unsupported_instants")
-"""Metrics that judge the testbed itself, by a part of their name."""
 
 
 def _limit(limit: float | None, unit: str) -> str:
@@ -252,7 +221,7 @@ def _agreement(summary: Mapping[str, Any], *, judged: bool) -> list[Row]:
             value, limit = int(value) if value is not None else None, 0
         rows.append(
             Row(
-                own=any(part in name for part in _INSTRUMENT),
+                own=name in METRICS and METRICS[name].kind == "instrument",
                 label=metric_label(name),
                 value=with_unit(value, unit) if judged or unit else number(value),
                 limit=_limit(limit, unit),

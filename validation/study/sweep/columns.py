@@ -18,6 +18,7 @@ import pyarrow as pa
 
 from ampm.parameters import RunParameters, keys
 from ampm.planner.gait import PlanConstants
+from validation.judge.metrics import METRICS
 from validation.measure.instruments.names import INSTRUMENT_COLUMNS
 from validation.store.environment import DISTRIBUTIONS
 
@@ -151,118 +152,26 @@ def _outcome() -> list[Column]:
 
 
 def _metrics() -> list[Column]:
-    signals = [
-        *((f"zmp_{axis}", "m", "ZMP, measured minus planned") for axis in "xy"),
-        *((f"force_{axis}", "N", "net ground force, measured minus planned") for axis in "xyz"),
-        *(
-            (f"angular_momentum_{axis}", "N m s", "angular momentum about the COM, measured minus planned")
-            for axis in "xy"
-        ),
-        (
-            "angular_momentum_z",
-            "N m s",
-            "angular momentum about the vertical, measured minus that of the whole-body motion",
-        ),
-        *((f"com_{axis}", "m", "COM, measured minus planned") for axis in "xyz"),
-        *(
-            (f"{side}_foot_{axis}", "m", f"{side} foot's reference point, measured minus planned")
-            for side in ("left", "right")
-            for axis in "xyz"
-        ),
-    ]
+    """Every registered metric, and the joints that come closest to their limits."""
+    names = {
+        "margin_torque": ("margin_torque_joint", "that motor's joint"),
+        "margin_joint": ("margin_joint_name", "that joint"),
+    }
     columns = []
-    for name, unit, words in signals:
-        columns.append(Column(f"metric_{name}_rmse", "real", unit, f"root mean square of: {words}"))
-        columns.append(Column(f"metric_{name}_maximum", "real", unit, f"largest magnitude of: {words}"))
-    others = (
-        ("zmp_agreement_rmse", "m", "root mean square distance of the ZMP by contact and by momentum"),
-        ("zmp_agreement_maximum", "m", "largest distance of the ZMP by contact and by momentum"),
-        ("force_agreement_rmse", "N", "root mean square of contact force minus m (a + g)"),
-        ("com_agreement_maximum", "m", "largest distance of MuJoCo's and Pinocchio's COM"),
-        (
-            "angular_momentum_agreement_maximum",
-            "N m s",
-            "largest difference of MuJoCo's and Pinocchio's angular momentum",
-        ),
-        ("impulse_residual", "1", "vertical impulse of the floor against weight and momentum, relative"),
-        ("failed_qp", "1", "control ticks whose QP stayed unsolved"),
-        ("unsupported_instants", "1", "instants without any contact force"),
-        ("standing_weight_error", "1", "the still body's weight, measured against its mass, relative"),
-    )
-    return columns + [Column(f"metric_{name}", "real", unit, words) for name, unit, words in others]
+    for metric in METRICS.values():
+        columns.append(Column(metric.column, "real", metric.unit, metric.meaning))
+        if metric.name in names:
+            name, words = names[metric.name]
+            columns.append(Column(name, "text", "", words))
+    return columns
 
 
-def _margins() -> list[Column]:
-    return [
-        Column("margin_torque", "real", "1", "largest share of a motor's limit that was used"),
-        Column("margin_torque_joint", "text", "", "that motor's joint"),
-        Column("margin_saturated", "real", "1", "share of the time in which some motor was at its limit"),
-        Column(
-            "margin_friction",
-            "real",
-            "1",
-            "largest tangential over normal force of a foot that carries weight",
-        ),
-        Column("margin_friction_net", "real", "1", "the same of the net ground force"),
-        Column("margin_joint", "real", "rad", "smallest distance of a joint from its range"),
-        Column("margin_joint_name", "text", "", "that joint"),
-        Column("margin_knee", "real", "rad", "smallest knee flexion"),
-        Column(
-            "margin_plan_polygon",
-            "real",
-            "m",
-            "smallest distance of the planned ZMP into the planned support",
-        ),
-        Column(
-            "margin_plan_in_measured_polygon",
-            "real",
-            "m",
-            "smallest distance of the planned ZMP into the polygon of the points that carried force",
-        ),
-        Column(
-            "margin_measured_polygon",
-            "real",
-            "m",
-            "smallest distance of the measured ZMP into the polygon of the points that carried force",
-        ),
-        Column("margin_slip", "real", "m", "longest way that a foot slid in one stance"),
-        Column("margin_penetration", "real", "m", "deepest sole point under the floor"),
-    ]
-
-
-def _cost() -> list[Column]:
-    effort = [
-        *(
-            Column(f"effort_force_{axis}", "real", "N", "root mean square of commanded minus planned force")
-            for axis in "xyz"
-        ),
-        *(
-            Column(f"effort_zmp_{axis}", "real", "m", "root mean square of commanded minus planned ZMP")
-            for axis in "xy"
-        ),
-        *(
-            Column(
-                f"effort_angular_momentum_{axis}",
-                "real",
-                "N m s",
-                "root mean square of commanded minus planned angular momentum",
-            )
-            for axis in "xy"
-        ),
-    ]
+def _solver() -> list[Column]:
     return [
         Column("qp_ticks", "whole", "1", "control ticks"),
         Column("qp_limited", "whole", "1", "control ticks whose QP needed torque or joint limits"),
         Column("qp_unsolved", "whole", "1", "control ticks whose QP stayed unsolved"),
         Column("qp_iterations_maximum", "whole", "1", "most iterations of a control tick's QP"),
-        *effort,
-        Column("energy_positive_work", "real", "J", "positive work of the motors, without the first step"),
-        Column("energy_negative_work", "real", "J", "negative work of the motors, without the first step"),
-        Column("energy_distance", "real", "m", "way of the COM in that time"),
-        Column(
-            "energy_cost_of_transport", "real", "1", "positive work over weight times distance (mechanical)"
-        ),
-        Column("energy_mean_power", "real", "W", "positive work over time"),
     ]
 
 
@@ -318,22 +227,15 @@ def _environment() -> list[Column]:
     ]
 
 
-COLUMNS: tuple[Column, ...] = (
-    *_identity(),
-    *_parameters(),
-    *_plan(),
-    *_outcome(),
-    *_metrics(),
-    *_margins(),
-    *_cost(),
-    *_instrument(),
-    *_recording(),
-    *_timings(),
-    *_environment(),
-)
-"""All columns, in the order of the table."""
+_BEFORE = (*_identity(), *_parameters(), *_plan(), *_outcome())
+_AFTER = (*_solver(), *_instrument(), *_recording(), *_timings(), *_environment())
 
-_BY_NAME = {column.name: column for column in COLUMNS}
+
+def columns() -> tuple[Column, ...]:
+    """All columns, in the order of the table; those of registered metrics among them."""
+    return (*_BEFORE, *_metrics(), *_AFTER)
+
+
 if {name for name, *_ in _PLAN} - {"step_duration", "duration"} != {
     field.name for field in fields(PlanConstants)
 }:
@@ -346,7 +248,7 @@ def column(name: str) -> Column:
     Raises:
         KeyError: there is none.
     """
-    return _BY_NAME[name]
+    return {item.name: item for item in columns()}[name]
 
 
 def schema(metadata: Mapping[str, Any] | None = None) -> pa.Schema:
@@ -355,7 +257,7 @@ def schema(metadata: Mapping[str, Any] | None = None) -> pa.Schema:
     Args:
         metadata: goes into the schema as JSON, see :func:`table_metadata`.
     """
-    arrow = pa.schema([pa.field(item.name, _TYPES[item.kind]) for item in COLUMNS])
+    arrow = pa.schema([pa.field(item.name, _TYPES[item.kind]) for item in columns()])
     if metadata is None:
         return arrow
     text = json.dumps(dict(metadata), sort_keys=True, allow_nan=False)
@@ -364,12 +266,12 @@ def schema(metadata: Mapping[str, Any] | None = None) -> pa.Schema:
 
 def described_columns() -> dict[str, dict[str, str]]:
     """Name to unit and meaning, for a table's metadata."""
-    return {item.name: {"unit": item.unit, "words": item.words} for item in COLUMNS}
+    return {item.name: {"unit": item.unit, "words": item.words} for item in columns()}
 
 
 def reproducible_columns() -> list[str]:
     """Names of the columns that are the same bits in equal sweeps."""
-    return [item.name for item in COLUMNS if item.reproducible]
+    return [item.name for item in columns() if item.reproducible]
 
 
 def parameter_values(run: RunParameters) -> dict[str, Any]:
@@ -397,10 +299,11 @@ def tidy(row: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         KeyError: an entry has no column.
     """
-    unknown = row.keys() - _BY_NAME.keys()
+    names = [item.name for item in columns()]
+    unknown = row.keys() - set(names)
     if unknown:
         raise KeyError(f"no column for {', '.join(sorted(unknown))}")
-    return {name: _plain(row.get(name)) for name in _BY_NAME}
+    return {name: _plain(row.get(name)) for name in names}
 
 
 def table_of(rows: list[dict[str, Any]], metadata: Mapping[str, Any] | None = None) -> pa.Table:

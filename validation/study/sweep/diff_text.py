@@ -12,7 +12,7 @@ from markupsafe import Markup
 from rich.markup import escape
 
 from ampm.exceptions import InputError
-from validation.show.report import metric_label
+from validation.judge.metrics import metric_label
 from validation.show.text import format_number, print_line, print_table
 from validation.store.folders import output_file
 from validation.study.sweep.diff import SIGNIFICANCE, Change, MetricChange, SweepDiff

@@ -16,8 +16,9 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from validation.judge.metrics import METRICS, metric_label
 from validation.show import run_figures as run_figures
-from validation.show.report import metric_label, number, with_unit
+from validation.show.report import number, with_unit
 from validation.study.sweep import figures, map_data, store
 from validation.study.sweep.report_rows import (
     Repeat,
@@ -40,7 +41,6 @@ from validation.study.sweep.tally import counted_states, judge_sweep, lost_count
 REPORT_FILE = store.REPORT
 WORST = 10
 """Rows of a table of worst runs."""
-_INSTRUMENT = ("agreement", "impulse_residual", "standing", "failed_qp", "unsupported_instants")
 
 
 def write_sweep_report(directory: Path) -> Path:
@@ -192,7 +192,7 @@ _STILL = 2000
 
 
 def _is_instrument(metric: str) -> bool:
-    return any(part in metric for part in _INSTRUMENT)
+    return metric in METRICS and METRICS[metric].kind == "instrument"
 
 
 def _distributions(sweep: SweepTable) -> list[Markup]:

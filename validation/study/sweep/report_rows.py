@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from ampm.parameters import PRESETS, load_run
-from validation.show.report import metric_label, number, with_unit
+from validation.judge.metrics import metric_label
+from validation.show.report import number, with_unit
 from validation.study.sweep.columns import parameter_values
 from validation.study.sweep.store import CRASHES
 from validation.study.sweep.table import STATES, State, SweepTable

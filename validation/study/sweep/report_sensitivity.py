@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from validation.show.report import metric_label, number
+from validation.judge.metrics import metric_label
+from validation.show.report import number
 from validation.study.sweep.map_data import Array
 from validation.study.sweep.sensitivity import (
     LEAST_RUNS,

@@ -13,9 +13,10 @@ import numpy as np
 from ampm.exceptions import AmpmError, InputError, RefusedGait
 from ampm.parameters import RunParameters
 from ampm.planner.gait import GaitPlan, plan_gait
+from validation.judge.metrics import METRICS
 from validation.store.environment import describe_environment
 from validation.store.machine import memory_peak
-from validation.study.sweep.columns import COLUMNS, parameter_values, run_key, version_column
+from validation.study.sweep.columns import parameter_values, run_key, version_column
 from validation.study.sweep.identity import code_hash
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ BAD_PARAMETER = "bad_parameter"
 WORKER_DIED = "worker_died"
 """Reason of a crash that took its worker's process along."""
 
-_METRICS = tuple(item.name for item in COLUMNS if item.name.startswith("metric_"))
 _CAUSE_LENGTH = 400
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
 _PATH = re.compile(r"(?<![\w.])(?:/[^\s/'\":,]+)+/([^\s/'\":,]+)")
@@ -72,48 +72,22 @@ def motion_columns(planned: PlannedWalk) -> dict[str, Any]:
 def walk_columns(walk: Walk) -> dict[str, Any]:
     """Outcome, metrics, margins and cost of a walk."""
     record, comparison, verdict = walk.record, walk.findings.comparison, walk.findings.verdict
-    outcome, margins, effort = record.outcome, comparison.margins, comparison.effort
-    found = {f"metric_{name}": metric.value for name, metric in comparison.metrics.items()}
-    row: dict[str, Any] = {
+    outcome, margins = record.outcome, comparison.margins
+    return {
         "outcome": str(outcome.name),
         "cause": outcome.cause or None,
         "verdict": str(verdict.name),
         "failed": ",".join(item.name for item in verdict.failed),
         "steps_completed": outcome.steps_completed,
         "outcome_time": outcome.time,
-        **{name: found[name] for name in _METRICS if name in found},
+        **{METRICS[name].column: metric.value for name, metric in comparison.metrics.items()},
         "margin_torque_joint": margins.torque.where or None,
-        "margin_saturated": margins.saturated,
         "margin_joint_name": margins.joint.where or None,
         "qp_ticks": int(record.qp_status.size),
         "qp_limited": int(np.count_nonzero(record.qp_status == 1)),
         "qp_unsolved": int(np.count_nonzero(record.qp_status == 2)),
         "qp_iterations_maximum": int(record.qp_iterations.max(initial=0)),
-        **{
-            f"energy_{field.name}": getattr(comparison.energy, field.name)
-            for field in fields(comparison.energy)
-        },
     }
-    for name in (
-        "torque",
-        "friction",
-        "friction_net",
-        "joint",
-        "knee",
-        "plan_polygon",
-        "plan_in_measured_polygon",
-        "measured_polygon",
-        "slip",
-        "penetration",
-    ):
-        row[f"margin_{name}"] = getattr(margins, name).value
-    for name, values, axes in (
-        ("force", effort.force, "xyz"),
-        ("zmp", effort.zmp, "xy"),
-        ("angular_momentum", effort.angular_momentum, "xy"),
-    ):
-        row |= {f"effort_{name}_{axis}": value for axis, value in zip(axes, values, strict=True)}
-    return row
 
 
 def refused_columns(error: RefusedGait | InputError, parameters: RunParameters | None) -> dict[str, Any]:

@@ -6,6 +6,7 @@ Only ``results.parquet`` is read: what is said of a sweep can be said again from
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -20,7 +21,8 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from ampm.parameters import GRAVITY, RunParameters, keys
-from validation.judge.profiles import BODY_WEIGHT, DEFAULT, PROFILES
+from validation.judge.metrics import BODY_WEIGHT, METRICS, display_unit
+from validation.judge.profiles import DEFAULT, PROFILES
 from validation.study.sweep import store
 from validation.study.sweep.columns import TABLE_METADATA
 from validation.study.sweep.store import RESULTS
@@ -247,9 +249,8 @@ class SweepTable:
         entry = columns.get(name)
         if isinstance(entry, Mapping) and entry.get("unit"):
             return str(entry["unit"])
-        if name in _UNITS:
-            return _UNITS[name]
-        return metric_unit(name.removeprefix(METRIC)) if name.startswith(METRIC) else "1"
+        metric = METRICS.get(name.removeprefix(METRIC))
+        return metric.unit if metric else _UNITS.get(name, "1")
 
     def describe(self, name: str) -> str:
         """What a column holds, in words; empty if the table does not say."""
@@ -312,19 +313,8 @@ class SweepTable:
         if unit == "N":
             share = limit.limit * 100.0 if limit is not None and limit.unit == BODY_WEIGHT else None
             return 100.0 * value / self.weight, share, "% of body weight"
-        scale, unit = (1e3, "mm") if unit == "m" else (1.0, "" if unit == "1" else unit)
+        scale, unit = display_unit(unit, math.nan)
         return scale * value, None if limit is None else scale * limit.limit, unit
-
-
-def metric_unit(metric: str) -> str:
-    """SI unit of a metric by its name, for tables that do not say."""
-    if metric.startswith("force"):
-        return "N"
-    if metric.startswith("angular_momentum"):
-        return "N m s"
-    if metric in ("failed_qp", "unsupported_instants", "impulse_residual", "standing_weight_error"):
-        return "1"
-    return "m"
 
 
 def read_sweep(path: Path | str) -> SweepTable:
