@@ -6,20 +6,19 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
-from unittest import mock
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.body.motion import WholeBodyMotion
-from ampm.control.controller import LIMITED, UNSOLVED, ControlOutput, TrackingController
+from ampm.body.robot import Robot
+from ampm.control.controller import TrackingController
 from ampm.parameters import RunParameters
-from ampm.planner.gait import GaitPlan
+from ampm.walk import LIMITED, UNSOLVED, ControlOutput, WalkPlan
 from benchmarks.clock import Statistics, Stopwatch, least
 from models.human import BodyModel
-from validation.trial import simulate
 from validation.trial.record import OutcomeName, SimulationRecord
+from validation.trial.simulate import simulate
 
 Progress = Callable[[int, int], None]
 
@@ -101,8 +100,7 @@ class WalkBenchmark:
     """One walk with one QP solver, several times over; it is the same walk every time.
 
     Args:
-        plan: with feet.
-        motion: the periodic motion.
+        plan: of the walk.
         run: controller, solver, time step.
         body_model: the simulated body.
         steps: walking steps.
@@ -111,15 +109,14 @@ class WalkBenchmark:
 
     def __init__(
         self,
-        plan: GaitPlan,
-        motion: WholeBodyMotion,
+        plan: WalkPlan,
         run: RunParameters,
         body_model: BodyModel,
         *,
         steps: int,
         walks: int,
     ) -> None:
-        self.plan, self.motion, self.run = plan, motion, run
+        self.plan, self.run = plan, run
         self.body_model, self.steps, self.walks = body_model, steps, walks
 
     def time_all(self, progress: Progress | None = None) -> WalkTiming:
@@ -166,10 +163,14 @@ class WalkBenchmark:
         )
 
     def _walk(self, ticks: _Ticks, progress: Progress | None) -> SimulationRecord:
-        with mock.patch.object(simulate, "TrackingController", ticks.controller):
-            record = simulate.simulate(
-                self.plan, self.motion, self.run, self.body_model, steps=self.steps, progress=progress
-            )
+        record = simulate(
+            self.plan,
+            self.run,
+            self.body_model,
+            controller=ticks.controller,
+            steps=self.steps,
+            progress=progress,
+        )
         if record.outcome.name == OutcomeName.INTERRUPTED:  # which the simulation keeps to itself
             raise KeyboardInterrupt
         return record
@@ -204,9 +205,9 @@ class _Ticks:
         self.starts: list[float] = []
         self.spans: list[float] = []
 
-    def controller(self, *arguments: Any, **named: Any) -> TrackingController:
-        """In place of ``TrackingController``: the same, timed."""
-        controller = TrackingController(*arguments, **named)
+    def controller(self, robot: Robot, run: RunParameters) -> TrackingController:
+        """A controller that is timed."""
+        controller = TrackingController(robot, run)
         if self.watch is not None:
             time_parts(self.watch, controller)
         update, clock = controller.update, time.perf_counter

@@ -10,12 +10,13 @@ import pinocchio as pin
 import pytest
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
+from ampm.body.posture import periodic_walk
 from ampm.body.robot import TASK_ROWS, Robot
-from ampm.control.controller import LIMITED, SOLVED, UNSOLVED, TrackingController
+from ampm.control.controller import TrackingController
 from ampm.control.joint_limits import JointLimits
-from ampm.control.reference import tracking_reference
 from ampm.control.wrench_qp import ANGULAR, STANCE, SWING, YAW_COST
 from ampm.parameters import ControllerParameters
+from ampm.walk import LIMITED, SOLVED, UNSOLVED, State, Timing, Touch
 from tests.solved import COARSE, motion_of, walk_of
 
 INSTANTS = (0.2, 0.62, 0.66, 0.9)
@@ -23,41 +24,40 @@ INSTANTS = (0.2, 0.62, 0.66, 0.9)
 
 
 @cache
-def reference(time):
-    """References from an instant of the walk on: a controller made there starts on what is planned."""
+def reference(time, row=0):
+    """The reference of an instant of the walk, or of ticks after it."""
     walk = walk_of(COARSE)
-    plan = walk.plan.with_angular_momentum_offset(motion_of(COARSE).report.angular_momentum_y_offset)
     ticks = time + 0.002 * np.arange(200)
-    return tracking_reference(plan, motion_of(COARSE), walk.robot, ticks, early=0.04)
+    return periodic_walk(walk.plan, motion_of(COARSE), walk.robot).table(ticks, Timing(early=0.04))[row]
 
 
-def controller(time, *overrides, weaker=1.0):
-    """A controller with a robot of its own, at its first tick."""
+def controller(*overrides, weaker=1.0):
+    """A controller with a robot of its own."""
     walk = walk_of(COARSE)
     model = walk.robot.model.copy()
     model.effortLimit = weaker * np.array(model.effortLimit)
-    run = walk_of(COARSE, *overrides).run
-    return TrackingController(Robot(model, walk.robot.description), reference(time), run)
+    return TrackingController(Robot(model, walk.robot.description), walk_of(COARSE, *overrides).run)
 
 
 def state(time, shift=0.0, seed=0):
     """State of the motion at an instant, shifted at random [rad, m]."""
-    ref, rng = reference(time), np.random.default_rng(seed)
-    q = pin.integrate(walk_of(COARSE).robot.model, ref.q[0], shift * rng.normal(size=40))
-    return q, ref.v[0] + 5.0 * shift * rng.normal(size=40)
+    posture, rng = reference(time).posture, np.random.default_rng(seed)
+    q = pin.integrate(walk_of(COARSE).robot.model, posture.q, shift * rng.normal(size=40))
+    return State(time, q, posture.v + 5.0 * shift * rng.normal(size=40))
 
 
-def sensed(time):
+def touch(time, normal_force=None):
     """The sole points that are planned in contact."""
     robot = walk_of(COARSE).robot
-    return reference(time).contact[0][robot.point_foot, robot.point_group]
+    contact = reference(time).contacts.planned[robot.point_foot, robot.point_group]
+    return Touch(contact, np.zeros(12) if normal_force is None else normal_force)
 
 
 def tick(time, *overrides, shift=0.0, weaker=1.0, solver="daqp"):
     """The first tick of a controller at an instant of the motion: controller, state, output."""
-    it = controller(time, f"solver.qp={solver}", *overrides, weaker=weaker)
-    q, v = state(time, shift)
-    return it, q, v, it.update(q, v, sensed(time), np.zeros(12))
+    it = controller(f"solver.qp={solver}", *overrides, weaker=weaker)
+    now = state(time, shift)
+    return it, now.q, now.v, it.update(now, touch(time), reference(time))
 
 
 def dynamics(it, q, v, output):
@@ -113,9 +113,8 @@ def test_on_the_orbit_the_plan_is_asked_for_as_it_is():
     for time in INSTANTS:
         output = tick(time)[-1]
         ref = reference(time)
-        np.testing.assert_array_equal(output.com, ref.com[0])
-        np.testing.assert_allclose(output.angular_momentum, ref.angular_momentum[0], atol=1e-4)
-        planned = 60.0 * (ref.com_acceleration[0] + [0.0, 0.0, 9.81])
+        np.testing.assert_allclose(output.angular_momentum, ref.angular_momentum, atol=1e-4)
+        planned = 60.0 * (ref.com_acceleration + np.array([0.0, 0.0, 9.81]))
         np.testing.assert_allclose(output.force, planned, atol=1.0)
 
 
@@ -127,18 +126,19 @@ def test_condensed_answer_is_that_of_the_whole_problem(time):
     robot.jacobian(q, v)
     terms = robot.drift(q, v)
     weights = robot.by_group(POSTURE_WEIGHTS)
-    stands = reference(time).contact[0].any(axis=1)
+    ref = reference(time)
+    stands = ref.contacts.planned.any(axis=1)
     soft = np.concatenate([np.repeat(np.where(stands, STANCE, SWING), 6), np.full(2, 1e-12)])
     rows = terms.jacobian * np.repeat([1.0, ANGULAR, 1.0], [3, 3, TASK_ROWS - 6])[:, None]
     wanted, _ = it.feet.wanted(
-        0,
+        ref.feet,
         q,
         (terms.jacobian @ v)[6:].tolist(),
-        reference(time).contact[0].tolist(),
-        reference(time).due[0].tolist(),
+        ref.contacts.planned.tolist(),
+        ref.contacts.due.tolist(),
     )
     rhs = np.repeat([1.0, ANGULAR, 1.0], [3, 3, TASK_ROWS - 6]) * (wanted - terms.drift) / g
-    posture = it.posture.wanted(0, q, v) / np.sqrt(weights)
+    posture = it.posture.wanted(ref.posture, q, v) / np.sqrt(weights)
 
     def accelerations(wrench):
         """Closest to posture and foot tasks of all those that a net wrench gives."""
@@ -178,9 +178,9 @@ def test_osqp_finds_what_daqp_finds(time):
 def test_feedback_pushes_back():
     """A COM ahead of the plan is pulled back, and the ZMP asked for moves ahead of it."""
     on_plan = tick(0.3)[-1]
-    q, v = state(0.3)
-    q[0] += 0.01
-    output = controller(0.3, "solver.qp=daqp").update(q, v, sensed(0.3), np.zeros(12))
+    ahead = state(0.3)
+    ahead.q[0] += 0.01
+    output = controller("solver.qp=daqp").update(ahead, touch(0.3), reference(0.3))
     gains = walk_of(COARSE).run.controller
     np.testing.assert_allclose(
         output.force - on_plan.force, [-60.0 * gains.com_stiffness * 0.01, 0.0, 0.0], atol=1e-6
@@ -196,9 +196,9 @@ def test_a_tilted_trunk_asks_for_angular_momentum_against_the_tilt(axis, row, si
     world[row] = 0.01
     turn[3:6] = pin.Quaternion(q[3:7]).matrix().T @ world
     tilted = pin.integrate(it.robot.model, q, turn)
-    it.robot.jacobian(tilted, reference(0.3).v[0])
+    it.robot.jacobian(tilted, reference(0.3).posture.v)
     it.points.update(it.robot.terms.com)
-    _, wanted = it.momentum.wanted(0, it.robot.terms.com.tolist(), [0.0] * 6)
+    _, wanted = it.momentum.wanted(reference(0.3), it.robot.terms.com.tolist(), [0.0] * 6)
     gain = walk_of(COARSE).run.controller.trunk_gain
     change = np.zeros(3)
     change[row] = sign * gain * 0.01
@@ -256,7 +256,9 @@ def test_joints_may_only_run_as_fast_as_they_can_brake():
 
 def test_a_state_that_is_no_number_gives_no_torque_and_is_told():
     it, q, v, _ = tick(0.3)
-    output = it.update(np.full_like(q, np.nan), v, np.zeros(12, dtype=bool), np.zeros(12))
+    output = it.update(
+        State(0.302, np.full_like(q, np.nan), v), Touch(np.zeros(12, bool), np.zeros(12)), reference(0.3, 1)
+    )
     assert output.status == UNSOLVED
     assert output.residual == np.inf
     assert (output.torque == 0.0).all()
@@ -266,7 +268,7 @@ def test_dependent_rows_let_the_last_tick_go_on(monkeypatch):
     it, q, v, before = tick(0.3)
     phi, acceleration = it.phi.copy(), it.acceleration.copy()
     monkeypatch.setattr(it, "_eliminate", lambda rows: None)
-    output = it.update(q, v, sensed(0.3), np.zeros(12))
+    output = it.update(State(0.302, q, v), touch(0.3), reference(0.3, 1))
     assert output.status == UNSOLVED
     np.testing.assert_allclose(it.phi, phi, atol=1e-12)
     np.testing.assert_allclose(it.acceleration, acceleration)
@@ -276,11 +278,10 @@ def test_dependent_rows_let_the_last_tick_go_on(monkeypatch):
 def test_ticks_do_not_depend_on_what_was_kept_of_earlier_outputs():
     """Outputs own their arrays: a later tick must not write into them."""
     it, q, v, output = tick(0.3)
-    kept = [np.array(part) for part in output[:6]]
-    it.update(
-        pin.integrate(it.robot.model, q, np.full(40, 0.01)), 0.9 * v, np.ones(12, dtype=bool), np.ones(12)
-    )
-    for part, copy in zip(output[:6], kept, strict=True):
+    kept = [np.array(part) for part in output[:5]]
+    moved = State(0.302, pin.integrate(it.robot.model, q, np.full(40, 0.01)), 0.9 * v)
+    it.update(moved, Touch(np.ones(12, bool), np.ones(12)), reference(0.3, 1))
+    for part, copy in zip(output[:5], kept, strict=True):
         np.testing.assert_array_equal(part, copy)
 
 

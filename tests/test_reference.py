@@ -1,104 +1,112 @@
-"""References at the control ticks: the plan's own values, and what is derived from the contacts."""
+"""References of a walk: the plan's own values, what follows from the contacts, one instant against many."""
 
 from __future__ import annotations
 
-from dataclasses import fields
+from functools import cache
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.control.reference import TrackingReference, tracking_reference
+from ampm.body.posture import periodic_walk
 from ampm.exceptions import InputError
 from ampm.planner.gait import plan_gait
+from ampm.walk import Reference, Timing
 from tests.solved import COARSE, motion_of, walk_of
 
 EARLY, LEAD = 0.04, 0.01
 TIMES = np.arange(0.0, 2.6, 0.002)
 
 
-@pytest.fixture(scope="module")
+@cache
 def plan():
-    offset = motion_of(COARSE).report.angular_momentum_y_offset
-    return walk_of(COARSE).plan.with_angular_momentum_offset(offset)
+    walk = walk_of(COARSE)
+    return periodic_walk(walk.plan, motion_of(COARSE), walk.robot)
 
 
-def make(plan, **spans) -> TrackingReference:
-    return tracking_reference(plan, motion_of(COARSE), walk_of(COARSE).robot, TIMES, **spans)
+@cache
+def rows(**spans) -> Reference:
+    return plan().table(TIMES, Timing(**spans)).rows
 
 
-@pytest.fixture(scope="module")
-def reference(plan):
-    return make(plan, lead=LEAD, early=EARLY)
+def arrays(reference):
+    """All arrays of a reference by name."""
+    nested = ("feet", "contacts", "posture")
+    for name, part in reference._asdict().items():
+        if name not in nested:
+            yield name, part
+    for name in nested:
+        yield from ((f"{name}.{key}", item) for key, item in getattr(reference, name)._asdict().items())
 
 
-def test_com_and_momentum_are_the_plans(plan, reference):
-    sample = plan.sample(TIMES)
-    for name in ("com", "com_velocity", "com_acceleration"):
+def test_com_and_momentum_are_the_plans_and_yaw_is_the_motions():
+    sample, reference = plan().sample(TIMES), rows()
+    for name in ("time", "com", "com_velocity", "com_acceleration"):
         np.testing.assert_array_equal(getattr(reference, name), getattr(sample, name))
     np.testing.assert_array_equal(reference.angular_momentum[:, :2], sample.angular_momentum)
     np.testing.assert_array_equal(reference.moment[:, :2], sample.moment)
-    np.testing.assert_array_equal(reference.time, TIMES)
-    assert len(reference) == len(TIMES)
-
-
-def test_yaw_is_the_motions(plan, reference):
     body = motion_of(COARSE).sample(TIMES, walk_of(COARSE).robot)
     np.testing.assert_array_equal(reference.angular_momentum[:, 2], body.angular_momentum_z)
-    drawn = np.concatenate(
-        [[0.0], np.cumsum(0.002 * 0.5 * (reference.moment[1:, 2] + reference.moment[:-1, 2]))]
-    )
+    rate = reference.moment[:, 2]
+    drawn = np.concatenate([[0.0], np.cumsum(0.002 * 0.5 * (rate[1:] + rate[:-1]))])
     swing = reference.angular_momentum[:, 2] - reference.angular_momentum[0, 2]
     np.testing.assert_allclose(drawn, swing, atol=0.01 * np.ptp(swing))
     for name in ("q", "v", "acceleration"):
-        np.testing.assert_array_equal(getattr(reference, name), getattr(body, name))
+        np.testing.assert_array_equal(getattr(reference.posture, name), getattr(body, name))
 
 
-def test_feet_are_the_plans(plan, reference):
-    for foot, sample in enumerate(plan.feet.sample(TIMES)):
-        np.testing.assert_array_equal(reference.foot_position[:, foot], sample.position)
-        np.testing.assert_array_equal(reference.foot_acceleration[:, foot], sample.acceleration)
-        np.testing.assert_array_equal(reference.pitch[:, foot], sample.pitch)
-        np.testing.assert_array_equal(reference.toe_velocity[:, foot], sample.toe_velocity)
+def test_feet_are_the_plans():
+    for foot, sample in enumerate(plan().feet.sample(TIMES)):
+        feet = rows().feet
+        for name in ("position", "velocity", "acceleration", "toe", "toe_velocity", "toe_acceleration"):
+            np.testing.assert_array_equal(getattr(feet, name)[:, foot], getattr(sample, name))
+        np.testing.assert_array_equal(feet.angular_velocity[:, foot, 1], sample.pitch_velocity)
+        np.testing.assert_array_equal(feet.angular_acceleration[:, foot, 1], sample.pitch_acceleration)
+        for k in (0, 200, 330):
+            turn = pin.exp3(np.array([0.0, sample.pitch[k], 0.0]))
+            np.testing.assert_allclose(feet.rotation[k, foot], turn, atol=1e-14)
 
 
-def test_trunk_is_where_the_motion_has_it(reference):
-    robot = walk_of(COARSE).robot
+def test_trunk_is_where_the_posture_has_it():
+    robot, posture = walk_of(COARSE).robot, rows().posture
     data = robot.model.createData()
     for k in (0, 300, 1000):
-        pin.framesForwardKinematics(robot.model, data, reference.q[k])
-        np.testing.assert_allclose(reference.trunk[k], data.oMf[robot.trunk_frame].rotation, atol=1e-14)
+        pin.framesForwardKinematics(robot.model, data, posture.q[k])
+        np.testing.assert_allclose(posture.trunk[k], data.oMf[robot.trunk_frame].rotation, atol=1e-14)
 
 
-def test_contacts_widen_by_lead_and_window_but_never_shrink(plan, reference):
-    exact = make(plan)
-    np.testing.assert_array_equal(exact.contact, exact.due)
-    for wider, by in ((reference.contact, LEAD), (reference.due, EARLY)):
-        assert (wider | exact.contact == wider).all()
+def test_accelerations_of_a_held_torque_are_those_of_its_middle():
+    held, middle = rows(hold=0.002), plan().table(TIMES + 0.001).rows
+    np.testing.assert_array_equal(held.com_acceleration, middle.com_acceleration)
+    np.testing.assert_array_equal(held.feet.angular_acceleration, middle.feet.angular_acceleration)
+    np.testing.assert_array_equal(held.posture.acceleration, middle.posture.acceleration)
+    np.testing.assert_array_equal(held.com, rows().com)
+    np.testing.assert_array_equal(held.posture.q, rows().posture.q)
+
+
+def test_contacts_widen_by_lead_and_window_but_never_shrink():
+    exact, wide = rows().contacts, rows(lead=LEAD, early=EARLY).contacts
+    np.testing.assert_array_equal(exact.planned, exact.due)
+    for wider, by in ((wide.planned, LEAD), (wide.due, EARLY)):
+        assert (wider | exact.planned == wider).all()
         ticks = round(by / 0.002)
-        np.testing.assert_array_equal(wider[:-ticks], exact.contact[:-ticks] | exact.contact[ticks:])
-    assert reference.due.sum() > reference.contact.sum() > exact.contact.sum()
+        np.testing.assert_array_equal(wider[:-ticks], exact.planned[:-ticks] | exact.planned[ticks:])
+    assert wide.due.sum() > wide.planned.sum() > exact.planned.sum()
 
 
-def test_time_until_lift_off(reference, plan):
-    contact = make(plan).contact
-    until = reference.until_lift
+def test_time_until_lift_off():
+    contact, until = rows().contacts.planned, rows(lead=LEAD).contacts.until_lift
     assert (until > 0.0).all()
-    for foot in (0, 1):
-        for group in range(3):
-            for k in range(0, len(TIMES), 37):
-                later = [
-                    j
-                    for j in range(k, len(TIMES) - 1)
-                    if contact[j, foot, group] and not contact[j + 1, foot, group]
-                ]
-                expected = TIMES[later[0] + 1] - TIMES[k] if later else np.inf
-                assert until[k, foot, group] == pytest.approx(expected, abs=1e-12)
+    for foot, group in np.ndindex(2, 3):
+        planned = contact[:, foot, group]
+        lifts = 1 + np.flatnonzero(planned[:-1] & ~planned[1:])
+        for k in range(0, len(TIMES), 37):
+            expected = min(TIMES[lifts[lifts > k]], default=np.inf) - TIMES[k]
+            assert until[k, foot, group] == pytest.approx(expected, abs=1e-12)
 
 
-def test_load_moves_from_foot_to_foot_with_the_zmp(plan, reference):
-    stance = plan.sample(TIMES).stance
-    load = reference.right_load
+def test_load_moves_from_foot_to_foot_with_the_zmp():
+    stance, load = plan().sample(TIMES).stance, rows().right_load
     assert (load[stance == 0] == 0.0).all()
     assert (load[stance == 1] == 1.0).all()
     both = stance == 2
@@ -107,22 +115,42 @@ def test_load_moves_from_foot_to_foot_with_the_zmp(plan, reference):
     assert (np.diff(load[first]) > 0.0).all()  # to the right foot, steadily
 
 
-def test_a_reference_cannot_be_changed(reference):
-    for item in fields(reference):
+@pytest.mark.parametrize("k", [0, 140, 290, 700])
+def test_one_instant_is_a_row_of_the_table(k):
+    timing = Timing(LEAD, EARLY, 0.001)
+    table = plan().table(TIMES, timing)
+    instant, row = plan().at(TIMES[k], timing), table[k]
+    np.testing.assert_allclose(instant.moment, row.moment, atol=2.0)
+    until, by_ticks = instant.contacts.until_lift, row.contacts.until_lift
+    seen = np.isfinite(by_ticks)
+    late = by_ticks[seen] - until[seen]
+    assert (late >= -1e-9).all()
+    assert (late < 0.002).all()
+    others = dict(arrays(row))
+    for name, value in arrays(instant):
+        if name not in ("moment", "contacts.until_lift"):
+            np.testing.assert_array_equal(value, others[name], err_msg=name)
+    np.testing.assert_array_equal(instant.moment[:2], row.moment[:2])
+
+
+def test_a_table_is_a_sequence_and_cannot_be_changed():
+    table = plan().table(TIMES)
+    assert len(table) == len(TIMES)
+    assert table[3:5][1].time == table[4].time == TIMES[4]
+    for _, array in arrays(table.rows):
         with pytest.raises(ValueError, match="read-only"):
-            getattr(reference, item.name)[0] = 0
+            array[0] = 0
+    one = plan().table(np.zeros(1))[0]
+    assert one.moment[2] == 0.0
+    assert np.isinf(one.contacts.until_lift).all()
 
 
-def test_a_single_tick_is_a_reference_too(plan):
-    one = tracking_reference(plan, motion_of(COARSE), walk_of(COARSE).robot, np.zeros(1))
-    assert len(one) == 1
-    assert (one.moment[:, 2] == 0.0).all()
-    assert np.isinf(one.until_lift).all()
-
-
-def test_plans_without_feet_and_times_outside_are_refused(plan):
+def test_plans_without_feet_and_times_outside_are_refused():
     walk = walk_of(COARSE)
     with pytest.raises(InputError, match="no feet"):
-        tracking_reference(plan_gait(walk.run.gait, mass=60.0), motion_of(COARSE), walk.robot, TIMES)
-    with pytest.raises(InputError):
-        tracking_reference(plan, motion_of(COARSE), walk.robot, np.array([0.0, plan.duration + 1.0]))
+        periodic_walk(plan_gait(walk.run.gait, mass=60.0), motion_of(COARSE), walk.robot)
+    for time in (-0.1, plan().duration + 1.0):
+        with pytest.raises(InputError):
+            plan().table([time])
+        with pytest.raises(InputError):
+            plan().at(time)

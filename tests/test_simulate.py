@@ -8,10 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from ampm.body.posture import periodic_walk
 from ampm.control import wrench_qp
-from ampm.control.controller import LIMITED, SOLVED, UNSOLVED
 from ampm.exceptions import InputError
 from ampm.qp import QPSolution, QPStatus, make_backend
+from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from models.human import BodyModel, build
 from tests.solved import COARSE, motion_of, walk_of
 from validation.measure.measure import measure
@@ -36,9 +37,8 @@ def walk(*overrides, body=None, steps=STEPS, progress=None):
     """A short walk; the motion does not depend on controller and contact."""
     asked = walk_of(COARSE, *overrides)
     model = body or body_of(*overrides)
-    return simulation.simulate(
-        asked.plan, motion_of(COARSE), asked.run, model, steps=steps, progress=progress
-    )
+    plan = periodic_walk(asked.plan, motion_of(COARSE), asked.robot)
+    return simulation.simulate(plan, asked.run, model, steps=steps, progress=progress)
 
 
 @cache

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from ampm.control.controller import LIMITED, SOLVED, UNSOLVED
+from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.trial.record import OutcomeName
 from validation.trial.watch import BLOW_UP, CALM, FALL_TIME, Watch
 

@@ -32,48 +32,18 @@ from ampm.control.wrench_qp import (
     without_closed,
 )
 from ampm.qp import QPSettings, QPSolution, QPStatus
+from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.body.robot import Robot
-    from ampm.control.reference import TrackingReference
     from ampm.parameters import RunParameters
-
-SOLVED, LIMITED, UNSOLVED = 0, 1, 2
-"""Status of a tick: solved; solved in the form with limits; unsolved, the fallback's torques were used."""
+    from ampm.walk import Reference, State, Touch
 
 _ROW_SCALE = np.concatenate([np.ones(3), np.full(3, ANGULAR), np.ones(TASK_ROWS - 6)])
 _L_Z = 5
 _NO_ANSWER = QPSolution(np.full(FORCES, np.nan), QPStatus.UNSOLVED, math.inf, 0, 0.0)
-
-
-class ControlOutput(NamedTuple):
-    """What one tick decided.
-
-    Attributes:
-        torque: joint torques, shape (nu,) [N m].
-        com: COM that the controller steers to, shape (3,) [m].
-        force: net ground force that it asked for, shape (3,) [N].
-        zmp: ZMP of the wrench that it asked for, shape (2,) [m].
-        angular_momentum: about the COM, that it asked for, shape (3,) [N m s].
-        point_force: the QP's force at every sole point, shape (P, 3) [N].
-        status: SOLVED, LIMITED or UNSOLVED.
-        residual: of the QP.
-        iterations: of the QP.
-        seconds: wall-clock time of the QP [s].
-    """
-
-    torque: NDArray[np.float64]
-    com: NDArray[np.float64]
-    force: NDArray[np.float64]
-    zmp: NDArray[np.float64]
-    angular_momentum: NDArray[np.float64]
-    point_force: NDArray[np.float64]
-    status: int
-    residual: float
-    iterations: int
-    seconds: float
 
 
 class _Rows(NamedTuple):
@@ -93,15 +63,11 @@ class _Rows(NamedTuple):
 
 
 class TrackingController:
-    """Whole-body inverse dynamics along a :class:`~ampm.control.reference.TrackingReference`.
+    """Whole-body inverse dynamics along the :class:`~ampm.walk.Reference` of each tick.
 
     Args:
         robot: the body, as the controller knows it.
-        reference: one row per control tick.
         run: gains, friction, solver.
-        velocity_lag: how much older the sensed velocities are than the sensed positions [s]. A difference
-            quotient, and a semi-implicit integrator's velocity, is the mean over the last step: half a step
-            old.
 
     Attributes:
         acceleration: what the last tick decided on, shape (nv,) [m/s^2, rad/s^2].
@@ -109,10 +75,8 @@ class TrackingController:
             shape (18,) [m g].
     """
 
-    def __init__(
-        self, robot: Robot, reference: TrackingReference, run: RunParameters, *, velocity_lag: float = 0.0
-    ) -> None:
-        self.robot, self.reference = robot, reference
+    def __init__(self, robot: Robot, run: RunParameters) -> None:
+        self.robot = robot
         gains = run.controller
         self._g, self._weight = robot.gravity, robot.mass * robot.gravity
         weights = robot.by_group(POSTURE_WEIGHTS)
@@ -124,9 +88,9 @@ class TrackingController:
         self.gate = ContactGate(robot, 1.0 / gains.frequency, gains.contact_ramp)
         self.points = SolePoints(robot)
         self.forces = ForceMap()
-        self.momentum = MomentumTask(robot, reference, gains)
-        self.posture = PostureTask(reference, gains, self._root_weight / self._g)
-        self.feet = FootTasks(robot, reference, gains, self.gate, self.points)
+        self.momentum = MomentumTask(robot, gains)
+        self.posture = PostureTask(gains, self._root_weight / self._g)
+        self.feet = FootTasks(robot, gains, self.gate, self.points)
         self.dynamics = InverseDynamics(robot, self.points, self.forces)
         self.limits = JointLimits(robot)
         self._torque_limit = robot.torque_limit
@@ -142,9 +106,7 @@ class TrackingController:
         )
         self.limited = LimitedForm(run.solver.qp, limit_settings, robot.nv, weights, self.condensed)
 
-        self._lag = velocity_lag
-        self._tick = 0
-        self.acceleration = reference.acceleration[0].copy()
+        self.acceleration: NDArray[np.float64] | None = None
         self.phi = np.zeros(FORCES)
         self._landing_scale = gains.landing_share / self._weight
         self._no_force = np.zeros(2 * POINTS)
@@ -153,42 +115,35 @@ class TrackingController:
 
     # ------------------------------------------------------------------- tick
 
-    def update(
-        self,
-        q: NDArray[np.float64],
-        v: NDArray[np.float64],
-        sensed: NDArray[np.bool_],
-        normal_force: NDArray[np.float64],
-    ) -> ControlOutput:
+    def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One control tick.
 
         Args:
-            q: Pinocchio configuration, shape (nq,).
-            v: Pinocchio velocity, shape (nv,).
-            sensed: sole points in contact, shape (P,).
-            normal_force: latest sensed normal force of every sole point, shape (P,) [N].
+            state: the measured state.
+            touch: what the soles sense.
+            reference: what is planned at this instant.
         """
-        k = self._tick
-        self._tick += 1
-        ref, robot = self.reference, self.robot
+        robot, sensed = self.robot, touch.contact
+        _, q, v, lag = state
+        last = reference.posture.acceleration if self.acceleration is None else self.acceleration
         robot.jacobian(q, v)
-        now = v + self._lag * self.acceleration  # the velocity at the instant of q
+        now = v + lag * last  # the velocity at the instant of q
         terms = robot.drift(q, v, now)
         rates, com = (terms.jacobian @ now).tolist(), terms.com.tolist()
-        contact, due = ref.contact[k].tolist(), ref.due[k].tolist()
-        opening = self.gate.update(contact, due, ref.until_lift[k].tolist(), sensed)
+        contact, due, until_lift = (part.tolist() for part in reference.contacts)
+        opening = self.gate.update(contact, due, until_lift, sensed)
         self.points.update(terms.com)
         self.forces.update(self.points.arm, opening, self.points.toe_lever)
 
-        wrench, angular_momentum = self.momentum.wanted(k, com, rates)
-        posture = self.posture.wanted(k, q, now)
-        wanted, softness = self.feet.wanted(k, q, rates[6:], contact, due)
+        wrench, angular_momentum = self.momentum.wanted(reference, com, rates)
+        posture = self.posture.wanted(reference.posture, q, now)
+        wanted, softness = self.feet.wanted(reference.feet, q, rates[6:], contact, due)
         rows = _Rows(
             terms.jacobian * self._row_scale, self._to_rows * (wanted - terms.drift), softness, posture
         )
         columns = self._eliminate(rows)
         if columns is None:  # rows that depend on each other, or are no numbers: the last tick goes on
-            alpha, phi = self.acceleration / self._g, without_closed(self.phi, opening)
+            alpha, phi = last / self._g, without_closed(self.phi, opening)
             solution, status = _NO_ANSWER, UNSOLVED
             torque = self.dynamics.torque(q, v, alpha, phi)
             if not np.isfinite(torque).all():
@@ -198,8 +153,8 @@ class TrackingController:
                 self.forces.wrench,
                 [scale * part for scale, part in zip(self._to_wrench, wrench, strict=True)],
                 opening,
-                self._landing_force(sensed, normal_force),
-                float(ref.right_load[k]),
+                self._landing_force(sensed, touch.normal_force),
+                float(reference.right_load),
                 float(columns[_L_Z, _L_Z]),
                 float(columns[_L_Z, 6]),
             )
@@ -222,7 +177,6 @@ class TrackingController:
         self.acceleration = self._g * alpha
         return ControlOutput(
             torque=np.minimum(np.maximum(torque, -self._torque_limit), self._torque_limit),
-            com=ref.com[k],
             force=np.array(wrench[:3]),
             zmp=_zmp(com, wrench),
             angular_momentum=np.array(angular_momentum),

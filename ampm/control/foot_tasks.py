@@ -11,17 +11,17 @@ import numpy as np
 
 from ampm.body.robot import FOOT_ROWS, LEFT, RIGHT
 from ampm.control.wrench_qp import STANCE, SWING
+from ampm.so3 import cross, rotation_error
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from ampm.body.robot import Robot
     from ampm.control.contact_gate import ContactGate
-    from ampm.control.reference import TrackingReference
     from ampm.control.sole_points import SolePoints
     from ampm.parameters import ControllerParameters
+    from ampm.so3 import Vector
+    from ampm.walk import FeetState
 
 _HEEL, _BALL = 0, 1
 
@@ -31,24 +31,17 @@ class FootTasks:
 
     Args:
         robot: the body.
-        reference: one row per control tick.
         gains: of the controller.
         gate: what touches, and how far it has taken its load.
         points: where the soles are.
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        reference: TrackingReference,
-        gains: ControllerParameters,
-        gate: ContactGate,
-        points: SolePoints,
+        self, robot: Robot, gains: ControllerParameters, gate: ContactGate, points: SolePoints
     ) -> None:
         self._gains, self._gate, self._points = gains, gate, points
         self._fall = -robot.gravity
         self._toe_coordinates = [int(joint) + 1 for joint in robot.toe_joints]
-        self._reference = _rows_by_tick(reference)
         softness = {True: [STANCE] * FOOT_ROWS, False: [SWING] * FOOT_ROWS}
         self._softness = {
             (left, right): np.array([0.0] * 6 + softness[left] + softness[right] + [0.0, 0.0])
@@ -58,7 +51,7 @@ class FootTasks:
 
     def wanted(
         self,
-        k: int,
+        reference: FeetState,
         q: NDArray[np.float64],
         rates: list[float],
         contact: list[list[bool]],
@@ -67,7 +60,7 @@ class FootTasks:
         """Right-hand sides of all task rows but for their drift.
 
         Args:
-            k: tick.
+            reference: of this tick.
             q: Pinocchio configuration, shape (nq,).
             rates: velocities of both soles (linear, angular) and toe joints, 14 numbers [m/s, rad/s].
             contact: groups of each foot planned in contact.
@@ -77,73 +70,48 @@ class FootTasks:
             Wanted accelerations, shape (20,) [m/s^2, rad/s^2]: the first six are the momentum's without
             contact forces; and the rows' softness, shape (20,).
         """
-        gains = self._gains
+        stiffness, damping = self._gains.swing_stiffness, self._gains.swing_damping
         tasks = [0.0, 0.0, self._fall, 0.0, 0.0, 0.0]
-        toes, stands = [], []
+        columns = [part.tolist() for part in reference]
+        stands = []
         for foot in (LEFT, RIGHT):
             touching, due_now = self._gate.touching[foot], due[foot]
             planned = [c or (due_now[i] and touching[i]) for i, c in enumerate(contact[foot])]
-            reference = self._reference[k, foot].tolist()
-            cosine, sine, pitch_rate, pitch_acceleration, toe, toe_rate, toe_acceleration = reference[9:]
-            # Small-angle rotation error of R_wanted R^T, R_wanted a turn about y.
-            (xx, xy, xz, _), (yx, _, yz, _), (zx, zy, zz, _), _ = self._points.pose[2 * foot].tolist()
-            tilt = (
-                0.5 * (cosine * yz - sine * yx - zy),
-                0.5 * (cosine * zx + sine * zz + sine * xx - cosine * xz),
-                0.5 * (xy - cosine * yx - sine * yz),
-            )
+            position, velocity, acceleration, rotation, turn, turning = [c[foot] for c in columns[:6]]
+            tilt = rotation_error(rotation, self._points.sole_rotation(foot))
             first = FOOT_ROWS * foot
-            velocity, omega = rates[first : first + 3], rates[first + 3 : first + FOOT_ROWS]
+            speed, omega = rates[first : first + 3], rates[first + 3 : first + FOOT_ROWS]
             stand = True in planned
             if stand:
-                tasks += self._stance(
-                    foot, planned, contact[foot], velocity, omega, tilt, pitch_rate, pitch_acceleration
-                )
+                tasks += self._stance(foot, planned, contact[foot], speed, omega, tilt, turn, turning)
             else:
-                tasks += self._swing(foot, reference, velocity, omega, tilt, pitch_rate, pitch_acceleration)
+                here = self._points.sole_position(foot)
+                tasks += [
+                    acceleration[i] + stiffness * (position[i] - here[i]) + damping * (velocity[i] - speed[i])
+                    for i in (0, 1, 2)
+                ]
+                tasks += [
+                    stiffness * tilt[i] + damping * (turn[i] - omega[i]) + turning[i] for i in (0, 1, 2)
+                ]
             stands.append(stand)
-            toes.append(
-                toe_acceleration
-                + gains.swing_damping * (toe_rate - rates[2 * FOOT_ROWS + foot])
-                + gains.swing_stiffness * (toe - q.item(self._toe_coordinates[foot]))
+        for foot, (toe, rate, acceleration) in enumerate(zip(*columns[6:], strict=True)):
+            tasks.append(
+                acceleration
+                + damping * (rate - rates[2 * FOOT_ROWS + foot])
+                + stiffness * (toe - q.item(self._toe_coordinates[foot]))
             )
-        return np.array(tasks + toes), self._softness[stands[LEFT], stands[RIGHT]]
-
-    def _swing(
-        self,
-        foot: int,
-        reference: list[float],
-        velocity: list[float],
-        omega: list[float],
-        tilt: tuple[float, float, float],
-        pitch_rate: float,
-        pitch_acceleration: float,
-    ) -> list[float]:
-        """Wanted acceleration of a sole in the air, linear then angular [m/s^2, rad/s^2]."""
-        stiffness, damping = self._gains.swing_stiffness, self._gains.swing_damping
-        position = self._points.sole_position(foot)
-        return [
-            *(
-                reference[6 + i]
-                + stiffness * (reference[i] - position[i])
-                + damping * (reference[3 + i] - velocity[i])
-                for i in (0, 1, 2)
-            ),
-            stiffness * tilt[0] - damping * omega[0],
-            stiffness * tilt[1] + damping * (pitch_rate - omega[1]) + pitch_acceleration,
-            stiffness * tilt[2] - damping * omega[2],
-        ]
+        return np.array(tasks), self._softness[stands[LEFT], stands[RIGHT]]
 
     def _stance(
         self,
         foot: int,
         planned: list[bool],
         contact: list[bool],
-        velocity: list[float],
-        omega: list[float],
-        tilt: tuple[float, float, float],
-        pitch_rate: float,
-        pitch_acceleration: float,
+        velocity: Vector,
+        omega: Vector,
+        tilt: Vector,
+        turn: Vector,
+        turning: Vector,
     ) -> list[float]:
         """Wanted acceleration of a sole in contact, linear then angular [m/s^2, rad/s^2]."""
         gains, held, opening = self._gains, self._gate.touched[foot], self._gate.opening[foot]
@@ -162,17 +130,17 @@ class FootTasks:
             rate = gains.touchdown_rate if held[_HEEL] else -gains.touchdown_rate
             sy = rolling * ((rate if True in held else 0.0) - wy)
         else:  # rolling on heel or toes
-            sy += pitch_acceleration + rolling * pitch_rate
+            sy += turning[1] + rolling * turn[1]
             if not planned[_BALL]:
                 sy -= stiffness * gains.roll_down_bias
         # The line that holds the foot stays where it is; the reference point turns about it.
         pivot = self._pivot(foot, held if True in held else planned)
-        slide = _cross(omega, pivot)
-        turn, centripetal = _cross((sx, sy, sz), pivot), _cross(omega, slide)
+        slide = cross(omega, pivot)
+        tangential, centripetal = cross((sx, sy, sz), pivot), cross(omega, slide)
         return [
-            -damping * (vx + slide[0]) - turn[0] - centripetal[0],
-            -damping * (vy + slide[1]) - turn[1] - centripetal[1],
-            -damping * (vz + slide[2]) - turn[2] - centripetal[2],
+            -damping * (vx + slide[0]) - tangential[0] - centripetal[0],
+            -damping * (vy + slide[1]) - tangential[1] - centripetal[1],
+            -damping * (vz + slide[2]) - tangential[2] - centripetal[2],
             sx,
             sy,
             sz,
@@ -183,32 +151,3 @@ class FootTasks:
         first = 0 if held[_HEEL] else 2
         arm = self._points.arm[foot]
         return (0.5 * (arm[first] + arm[first + 1]) - self._points.sole[foot]).tolist()
-
-
-def _rows_by_tick(reference: TrackingReference) -> NDArray[np.float64]:
-    """Wanted motion of soles (position, velocity, acceleration, pitch) and toes for one look-up a foot.
-
-    Shape (T, 2, 16); the pitch as cosine and sine.
-    """
-    turns = np.stack(
-        [
-            np.cos(reference.pitch),
-            np.sin(reference.pitch),
-            reference.pitch_velocity,
-            reference.pitch_acceleration,
-            reference.toe,
-            reference.toe_velocity,
-            reference.toe_acceleration,
-        ],
-        axis=2,
-    )
-    return np.concatenate(
-        [reference.foot_position, reference.foot_velocity, reference.foot_acceleration, turns], axis=2
-    )
-
-
-def _cross(a: Sequence[float], b: Sequence[float]) -> list[float]:
-    """Cross product of two vectors in plain numbers."""
-    ax, ay, az = a
-    bx, by, bz = b
-    return [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]

@@ -78,3 +78,7 @@ class SolePoints:
     def sole_position(self, foot: int) -> list[float]:
         """Reference point of a sole in world, plain numbers [m]."""
         return self._placements[2 * foot].translation.tolist()
+
+    def sole_rotation(self, foot: int) -> list[list[float]]:
+        """Rotation of a sole to world, plain numbers, shape (3, 3)."""
+        return self.pose[2 * foot, :3, :3].tolist()

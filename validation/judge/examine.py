@@ -109,10 +109,10 @@ def walk(
         profile: tolerances.
         progress: called with steps done and steps in all.
     """
-    run, body, motion = planned.request.run, planned.body, planned.motion
+    run, body = planned.request.run, planned.body
     seconds: dict[str, float] = {}
     with _timed(seconds, "simulation"):
-        record = simulate(planned.plan, motion, run, body.model, steps=run.gait.steps, progress=progress)
+        record = simulate(planned.walk, run, body.model, steps=run.gait.steps, progress=progress)
     with _timed(seconds, "measurement"):
         findings = examine(planned, record, profile)
     return Walk(planned, record, findings, MappingProxyType(seconds))

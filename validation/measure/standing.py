@@ -15,9 +15,9 @@ import pinocchio as pin
 from ampm.body.inverse_kinematics import InverseKinematics, StepReference, Unreachable
 from ampm.body.robot import TASK_ROWS, Robot
 from ampm.control.controller import TrackingController
-from ampm.control.reference import TrackingReference
 from ampm.exceptions import BodilyRefusal
 from ampm.parameters import ControllerParameters
+from ampm.walk import ContactState, FeetState, PostureState, Reference
 from validation.measure.measure import StandingCheck, measure, standing_check
 from validation.trial.bridge import to_pinocchio
 from validation.trial.record import OutcomeName
@@ -57,13 +57,11 @@ def stand(run: RunParameters, body_model: BodyModel, *, duration: float = DURATI
     feet = 0.5 * run.gait.step_width * np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
     q = _posture(robot, run, com, feet)
     total = round(duration / physics.time_step)
-    ticks = np.arange(0, total, physics.substeps, dtype=np.float64) * physics.time_step
-    reference = _still(robot, ticks, q, com, feet)
-    controller = TrackingController(robot, reference, run, velocity_lag=0.5 * physics.time_step)
+    references = [_still(robot, q, com, feet)] * -(-total // physics.substeps)
     start = q.copy()
     start[2] -= run.simulation.start_depth
     physics.place(start, np.zeros(robot.nv))
-    return ClosedLoop(physics, controller, run, duration, total, None).run()
+    return ClosedLoop(physics, TrackingController(robot, run), references, run, duration, total, None).run()
 
 
 def weigh(run: RunParameters, body_model: BodyModel, robot: Robot) -> StandingCheck:
@@ -116,46 +114,27 @@ def _posture(
 
 
 def _still(
-    robot: Robot,
-    ticks: NDArray[np.float64],
-    q: NDArray[np.float64],
-    com: NDArray[np.float64],
-    feet: NDArray[np.float64],
-) -> TrackingReference:
+    robot: Robot, q: NDArray[np.float64], com: NDArray[np.float64], feet: NDArray[np.float64]
+) -> Reference:
     """A reference that stays where it is."""
-    n = len(ticks)
     robot.jacobian(q, np.zeros(robot.nv))
-    trunk = robot.rotation_of(robot.trunk_frame)
-
-    def held(value: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.repeat(value[None], n, axis=0)
-
-    def nothing(*shape: int) -> NDArray[np.float64]:
-        return np.zeros((n, *shape))
-
-    contact = np.ones((n, 2, 3), dtype=bool)
-    return TrackingReference(
-        time=ticks,
-        com=held(com),
-        com_velocity=nothing(3),
-        com_acceleration=nothing(3),
-        angular_momentum=nothing(3),
-        moment=nothing(3),
-        foot_position=held(feet),
-        foot_velocity=nothing(2, 3),
-        foot_acceleration=nothing(2, 3),
-        pitch=nothing(2),
-        pitch_velocity=nothing(2),
-        pitch_acceleration=nothing(2),
-        toe=nothing(2),
-        toe_velocity=nothing(2),
-        toe_acceleration=nothing(2),
-        contact=contact,
-        due=contact.copy(),
-        until_lift=np.full((n, 2, 3), np.inf),
-        right_load=np.full(n, 0.5),
-        q=held(q),
-        v=nothing(robot.nv),
-        acceleration=nothing(robot.nv),
-        trunk=held(trunk.copy()),
+    still, none, pair = np.zeros(3), np.zeros((2, 3)), np.zeros(2)
+    contact = np.ones((2, 3), dtype=bool)
+    return Reference(
+        time=0.0,
+        com=com,
+        com_velocity=still,
+        com_acceleration=still,
+        angular_momentum=still,
+        moment=still,
+        right_load=0.5,
+        feet=FeetState(feet, none, none, np.stack([np.eye(3)] * 2), none, none, pair, pair, pair),
+        contacts=ContactState(contact, contact, np.full((2, 3), np.inf)),
+        posture=PostureState(
+            q,
+            np.zeros(robot.nv),
+            np.zeros(robot.nv),
+            robot.rotation_of(robot.trunk_frame).copy(),
+            np.zeros(()),
+        ),
     )

@@ -154,16 +154,14 @@ def _walk(
     planned: PlannedWalk, folder: Path, options: Options, clock: _Clock, environment: dict[str, Any]
 ) -> tuple[Comparison, Verdict, dict[str, Any]]:
     """Walk, measure and judge, and write all that says so; record and measurement are given up at the end."""
-    asked, body, motion = planned.request, planned.body, planned.motion
+    asked, body = planned.request, planned.body
     with clock.stage("simulation", "steps") as advance:
 
         def progress(done: int, total: int) -> None:
             interruption.check()
             advance(done, total)
 
-        record = simulate(
-            planned.plan, motion, asked.run, body.model, steps=asked.run.gait.steps, progress=progress
-        )
+        record = simulate(planned.walk, asked.run, body.model, steps=asked.run.gait.steps, progress=progress)
         if record.outcome.name == OutcomeName.INTERRUPTED:
             interruption.acknowledge()
         else:

@@ -22,6 +22,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from ampm.body.posture import periodic_walk
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import dump_run, load_run
 from validation.progress import Progress
@@ -148,7 +149,7 @@ def walk(case: Case, steps: int) -> dict[str, Any]:
         return row
     row |= {"tried": tuned.tried, "tune_seconds": time.process_time() - start, "run": dump_run(tuned.run)}
     start = time.perf_counter()
-    record = simulate(tuned.plan, tuned.motion, tuned.run, body.model, steps=steps)
+    record = simulate(periodic_walk(tuned.plan, tuned.motion, body.robot), tuned.run, body.model, steps=steps)
     measured = measure(record, body.robot.model, to_pinocchio)
     comparison = compare(tuned.plan, record, measured, description=body.model.description)
     metrics = {name: metric.value for name, metric in comparison.metrics.items()}

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ampm.control.controller import ControlOutput
+    from ampm.walk import ControlOutput, Reference
 
     Array = NDArray[np.float64]
 
@@ -176,10 +176,10 @@ class RunLog:
         for foot, site in enumerate(self.sole_sites):
             self.block.rotation[row, foot] = data.site_xmat[site]
 
-    def keep_command(self, k: int, output: ControlOutput) -> None:
+    def keep_command(self, k: int, output: ControlOutput, reference: Reference) -> None:
         """Copy what the tick at step k decided; it holds until the next one."""
         held, tick = slice(k, k + self.substeps), k // self.substeps
-        self.command_com[held], self.command_zmp[held] = output.com, output.zmp
+        self.command_com[held], self.command_zmp[held] = reference.com, output.zmp
         self.command_force[held] = output.force
         self.command_angular_momentum[held] = output.angular_momentum
         self.command_point_force[held] = output.point_force

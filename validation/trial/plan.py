@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
     from ampm.body.robot import Robot
     from ampm.planner.gait import GaitPlan
+    from ampm.walk import WalkPlan
     from models.human import BodyModel
 
 
@@ -76,6 +77,14 @@ class PlannedWalk:
     def run(self) -> RunParameters:
         """Parameters of the run."""
         return self.request.run
+
+    @cached_property
+    def walk(self) -> WalkPlan:
+        """Plan, feet and posture as one plan."""
+        # Here, not above: Pinocchio takes long to load.
+        from ampm.body.posture import periodic_walk
+
+        return periodic_walk(self.plan, self.motion, self.body.robot)
 
     @cached_property
     def zmp_margin(self) -> float:

@@ -8,7 +8,7 @@ motion.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,9 +16,9 @@ import mujoco
 import numpy as np
 
 from ampm.body.robot import Robot
-from ampm.control.controller import LIMITED, ControlOutput, TrackingController
-from ampm.control.reference import tracking_reference
+from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
+from ampm.walk import LIMITED, State, Timing, Touch
 from validation.trial.bridge import pinocchio_model, to_mujoco
 from validation.trial.log import RunLog
 from validation.trial.record import Outcome, OutcomeName, SimulationRecord
@@ -27,9 +27,8 @@ from validation.trial.watch import End, Watch
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.body.motion import WholeBodyMotion
     from ampm.parameters import RunParameters
-    from ampm.planner.gait import GaitPlan
+    from ampm.walk import Controller, ControllerFactory, ControlOutput, Reference, WalkPlan
     from models.human import BodyModel
 
 _PROGRESS_STEPS = 50
@@ -125,21 +124,21 @@ class Physics:
 
 
 def simulate(
-    plan: GaitPlan,
-    motion: WholeBodyMotion,
+    plan: WalkPlan,
     run: RunParameters,
-    body_model: BodyModel,
+    body: BodyModel,
     *,
+    controller: ControllerFactory | None = None,
     steps: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> SimulationRecord:
     """Walk the plan and record everything.
 
     Args:
-        plan: with feet; the constant of L_y is taken from the motion.
-        motion: the periodic whole-body step.
+        plan: of the walk; it starts on the plan's own posture.
         run: gains, contact, time step.
-        body_model: the simulated body.
+        body: the simulated body.
+        controller: makes the controller from robot and run, :class:`TrackingController` by default.
         steps: walking steps, the plan's by default.
         progress: called with (simulation steps done, all) now and then.
 
@@ -149,33 +148,27 @@ def simulate(
     Raises:
         InputError: control period and time step do not fit, or more steps than planned.
     """
-    steps = plan.parameters.steps if steps is None else steps
-    if not 1 <= steps <= plan.parameters.steps:
+    planned = plan.centroidal.parameters.steps
+    steps = planned if steps is None else steps
+    if not 1 <= steps <= planned:
         raise InputError(
-            f"{steps} steps were asked for, but the plan has {plan.parameters.steps}; "
-            f"ask for 1 ... {plan.parameters.steps} or raise gait.steps"
+            f"{steps} steps were asked for, but the plan has {planned}; "
+            f"ask for 1 ... {planned} or raise gait.steps"
         )
-    physics = Physics(body_model, run)
-    plan = plan.with_angular_momentum_offset(motion.report.angular_momentum_y_offset)
-    dt = physics.time_step
-    duration = steps * plan.constants.step_duration
-    total = int(np.floor(duration / dt + 1e-9))
-    ticks = np.arange(0, total, physics.substeps, dtype=np.float64) * dt
-    reference = tracking_reference(
-        plan,
-        motion,
-        physics.robot,
-        ticks,
-        lead=run.controller.touchdown_lead,
-        early=run.controller.touchdown_window,
-        hold=(physics.substeps - 1) * dt,
-    )
-    controller = TrackingController(physics.robot, reference, run, velocity_lag=0.5 * dt)
-    start = motion.sample(np.zeros(1), physics.robot)
-    q = start.q[0].copy()
+    physics = Physics(body, run)
+    dt, step_duration = physics.time_step, plan.constants.step_duration
+    total = int(np.floor(steps * step_duration / dt + 1e-9))
+    gains = run.controller
+    timing = Timing(gains.touchdown_lead, gains.touchdown_window, (physics.substeps - 1) * dt)
+    references = plan.table(np.arange(0, total, physics.substeps, dtype=np.float64) * dt, timing)
+    start = references[0].posture
+    q = start.q.copy()
     q[2] -= run.simulation.start_depth  # the soles carry weight from the first instant
-    physics.place(q, start.v[0])
-    return ClosedLoop(physics, controller, run, plan.constants.step_duration, total, progress).run()
+    physics.place(q, start.v)
+    make = TrackingController if controller is None else controller
+    return ClosedLoop(
+        physics, make(physics.robot, run), references, run, step_duration, total, progress
+    ).run()
 
 
 class ClosedLoop:
@@ -184,6 +177,7 @@ class ClosedLoop:
     Args:
         physics: placed at the start.
         controller: at its first tick.
+        references: one for each control tick.
         run: parameters.
         step_duration: of a walking step, to count those completed [s].
         total: simulation steps.
@@ -193,13 +187,15 @@ class ClosedLoop:
     def __init__(
         self,
         physics: Physics,
-        controller: TrackingController,
+        controller: Controller,
+        references: Sequence[Reference],
         run: RunParameters,
         step_duration: float,
         total: int,
         progress: Callable[[int, int], None] | None,
     ) -> None:
-        self.physics, self.controller, self.run_parameters = physics, controller, run
+        self.physics, self.controller, self.references = physics, controller, references
+        self.run_parameters = run
         self.step_duration, self.total, self.progress = step_duration, total, progress
         points = physics.points
         self.log = RunLog.empty(total, physics.model, points.sites, points.soles, physics.substeps)
@@ -244,25 +240,27 @@ class ClosedLoop:
         point = physics.touching_points()
         end = None
         if k % physics.substeps == 0:
-            q, v = physics.state()
-            output = self.controller.update(q, v, physics.sensed(point), self.normal_force)
-            log.keep_command(k, output)
+            reference = self.references[k // physics.substeps]
+            state = State(k * physics.time_step, *physics.state(), 0.5 * physics.time_step)
+            touch = Touch(physics.sensed(point), self.normal_force)
+            output = self.controller.update(state, touch, reference)
+            log.keep_command(k, output, reference)
             data.ctrl[:] = output.torque
-            end = self._look(k, output)
+            end = self._look(k, output, reference)
         log.torque[k] = data.ctrl
         mujoco.mj_step2(model, data)
         self.normal_force = log.keep_contacts(k, data, point)
         return end
 
-    def _look(self, k: int, output: ControlOutput) -> End | None:
+    def _look(self, k: int, output: ControlOutput, reference: Reference) -> End | None:
         """Whether the walk is over at this step's tick."""
         physics = self.physics
         return self.watch.look(
             k * physics.time_step,
             physics.com(),
-            output.com.tolist(),
+            reference.com.tolist(),
             physics.trunk(),
-            self.controller.reference.trunk[k // physics.substeps, :, 2].tolist(),
+            reference.posture.trunk[:, 2].tolist(),
             output.status,
             residual=output.residual,
             limit=self._worst_joint(output) if output.status == LIMITED else "",

@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ampm.control.controller import LIMITED, UNSOLVED
+from ampm.walk import LIMITED, UNSOLVED
 from validation.trial.record import OutcomeName
 
 FALL_SHARE = 0.75

@@ -139,7 +139,7 @@ class Case:
             steps: to be walked.
         """
         planned = plan_walk(load_request(name, (f"gait.steps={steps}",)))
-        return simulate(planned.plan, planned.motion, planned.run, planned.body.model, steps=steps).outcome
+        return simulate(planned.walk, planned.run, planned.body.model, steps=steps).outcome
 
     def _preset(self, name: str) -> Numbers:
         return self._numbers(name, name)

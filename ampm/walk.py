@@ -1,0 +1,437 @@
+"""A planned walk as one function of time, and the protocols of what makes and follows it.
+
+A :class:`WalkPlan` is always complete: centroidal plan, feet, posture. It gives the :class:`Reference` of one
+instant (:meth:`WalkPlan.at`), or those of all ticks of a controller at once (:meth:`WalkPlan.table`). A
+:class:`Controller` is handed one reference each tick and keeps none, so a plan can be replaced at any tick.
+
+Vectors are in world: x forward, y left, z up, floor at z = 0. Feet: left first. Contact groups of a foot:
+heel, ball, tip.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ampm.planner.feet import FeetPlan, FootPath, FootSample
+from ampm.planner.gait import GaitPlan, PlanConstants, PlanSample
+
+if TYPE_CHECKING:
+    from ampm.parameters import RunParameters
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Scalar = Any  # a float at one instant, an array (T,) at T of them
+
+_YAW_SPAN = 1e-3  # over which the rate of L_z is taken at a single instant [s]
+
+
+class FeetState(NamedTuple):
+    """Both feet at one instant; T instants have a leading axis.
+
+    Attributes:
+        position, velocity, acceleration: of the soles' reference points, shape (2, 3) [m, m/s, m/s^2].
+        rotation: of the soles to world, shape (2, 3, 3).
+        angular_velocity, angular_acceleration: shape (2, 3) [rad/s, rad/s^2].
+        toe, toe_velocity, toe_acceleration: of the toe joints, shape (2,) [rad, rad/s, rad/s^2].
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    rotation: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+    toe: Array
+    toe_velocity: Array
+    toe_acceleration: Array
+
+
+class ContactState(NamedTuple):
+    """Planned contact at one instant; T instants have a leading axis.
+
+    Attributes:
+        planned: groups in contact, shape (2, 3), bool.
+        due: groups in contact now or shortly: what touches early is taken as contact, shape (2, 3), bool.
+        until_lift: time until the group lifts off, infinite if it does not, shape (2, 3) [s].
+    """
+
+    planned: Flags
+    due: Flags
+    until_lift: Array
+
+
+class PostureState(NamedTuple):
+    """Whole-body configuration at one instant, Pinocchio's coordinates; T instants have a leading axis.
+
+    Attributes:
+        q: shape (nq,).
+        v, acceleration: root part in root axes, shape (nv,).
+        trunk: rotation of the trunk segment to world, shape (3, 3).
+        angular_momentum_z: about the COM, shape () [N m s].
+    """
+
+    q: Array
+    v: Array
+    acceleration: Array
+    trunk: Array
+    angular_momentum_z: Array
+
+
+class Reference(NamedTuple):
+    """What a controller follows at one instant; T instants have a leading axis.
+
+    Attributes:
+        time: [s].
+        com, com_velocity, com_acceleration: shape (3,) [m, m/s, m/s^2].
+        angular_momentum: about the COM; x and y are the plan's, z the posture's, shape (3,) [N m s].
+        moment: its rate, shape (3,) [N m].
+        right_load: share of the weight planned on the right foot [1].
+        feet: pose and motion of both feet.
+        contacts: which groups carry load.
+        posture: of the whole body.
+    """
+
+    time: Scalar
+    com: Array
+    com_velocity: Array
+    com_acceleration: Array
+    angular_momentum: Array
+    moment: Array
+    right_load: Scalar
+    feet: FeetState
+    contacts: ContactState
+    posture: PostureState
+
+
+class Timing(NamedTuple):
+    """How a controller's references look ahead.
+
+    Attributes:
+        lead: time by which a foot is let down before its planned contact [s].
+        early: time before planned contact from which a touch counts as contact [s].
+        hold: how long after the tick the last force of its command acts [s]: zero if every tick makes one
+            step of the physics. Accelerations are taken from the middle of that time.
+    """
+
+    lead: float = 0.0
+    early: float = 0.0
+    hold: float = 0.0
+
+
+SHARP = Timing()
+"""References of the very instant."""
+
+
+class ReferenceTable(Sequence[Reference]):
+    """References at T instants, evaluated at once.
+
+    Args:
+        rows: a reference whose arrays have a leading axis of T; they become read-only.
+    """
+
+    def __init__(self, rows: Reference) -> None:
+        self.rows = rows
+        self._plain: tuple[Any, ...] = rows[:-3]
+        for part in (self._plain, *rows[-3:]):
+            for array in part:
+                array.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.rows.com)
+
+    @overload
+    def __getitem__(self, k: int) -> Reference: ...
+    @overload
+    def __getitem__(self, k: slice) -> ReferenceTable: ...
+    def __getitem__(self, k: int | slice) -> Reference | ReferenceTable:
+        """The reference at tick k, in views of the table's arrays."""
+        rows = self.rows
+        row = Reference._make(
+            (
+                *[array[k] for array in self._plain],
+                FeetState._make([array[k] for array in rows.feet]),
+                ContactState._make([array[k] for array in rows.contacts]),
+                PostureState._make([array[k] for array in rows.posture]),
+            )
+        )
+        return ReferenceTable(row) if isinstance(k, slice) else row
+
+
+class Posture(Protocol):
+    """The whole-body motion that a walk has besides COM, momentum and feet."""
+
+    @property
+    def angular_momentum_y_offset(self) -> float:
+        """Mean of L_y over a step that this posture needs [N m s]."""
+        ...
+
+    def sample(self, times: ArrayLike) -> PostureState:
+        """States at ``times``, shape (T,) [s]; every array with a leading axis of T."""
+        ...
+
+
+@dataclass(frozen=True)
+class WalkPlan:
+    """A complete plan of a walk.
+
+    Attributes:
+        centroidal: COM, ZMP, force and angular momentum, with the posture's mean of L_y.
+        feet: motion of both feet.
+        posture: motion of the rest of the body.
+    """
+
+    centroidal: GaitPlan
+    feet: FeetPlan
+    posture: Posture
+
+    def __post_init__(self) -> None:
+        offset = self.posture.angular_momentum_y_offset
+        if self.centroidal.constants.angular_momentum_y_offset != offset:
+            object.__setattr__(self, "centroidal", self.centroidal.with_angular_momentum_offset(offset))
+
+    @property
+    def constants(self) -> PlanConstants:
+        """Derived constants of the gait."""
+        return self.centroidal.constants
+
+    @property
+    def duration(self) -> float:
+        """End of the last phase [s]."""
+        return self.centroidal.duration
+
+    def sample(self, times: ArrayLike) -> PlanSample:
+        """COM, ZMP, force and momentum at ``times``, shape (T,) [s]."""
+        return self.centroidal.sample(times)
+
+    def at(self, time: float, timing: Timing = SHARP) -> Reference:
+        """The reference at one instant [s].
+
+        It equals the table's, but for what a table takes from its own ticks: here the time until lift-off is
+        exact, and the rate of L_z is a central difference over two milliseconds.
+
+        Raises:
+            InputError: the time lies outside the plan.
+        """
+        around = np.array([time - _YAW_SPAN, time, time + _YAW_SPAN])
+        around = np.unique(np.clip(around, min(time, 0.0), max(time, self.duration)))
+        reference = self.table(around, timing)[int(np.searchsorted(around, time))]
+        until = np.stack([_exact_until_lift(path, time) for path in (self.feet.left, self.feet.right)])
+        return reference._replace(contacts=reference.contacts._replace(until_lift=until))
+
+    def table(self, times: ArrayLike, timing: Timing = SHARP) -> ReferenceTable:
+        """References at the ticks of a controller, ascending, shape (T,) [s].
+
+        Times until lift-off count to the first tick without planned contact.
+
+        Raises:
+            InputError: a time lies outside the plan.
+        """
+        times = np.array(times, dtype=np.float64)
+        sample, feet, body = self.sample(times), self.feet.sample(times), self.posture.sample(times)
+        momentum_z = body.angular_momentum_z
+        yaw_moment = np.gradient(momentum_z, times) if len(times) > 1 else np.zeros(len(times))
+        held, held_feet, held_body = sample, feet, body
+        if timing.hold:
+            middle = np.minimum(times + 0.5 * timing.hold, self.duration)
+            held, held_feet = self.sample(middle), self.feet.sample(middle)
+            held_body = self.posture.sample(middle)
+        contact = _both(feet, "contact")
+
+        def within(span: float) -> Flags:
+            """Contact now or at the end of a time span."""
+            ahead = self.feet.sample(np.minimum(times + span, self.duration)) if span else feet
+            return contact | _both(ahead, "contact")
+
+        return ReferenceTable(
+            Reference(
+                time=times,
+                com=sample.com,
+                com_velocity=sample.com_velocity,
+                com_acceleration=held.com_acceleration,
+                angular_momentum=np.hstack([sample.angular_momentum, momentum_z[:, None]]),
+                moment=np.hstack([held.moment, yaw_moment[:, None]]),
+                right_load=_right_load(sample),
+                feet=_feet_state(feet, held_feet),
+                contacts=ContactState(within(timing.lead), within(timing.early), _until_lift(times, contact)),
+                posture=body._replace(acceleration=held_body.acceleration),
+            )
+        )
+
+
+class Boundary(NamedTuple):
+    """Where a plan begins or ends: an instant of another plan, or a measured state.
+
+    Attributes:
+        time: [s].
+        com, com_velocity, com_acceleration: shape (3,) [m, m/s, m/s^2].
+        angular_momentum: about the COM, shape (3,) [N m s].
+        feet: pose and motion of both feet.
+        contact: groups in contact, shape (2, 3), bool.
+    """
+
+    time: float
+    com: Array
+    com_velocity: Array
+    com_acceleration: Array
+    angular_momentum: Array
+    feet: FeetState
+    contact: Flags
+
+
+Request = TypeVar("Request", contravariant=True)
+
+
+class Planner(Protocol[Request]):
+    """Makes a walk from a request."""
+
+    def plan(self, request: Request, begin: Boundary | None = None) -> WalkPlan:
+        """Plan a walk, from a boundary if one is given.
+
+        Raises:
+            InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
+        """
+        ...
+
+
+class State(NamedTuple):
+    """The measured state of the body.
+
+    Attributes:
+        time: [s].
+        q: Pinocchio configuration, shape (nq,).
+        v: Pinocchio velocity, shape (nv,).
+        velocity_lag: how much older ``v`` is than ``q`` [s]. A difference quotient, and a semi-implicit
+            integrator's velocity, is the mean over the last step: half a step old.
+    """
+
+    time: float
+    q: Array
+    v: Array
+    velocity_lag: float = 0.0
+
+
+class Touch(NamedTuple):
+    """What the soles sense.
+
+    Attributes:
+        contact: sole points in contact, shape (P,), bool.
+        normal_force: latest normal force of every sole point, shape (P,) [N].
+    """
+
+    contact: Flags
+    normal_force: Array
+
+
+SOLVED, LIMITED, UNSOLVED = 0, 1, 2
+"""Status of a tick: solved; solved with torque or joint limits active; unsolved, a fallback was used."""
+
+
+class ControlOutput(NamedTuple):
+    """What one tick decided. Only the torque is needed; what a controller does not have stays None or NaN.
+
+    Attributes:
+        torque: joint torques, shape (nu,) [N m].
+        force: net ground force that it asked for, shape (3,) [N].
+        zmp: ZMP of the wrench that it asked for, shape (2,) [m].
+        angular_momentum: about the COM, that it asked for, shape (3,) [N m s].
+        point_force: force that it asked for at every sole point, shape (P, 3) [N].
+        status: SOLVED, LIMITED or UNSOLVED.
+        residual: of its optimisation.
+        iterations: of its optimisation.
+        seconds: wall-clock time of its optimisation [s].
+    """
+
+    torque: Array
+    force: Array | None = None
+    zmp: Array | None = None
+    angular_momentum: Array | None = None
+    point_force: Array | None = None
+    status: int = SOLVED
+    residual: float = math.nan
+    iterations: int = 0
+    seconds: float = math.nan
+
+
+class Controller(Protocol):
+    """Makes torques from state, contact and reference, once every 1 / controller.frequency."""
+
+    def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
+        """One tick.
+
+        Args:
+            state: the measured state; its arrays are overwritten by the next tick.
+            touch: what the soles sense.
+            reference: what is planned at this instant.
+        """
+        ...
+
+
+class ControllerFactory(Protocol):
+    """Makes a controller; a controller's class is such a factory."""
+
+    def __call__(self, robot: Any, run: RunParameters, /) -> Controller:
+        """Make one for a body, :class:`ampm.body.robot.Robot`, and a run."""
+        ...
+
+
+def _both(feet: tuple[FootSample, FootSample], name: str) -> Any:
+    """One array of both feet, left first, shape (T, 2, ...)."""
+    return np.stack([getattr(foot, name) for foot in feet], axis=1)
+
+
+def _feet_state(feet: tuple[FootSample, FootSample], held: tuple[FootSample, FootSample]) -> FeetState:
+    """Both feet as one; accelerations are those of ``held``."""
+
+    def about_y(values: Array) -> Array:
+        turn = np.zeros((*values.shape, 3))
+        turn[..., 1] = values
+        return turn
+
+    pitch = _both(feet, "pitch")
+    rotation = np.zeros((*pitch.shape, 3, 3))
+    rotation[..., 0, 0] = rotation[..., 2, 2] = np.cos(pitch)
+    rotation[..., 0, 2] = np.sin(pitch)
+    rotation[..., 2, 0] = -rotation[..., 0, 2]
+    rotation[..., 1, 1] = 1.0
+    return FeetState(
+        position=_both(feet, "position"),
+        velocity=_both(feet, "velocity"),
+        acceleration=_both(held, "acceleration"),
+        rotation=rotation,
+        angular_velocity=about_y(_both(feet, "pitch_velocity")),
+        angular_acceleration=about_y(_both(held, "pitch_acceleration")),
+        toe=_both(feet, "toe"),
+        toe_velocity=_both(feet, "toe_velocity"),
+        toe_acceleration=_both(held, "toe_acceleration"),
+    )
+
+
+def _until_lift(times: Array, contact: Flags) -> Array:
+    """Time from each tick to the end of the present contact, or of the next one."""
+    until = np.full(contact.shape, np.inf)
+    ticks = np.arange(len(times))
+    for foot, group in np.ndindex(contact.shape[1:]):
+        planned = contact[:, foot, group]
+        lifts = 1 + np.flatnonzero(planned[:-1] & ~planned[1:])
+        at = np.append(times[lifts], np.inf)
+        until[:, foot, group] = at[np.searchsorted(lifts, ticks, side="right")] - times
+    return until
+
+
+def _exact_until_lift(path: FootPath, time: float) -> Array:
+    """Time from an instant to the end of the present contact of every group, or of the next one."""
+    lifts = path.contact[:-1] & ~path.contact[1:] & (path.start[1:, None] > time)
+    return np.min(np.where(lifts, path.start[1:, None], np.inf), axis=0, initial=np.inf) - time
+
+
+def _right_load(sample: PlanSample) -> Array:
+    """Share of the right foot: where the planned ZMP lies between the feet's centre lines."""
+    left, right = sample.left_placement[:, 1], sample.right_placement[:, 1]
+    share = (left - sample.zmp[:, 1]) / (left - right)
+    return np.where(sample.stance == 0, 0.0, np.where(sample.stance == 1, 1.0, np.clip(share, 0.0, 1.0)))
