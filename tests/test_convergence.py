@@ -449,19 +449,6 @@ def test_infinite_and_unknown_uncertainties_bound_nothing(folder, tmp_path):
     assert dict(load_uncertainty(path).values) == {"a": math.inf, "b": math.inf}
 
 
-def test_a_folder_with_anything_else_is_never_replaced(tmp_path, folder):
-    command.check_folder(tmp_path / "new", force=False)
-    command.check_folder(tmp_path, force=False)  # empty
-    with pytest.raises(InputError, match="not empty"):
-        command.check_folder(folder, force=False)
-    command.check_folder(folder, force=True)
-    (tmp_path / "mine.txt").write_text("keep")
-    with pytest.raises(InputError, match=r"'mine\.txt', which no convergence study writes"):
-        command.check_folder(tmp_path, force=True)
-    with pytest.raises(InputError, match="is a file"):
-        command.check_folder(tmp_path / "mine.txt", force=True)
-
-
 # --------------------------------------------------------------------------- verdicts of a run
 
 

@@ -2,15 +2,36 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from ampm.exceptions import InputError
-from validation.store.folders import output_file, run_folder
+from validation.store.folders import check_target, output_file, run_folder
 
 
 def fill(folder, text="first"):
     (folder / "run.toml").write_text(text)
     (folder / "joints.parquet").write_text("")
+
+
+def write_and_fail(context, write, error):
+    with context as place:
+        write(place)
+        raise error
+
+
+@pytest.fixture
+def target(tmp_path):
+    return tmp_path / "run"
+
+
+@pytest.fixture
+def run(target):
+    """A run that exists already."""
+    target.mkdir()
+    fill(target)
+    return target
 
 
 def test_a_run_appears_whole(tmp_path):
@@ -22,8 +43,7 @@ def test_a_run_appears_whole(tmp_path):
     assert [path.name for path in target.parent.iterdir()] == ["run"]
 
 
-def test_an_empty_folder_is_filled_in_place(tmp_path):
-    target = tmp_path / "run"
+def test_an_empty_folder_is_filled_in_place(target):
     target.mkdir()
     inode = target.stat().st_ino
     with run_folder(target, force=False) as folder:
@@ -32,66 +52,74 @@ def test_an_empty_folder_is_filled_in_place(tmp_path):
     assert (target / "run.toml").exists()
 
 
-def test_an_existing_run_needs_force(tmp_path):
-    target = tmp_path / "run"
-    target.mkdir()
-    fill(target)
-    with pytest.raises(InputError, match="--force"), run_folder(target, force=False):
+def test_an_existing_run_needs_force(tmp_path, run):
+    with pytest.raises(InputError, match="--force"), run_folder(run, force=False):
         pass
-    with run_folder(target, force=True) as folder:
+    with run_folder(run, force=True) as folder:
         fill(folder, "second")
-        assert (target / "run.toml").read_text() == "first"
-    assert (target / "run.toml").read_text() == "second"
+        assert (run / "run.toml").read_text() == "first"
+    assert (run / "run.toml").read_text() == "second"
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_what_is_no_run_is_never_replaced(tmp_path):
-    target = tmp_path / "thesis"
-    target.mkdir()
-    fill(target)
-    (target / "chapter.tex").write_text("mine")
-    with pytest.raises(InputError, match=r"chapter\.tex"), run_folder(target, force=True):
-        pass
-    assert (target / "chapter.tex").read_text() == "mine"
-
-
-def test_an_error_leaves_the_old_run_and_what_was_written(tmp_path):
-    target = tmp_path / "run"
-    target.mkdir()
-    fill(target)
-
-    def write_and_fail():
-        with run_folder(target, force=True) as folder:
-            fill(folder, "second")
-            raise KeyboardInterrupt
-
+def test_an_error_leaves_the_old_run_and_what_was_written(tmp_path, run):
     with pytest.raises(KeyboardInterrupt) as caught:
-        write_and_fail()
-    assert (target / "run.toml").read_text() == "first"
-    (partial,) = [path for path in tmp_path.iterdir() if path != target]
+        write_and_fail(run_folder(run, force=True), lambda place: fill(place, "second"), KeyboardInterrupt)
+    assert (run / "run.toml").read_text() == "first"
+    (partial,) = [path for path in tmp_path.iterdir() if path != run]
     assert (partial / "run.toml").read_text() == "second"
     assert str(partial) in caught.value.__notes__[0]
 
 
 @pytest.mark.parametrize("exists", [False, True])
-def test_an_error_before_anything_was_recorded_leaves_nothing(tmp_path, exists):
-    target = tmp_path / "run"
+def test_an_error_before_anything_was_recorded_leaves_nothing(tmp_path, target, exists):
     if exists:
         target.mkdir()
-
-    def write_and_fail():
-        with run_folder(target, force=False) as folder:
-            (folder / "run.toml").write_text("")
-            raise ValueError
-
-    with pytest.raises(ValueError):
-        write_and_fail()
+    with pytest.raises(OSError):
+        write_and_fail(
+            run_folder(target, force=False), lambda place: (place / "run.toml").write_text(""), OSError
+        )
     assert list(tmp_path.rglob("*")) == ([target] if exists else [])
 
 
-def test_a_file_is_no_folder(tmp_path):
-    (tmp_path / "run").write_text("")
-    with pytest.raises(InputError, match="not a folder"), run_folder(tmp_path / "run", force=True):
+@pytest.mark.parametrize(
+    ("files", "force", "known", "marks", "refused"),
+    [
+        (None, False, {"a"}, {"a"}, None),  # does not exist
+        ((), False, {"a"}, {"a"}, None),
+        ("a", False, {"a"}, {"a"}, "--force"),
+        ("a", True, {"a", "b"}, {"a"}, None),
+        ("ax", True, {"a", "b"}, {"a"}, "'x', which no study writes"),
+        ("b", True, {"a", "b"}, {"a"}, "holds no study"),
+        ("b", True, {"a", "b"}, (), None),
+        ("ax", True, None, {"a"}, None),  # what else is in it stays
+        ("x", True, None, {"a"}, "holds no study"),
+    ],
+)
+def test_what_is_of_another_kind_is_never_replaced(target, files, force, known, marks, refused):
+    if files is not None:
+        target.mkdir()
+        for name in files:
+            (target / name).write_text("mine")
+    if refused is None:
+        check_target(target, known, force=force, marks=marks, what="study")
+        return
+    with pytest.raises(InputError, match=refused):
+        check_target(target, known, force=force, marks=marks, what="study")
+    assert (target / files[-1]).read_text() == "mine"
+
+
+def test_a_file_is_no_folder(target):
+    target.write_text("")
+    with pytest.raises(InputError, match="not a folder"), run_folder(target, force=True):
+        pass
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder that nobody can write")
+def test_a_place_that_cannot_be_written_is_refused_before_any_work():
+    with pytest.raises(InputError, match="cannot be written"):
+        check_target(Path("/proc/ampm/run"), None, force=False)
+    with pytest.raises(InputError, match="cannot be written"), output_file(Path("/proc/ampm/run.csv")):
         pass
 
 
@@ -100,14 +128,8 @@ def test_a_file_appears_whole(tmp_path):
     target.write_text("old")
     with pytest.raises(InputError, match="--force"), output_file(target, force=False):
         pass
-
-    def write_and_fail():
-        with output_file(target) as work:
-            work.write_text("half")
-            raise ValueError
-
-    with pytest.raises(ValueError):
-        write_and_fail()
+    with pytest.raises(OSError):
+        write_and_fail(output_file(target), lambda place: place.write_text("half"), OSError)
     assert target.read_text() == "old"
     with output_file(target) as work:
         work.write_text("new")

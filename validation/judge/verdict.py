@@ -13,6 +13,7 @@ import numpy as np
 from validation.judge.compare import Comparison, statistics_table
 from validation.judge.metrics import BODY_WEIGHT, METRICS, display_unit
 from validation.judge.profiles import Profile, Tolerance
+from validation.store.json import json_ready
 
 if TYPE_CHECKING:
     from validation.measure.measure import MeasuredGait
@@ -250,7 +251,7 @@ def build_summary(
         "environment": dict(environment or {}),
         **(extra or {}),
     }
-    return _plain(summary)
+    return dict(json_ready(summary, infinity=None))
 
 
 def is_undecided(value: float, tolerance: float, uncertainty: float | None) -> bool:
@@ -359,20 +360,3 @@ def _maximum(values: Any) -> float:
 
 def _quantile(values: Any, share: float) -> float:
     return float(np.quantile(values, share)) if values.size else math.nan
-
-
-def _plain(value: Any) -> Any:
-    """Only what JSON has: NaN and infinities become None."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, StrEnum):
-        return str(value)
-    return value

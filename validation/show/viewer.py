@@ -16,7 +16,7 @@ from urllib.parse import quote
 from ampm.exceptions import InputError
 from validation.show.text import print_line
 from validation.show.view_sources import Source, choose
-from validation.store.folders import output_file
+from validation.store.folders import check_output_file, output_file
 
 _HOST = "127.0.0.1"
 _PAGE_PORT, _DATA_PORT = 9090, 9876
@@ -87,8 +87,7 @@ def _write(
 def _check_save(save: Path, *, force: bool) -> None:
     if save.suffix != ".rrd":
         raise InputError(f"--save {save} must end in .rrd.")
-    if save.is_dir() or (save.exists() and not force):
-        raise InputError(f"--save {save} exists; give another file, or --force to replace it.")
+    check_output_file(save, force=force)
 
 
 def _show(recording: Path, *, web: bool) -> int:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -42,31 +42,64 @@ RECORDED = "joints.parquet"
 """File from which on a folder is worth keeping."""
 
 
-def check_run_folder(target: Path, *, force: bool) -> None:
-    """Refuse a target that must not be written.
+def check_target(
+    target: Path,
+    known: Collection[str] | None,
+    *,
+    force: bool,
+    what: str = "run",
+    marks: Collection[str] = (),
+    way_out: str = "--force to replace it",
+) -> None:
+    """Refuse a folder that must not be written, or cannot be.
 
     Args:
-        target: the folder that a run is to have.
-        force: whether an earlier run there may be replaced.
+        target: the folder.
+        known: all files that a result of this kind may hold; None if files of others may stay beside it.
+        force: whether an earlier result there may be replaced, or gone on with.
+        what: the kind of result.
+        marks: files of which an earlier result has at least one.
+        way_out: the option that sets ``force``.
 
     Raises:
-        InputError: the target exists and is not an empty folder, and ``force`` is off or it is no run folder.
+        InputError: the target is a file, or it is not empty and ``force`` is off or it holds something else,
+            or nothing can be written there.
     """
-    if not target.exists() and not target.is_symlink():
-        return
     if not target.is_dir():
-        raise InputError(f"--out {target} is a file, not a folder; give another folder.")
-    entries = {entry.name for entry in target.iterdir()}
-    if not entries:
+        if target.exists() or target.is_symlink():
+            raise InputError(f"--out {target} is a file, not a folder; give another folder.")
+        _probe(target)
         return
-    if not force:
-        raise InputError(
-            f"--out {target} exists and is not empty; give another folder, or --force to replace it."
-        )
-    foreign = sorted(entries - RUN_FILES)
-    if foreign or "run.toml" not in entries:
-        what = f"holds {foreign[0]!r}, which no run writes" if foreign else "holds no run"
-        raise InputError(f"--out {target} {what}, so --force does not replace it; give another folder.")
+    entries = {entry.name for entry in target.iterdir()}
+    if entries and not force:
+        raise InputError(f"--out {target} exists and is not empty; give another folder, or {way_out}.")
+    foreign = [] if known is None else sorted(entries - set(known))
+    if foreign or (entries and marks and not entries & set(marks)):
+        holds = f"holds {foreign[0]!r}, which no {what} writes" if foreign else f"holds no {what}"
+        option = way_out.split()[0]
+        raise InputError(f"--out {target} {holds}, so {option} does not replace it; give another folder.")
+    _probe(target)
+
+
+def check_run_folder(target: Path, *, force: bool) -> None:
+    """Refuse a folder that a run must not be written into; see :func:`check_target`."""
+    check_target(target, RUN_FILES, force=force, marks={"run.toml"})
+
+
+def _probe(target: Path) -> None:
+    """Create a file without a name where the target is to be: what cannot be written fails early.
+
+    Raises:
+        InputError: it cannot be created.
+    """
+    folder = target.absolute()
+    while not folder.exists():
+        folder = folder.parent
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(f"{target} cannot be written ({error.strerror}); give another place.") from error
 
 
 @contextmanager
@@ -155,12 +188,13 @@ def check_output_file(target: Path, *, force: bool) -> None:
     """Refuse a file that must not be written.
 
     Raises:
-        InputError: the target exists and ``force`` is off, or it is a folder.
+        InputError: the target exists and ``force`` is off, it is a folder, or nothing can be written there.
     """
     if target.is_dir():
         raise InputError(f"{target} is a folder; give the name of a file.")
     if target.exists() and not force:
-        raise InputError(f"--out {target} exists; give another file, or --force to replace it.")
+        raise InputError(f"{target} exists; give another file, or --force to replace it.")
+    _probe(target.parent)
 
 
 def check_folder_of(target: Path) -> None:

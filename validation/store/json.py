@@ -7,21 +7,26 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 
-def json_ready(value: Any) -> Any:
+def json_ready(value: Any, *, infinity: str | None = "inf") -> Any:
     """Copy of a nested value in which every number is one that JSON has.
 
-    ``inf`` becomes ``"inf"`` (which ``--set`` reads back), NaN becomes None, numpy numbers become Python's.
+    NaN becomes None, numpy numbers become Python's.
+
+    Args:
+        value: mappings, sequences, arrays, numbers and texts.
+        infinity: what stands for an infinite number, with ``-`` before it for a negative one. ``"inf"`` is
+            what ``--set`` reads back; None gives None.
     """
     if isinstance(value, Mapping):
-        return {str(key): json_ready(item) for key, item in value.items()}
+        return {str(key): json_ready(item, infinity=infinity) for key, item in value.items()}
     if isinstance(value, str) or value is None or isinstance(value, bool | int):
         return value
     if isinstance(value, float):
-        if math.isnan(value):
-            return None
-        return float(value) if math.isfinite(value) else ("inf" if value > 0 else "-inf")
+        if math.isfinite(value):
+            return float(value)
+        return None if math.isnan(value) or infinity is None else infinity if value > 0 else f"-{infinity}"
     if hasattr(value, "tolist"):  # numpy scalar or array
-        return json_ready(value.tolist())
+        return json_ready(value.tolist(), infinity=infinity)
     if isinstance(value, Sequence):
-        return [json_ready(item) for item in value]
+        return [json_ready(item, infinity=infinity) for item in value]
     return str(value)

@@ -27,6 +27,7 @@ from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import dump_run, load_run
 from validation.progress import Progress
 from validation.store.environment import describe_environment
+from validation.store.machine import one_blas_thread
 
 RANGE: Mapping[str, tuple[float, float]] = {
     "gait.step_length": (0.2, 0.75),
@@ -203,8 +204,7 @@ def run_campaign(
     out.mkdir(parents=True, exist_ok=True)
     rows = _kept(out / TABLE, cases, seed, steps)
     missing = [case for case in cases if case.name not in rows]
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(variable, "1")  # one thread per worker: more cost time, and the run its bits
+    one_blas_thread()
     with (stages or Progress()).stage("campaign", "gaits") as stage:
         # Workers are started afresh: a fork would share the state of compiled libraries.
         context = multiprocessing.get_context("spawn")

@@ -32,7 +32,7 @@ from ampm.planner.gait import GaitPlan, plan_gait
 from validation.progress import Progress
 from validation.run.validate import Options, validate
 from validation.show.text import format_number, print_line, print_table
-from validation.store.folders import RUN_FILES, check_run_folder, output_file
+from validation.store.folders import check_run_folder, check_target, output_file
 from validation.store.json import json_ready
 from validation.store.saved import RUN_FILE, SavedRun, load_saved_run
 from validation.study.compare.metrics import (
@@ -51,7 +51,6 @@ from validation.trial.plan import Request, load_request, make_body, motion_cache
 EVEN = 1.25
 """Ratio of two figures within which neither side is called better."""
 REPORT, NUMBERS, PICTURE = "report.html", "comparison.json", "switches.svg"
-_OWN = (REPORT, NUMBERS, PICTURE)
 
 
 @dataclass(frozen=True)
@@ -317,17 +316,7 @@ def _folders(
     """
     if out is None:
         return [None, None]
-    if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out} is a file, not a folder; give another folder.")
-    entries = {entry.name for entry in out.iterdir()} if out.is_dir() else set()
-    if entries and not force:
-        raise InputError(
-            f"--out {out} exists and is not empty; give another folder, or --force to replace it."
-        )
-    if entries & RUN_FILES - {REPORT} or (entries and not entries & set(_OWN)):
-        raise InputError(
-            f"--out {out} holds no comparison, so --force does not replace it; give another folder."
-        )
+    check_target(out, None, force=force, what="comparison", marks=(NUMBERS, PICTURE))
     folders = [
         out / name if isinstance(s, Request) else None for name, s in zip(labels, sources, strict=True)
     ]

@@ -10,7 +10,7 @@ from pathlib import Path
 from ampm.exceptions import InputError
 from validation.judge import profiles
 from validation.progress import Progress
-from validation.store.folders import output_file
+from validation.store.folders import check_target, output_file
 from validation.store.json import json_ready
 from validation.store.machine import cores
 from validation.study.convergence.execute import runs_of, walk_levels
@@ -78,7 +78,7 @@ def run(
         raise InputError(f"--workers {workers}: at least one process has to walk.", value=workers)
     profile = profiles.profile(options.profile)
     if options.out is not None:
-        check_folder(options.out, force=options.force)
+        check_target(options.out, FILES, force=options.force, what="convergence study")
     request = load_request(gait, [*settings, f"gait.steps={options.steps}"])
     found = studies(request.run, options.only, levels=options.levels)
     _check_ticks(request)
@@ -108,31 +108,6 @@ def _check_ticks(request: Request) -> None:
             f"{1.0 / (frequency * max(1, round(ratio))):g}.",
             key="simulation.time_step",
             value=step,
-        )
-
-
-def check_folder(out: Path, *, force: bool) -> None:
-    """Refuse a folder that must not be written.
-
-    Raises:
-        InputError: it is a file, or is not empty and ``force`` is off, or holds what no study writes.
-    """
-    if not out.exists() and not out.is_symlink():
-        return
-    if not out.is_dir():
-        raise InputError(f"--out {out} is a file, not a folder; give another folder.")
-    entries = {entry.name for entry in out.iterdir()}
-    if not entries:
-        return
-    if not force:
-        raise InputError(
-            f"--out {out} exists and is not empty; give another folder, or --force to replace it."
-        )
-    foreign = sorted(entries - set(FILES))
-    if foreign:
-        raise InputError(
-            f"--out {out} holds {foreign[0]!r}, which no convergence study writes, so --force does not "
-            "replace it; give another folder."
         )
 
 

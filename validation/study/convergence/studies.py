@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import resource
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from ampm.exceptions import AmpmError, InputError, RefusedGait
+from validation.store.machine import memory_peak
 from validation.study.compare.metrics import switch_figures
 from validation.trial.plan import Request
 
@@ -227,7 +227,7 @@ class Figures:
         limits: metric to the profile's tolerance, in the metric's unit.
         weight: of the body [N].
         seconds: wall-clock time.
-        memory: largest resident memory of the process so far [MB].
+        memory: largest resident memory of the process so far [MB], NaN if unknown.
     """
 
     outcome: str
@@ -255,7 +255,7 @@ def walk_level(run: RunParameters, name: str, profile: Profile) -> Figures:
         result = walk(plan_walk(Request(name, run)), profile)
     except AmpmError as error:
         outcome = "refused" if isinstance(error, RefusedGait | InputError) else "infeasible"
-        return Figures(outcome, str(error), {}, {}, {}, 0.0, time.perf_counter() - start, memory_peak())
+        return Figures(outcome, str(error), {}, {}, {}, 0.0, time.perf_counter() - start, _memory())
     values, units = figures(result)
     end = result.record.outcome
     limits = {
@@ -269,7 +269,7 @@ def walk_level(run: RunParameters, name: str, profile: Profile) -> Figures:
         limits=limits,
         weight=result.findings.comparison.scales["body_weight"],
         seconds=time.perf_counter() - start,
-        memory=memory_peak(),
+        memory=_memory(),
     )
 
 
@@ -310,9 +310,9 @@ def figures(walk: Walk) -> tuple[dict[str, float], dict[str, str]]:
     return values, units
 
 
-def memory_peak() -> float:
-    """Largest resident memory of this process so far [MB]; Linux counts it in KiB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
+def _memory() -> float:
+    peak = memory_peak()
+    return math.nan if peak is None else peak
 
 
 Runner = Callable[["RunParameters", str, "Profile"], Figures]
