@@ -4,9 +4,9 @@ Every displayed equation and every claim of
 
     S. Kudoh and T. Komura, "C2 Continuous Gait-Pattern Generation for Biped Robots", IROS 2003
 
-is one :class:`~validation.paper.audit.rows.Row`; there is one module per section of the paper. Formulas
-are held
-against mechanics derived with sympy, claims against numbers computed on the ``normal`` gait.
+is one :class:`~validation.paper.audit.rows.Row`. ``statements.toml`` holds the statements, one module per
+section the checks: formulas against mechanics derived with sympy, claims against numbers computed on the
+``normal`` gait.
 """
 
 from __future__ import annotations
@@ -49,12 +49,13 @@ def audit(stages: Progress | None = None) -> tuple[Row, ...]:
         section_4,
     )
     from validation.paper.audit.case import Case
+    from validation.paper.audit.rows import Evidence, assemble
 
     stages = stages or Progress()
     case = Case()
-    rows: list[Row] = []
+    evidence: list[Evidence] = []
     for module in (section_1, section_2, section_2_1, section_2_2, section_2_3, section_3, section_4):
         name = module.__name__.rpartition("section_")[2].replace("_", ".")
         with stages.stage(f"section {name}"):
-            rows.extend(module.rows(case))
-    return tuple(rows)
+            evidence.extend(module.rows(case))
+    return assemble(evidence)

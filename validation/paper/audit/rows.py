@@ -1,4 +1,4 @@
-"""What one line of the audit is: a statement of the paper, the checks it went through, and what follows.
+"""Rows of the audit: a statement of the paper, the checks it went through, and the verdict that follows.
 
 A verdict is never typed in: it follows from the checks. A check of the printed form that fails makes an
 erratum where a corrected form exists, and a contradiction where the statement itself is at fault.
@@ -7,9 +7,11 @@ erratum where a corrected form exists, and a contradiction where the statement i
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from importlib import resources
 from typing import Any, Literal
 
 import sympy as sp
@@ -60,6 +62,21 @@ class Check:
             return self.value
         text = "0" if self.rounding else f"{self.value:.4g}"
         return text if self.unit in ("", "1") else f"{text} {self.unit}"
+
+
+class Evidence:
+    """Checks of one statement.
+
+    Args:
+        section: of the paper.
+        place: of the statement, as in ``statements.toml``.
+        checks: at least one.
+        why: what a reader must know beside the checks, where it holds computed numbers; else it stands with
+            the statement.
+    """
+
+    def __init__(self, section: str, place: str, *checks: Check, why: str = "") -> None:
+        self.key, self.checks, self.why = (section, place), checks, why
 
 
 @dataclass(frozen=True)
@@ -129,6 +146,31 @@ class Row:
                 for check in self.checks
             ],
         }
+
+
+def assemble(evidence: Iterable[Evidence]) -> tuple[Row, ...]:
+    """Rows in the order of the paper: every statement with its checks.
+
+    Raises:
+        ValueError: checks of a statement that is not listed, or of one statement twice.
+    """
+    found: dict[tuple[str, str], Evidence] = {}
+    for item in evidence:
+        if item.key in found:
+            raise ValueError(f"two sets of checks for {item.key}")
+        found[item.key] = item
+    rows = []
+    text = resources.files(__package__).joinpath("statements.toml").read_text(encoding="utf-8")
+    for statement in tomllib.loads(text)["statement"]:
+        checked = found.pop((statement["section"], statement["place"]), None)
+        if checked is not None:
+            statement |= {"checks": checked.checks} | ({"why": checked.why} if checked.why else {})
+        statement["errata"] = tuple(statement.get("errata", ()))
+        statement["failure"] = Verdict(statement.get("failure", Verdict.ERRATUM))
+        rows.append(Row(**statement))
+    if found:
+        raise ValueError(f"checks without a statement: {sorted(found)}")
+    return tuple(rows)
 
 
 def symbolic(form: Literal["printed", "corrected"], quantity: str, residual: Any) -> Check:

@@ -10,7 +10,7 @@ import sympy as sp
 
 from validation.paper.audit.case import Case, Numbers
 from validation.paper.audit.mechanics import H, g, m, moment_y, of_law, t
-from validation.paper.audit.rows import Row, against, claim, symbolic, zero
+from validation.paper.audit.rows import Evidence, against, claim, symbolic, zero
 
 a, b, d, x, y, x_0, v_0, w_1, w_2 = sp.symbols("a b d x y x_0 v_0 omega_1 omega_2", real=True)
 c, c_y = sp.symbols("c c_y", positive=True)
@@ -35,109 +35,82 @@ def momentum_formula(sign: int) -> Any:
     return m * (turning - g * (sign * (a - 1) * d / c + b) * t)
 
 
-def rows(case: Case) -> Iterator[Row]:
+def rows(case: Case) -> Iterator[Evidence]:
     """Section 2, from top to bottom."""
     yield from _law(case)
     yield from _momentum(case)
 
 
-def _law(case: Case) -> Iterator[Row]:
+def _law(case: Case) -> Iterator[Evidence]:
     normal = case.normal
-    yield Row(
+    yield Evidence(
         "2",
         "moving ZMP",
-        "the ZMP may move, the force need not point to the COG; so a moment is generated",
-        checks=(
-            symbolic(
-                "printed",
-                "M_y less -m g ((a + c - 1) x + b + d)",
-                moment_y(a * x + b, x, g / H * (c * x + d)) + m * g * ((a + c - 1) * x + b + d),
-            ),
+        symbolic(
+            "printed",
+            "M_y less -m g ((a + c - 1) x + b + d)",
+            moment_y(a * x + b, x, g / H * (c * x + d)) + m * g * ((a + c - 1) * x + b + d),
         ),
-        why="It vanishes at c = 1 - a, d = -b. 'Linear' in the text means affine: b and d are free. That "
-        "both 'must' be linear (Fig. 3) is a choice, for a solution in closed form; mechanics does not ask "
-        "for it.",
     )
     force, vector = sp.Matrix([m * g / H * (c * x + d), m * g]), sp.Matrix([c * x + d, H])
-    yield Row(
+    yield Evidence(
         "2",
         "Fig. 3, force",
-        "the normal vector of the ground force is parallel to (c x + d, H)",
-        "the ground force itself is parallel to (c x + d, H)",
-        checks=(
-            symbolic("printed", "force times vector, zero for a normal", force.dot(vector)),
-            symbolic(
-                "corrected",
-                "force across vector, zero for a parallel",
-                force[0] * vector[1] - force[1] * vector[0],
-            ),
+        symbolic("printed", "force times vector, zero for a normal", force.dot(vector)),
+        symbolic(
+            "corrected",
+            "force across vector, zero for a parallel",
+            force[0] * vector[1] - force[1] * vector[0],
         ),
-        errata=("E19",),
     )
     acceleration = g / H * (c * x + d)
     force_y = m * g / H * c_y * y
     state = normal.switch
     ratio = state.com_acceleration[0, 0] / normal.plan.gravity
-    yield Row(
+    yield Evidence(
         "2",
         "force ratio",
-        "F_x : F_y = x'' : (z'' + g) = (c x + d) : H",
-        "F_x : F_z = x'' : (z'' + g) = (c x + d) : H",
-        checks=(
-            symbolic("printed", "F_x/F_y - (c x + d)/H", m * acceleration / force_y - (c * x + d) / H),
-            zero(
-                "printed",
-                "F_x/F_y - x''/g at the first switch",
-                state.force[0, 0] / state.force[0, 1] - ratio,
-                "1",
-            ),
-            symbolic("corrected", "F_x/F_z - (c x + d)/H", m * acceleration / (m * g) - (c * x + d) / H),
-            zero(
-                "corrected",
-                "F_x/F_z - x''/g at the first switch",
-                state.force[0, 0] / state.force[0, 2] - ratio,
-                "1",
-            ),
+        symbolic("printed", "F_x/F_y - (c x + d)/H", m * acceleration / force_y - (c * x + d) / H),
+        zero(
+            "printed",
+            "F_x/F_y - x''/g at the first switch",
+            state.force[0, 0] / state.force[0, 1] - ratio,
+            "1",
         ),
-        errata=("E1",),
+        symbolic("corrected", "F_x/F_z - (c x + d)/H", m * acceleration / (m * g) - (c * x + d) / H),
+        zero(
+            "corrected",
+            "F_x/F_z - x''/g at the first switch",
+            state.force[0, 0] / state.force[0, 2] - ratio,
+            "1",
+        ),
     )
-    yield Row(
+    yield Evidence(
         "2",
         "Eq. 1",
-        "x'' = (g/H)(c x + d)",
-        checks=(
-            symbolic(
-                "printed",
-                "force parallel to (c x + d, H) with F_z = m g",
-                m * g * (c * x + d) / H / m - acceleration,
-            ),
+        symbolic(
+            "printed",
+            "force parallel to (c x + d, H) with F_z = m g",
+            m * g * (c * x + d) / H / m - acceleration,
         ),
     )
-    yield Row(
-        "2",
-        "Eq. 1, solution",
-        "x = C_1 exp(-t/T_e) + C_2 exp(t/T_e) - d/c, T_e = sqrt(H/(c g))",
-        checks=(symbolic("printed", "x'' - (g/H)(c x + d)", of_law(COM, g / H * c, g / H * d)),),
-        why="For c > 0; in double support the same coefficient is negative and the solution trigonometric.",
+    yield Evidence(
+        "2", "Eq. 1, solution", symbolic("printed", "x'' - (g/H)(c x + d)", of_law(COM, g / H * c, g / H * d))
     )
     start = COM.subs(CONSTANTS)
-    yield Row(
+    yield Evidence(
         "2",
         "C_1, C_2",
-        "C_1 = (x_0 + d/c - v_0 T_e)/2, C_2 = (x_0 + d/c + v_0 T_e)/2",
-        checks=(
-            symbolic(
-                "printed",
-                "position and velocity at t = 0",
-                (start.subs(t, 0) - x_0, sp.diff(start, t).subs(t, 0) - v_0),
-            ),
+        symbolic(
+            "printed",
+            "position and velocity at t = 0",
+            (start.subs(t, 0) - x_0, sp.diff(start, t).subs(t, 0) - v_0),
         ),
     )
-    yield Row(
+    yield Evidence(
         "2",
         "F_x, F_z",
-        "F_x = m x'' = (m/T_e^2)(C_1 exp(-t/T_e) + C_2 exp(t/T_e)), F_z = m g",
-        checks=(symbolic("printed", "F_x - m x''", m / T_e**2 * (MINUS + PLUS) - m * sp.diff(COM, t, 2)),),
+        symbolic("printed", "F_x - m x''", m / T_e**2 * (MINUS + PLUS) - m * sp.diff(COM, t, 2)),
     )
 
 
@@ -165,7 +138,7 @@ def _on_gait(formula: Any, numbers: Numbers, times: Any) -> Any:
     return np.broadcast_to(found, np.shape(times))  # a formula may be the same at all times
 
 
-def _momentum(case: Case) -> Iterator[Row]:
+def _momentum(case: Case) -> Iterator[Evidence]:
     normal, momentum = case.normal, case.momentum
     times = np.linspace(0.0, normal.t_ss * (1.0 - 1e-9), 201)
     step = normal.plan.sample(normal.constants.step_duration + times)
@@ -175,89 +148,66 @@ def _momentum(case: Case) -> Iterator[Row]:
         for sign in (1, -1)
     }
     where = "mismatch in the second single support, written in world axes"
-    yield Row(
+    yield Evidence(
         "2",
         "moment r",
-        "r = -(m H/T_e^2)(E) - m g ((a-1)(E + d/c) + b), E = C_1 exp(-t/T_e) + C_2 exp(t/T_e)",
-        "r = -(m H/T_e^2)(E) - m g ((a-1)(E - d/c) + b)",
-        checks=(
-            symbolic("printed", "r - ((p - c) x F)_y", moment_formula(1) - TRUE_MOMENT),
-            zero("printed", where, apart[1], "N m", scale=weight),
-            symbolic("corrected", "r - ((p - c) x F)_y", moment_formula(-1) - TRUE_MOMENT),
-            zero("corrected", where, apart[-1], "N m", scale=weight),
-        ),
-        errata=("E2",),
-        why="In axes whose origin lies under the point of vertical force, d = 0 and the slip does no harm.",
+        symbolic("printed", "r - ((p - c) x F)_y", moment_formula(1) - TRUE_MOMENT),
+        zero("printed", where, apart[1], "N m", scale=weight),
+        symbolic("corrected", "r - ((p - c) x F)_y", moment_formula(-1) - TRUE_MOMENT),
+        zero("corrected", where, apart[-1], "N m", scale=weight),
     )
     gained = step.angular_momentum[-1, 1] - step.angular_momentum[0, 1]
     ends = times[[0, -1]]
     off = {
         sign: float(np.diff(_on_gait(momentum_formula(sign), normal, ends))[0] - gained) for sign in (1, -1)
     }
-    yield Row(
+    yield Evidence(
         "2",
         "momentum omega",
-        "omega = m [(-C_1 exp(-t/T_e) + C_2 exp(t/T_e))(-H/T_e - g T_e (a-1)) - g ((a-1) d/c + b) t] + w_1",
-        "omega = m [... - g (-(a-1) d/c + b) t] + w_1",
-        checks=(
-            symbolic(
-                "printed", "d omega/dt - ((p - c) x F)_y", sp.diff(momentum_formula(1), t) - TRUE_MOMENT
-            ),
-            zero(
-                "printed",
-                "mismatch over the second single support, in world axes",
-                off[1],
-                "N m s",
-                scale=weight,
-            ),
-            symbolic(
-                "corrected", "d omega/dt - ((p - c) x F)_y", sp.diff(momentum_formula(-1), t) - TRUE_MOMENT
-            ),
-            zero(
-                "corrected",
-                "mismatch over the second single support, in world axes",
-                off[-1],
-                "N m s",
-                scale=weight,
-            ),
+        symbolic("printed", "d omega/dt - ((p - c) x F)_y", sp.diff(momentum_formula(1), t) - TRUE_MOMENT),
+        zero(
+            "printed",
+            "mismatch over the second single support, in world axes",
+            off[1],
+            "N m s",
+            scale=weight,
         ),
-        errata=("E3",),
+        symbolic("corrected", "d omega/dt - ((p - c) x F)_y", sp.diff(momentum_formula(-1), t) - TRUE_MOMENT),
+        zero(
+            "corrected",
+            "mismatch over the second single support, in world axes",
+            off[-1],
+            "N m s",
+            scale=weight,
+        ),
     )
     start = float(momentum.stride.angular_momentum[0, 1])
-    yield Row(
+    yield Evidence(
         "2",
         "meaning of omega",
-        "omega_{t1,t2} is the angular momentum generated between t_1 and t_2",
-        "the angular momentum at t_2; what was generated is the bracket without omega_1",
-        checks=(
-            symbolic(
-                "printed",
-                "omega_{t1,t3} - omega_{t1,t2} - omega_{t2,t3}",
-                _generated(t_1, t_3, w_1) - _generated(t_1, t_2, w_1) - _generated(t_2, t_3, w_2),
-            ),
-            claim(
-                "printed",
-                "'generated' over no time at all, at the first instant",
-                start,
-                "N m s",
-                abs(start) < 1e-9,
-                "momentum",
-            ),
-            symbolic(
-                "corrected",
-                "the same without omega_1",
-                _generated(t_1, t_3, 0) - _generated(t_1, t_2, 0) - _generated(t_2, t_3, 0),
-            ),
+        symbolic(
+            "printed",
+            "omega_{t1,t3} - omega_{t1,t2} - omega_{t2,t3}",
+            _generated(t_1, t_3, w_1) - _generated(t_1, t_2, w_1) - _generated(t_2, t_3, w_2),
         ),
-        errata=("E20",),
+        claim(
+            "printed",
+            "'generated' over no time at all, at the first instant",
+            start,
+            "N m s",
+            abs(start) < 1e-9,
+            "momentum",
+        ),
+        symbolic(
+            "corrected",
+            "the same without omega_1",
+            _generated(t_1, t_3, 0) - _generated(t_1, t_2, 0) - _generated(t_2, t_3, 0),
+        ),
     )
-    yield Row(
+    yield Evidence(
         "2",
         "what follows",
-        "how to generate COG trajectories in the frontal and lateral plane",
-        "in the sagittal and frontal plane",
-        checks=(against("sections 2.1 and 2.2, which follow, are headed sagittal plane and frontal plane"),),
-        errata=("E21",),
+        against("sections 2.1 and 2.2, which follow, are headed sagittal plane and frontal plane"),
     )
 
 

@@ -9,7 +9,7 @@ import sympy as sp
 
 from validation.paper.audit.case import Case, Numbers
 from validation.paper.audit.mechanics import H, acceleration_towards, g, moment_y, of_law, t
-from validation.paper.audit.rows import Row, symbolic, zero
+from validation.paper.audit.rows import Evidence, symbolic, zero
 
 x, c_s, c_d, A, B, C_1, C_2 = sp.symbols("x c_s c_d A B C_1 C_2", real=True)
 a_s, a_d, l_s, l_d, v_0, k = sp.symbols("a_s a_d l_s l_d v_0 k", positive=True)
@@ -21,7 +21,7 @@ ZMP_CONDITION = sp.Eq(l_s / a_s + l_d / a_d, l_s + l_d)
 """The same ZMP from both sides: l_s/a_s ahead of the foot is l_d/a_d behind the middle of the feet."""
 
 
-def rows(case: Case) -> Iterator[Row]:
+def rows(case: Case) -> Iterator[Evidence]:
     """Section 2.1, from top to bottom."""
     yield from _figure_4(case)
     yield from _laws()
@@ -29,84 +29,54 @@ def rows(case: Case) -> Iterator[Row]:
     yield from _symmetry(case)
 
 
-def _figure_4(case: Case) -> Iterator[Row]:
+def _figure_4(case: Case) -> Iterator[Evidence]:
     normal = case.normal
     constants, half = normal.constants, 0.5 * normal.gait.step_length
     start, switch, end = normal.plan.sample([0.0, normal.t_ss, constants.step_duration]).zmp[:, 0]
     roll, lag = constants.l_s * constants.inverse_a_s, constants.l_d / constants.a_d
     in_place = np.array([start + roll, switch - roll, switch - half + lag, end - half - lag])
-    yield Row(
+    yield Evidence(
         "2.1",
         "Fig. 4, positions",
-        "COG from -l_s to l_s with the ZMP at x/a_s, and from -l_d to l_d with the ZMP at x/a_d",
-        checks=(zero("printed", "largest mismatch of Z_0, Z_1, Z_0'", np.abs(in_place).max(), "m"),),
+        zero("printed", "largest mismatch of Z_0, Z_1, Z_0'", np.abs(in_place).max(), "m"),
     )
-    yield Row(
-        "2.1",
-        "Fig. 4, Z_1",
-        "one Z_1 ends the single and begins the double support (drawn, never written down)",
-        "l_s/a_s + l_d/a_d = l_s + l_d, beside Eq. 4",
-        checks=(zero("printed", "l_s/a_s + l_d/a_d - l_s - l_d", roll + lag - half, "m"),),
-        errata=("E4",),
-        why="The second condition of continuity: Eq. 4 alone does not place the ZMP.",
+    yield Evidence(
+        "2.1", "Fig. 4, Z_1", zero("printed", "l_s/a_s + l_d/a_d - l_s - l_d", roll + lag - half, "m")
     )
-    yield Row(
+    yield Evidence(
         "2.1",
         "Fig. 4, ZMP",
-        "in double support the ZMP travels from Z_0 to Z_0'",
-        "from Z_1 to Z_0'",
-        checks=(
-            zero("printed", "jump of the ZMP at the switch", switch - start, "m"),
-            zero("corrected", "jump of the ZMP at the switch", switch - (half - lag), "m"),
-        ),
-        errata=("E5",),
-    )
-    yield Row(
-        "2.1",
-        "Fig. 4, c_s and c_d",
-        "c_s, a_s, c_d and a_d are described in Figure 4",
-        why="The c's are only in the drawing. They are taken so that Eqs. 2 and 3 follow: the force line "
-        "meets the COM's height at c x.",
+        zero("printed", "jump of the ZMP at the switch", switch - start, "m"),
+        zero("corrected", "jump of the ZMP at the switch", switch - (half - lag), "m"),
     )
 
 
-def _laws() -> Iterator[Row]:
-    for number, slope, force, phase in ((2, a_s, c_s, "single"), (3, a_d, c_d, "double")):
-        name = phase[0]
+def _laws() -> Iterator[Evidence]:
+    for number, slope, force in ((2, a_s, c_s), (3, a_d, c_d)):
         ratio = acceleration_towards(x / slope, force * x) / g
-        yield Row(
+        yield Evidence(
             "2.1",
             f"Eq. {number}",
-            f"x'' : (z'' + g) = x (c_{name} - 1/a_{name}) : H",
-            checks=(symbolic("printed", "force line from x/a to c x", ratio - x * (force - 1 / slope) / H),),
-            why="Section 2's c is this c less 1/a, and its a is this 1/a: the letters change their meaning.",
+            symbolic("printed", "force line from x/a to c x", ratio - x * (force - 1 / slope) / H),
         )
     T_s, T_d = sp.sqrt(H / (BRACKET_S * g)), sp.sqrt(H / (BRACKET_D * g))
     single = C_1 * sp.cosh(t / T_s) + C_2 * sp.sinh(t / T_s)
     double = C_1 * sp.cos(t / T_d) + C_2 * sp.sin(t / T_d)
-    yield Row(
+    yield Evidence(
         "2.1",
         "single support",
-        "x = C_s1 cosh(t/T_s) + C_s2 sinh(t/T_s), T_s = sqrt(H/((c_s - 1/a_s) g))",
-        checks=(symbolic("printed", "Eq. 2, p = c_s - 1/a_s", of_law(single, g / H * BRACKET_S)),),
+        symbolic("printed", "Eq. 2, p = c_s - 1/a_s", of_law(single, g / H * BRACKET_S)),
     )
-    yield Row(
+    yield Evidence(
         "2.1",
         "double support",
-        "x = C_d1 cos(t/T_d) + C_d2 sin(t/T_d), T_d = sqrt(H/((1/a_d - c_d) g))",
-        checks=(symbolic("printed", "Eq. 3, q = 1/a_d - c_d", of_law(double, -g / H * BRACKET_D)),),
+        symbolic("printed", "Eq. 3, q = 1/a_d - c_d", of_law(double, -g / H * BRACKET_D)),
     )
     bracket_d = sp.solve(FORCE_CONDITION, c_d)[0] - 1 / a_d
-    yield Row(
+    yield Evidence(
         "2.1",
         "signs",
-        "c_s - 1/a_s > 0 and c_d - 1/a_d < 0",
-        checks=(
-            symbolic(
-                "printed", "(c_d - 1/a_d)/(c_s - 1/a_s) + l_s/l_d", bracket_d / (c_s - 1 / a_s) + l_s / l_d
-            ),
-        ),
-        why="Continuity makes the second follow from the first, which is a choice.",
+        symbolic("printed", "(c_d - 1/a_d)/(c_s - 1/a_s) + l_s/l_d", bracket_d / (c_s - 1 / a_s) + l_s / l_d),
     )
 
 
@@ -126,7 +96,7 @@ def acceleration_jump(numbers: Numbers, slope: float, inverse_a_d: float) -> flo
     return numbers.g_over_h * (slope - inverse_a_d) * -constants.l_d - before
 
 
-def _continuity(case: Case) -> Iterator[Row]:
+def _continuity(case: Case) -> Iterator[Evidence]:
     inverse = sp.Symbol("i", real=True)
     conditions = [condition.subs(a_d, 1 / inverse) for condition in (FORCE_CONDITION, ZMP_CONDITION)]
     solution = sp.solve(conditions, [c_d, inverse], dict=True)[0]
@@ -158,70 +128,50 @@ def _continuity(case: Case) -> Iterator[Row]:
                     scale=numbers.plan.gravity,
                 )
             )
-    yield Row(
-        "2.1",
-        "Eq. 4",
-        "l_s/c_s + l_d/c_d = l_s + l_d",
-        "c_s l_s + c_d l_d = l_s + l_d",
-        checks=tuple(checks),
-        errata=("E4",),
-        why="The printed form agrees only at c_s = c_d = 1, so the normal gait hides it.",
-    )
+    yield Evidence("2.1", "Eq. 4", *checks)
     single_only = sp.solve(FORCE_CONDITION, c_d)[0]
     with_zmp = single_only.subs(a_d, sp.solve(ZMP_CONDITION, a_d)[0])
-    yield Row(
+    yield Evidence(
         "2.1",
         "Eq. 4, derivation",
-        "Eq. 2 at l_s and Eq. 3 at -l_d give Eq. 4",
-        "they give (c_s - 1/a_s) l_s = -(c_d - 1/a_d) l_d; Eq. 4 takes the condition of the ZMP as well",
-        checks=(
-            symbolic(
-                "printed",
-                "c_s l_s + c_d l_d - l_s - l_d with the c_d of Eqs. 2 and 3 alone",
-                c_s * l_s + single_only * l_d - l_s - l_d,
-            ),
-            symbolic(
-                "corrected", "the same with the ZMP's condition", c_s * l_s + with_zmp * l_d - l_s - l_d
-            ),
+        symbolic(
+            "printed",
+            "c_s l_s + c_d l_d - l_s - l_d with the c_d of Eqs. 2 and 3 alone",
+            c_s * l_s + single_only * l_d - l_s - l_d,
         ),
-        errata=("E4",),
+        symbolic("corrected", "the same with the ZMP's condition", c_s * l_s + with_zmp * l_d - l_s - l_d),
     )
     normal, momentum = case.normal, case.momentum
     alone = acceleration_jump(normal, force_slope(normal, printed=False), normal.constants.inverse_a_s)
-    yield Row(
+    yield Evidence(
         "2.1",
         "Eq. 4 suffices",
-        "if c_s, c_d, l_s, l_d satisfy Eq. 4, the acceleration becomes continuous",
-        "if they do, and l_s/a_s + l_d/a_d = l_s + l_d",
-        checks=(
-            zero(
-                "printed",
-                "jump of x'' with Eq. 4 (corrected) alone and a_d = a_s",
-                alone,
-                "m/s^2",
-                scale=normal.plan.gravity,
-            ),
-            zero(
-                "corrected",
-                "jump of x'' with both conditions",
-                normal.plan.residuals().acceleration * normal.plan.gravity,
-                "m/s^2",
-                scale=normal.plan.gravity,
-            ),
-            zero(
-                "corrected",
-                "jump of x'' with both conditions",
-                momentum.plan.residuals().acceleration * normal.plan.gravity,
-                "m/s^2",
-                momentum.name,
-                scale=normal.plan.gravity,
-            ),
+        zero(
+            "printed",
+            "jump of x'' with Eq. 4 (corrected) alone and a_d = a_s",
+            alone,
+            "m/s^2",
+            scale=normal.plan.gravity,
         ),
-        errata=("E4",),
+        zero(
+            "corrected",
+            "jump of x'' with both conditions",
+            normal.plan.residuals().acceleration * normal.plan.gravity,
+            "m/s^2",
+            scale=normal.plan.gravity,
+        ),
+        zero(
+            "corrected",
+            "jump of x'' with both conditions",
+            momentum.plan.residuals().acceleration * normal.plan.gravity,
+            "m/s^2",
+            momentum.name,
+            scale=normal.plan.gravity,
+        ),
     )
 
 
-def _symmetry(case: Case) -> Iterator[Row]:
+def _symmetry(case: Case) -> Iterator[Evidence]:
     momentum = case.momentum
     half = sp.Symbol("T", positive=True)
     odd = B * sp.sinh(k * t)
@@ -231,41 +181,32 @@ def _symmetry(case: Case) -> Iterator[Row]:
     step = momentum.constants.step_duration
     ends = momentum.plan.sample([0.0, momentum.t_ss, step]).angular_momentum[:, 1]
     scale = momentum.plan.mass * momentum.gait.com_height
-    yield Row(
+    yield Evidence(
         "2.1",
         "symmetry",
-        "the angular momentum of the first half of a phase is compensated by the second half",
-        checks=(
-            symbolic(
-                "printed",
-                "integral of M_y over a phase from -T to T, both phases",
-                (sp.integrate(arm, (t, -half, half)), sp.integrate(arm_d, (t, -half, half))),
-            ),
-            zero(
-                "printed",
-                "largest change of L_y over a phase",
-                np.abs(np.diff(ends)).max(),
-                "N m s",
-                momentum.name,
-                scale=scale,
-            ),
+        symbolic(
+            "printed",
+            "integral of M_y over a phase from -T to T, both phases",
+            (sp.integrate(arm, (t, -half, half)), sp.integrate(arm_d, (t, -half, half))),
+        ),
+        zero(
+            "printed",
+            "largest change of L_y over a phase",
+            np.abs(np.diff(ends)).max(),
+            "N m s",
+            momentum.name,
+            scale=scale,
         ),
     )
-    yield Row(
+    yield Evidence(
         "2.1",
         "nothing to tune",
-        "it is not necessary to tune parameters to avoid divergence of the angular momentum",
-        checks=(
-            zero(
-                "printed",
-                "net change of L_y over a step",
-                ends[2] - ends[0],
-                "N m s",
-                momentum.name,
-                scale=scale,
-            ),
+        zero(
+            "printed",
+            "net change of L_y over a step",
+            ends[2] - ends[0],
+            "N m s",
+            momentum.name,
+            scale=scale,
         ),
-        errata=("E13",),
-        why="Of the momentum alone: its constant must be tuned all the same, or the posture diverges; see "
-        "'what is defined' in section 2.3.",
     )

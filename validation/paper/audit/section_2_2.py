@@ -12,10 +12,10 @@ from validation.paper.audit import section_2_2_double
 from validation.paper.audit.case import Case
 from validation.paper.audit.frontal import SINGLE, T_LS, TAU, V_EX, T, T_l, c_y, exponential, s, y
 from validation.paper.audit.mechanics import H, acceleration_towards, g, m, moment_x, of_law, t
-from validation.paper.audit.rows import Row, symbolic, zero
+from validation.paper.audit.rows import Evidence, symbolic, zero
 
 
-def rows(case: Case) -> Iterator[Row]:
+def rows(case: Case) -> Iterator[Evidence]:
     """Section 2.2, from top to bottom."""
     yield from _single(case)
     yield from section_2_2_double.law(case)
@@ -23,110 +23,75 @@ def rows(case: Case) -> Iterator[Row]:
     yield from _closing(case)
 
 
-def _single(case: Case) -> Iterator[Row]:
+def _single(case: Case) -> Iterator[Evidence]:
     normal = case.normal
     constants, width = normal.constants, normal.half_width
-    yield Row(
-        "2.2",
-        "Fig. 5, axes",
-        "the coordinate systems are those of Kajita et al.",
-        why="Another paper's; Figure 5 is a drawing. Its caption is taken at its word: origin at the ZMP "
-        "in single support, at the centre in double support.",
-    )
     lateral = normal.plan.sample([0.0, normal.t_ss, constants.step_duration]).com[:, 1]
-    yield Row(
+    yield Evidence(
         "2.2",
         "feet",
-        "the feet are 2 s + 2 beta apart; the COG travels 2 beta in double support",
-        checks=(
-            zero(
-                "printed", "s + beta less half the feet's distance", constants.s + constants.beta - width, "m"
-            ),
-            zero(
-                "printed",
-                "COM's travel in double support less 2 beta",
-                lateral[1] - lateral[2] - 2.0 * constants.beta,
-                "m",
-            ),
+        zero("printed", "s + beta less half the feet's distance", constants.s + constants.beta - width, "m"),
+        zero(
+            "printed",
+            "COM's travel in double support less 2 beta",
+            lateral[1] - lateral[2] - 2.0 * constants.beta,
+            "m",
         ),
     )
-    yield Row(
+    yield Evidence(
         "2.2",
         "way and back",
-        "in single support the COG travels until it stops, and returns by the same path",
-        checks=(
-            symbolic(
-                "printed",
-                "y(T - t) - y(t); speed at T/2",
-                (
-                    exponential(SINGLE.subs(t, T - t) - SINGLE),
-                    exponential(sp.diff(SINGLE, t).subs(t, T / 2)),
-                ),
+        symbolic(
+            "printed",
+            "y(T - t) - y(t); speed at T/2",
+            (
+                exponential(SINGLE.subs(t, T - t) - SINGLE),
+                exponential(sp.diff(SINGLE, t).subs(t, T / 2)),
             ),
         ),
     )
-    yield Row(
+    yield Evidence(
         "2.2",
         "Eq. 5",
-        "y'' : (z'' + g) = c_y y : H",
-        checks=(
-            symbolic(
-                "printed",
-                "force line from the foot to c_y y",
-                acceleration_towards(0, c_y * y) / g - c_y * y / H,
-            ),
+        symbolic(
+            "printed",
+            "force line from the foot to c_y y",
+            acceleration_towards(0, c_y * y) / g - c_y * y / H,
         ),
-        why="c_y is the user's choice above 0; at 0 nothing drives the COM back.",
     )
-    yield Row(
+    yield Evidence(
         "2.2",
         "Eq. 6",
-        "y = s cosh(t/T_ls) - v_ex sinh(t/T_ls), T_ls = sqrt(H/(c_y g))",
-        checks=(
-            symbolic("printed", "Eq. 5; y(0) - s", (of_law(SINGLE, g / H * c_y), SINGLE.subs(t, 0) - s)),
-        ),
+        symbolic("printed", "Eq. 5; y(0) - s", (of_law(SINGLE, g / H * c_y), SINGLE.subs(t, 0) - s)),
     )
-    yield Row(
+    yield Evidence(
         "2.2",
         "v_ex",
-        "v_ex = (-s + s cosh(T/T_ls))/sinh(T/T_ls), from y(T) = s, T = t_2 - t_0 from the sagittal plane",
-        checks=(
-            symbolic(
-                "printed",
-                "y(T) - s; v_ex - s tanh(T/(2 T_ls))",
-                (exponential(SINGLE.subs(t, T) - s), exponential(V_EX - s * sp.tanh(T / (2 * T_l)))),
-            ),
+        symbolic(
+            "printed",
+            "y(T) - s; v_ex - s tanh(T/(2 T_ls))",
+            (exponential(SINGLE.subs(t, T) - s), exponential(V_EX - s * sp.tanh(T / (2 * T_l)))),
         ),
-        why="t counts from t_0 here, and from t_2 in the double support.",
     )
     speed = constants.lateral_switching_velocity
     start = -sp.diff(SINGLE, t).subs(t, 0)
-    yield Row(
+    yield Evidence(
         "2.2",
         "v_ex, meaning",
-        "v_ex is the velocity when the single support phase starts",
-        "a length, T_ls times that velocity",
-        checks=(
-            symbolic("printed", "-y'(0) - v_ex, tau = tanh(T/(2 T_ls))", s * TAU / T_LS - s * TAU),
-            zero("printed", "lateral speed at the switch less v_ex as a number", speed - normal.v_ex, "m/s"),
-            symbolic("corrected", "-y'(0) T_ls - v_ex", exponential(start * T_l - V_EX)),
-            zero(
-                "corrected",
-                "lateral speed at the switch less v_ex/T_ls",
-                speed - normal.v_ex / normal.t_l,
-                "m/s",
-            ),
+        symbolic("printed", "-y'(0) - v_ex, tau = tanh(T/(2 T_ls))", s * TAU / T_LS - s * TAU),
+        zero("printed", "lateral speed at the switch less v_ex as a number", speed - normal.v_ex, "m/s"),
+        symbolic("corrected", "-y'(0) T_ls - v_ex", exponential(start * T_l - V_EX)),
+        zero(
+            "corrected",
+            "lateral speed at the switch less v_ex/T_ls",
+            speed - normal.v_ex / normal.t_l,
+            "m/s",
         ),
-        errata=("E6",),
     )
-    yield Row(
+    yield Evidence(
         "2.2",
         "single support, F_y",
-        "F_y = (m/T_ls^2)(y_0 cosh(t/T_ls) - v_ex sinh(t/T_ls))",
-        checks=(
-            symbolic("printed", "F_y - m y'', y_0 = s", m / T_l**2 * SINGLE - m * sp.diff(SINGLE, t, 2)),
-        ),
-        why="y_0 is section 1.2's name for the start, which is s here.",
+        symbolic("printed", "F_y - m y'', y_0 = s", m / T_l**2 * SINGLE - m * sp.diff(SINGLE, t, 2)),
     )
     state = normal.switch
     moment, height, mass = state.moment[0, 0], normal.gait.com_height, normal.plan.mass
@@ -135,136 +100,104 @@ def _single(case: Case) -> Iterator[Row]:
     weight = normal.plan.weight
     vertical = sp.Symbol("F_z", real=True)
     held = sp.solve(sp.Eq(vertical - m * g, 0), vertical)[0]  # Newton: the height does not change
-    yield Row(
+    yield Evidence(
         "2.2",
         "F_z",
-        "F_z = -m g (in both phases)",
-        "F_z = m g, on the body, as in section 2",
-        checks=(
-            symbolic("printed", "vertical force on a body at constant height, less F_z", held + m * g),
-            zero(
-                "printed",
-                "vertical force of the plan less F_z",
-                state.force[0, 2] + weight,
-                "N",
-                scale=weight,
-            ),
-            symbolic("corrected", "the same", held - m * g),
-            zero(
-                "corrected",
-                "vertical force of the plan less F_z",
-                state.force[0, 2] - weight,
-                "N",
-                scale=weight,
-            ),
+        symbolic("printed", "vertical force on a body at constant height, less F_z", held + m * g),
+        zero(
+            "printed",
+            "vertical force of the plan less F_z",
+            state.force[0, 2] + weight,
+            "N",
+            scale=weight,
         ),
-        errata=("E11",),
-        why="F_y above it is the force on the body, so this cannot be the force on the floor.",
+        symbolic("corrected", "the same", held - m * g),
+        zero(
+            "corrected",
+            "vertical force of the plan less F_z",
+            state.force[0, 2] - weight,
+            "N",
+            scale=weight,
+        ),
     )
     rising = g / H * c_y * y
-    yield Row(
+    yield Evidence(
         "2.2",
         "single support, r_x",
-        "r_x = y F_z - H F_y",
-        "M_x = H F_y - y F_z",
-        checks=(
-            symbolic(
-                "printed",
-                "r_x - ((p - c) x F)_x, F_z = -m g",
-                y * (-m * g) - H * m * rising - moment_x(0, y, rising),
-            ),
-            zero(
-                "printed",
-                "mismatch at the switch",
-                from_foot * -weight - height * mass * acceleration - moment,
-                "N m",
-                scale=weight,
-            ),
-            symbolic(
-                "corrected",
-                "M_x - ((p - c) x F)_x, F_z = m g",
-                H * m * rising - y * m * g - moment_x(0, y, rising),
-            ),
-            zero(
-                "corrected",
-                "mismatch at the switch",
-                height * mass * acceleration - from_foot * weight - moment,
-                "N m",
-                scale=weight,
-            ),
+        symbolic(
+            "printed",
+            "r_x - ((p - c) x F)_x, F_z = -m g",
+            y * (-m * g) - H * m * rising - moment_x(0, y, rising),
         ),
-        errata=("E11",),
-        why="The printed moment does not even vanish at c_y = 1, where the force passes through the COM.",
+        zero(
+            "printed",
+            "mismatch at the switch",
+            from_foot * -weight - height * mass * acceleration - moment,
+            "N m",
+            scale=weight,
+        ),
+        symbolic(
+            "corrected",
+            "M_x - ((p - c) x F)_x, F_z = m g",
+            H * m * rising - y * m * g - moment_x(0, y, rising),
+        ),
+        zero(
+            "corrected",
+            "mismatch at the switch",
+            height * mass * acceleration - from_foot * weight - moment,
+            "N m",
+            scale=weight,
+        ),
     )
 
 
-def _closing(case: Case) -> Iterator[Row]:
+def _closing(case: Case) -> Iterator[Evidence]:
     normal, momentum = case.normal, case.momentum
-    yield Row(
+    yield Evidence(
         "2.2",
         "double support, moment",
-        "the moment follows from Eq. 7 as in the sagittal plane",
-        checks=(
-            zero(
-                "printed",
-                "M_x - m g (c_y - 1)(y - z_y), largest over a stride",
-                _moment_mismatch(case),
-                "N m",
-                momentum.name,
-                scale=momentum.plan.weight,
-            ),
+        zero(
+            "printed",
+            "M_x - m g (c_y - 1)(y - z_y), largest over a stride",
+            _moment_mismatch(case),
+            "N m",
+            momentum.name,
+            scale=momentum.plan.weight,
         ),
-        why="With c_3 = c_y (E8) and the ZMP of E7.",
     )
     gained = momentum.plan.sample([0.0, momentum.t_ss]).angular_momentum[:, 0]
     whole = momentum.stride.angular_momentum[[0, -1], 0]
     shape = sp.integrate(m * g * (c_y - 1) * sp.cosh(t), (t, -T, T))
-    yield Row(
+    yield Evidence(
         "2.2",
         "symmetry",
-        "because of the symmetry with respect to time, nothing is tuned to compensate the angular momentum",
-        "because left and right mirror each other: what one single support adds, the next takes off",
-        checks=(
-            symbolic("printed", "integral of M_x over a single support, y ~ cosh(t)", shape),
-            zero(
-                "printed", "L_x gained in one single support", gained[1] - gained[0], "N m s", momentum.name
-            ),
-            zero(
-                "corrected",
-                "L_x gained in two steps",
-                whole[1] - whole[0],
-                "N m s",
-                momentum.name,
-                scale=momentum.plan.mass * momentum.gait.com_height,
-            ),
+        symbolic("printed", "integral of M_x over a single support, y ~ cosh(t)", shape),
+        zero("printed", "L_x gained in one single support", gained[1] - gained[0], "N m s", momentum.name),
+        zero(
+            "corrected",
+            "L_x gained in two steps",
+            whole[1] - whole[0],
+            "N m s",
+            momentum.name,
+            scale=momentum.plan.mass * momentum.gait.com_height,
         ),
-        errata=("E24",),
-        why="In single support y is even in time, so the moment keeps its sign (zero on the normal gait). "
-        "The conclusion stands, for another reason: L_x closes after two steps, and nothing is tuned.",
     )
     free = 0.5 * normal.half_width
-    yield Row(
+    yield Evidence(
         "2.2",
         "s and beta",
-        "s and beta are given with the feet; nothing determines beta",
-        "rho atan(rho/tau) = T_DS/(2 T_ls), tau = tanh(T_SS/(2 T_ls)), beta/s = rho^2",
-        checks=(
-            zero(
-                "printed",
-                "lateral double support less the sagittal one, s = beta",
-                _duration(case, free) - normal.t_ds,
-                "s",
-            ),
-            zero(
-                "corrected",
-                "lateral double support less the sagittal one",
-                _duration(case, normal.constants.beta) - normal.t_ds,
-                "s",
-            ),
+        zero(
+            "printed",
+            "lateral double support less the sagittal one, s = beta",
+            _duration(case, free) - normal.t_ds,
+            "s",
         ),
-        errata=("E13",),
-        why="Both durations come from the sagittal plane, so one of s, beta, c_y must give way. The "
-        "condition has exactly one root.",
+        zero(
+            "corrected",
+            "lateral double support less the sagittal one",
+            _duration(case, normal.constants.beta) - normal.t_ds,
+            "s",
+        ),
     )
 
 

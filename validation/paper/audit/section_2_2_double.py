@@ -31,121 +31,95 @@ from validation.paper.audit.frontal import (
     y,
 )
 from validation.paper.audit.mechanics import H, g, m, moment_x, of_law, t
-from validation.paper.audit.rows import Row, claim, symbolic, zero
+from validation.paper.audit.rows import Evidence, claim, symbolic, zero
 
 
-def law(case: Case) -> Iterator[Row]:
+def law(case: Case) -> Iterator[Evidence]:
     """From the ZMP of the double support to Eq. 7 and its c_3."""
     normal, momentum = case.normal, case.momentum
     constants, width = normal.constants, normal.half_width
     beta_, s_ = constants.beta, constants.s
     lateral, foot = normal.switch.com[0, 1], 0.5 * normal.gait.step_width
     at_foot = sp.solve(sp.Eq(SLOPE * beta, beta + s), SLOPE)[0]
-    yield Row(
+    yield Evidence(
         "2.2",
         "z_y",
-        "z_y = beta/(beta + s) y",
-        "z_y = (beta + s)/beta y",
-        checks=(
-            symbolic(
-                "printed",
-                "slope less the one that puts the ZMP at the foot at y = beta",
-                beta / (beta + s) - at_foot,
-            ),
-            zero("printed", "jump of the ZMP at the switch", beta_ / width * lateral - foot, "m"),
-            symbolic("corrected", "the same", (beta + s) / beta - at_foot),
-            zero("corrected", "jump of the ZMP at the switch", width / beta_ * lateral - foot, "m"),
+        symbolic(
+            "printed",
+            "slope less the one that puts the ZMP at the foot at y = beta",
+            beta / (beta + s) - at_foot,
         ),
-        errata=("E7",),
+        zero("printed", "jump of the ZMP at the switch", beta_ / width * lateral - foot, "m"),
+        symbolic("corrected", "the same", (beta + s) / beta - at_foot),
+        zero("corrected", "jump of the ZMP at the switch", width / beta_ * lateral - foot, "m"),
     )
     middle = momentum.plan.sample([momentum.t_ss, momentum.t_ss + 0.5 * momentum.t_ds])
     moments, levels = np.abs(middle.moment[:, 0]), np.abs(middle.angular_momentum[:, 0])
-    yield Row(
+    yield Evidence(
         "2.2",
         "towards the origin",
-        "in double support rotational momentum decreases as the COG approaches the origin",
-        "the rotational moment decreases; the angular momentum is largest there",
-        checks=(
-            claim(
-                "printed",
-                "growth of |L_x| from the switch to the midline, to be negative",
-                levels[1] - levels[0],
-                "N m s",
-                levels[1] < levels[0],
-                momentum.name,
-            ),
-            claim(
-                "corrected",
-                "growth of |M_x| from the switch to the midline, to be negative",
-                moments[1] - moments[0],
-                "N m",
-                moments[1] < moments[0],
-                momentum.name,
-            ),
+        claim(
+            "printed",
+            "growth of |L_x| from the switch to the midline, to be negative",
+            levels[1] - levels[0],
+            "N m s",
+            levels[1] < levels[0],
+            momentum.name,
         ),
-        errata=("E22",),
-        why="'Rotational momentum' stands for moment in several places of sections 2 and 2.2; on the normal "
-        "gait (c_y = 1) both are zero.",
+        claim(
+            "corrected",
+            "growth of |M_x| from the switch to the midline, to be negative",
+            moments[1] - moments[0],
+            "N m",
+            moments[1] < moments[0],
+            momentum.name,
+        ),
     )
     c_3 = sp.Symbol("c_3", real=True)
     zmp = (beta + s) / beta * y
     before = -g / H * c_y * s  # at y = beta: the foot pulls the COM back as in single support
     matched = sp.solve(sp.Eq((g / H * c_3 * (y - zmp)).subs(y, beta), before), c_3)[0]
     printed_c_3 = (beta + (1 - c_y) * s) / beta
-    yield Row(
+    yield Evidence(
         "2.2",
         "Eq. 7",
-        "y'' : g = c_3 (y - z_y) : H",
-        checks=(
-            symbolic("printed", "c_3 that continues the force, less c_y", matched - c_y),
-            symbolic(
-                "printed",
-                "M_x - m g (c_y - 1)(y - z_y) with that c_3",
-                moment_x(zmp, y, g / H * c_y * (y - zmp)) - m * g * (c_y - 1) * (y - zmp),
-            ),
+        symbolic("printed", "c_3 that continues the force, less c_y", matched - c_y),
+        symbolic(
+            "printed",
+            "M_x - m g (c_y - 1)(y - z_y) with that c_3",
+            moment_x(zmp, y, g / H * c_y * (y - zmp)) - m * g * (c_y - 1) * (y - zmp),
         ),
-        why="With c_3 = c_y, and the ZMP of E7. (With the ZMP as printed, the same motion needs "
-        "c_3 = -c_y (beta + s)/beta, which is negative: perhaps the origin of the sign printed next.)",
     )
     slope = (beta_ + (1.0 - normal.gait.c_y) * s_) / beta_
     wanted = -normal.gait.c_y * normal.g_over_h * s_
-    yield Row(
+    yield Evidence(
         "2.2",
         "c_3",
-        "c_3 = (beta + (1 - a_cogy) s)/beta < 0",
-        "c_3 = c_y in Eq. 7; or this c_3, with a_cogy = c_y, in y'' : g = (c_3 y - z_y) : H",
-        checks=(
-            symbolic(
-                "printed", "c_3 less the one that continues the force, a_cogy = c_y", printed_c_3 - matched
-            ),
-            claim("printed", "c_3, to be negative", slope, "1", slope < 0.0),
-            zero(
-                "printed",
-                "jump of y'' at the switch with Eq. 7",
-                normal.g_over_h * slope * (beta_ - width) - wanted,
-                "m/s^2",
-                scale=normal.plan.gravity,
-            ),
-            zero(
-                "printed",
-                "jump of y'' at the switch with Eq. 7",
-                momentum.g_over_h * (-_printed_c_3(momentum) + momentum.gait.c_y) * momentum.constants.s,
-                "m/s^2",
-                momentum.name,
-                scale=normal.plan.gravity,
-            ),
-            symbolic("corrected", "c_3 y - z_y - c_y (y - z_y)", printed_c_3 * y - zmp - c_y * (y - zmp)),
-            zero(
-                "corrected",
-                "jump of y'' at the switch with c_3 y - z_y",
-                normal.g_over_h * (slope * beta_ - width) - wanted,
-                "m/s^2",
-                scale=normal.plan.gravity,
-            ),
+        symbolic("printed", "c_3 less the one that continues the force, a_cogy = c_y", printed_c_3 - matched),
+        claim("printed", "c_3, to be negative", slope, "1", slope < 0.0),
+        zero(
+            "printed",
+            "jump of y'' at the switch with Eq. 7",
+            normal.g_over_h * slope * (beta_ - width) - wanted,
+            "m/s^2",
+            scale=normal.plan.gravity,
         ),
-        errata=("E8",),
-        why="a_cogy is defined nowhere. At c_y = 1 the printed c_3 is 1 and only its sign is wrong; it is "
-        "the whole bracket that is negative.",
+        zero(
+            "printed",
+            "jump of y'' at the switch with Eq. 7",
+            momentum.g_over_h * (-_printed_c_3(momentum) + momentum.gait.c_y) * momentum.constants.s,
+            "m/s^2",
+            momentum.name,
+            scale=normal.plan.gravity,
+        ),
+        symbolic("corrected", "c_3 y - z_y - c_y (y - z_y)", printed_c_3 * y - zmp - c_y * (y - zmp)),
+        zero(
+            "corrected",
+            "jump of y'' at the switch with c_3 y - z_y",
+            normal.g_over_h * (slope * beta_ - width) - wanted,
+            "m/s^2",
+            scale=normal.plan.gravity,
+        ),
     )
 
 
@@ -154,7 +128,7 @@ def _printed_c_3(numbers: Any) -> float:
     return float((constants.beta + (1.0 - numbers.gait.c_y) * constants.s) / constants.beta)
 
 
-def solution(case: Case) -> Iterator[Row]:
+def solution(case: Case) -> Iterator[Evidence]:
     """From the general solution to the ground force."""
     normal = case.normal
     constants = normal.constants
@@ -163,161 +137,121 @@ def solution(case: Case) -> Iterator[Row]:
     wanted = -(normal.w_d**2) * constants.beta
     pulled = normal.switch.com_acceleration[0, 1]  # left foot: the COM, left of the midline, is caught
     general = C_1 * sp.cos(t * W_D) + C_2 * sp.sin(t * W_D)
-    yield Row(
+    yield Evidence(
         "2.2",
         "double support, b",
-        "y = C_1 cos + C_2 sin - b/T_c^2",
-        "y = C_1 cos + C_2 sin",
-        checks=(
-            symbolic(
-                "printed",
-                "law of the double support, its own T_c in both terms",
-                of_law(general - b * W_D**2, rate),
-            ),
-            zero(
-                "printed",
-                "y(t_2) + y(t_3), zero by symmetry, with b the feet's half distance and b/T_c^2 as a number",
-                -2.0 * normal.half_width / t_c**2,
-                "m",
-            ),
-            symbolic("corrected", "law of the double support", of_law(general, rate)),
-            zero("corrected", "y(t_2) + y(t_3)", _ends_of_double(case), "m"),
+        symbolic(
+            "printed",
+            "law of the double support, its own T_c in both terms",
+            of_law(general - b * W_D**2, rate),
         ),
-        errata=("E10",),
-        why="b belongs to section 2, is no part of this law, and b/T_c^2 is no length.",
+        zero(
+            "printed",
+            "y(t_2) + y(t_3), zero by symmetry, with b the feet's half distance and b/T_c^2 as a number",
+            -2.0 * normal.half_width / t_c**2,
+            "m",
+        ),
+        symbolic("corrected", "law of the double support", of_law(general, rate)),
+        zero("corrected", "y(t_2) + y(t_3)", _ends_of_double(case), "m"),
     )
     printed = C_1 * sp.cos(t / T_c) + C_2 * sp.sin(t / T_c)
-    yield Row(
+    yield Evidence(
         "2.2",
         "double support, T_c",
-        "T_c = sqrt(H/g), as defined in section 1.2",
-        "1/omega_d = sqrt(H beta/(g c_y s))",
-        checks=(
-            symbolic("printed", "law of the double support", of_law(printed, rate)),
-            zero(
-                "printed",
-                "jump of y'' at the switch",
-                -constants.beta / t_c**2 - pulled,
-                "m/s^2",
-                scale=normal.plan.gravity,
-            ),
-            symbolic("corrected", "law of the double support", of_law(general, rate)),
-            zero(
-                "corrected", "jump of y'' at the switch", wanted - pulled, "m/s^2", scale=normal.plan.gravity
-            ),
+        symbolic("printed", "law of the double support", of_law(printed, rate)),
+        zero(
+            "printed",
+            "jump of y'' at the switch",
+            -constants.beta / t_c**2 - pulled,
+            "m/s^2",
+            scale=normal.plan.gravity,
         ),
-        errata=("E15",),
+        symbolic("corrected", "law of the double support", of_law(general, rate)),
+        zero("corrected", "jump of y'' at the switch", wanted - pulled, "m/s^2", scale=normal.plan.gravity),
     )
     end, speed = -normal.switch.com[0, 1], -normal.switch.com_velocity[0, 1]
-    yield Row(
+    yield Evidence(
         "2.2",
         "double support, cos",
-        "y = (beta + s) cos((t - t_2)/T_c) + ...",
-        "y = -beta cos((t - t_2) omega_d) + ...",
-        checks=(
-            symbolic(
-                "printed",
-                "distance from the midline at t_2, less what Eq. 6 leaves of s + beta",
-                exponential(beta + s - (s + beta - SINGLE.subs(t, T))),
-            ),
-            zero(
-                "printed",
-                "jump of the COM at the switch, distances from the midline",
-                constants.beta + constants.s - abs(end),
-                "m",
-            ),
-            symbolic("corrected", "the same", exponential(beta - (s + beta - SINGLE.subs(t, T)))),
-            zero("corrected", "jump of the COM at the switch", -constants.beta - end, "m"),
+        symbolic(
+            "printed",
+            "distance from the midline at t_2, less what Eq. 6 leaves of s + beta",
+            exponential(beta + s - (s + beta - SINGLE.subs(t, T))),
         ),
-        errata=("E9",),
+        zero(
+            "printed",
+            "jump of the COM at the switch, distances from the midline",
+            constants.beta + constants.s - abs(end),
+            "m",
+        ),
+        symbolic("corrected", "the same", exponential(beta - (s + beta - SINGLE.subs(t, T)))),
+        zero("corrected", "jump of the COM at the switch", -constants.beta - end, "m"),
     )
-    yield Row(
+    yield Evidence(
         "2.2",
         "double support, sin",
-        "... + v_ex sin((t - t_2)/T_c)  (typeset v_e x)",
-        "... + (v/omega_d) sin((t - t_2) omega_d)",
-        checks=(
-            symbolic(
-                "printed",
-                "speed at t_2 less that of Eq. 6 at T, right rate; v_ex = s tau",
-                s * TAU * OMEGA_D - s * TAU / T_LS,
-            ),
-            zero("printed", "jump of the lateral speed, right rate", normal.v_ex * normal.w_d - speed, "m/s"),
-            zero(
-                "printed",
-                "jump of the lateral speed, T_c as printed",
-                normal.v_ex / t_c - speed,
-                "m/s",
-            ),
-            symbolic(
-                "corrected", "speed at t_2 less that of Eq. 6 at T", exponential(SPEED / W_D * W_D - SPEED)
-            ),
-            zero(
-                "corrected",
-                "jump of the lateral speed",
-                constants.lateral_switching_velocity / normal.w_d * normal.w_d - speed,
-                "m/s",
-            ),
+        symbolic(
+            "printed",
+            "speed at t_2 less that of Eq. 6 at T, right rate; v_ex = s tau",
+            s * TAU * OMEGA_D - s * TAU / T_LS,
         ),
-        errata=("E6",),
-        why="At c_y = 1 section 1.2's T_c is T_ls, and E15 hides E6: at any other c_y, and with the right "
-        "rate, the speed jumps.",
+        zero("printed", "jump of the lateral speed, right rate", normal.v_ex * normal.w_d - speed, "m/s"),
+        zero(
+            "printed",
+            "jump of the lateral speed, T_c as printed",
+            normal.v_ex / t_c - speed,
+            "m/s",
+        ),
+        symbolic("corrected", "speed at t_2 less that of Eq. 6 at T", exponential(SPEED / W_D * W_D - SPEED)),
+        zero(
+            "corrected",
+            "jump of the lateral speed",
+            constants.lateral_switching_velocity / normal.w_d * normal.w_d - speed,
+            "m/s",
+        ),
     )
-    yield Row(
+    yield Evidence(
         "2.2",
         "double support, signs",
-        "both terms with the same sign: + cos, + sin",
-        "opposite signs: the COG moves from one foot over the midline to the other",
-        checks=(
-            symbolic(
-                "printed",
-                "y(t_2) v + y'(t_2) beta, zero if the COG comes from its foot at speed v",
-                _outward(1),
-            ),
-            zero(
-                "printed",
-                "jump of the lateral velocity towards the midline, else corrected",
-                -constants.lateral_switching_velocity - speed,
-                "m/s",
-            ),
-            symbolic("corrected", "the same", _outward(-1)),
-            zero(
-                "corrected",
-                "jump of the lateral velocity towards the midline",
-                constants.lateral_switching_velocity - speed,
-                "m/s",
-            ),
+        symbolic(
+            "printed",
+            "y(t_2) v + y'(t_2) beta, zero if the COG comes from its foot at speed v",
+            _outward(1),
         ),
-        errata=("E23",),
-        why="Whichever way y points, a COG that starts on one side and moves away from the midline does not "
-        "cross it within this phase.",
+        zero(
+            "printed",
+            "jump of the lateral velocity towards the midline, else corrected",
+            -constants.lateral_switching_velocity - speed,
+            "m/s",
+        ),
+        symbolic("corrected", "the same", _outward(-1)),
+        zero(
+            "corrected",
+            "jump of the lateral velocity towards the midline",
+            constants.lateral_switching_velocity - speed,
+            "m/s",
+        ),
     )
     force = constants.beta + constants.s
-    yield Row(
+    yield Evidence(
         "2.2",
         "double support, F_y",
-        "F_y = -(m/T_c^2)((beta + s) cos((t - t_2)/T_c) + v_ex sin((t - t_2)/T_c))",
-        "F_y = -m omega_d^2 (-beta cos((t - t_2) omega_d) + (v/omega_d) sin((t - t_2) omega_d))",
-        checks=(
-            symbolic("printed", "F_y - m y'' at t_2, magnitudes", -m / T_c**2 * (beta + s) - m * rate * beta),
-            zero(
-                "printed",
-                "jump of |F_y| at the switch",
-                normal.plan.mass * force / t_c**2 - abs(normal.switch.force[0, 1]),
-                "N",
-                scale=normal.plan.weight,
-            ),
-            symbolic("corrected", "the same", -m * W_D**2 * beta - m * rate * beta),
-            zero(
-                "corrected",
-                "jump of |F_y| at the switch",
-                normal.plan.mass * normal.w_d**2 * constants.beta - abs(normal.switch.force[0, 1]),
-                "N",
-                scale=normal.plan.weight,
-            ),
+        symbolic("printed", "F_y - m y'' at t_2, magnitudes", -m / T_c**2 * (beta + s) - m * rate * beta),
+        zero(
+            "printed",
+            "jump of |F_y| at the switch",
+            normal.plan.mass * force / t_c**2 - abs(normal.switch.force[0, 1]),
+            "N",
+            scale=normal.plan.weight,
         ),
-        errata=("E6", "E9", "E15", "E23"),
-        why="It is m y'' of the printed trajectory, and inherits its misprints.",
+        symbolic("corrected", "the same", -m * W_D**2 * beta - m * rate * beta),
+        zero(
+            "corrected",
+            "jump of |F_y| at the switch",
+            normal.plan.mass * normal.w_d**2 * constants.beta - abs(normal.switch.force[0, 1]),
+            "N",
+            scale=normal.plan.weight,
+        ),
     )
 
 
