@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -44,3 +44,22 @@ def format_number(value: float | None, digits: int = 4) -> str:
     if value is None or math.isnan(value):
         return "-"
     return f"{value:.{digits}g}"
+
+
+def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown, without a line break at its end."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def replace_between(page: str, name: str, text: str) -> str:
+    """A page with another text between its marks ``<!-- name -->`` and ``<!-- end of name -->``.
+
+    Raises:
+        ValueError: the page lacks them.
+    """
+    head, first, rest = page.partition(f"<!-- {name} -->\n")
+    _, last, tail = rest.partition(f"\n<!-- end of {name} -->")
+    if not (first and last):
+        raise ValueError(f"the page lacks the marks of {name!r}")
+    return f"{head}{first}{text}{last}{tail}"

@@ -1,22 +1,27 @@
-"""Write the page of the audit again: ``python -m validation.paper.audit [docs/audit.md]``."""
+"""Write the tables of docs/errata.md again: ``python -m validation.paper.audit``."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from validation.store.machine import one_blas_thread
 
+PAGE = Path("docs/errata.md")
+TABLE = Path("docs/data/audit.csv")
+
 
 def main() -> None:
-    """Audit the paper and write the page."""
+    """Audit the paper, and write the errata into the page and all rows into the table beside it."""
     one_blas_thread()
-    from validation.cli.console import Narrator
     from validation.paper.audit import audit
-    from validation.paper.audit.table import markdown
+    from validation.paper.audit.table import errata_table, summary, write_csv
+    from validation.show.text import replace_between
 
-    page = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/audit.md")
-    page.write_text(markdown(audit(Narrator())), encoding="utf-8")
+    rows = audit()
+    page = replace_between(PAGE.read_text(encoding="utf-8"), "errata", errata_table(rows))
+    PAGE.write_text(replace_between(page, "counts", summary(rows)), encoding="utf-8")
+    TABLE.parent.mkdir(exist_ok=True)
+    write_csv(rows, TABLE)
 
 
 if __name__ == "__main__":

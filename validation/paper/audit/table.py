@@ -1,10 +1,11 @@
-"""The audit for readers: a table on the terminal, JSON, and the page ``docs/audit.md``."""
+"""The audit for readers: a table on the terminal, JSON, and the tables of ``docs/errata.md``."""
 
 from __future__ import annotations
 
+import csv
 from collections import Counter
 from collections.abc import Sequence
-from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -12,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from validation.paper.audit.rows import Check, Row, Verdict
+from validation.show.text import markdown_table
 
 COLOURS = {
     Verdict.HOLDS: "green",
@@ -22,8 +24,6 @@ COLOURS = {
 _LONGEST = 44  # characters of a symbolic residual on the terminal
 FILE_WIDTH = 100
 """Width of the table in files and pipes [characters]."""
-COMMAND = "python -m validation.paper.audit"
-"""What writes ``docs/audit.md`` again."""
 
 
 def describe(rows: Sequence[Row]) -> dict[str, Any]:
@@ -90,30 +90,31 @@ def _line(check: Check, *, short: bool = False) -> str:
     return f"{words} ({check.gait})" if check.gait and value else words
 
 
-def markdown(rows: Sequence[Row]) -> str:
-    """The page ``docs/audit.md``."""
-    parts = [_HEAD, summary(rows) + ".\n"]
-    for section, group in groupby(rows, key=lambda row: row.section):
-        parts.append(f"\n## {section.capitalize() if section[0].isalpha() else f'Section {section}'}\n")
-        parts.append("| where | printed | corrected | verdict | evidence |\n|---|---|---|---|---|")
-        for row in group:
-            where = _plain(row.place) + (f" ({', '.join(row.errata)})" if row.errata else "")
-            cells = (where, _code(row.printed), _code(row.corrected), str(row.verdict), _evidence(row))
-            parts.append("| " + " | ".join(cells) + " |")
-    return "\n".join(parts) + "\n"
-
-
-def _evidence(row: Row) -> str:
+def errata_table(rows: Sequence[Row]) -> str:
+    """Errata by number, for ``docs/errata.md``: where, printed form, corrected form, verdict."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.verdict is not Verdict.HOLDS:
+            for number in row.errata:
+                found.setdefault(number, []).append(row)
     lines = []
-    for check in row.checks:
-        value = check.shown()
-        shown = f": `{value}`" if check.kind == "symbolic" else f": {value}" if value else ""
-        gait = f" ({check.gait})" if check.gait else ""
-        both = row.verdict is not Verdict.HOLDS
-        lines.append((f"*{check.form}*: " if both else "") + _plain(check.quantity) + shown + gait)
-    if row.why:
-        lines.append(_plain(row.why))
-    return "<br>".join(lines)
+    for number in sorted(found, key=lambda name: int(name[1:])):
+        row = found[number][0]
+        kind = "contradicted" if row.verdict is Verdict.CONTRADICTED else "erratum"
+        where = f"{row.section}, {row.place}" if row.section[0].isdigit() else f"{row.section}: {row.place}"
+        lines.append((number, _plain(where), _code(row.printed), _code(row.corrected), kind))
+    return markdown_table(("", "where", "printed", "corrected", "verdict"), lines)
+
+
+def write_csv(rows: Sequence[Row], path: Path) -> None:
+    """The whole audit as a table: one line per statement, its checks in words."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(("section", "place", "printed", "corrected", "verdict", "errata", "evidence", "why"))
+        for row in rows:
+            checks = "; ".join(f"{check.form}: {_line(check)}" for check in row.checks)
+            texts = (row.section, row.place, row.printed, row.corrected, str(row.verdict))
+            writer.writerow((*texts, " ".join(row.errata), checks, row.why))
 
 
 def _code(text: str) -> str:
@@ -128,22 +129,3 @@ def _plain(text: str) -> str:
     for sign in ("|", "_", "*", "<", ">"):
         text = text.replace(sign, {"|": "\\|", "<": "&lt;", ">": "&gt;"}.get(sign, f"\\{sign}"))
     return text
-
-
-_HEAD = f"""# The paper, audited
-
-Every displayed equation and every claim of S. Kudoh and T. Komura, "C² Continuous Gait-Pattern Generation
-for Biped Robots" (IROS 2003), from top to bottom. `ampm audit` prints this table in short, and
-`ampm audit --json` all of it for machines; `{COMMAND}` writes this page again, and a test holds
-it in step.
-
-A verdict is not typed in, it follows from checks. **Symbolic** ones hold a formula against `(p - c) × F` and
-Newton's law, derived with sympy, and show the residual that is left. **Numeric** ones are computed on the
-`normal` gait, and on `momentum` where `normal` hides a misprint: with `c_s = c_y = 1` its force passes
-through the COM. A number that is zero but for rounding is shown as 0. One claim is walked in physics.
-
-* **holds**: the printed form stands its checks.
-* **erratum**: it does not, and the corrected form does. The numbers are those of [theory](theory.md).
-* **contradicted by the model**: the claim itself is at fault, by the plan, the body's motion or its walk.
-* **cannot be tested**: the reason is given.
-"""
