@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ampm.planner.feet import FeetPlan, FootPath, FootSample
-from ampm.planner.gait import GaitPlan, PlanConstants, PlanSample
+from ampm.planner.centroidal import PlanSample
+from ampm.planner.feet import FootPath, FootSample
+from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:
     from ampm.parameters import RunParameters
@@ -177,37 +178,19 @@ class Posture(Protocol):
 
 
 @dataclass(frozen=True)
-class WalkPlan:
-    """A complete plan of a walk.
+class WalkPlan(StepPlan):
+    """A complete plan of a walk: COM, ZMP, force, momentum and feet, and a posture.
 
     Attributes:
-        centroidal: COM, ZMP, force and angular momentum, with the posture's mean of L_y.
-        feet: motion of both feet.
-        posture: motion of the rest of the body.
+        posture: motion of the rest of the body; the centroidal plan takes its mean of L_y.
     """
 
-    centroidal: GaitPlan
-    feet: FeetPlan
     posture: Posture
 
     def __post_init__(self) -> None:
         offset = self.posture.angular_momentum_y_offset
-        if self.centroidal.constants.angular_momentum_y_offset != offset:
+        if self.constants.angular_momentum_y_offset != offset:
             object.__setattr__(self, "centroidal", self.centroidal.with_angular_momentum_offset(offset))
-
-    @property
-    def constants(self) -> PlanConstants:
-        """Derived constants of the gait."""
-        return self.centroidal.constants
-
-    @property
-    def duration(self) -> float:
-        """End of the last phase [s]."""
-        return self.centroidal.duration
-
-    def sample(self, times: ArrayLike) -> PlanSample:
-        """COM, ZMP, force and momentum at ``times``, shape (T,) [s]."""
-        return self.centroidal.sample(times)
 
     def at(self, time: float, timing: Timing = SHARP) -> Reference:
         """The reference at one instant [s].

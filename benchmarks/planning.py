@@ -13,7 +13,9 @@ from ampm.body.motion import WholeBodyMotion
 from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
 from ampm.parameters import RunParameters
-from ampm.planner.gait import GaitPlan, plan_gait
+from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.periodic import plan_gait
+from ampm.planner.support import StepPlan, plan_steps
 from benchmarks.clock import Statistics, least, repeat
 from validation.trial.plan import Body
 
@@ -35,13 +37,13 @@ class PlanBenchmark:
     def __init__(self, run: RunParameters, body: Body) -> None:
         self.run, self.sole = run, body.model.description.sole
 
-    def pure(self) -> GaitPlan:
+    def pure(self) -> CentroidalPlan:
         """The closed form alone."""
-        return plan_gait(self.run.gait, mass=self.run.body.mass)
+        return plan_gait(self.run.gait, self.run.body.mass)
 
-    def with_feet(self) -> GaitPlan:
+    def with_feet(self) -> StepPlan:
         """The closed form and the feet's motion."""
-        return plan_gait(self.run.gait, mass=self.run.body.mass, foot=self.run.foot, sole=self.sole)
+        return plan_steps(self.run.gait, self.run.body.mass, self.run.foot, self.sole)
 
     def time_pure(self) -> Statistics:
         """Time of :meth:`pure` [s]."""
@@ -61,7 +63,7 @@ class MotionBenchmark:
         plan: with feet.
     """
 
-    def __init__(self, run: RunParameters, robot: Robot, plan: GaitPlan) -> None:
+    def __init__(self, run: RunParameters, robot: Robot, plan: StepPlan) -> None:
         self.run, self.robot, self.plan = run, robot, plan
         self._motion: WholeBodyMotion | None = None
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ampm.parameters import dump_run, load_run
-from ampm.planner.gait import plan_gait
+from ampm.planner.support import plan_steps
 from models.human import build
 from validation.judge.compare import compare
 from validation.judge.profiles import profile
@@ -48,12 +48,11 @@ def make_run(
     run = load_run("normal", [f"gait.steps={steps}", *settings])
     body = build(run.body, run.contact, run.simulation)
     model = body.compile()
-    plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=body.description.sole)
+    plan = plan_steps(run.gait, run.body.mass, run.foot, body.description.sole)
     dt = run.simulation.time_step
     count = int(min(seconds, plan.duration) / dt)
     time = np.asarray(dt * np.arange(count + 1), dtype=np.float64)
     sample = plan.sample(time)
-    assert plan.feet is not None
     feet = plan.feet.sample(time)
 
     names = [leg.joints for leg in body.description.legs]

@@ -9,7 +9,7 @@ from ampm.body.motion import WholeBodyMotion
 from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
 from ampm.parameters import RunParameters, load_run
-from ampm.planner.gait import GaitPlan, plan_gait
+from ampm.planner.support import StepPlan, plan_steps
 from models.human import build
 from validation.trial.bridge import pinocchio_model
 
@@ -35,7 +35,7 @@ class Walk(NamedTuple):
     """A gait, its plan with feet, and the body that is to walk it."""
 
     run: RunParameters
-    plan: GaitPlan
+    plan: StepPlan
     robot: Robot
 
 
@@ -45,7 +45,7 @@ def walk_of(*overrides: str) -> Walk:
     run = load_run(None, [*WALK, *overrides])
     model = build(run.body, run.contact, run.simulation)
     robot = Robot(pinocchio_model(model.compile()), model.description)
-    plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=model.description.sole)
+    plan = plan_steps(run.gait, run.body.mass, run.foot, model.description.sole)
     return Walk(run, plan, robot)
 
 

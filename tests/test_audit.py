@@ -13,7 +13,7 @@ import sympy as sp
 from rich.console import Console
 
 from ampm.parameters import load_run
-from ampm.planner.gait import plan_gait
+from ampm.planner.periodic import plan_gait
 from validation.cli.app import Status, call
 from validation.paper.audit import audit
 from validation.paper.audit.rows import Check, Row, Verdict, against, claim, symbolic, zero
@@ -105,7 +105,7 @@ def value_of(rows, place, quantity):
 
 def test_sizes_of_misprints_on_the_normal_gait(rows):
     run = load_run("normal")
-    plan = plan_gait(run.gait, mass=run.body.mass)
+    plan = plan_gait(run.gait, run.body.mass)
     gait, constants, weight = run.gait, plan.constants, plan.weight
     lever = 2.0 * gait.step_length * (1.0 - constants.inverse_a_s)  # 2 d (1 - a)/c, the foot ahead by a step
     assert abs(value_of(rows, "moment r", "mismatch")) == pytest.approx(weight * lever)
@@ -125,7 +125,7 @@ def test_the_spline_jumps_as_scipy_says(rows):
     from scipy.interpolate import CubicSpline
 
     run = load_run("normal")
-    constants = plan_gait(run.gait).constants
+    constants = plan_gait(run.gait, 60.0).constants
     duration = constants.single_support_duration
     ends = ((1, constants.l_s / duration), (1, 0.0))
     spline = CubicSpline([0.0, duration], [0.0, 2.0 * run.gait.step_length], bc_type=ends)

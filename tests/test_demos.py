@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ampm.parameters import load_run, preset_names
-from ampm.planner.gait import plan_gait
+from ampm.planner.periodic import plan_gait
 from validation.judge.signals import load_signals
 
 ROLLS = (0.1, 0.4, 0.7, 1.0)
@@ -24,7 +24,7 @@ def swing(folder, source, axis="x"):
 
 def test_e12_angular_momentum_falls_with_c_y_in_the_plan():
     def peak_to_peak(c_y):
-        plan = plan_gait(load_run(f"roll-{c_y}").gait)
+        plan = plan_gait(load_run(f"roll-{c_y}").gait, 60.0)
         return np.ptp(plan.sample(np.linspace(0.0, plan.duration, 4001)).angular_momentum[:, 0])
 
     swings = [peak_to_peak(c_y) for c_y in ROLLS]
@@ -44,7 +44,7 @@ def test_e12_angular_momentum_falls_with_c_y_in_physics(run_of):
 def test_the_pitch_demos_turn_the_body_in_opposite_senses(run_of):
     """Past mid-stance the weight's lever is -(c_s - 1) x: forward for c_s < 1, backward for c_s > 1."""
     for name, sign in (("pitch", -1.0), ("pitch-low", 1.0)):
-        plan = plan_gait(load_run(name).gait)
+        plan = plan_gait(load_run(name).gait, 60.0)
         end = plan.constants.single_support_duration
         moment = plan.sample([0.9 * end]).moment[0, 1]
         assert sign * moment > 30.0

@@ -6,9 +6,9 @@ import pytest
 
 from ampm.body.feasibility import check_body
 from ampm.description import BodyDescription, LegDescription, SoleGeometry
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import BodilyRefusal
 from ampm.parameters import FootParameters, GaitParameters
-from ampm.planner.gait import plan_gait
+from ampm.planner.support import plan_steps
 
 SOLE = SoleGeometry(
     heel_x=-0.107,
@@ -62,7 +62,7 @@ def flat(**values):
 
 
 def check(gait, foot):
-    check_body(plan_gait(gait, foot=foot, sole=SOLE), BODY)
+    check_body(plan_steps(gait, 60.0, foot, SOLE), BODY)
 
 
 def test_an_easy_gait_passes():
@@ -130,8 +130,3 @@ def test_the_way_out_of_a_long_roll_is_a_way_out():
         check(flat(a_s=1.4), FLAT)
     assert caught.value.value == pytest.approx(0.158 / 1.4)
     check(flat(a_s=1.48), FLAT)
-
-
-def test_a_plan_without_feet_cannot_be_checked():
-    with pytest.raises(InputError, match="sole"):
-        check_body(plan_gait(flat()), BODY)

@@ -102,7 +102,7 @@ def test_the_whole_of_ampm_leaves_the_simulator_unloaded():
 
 
 def test_the_planner_needs_no_body_library():
-    loaded = loaded_by("import ampm.parameters, ampm.planner.gait, ampm.planner.feet, ampm.body.feasibility")
+    loaded = loaded_by("import ampm.parameters, ampm.planner.support, ampm.body.feasibility")
     assert not loaded & {"pinocchio", "osqp", "daqp", "scipy", "mujoco"}
 
 
@@ -130,7 +130,7 @@ def test_measurement_cannot_see_the_plan(module):
     assert not {
         name
         for name in seen
-        if name and name.startswith(("ampm.planner.gait", "ampm.planner.pendulum", "ampm.body.motion"))
+        if name and name.startswith(("ampm.planner.periodic", "ampm.planner.pendulum", "ampm.body.motion"))
     }
 
 

@@ -17,8 +17,6 @@ from ampm.body.inverse_kinematics import (
     step_reference,
 )
 from ampm.body.orbit import COARSE_STEP
-from ampm.exceptions import InputError
-from ampm.planner.gait import plan_gait
 from tests.solved import COARSE, motion_of, walk_of
 
 NODES = (0, 40, 90, 120, 150)
@@ -275,9 +273,3 @@ def test_easing_lowers_the_com_and_takes_momentum_off():
     np.testing.assert_array_equal(eased.velocity[:, 6:], full.velocity[:, 6:])
     same = full.eased(0.0, 1.0)
     np.testing.assert_array_equal(same.position, full.position)
-
-
-def test_a_plan_without_feet_has_no_reference():
-    plan = plan_gait(walk_of().run.gait, mass=60.0)
-    with pytest.raises(InputError, match="no feet"):
-        step_reference(plan, np.zeros(1))

@@ -38,7 +38,7 @@ def test_measurement_never_sees_a_plan_or_the_simulator():
     assert not {
         name
         for name in names
-        if name.startswith(("ampm.planner.gait", "ampm.planner.feet", "mujoco", "models"))
+        if name.startswith(("ampm.planner.periodic", "ampm.planner.feet", "mujoco", "models"))
     }
 
 

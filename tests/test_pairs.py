@@ -48,7 +48,7 @@ def value(pair, name):
 
 
 def test_the_plan_of_one_side_jumps_and_that_of_the_other_does_not(pair):
-    l_s, h = pair.b.plan.constants.l_s, pair.b.plan.parameters.com_height
+    l_s, h = pair.b.plan.constants.l_s, pair.b.plan.centroidal.com_height
     smooth, jump = value(pair, "plan_acceleration")
     assert smooth < 1e-11
     assert jump == pytest.approx(9.81 * l_s / h)

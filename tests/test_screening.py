@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import ampm.planner.gait
+import ampm.planner.periodic
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import keys, load_run
-from ampm.planner.gait import plan_gait
+from ampm.planner.periodic import plan_gait
 from validation.store.json import json_ready
 from validation.study.sweep import closed_form, dry_run_text
 from validation.study.sweep.blocks import Block
@@ -41,7 +41,7 @@ def planners_answer(drawn, case):
     """Reason and step duration, from the planner itself."""
     try:
         run = drawn.run(case)
-        constants = plan_gait(run.gait, mass=run.body.mass).constants
+        constants = plan_gait(run.gait, run.body.mass).constants
     except InputError:
         return BAD_PARAMETER, math.nan
     except MathematicalRefusal as refusal:
@@ -188,9 +188,9 @@ def test_what_rounding_could_decide_is_left_to_the_planner():
 
 
 def test_the_largest_angle_to_the_last_bits():
-    single = plan_gait(load_run("normal", [f"gait.{k}={v}" for k, v in LONG.items()]).gait)
+    single = plan_gait(load_run("normal", [f"gait.{k}={v}" for k, v in LONG.items()]).gait, 60.0)
     duration = single.constants.single_support_duration
-    edge = (2.0 * closed_form.LARGEST_ANGLE / duration) ** 2 * single.parameters.com_height / 9.81
+    edge = (2.0 * closed_form.LARGEST_ANGLE / duration) ** 2 * single.com_height / 9.81
     slopes = [edge * (1.0 + share) for share in (-1e-3, -1e-12, 0.0, 1e-12, 1e-3)]
     slopes += [edge + k * math.ulp(edge) for k in (-8, -4, -2, -1, 1, 2, 4, 8)]
     columns = {f"gait.{name}": [value] * len(slopes) for name, value in LONG.items()}
@@ -234,9 +234,9 @@ def test_the_first_of_several_bad_parameters_is_told():
 
 
 def test_constants_are_the_planners():
-    assert closed_form.LARGEST_ANGLE == ampm.planner.gait._LARGEST_ANGLE
+    assert closed_form.LARGEST_ANGLE == ampm.planner.periodic._LARGEST_ANGLE
     names = set(REASONS) - {ACCEPTED, BAD_PARAMETER}
-    source = Path(ampm.planner.gait.__file__).read_text(encoding="utf-8")
+    source = Path(ampm.planner.periodic.__file__).read_text(encoding="utf-8")
     told = {part.split('"')[0] for part in source.split('reason="')[1:]}
     assert names == told
 
@@ -265,7 +265,7 @@ def test_the_value_that_is_needed_passes():
         mended = run.replace({key: needed + 1e-9 * max(1.0, abs(needed))})
         other = None
         try:
-            plan_gait(mended.gait)
+            plan_gait(mended.gait, 60.0)
         except MathematicalRefusal as refusal:
             other = refusal.reason
         assert other != reason
@@ -417,7 +417,9 @@ def test_time_grows_with_work_and_shrinks_with_workers():
     assert estimate("steps = 10\n[set]\nsimulation.time_step = 0.0005").processor > base.processor
     assert estimate("steps = 10", 2).wall_clock < base.wall_clock
     assert estimate("steps = 10", 400).wall_clock == estimate("steps = 10", 4).wall_clock
-    assert base.simulated == pytest.approx(4 * plan_gait(load_run("flat", ["gait.steps=10"]).gait).duration)
+    assert base.simulated == pytest.approx(
+        4 * plan_gait(load_run("flat", ["gait.steps=10"]).gait, 60.0).duration
+    )
 
 
 @pytest.mark.parametrize(

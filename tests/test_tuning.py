@@ -16,7 +16,7 @@ from ampm.body.orbit import RoughOrbits
 from ampm.body.step_torques import step_torques
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import PRESETS, dump_run, keys, load_run
-from ampm.planner.gait import plan_gait
+from ampm.planner.support import plan_steps
 from ampm.tune.certificate import Untunable, way_out
 from ampm.tune.free_choices import FREE_KEYS, FreeChoices, named_keys
 from ampm.tune.gait_limits import LIMITS, plan_margins
@@ -41,7 +41,7 @@ def tuned(*settings):
 
 
 def plan_of(run, robot):
-    return plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=robot.description.sole)
+    return plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
 
 
 # ------------------------------------------------------------------ choices

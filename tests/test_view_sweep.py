@@ -114,7 +114,7 @@ def test_phases_of_different_gaits_coincide(walks, tmp_path, capsys):
         assert plan is not None
         seconds, phase = at_phase(target, f"/{which}/signals/zmp_x")
         assert (np.diff(phase) > 0).all()
-        starts = np.array([p.start for p in plan.phases])
+        starts = np.array([p.start for p in plan.contacts.phases])
         expected = np.arange(len(starts)) // 2 + np.where(np.arange(len(starts)) % 2, SINGLE_SUPPORT, 0.0)
         # The label of a phase begins at the first sample in it, one step of the simulation late at most.
         pace = 0.005

@@ -8,7 +8,7 @@ import numpy as np
 
 from ampm.description import SoleGeometry
 from ampm.parameters import load_run
-from ampm.planner.gait import plan_gait
+from ampm.planner.support import plan_steps
 from validation.measure.measure import MeasuredGait, SelfChecks, StandingCheck, zmp_from_momentum
 from validation.trial.record import Outcome, OutcomeName, SimulationRecord
 
@@ -23,13 +23,11 @@ SOLE = SoleGeometry(-0.107, 0.083, 0.151, 0.03, 0.045, 0.03, -0.042, 0.066)
 def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
     """Plan, record and measurement; ``count`` cuts the run short."""
     run = load_run(gait, [f"gait.steps={steps}"])
-    plan = plan_gait(run.gait, mass=MASS, foot=run.foot, sole=SOLE)
+    plan = plan_steps(run.gait, MASS, run.foot, SOLE)
     whole = int(plan.duration / dt)
     k = whole if count is None else count
     time = dt * np.arange(k + 1)
     sample = plan.sample(time)
-    if plan.feet is None:
-        raise TypeError("a plan with soles has feet")
     left, right = plan.feet.sample(time)
     contact = np.concatenate([np.repeat(foot.contact, 2, axis=1) for foot in (left, right)], axis=1)[:k]
     share = contact / np.maximum(contact.sum(axis=1, keepdims=True), 1)

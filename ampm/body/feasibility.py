@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.description import BodyDescription
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import BodilyRefusal
+from ampm.planner.centroidal import PlanSample
 from ampm.planner.feet import HEEL, FootPath, FootSample
-from ampm.planner.gait import GaitPlan, PlanSample
+from ampm.planner.support import StepPlan
 
 Array = NDArray[np.float64]
 
@@ -32,23 +33,20 @@ COM_OVER_HIP = 0.037
 _INSTANTS = 200  # per phase, for what has no closed-form extremum
 
 
-def check_body(plan: GaitPlan, description: BodyDescription) -> None:
+def check_body(plan: StepPlan, description: BodyDescription) -> None:
     """Refuse a plan that this body cannot walk, by plan, soles and leg length alone.
 
     The gait is periodic and symmetric, so its first step stands for all.
 
     Args:
-        plan: planned with the body's sole.
+        plan: centroidal motion and feet.
         description: the body.
 
     Raises:
         BodilyRefusal: soles overlap, leg too short, planned sole points under the floor, ZMP off the sole, or
             heel rising before the ZMP has reached the ball.
-        InputError: the plan has no feet.
     """
-    if plan.feet is None:
-        raise InputError("the plan has no feet to check; plan the gait with the body's sole geometry.")
-    single, double = plan.phases[0], plan.phases[1]
+    single, double = plan.contacts.phases[0], plan.contacts.phases[1]
     # Short of the last instant, at which the next phase has begun or the plan is over.
     times = np.concatenate(
         [
@@ -95,8 +93,8 @@ def _together(refusals: Sequence[BodilyRefusal]) -> BodilyRefusal:
     )
 
 
-def _check_overlap(plan: GaitPlan, description: BodyDescription) -> None:
-    width, limit = plan.parameters.step_width, 2.0 * description.sole.half_width
+def _check_overlap(plan: StepPlan, description: BodyDescription) -> None:
+    width, limit = plan.contacts.step_width, 2.0 * description.sole.half_width
     if width < limit:
         raise BodilyRefusal(
             f"the soles overlap: gait.step_width = {width:.4g} m is less than the width of a sole, "
@@ -109,7 +107,7 @@ def _check_overlap(plan: GaitPlan, description: BodyDescription) -> None:
         )
 
 
-def _check_roll(plan: GaitPlan, description: BodyDescription) -> None:
+def _check_roll(plan: StepPlan, description: BodyDescription) -> None:
     """The ZMP runs from ``-l_s/a_s`` to ``+l_s/a_s`` under the flat stance foot."""
     sole, constants = description.sole, plan.constants
     travel = constants.l_s * constants.inverse_a_s
@@ -127,7 +125,7 @@ def _check_roll(plan: GaitPlan, description: BodyDescription) -> None:
 
 
 def _check_leg(
-    plan: GaitPlan,
+    plan: StepPlan,
     description: BodyDescription,
     sample: PlanSample,
     feet: tuple[FootSample, FootSample],
@@ -152,8 +150,8 @@ def _check_leg(
         longest = max(longest, float(np.linalg.norm(hip - ankle, axis=1).max()))
     if longest > limit:
         raise BodilyRefusal(
-            f"the leg is too short for gait.step_length = {plan.parameters.step_length:.4g} m at "
-            f"gait.com_height = {plan.parameters.com_height:.4g} m: hip and ankle would be {longest:.4g} m "
+            f"the leg is too short for gait.step_length = {plan.contacts.step_length:.4g} m at "
+            f"gait.com_height = {plan.centroidal.com_height:.4g} m: hip and ankle would be {longest:.4g} m "
             f"apart, and the leg reaches {limit:.4g} m",
             reason="leg_too_short",
             value=longest,
@@ -185,9 +183,7 @@ def _heel_rise(path: FootPath) -> float | None:
     return float(path.start[standing.argmax()]) if standing.any() else None
 
 
-def _check_heel_rise(plan: GaitPlan, description: BodyDescription) -> None:
-    if plan.feet is None:
-        return
+def _check_heel_rise(plan: StepPlan, description: BodyDescription) -> None:
     rise = _heel_rise(plan.feet.left)  # the left foot stands first
     if rise is None:
         return
@@ -209,7 +205,7 @@ def _check_heel_rise(plan: GaitPlan, description: BodyDescription) -> None:
         )
 
 
-def _check_margin(plan: GaitPlan, sample: PlanSample) -> None:
+def _check_margin(plan: StepPlan, sample: PlanSample) -> None:
     margin = plan.zmp_margin(sample.time)
     # In double support the ZMP crosses the edge behind a rising heel in no time; one foot has no such excuse.
     excess = margin + np.where(sample.phase == 1, ROLL_TOLERANCE, 0.0)

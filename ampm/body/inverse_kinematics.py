@@ -31,14 +31,13 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from ampm.body.robot import LEFT, RIGHT, TASK_ROWS, Robot
-from ampm.exceptions import InputError
 from ampm.qp import OsqpBackend, QPSettings
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.parameters import RunParameters
-    from ampm.planner.gait import GaitPlan
+    from ampm.planner.support import StepPlan
 
 POSTURE_WEIGHTS = {
     "root_linear": 1e-3,
@@ -144,28 +143,22 @@ class StepTrajectory:
                 value.setflags(write=False)
 
 
-def step_grid(plan: GaitPlan, largest_step: float) -> NDArray[np.float64]:
+def step_grid(plan: StepPlan, largest_step: float) -> NDArray[np.float64]:
     """Times of the first step's grid, uniform within each phase, with a node on every switch [s]."""
     single, double = plan.constants.single_support_duration, plan.constants.double_support_duration
     n1, n2 = max(2, int(np.ceil(single / largest_step))), max(2, int(np.ceil(double / largest_step)))
     return np.concatenate([single * np.arange(n1) / n1, single + double * np.arange(n2 + 1) / n2])
 
 
-def step_reference(plan: GaitPlan, time: NDArray[np.float64]) -> StepReference:
-    """Evaluate the plan and its feet as task references.
-
-    Raises:
-        InputError: the plan was made without a body and has no feet.
-    """
-    if plan.feet is None:
-        raise InputError("the plan has no feet; plan the gait with the body's sole and foot parameters")
+def step_reference(plan: StepPlan, time: NDArray[np.float64]) -> StepReference:
+    """Evaluate the plan and its feet as task references."""
     sample, feet = plan.sample(time), plan.feet.sample(time)
     n = len(time)
     position, velocity, acceleration = np.zeros((n, 3, 3)), np.zeros((n, TASK_ROWS)), np.zeros((n, TASK_ROWS))
     position[:, 0] = sample.com
     velocity[:, 0:3], acceleration[:, 0:3] = sample.com_velocity, sample.com_acceleration
-    velocity[:, 3:5] = sample.angular_momentum / plan.mass
-    acceleration[:, 3:5] = sample.moment / plan.mass
+    velocity[:, 3:5] = sample.angular_momentum / plan.centroidal.mass
+    acceleration[:, 3:5] = sample.moment / plan.centroidal.mass
     for foot, motion in enumerate(feet):
         row = 6 + 6 * foot
         position[:, 1 + foot] = motion.position

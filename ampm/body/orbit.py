@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from ampm.body.robot import Robot
     from ampm.parameters import RunParameters
-    from ampm.planner.gait import GaitPlan
+    from ampm.planner.support import StepPlan
 
 TOLERANCE = 1e-9
 """Largest component of the mirrored return's residual [rad, m, rad/s, m/s]."""
@@ -69,7 +69,7 @@ _SOURCES = ("planner/*.py", "body/*.py", "qp.py")
 
 
 def solve_motion(
-    plan: GaitPlan,
+    plan: StepPlan,
     run: RunParameters,
     robot: Robot,
     *,
@@ -155,7 +155,7 @@ class RoughOrbits:
 
     def solve(
         self,
-        plan: GaitPlan,
+        plan: StepPlan,
         lean: float,
         near: RoughOrbit | None = None,
         shift: NDArray[np.float64] | None = None,
@@ -178,7 +178,7 @@ class RoughOrbits:
         time = np.concatenate([single * np.arange(n1) / n1, single + double * np.arange(n2 + 1) / n2])
         reference = step_reference(plan, time)
         origin = standing(self.ik, reference)
-        step_map = StepMap(self, reference, origin, plan.parameters.step_length, lean)
+        step_map = StepMap(self, reference, origin, plan.contacts.step_length, lean)
         if motion is not None:
             z = step_map.encode(motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset)
             known = None
@@ -224,16 +224,16 @@ def _keep(motion: WholeBodyMotion, path: Path) -> None:
         return
 
 
-def _fingerprint(plan: GaitPlan, run: RunParameters, robot: Robot) -> str:
+def _fingerprint(plan: StepPlan, run: RunParameters, robot: Robot) -> str:
     """Hash of all that the motion depends on: inputs, body, and the code and libraries that solve it."""
     sections = {
         "versions": [np.__version__, osqp.__version__, pin.__version__],
-        "gait": {k: v for k, v in plan.parameters.model_dump().items() if k != "steps"},
+        "gait": {k: v for k, v in run.gait.model_dump().items() if k != "steps"},
         "body": run.body.model_dump(),
         "foot": run.foot.model_dump(),
         "grid": run.solver.ik_time_step,
-        "mass": plan.mass,
-        "gravity": plan.gravity,
+        "mass": plan.centroidal.mass,
+        "gravity": plan.centroidal.gravity,
         "joints": robot.joint_names,
         "body_description": repr(robot.description),
     }
@@ -278,7 +278,7 @@ class _Search:
     """From a plan and a body to the periodic step, or to the reason why there is none."""
 
     def __init__(
-        self, plan: GaitPlan, run: RunParameters, robot: Robot, progress: Callable[[str], None] | None
+        self, plan: StepPlan, run: RunParameters, robot: Robot, progress: Callable[[str], None] | None
     ) -> None:
         self.plan, self.run, self.robot = plan, run, robot
         self.progress = progress
@@ -297,7 +297,7 @@ class _Search:
         self.origin = standing(self.ik, self.coarse)
 
     def _map(self, reference: StepReference) -> StepMap:
-        return StepMap(self, reference, self.origin, self.plan.parameters.step_length, self.run.body.lean)
+        return StepMap(self, reference, self.origin, self.plan.contacts.step_length, self.run.body.lean)
 
     # --------------------------------------------------------------- search
 
@@ -399,7 +399,7 @@ class _Search:
         else:
             value, limit, unit = 1.0, TOLERANCE, "1"
         why = str(cause)
-        height = self.plan.parameters.com_height
+        height = self.plan.centroidal.com_height
         way_out = _LESS
         if drop > 0.0:
             why += f", and one is found only with the COM {1000.0 * drop:.0f} mm lower"
@@ -464,7 +464,7 @@ class _Search:
             acceleration=trajectory.acceleration,
             trunk_pitch=trajectory.trunk_pitch,
             angular_momentum_z=trajectory.angular_momentum_z,
-            step_length=self.plan.parameters.step_length,
+            step_length=self.plan.contacts.step_length,
             double_support_start=float(self.plan.constants.single_support_duration),
             report=report,
         )

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from ampm.exceptions import InputError
 from ampm.walk import PostureState, WalkPlan
 
 if TYPE_CHECKING:
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
 
     from ampm.body.motion import WholeBodyMotion
     from ampm.body.robot import Robot
-    from ampm.planner.gait import GaitPlan
+    from ampm.planner.support import StepPlan
 
 
 @dataclass(frozen=True)
@@ -52,12 +51,6 @@ class PeriodicPosture:
         return PostureState(body.q, body.v, body.acceleration, trunk, body.angular_momentum_z)
 
 
-def periodic_walk(plan: GaitPlan, motion: WholeBodyMotion, robot: Robot) -> WalkPlan:
-    """A plan with feet, and its periodic motion, as one plan.
-
-    Raises:
-        InputError: the plan has no feet.
-    """
-    if plan.feet is None:
-        raise InputError("the plan has no feet; plan the gait with the body's sole and foot parameters")
-    return WalkPlan(plan, plan.feet, PeriodicPosture(motion, robot))
+def periodic_walk(plan: StepPlan, motion: WholeBodyMotion, robot: Robot) -> WalkPlan:
+    """A plan and its periodic motion as one plan."""
+    return WalkPlan(plan.centroidal, plan.feet, PeriodicPosture(motion, robot))

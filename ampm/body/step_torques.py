@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from ampm.body.orbit import RoughOrbit
     from ampm.body.robot import Robot
     from ampm.planner.feet import FootSample
-    from ampm.planner.gait import GaitPlan
+    from ampm.planner.support import StepPlan
 
     Array = NDArray[np.float64]
 
 
-def step_torques(orbit: RoughOrbit, plan: GaitPlan, robot: Robot) -> tuple[Array, Array]:
+def step_torques(orbit: RoughOrbit, plan: StepPlan, robot: Robot) -> tuple[Array, Array]:
     """Joint torques of a periodic step, and how hard it twists on the floor.
 
     In single support the force is known from the motion; in double support it is shared by the lateral place
@@ -27,15 +27,13 @@ def step_torques(orbit: RoughOrbit, plan: GaitPlan, robot: Robot) -> tuple[Array
 
     Args:
         orbit: the step.
-        plan: with feet; its first step.
+        plan: its first step.
         robot: the body.
 
     Returns:
         Torques, shape (n+1, nu) [N m], and the moment about the vertical through the ZMP over the vertical
         force, shape (n+1,) [m].
     """
-    if plan.feet is None:
-        raise TypeError("torques need planned feet")
     trajectory, time = orbit.trajectory, np.minimum(orbit.reference.time, plan.duration)
     time = time.copy()
     time[-1] = np.nextafter(time[-1], 0.0) - 1e-9  # the step's end, not the next one's start

@@ -16,18 +16,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from ampm.parameters import FootParameters
-    from ampm.planner.gait import GaitPlan
+from ampm.parameters import FootParameters
+from ampm.planner.contacts import Contacts
 
 HEEL, BALL, TIP = 0, 1, 2
 """Columns of :attr:`FootSample.contact`."""
@@ -254,16 +250,17 @@ class _Segment:
     toe: NDArray[np.float64] | None = None
 
 
-def plan_feet(plan: GaitPlan, foot: FootParameters, sole: SoleGeometry) -> FeetPlan:
-    """Plan both feet's motion for a plan's footsteps and phases.
+def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift_speed: float) -> FeetPlan:
+    """Plan both feet's motion over footsteps and phases.
 
     All steps are built at once: every segment of the stride is an array over the steps, so footsteps and
     durations may differ from step to step.
 
     Args:
-        plan: supplies phases (who stands, when) and footsteps (where).
+        contacts: which foot stands where, and when.
         foot: key-frame angles, rates and timings.
         sole: the sole's outline.
+        lift_speed: the paper's ``v_swing``, read by ``foot.swing = "paper"`` only [m/s].
 
     Returns:
         Closed-form paths of both feet over the whole plan.
@@ -272,7 +269,7 @@ def plan_feet(plan: GaitPlan, foot: FootParameters, sole: SoleGeometry) -> FeetP
         InputError: the phases are not single and double supports in turn, or the heel would rise before the
             foot stands alone, or after it has left.
     """
-    singles, doubles = plan.phases[0::2], plan.phases[1::2]
+    singles, doubles = contacts.phases[0::2], contacts.phases[1::2]
     alternate = all(p.kind == "single_support" for p in singles) and all(
         p.kind == "double_support" for p in doubles
     )
@@ -293,17 +290,16 @@ def plan_feet(plan: GaitPlan, foot: FootParameters, sole: SoleGeometry) -> FeetP
             f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets the heel rise when the foot has left: the "
             f"double support lasts {double.min():.4g} s; take more than {-double.min():.4g} s."
         )
-    placement = np.array([f.position for f in plan.footsteps])
+    placement = np.array([f.position for f in contacts.footsteps])
     n = len(singles)
     behind, here, ahead = placement[:n], placement[1 : n + 1], placement[2 : n + 2]
-    speed = plan.constants.l_s / single
-    stance, swing = _stride(foot, sole, start, single, double, behind, here, ahead, speed)
+    stance, swing = _stride(foot, sole, start, single, double, behind, here, ahead, lift_speed)
     stands_left = np.array([p.stance == "left" for p in singles])
     return FeetPlan(
         sole=sole,
         left=_foot_path(stance, swing, stands_left),
         right=_foot_path(stance, swing, ~stands_left),
-        duration=plan.duration,
+        duration=contacts.duration,
     )
 
 
@@ -316,12 +312,11 @@ def _stride(
     behind: NDArray[np.float64],
     here: NDArray[np.float64],
     ahead: NDArray[np.float64],
-    lift_speed: NDArray[np.float64],
+    lift_speed: float,
 ) -> tuple[list[_Segment], list[_Segment]]:
     """Segments of the foot that stands, and of the one that swings from ``behind`` to ``ahead``.
 
-    The times have the shape (n,) [s], the placements (n, 2) [m]; ``lift_speed`` (n,) [m/s] is the paper's
-    ``v_swing``.
+    The times have the shape (n,) [s], the placements (n, 3) [m].
     """
     roll, paper = foot.schedule == "roll", foot.swing == "paper"
     lift = (foot.toe_off_angle, foot.toe_off_rate) if roll else (0.0, 0.0)

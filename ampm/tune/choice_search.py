@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 
 from ampm.body.inverse_kinematics import Unreachable
 from ampm.exceptions import InputError, RefusedGait
-from ampm.planner.gait import GaitPlan, plan_gait
+from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune.gait_limits import LIMITS, orbit_margins, plan_margins
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Trial:
 
     x: Array
     run: RunParameters | None = None
-    plan: GaitPlan | None = None
+    plan: StepPlan | None = None
     values: dict[str, float] = field(default_factory=dict)
     orbit: RoughOrbit | None = None
     why: Unreachable | None = None
@@ -111,9 +111,8 @@ class ChoiceSearch:
         space, description = self.space, self.space.description
         try:
             run = space.parameters(space.values(trial.x, self.base))
-            plan = plan_gait(
-                run.gait.model_copy(update={"steps": 2}), mass=run.body.mass, foot=run.foot, sole=space.sole
-            )
+            gait = run.gait.model_copy(update={"steps": 2})
+            plan = plan_steps(gait, run.body.mass, run.foot, space.sole)
         except (RefusedGait, InputError):  # what is named may not fit what is tried
             return
         trial.run, trial.plan = run, plan
@@ -125,7 +124,7 @@ class ChoiceSearch:
             return
         trial.values |= orbit_margins(trial.orbit, plan, self.robot)
 
-    def _orbit(self, trial: Trial, plan: GaitPlan, lean: float, near: Trial | None) -> RoughOrbit:
+    def _orbit(self, trial: Trial, plan: StepPlan, lean: float, near: Trial | None) -> RoughOrbit:
         """The orbit of a choice, from where the choices' known influence puts it, or else from the neighbour.
 
         Raises:

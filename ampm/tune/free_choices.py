@@ -13,7 +13,9 @@ from scipy.optimize import brentq
 from ampm.exceptions import MathematicalRefusal, RefusedGait
 from ampm.geometry import polygon_margin
 from ampm.parameters import GaitParameters, RunParameters
-from ampm.planner.gait import GaitPlan, plan_gait
+from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.periodic import plan_gait
+from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune.gait_limits import LIMITS, RISE_TOLERANCE, leg_extension, mid_stance_share, step_instants
 
 if TYPE_CHECKING:
@@ -144,7 +146,7 @@ class FreeChoices:
         run = run.replace({key: value for key, value in table.items() if key not in self.fixed})
         if self.flat:
             return run
-        plan = plan_gait(run.gait, mass=run.body.mass)
+        plan = plan_gait(run.gait, run.body.mass)
         double = plan.constants.double_support_duration
         down = self._kept("foot.full_contact", choice["down"])
         strike = self._kept("foot.heel_strike_angle", choice["strike"])
@@ -153,7 +155,7 @@ class FreeChoices:
         run = self._rolling(run, choice, toe_off, strike, down, double, lead)
         if "foot.heel_rise_lead" in self.fixed:
             return run
-        late = _later_rise(plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=self.sole))
+        late = _later_rise(plan_steps(run.gait, run.body.mass, run.foot, self.sole))
         late = min(late, 0.7 * (double + lead))
         return self._rolling(run, choice, toe_off, strike, down, double, lead - late) if late > 0.0 else run
 
@@ -239,7 +241,7 @@ class FreeChoices:
             trial = {**choice, "down": down}
             try:
                 run = self.parameters(trial)
-                plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=self.sole)
+                plan = plan_steps(run.gait, run.body.mass, run.foot, self.sole)
             except RefusedGait:
                 return
             if "strike" in self.names:
@@ -316,7 +318,7 @@ class FreeChoices:
 
         def spare(height: float) -> float:
             run = self.parameters({**choice, "height": height})
-            plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=self.sole)
+            plan = plan_steps(run.gait, run.body.mass, run.foot, self.sole)
             return wanted - leg_extension(plan, self.description, step_instants(plan)[0])
 
         try:
@@ -330,7 +332,7 @@ class FreeChoices:
             return choice["height"]
 
 
-def _heel_rise_lead(plan: GaitPlan, ball: float) -> float:
+def _heel_rise_lead(plan: CentroidalPlan, ball: float) -> float:
     """Time from the ZMP's reaching the standing foot's ball to the double support; negative: after it [s]."""
     times, double = step_instants(plan)
     start = float(times[double][0])
@@ -341,10 +343,8 @@ def _heel_rise_lead(plan: GaitPlan, ball: float) -> float:
     return start - reached
 
 
-def _later_rise(plan: GaitPlan) -> float:
+def _later_rise(plan: StepPlan) -> float:
     """By how much later the heel must rise to leave the ZMP before the line from ball to front foot [s]."""
-    if plan.feet is None:
-        raise TypeError("a heel rises from planned feet")
     times, double = step_instants(plan)
     times = times[double]
     rear, front = plan.feet.sample(times)

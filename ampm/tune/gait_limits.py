@@ -15,7 +15,8 @@ from ampm.body.step_torques import step_torques
 from ampm.control.wrench_qp import TWIST_ARM, TWIST_FRICTION
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.feet import HEEL
-from ampm.planner.gait import LEAST_MID_STANCE_SHARE, GaitPlan
+from ampm.planner.periodic import LEAST_MID_STANCE_SHARE
+from ampm.planner.support import AnyPlan, StepPlan
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -126,12 +127,12 @@ def mid_stance_share(gait: GaitParameters) -> float:
     return 1.0 - l_s**2 * bracket * GRAVITY / (gait.com_height * gait.switching_velocity**2)
 
 
-def step_instants(plan: GaitPlan) -> tuple[Array, NDArray[np.bool_]]:
+def step_instants(plan: AnyPlan) -> tuple[Array, NDArray[np.bool_]]:
     """Times of the first step, and which lie in double support."""
-    single, double = plan.phases[0], plan.phases[1]
+    single, double = plan.contacts.phases[0], plan.contacts.phases[1]
     end = double.start + double.duration * (1.0 - 1e-9)
     times = [np.linspace(0.0, single.duration, 120, endpoint=False), np.linspace(double.start, end, 80)]
-    if plan.feet is not None:  # a margin is least just before or after a contact changes
+    if isinstance(plan, StepPlan):  # a margin is least just before or after a contact changes
         changes = np.concatenate([plan.feet.left.start, plan.feet.right.start])
         changes = changes[(changes > 1e-6) & (changes < end - 1e-6)]
         times += [changes - 1e-8, changes + 1e-8]
@@ -139,10 +140,8 @@ def step_instants(plan: GaitPlan) -> tuple[Array, NDArray[np.bool_]]:
     return together, together >= double.start - 1e-12
 
 
-def leg_extension(plan: GaitPlan, description: BodyDescription, times: Array) -> float:
+def leg_extension(plan: StepPlan, description: BodyDescription, times: Array) -> float:
     """Largest distance of hip and ankle centres over the straight leg's; the pelvis upright under the COM."""
-    if plan.feet is None:
-        raise TypeError("a leg is measured against planned feet")
     sole, com = description.sole, plan.sample(times).com
     longest = 0.0
     for foot, side in zip(plan.feet.sample(times), (1.0, -1.0), strict=True):
@@ -160,17 +159,15 @@ def leg_extension(plan: GaitPlan, description: BodyDescription, times: Array) ->
     return longest / description.leg_length
 
 
-def plan_margins(plan: GaitPlan, run: RunParameters, description: BodyDescription) -> dict[str, float]:
+def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescription) -> dict[str, float]:
     """What plan and feet alone say, by name in :data:`LIMITS`, in its unit."""
-    if plan.feet is None:
-        raise TypeError("margins need planned feet")
     times, double = step_instants(plan)
     margin = plan.zmp_margin(times)
     sample = plan.sample(times)
     level = ~double & plan.feet.sample(times)[0].contact[:, HEEL]  # a rising heel leaves the ZMP on the edge
     swing = plan.feet.sample(times[~double])[1].sole_points[:, :, 2].min(axis=1)
     points = np.stack([f.sole_points[:, :, 2].min(axis=1) for f in plan.feet.sample(times)])
-    share = times[~double] / plan.phases[0].duration
+    share = times[~double] / plan.contacts.phases[0].duration
     middle = (share > 0.2) & (share < 0.8)
     force = sample.force
     roll = run.foot.schedule == "roll"
@@ -187,7 +184,7 @@ def plan_margins(plan: GaitPlan, run: RunParameters, description: BodyDescriptio
     }
 
 
-def orbit_margins(orbit: RoughOrbit, plan: GaitPlan, robot: Robot) -> dict[str, float]:
+def orbit_margins(orbit: RoughOrbit, plan: StepPlan, robot: Robot) -> dict[str, float]:
     """What the periodic step says, by name in :data:`LIMITS`, in its unit."""
     angles = orbit.trajectory.q[:, 7:]
     margin = np.minimum(angles - robot.lower, robot.upper - angles).min(axis=0)

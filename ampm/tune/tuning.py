@@ -23,7 +23,8 @@ from ampm.body.inverse_kinematics import Unreachable
 from ampm.body.orbit import RoughOrbits, solve_motion
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import GaitParameters, RunParameters
-from ampm.planner.gait import GaitPlan, plan_gait
+from ampm.planner.periodic import plan_gait
+from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune.certificate import Certificate, Untunable, way_out
 from ampm.tune.choice_search import ENOUGH, ChoiceSearch, Trial
 from ampm.tune.free_choices import FREE_KEYS, FreeChoices, named_keys
@@ -61,7 +62,7 @@ class Tuned:
     """
 
     run: RunParameters
-    plan: GaitPlan
+    plan: StepPlan
     motion: WholeBodyMotion
     found: Mapping[str, float | str]
     margins: Mapping[str, float]
@@ -101,7 +102,7 @@ def tune(
             key="gait.model",
         )
     if not run.gait.c_y > 0.0:
-        plan_gait(run.gait, mass=run.body.mass)  # refuses it, in better words than a search in vain
+        plan_gait(run.gait, run.body.mass)  # refuses it, in better words than a search in vain
     space = FreeChoices(run, named_keys(run) if fixed is None else fixed, robot.description)
     try:
         return _searched(space, robot, say, cache)
@@ -142,7 +143,7 @@ def _as_it_is(space: FreeChoices, robot: Robot, cache: Path | None) -> Tuned | N
     """The gait with the defaults of what it leaves out, if they keep the limits, give or take the grid."""
     run = space.run
     try:
-        plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=space.sole)
+        plan = plan_steps(run.gait, run.body.mass, run.foot, space.sole)
         check_body(plan, space.description)
         motion = solve_motion(plan, run, robot, cache=cache)
         orbit = RoughOrbits(robot, run, _NODES).solve(plan, run.body.lean, motion=motion)
@@ -350,7 +351,7 @@ def _confirmed(search: ChoiceSearch, best: Trial, cache: Path | None) -> Tuned:
     if best.run is None:
         raise TypeError("a choice without a plan cannot be confirmed")
     run = best.run
-    plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=space.sole)
+    plan = plan_steps(run.gait, run.body.mass, run.foot, space.sole)
     try:
         check_body(plan, space.description)
         motion = solve_motion(plan, run, robot, cache=cache)

@@ -15,7 +15,8 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from ampm.parameters import load_run
-from ampm.planner.gait import GaitPlan, plan_gait
+from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.periodic import plan_gait
 
 HERE = Path(__file__).resolve().parent
 COM, ZMP, FORCE, GREY, WRONG = "#1f5fa8", "#c2410c", "#2e7d32", "#8a8a8a", "#b00020"
@@ -231,17 +232,17 @@ def frontal() -> None:
     save(figure, "theory-frontal")
 
 
-def plan_of(name: str, *settings: str) -> GaitPlan:
+def plan_of(name: str, *settings: str) -> CentroidalPlan:
     """Plan of a preset."""
     run = load_run(name, settings)
-    return plan_gait(run.gait, mass=run.body.mass)
+    return plan_gait(run.gait, run.body.mass)
 
 
 def switches() -> None:
     """What the misprints of Eqs. 4, 6 and 7 do at the first switch, against the plan."""
     figure, panels = plt.subplots(1, 3, figsize=(10.2, 2.9))
     plan = plan_of("momentum")
-    gait, constants = plan.parameters, plan.constants
+    gait, constants = load_run("momentum").gait, plan.constants
     t_ss, t_ds = constants.single_support_duration, constants.double_support_duration
     rate = plan.gravity / gait.com_height
     before = np.linspace(t_ss - 0.12, t_ss, 80)

@@ -101,7 +101,7 @@ def plan(
     With a body (the default) the plan is checked against its soles, legs and joints, and the constant of L_y
     is the one that makes the body's motion periodic.
     """
-    from ampm.planner.gait import plan_gait
+    from ampm.planner.periodic import plan_gait
     from validation.cli import plan as output
     from validation.store.folders import check_folder_of
     from validation.trial.plan import load_request, plan_walk
@@ -117,7 +117,7 @@ def plan(
     narrator = Narrator()
     walk = None if no_body else plan_walk(request, narrator)
     run = request.run
-    planned = plan_gait(run.gait, mass=run.body.mass) if walk is None else walk.plan
+    planned = plan_gait(run.gait, run.body.mass) if walk is None else walk.plan
     if samples is not None:
         output.write_samples(planned, samples, rate)
     if plot is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import Field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,9 @@ import numpy as np
 from ampm.body.motion import MOTION_UNITS
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from ampm.planner.gait import GaitPlan, PlanConstants, plan_gait
+from ampm.planner.centroidal import PlanConstants
+from ampm.planner.periodic import plan_gait
+from ampm.planner.support import AnyPlan
 from validation.show.text import format_number, print_line, print_table
 from validation.store.folders import output_file
 from validation.store.tables import check_suffix, plan_table, sample_times, write_columns
@@ -24,23 +26,8 @@ if TYPE_CHECKING:
 MOTION_METADATA = "ampm_motion"
 """Schema metadata of a motion's Parquet file: JSON, gait to what the orbit says of itself."""
 
-_UNITS = {
-    "l_s": "m",
-    "l_d": "m",
-    "inverse_a_s": "1",
-    "a_d": "1",
-    "c_d": "1",
-    "single_support_duration": "s",
-    "double_support_duration": "s",
-    "s": "m",
-    "beta": "m",
-    "lateral_switching_velocity": "m/s",
-    "mean_velocity": "m/s",
-    "angular_momentum_y_offset": "N m s",
-}
 
-
-def describe(request: Request, plan: GaitPlan, walk: PlannedWalk | None = None) -> dict[str, Any]:
+def describe(request: Request, plan: AnyPlan, walk: PlannedWalk | None = None) -> dict[str, Any]:
     """A plan as a JSON object: parameters, derived constants, residuals, and with a body its margins."""
     constants = plan.constants
     residuals = plan.residuals()
@@ -56,12 +43,16 @@ def describe(request: Request, plan: GaitPlan, walk: PlannedWalk | None = None) 
     }
 
 
-def print_plan(request: Request, plan: GaitPlan, walk: PlannedWalk | None = None) -> None:
+def print_plan(request: Request, plan: AnyPlan, walk: PlannedWalk | None = None) -> None:
     """Print a plan for a reader."""
     described = describe(request, plan, walk)
+
+    def unit(item: Field[Any]) -> str:
+        return "" if item.metadata["unit"] == "1" else str(item.metadata["unit"])
+
     rows = [
-        (name, format_number(described[name], 6), "" if unit == "1" else unit, _MEANINGS[name])
-        for name, unit in _UNITS.items()
+        (item.name, format_number(described[item.name], 6), unit(item), item.metadata["meaning"])
+        for item in fields(PlanConstants)
     ]
     print_table(
         f"plan of {request.name}",
@@ -102,10 +93,10 @@ def print_motion(walk: PlannedWalk) -> None:
 def check_samples(path: Path, run: RunParameters, rate: float) -> None:
     """Refuse a table that could not be written, before anything is computed."""
     check_suffix(path)
-    sample_times(plan_gait(run.gait, mass=run.body.mass).duration, rate)
+    sample_times(plan_gait(run.gait, run.body.mass).duration, rate)
 
 
-def write_samples(plan: GaitPlan, path: Path, rate: float) -> None:
+def write_samples(plan: AnyPlan, path: Path, rate: float) -> None:
     """Write a plan's signals at k / rate."""
     columns = plan_table(plan, sample_times(plan.duration, rate))
     with output_file(path) as work:
@@ -118,7 +109,7 @@ def check_picture(path: Path) -> None:
         raise InputError(f"{path} must end in .png, .svg or .pdf; the suffix chooses the format.")
 
 
-def write_picture(name: str, plan: GaitPlan, path: Path) -> None:
+def write_picture(name: str, plan: AnyPlan, path: Path) -> None:
     """Draw a plan."""
     from validation.show.plan import plot_plan
 
@@ -137,21 +128,3 @@ def write_motions(walks: Sequence[PlannedWalk], path: Path, *, force: bool) -> N
     reports = json.dumps({walk.name: describe_motion(walk) for walk in walks})
     with output_file(path, force=force) as work:
         write_columns(columns, work, {MOTION_METADATA: reports})
-
-
-_MEANINGS = {
-    "l_s": "half the COM's travel in single support",
-    "l_d": "half the COM's travel in double support",
-    "inverse_a_s": "ZMP travel over COM travel in single support",
-    "a_d": "COM travel over ZMP travel in double support",
-    "c_d": "slope of the force line in double support",
-    "single_support_duration": "duration of a single support",
-    "double_support_duration": "duration of a double support",
-    "s": "lateral distance of COM and stance foot at a switch",
-    "beta": "lateral distance of COM and midline at a switch",
-    "lateral_switching_velocity": "lateral speed of the COM at a switch",
-    "mean_velocity": "mean forward speed",
-    "angular_momentum_y_offset": "mean of L_y about the COM",
-}
-if _MEANINGS.keys() != _UNITS.keys() or set(_UNITS) != {field.name for field in fields(PlanConstants)}:
-    raise TypeError("a plan's constant lacks its unit or its meaning")

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.description import BodyDescription
-    from ampm.planner.gait import GaitPlan
+    from ampm.planner.support import StepPlan
     from validation.judge.errors import SignalComparison, ZmpErrorSplit
     from validation.judge.margins import Energy, FeedbackEffort, Margins
     from validation.judge.metrics import MetricValue
@@ -66,7 +66,7 @@ class Comparison:
 
 
 def compare(
-    plan: GaitPlan,
+    plan: StepPlan,
     record: SimulationRecord,
     measured: MeasuredGait,
     *,

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.description import BodyDescription
-    from ampm.planner.gait import GaitPlan, PlanSample
+    from ampm.planner.centroidal import PlanSample
+    from ampm.planner.support import StepPlan
     from validation.measure.measure import MeasuredGait
 
     Array = NDArray[np.float64]
@@ -184,7 +185,7 @@ class ZmpErrorSplit:
     share: Mapping[str, tuple[float, float]]
 
 
-def find_windows(plan: GaitPlan, sample: PlanSample, measured: MeasuredGait) -> dict[str, Rows]:
+def find_windows(plan: StepPlan, sample: PlanSample, measured: MeasuredGait) -> dict[str, Rows]:
     """Rows of every window of :data:`WINDOWS`, shape (K,) each."""
     run = measured.time >= plan.constants.step_duration - 1e-9
     feet = measured.foot_contact.sum(axis=1)
@@ -200,23 +201,21 @@ def find_windows(plan: GaitPlan, sample: PlanSample, measured: MeasuredGait) -> 
 
 
 def reference_scales(
-    plan: GaitPlan, measured: MeasuredGait, description: BodyDescription | None
+    plan: StepPlan, measured: MeasuredGait, description: BodyDescription | None
 ) -> dict[str, float]:
-    """Reference quantities that errors are divided by; the foot's length only if a sole is known."""
-    height, mass = plan.parameters.com_height, measured.mass
+    """Reference quantities that errors are divided by."""
+    height, mass = plan.centroidal.com_height, measured.mass
     scales = {
         "body_weight": measured.weight,
         "mass_height_velocity": mass * height * plan.constants.mean_velocity,
         "mass_height_froude_velocity": mass * height * float(np.sqrt(measured.gravity * height)),
     }
-    sole = description.sole if description is not None else plan.feet.sole if plan.feet is not None else None
-    if sole is not None:
-        scales["foot_length"] = sole.length
+    scales["foot_length"] = (plan.feet if description is None else description).sole.length
     return scales
 
 
 def compare_signals(
-    plan: GaitPlan,
+    plan: StepPlan,
     sample: PlanSample,
     measured: MeasuredGait,
     rows: Mapping[str, Rows],
@@ -242,7 +241,7 @@ def compare_signals(
             measured.angular_momentum,
             np.column_stack([sample.angular_momentum, yaw]),
         )
-    if plan.feet is not None and measured.time.size:
+    if measured.time.size:
         for foot, name, path in zip(
             (0, 1), ("left_foot", "right_foot"), plan.feet.sample(sample.time), strict=True
         ):

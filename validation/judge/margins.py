@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.description import BodyDescription
-    from ampm.planner.gait import GaitPlan, PlanSample
+    from ampm.planner.centroidal import PlanSample
+    from ampm.planner.support import StepPlan
     from validation.measure.measure import MeasuredGait
     from validation.trial.record import SimulationRecord
 
@@ -136,7 +137,7 @@ def feedback_effort(record: SimulationRecord, sample: PlanSample, rows: Rows) ->
 
 
 def margins(
-    plan: GaitPlan,
+    plan: StepPlan,
     sample: PlanSample,
     record: SimulationRecord,
     measured: MeasuredGait,
@@ -167,7 +168,7 @@ def margins(
     foot_ratio = _ratio(measured.foot_force, LOADED * measured.weight)
     net_ratio = _ratio(measured.force, LOADED * measured.weight)[:, None]
     planned = Extreme(float("nan"))
-    if plan.feet is not None and time.size:
+    if time.size:
         planned = Extreme(*plan.least_zmp_margin(min(float(time[-1]), plan.duration)))
     reached = polygon_margin(record.point_position[:, :, :2], measured.point_contact, sample.zmp)
     return Margins(

@@ -35,7 +35,8 @@ from validation.judge.errors import FIRST_STEP, RUN, SIGNALS, Signal
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.planner.gait import GaitPlan, PlanSample
+    from ampm.planner.centroidal import PlanSample
+    from ampm.planner.support import StepPlan
     from validation.judge.errors import SignalComparison
     from validation.judge.margins import Energy, FeedbackEffort, Margins
     from validation.measure.measure import MeasuredGait, StandingCheck
@@ -67,7 +68,7 @@ class Evidence:
         window: name of the window that the metric is wanted for.
     """
 
-    plan: GaitPlan
+    plan: StepPlan
     sample: PlanSample
     record: SimulationRecord
     measured: MeasuredGait

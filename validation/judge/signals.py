@@ -16,7 +16,7 @@ from validation.trial.record import write_table
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.planner.gait import GaitPlan
+    from ampm.planner.support import StepPlan
     from validation.judge.compare import Comparison
     from validation.measure.measure import MeasuredGait
     from validation.trial.record import SimulationRecord
@@ -45,7 +45,7 @@ COLUMNS = (
 
 
 def signals_table(
-    plan: GaitPlan,
+    plan: StepPlan,
     record: SimulationRecord,
     measured: MeasuredGait,
     comparison: Comparison | None = None,
@@ -100,7 +100,7 @@ def signals_table(
         put(f"{foot}_force", measured.foot_force[:, index])
     for index, foot in enumerate(("left", "right")):
         columns[f"{foot}_contact"] = pa.array(measured.foot_contact[:, index])
-    if plan.feet is not None and time.size:
+    if time.size:
         columns["plan_zmp_margin"] = _nullable(plan.zmp_margin(sample.time))
     columns["measured_zmp_margin"] = _nullable(measured.polygon_margin)
     if comparison is not None:

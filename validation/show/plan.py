@@ -10,18 +10,20 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
+from ampm.planner.support import AnyPlan, StepPlan
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from ampm.planner.gait import GaitPlan, PlanSample
+    from ampm.planner.centroidal import PlanSample
 
 _SHOWN_STEPS = 4  # a periodic gait repeats itself every two
 _POINTS = 1200
 _X, _Y, _ZMP = "#1f77b4", "#d62728", "#2ca02c"
 
 
-def plot_plan(plan: GaitPlan, path: Path, *, title: str) -> None:
+def plot_plan(plan: AnyPlan, path: Path, *, title: str) -> None:
     """Draw a plan: COM, ZMP, ground force, moment and angular momentum over time, and the top view.
 
     Args:
@@ -61,7 +63,7 @@ def plot_plan(plan: GaitPlan, path: Path, *, title: str) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _draw_times(axes: dict[str, Axes], plan: GaitPlan, sample: PlanSample) -> None:
+def _draw_times(axes: dict[str, Axes], plan: AnyPlan, sample: PlanSample) -> None:
     time = sample.time
     for name, index in (("x", 0), ("y", 1)):
         axis = axes[name]
@@ -88,24 +90,25 @@ def _draw_times(axes: dict[str, Axes], plan: GaitPlan, sample: PlanSample) -> No
     axes["force"].legend(loc="center left", fontsize="small")
 
 
-def _draw_margin(axis: Axes, plan: GaitPlan, times: NDArray[np.float64]) -> None:
+def _draw_margin(axis: Axes, plan: AnyPlan, times: NDArray[np.float64]) -> None:
     axis.set_ylabel("ZMP margin to the\nsupport polygon [mm]")
-    if plan.feet is None:
+    if not isinstance(plan, StepPlan):
         axis.text(0.5, 0.5, "no body, no soles", transform=axis.transAxes, ha="center", va="center")
         return
     axis.plot(times, 1000 * plan.zmp_margin(times), color=_ZMP)
     axis.axhline(0, color="k", lw=0.8)
 
 
-def _draw_top(axis: Axes, plan: GaitPlan, sample: PlanSample, times: NDArray[np.float64]) -> None:
+def _draw_top(axis: Axes, plan: AnyPlan, sample: PlanSample, times: NDArray[np.float64]) -> None:
     """Footprints, support polygons, COM and ZMP seen from above."""
-    reach = sample.com[-1, 0] + plan.parameters.step_length
-    for footstep in plan.footsteps:
-        if footstep.position[0] > reach:
+    reach = sample.com[-1, 0] + plan.contacts.step_length
+    for footstep in plan.contacts.footsteps:
+        position = footstep.position[:2]
+        if position[0] > reach:
             continue
-        axis.plot(*footstep.position, marker="+", color="k", ms=8)
-        axis.annotate(footstep.foot[0].upper(), footstep.position, xytext=(4, 4), textcoords="offset points")
-    if plan.feet is not None:
+        axis.plot(*position, marker="+", color="k", ms=8)
+        axis.annotate(footstep.foot[0].upper(), position, xytext=(4, 4), textcoords="offset points")
+    if isinstance(plan, StepPlan):
         drawn: set[tuple[float, ...]] = set()
         for time in times[:: max(1, _POINTS // 150)]:
             corners = plan.support_polygon(float(time))
@@ -123,8 +126,8 @@ def _draw_top(axis: Axes, plan: GaitPlan, sample: PlanSample, times: NDArray[np.
     axis.grid(alpha=0.3)
 
 
-def _shade_double_support(axis: Axes, plan: GaitPlan, duration: float) -> None:
-    for phase in plan.phases:
+def _shade_double_support(axis: Axes, plan: AnyPlan, duration: float) -> None:
+    for phase in plan.contacts.phases:
         if phase.kind == "double_support" and phase.start < duration:
             axis.axvspan(
                 phase.start, min(phase.start + phase.duration, duration), color="0.92", zorder=0, lw=0

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from ampm.body.motion import MOTION_UNITS
 from ampm.parameters import RunParameters
-from ampm.planner.gait import GaitPlan
+from ampm.planner.support import StepPlan
 from validation.judge.metrics import METRICS, metric_label
 from validation.show import run_figures as figures
 from validation.show.page import render_page
@@ -263,7 +263,7 @@ def _convergence_study(summary: Mapping[str, Any]) -> str:
     return text
 
 
-def _facts(saved: SavedRun, plan: GaitPlan | None) -> list[tuple[str, str]]:
+def _facts(saved: SavedRun, plan: StepPlan | None) -> list[tuple[str, str]]:
     record, summary = saved.record, saved.summary
     facts = [
         ("steps walked", f"{record.outcome.steps_completed} of {saved.parameters.gait.steps}"),
@@ -494,7 +494,7 @@ def _events(saved: SavedRun) -> list[tuple[str, str]]:
 # -------------------------------------------------------------------------------------------- pictures
 
 
-def _pictures(saved: SavedRun, plan: GaitPlan | None) -> dict[str, list[Picture]]:
+def _pictures(saved: SavedRun, plan: StepPlan | None) -> dict[str, list[Picture]]:
     """All figures, by section of the page."""
     signals, summary = saved.signals, saved.summary
     weight = saved.record.mass * saved.record.gravity

@@ -20,7 +20,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ampm.planner.gait import GaitPlan
+from ampm.planner.support import StepPlan
 from validation.show.style import figure_style
 from validation.store.saved import SavedRun, Signals
 
@@ -365,7 +365,7 @@ def residuals(
 # ------------------------------------------------------------------------------------------- the floor
 
 
-def top_view(saved: SavedRun, plan: GaitPlan | None, steps: int = 4) -> Figure:
+def top_view(saved: SavedRun, plan: StepPlan | None, steps: int = 4) -> Figure:
     """ZMP and COM over the footprints, some steps from the middle of the run, seen from above."""
     signals = saved.signals
     starts = signals.switches()[::2]
@@ -380,15 +380,15 @@ def top_view(saved: SavedRun, plan: GaitPlan | None, steps: int = 4) -> Figure:
     # As high as equal scales make it, plus legend and labels.
     inner = (width - left - 0.12) * 2 * side / (high - low)
     figure, (axis,) = new_figure(inner + top + 0.42, width=width, left=left, top=top)
-    if plan is not None and plan.feet is not None and len(com):
+    if plan is not None and len(com):
         sole = plan.feet.sole
         x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
         half = np.array([sole.heel_half_width, sole.ball_half_width, sole.tip_half_width])
         outline = np.column_stack([np.r_[x, x[::-1], x[0]], np.r_[half, -half[::-1], half[0]]])
-        for step in plan.footsteps:
+        for step in plan.contacts.footsteps:
             if com[0, 0] - 0.5 < step.position[0] < com[-1, 0] + 0.5:
                 c, s = np.cos(step.heading), np.sin(step.heading)
-                foot = outline @ np.array([[c, s], [-s, c]]) + np.asarray(step.position)
+                foot = outline @ np.array([[c, s], [-s, c]]) + np.asarray(step.position[:2])
                 axis.fill(*foot.T, color=SHADE, linewidth=0)
                 axis.plot(*foot.T, color=LEFT if step.foot == "left" else RIGHT, linewidth=0.9)
     for kind, color, width in (("plan", PLAN, 2.4), ("command", COMMAND, 1.0), ("measured", MEASURED, 1.0)):
@@ -407,7 +407,7 @@ def top_view(saved: SavedRun, plan: GaitPlan | None, steps: int = 4) -> Figure:
     return figure
 
 
-def contact_timeline(saved: SavedRun, plan: GaitPlan | None) -> Figure:
+def contact_timeline(saved: SavedRun, plan: StepPlan | None) -> Figure:
     """Which part of which sole is on the floor: planned (line) and measured (bar), over one stride."""
     signals, record = saved.signals, saved.record
     window = middle(signals)
@@ -416,7 +416,7 @@ def contact_timeline(saved: SavedRun, plan: GaitPlan | None) -> Figure:
     figure, (axis,) = new_figure(2.6, left=0.85, top=0.28)
     shade_double_support(axis, signals, window)
     planned = None
-    if plan is not None and plan.feet is not None and len(time):
+    if plan is not None and len(time):
         planned = [sample.contact for sample in plan.feet.sample(np.minimum(time, plan.duration))]
     ticks: list[tuple[float, str]] = []
     for foot, (name, color) in enumerate((("left", LEFT), ("right", RIGHT))):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import AmpmError, InputError
 from ampm.parameters import RunParameters, load_run
-from ampm.planner.gait import GaitPlan, plan_gait
+from ampm.planner.support import StepPlan, plan_steps
 from models.human import sole_geometry
 from validation.judge.signals import load_signals
 from validation.store.stored import StoredRecord
@@ -109,12 +109,12 @@ class SavedRun:
     signals: Signals
     summary: Mapping[str, Any]
 
-    def plan(self) -> GaitPlan | None:
+    def plan(self) -> StepPlan | None:
         """Evaluate the closed-form plan again, with feet; None if this version of the planner refuses it."""
         run = self.parameters
         try:
             sole = sole_geometry(run.body.height)
-            return plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=sole)
+            return plan_steps(run.gait, run.body.mass, run.foot, sole)
         except AmpmError:
             return None
 

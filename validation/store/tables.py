@@ -14,11 +14,11 @@ import pyarrow.parquet as pq
 
 from ampm.description import SOLE_POINT_GROUPS
 from ampm.exceptions import InputError
+from ampm.planner.support import AnyPlan, StepPlan
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.planner.gait import GaitPlan
 
 MOST_SAMPLES = 5_000_000
 """Samples of one table at most: about 2 GB of memory."""
@@ -48,7 +48,7 @@ def sample_times(duration: float, rate: float) -> NDArray[np.float64]:
     return np.minimum(np.arange(count) / rate, duration)
 
 
-def plan_table(plan: GaitPlan, times: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+def plan_table(plan: AnyPlan, times: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
     """A plan at given times, one column per scalar.
 
     Args:
@@ -82,7 +82,7 @@ def plan_table(plan: GaitPlan, times: NDArray[np.float64]) -> dict[str, NDArray[
         placement = getattr(sample, f"{foot}_placement")
         for index, axis in enumerate("xy"):
             columns[f"{foot}_placement_{axis}"] = placement[:, index]
-    if plan.feet is None:
+    if not isinstance(plan, StepPlan):
         return columns
     for foot, motion in zip(FEET, plan.feet.sample(times), strict=True):
         for index, axis in enumerate("xyz"):

@@ -15,13 +15,14 @@ import platformdirs
 
 from ampm.exceptions import InputError
 from ampm.parameters import PRESETS, RunParameters, load_run
-from ampm.planner.gait import plan_gait
+from ampm.planner.periodic import plan_gait
+from ampm.planner.support import plan_steps
 from validation.progress import Progress
 
 if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
     from ampm.body.robot import Robot
-    from ampm.planner.gait import GaitPlan
+    from ampm.planner.support import StepPlan
     from ampm.walk import WalkPlan
     from models.human import BodyModel
 
@@ -64,7 +65,7 @@ class PlannedWalk:
     """
 
     request: Request
-    plan: GaitPlan
+    plan: StepPlan
     body: Body
     motion: WholeBodyMotion
 
@@ -131,7 +132,7 @@ def load_requests(gaits: Sequence[str], settings: Sequence[str] = (), *, check: 
                 f"{names.count(name)} gaits are named {name!r}; give every gait once, by its own name."
             )
     for item in resolved if check else ():
-        plan_gait(item.run.gait, mass=item.run.body.mass)
+        plan_gait(item.run.gait, item.run.body.mass)
     return resolved
 
 
@@ -157,14 +158,14 @@ def plan_walk(request: Request, progress: Progress | None = None) -> PlannedWalk
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met.
     """
     run, progress = request.run, progress or Progress()
-    plan_gait(run.gait, mass=run.body.mass)  # refuse bad mathematics before a body is built
+    plan_gait(run.gait, run.body.mass)  # refuse bad mathematics before a body is built
     # Here, not above: Pinocchio takes long to load.
     from ampm.body.feasibility import check_body
     from ampm.body.orbit import solve_motion
 
     with progress.stage(f"{request.name}: body"):
         body = make_body(run)
-    plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=body.model.description.sole)
+    plan = plan_steps(run.gait, run.body.mass, run.foot, body.model.description.sole)
     check_body(plan, body.model.description)
     with progress.stage(f"{request.name}: whole-body motion") as stage:
         motion = solve_motion(plan, run, body.robot, progress=stage.note, cache=motion_cache())

@@ -148,7 +148,7 @@ def simulate(
     Raises:
         InputError: control period and time step do not fit, or more steps than planned.
     """
-    planned = plan.centroidal.parameters.steps
+    planned = plan.contacts.steps
     steps = planned if steps is None else steps
     if not 1 <= steps <= planned:
         raise InputError(

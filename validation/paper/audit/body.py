@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from ampm.body.inverse_kinematics import InverseKinematics, step_grid, step_reference
-from ampm.exceptions import InputError
 from ampm.planner.feet import plan_feet
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
     from ampm.body.robot import Robot
     from ampm.planner.feet import FeetPlan, FootSample
-    from ampm.planner.gait import GaitPlan
+    from ampm.planner.support import StepPlan
     from validation.trial.plan import PlannedWalk
 
 Array = NDArray[np.float64]
@@ -61,7 +60,7 @@ class BodyEvidence:
     planned: PlannedWalk
 
     @property
-    def plan(self) -> GaitPlan:
+    def plan(self) -> StepPlan:
         """Its plan, with feet and the body's constant of L_y."""
         return self.planned.plan
 
@@ -78,8 +77,6 @@ class BodyEvidence:
     @cached_property
     def feet(self) -> FeetPlan:
         """Its planned feet."""
-        if self.plan.feet is None:
-            raise InputError("the plan has no feet; plan it with a sole.")
         return self.plan.feet
 
     @cached_property
@@ -226,7 +223,9 @@ class BodyEvidence:
         feet = self.feet
         if swing is not None:
             foot = self.planned.request.run.replace({"foot.swing": swing}).foot
-            feet = plan_feet(self.plan, foot, feet.sole)
+            constants = self.plan.constants
+            lift_speed = constants.l_s / constants.single_support_duration
+            feet = plan_feet(self.plan.contacts, foot, feet.sole, lift_speed)
         lift = self.plan.constants.step_duration  # the left foot has stood, and leaves here
         before = feet.sample(lift - _BESIDE)[0]
         after = feet.sample(lift + _BESIDE)[0]

@@ -16,14 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.exceptions import RefusedGait
-from ampm.planner.gait import GaitPlan, plan_gait
+from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.periodic import plan_gait
 from validation.paper.audit.body import BodyEvidence
 from validation.trial.plan import load_request, plan_walk
 from validation.trial.simulate import simulate
 
 if TYPE_CHECKING:
     from ampm.parameters import GaitParameters
-    from ampm.planner.gait import PlanConstants, PlanSample
+    from ampm.planner.centroidal import PlanConstants, PlanSample
     from validation.trial.record import Outcome
 
 Array = NDArray[np.float64]
@@ -39,16 +40,13 @@ class Numbers:
 
     Attributes:
         name: of the gait.
+        gait: its parameters.
         plan: of the gait.
     """
 
     name: str
-    plan: GaitPlan
-
-    @property
-    def gait(self) -> GaitParameters:
-        """What was asked for."""
-        return self.plan.parameters
+    gait: GaitParameters
+    plan: CentroidalPlan
 
     @property
     def constants(self) -> PlanConstants:
@@ -119,7 +117,7 @@ class Case:
     @cached_property
     def normal(self) -> Numbers:
         """The plan of ``normal``, with the body's feet and constant of L_y."""
-        return Numbers("normal", self.body.plan)
+        return Numbers("normal", self.body.planned.run.gait, self.body.plan.centroidal)
 
     @cached_property
     def momentum(self) -> Numbers:
@@ -165,4 +163,4 @@ class Case:
     def _numbers(label: str, preset: str, settings: Sequence[str] = ()) -> Numbers:
         """Plan without a body."""
         run = load_request(preset, settings).run
-        return Numbers(label, plan_gait(run.gait, mass=run.body.mass))
+        return Numbers(label, run.gait, plan_gait(run.gait, run.body.mass))

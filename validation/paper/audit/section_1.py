@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import sympy as sp
 
-from ampm.planner.gait import plan_gait
+from ampm.planner.periodic import plan_gait
 from validation.paper.audit.case import Case
 from validation.paper.audit.mechanics import (
     H,
@@ -125,7 +125,7 @@ def _claims(case: Case) -> Iterator[Evidence]:
 
 def _seconds_to_plan(case: Case) -> float:
     start = time.perf_counter()
-    plan_gait(case.normal.gait, mass=case.normal.plan.mass)
+    plan_gait(case.normal.gait, case.normal.plan.mass)
     return time.perf_counter() - start
 
 

@@ -245,7 +245,7 @@ def _large_steps(case: Case, high: BodyEvidence | None) -> Evidence:
     less = case.walked(c_s=C_S_LONGER, step_length=LONGER)
     checks: tuple[Check, ...] = ()
     if high is not None and long is not None and less is not None:
-        step = high.plan.parameters.step_length
+        step = high.planned.run.gait.step_length
         saved = case.varied(c_s=C_S_LONGER, step_length=LONGER).momentum_peak_to_peak(1)
         saved -= case.varied(c_s=C_S[2]).momentum_peak_to_peak(1)
         calmer = case.walked(c_s=C_S[1], step_length=step)

@@ -72,8 +72,8 @@ def figure_11(walks: Sequence[Walk]) -> Figure:
     for row, walk in enumerate(walks):
         axis = inches(figure, 0.6, 0.42 + 2.95 * row, _WIDTH - 0.8, _STRIP)
         _strip(axis, figure, walk, FRONT)
-        axis.set_title(f"({'ab'[row]}) $c_y$ = {walk.plan.parameters.c_y:g}, from the front")
-    labels = [f"$c_y$ = {walk.plan.parameters.c_y:g}" for walk in walks]
+        axis.set_title(f"({'ab'[row]}) $c_y$ = {walk.gait.c_y:g}, from the front")
+    labels = [f"$c_y$ = {walk.gait.c_y:g}" for walk in walks]
     _compare(figure, 6.9, walks, 0, "roll", labels)
     return figure
 
@@ -83,11 +83,11 @@ def figure_12(walk: Walk, normal: Walk) -> Figure:
     figure = Figure(figsize=(_WIDTH, 7.55))
     strip = inches(figure, 0.6, 0.42, _WIDTH - 0.8, _STRIP)
     _strip(strip, figure, walk, SIDE)
-    gait = walk.plan.parameters
+    gait = walk.gait
     strip.set_title(
         f"$c_s$ = {gait.c_s:g}, steps of {gait.step_length:g} m, $v_0$ = {gait.switching_velocity:g} m/s"
     )
-    labels = [f"$c_s$ = {w.plan.parameters.c_s:g}" for w in (walk, normal)]
+    labels = [f"$c_s$ = {w.gait.c_s:g}" for w in (walk, normal)]
     _compare(figure, 3.95, (walk, normal), 1, "pitch", labels)
     return figure
 
@@ -120,7 +120,7 @@ def _trace(axis: Axes, figure: Figure, walk: Walk) -> None:
     com = walk.trial.record.com
     rows = (walk.trial.record.time >= times[0]) & (walk.trial.record.time <= times[-1])
     axis.plot(com[rows, 0], com[rows, 2], color=MEASURED, linewidth=0.9, zorder=6, label="simulation")
-    for step in walk.plan.footsteps:
+    for step in walk.plan.contacts.footsteps:
         if low + 0.2 < step.position[0] < high - 0.2:
             axis.annotate(
                 step.foot, (step.position[0], -0.04), ha="center", va="top", fontsize=7.5,

@@ -107,8 +107,6 @@ def _cost(walk: Walk) -> dict[str, float]:
 def _right_swing(walk: Walk) -> tuple[Array, FootSample]:
     """Right foot from heel rise to full contact: its times from lift-off [s], and its sample."""
     feet = walk.plan.feet
-    if feet is None:
-        raise TypeError("a walk has feet")
     constants = walk.plan.constants
     lift = 2.0 * constants.step_duration
     time = np.linspace(-constants.double_support_duration, constants.step_duration, 1200)

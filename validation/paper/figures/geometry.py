@@ -45,21 +45,17 @@ def figure_4(walk: Walk, sole: SoleGeometry) -> Figure:
         sole: for the soles' length.
     """
     plan = walk.plan
-    constants, height = plan.constants, plan.parameters.com_height
+    constants, height = plan.constants, plan.centroidal.com_height
     single, double = constants.single_support_duration, constants.double_support_duration
     figure, axes, panels = _paper((2.88, 3.68), (0.8, 4.75))
     for axis, start, duration, centre, letter in (
-        (axes[0], 0.0, single, plan.footsteps[1].position[0], "a"),
-        (axes[1], single, double, plan.footsteps[1].position[0] + 0.5 * plan.parameters.step_length, "b"),
+        (axes[0], 0.0, single, plan.contacts.footsteps[1].position[0], "a"),
+        (axes[1], single, double, plan.contacts.footsteps[1].position[0] + 0.5 * walk.gait.step_length, "b"),
     ):
         sample = plan.sample(start + duration * np.linspace(1e-9, 1 - 1e-9, _INSTANTS))
         com, zmp = sample.com[:, 0] - centre, sample.zmp[:, 0] - centre
         force = sample.force[:, [0, 2]] * _WEIGHT_LENGTH / (plan.mass * plan.gravity)
-        feet = (
-            (0.0,)
-            if letter == "a"
-            else (-0.5 * plan.parameters.step_length, 0.5 * plan.parameters.step_length)
-        )
+        feet = (0.0,) if letter == "a" else (-0.5 * walk.gait.step_length, 0.5 * walk.gait.step_length)
         for x in feet:
             _sole(axis, x + sole.heel_x, x + sole.tip_x)
         _travel(axis, com, zmp, height, force)
@@ -78,7 +74,7 @@ def figure_4(walk: Walk, sole: SoleGeometry) -> Figure:
             -0.062,
             f"$2\\,{length[0]}/{length[2]}$ = {1e3 * abs(zmp[-1] - zmp[0]):.0f} mm",
         )
-        name, slope = ("c_s", plan.parameters.c_s) if letter == "a" else ("c_d", constants.c_d)
+        name, slope = ("c_s", walk.gait.c_s) if letter == "a" else ("c_d", constants.c_d)
         phase = "single" if letter == "a" else "double"
         axis.set_title(f"({letter}) {phase} support, ${name}$ = {slope:.3g}, {duration:.3f} s")
         axis.set_xlabel(f"x from the {'stance foot' if letter == 'a' else 'midpoint of the feet'} [m]")
@@ -98,9 +94,9 @@ def figure_5(walk: Walk, sole: SoleGeometry) -> Figure:
         sole: for the soles' width.
     """
     plan = walk.plan
-    constants, height = plan.constants, plan.parameters.com_height
+    constants, height = plan.constants, plan.centroidal.com_height
     single, double = constants.single_support_duration, constants.double_support_duration
-    half = 0.5 * plan.parameters.step_width
+    half = 0.5 * walk.gait.step_width
     figure, axes, panels = _paper((3.6, 3.6), (0.8, 4.85))
     for axis, letter in zip(axes, "ab", strict=True):
         start, duration, centre = (0.0, single, half) if letter == "a" else (single, double, 0.0)
@@ -123,7 +119,7 @@ def figure_5(walk: Walk, sole: SoleGeometry) -> Figure:
         axis.set_yticks([0.0, 0.5, height], ["0", "0.5", f"$H$ = {height:g}"])
         axis.set_xlabel(f"y from the {'stance foot' if letter == 'a' else 'midline'}, left [m]")
         name = "single" if letter == "a" else "double"
-        axis.set_title(f"({letter}) {name} support, $c_y$ = {plan.parameters.c_y:.3g}, {duration:.3f} s")
+        axis.set_title(f"({letter}) {name} support, $c_y$ = {walk.gait.c_y:.3g}, {duration:.3f} s")
         if letter == "a":
             turn = float(np.max(com))
             _span(axis, -constants.s, 0.0, height + 0.125, f"$s$ = {1e3 * constants.s:.1f} mm")

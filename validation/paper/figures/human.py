@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import AmpmError
 from ampm.parameters import RunParameters, load_run
-from ampm.planner.gait import GaitPlan, plan_gait
+from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.periodic import plan_gait
 from validation.paper.figures.canvas import BAND, FAINT, INK, LEFT, MEASURED, PLAN, inches, legend_above
 from validation.paper.figures.walks import Walk, Walks
 
@@ -68,7 +69,7 @@ def figure_human(walks: Walks) -> tuple[Figure, dict[str, Any]]:
         "angular_momentum_y_offset": {
             "Nms": float(demos["normal"].plan.constants.angular_momentum_y_offset),
             "of_m_V_H": float(demos["normal"].plan.constants.angular_momentum_y_offset)
-            / scale(demos["normal"].plan),
+            / scale(demos["normal"].plan.centroidal),
         },
     }
     figure = Figure(figsize=(9.6, 9.9))
@@ -80,15 +81,15 @@ def figure_human(walks: Walks) -> tuple[Figure, dict[str, Any]]:
     return figure, numbers
 
 
-def scale(plan: GaitPlan) -> float:
+def scale(plan: CentroidalPlan) -> float:
     """Mass times mean speed times height of the COM [N m s]."""
-    return plan.mass * plan.constants.mean_velocity * plan.parameters.com_height
+    return plan.mass * plan.constants.mean_velocity * plan.com_height
 
 
 def peaks(walk: Walk) -> dict[str, float]:
     """Largest simulated |L| / (m V H) about each axis, first step left out."""
     measured = walk.folded(walk.trial.measured.angular_momentum)
-    largest = np.abs(measured).max(axis=(0, 1)) / scale(walk.plan)
+    largest = np.abs(measured).max(axis=(0, 1)) / scale(walk.plan.centroidal)
     return {axis: float(value) for axis, value in zip("xyz", largest, strict=True)}
 
 
@@ -106,7 +107,7 @@ def ranges(run: RunParameters) -> dict[str, dict[str, Any]]:
         for value in _SCAN[key]:
             gait = run.gait.model_copy(update={key: float(value), "steps": 2})
             try:
-                plan = plan_gait(gait, mass=run.body.mass)
+                plan = plan_gait(gait, run.body.mass)
             except AmpmError:
                 continue
             sample = plan.sample(np.linspace(0.0, plan.duration, 801))

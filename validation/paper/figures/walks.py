@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from ampm.body.motion import MotionSample, WholeBodyMotion
 from ampm.body.robot import Robot
 from ampm.exceptions import SolverError
-from ampm.planner.gait import GaitPlan
+from ampm.parameters import GaitParameters
+from ampm.planner.support import StepPlan
 from validation.judge.profiles import own_profile
 from validation.paper.figures.centroidal import Centroidal, LessPlan, of_motion
 from validation.progress import Progress
@@ -45,9 +46,14 @@ class Walk:
     trial: Trial
 
     @property
-    def plan(self) -> GaitPlan:
+    def plan(self) -> StepPlan:
         """The closed-form plan, with the body's constant of L_y."""
         return self.trial.planned.plan
+
+    @property
+    def gait(self) -> GaitParameters:
+        """Parameters of the plan."""
+        return self.trial.planned.run.gait
 
     @property
     def motion(self) -> WholeBodyMotion:
@@ -139,7 +145,7 @@ class Walk:
         """What the profile that this gait is judged by allows, in SI (forces in newton)."""
         profile = own_profile(self.trial.planned.request.name)
         tolerance = next(item for item in profile.tolerances if item.metric == metric)
-        weight = self.plan.mass * self.plan.gravity
+        weight = self.plan.centroidal.mass * self.plan.centroidal.gravity
         return tolerance.limit * (weight if metric.startswith("force_") else 1.0)
 
     def configuration(self, time: float) -> Array:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ampm.geometry import convex_hull
-from ampm.planner.gait import GaitPlan
+from ampm.planner.support import StepPlan
 from validation.show.rerun.views import (
     COMMAND,
     FAINT,
@@ -220,7 +220,7 @@ def _shape_color(rgba: Array) -> Color:
 # --------------------------------------------------------------------------------------------- ground
 
 
-def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: GaitPlan | None) -> None:
+def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: StepPlan | None) -> None:
     """Soles, contact points, support polygon, ZMPs, forces and COM."""
     if not len(frames):
         return
@@ -329,10 +329,8 @@ def _arrow(
     )
 
 
-def _log_polygon(log: _Log, plan: GaitPlan, times: Array) -> None:
+def _log_polygon(log: _Log, plan: StepPlan, times: Array) -> None:
     """Support polygon of the points planned in contact: sent when it changes, it stands still in between."""
-    if plan.feet is None:
-        return
     within = np.minimum(times, plan.duration)
     feet = plan.feet.sample(within)
     contact = np.concatenate([foot.contact for foot in feet], axis=1)
@@ -346,18 +344,16 @@ def _log_polygon(log: _Log, plan: GaitPlan, times: Array) -> None:
     log.columns(entity, times[change], rr.LineStrips3D.columns(strips=strips))
 
 
-def _footprints(plan: GaitPlan) -> rr.LineStrips3D:
+def _footprints(plan: StepPlan) -> rr.LineStrips3D:
     """Outlines of all planned footsteps."""
-    if plan.feet is None:
-        return rr.LineStrips3D([])
     sole = plan.feet.sole
     x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
     half = np.array([sole.heel_half_width, sole.ball_half_width, sole.tip_half_width])
     outline = np.column_stack([np.r_[x, x[::-1], x[0]], np.r_[half, -half[::-1], half[0]]])
     strips, colors = [], []
-    for step in plan.footsteps:
+    for step in plan.contacts.footsteps:
         c, s = np.cos(step.heading), np.sin(step.heading)
-        xy = outline @ np.array([[c, s], [-s, c]]) + np.asarray(step.position)
+        xy = outline @ np.array([[c, s], [-s, c]]) + np.asarray(step.position[:2])
         strips.append(_on_floor(xy) - np.array([0.0, 0.0, 0.001]))
         colors.append(FAINT)
     return rr.LineStrips3D(strips, colors=colors, radii=0.002)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from ampm.planner.gait import GaitPlan
+    from ampm.planner.support import StepPlan
     from validation.measure.measure import MeasuredGait
     from validation.store.saved import Signals
     from validation.store.stored import StoredRecord
@@ -72,7 +72,7 @@ def si_unit(unit: str, weight: float) -> tuple[float, str]:
 
 
 def switch_figures(
-    plan: GaitPlan, record: SimulationRecord, measured: MeasuredGait
+    plan: StepPlan, record: SimulationRecord, measured: MeasuredGait
 ) -> list[tuple[str, float, str]]:
     """Name, SI value and SI unit of what only a comparison shows of a walk, for a convergence study."""
     from validation.judge.signals import signals_table
@@ -134,7 +134,7 @@ def catalogue(window: float) -> Iterator[tuple[str, str, str, str, float]]:
 
 
 def walked_figures(
-    plan: GaitPlan, signals: Signals, record: SimulationRecord | StoredRecord, window: float = WINDOW
+    plan: StepPlan, signals: Signals, record: SimulationRecord | StoredRecord, window: float = WINDOW
 ) -> dict[str, float]:
     """What signals and torques of a walk say, in the units of the catalogue; NaN without a switch.
 
@@ -148,7 +148,7 @@ def walked_figures(
     weight = mass * record.gravity
     values: dict[str, float] = {}
     after_first = time >= plan.constants.step_duration - 1e-9
-    switches = plan.switch_times
+    switches = plan.contacts.switch_times
     switches = switches[(switches >= plan.constants.step_duration - 1e-9) & (switches < time[-1] - window)]
     distance = np.abs(time[:, None] - switches).min(axis=1, initial=np.inf)
     near, far = after_first & (distance <= window), after_first & (distance > window)

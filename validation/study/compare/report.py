@@ -149,7 +149,7 @@ def _draw(
     time, dt = side.saved.signals.time, side.saved.record.time_step
     reach = round(REACH / dt)
     # The plan's switches alternate; the first step's are left out.
-    rows = [int(np.searchsorted(time, t - 1e-9)) for t in side.plan.switch_times[2 + kind :: 2]]
+    rows = [int(np.searchsorted(time, t - 1e-9)) for t in side.plan.contacts.switch_times[2 + kind :: 2]]
     rows = [row for row in rows if reach <= row < len(time) - reach]
     if not rows:
         return
@@ -161,7 +161,7 @@ def _draw(
         stack = stack * np.where(np.arange(1, len(rows) + 1) % 2 == 0, 1.0, -1.0)[:, None]
     # Sampled times straddle the switch by less than a step: on average by what is shown.
     shown_time = 1e3 * (
-        offset * dt + np.median(time[rows] - side.plan.switch_times[2 + kind :: 2][: len(rows)])
+        offset * dt + np.median(time[rows] - side.plan.contacts.switch_times[2 + kind :: 2][: len(rows)])
     )
     axis.fill_between(
         shown_time, np.nanmin(stack, axis=0), np.nanmax(stack, axis=0), color=colour, alpha=0.22, linewidth=0

@@ -28,7 +28,8 @@ from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
 from ampm.exceptions import InputError
 from ampm.parameters import load_run
-from ampm.planner.gait import GaitPlan, plan_gait
+from ampm.planner.periodic import plan_gait
+from ampm.planner.support import StepPlan, plan_steps
 from validation.progress import Progress
 from validation.run.validate import Options, validate
 from validation.show.text import format_number, print_line, print_table
@@ -87,7 +88,7 @@ class Side:
 
     label: str
     saved: SavedRun
-    plan: GaitPlan
+    plan: StepPlan
     joints: Joints
     completed: bool
     outcome: str
@@ -174,9 +175,9 @@ class Pair:
                 "name": side.label,
                 "outcome": side.outcome,
                 "steps_completed": side.saved.record.outcome.steps_completed,
-                "model": side.plan.parameters.model,
-                "step_length": side.plan.parameters.step_length,
-                "switching_velocity": side.plan.parameters.switching_velocity,
+                "model": side.saved.parameters.gait.model,
+                "step_length": side.saved.parameters.gait.step_length,
+                "switching_velocity": side.saved.parameters.gait.switching_velocity,
                 "mean_velocity": side.plan.constants.mean_velocity,
                 "single_support_duration": side.plan.constants.single_support_duration,
                 "double_support_duration": side.plan.constants.double_support_duration,
@@ -243,7 +244,7 @@ def compare_pair(
     labels = _labels(sources)
     for label, source in zip(labels, sources, strict=True):
         if isinstance(source, Request):  # refuse bad mathematics before anything walks
-            plan_gait(source.run.gait, mass=source.run.body.mass)
+            plan_gait(source.run.gait, source.run.body.mass)
         elif not (source / "summary.json").is_file():
             raise InputError(
                 f"{label} is no folder of a finished run; give a preset, a TOML file or a run's folder."
@@ -346,7 +347,7 @@ def _side(label: str, folder: Path, stages: Progress) -> Side:
     with stages.stage(f"{label}: motion on {len(GRIDS)} grids") as stage:
         body = make_body(run)
         sole = body.model.description.sole
-        plan = plan_gait(run.gait, mass=run.body.mass, foot=run.foot, sole=sole)
+        plan = plan_steps(run.gait, run.body.mass, run.foot, sole)
         motions = []
         for step in GRIDS:
             finer = run.replace({"solver.ik_time_step": step})
@@ -423,13 +424,13 @@ def _uncertainty(name: str, unit: str, side: Side, study: Uncertainty | None) ->
 def _figures(side: Side, window: float) -> dict[str, float]:
     """Every figure of one side, in the units of the catalogue."""
     plan, record = side.plan, side.saved.record
-    residuals = plan.residuals()
-    jump = residuals.acceleration * plan.gravity
+    residuals = plan.centroidal.residuals()
+    jump = residuals.acceleration * plan.centroidal.gravity
     return {
         "plan_acceleration": jump,
-        "plan_force": 100.0 * jump / plan.gravity,
-        "plan_zmp": 1e3 * residuals.zmp * plan.parameters.com_height,
-        "plan_moment": residuals.moment * plan.weight * plan.parameters.com_height,
+        "plan_force": 100.0 * jump / plan.centroidal.gravity,
+        "plan_zmp": 1e3 * residuals.zmp * plan.centroidal.com_height,
+        "plan_moment": residuals.moment * plan.centroidal.weight * plan.centroidal.com_height,
         "joint_limit": side.joints.limit,
         **{f"joint_{1e3 * h:g}ms": j for h, j in zip(side.joints.grid, side.joints.jump, strict=True)},
         **walked_figures(plan, side.saved.signals, record, window),
@@ -462,9 +463,9 @@ def facts(pair: Pair) -> list[tuple[str, str, str]]:
 
     return [
         both("outcome", lambda s: f"{s.outcome}, {s.saved.record.outcome.steps_completed} steps"),
-        both("model", lambda s: s.plan.parameters.model),
-        both("step length", lambda s: f"{s.plan.parameters.step_length:g} m"),
-        both("speed at a switch", lambda s: f"{s.plan.parameters.switching_velocity:g} m/s"),
+        both("model", lambda s: s.saved.parameters.gait.model),
+        both("step length", lambda s: f"{s.saved.parameters.gait.step_length:g} m"),
+        both("speed at a switch", lambda s: f"{s.saved.parameters.gait.switching_velocity:g} m/s"),
         both("mean speed", lambda s: f"{s.plan.constants.mean_velocity:.3f} m/s"),
         both("single support", lambda s: f"{s.plan.constants.single_support_duration:.3f} s"),
         both("double support", lambda s: f"{s.plan.constants.double_support_duration:.3f} s"),

@@ -1,6 +1,6 @@
 """The planner's refusals on arrays: what ``plan_gait`` would say of many gaits at once.
 
-The formulas are those of :mod:`ampm.planner.gait` and :mod:`ampm.planner.pendulum`, in the same order of
+The formulas are those of :mod:`ampm.planner.periodic` and :mod:`ampm.planner.pendulum`, in the same order of
 operations. What
 rounding could decide either way is not decided here but marked: a plan that it may make jump at a switch, a
 single support at the very edge of what can be computed, numbers so small that products vanish.
@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ampm.parameters import GRAVITY
-from ampm.planner.gait import LEAST_MID_STANCE_SHARE, RESIDUAL_LIMIT
 from ampm.planner.pendulum import AffineLaw, double_support_root
+from ampm.planner.periodic import LEAST_MID_STANCE_SHARE, RESIDUAL_LIMIT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,7 +40,7 @@ REASONS: Mapping[str, str] = {
 CODES: Mapping[str, int] = {reason: code for code, reason in enumerate(REASONS)}
 
 LARGEST_ANGLE = 300.0
-"""k T_SS / 2 of the lateral pendulum at most, as in :mod:`ampm.planner.gait` (held by a test) [1]."""
+"""k T_SS / 2 of the lateral pendulum at most, as in :mod:`ampm.planner.periodic` (held by a test) [1]."""
 PLAIN = {"a_s": math.inf, "c_s": 1.0, "c_y": 1.0}
 """What the plain inverted pendulum leaves no choice of."""
 
@@ -232,7 +232,7 @@ def _plain_planes(gaits: Gaits) -> _Planes:
 
 
 def _rounding(gaits: Gaits, planes: _Planes, plain: bool, steps: int) -> Array:
-    """How far rounding may make a plan jump at its switches, as ``GaitPlan.residuals`` counts it, (n,) [1].
+    """How far rounding may make a plan jump at its switches, as ``StepPlan.residuals`` counts it, (n,) [1].
 
     The closed form joins exactly: whatever jumps is rounding. Every law is purely even or purely odd, so its
     amplitude bounds what is rounded.

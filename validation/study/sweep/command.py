@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import RunParameters
-from ampm.planner.gait import plan_gait
+from ampm.planner.periodic import plan_gait
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import Status
 from validation.progress import interruption
@@ -225,7 +225,7 @@ class _Jobs:
             try:
                 run = self.cases.run(case)
                 if not accepted[case]:
-                    plan_gait(run.gait, mass=run.body.mass)  # it says why, in words
+                    plan_gait(run.gait, run.body.mass)  # it says why, in words
             except InputError as error:
                 yield self._impossible(case, error)
             except RefusedGait as error:

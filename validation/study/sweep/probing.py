@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ampm.exceptions import InputError, RefusedGait
-from ampm.planner.gait import plan_gait
+from ampm.planner.support import plan_steps
 from validation.progress import Progress
 from validation.study.sweep.closed_form import BAD_PARAMETER
 from validation.study.sweep.sampling import Cases
@@ -220,5 +220,5 @@ def _hold_against_body(run: RunParameters, bodies: dict[BodyParameters, BodyDesc
     description = bodies[run.body]
     # The first step stands for all.
     gait = run.gait.model_copy(update={"steps": min(run.gait.steps, 2)})
-    plan = plan_gait(gait, mass=run.body.mass, foot=run.foot, sole=description.sole)
+    plan = plan_steps(gait, run.body.mass, run.foot, description.sole)
     check_body(plan, description)

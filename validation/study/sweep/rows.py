@@ -12,7 +12,8 @@ import numpy as np
 
 from ampm.exceptions import AmpmError, InputError, RefusedGait
 from ampm.parameters import RunParameters
-from ampm.planner.gait import GaitPlan, plan_gait
+from ampm.planner.periodic import plan_gait
+from ampm.planner.support import AnyPlan
 from validation.judge.metrics import METRICS
 from validation.store.environment import describe_environment
 from validation.store.machine import memory_peak
@@ -41,7 +42,7 @@ def first_columns(
     return {"run": run, "name": name, "key": run_key(values, profile, instrument), **values}
 
 
-def plan_columns(plan: GaitPlan, *, with_motion: bool) -> dict[str, Any]:
+def plan_columns(plan: AnyPlan, *, with_motion: bool) -> dict[str, Any]:
     """Derived constants.
 
     Args:
@@ -99,7 +100,7 @@ def refused_columns(error: RefusedGait | InputError, parameters: RunParameters |
     }
     if parameters is not None and not (isinstance(error, RefusedGait) and error.kind == "mathematical"):
         try:
-            plan = plan_gait(parameters.gait, mass=parameters.body.mass)
+            plan = plan_gait(parameters.gait, parameters.body.mass)
         except AmpmError:
             return row
         row |= plan_columns(plan, with_motion=False)

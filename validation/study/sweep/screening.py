@@ -15,7 +15,7 @@ import numpy as np
 
 from ampm.exceptions import MathematicalRefusal
 from ampm.parameters import keys
-from ampm.planner.gait import plan_gait
+from ampm.planner.periodic import plan_gait
 from validation.study.sweep.closed_form import (
     ACCEPTED,
     BAD_PARAMETER,
@@ -261,7 +261,7 @@ def _planned(cases: Cases, case: int) -> tuple[int, float]:
     """Code and step duration [s] by the planner itself."""
     run = cases.run(case)
     try:
-        plan = plan_gait(run.gait, mass=run.body.mass)
+        plan = plan_gait(run.gait, run.body.mass)
     except MathematicalRefusal as refusal:
         return CODES[refusal.reason], math.nan
     except (ArithmeticError, ValueError):  # numbers next to the smallest that there are

@@ -1,0 +1,351 @@
+"""The plan of the centre of mass: phases of closed-form or sampled laws over contacts.
+
+A :class:`CentroidalPlan` says for every time where COM and ZMP are, which force acts, and how large the
+angular momentum about the COM is. It is evaluated at arrays of times and states its own residuals.
+
+Conventions: world x forward, y left, z up, floor z = 0; forces and moments act on the body.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ampm.exceptions import InputError
+from ampm.planner.contacts import PHASE_NAMES, STANCE_NAMES, Contacts
+from ampm.planner.pendulum import AffineLaw, LawState
+
+Array = NDArray[np.float64]
+
+TIME_TOLERANCE = 1e-9
+"""Times this far outside a plan are taken as its ends [s]."""
+_SWITCH_TOLERANCE = 1e-12  # times this close before a switch belong to the phase that begins [s]
+
+
+class Law(Protocol):
+    """One axis of the centroidal motion during one phase."""
+
+    def evaluate(self, time: Any) -> LawState:
+        """State at times since the start of the phase [s]; every field has the shape of the times."""
+
+
+@dataclass(frozen=True)
+class CentroidalPhase:
+    """One phase of the centroidal motion: the law of each axis about an explicit origin.
+
+    Attributes:
+        start: [s].
+        duration: [s].
+        origin: world (x, y) from which both laws count [m].
+        x: law along x.
+        y: law along y.
+        angular_momentum: (L_x, L_y) about the COM at the start, L_y without the plan's constant [N m s].
+    """
+
+    start: float
+    duration: float
+    origin: tuple[float, float]
+    x: Law
+    y: Law
+    angular_momentum: tuple[float, float]
+
+
+def _constant(unit: str, meaning: str) -> Any:
+    return field(metadata={"unit": unit, "meaning": meaning})
+
+
+@dataclass(frozen=True)
+class PlanConstants:
+    """Constants of a gait, symbols of the paper; the metadata of each field give its unit and meaning."""
+
+    l_s: float = _constant("m", "half the COM's travel in single support")
+    l_d: float = _constant("m", "half the COM's travel in double support")
+    inverse_a_s: float = _constant("1", "ZMP travel over COM travel in single support")
+    a_d: float = _constant("1", "COM travel over ZMP travel in double support")
+    c_d: float = _constant("1", "slope of the force line in double support")
+    single_support_duration: float = _constant("s", "duration of a single support")
+    double_support_duration: float = _constant("s", "duration of a double support")
+    s: float = _constant("m", "lateral distance of COM and stance foot at a switch")
+    beta: float = _constant("m", "lateral distance of COM and midline at a switch")
+    lateral_switching_velocity: float = _constant("m/s", "lateral speed of the COM at a switch")
+    mean_velocity: float = _constant("m/s", "mean forward speed")
+    angular_momentum_y_offset: float = _constant("N m s", "mean of L_y about the COM")
+
+    @property
+    def step_duration(self) -> float:
+        """T_SS + T_DS [s]."""
+        return self.single_support_duration + self.double_support_duration
+
+
+@dataclass(frozen=True)
+class PlanResiduals:
+    """Largest jump over all switches, relative to H, v0, g, H, m g H and m H v0.
+
+    Attributes:
+        position: of the COM, over H [1].
+        velocity: of the COM, over v0 [1].
+        acceleration: of the COM, over g [1].
+        zmp: of the ZMP, over H [1].
+        moment: about the COM, over m g H [1].
+        angular_momentum: about the COM, over m H v0 [1].
+    """
+
+    position: float
+    velocity: float
+    acceleration: float
+    zmp: float
+    moment: float
+    angular_momentum: float
+
+    @property
+    def largest(self) -> float:
+        """The largest of them [1]; infinite if one is not a number."""
+        return self.largest_of([f.name for f in fields(self)])
+
+    def largest_of(self, names: Iterable[str]) -> float:
+        """The largest of those named [1]; infinite if one is not a number."""
+        values = [getattr(self, name) for name in names]
+        return max(math.inf if math.isnan(v) else v for v in values)
+
+
+@dataclass(frozen=True)
+class PlanSample:
+    """The plan at N times; all vectors in world, all arrays read-only.
+
+    Attributes:
+        time: shape (N,) [s].
+        phase: 0 single support, 1 double support, shape (N,), int8.
+        stance: 0 left, 1 right, 2 both, shape (N,), int8.
+        com: shape (N, 3) [m].
+        com_velocity: shape (N, 3) [m/s].
+        com_acceleration: shape (N, 3) [m/s^2].
+        dcm: divergent component of motion, com + com_velocity sqrt(H/g), shape (N, 2) [m].
+        zmp: shape (N, 2) [m].
+        force: ground reaction on the body, shape (N, 3) [N].
+        moment: moment (x, y) of that force about the COM, shape (N, 2) [N m].
+        angular_momentum: (L_x, L_y) about the COM, shape (N, 2) [N m s].
+        left_placement: left foot's placement in force, the next one while it swings, shape (N, 2) [m].
+        right_placement: the same of the right foot, shape (N, 2) [m].
+    """
+
+    time: Array
+    phase: NDArray[np.int8]
+    stance: NDArray[np.int8]
+    com: Array
+    com_velocity: Array
+    com_acceleration: Array
+    dcm: Array
+    zmp: Array
+    force: Array
+    moment: Array
+    angular_momentum: Array
+    left_placement: Array
+    right_placement: Array
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            value.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def phase_name(self) -> NDArray[np.str_]:
+        """``single_support`` or ``double_support``, shape (N,)."""
+        return np.array(PHASE_NAMES)[self.phase]
+
+    @property
+    def stance_name(self) -> NDArray[np.str_]:
+        """``left``, ``right`` or ``both``, shape (N,)."""
+        return np.array(STANCE_NAMES)[self.stance]
+
+
+class _Motion(NamedTuple):
+    """COM velocity and acceleration, COM, ZMP, moment and angular momentum, each (N, 2)."""
+
+    velocity: Array
+    acceleration: Array
+    com: Array
+    zmp: Array
+    moment: Array
+    angular_momentum: Array
+
+
+@dataclass(frozen=True)
+class CentroidalPlan:
+    """Motion of COM and ZMP over contacts.
+
+    Attributes:
+        mass: of the body [kg].
+        gravity: [m/s^2].
+        com_height: constant height of the COM over the floor, H [m].
+        switching_velocity: forward speed of the COM at a switch, v0, the scale of jumps [m/s].
+        contacts: which foot stands where, and when.
+        phases: consecutive phases of the motion, as long as the contacts.
+        constants: what follows from the parameters.
+    """
+
+    mass: float
+    gravity: float
+    com_height: float
+    switching_velocity: float
+    contacts: Contacts
+    phases: tuple[CentroidalPhase, ...]
+    constants: PlanConstants
+
+    @property
+    def duration(self) -> float:
+        """End of the last phase [s]."""
+        return self.contacts.duration
+
+    @property
+    def weight(self) -> float:
+        """Weight of the body, m g [N]."""
+        return self.mass * self.gravity
+
+    @cached_property
+    def _starts(self) -> Array:
+        return np.array([phase.start for phase in self.phases])
+
+    @cached_property
+    def _origins(self) -> Array:
+        return np.array([phase.origin for phase in self.phases])
+
+    @cached_property
+    def _momenta(self) -> Array:
+        return np.array([phase.angular_momentum for phase in self.phases])
+
+    @cached_property
+    def _laws(self) -> AffineLaw | None:
+        """All laws as one law of arrays (P, 2), if all of them are affine."""
+        # Phases share few laws: each is unpacked once.
+        laws = list({id(law): law for phase in self.phases for law in (phase.x, phase.y)}.values())
+        rows = [tuple(vars(law).values()) for law in laws if isinstance(law, AffineLaw)]
+        if len(rows) < len(laws):
+            return None
+        number = {id(law): i for i, law in enumerate(laws)}
+        index = [[number[id(phase.x)], number[id(phase.y)]] for phase in self.phases]
+        return AffineLaw(*np.moveaxis(np.array(rows)[index], 2, 0))
+
+    def _states(self, index: NDArray[np.intp], local: Array) -> LawState:
+        """Both axes' laws at phases ``index`` and times since their starts, each field (N, 2)."""
+        if self._laws is not None:
+            return AffineLaw(*(value[index] for value in vars(self._laws).values())).evaluate(local[:, None])
+        states = LawState(*np.empty((len(LawState._fields), len(local), 2)))
+        for number in np.unique(index):
+            rows = index == number
+            for axis, law in enumerate((self.phases[number].x, self.phases[number].y)):
+                for whole, part in zip(states, law.evaluate(local[rows]), strict=True):
+                    whole[rows, axis] = part
+        return states
+
+    def _evaluate(self, index: NDArray[np.intp], local: Array) -> _Motion:
+        """Motion at phases ``index`` and times since their starts."""
+        state = self._states(index, local)
+        origin = self._origins[index]
+        # The y axis' force line turns the body about +x, the x axis' about -y.
+        turn = self.weight * np.array([1.0, -1.0])
+        momentum = self._momenta[index] + turn * state.moment_arm_integral[:, ::-1]
+        momentum[:, 1] += self.constants.angular_momentum_y_offset
+        return _Motion(
+            velocity=state.velocity,
+            acceleration=state.acceleration,
+            com=origin + state.position,
+            zmp=origin + state.zmp,
+            moment=turn * state.moment_arm[:, ::-1],
+            angular_momentum=momentum,
+        )
+
+    def clipped(self, times: ArrayLike) -> Array:
+        """Times as an array (N,) [s], those within the tolerance moved onto the plan's ends.
+
+        Raises:
+            InputError: a time lies outside the plan or is not a number.
+        """
+        time = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        if time.ndim != 1:
+            raise InputError(f"times have the shape {time.shape}; give one number or a sequence of numbers.")
+        outside = ~((time >= -TIME_TOLERANCE) & (time <= self.duration + TIME_TOLERANCE))
+        if outside.any():
+            raise InputError(
+                f"time {time[outside][0]:g} s lies outside the plan's 0 ... {self.duration:g} s; "
+                "ask for times within it or plan more steps."
+            )
+        return np.clip(time, 0.0, self.duration)
+
+    def sample(self, times: ArrayLike) -> PlanSample:
+        """Evaluate the plan.
+
+        Args:
+            times: one time or N times [s], in any order. At a switch the phase that begins holds.
+
+        Raises:
+            InputError: a time lies outside the plan or is not a number.
+        """
+        time = self.clipped(times)
+        contacts = self.contacts
+        index = _phase_of(self._starts, time)
+        support = _phase_of(contacts.starts, time)
+        motion = self._evaluate(index, time - self._starts[index])
+        n = len(time)
+        position, velocity, acceleration = np.empty((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+        position[:, :2], position[:, 2] = motion.com, self.com_height
+        velocity[:, :2] = motion.velocity
+        acceleration[:, :2] = motion.acceleration
+        force = self.mass * acceleration
+        force[:, 2] = self.weight
+        return PlanSample(
+            time=time,
+            phase=contacts.kind_codes[support],
+            stance=contacts.stance_codes[support],
+            com=position,
+            com_velocity=velocity,
+            com_acceleration=acceleration,
+            dcm=motion.com + motion.velocity * math.sqrt(self.com_height / self.gravity),
+            zmp=motion.zmp,
+            force=force,
+            moment=motion.moment,
+            angular_momentum=motion.angular_momentum,
+            left_placement=contacts.placements[support, 0, :2],
+            right_placement=contacts.placements[support, 1, :2],
+        )
+
+    def residuals(self) -> PlanResiduals:
+        """Largest jumps over all switches: end of every phase against start of the next."""
+        before = np.arange(len(self.phases) - 1)
+        end = self._evaluate(before, np.array([phase.duration for phase in self.phases[:-1]]))
+        begin = self._evaluate(before + 1, np.zeros(len(before)))
+        height, speed, weight = self.com_height, self.switching_velocity, self.weight
+
+        def jump(a: Array, b: Array, scale: float) -> float:
+            return float(np.max(np.abs(b - a), initial=0.0)) / scale
+
+        return PlanResiduals(
+            position=jump(end.com, begin.com, height),
+            velocity=jump(end.velocity, begin.velocity, speed),
+            acceleration=jump(end.acceleration, begin.acceleration, self.gravity),
+            zmp=jump(end.zmp, begin.zmp, height),
+            moment=jump(end.moment, begin.moment, weight * height),
+            angular_momentum=jump(end.angular_momentum, begin.angular_momentum, self.mass * height * speed),
+        )
+
+    def with_angular_momentum_offset(self, offset: float) -> CentroidalPlan:
+        """The same plan with another mean of L_y over a step [N m s].
+
+        Raises:
+            InputError: the offset is not finite.
+        """
+        if not math.isfinite(offset):
+            raise InputError(f"the angular momentum offset is {offset}; give a finite number [N m s].")
+        return replace(self, constants=replace(self.constants, angular_momentum_y_offset=float(offset)))
+
+
+def _phase_of(starts: Array, time: Array) -> NDArray[np.intp]:
+    """Index of the phase that holds at each time; at a switch the one that begins."""
+    return np.maximum(np.searchsorted(starts, time + _SWITCH_TOLERANCE, side="right") - 1, 0)

@@ -1,0 +1,144 @@
+"""Which foot stands where, and when: footsteps and phases, without dynamics.
+
+A walk is any list of phases over footsteps: single and double supports in any order, starts, stops and turns.
+Conventions: world x forward, y left, z up, floor z = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Side = Literal["left", "right"]
+
+PHASE_NAMES = ("single_support", "double_support")
+"""Values of :attr:`Phase.kind`; a sample's ``phase`` is the place of its kind here."""
+STANCE_NAMES = ("left", "right", "both")
+"""Values of :attr:`Phase.stance`; a sample's ``stance`` is the place of its name here."""
+
+
+@dataclass(frozen=True)
+class Footstep:
+    """One placement of one foot.
+
+    Attributes:
+        foot: which foot.
+        position: reference point of the sole (x, y, z) in world [m].
+        heading: yaw of the foot [rad].
+    """
+
+    foot: Side
+    position: tuple[float, float, float]
+    heading: float = 0.0
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A time during which the same feet stand on the same footsteps.
+
+    Attributes:
+        start: [s].
+        duration: [s].
+        left: footstep of the left foot, None while it swings.
+        right: footstep of the right foot, None while it swings.
+    """
+
+    start: float
+    duration: float
+    left: Footstep | None
+    right: Footstep | None
+
+    @property
+    def kind(self) -> Literal["single_support", "double_support"]:
+        """Single or double support."""
+        return "single_support" if self.left is None or self.right is None else "double_support"
+
+    @property
+    def stance(self) -> Literal["left", "right", "both"]:
+        """The foot that stands."""
+        if self.left is None:
+            return "right"
+        return "left" if self.right is None else "both"
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Footsteps and phases of a walk.
+
+    Attributes:
+        footsteps: in the order in which they are stood on; the first of each foot is where it starts from,
+            which no phase needs to hold.
+        phases: consecutive, from time 0.
+    """
+
+    footsteps: tuple[Footstep, ...]
+    phases: tuple[Phase, ...]
+
+    @property
+    def duration(self) -> float:
+        """End of the last phase [s]."""
+        return self.phases[-1].start + self.phases[-1].duration
+
+    @property
+    def steps(self) -> int:
+        """Number of single supports."""
+        return sum(phase.kind == "single_support" for phase in self.phases)
+
+    @property
+    def step_length(self) -> float:
+        """Distance along x of the first two footsteps that are stood on [m]."""
+        return self.footsteps[2].position[0] - self.footsteps[1].position[0]
+
+    @property
+    def step_width(self) -> float:
+        """Distance along y of the first two footsteps that are stood on [m]."""
+        return abs(self.footsteps[2].position[1] - self.footsteps[1].position[1])
+
+    @cached_property
+    def starts(self) -> NDArray[np.float64]:
+        """Start of every phase, shape (P,) [s]."""
+        return _read_only([phase.start for phase in self.phases])
+
+    @property
+    def switch_times(self) -> NDArray[np.float64]:
+        """Times at which the support changes, without the walk's ends, shape (P - 1,) [s]."""
+        return self.starts[1:]
+
+    @cached_property
+    def kind_codes(self) -> NDArray[np.int8]:
+        """Place of every phase's kind in :data:`PHASE_NAMES`, shape (P,)."""
+        return _read_only([PHASE_NAMES.index(phase.kind) for phase in self.phases], np.int8)
+
+    @cached_property
+    def stance_codes(self) -> NDArray[np.int8]:
+        """Place of every phase's stance in :data:`STANCE_NAMES`, shape (P,)."""
+        return _read_only([STANCE_NAMES.index(phase.stance) for phase in self.phases], np.int8)
+
+    @cached_property
+    def placements(self) -> NDArray[np.float64]:
+        """Left and right foot's (x, y, z) in every phase, the next one while it swings, (P, 2, 3) [m]."""
+        sides = ([phase.left for phase in self.phases], [phase.right for phase in self.phases])
+        return _read_only(np.stack([_positions_ahead(side) for side in sides], axis=1))
+
+
+def _positions_ahead(footsteps: Sequence[Footstep | None]) -> NDArray[np.float64]:
+    """Position of each footstep; of a None that of the next one, at the end of the last one, (P, 3) [m]."""
+    ahead = next((footstep for footstep in reversed(footsteps) if footstep is not None), None)
+    if ahead is None:
+        return np.full((len(footsteps), 3), np.nan)
+    positions = []
+    for footstep in reversed(footsteps):
+        ahead = ahead if footstep is None else footstep
+        positions.append(ahead.position)
+    return np.array(positions[::-1])
+
+
+def _read_only(values: object, dtype: type = np.float64) -> NDArray:
+    array: NDArray = np.array(values, dtype=dtype)
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,168 @@
+"""Centroidal motion and feet together: support polygon and ZMP margin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ampm.description import SoleGeometry
+from ampm.geometry import convex_hull, polygon_margin
+from ampm.parameters import FootParameters, GaitParameters
+from ampm.planner.centroidal import CentroidalPlan, PlanConstants, PlanResiduals, PlanSample
+from ampm.planner.contacts import Contacts
+from ampm.planner.feet import FeetPlan, plan_feet
+from ampm.planner.periodic import plan_gait
+
+Array = NDArray[np.float64]
+
+_BESIDE_JUMP = 1e-9  # how far beside a jump of the support its two sides are evaluated [s]
+_GRID = 24  # instants between two jumps, and in every refinement
+_REFINEMENTS = 4
+_BLOCK = 4096  # instants whose polygons are held at a time
+
+
+@dataclass(frozen=True)
+class StepPlan:
+    """Centroidal motion and feet over the same contacts: what is planned before a body has a posture.
+
+    Attributes:
+        centroidal: motion of COM and ZMP.
+        feet: motion of both feet.
+    """
+
+    centroidal: CentroidalPlan
+    feet: FeetPlan
+
+    @property
+    def contacts(self) -> Contacts:
+        """Which foot stands where, and when."""
+        return self.centroidal.contacts
+
+    @property
+    def constants(self) -> PlanConstants:
+        """Constants of the gait."""
+        return self.centroidal.constants
+
+    @property
+    def mass(self) -> float:
+        """Mass of the body [kg]."""
+        return self.centroidal.mass
+
+    @property
+    def gravity(self) -> float:
+        """[m/s^2]."""
+        return self.centroidal.gravity
+
+    @property
+    def duration(self) -> float:
+        """End of the plan [s]."""
+        return self.centroidal.duration
+
+    def sample(self, times: ArrayLike) -> PlanSample:
+        """:meth:`CentroidalPlan.sample`."""
+        return self.centroidal.sample(times)
+
+    def residuals(self) -> PlanResiduals:
+        """:meth:`CentroidalPlan.residuals`."""
+        return self.centroidal.residuals()
+
+    def with_angular_momentum_offset(self, offset: float) -> Self:
+        """:meth:`CentroidalPlan.with_angular_momentum_offset`, with the same feet."""
+        return replace(self, centroidal=self.centroidal.with_angular_momentum_offset(offset))
+
+    def _points_in_contact(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """World (x, y) of all twelve sole points, (N, 12, 2), and which are in contact, (N, 12)."""
+        left, right = self.feet.sample(time)
+        points = np.concatenate([left.sole_points[:, :, :2], right.sole_points[:, :, :2]], axis=1)
+        contact = np.concatenate([left.contact.repeat(2, axis=1), right.contact.repeat(2, axis=1)], axis=1)
+        return points, contact
+
+    def support_polygon(self, time: float) -> Array:
+        """Convex hull of the sole points planned in contact at one time.
+
+        Returns:
+            Corners in world, anticlockwise, shape (k, 2) [m]; two where only a line touches the floor.
+
+        Raises:
+            InputError: the time lies outside the plan.
+        """
+        points, contact = self._points_in_contact(self.centroidal.clipped(time))
+        return convex_hull(points[0, contact[0]])
+
+    def zmp_margin(self, times: ArrayLike) -> Array:
+        """Signed distance of the planned ZMP to the edge of the support polygon.
+
+        Args:
+            times: shape (N,) [s].
+
+        Returns:
+            Positive inside, negative outside, shape (N,) [m].
+
+        Raises:
+            InputError: a time lies outside the plan.
+        """
+        time = self.centroidal.clipped(times)
+        margin = np.empty(len(time))
+        for first in range(0, max(len(time), 1), _BLOCK):
+            block = slice(first, first + _BLOCK)
+            points, contact = self._points_in_contact(time[block])
+            distance = polygon_margin(points, contact, self.sample(time[block]).zmp)
+            margin[block] = np.where(contact.any(axis=1), distance, -np.inf)
+        return margin
+
+    def least_zmp_margin(self, until: float | None = None) -> tuple[float, float]:
+        """The least of :meth:`zmp_margin`, and its time.
+
+        The polygon jumps where a contact changes, so a grid alone misses the least: both sides of every jump
+        are evaluated, and the least in between is narrowed down.
+
+        Args:
+            until: end of the search [s]; the plan's own by default.
+
+        Returns:
+            Margin [m] and time [s].
+
+        Raises:
+            InputError: the plan ends earlier.
+        """
+        end = self.duration if until is None else float(self.centroidal.clipped(until)[0])
+        changes = [self.contacts.switch_times, self.feet.left.start, self.feet.right.start]
+        jumps = np.concatenate([[0.0, end], *changes])
+        jumps = np.unique(jumps[(jumps >= 0.0) & (jumps <= end)])
+        inside = jumps[:-1, None] + np.diff(jumps)[:, None] * np.linspace(0.0, 1.0, _GRID)[1:-1]
+        times = np.concatenate([jumps, jumps - _BESIDE_JUMP, jumps + _BESIDE_JUMP, inside.ravel()])
+        times = np.unique(np.clip(times, 0.0, end))
+        least, at = np.inf, 0.0
+        for _ in range(1 + _REFINEMENTS):
+            margin = self.zmp_margin(times)
+            worst = int(margin.argmin())
+            if margin[worst] < least:
+                least, at = float(margin[worst]), float(times[worst])
+            around = times[max(worst - 1, 0)], times[min(worst + 1, len(times) - 1)]
+            times = np.linspace(*around, _GRID)
+        return least, at
+
+
+AnyPlan = CentroidalPlan | StepPlan
+"""A plan with or without feet."""
+
+
+def plan_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: SoleGeometry) -> StepPlan:
+    """Plan a periodic straight gait and its feet.
+
+    Args:
+        gait: what to walk.
+        mass: of the body [kg].
+        foot: key-frames of the feet.
+        sole: outline of a sole.
+
+    Raises:
+        InputError: the mass is no usable number, or the feet's timing does not fit the gait's.
+        MathematicalRefusal: the closed form has no solution, or none that can be computed.
+    """
+    plan = plan_gait(gait, mass)
+    lift_speed = plan.constants.l_s / plan.constants.single_support_duration
+    return StepPlan(plan, plan_feet(plan.contacts, foot, sole, lift_speed))
