@@ -18,7 +18,7 @@ import numpy as np
 from pages import between
 
 from ampm.parameters import PRESETS
-from validation.judge.signals import load_signals
+from validation.store.signals import load_signals
 from validation.trial.plan import load_request, plan_walk
 
 PAGE = Path(__file__).with_suffix(".md")

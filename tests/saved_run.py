@@ -17,10 +17,11 @@ from ampm.planner.support import plan_steps
 from models.human import build
 from validation.judge.compare import compare
 from validation.judge.profiles import profile
-from validation.judge.signals import save_signals, signals_table
+from validation.judge.signals import signals_table
 from validation.judge.verdict import build_summary, judge
 from validation.measure.measure import measure
 from validation.store.environment import describe_environment
+from validation.store.signals import save_signals
 from validation.trial.bridge import pinocchio_model, to_pinocchio
 from validation.trial.record import Outcome, OutcomeName, SimulationRecord, save_record
 

@@ -9,7 +9,7 @@ import pytest
 
 from ampm.parameters import load_run, preset_names
 from ampm.planner.periodic import plan_gait
-from validation.judge.signals import load_signals
+from validation.store.signals import load_signals
 
 ROLLS = (0.1, 0.4, 0.7, 1.0)
 """Profile that each preset is to pass; all others pass the default one."""

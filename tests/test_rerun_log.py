@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from ampm.exceptions import InputError
 from tests.saved_run import ZMP_ERROR, make_run
-from validation.judge.signals import load_signals
 from validation.show.rerun.record import RECORDING_FILE, plain_text, verdict_markdown, write_recording
 from validation.store.saved import load_saved_run, run_events
+from validation.store.signals import load_signals
 from validation.trial.record import Outcome, OutcomeName, load_record
 
 RERUN = [sys.executable, "-m", "rerun"]

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from ampm.parameters import load_run
-from validation.judge.signals import load_signals
+from validation.store.signals import load_signals
 
 STEPS = 10
 
@@ -161,7 +161,11 @@ def test_verdict_says_what_the_signals_say(run_of, gait):
 def test_causes_add_up_to_the_zmp_error(run_of):
     walk = Walk(run_of("momentum", steps=STEPS))
     for axis in "xy":
-        parts = [name for name in walk.signals if name.startswith("zmp_error_") and name.endswith(f"_{axis}")]
+        parts = [
+            name
+            for name in walk.signals.columns
+            if name.startswith("zmp_error_") and name.endswith(f"_{axis}")
+        ]
         total = sum(walk.signals[name][walk.rows] for name in parts)
         np.testing.assert_allclose(total, walk.error(f"zmp_{axis}"), atol=1e-9)
 

@@ -15,9 +15,10 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from validation.cli.instrument import write_files
 from validation.cli.plan import write_picture
 from validation.measure.instruments import load_instrument
-from validation.measure.instruments.command import observe_folder, write_files
+from validation.measure.instruments.columns import observe_folder
 from validation.show.rerun.merge import PHASE
 from validation.show.viewer import view
 from validation.trial.plan import load_request, plan_walk

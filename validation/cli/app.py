@@ -25,6 +25,7 @@ import typer
 import ampm
 from ampm.exceptions import RefusedGait
 from ampm.parameters import PRESETS
+from validation.cli import instrument
 from validation.cli import sweeps as cli_sweeps
 from validation.cli.console import Narrator, print_json
 from validation.cli.entry import main as main  # for callers from Python
@@ -207,7 +208,7 @@ def validate(
             "Repeatable, one per gait.",
         ),
     ] = None,
-    instrument: Annotated[
+    instrument_name: Annotated[
         str | None,
         typer.Option(
             "--instrument",
@@ -244,7 +245,7 @@ def validate(
             matching(known, request)
     options = run.Options(
         force=force,
-        instrument=None if instrument is None else _instrument(instrument),
+        instrument=None if instrument_name is None else _instrument(instrument_name),
     )
     targets = run.targets(requests, out, force=force)
     narrator = Narrator()
@@ -491,6 +492,7 @@ def figures(
 
 
 cli_sweeps.register(app)
+app.add_typer(instrument.app)
 
 
 def _instrument(name: str) -> Any:

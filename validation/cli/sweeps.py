@@ -87,46 +87,6 @@ def sweep(
     return Status(command.run(file, options, as_json=as_json, narrator=Narrator()))
 
 
-def instrument(
-    directory: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUNDIR")],
-    name: Annotated[
-        str,
-        typer.Option(
-            "--instrument", metavar="NAME|FILE", help="force-plate, foot-ft, imu, or a TOML file of your own."
-        ),
-    ] = "force-plate",
-    plot: Annotated[
-        Path | None, typer.Option("--plot", metavar="FILE.png", help="Draw the ZMP, its error, its causes.")
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FILE.parquet|.csv", help="Write truth and readings at every step."),
-    ] = None,
-    force: Force = False,
-    as_json: Json = False,
-    debug: Debug = False,
-) -> int:
-    """Show a finished run as an instrument would have shown it, and which of its faults matters.
-
-    A model of force plates, foot force/torque sensors or an IMU is put beside the simulator's truth: noise,
-    bias, cross-talk, low-pass, sampling, delay, range and resolution. Nothing is simulated again, and nothing
-    is judged: the status is 0.
-    """
-    from validation.measure.instruments import command, load_instrument
-
-    command.check_targets(plot, out, force=force)
-    seen = command.observe_folder(directory, load_instrument(name))
-    narrator = Narrator()
-    written = command.write_files(seen, plot, out, force=force)
-    if as_json:
-        print_json(seen.as_dict())
-    else:
-        command.print_observation(seen)
-    for path in written:
-        narrator.say(f"wrote {path}")
-    return Status.PASS
-
-
 CONVERGENCE_EPILOG = (
     "Exit status: 0 every metric is within its limit by more than its numerical uncertainty, 1 one is over "
     "it, undecided or not measured, 2 bad input or refused, 3 a walk of a numerical study did not complete, "
@@ -257,5 +217,4 @@ def register(app: typer.Typer) -> None:
     """Add the commands to the command line."""
     app.command(epilog=SWEEP_EPILOG)(sweep)
     app.command(epilog=DIFF_EPILOG)(diff)
-    app.command()(instrument)
     app.command(epilog=CONVERGENCE_EPILOG)(convergence)

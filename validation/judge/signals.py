@@ -1,17 +1,13 @@
-"""``signals.parquet``: plan, command and measurement on one clock, one row per simulation step."""
+"""Table of plan, command and measurement on one clock, one row per simulation step."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from ampm.exceptions import InputError
 from validation.judge.errors import PARTS
-from validation.trial.record import write_table
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,26 +18,6 @@ if TYPE_CHECKING:
     from validation.trial.record import SimulationRecord
 
     Array = NDArray[np.float64]
-
-_SIGNALS = (("zmp", 2), ("force", 3), ("com", 3), ("angular_momentum", 3))
-COLUMNS = (
-    "time",
-    "phase",
-    "stance",
-    *(
-        f"{source}_{name}_{axis}"
-        for source in ("plan", "command", "measured")
-        for name, width in _SIGNALS
-        for axis in "xyz"[:width]
-    ),
-    "motion_angular_momentum_z",
-    "measured_zmp_momentum_x",
-    "measured_zmp_momentum_y",
-    *(f"{foot}_force_{axis}" for foot in ("left", "right") for axis in "xyz"),
-    "left_contact",
-    "right_contact",
-)
-"""Columns that every ``signals.parquet`` has; more may follow them."""
 
 
 def signals_table(
@@ -54,8 +30,8 @@ def signals_table(
 ) -> pa.Table:
     """Build the table: row k holds plan and state at t_k, force and command over [t_k, t_(k+1)].
 
-    SI units, world frame. The plan has no L_z: its column is null, and so are ZMPs of an unsupported instant
-    and, without ``motion_angular_momentum_z``, the motion's column.
+    Units and frames: :data:`validation.store.signals.COLUMNS`. The plan has no L_z: its column is null, so
+    are ZMPs of an unsupported instant and, without ``motion_angular_momentum_z``, the motion's column.
 
     Args:
         plan: the plan that was walked.
@@ -110,38 +86,6 @@ def signals_table(
         columns[f"{foot}_slip"] = _nullable(measured.slip[:, index])
         columns[f"{foot}_penetration"] = _nullable(measured.penetration[:, index])
     return pa.table(columns)
-
-
-def save_signals(table: pa.Table, path: str | Path) -> None:
-    """Write the table.
-
-    Raises:
-        InputError: a column of the contract is missing.
-    """
-    missing = [name for name in COLUMNS if name not in table.column_names]
-    if missing:
-        raise InputError(f"the signals lack {', '.join(missing)}; build them with signals_table")
-    write_table(table, path)
-
-
-def load_signals(path: str | Path) -> dict[str, NDArray[Any]]:
-    """Read the table as arrays: nulls become NaN, labels are strings.
-
-    Raises:
-        InputError: the file is missing or is no table.
-    """
-    try:
-        table = pq.read_table(Path(path))
-    except FileNotFoundError:
-        raise InputError(f"{path} is missing; give the folder of a finished run") from None
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(f"{path} cannot be read ({error}); run the validation again") from error
-    arrays: dict[str, NDArray[Any]] = {}
-    for name in table.column_names:
-        column = table.column(name)
-        text = pa.types.is_string(column.type)
-        arrays[name] = np.array(column.to_pylist()) if text else column.to_numpy()
-    return arrays
 
 
 def _nullable(values: Array) -> pa.Array:

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ampm.parameters import dump_run
-from validation.judge.signals import save_signals, signals_table
+from validation.judge.signals import signals_table
 from validation.judge.verdict import build_summary
 from validation.store.folders import INSTRUMENT_FILE, RUN_FILES
 from validation.store.json import json_ready
 from validation.store.machine import memory_peak
+from validation.store.signals import SIGNALS_FILE, save_signals
 
 if TYPE_CHECKING:
     from ampm.parameters import RunParameters
@@ -40,7 +41,7 @@ def write_signals(folder: Path, planned: PlannedWalk, record: SimulationRecord, 
         found.comparison,
         motion_angular_momentum_z=found.motion_angular_momentum_z,
     )
-    save_signals(signals, folder / "signals.parquet")
+    save_signals(signals, folder / SIGNALS_FILE)
 
 
 def write_summary(
@@ -97,7 +98,7 @@ def write_observation(
         Its errors, for the summary.
     """
     from validation.measure.instruments import observe_walk
-    from validation.measure.instruments.table import observation_columns
+    from validation.measure.instruments.columns import observation_columns
     from validation.store.tables import write_columns
 
     seen = observe_walk(instrument, planned, record)

@@ -154,7 +154,7 @@ def _instrument(saved: SavedRun) -> dict[str, Any] | None:
     """What an instrument shows, if the run was looked at with one."""
     if saved.summary.get("instrument") is None:
         return None
-    from validation.measure.instruments.page import instrument_section
+    from validation.show.instrument import instrument_section
 
     return instrument_section(saved)
 

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from ampm.planner.support import StepPlan
 from validation.show.style import figure_style
-from validation.store.saved import SavedRun, Signals
+from validation.store.saved import SavedRun
+from validation.store.signals import Signals
 
 Array = NDArray[np.float64]
 

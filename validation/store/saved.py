@@ -19,72 +19,14 @@ from ampm.exceptions import AmpmError, InputError
 from ampm.parameters import RunParameters, load_run
 from ampm.planner.support import StepPlan, plan_steps
 from models.human import sole_geometry
-from validation.judge.signals import load_signals
+from validation.store.signals import SIGNALS_FILE, Signals, load_signals
 from validation.store.stored import StoredRecord
 
 Array = NDArray[np.float64]
 
 RUN_FILE = "run.toml"
 MODEL_FILE = "model.xml"
-SIGNALS_FILE = "signals.parquet"
 SUMMARY_FILE = "summary.json"
-
-
-@dataclass(frozen=True)
-class Signals:
-    """Columns of ``signals.parquet``; a null is NaN.
-
-    Attributes:
-        columns: name to array (N,): float64, bool, or object for the labels.
-    """
-
-    columns: Mapping[str, NDArray[Any]]
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        if name not in self.columns:
-            raise InputError(
-                f"{SIGNALS_FILE} has no column '{name}': the run was saved by another version; run it again."
-            )
-        return self.columns[name]
-
-    def __contains__(self, name: str) -> bool:
-        return name in self.columns
-
-    def __len__(self) -> int:
-        return len(self["time"])
-
-    @property
-    def time(self) -> Array:
-        """Start of each step (N,) [s]."""
-        return self["time"]
-
-    def take(self, rows: NDArray[np.intp]) -> Signals:
-        """Some of the rows, of every column."""
-        return Signals({name: column[rows] for name, column in self.columns.items()})
-
-    def switches(self) -> NDArray[np.intp]:
-        """Rows at which a planned phase begins, the first row included."""
-        phase, stance = self["phase"], self["stance"]
-        if not len(phase):
-            return np.zeros(0, dtype=np.intp)
-        change = (phase[1:] != phase[:-1]) | (stance[1:] != stance[:-1])
-        return np.flatnonzero(np.r_[True, change])
-
-    def first_step(self) -> int:
-        """Number of rows of the first step: one single and one double support."""
-        starts = self.switches()
-        return int(starts[2]) if len(starts) > 2 else len(self)
-
-    def vector(self, name: str, axes: str = "xyz") -> Array:
-        """Stack ``{name}_{axis}`` of the given axes.
-
-        Returns:
-            (N, len(axes)), in the unit of the columns.
-
-        Raises:
-            InputError: a column is missing.
-        """
-        return np.column_stack([self[f"{name}_{axis}"] for axis in axes])
 
 
 @dataclass(frozen=True)
@@ -142,7 +84,7 @@ def load_saved_run(directory: Path) -> SavedRun:
         parameters_text=(directory / RUN_FILE).read_text(encoding="utf-8"),
         model_xml=(directory / MODEL_FILE).read_text(encoding="utf-8"),
         record=StoredRecord(directory),
-        signals=Signals(load_signals(directory / SIGNALS_FILE)),
+        signals=load_signals(directory / SIGNALS_FILE),
         summary=summary,
     )
 

@@ -1,26 +1,34 @@
-"""An instrument's figures as columns of a sweep's table."""
+"""Observations of walks in memory and of run folders, and their numbers as columns of tables."""
 
 from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from ampm.exceptions import InputError
+from ampm.parameters import load_run
 from validation.measure.instruments.model import Instrument, load_instrument
 from validation.measure.instruments.names import FIGURES, INSTRUMENT_COLUMNS, RUN
 from validation.measure.instruments.result import Observation, observe, run_key
 
 if TYPE_CHECKING:
-    from validation.judge.examine import Walk
+    from pathlib import Path
+
+    import mujoco
+    from numpy.typing import NDArray
+
+    from ampm.description import BodyDescription
     from validation.trial.plan import PlannedWalk
     from validation.trial.record import SimulationRecord
 
 
-def instrument_columns(walk: Walk, name: str) -> dict[str, float | None]:
+def instrument_columns(planned: PlannedWalk, record: SimulationRecord, name: str) -> dict[str, float | None]:
     """Columns of one walk in memory.
 
     Args:
-        walk: see :func:`validation.judge.examine.walk`.
+        planned: what was walked.
+        record: of the simulation.
         name: preset or TOML file of the instrument.
 
     Returns:
@@ -29,7 +37,7 @@ def instrument_columns(walk: Walk, name: str) -> dict[str, float | None]:
     Raises:
         InputError: no such instrument.
     """
-    return columns_of(observe_walk(_loaded(name), walk.planned, walk.record))
+    return columns_of(observe_walk(_loaded(name), planned, record))
 
 
 def observe_walk(instrument: Instrument, planned: PlannedWalk, record: SimulationRecord) -> Observation:
@@ -37,6 +45,47 @@ def observe_walk(instrument: Instrument, planned: PlannedWalk, record: Simulatio
     model = planned.body.model
     key = run_key(planned.request.run)
     return observe(instrument, record, key, lambda: (model.compile(), model.description))
+
+
+def observe_folder(directory: Path, instrument: Instrument) -> Observation:
+    """Observe a finished run, from its folder alone.
+
+    Raises:
+        InputError: the folder is no run folder, or lacks what the instrument needs.
+    """
+    missing = [name for name in ("run.toml", "model.xml") if not (directory / name).is_file()]
+    if missing:
+        raise InputError(f"{directory} has no {missing[0]}; give the folder of a finished run.")
+    run = load_run(directory / "run.toml", ())
+
+    import mujoco  # here, not above: it takes long to load
+
+    from validation.trial.record import load_record
+
+    def body() -> tuple[mujoco.MjModel, BodyDescription]:
+        from models.human import build
+
+        xml = (directory / "model.xml").read_text(encoding="utf-8")
+        return mujoco.MjModel.from_xml_string(xml), build(run.body, run.contact, run.simulation).description
+
+    return observe(instrument, load_record(directory), run_key(run), body)
+
+
+def observation_columns(seen: Observation) -> dict[str, NDArray[Any]]:
+    """Columns of ``instrument.parquet``: truth and what the instrument shows, at every step, SI units."""
+    columns: dict[str, NDArray[Any]] = {"time": seen.time}
+    for name, values in (
+        ("true_zmp", seen.true_zmp),
+        ("instrument_zmp", seen.zmp),
+        ("instrument_zmp_compensated", seen.zmp_compensated),
+        ("instrument_force", seen.force),
+    ):
+        for index, axis in enumerate("xyz"[: values.shape[1]]):
+            columns[f"{name}_{axis}"] = values[:, index]
+    for index, name in enumerate(seen.names):
+        columns[f"true_{name}"] = seen.signals[:, index]
+        columns[f"reading_{name}"] = seen.readings[:, index]
+    return columns
 
 
 def columns_of(seen: Observation) -> dict[str, float | None]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from ampm.planner.support import StepPlan
     from validation.measure.measure import MeasuredGait
-    from validation.store.saved import Signals
+    from validation.store.signals import Signals
     from validation.store.stored import StoredRecord
     from validation.trial.record import SimulationRecord
 
@@ -76,7 +76,7 @@ def switch_figures(
 ) -> list[tuple[str, float, str]]:
     """Name, SI value and SI unit of what only a comparison shows of a walk, for a convergence study."""
     from validation.judge.signals import signals_table
-    from validation.store.saved import Signals
+    from validation.store.signals import Signals
 
     table = signals_table(plan, record, measured)
     signals = Signals({name: table.column(name).to_numpy() for name in table.column_names})

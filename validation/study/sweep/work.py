@@ -185,7 +185,7 @@ def _trial(task: Task, timing: dict[str, float]) -> dict[str, Any]:
     if task.instrument is not None:
         from validation.measure.instruments.columns import instrument_columns
 
-        row |= instrument_columns(walked, task.instrument)
+        row |= instrument_columns(walked.planned, walked.record, task.instrument)
     if task.recordings == "all" or (task.recordings == "failures" and row["verdict"] != "pass"):
         start = time.perf_counter()
         row["recording"] = _keep(walked, task, timing)

@@ -1,0 +1,113 @@
+"""``ampm instrument``: a finished run as an instrument would have shown it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ampm.exceptions import InputError
+from validation.cli.console import Narrator, print_json
+from validation.cli.options import Debug, Force, Json, Status
+from validation.show.text import print_line, print_table
+
+if TYPE_CHECKING:
+    from validation.measure.instruments import Observation
+
+app = typer.Typer()
+
+PICTURES = (".png", ".svg")
+_COLUMNS = [("", "left"), ("RMSE x", "right"), ("y", "right"), ("largest x", "right"), ("y", "right")]
+
+
+@app.command()
+def instrument(
+    directory: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUNDIR")],
+    name: Annotated[
+        str,
+        typer.Option(
+            "--instrument", metavar="NAME|FILE", help="force-plate, foot-ft, imu, or a TOML file of your own."
+        ),
+    ] = "force-plate",
+    plot: Annotated[
+        Path | None, typer.Option("--plot", metavar="FILE.png", help="Draw the ZMP, its error, its causes.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE.parquet|.csv", help="Write truth and readings at every step."),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> int:
+    """Show a finished run as an instrument would have shown it, and which of its faults matters.
+
+    A model of force plates, foot force/torque sensors or an IMU is put beside the simulator's truth: noise,
+    bias, cross-talk, low-pass, sampling, delay, range and resolution. Nothing is simulated again, and nothing
+    is judged: the status is 0.
+    """
+    from validation.measure.instruments import load_instrument
+    from validation.measure.instruments.columns import observe_folder
+
+    check_targets(plot, out, force=force)
+    seen = observe_folder(directory, load_instrument(name))
+    narrator = Narrator()
+    written = write_files(seen, plot, out, force=force)
+    if as_json:
+        print_json(seen.as_dict())
+    else:
+        print_observation(seen)
+    for path in written:
+        narrator.say(f"wrote {path}")
+    return Status.PASS
+
+
+def check_targets(plot: Path | None, out: Path | None, *, force: bool) -> None:
+    """Refuse files that cannot or must not be written, before anything is computed.
+
+    Raises:
+        InputError: another suffix, no such folder, or ``out`` exists and ``force`` is off.
+    """
+    from validation.store.folders import check_folder_of, check_output_file
+    from validation.store.tables import check_suffix
+
+    if plot is not None:
+        if plot.suffix not in PICTURES:
+            raise InputError(f"{plot} must end in {' or '.join(PICTURES)}; the suffix chooses the format.")
+        check_folder_of(plot)
+        check_output_file(plot, force=True)
+    if out is not None:
+        check_suffix(out)
+        check_output_file(out, force=force)
+
+
+def write_files(seen: Observation, plot: Path | None, out: Path | None, *, force: bool) -> list[Path]:
+    """Write the files of a request; an earlier picture is replaced, as it can be drawn again at once."""
+    from validation.measure.instruments.columns import observation_columns
+    from validation.show.instrument import draw
+    from validation.store.folders import output_file
+    from validation.store.tables import write_columns
+
+    if out is not None:
+        with output_file(out, force=force) as work:
+            write_columns(observation_columns(seen), work)
+    if plot is not None:
+        with output_file(plot) as work:
+            draw(seen).savefig(work, dpi=130)
+    return [path for path in (out, plot) if path is not None]
+
+
+def print_observation(seen: Observation) -> None:
+    """Print the error and its causes."""
+    from validation.show.instrument import cause_rows, error_rows
+
+    name, found = seen.instrument.name, seen.as_dict()
+    print_table(f"{name}: error that it adds to the ZMP, mm", _COLUMNS, error_rows(found))
+    print_table("each cause alone, whole walk, mm", _COLUMNS, cause_rows(found))
+    print_line(f"  latency           {1e3 * seen.latency:.3g} ms")
+    error = seen.errors["run"]
+    if error.unmeasured:
+        print_line(f"  no ZMP            at {error.unmeasured} of {error.count + error.unmeasured} instants")
+    for note in seen.notes:
+        print_line(f"  {note}")

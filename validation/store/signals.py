@@ -1,0 +1,179 @@
+"""``signals.parquet``: plan, command and measurement on one clock, one row per simulation step.
+
+Every column carries its unit, its frame and its meaning in the metadata of its field, from :data:`COLUMNS`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from ampm.exceptions import InputError
+from validation.trial.record import write_table
+
+Array = NDArray[np.float64]
+
+SIGNALS_FILE = "signals.parquet"
+
+
+class SignalColumn(NamedTuple):
+    """Columns of one kind.
+
+    Attributes:
+        pattern: regular expression of their names.
+        unit: SI unit, empty for labels and flags.
+        frame: in which vectors are written, empty for anything else.
+        meaning: one phrase.
+    """
+
+    pattern: str
+    unit: str
+    frame: str
+    meaning: str
+
+
+COLUMNS = (
+    SignalColumn("time", "s", "", "start of the step, t_k"),
+    SignalColumn("phase", "", "", "planned phase: single_support or double_support"),
+    SignalColumn("stance", "", "", "planned stance: left, right or both"),
+    SignalColumn("plan_zmp_[xy]", "m", "world", "planned ZMP at t_k"),
+    SignalColumn("plan_force_[xyz]", "N", "world", "planned ground force at t_k"),
+    SignalColumn("plan_com_[xyz]", "m", "world", "planned COM at t_k"),
+    SignalColumn("plan_angular_momentum_[xyz]", "N m s", "world", "planned, about the COM; null for z"),
+    SignalColumn("command_zmp_[xy]", "m", "world", "ZMP of the controller's wrench, plan and feedback"),
+    SignalColumn("command_force_[xyz]", "N", "world", "ground force that the controller wants"),
+    SignalColumn("command_com_[xyz]", "m", "world", "COM that the controller follows"),
+    SignalColumn("command_angular_momentum_[xyz]", "N m s", "world", "that the controller follows"),
+    SignalColumn(
+        "measured_zmp_[xy]", "m", "world", "from contact forces over the step; null without contact"
+    ),
+    SignalColumn("measured_force_[xyz]", "N", "world", "sum of contact forces over the step"),
+    SignalColumn("measured_com_[xyz]", "m", "world", "COM at t_k"),
+    SignalColumn("measured_angular_momentum_[xyz]", "N m s", "world", "about the COM at t_k"),
+    SignalColumn("measured_zmp_momentum_[xy]", "m", "world", "ZMP from the rates of momentum"),
+    SignalColumn("motion_angular_momentum_z", "N m s", "world", "of the planned whole-body motion at t_k"),
+    SignalColumn("(left|right)_force_[xyz]", "N", "world", "force of the floor on one foot"),
+    SignalColumn("(left|right)_contact", "", "", "whether the foot carries load"),
+    SignalColumn(
+        "plan_zmp_margin", "m", "", "planned ZMP to the edge of the planned support, positive inside"
+    ),
+    SignalColumn("measured_zmp_margin", "m", "", "measured ZMP to the edge of the measured support"),
+    SignalColumn("zmp_error_[a-z_]+_[xy]", "m", "world", "part of the ZMP error that one cause explains"),
+    SignalColumn("(left|right)_slip", "m", "", "way that the foot's points slid since touch-down"),
+    SignalColumn("(left|right)_penetration", "m", "", "depth of the deepest point under the floor"),
+)
+"""All kinds of columns, in order."""
+
+
+def column_of(name: str) -> SignalColumn:
+    """What is known of a column.
+
+    Raises:
+        KeyError: no such column belongs into the file.
+    """
+    for column in COLUMNS:
+        if re.fullmatch(column.pattern, name):
+            return column
+    raise KeyError(name)
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Columns of ``signals.parquet``; a null is NaN.
+
+    Attributes:
+        columns: name to array (N,): float64, bool, or object for the labels.
+    """
+
+    columns: Mapping[str, NDArray[Any]]
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self.columns:
+            raise InputError(
+                f"{SIGNALS_FILE} has no column '{name}': the run was saved by another version; run it again."
+            )
+        return self.columns[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.columns
+
+    def __len__(self) -> int:
+        return len(self["time"])
+
+    @property
+    def time(self) -> Array:
+        """Start of each step (N,) [s]."""
+        return self["time"]
+
+    def take(self, rows: NDArray[np.intp]) -> Signals:
+        """Some of the rows, of every column."""
+        return Signals({name: column[rows] for name, column in self.columns.items()})
+
+    def switches(self) -> NDArray[np.intp]:
+        """Rows at which a planned phase begins, the first row included."""
+        phase, stance = self["phase"], self["stance"]
+        if not len(phase):
+            return np.zeros(0, dtype=np.intp)
+        change = (phase[1:] != phase[:-1]) | (stance[1:] != stance[:-1])
+        return np.flatnonzero(np.r_[True, change])
+
+    def first_step(self) -> int:
+        """Number of rows of the first step: one single and one double support."""
+        starts = self.switches()
+        return int(starts[2]) if len(starts) > 2 else len(self)
+
+    def vector(self, name: str, axes: str = "xyz") -> Array:
+        """Stack ``{name}_{axis}`` of the given axes.
+
+        Returns:
+            (N, len(axes)), in the unit of the columns.
+
+        Raises:
+            InputError: a column is missing.
+        """
+        return np.column_stack([self[f"{name}_{axis}"] for axis in axes])
+
+
+def save_signals(table: pa.Table, path: str | Path) -> None:
+    """Write the table, with unit, frame and meaning of every column."""
+    fields = []
+    for field in table.schema:
+        column = column_of(field.name)
+        known = {"unit": column.unit, "frame": column.frame, "meaning": column.meaning}
+        fields.append(field.with_metadata({key: text for key, text in known.items() if text}))
+    write_table(table.cast(pa.schema(fields)), path)
+
+
+def load_signals(path: str | Path) -> Signals:
+    """Read the table.
+
+    Raises:
+        InputError: the file is missing or is no table of signals.
+    """
+    path = Path(path)
+    try:
+        table = pq.read_table(path)
+    except FileNotFoundError:
+        raise InputError(f"{path} is missing; give the folder of a finished run") from None
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(f"{path} cannot be read ({error}); run the validation again") from error
+    arrays: dict[str, NDArray[Any]] = {}
+    for field in table.schema:
+        column = table.column(field.name)
+        if pa.types.is_string(field.type):
+            arrays[field.name] = np.array(column.to_pylist())
+        elif pa.types.is_floating(field.type) or pa.types.is_boolean(field.type):
+            arrays[field.name] = column.to_numpy()
+        else:
+            raise InputError(
+                f"{path} is damaged: column {field.name!r} holds {field.type} values; run the gait again."
+            )
+    return Signals(arrays)
