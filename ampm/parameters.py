@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import difflib
 import math
+import operator
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin
 
 import tomli_w
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -330,6 +333,116 @@ def keys() -> tuple[str, ...]:
     )
 
 
+@dataclass(frozen=True)
+class KeyInfo:
+    """One key of a run.
+
+    Attributes:
+        key: namespaced name.
+        meaning: in words.
+        unit: SI unit, ``"1"`` if it has none.
+        default: its value where nobody names it.
+        kind: type of its values.
+        options: values of a text, empty for numbers.
+        bounds: limits by comparison (``gt``, ``ge``, ``lt``, ``le``), those that there are.
+        finite: whether infinity is refused.
+    """
+
+    key: str
+    meaning: str
+    unit: str
+    default: float | int | str
+    kind: Literal["float", "int", "text"]
+    options: tuple[str, ...]
+    bounds: Mapping[str, float]
+    finite: bool
+
+    def inside(self, values: Any) -> Any:
+        """Which numbers of an array are within the bounds, same shape."""
+        good = values == values  # no NaN
+        if self.finite:
+            good &= abs(values) < math.inf
+        for comparison, limit in self.bounds.items():
+            good &= getattr(operator, comparison)(values, limit)
+        return good
+
+    def convert(self, value: Any) -> float | int | str:
+        """A value of TOML as this key has it, within its bounds or not.
+
+        Raises:
+            InputError: another type, not a number, or none of the options.
+        """
+        is_number = isinstance(value, float) or (type(value) is int and abs(value) <= _LARGEST_INTEGER)
+        if self.kind == "text":
+            good, wanted = value in self.options, f"one of {', '.join(self.options)}"
+        elif self.kind == "int":
+            good, wanted = is_number and value % 1 == 0, "a whole number"
+        else:
+            good, wanted = is_number and not math.isnan(value), "a number"
+        if not good:
+            limit = f"must be {wanted}"
+            raise InputError(f"{self.key} = {value!r} {limit}.", key=self.key, value=value, limit=limit)
+        return {"text": str, "int": int, "float": float}[self.kind](value)
+
+
+_LARGEST_INTEGER = 2**53  # whole numbers beyond are not exact as floats
+
+
+@cache
+def key_info(key: str) -> KeyInfo:
+    """What is known of a key, from the field of its section.
+
+    Raises:
+        InputError: there is none of this name; the nearest is named.
+    """
+    if key not in keys():
+        raise unknown_key(key)
+    section, _, name = key.partition(".")
+    field = _section_type(RunParameters.model_fields[section].annotation).model_fields[name]
+    extra = field.json_schema_extra
+    options = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
+    bounds = {
+        name: getattr(item, name)
+        for item in field.metadata
+        for name in ("gt", "ge", "lt", "le")
+        if getattr(item, name, None) is not None
+    }
+    return KeyInfo(
+        key=key,
+        meaning=str(field.description),
+        unit=str(extra["unit"]) if isinstance(extra, dict) else "1",
+        default=field.default,
+        kind="text" if options else "int" if field.annotation is int else "float",
+        options=options,
+        bounds=bounds,
+        finite=any(getattr(item, "allow_inf_nan", None) is False for item in field.metadata),
+    )
+
+
+def steps_per_tick(frequency: float, time_step: float) -> int:
+    """Time steps of the physics in one control period.
+
+    Args:
+        frequency: of the controller [Hz].
+        time_step: of the physics [s].
+
+    Raises:
+        InputError: it is no whole number.
+    """
+    ratio = 1.0 / (frequency * time_step)
+    steps = round(ratio)
+    if steps < 1 or abs(ratio - steps) > 1e-9 * ratio:
+        fitting = f"controller.frequency = {1.0 / (max(1, steps) * time_step):g}"
+        raise InputError(
+            f"controller.frequency = {frequency:g} Hz gives a tick every {ratio:.4g} time steps of "
+            f"{time_step:g} s; it must be a whole number: choose for example {fitting}.",
+            key="controller.frequency",
+            value=frequency,
+            way_out=f"choose for example {fitting}",
+        )
+    return steps
+
+
 def preset_names() -> tuple[str, ...]:
     """Names of the presets."""
     return tuple(PRESETS)
@@ -476,6 +589,9 @@ def input_error(error: ValidationError, model: type[Section]) -> InputError:
     location = [str(part) for part in detail["loc"]]
     key = ".".join([model.section, *location] if model.section else location)
     kind, value, context = detail["type"], detail.get("input"), detail.get("ctx", {})
+    if kind == "union_tag_invalid":
+        key, limit = context["discriminator"].strip("'"), f"must be one of {context['expected_tags']}"
+        return InputError(f"{key} = {context['tag']!r} {limit}.", key=key, value=context["tag"], limit=limit)
     known = {field.alias or name: field for name, field in model.model_fields.items()}
     is_run = issubclass(model, RunParameters)
     if kind == "extra_forbidden":
@@ -507,7 +623,7 @@ def input_error(error: ValidationError, model: type[Section]) -> InputError:
         limit = _KINDS.get(kind) or f"must {detail['msg'].partition(' should ')[2]}"
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     given = f"{value:g}{shown_unit}" if is_number else repr(value)
-    if field.is_required():
+    if field.is_required() or field.default is None:
         return InputError(f"{key} = {given} {limit}.{meaning}", key=key, value=value, limit=limit)
     default = field.default
     shown = f"{default:g}{shown_unit}" if isinstance(default, float) else repr(default)

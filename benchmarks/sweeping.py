@@ -31,7 +31,7 @@ from validation.store.folders import check_output_file, output_file
 from validation.store.json import json_ready
 from validation.study.sweep.cluster import ONE_THREAD, environment
 from validation.study.sweep.command import Options, run_sweep
-from validation.study.sweep.definition import SweepDefinition, parse_sweep
+from validation.study.sweep.design import SweepDefinition, parse_sweep
 from validation.study.sweep.sampling import cases as cases_of
 from validation.study.sweep.store import load_results
 from validation.study.sweep.work import Task

@@ -21,7 +21,7 @@ from ampm.parameters import GRAVITY, RunParameters, keys
 from validation.judge.metrics import BODY_WEIGHT
 from validation.judge.profiles import profile
 from validation.study.sweep.columns import TABLE_METADATA, schema
-from validation.study.sweep.definition import parse_sweep
+from validation.study.sweep.design import parse_sweep
 from validation.study.sweep.store import table_metadata
 
 RANGES: Mapping[str, tuple[float, float]] = {

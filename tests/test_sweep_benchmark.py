@@ -52,7 +52,7 @@ def test_too_few_runs_tell_nothing():
 
 
 def test_what_is_timed_is_a_sweep_that_differs_from_run_to_run():
-    from validation.study.sweep.definition import parse_sweep
+    from validation.study.sweep.design import parse_sweep
     from validation.study.sweep.sampling import cases
 
     definition = parse_sweep(sweeping._DEFINITION.format(gait="flat", steps=2, runs=32))

@@ -16,7 +16,7 @@ from ampm.parameters import RunParameters
 from validation.judge.compare import Comparison
 from validation.study.sweep import columns, store
 from validation.study.sweep.columns import parameter_values, run_key, schema, tidy
-from validation.study.sweep.definition import dump_sweep, parse_sweep
+from validation.study.sweep.design import dump_sweep, parse_sweep
 from validation.study.sweep.exceptions import SweepStopped
 
 ROOT = Path(__file__).resolve().parents[1]

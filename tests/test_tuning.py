@@ -8,13 +8,12 @@ from functools import cache
 
 import numpy as np
 import pinocchio as pin
-import pyarrow.parquet as pq
 import pytest
 
 from ampm.body.feasibility import check_body
 from ampm.body.orbit import RoughOrbits
 from ampm.body.step_torques import step_torques
-from ampm.exceptions import InputError, MathematicalRefusal
+from ampm.exceptions import MathematicalRefusal
 from ampm.parameters import PRESETS, dump_run, keys, load_run
 from ampm.planner.support import plan_steps
 from ampm.tune.certificate import Untunable, way_out
@@ -22,8 +21,10 @@ from ampm.tune.free_choices import FREE_KEYS, FreeChoices, named_keys
 from ampm.tune.gait_limits import LIMITS, plan_margins
 from ampm.tune.tuning import tune
 from validation.cli.app import Status, call
-from validation.study import campaign
-from validation.trial.plan import make_body
+from validation.judge.examine import walk
+from validation.study.sweep.work import Task, walk_task
+from validation.trial.plan import Request, make_body
+from validation.trial.tune import tune_walk
 
 LONG = ("gait.step_length=0.7", "gait.switching_velocity=1.2", "gait.steps=3")
 
@@ -200,13 +201,21 @@ def test_a_gait_that_no_choice_lets_pass_over_the_foot_is_refused_by_the_formula
     ],
 )
 def test_tuned_gaits_walk(settings):
-    values = {}
-    for text in settings:
-        key, _, value = text.partition("=")
-        values[key] = float(value)
-    row = campaign.walk(campaign.Case("test", {**campaign.landmarks()[3].values, **values}), 8)
+    walked = walk(tune_walk(Request("test", load_run("normal", [*settings, "gait.steps=8"]))).planned)
+    assert walked.record.outcome.name == "completed", walked.record.outcome.cause
+    metrics = walked.findings.comparison.metrics
+    assert math.hypot(metrics["zmp_x_rmse"].value, metrics["zmp_y_rmse"].value) < 0.004
+
+
+def test_a_sweep_tunes_its_runs():
+    settings = ("gait.step_length=0.3", "gait.switching_velocity=0.7", "gait.steps=2")
+    row = walk_task(Task(0, "0", load_run("normal", settings), "default", tune=True)).row
     assert row["outcome"] == "completed", row["cause"]
-    assert row["zmp_rmse"] < 0.004
+    assert row["gait.step_length"] == 0.3
+    assert row["gait.a_s"] < 2.0  # the default's 2.63 is for long steps
+    slow = load_run("normal", ["gait.step_length=0.75", "gait.switching_velocity=0.4", "gait.c_s=1.8"])
+    row = walk_task(Task(1, "1", slow, "default", tune=True)).row
+    assert row["outcome"] == "refused", row["cause"]
 
 
 # ------------------------------------------------------------------ commands
@@ -275,84 +284,6 @@ def test_validate_tune_still_refuses(ampm, tmp_path):
     assert status == Status.REFUSED
     assert json.loads(out)["error"]["kind"] == "mathematical"
     assert not (tmp_path / "run").exists()
-
-
-# ------------------------------------------------------------------ campaign
-
-
-def row_of(case, outcome="completed", **more):
-    row = {
-        "name": case.name,
-        **case.values,
-        "steps": 5,
-        "outcome": outcome,
-        "steps_completed": 5,
-        "cause": "",
-    }
-    names = ("zmp_x_rmse", "zmp_y_rmse", "zmp_rmse", "zmp_x_maximum", "zmp_y_maximum", "torque", "knee")
-    row |= dict.fromkeys(names, 0.001) if outcome != "refused" else {"reason": "knee_too_straight"}
-    return row | {"limited_qp": 0, "tune_seconds": 1.0, "revision": "0123456789"} | more
-
-
-def test_a_draw_is_its_seed_s_and_within_the_range():
-    cases = campaign.draw(50, 1)
-    assert cases == campaign.draw(50, 1)
-    assert cases != campaign.draw(50, 2)
-    assert cases[:20] == campaign.draw(20, 1)  # a longer campaign goes on where a shorter one ended
-    for case in cases:
-        for key, (low, high) in campaign.RANGE.items():
-            assert low <= case.values[key] <= high
-
-
-def test_landmarks_name_the_whole_range():
-    assert all(case.values.keys() == campaign.RANGE.keys() for case in campaign.landmarks())
-
-
-def test_kept_rows_are_not_walked_again(tmp_path, monkeypatch):
-    cases = campaign.landmarks() + campaign.draw(3, 1)
-    campaign._save(tmp_path / campaign.TABLE, [row_of(case) for case in cases], 1, 5)
-    monkeypatch.setattr(campaign, "walk", None)
-    rows = campaign.run_campaign(tmp_path, runs=3, seed=1, steps=5)
-    assert [row["name"] for row in rows] == [case.name for case in cases]
-    assert "3 gaits drawn" in (tmp_path / campaign.PAGE).read_text()
-    with pytest.raises(InputError, match="another folder"):
-        campaign.run_campaign(tmp_path, runs=3, seed=2, steps=5)
-
-
-def test_a_row_of_another_gait_is_not_kept(tmp_path):
-    cases = campaign.draw(2, 1)
-    rows = [row_of(cases[0]), {**row_of(cases[1]), "body.mass": 50.0}]
-    campaign._save(tmp_path / campaign.TABLE, rows, 1, 5)
-    assert campaign._kept(tmp_path / campaign.TABLE, cases, 1, 5).keys() == {"0"}
-    assert pq.read_table(tmp_path / campaign.TABLE).num_rows == 2
-
-
-def test_the_summary_counts_what_walked_fell_and_was_refused():
-    cases = campaign.landmarks()[:1] + campaign.draw(4, 1)
-    rows = [
-        row_of(cases[0], zmp_rmse=1.0),
-        row_of(cases[1], zmp_rmse=0.001),
-        row_of(cases[2], zmp_rmse=0.003),
-        row_of(cases[3], "fell", cause="The left foot slid.", zmp_rmse=9.0),
-        row_of(cases[4], "refused", cause="too straight"),
-    ]
-    told = campaign.summary(rows)
-    assert (told["drawn"], told["refused"], told["accepted"], told["completed"]) == (4, 1, 3, 2)
-    assert told["fell"] == ["2"]
-    assert told["zmp_rmse_median"] == pytest.approx(0.002)  # neither the landmark nor the fall
-    page = campaign.page(rows, 1)
-    assert "The left foot slid." in page
-    assert "too straight" in page
-
-
-def test_a_page_keeps_what_is_outside_the_marks(tmp_path):
-    path = tmp_path / "page.md"
-    path.write_text(f"before\n{campaign.MARKS[0]}\nold\n{campaign.MARKS[1]}\nafter\n")
-    campaign.publish("new\n", path)
-    assert path.read_text() == f"before\n{campaign.MARKS[0]}\nnew\n{campaign.MARKS[1]}\nafter\n"
-    path.write_text("no marks")
-    with pytest.raises(InputError, match="marks"):
-        campaign.publish("new\n", path)
 
 
 def test_the_plain_pendulum_is_not_tuned(capsys):

@@ -320,39 +320,6 @@ def tune(
 
 
 @app.command()
-def campaign(
-    out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder of the table; rows that it holds are kept.")
-    ] = Path("campaign"),
-    runs: Annotated[int, typer.Option("--runs", metavar="N", help="Gaits to draw.")] = 100,
-    seed: Annotated[int, typer.Option("--seed", help="Of the draw.")] = 1,
-    steps: Annotated[int, typer.Option("--steps", metavar="N", help="Of every walk.")] = 30,
-    workers: Annotated[int, typer.Option("--workers", metavar="N", help="Processes.")] = 2,
-    publish: Annotated[
-        Path | None,
-        typer.Option("--publish", metavar="FILE.md", help="Put the tables between the marks of a page."),
-    ] = None,
-    as_json: Json = False,
-    debug: Debug = False,
-) -> int:
-    """Draw gaits from the whole range, tune and walk each; say how well, and why the others do not walk."""
-    from rich.markup import escape
-
-    from validation.study import campaign as drawn
-
-    narrator = Narrator()
-    rows = drawn.run_campaign(out, runs=runs, seed=seed, steps=steps, workers=workers, stages=narrator)
-    text = drawn.page(rows, seed)
-    if publish is not None:
-        drawn.publish(text, publish)
-    if as_json:
-        print_json(drawn.summary(rows))
-    else:
-        print_line(escape(text))
-    return Status.PASS
-
-
-@app.command()
 def compare(
     a: Annotated[
         str, typer.Argument(help="Preset, TOML file, or folder of a run.", metavar="[A]")

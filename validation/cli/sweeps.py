@@ -41,7 +41,7 @@ def sweep(
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with what is missing in --out.")] = False,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Count runs and refusals and estimate the time; walk nothing.")
+        bool, typer.Option("--dry-run", help="Count runs and refusals; walk one run to time it.")
     ] = False,
     retry: Annotated[
         str | None,
@@ -49,14 +49,6 @@ def sweep(
             "--retry",
             metavar="OUTCOME,...",
             help="With --resume: also walk again what crashed, timed_out, fell, ...: --retry crashed.",
-        ),
-    ] = None,
-    probe: Annotated[
-        int | None,
-        typer.Option(
-            "--probe",
-            metavar="N",
-            help="With --dry-run: gaits whose motion is solved; 20 of a larger sweep by default, 0 for none.",
         ),
     ] = None,
     force: Annotated[
@@ -74,15 +66,17 @@ def sweep(
     """
     from validation.study.sweep import command, opening
 
+    if dry_run:
+        from validation.cli.forecast import dry_run as forecast  # loads all that measures
+
+        return forecast(file, workers, as_json=as_json)
     options = opening.Options(
         out=out,
         workers=workers,
         scheduler=scheduler,
         resume=resume,
-        dry_run=dry_run,
         force=force,
         retry=opening.retried(retry),
-        probe=probe,
     )
     return Status(command.run(file, options, as_json=as_json, narrator=Narrator()))
 

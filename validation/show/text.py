@@ -63,3 +63,15 @@ def replace_between(page: str, name: str, text: str) -> str:
     if not (first and last):
         raise ValueError(f"the page lacks the marks of {name!r}")
     return f"{head}{first}{text}{last}{tail}"
+
+
+def format_duration(seconds: float) -> str:
+    """A time in words: ``12 s``, ``45 min``, ``3 h 20 min``, ``11.6 days``."""
+    if seconds < 90:
+        return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
+    hours, minutes = divmod(round(seconds / 60), 60)
+    if seconds < 5400:
+        return f"{60 * hours + minutes} min"
+    if hours < 48:
+        return f"{hours} h {minutes} min" if minutes else f"{hours} h"
+    return f"{seconds / 86400:.1f} days"

@@ -18,6 +18,7 @@ import numpy as np
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
+from ampm.parameters import steps_per_tick
 from ampm.walk import LIMITED, State, Timing, Touch
 from validation.trial.bridge import pinocchio_model, to_mujoco
 from validation.trial.log import RunLog
@@ -62,14 +63,7 @@ class Physics:
         self.data = mujoco.MjData(self.model)
         self.robot = Robot(pinocchio_model(self.model), body_model.description)
         self.time_step = float(self.model.opt.timestep)
-        ratio = 1.0 / (run.controller.frequency * self.time_step)
-        self.substeps = round(ratio)
-        if self.substeps < 1 or abs(ratio - self.substeps) > 1e-9 * ratio:
-            raise InputError(
-                f"controller.frequency = {run.controller.frequency:g} Hz gives a tick every {ratio:.4g} time "
-                f"steps of {self.time_step:g} s; it must be a whole number: choose for example "
-                f"controller.frequency = {1.0 / (max(1, self.substeps) * self.time_step):g}"
-            )
+        self.substeps = steps_per_tick(run.controller.frequency, self.time_step)
         description = body_model.description
         sites = [site for _, _, site in description.sole_points()]
         of_geom = np.full(self.model.ngeom, -1, dtype=np.intp)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ampm.exceptions import InputError
+from ampm.parameters import steps_per_tick
 from validation.judge import profiles
 from validation.progress import Progress
 from validation.store.folders import check_target, output_file
@@ -18,7 +19,7 @@ from validation.study.convergence.result import Convergence, combine
 from validation.study.convergence.studies import LEVELS, STEPS, Runner, studies, walk_level
 from validation.study.convergence.table import markdown
 from validation.study.convergence.uncertainty import FILE
-from validation.trial.plan import Request, load_request, plan_walk
+from validation.trial.plan import load_request, plan_walk
 
 MARKDOWN = "convergence.md"
 PICTURES = ("convergence.svg", "convergence.png")
@@ -81,7 +82,8 @@ def run(
         check_target(options.out, FILES, force=options.force, what="convergence study")
     request = load_request(gait, [*settings, f"gait.steps={options.steps}"])
     found = studies(request.run, options.only, levels=options.levels)
-    _check_ticks(request)
+    # Halving the time step does not mend a control period that is no multiple of it.
+    steps_per_tick(request.run.controller.frequency, request.run.simulation.time_step)
     if runner is walk_level:  # refusals come before any worker starts, and the motion is in the cache
         plan_walk(request, stages)
     walks = walk_levels(
@@ -91,24 +93,6 @@ def run(
     if options.out is not None:
         write(result, options.out)
     return result
-
-
-def _check_ticks(request: Request) -> None:
-    """Refuse a control period that is no multiple of the time step: halving it does not mend that.
-
-    Raises:
-        InputError: it is none.
-    """
-    frequency, step = request.run.controller.frequency, request.run.simulation.time_step
-    ratio = 1.0 / (frequency * step)
-    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
-        raise InputError(
-            f"controller.frequency = {frequency:g} Hz is a tick every {ratio:.4g} time steps of {step:g} s; "
-            f"it must be a whole number: choose for example simulation.time_step="
-            f"{1.0 / (frequency * max(1, round(ratio))):g}.",
-            key="simulation.time_step",
-            value=step,
-        )
 
 
 def write(result: Convergence, out: Path) -> None:

@@ -24,14 +24,14 @@ from validation.cli.options import Status
 from validation.progress import interruption
 from validation.store.json import json_ready
 from validation.study.sweep.columns import column, reproducible_columns, run_key, schema, tidy
-from validation.study.sweep.definition import SweepDefinition, load_sweep
+from validation.study.sweep.design import SweepDefinition, load_sweep
+from validation.study.sweep.forecast import ACCEPTED, screen
 from validation.study.sweep.identity import code_hash
 from validation.study.sweep.opening import Options, check_folder, holds_sweep, open_folder, resume_command
 from validation.study.sweep.progress import SweepProgress, state_of
 from validation.study.sweep.rows import environment_columns, first_columns, refused_columns
 from validation.study.sweep.sampling import Cases
 from validation.study.sweep.sampling import cases as cases_of
-from validation.study.sweep.screening import Screening, screen
 from validation.study.sweep.store import (
     CRASHES,
     RECORDINGS,
@@ -55,16 +55,6 @@ def run(file: Path, options: Options, *, as_json: bool = False, narrator: Narrat
     narrator = narrator or Narrator()
     options.check()
     definition = load_sweep(file)
-    if options.dry_run:
-        from validation.study.sweep.dry_run import plan_dry_run
-        from validation.study.sweep.dry_run_text import print_dry_run
-
-        dry = plan_dry_run(definition, options.workers, solve=options.probe, stages=narrator)
-        if as_json:
-            print_json(dry.as_dict())
-        else:
-            print_dry_run(dry)
-        return Status.REFUSED if dry.all_refused else Status.PASS
     try:
         summary = run_sweep(definition, options, narrator=narrator)
     except KeyboardInterrupt as error:
@@ -112,8 +102,8 @@ def run_sweep(
         counts = _counts(kept, missing)
         table = kept
         if missing.any() or _to_keep(definition, kept, metadata):
-            screening = screen(definition, cases)
-            walks = int((missing & screening.accepted).sum())
+            accepted = screen(cases) == ACCEPTED
+            walks = int((missing & accepted).sum())
             count = min(options.workers or default_workers(), max(walks, 1))
             with ExitStack() as work:
                 if crew is None:
@@ -125,7 +115,7 @@ def run_sweep(
                 watcher = _Watcher(SweepProgress(len(cases), walks, counts, narrator.console), store)
                 sink = _Again(store, kept, missing)
                 with watcher.progress:
-                    Execution(crew, jobs.missing(missing, screening), sink, watcher).run()
+                    Execution(crew, jobs.missing(missing, accepted), sink, watcher).run()
                 interruption.check()
                 table = store.rows()
                 if table is None:
@@ -218,9 +208,8 @@ class _Jobs:
             if "." in key
         }
 
-    def missing(self, missing: np.ndarray, screening: Screening) -> Iterator[dict[str, Any] | Task]:
+    def missing(self, missing: np.ndarray, accepted: np.ndarray) -> Iterator[dict[str, Any] | Task]:
         """Everything that has no answer yet: rows of refused runs, tasks of the others."""
-        accepted = screening.accepted
         for case in np.flatnonzero(missing).tolist():
             try:
                 run = self.cases.run(case)
@@ -247,6 +236,7 @@ class _Jobs:
             folder=str(self.folder),
             wall_clock=definition.limits.wall_clock,
             code=code_hash(),
+            tune=definition.tune,
         )
 
     def _refused(self, case: int, run: RunParameters, error: RefusedGait) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from validation.study.sweep.definition import SweepDefinition, dump_sweep, toml_values
+from validation.study.sweep.design import Sampled, SweepDefinition, dump_sweep
 
 _ROOT = Path(__file__).resolve().parents[3]
 _PACKAGES = ("ampm", "models")
@@ -100,9 +100,9 @@ def _settings(definition: SweepDefinition) -> dict[str, str]:
     for number, block in enumerate(definition.vary, start=1):
         place = f"[[vary]] block {number}"
         found[f"method of {place}"] = repr(block.method)
-        if block.count is not None:
+        if isinstance(block, Sampled):
             found[f"count of {place}"] = repr(block.count)
-        found |= {f"{key} of {place}": toml_values(value) for key, value in block.keys.items()}
+        found |= {f"{key} of {place}": str(value) for key, value in block.keys.items()}
     for section, values in definition.base.model_dump().items():
         found |= {f"{section}.{key} of the gait": repr(value) for key, value in values.items()}
     return found

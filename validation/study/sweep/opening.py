@@ -12,7 +12,7 @@ from typing import Any
 from ampm.exceptions import InputError
 from validation.store.environment import describe_environment
 from validation.study.sweep.columns import OUTCOMES
-from validation.study.sweep.definition import SweepDefinition, dump_sweep, parse_sweep
+from validation.study.sweep.design import SweepDefinition, dump_sweep, parse_sweep
 from validation.study.sweep.identity import changes, differences, identity
 from validation.study.sweep.store import DEFINITION, IDENTITY, SWEEP_FILES, Store, open_store
 
@@ -30,20 +30,16 @@ class Options:
         workers: processes of this machine, one per core by default.
         scheduler: address of a dask scheduler to run on instead.
         resume: go on with what is there.
-        dry_run: only count and estimate.
         force: go on although the code has changed.
         retry: outcomes of finished runs that are walked again.
-        probe: gaits whose whole-body motion a dry run solves; None for its own choice.
     """
 
     out: Path | None = None
     workers: int | None = None
     scheduler: str | None = None
     resume: bool = False
-    dry_run: bool = False
     force: bool = False
     retry: tuple[str, ...] = ()
-    probe: int | None = None
 
     def check(self) -> None:
         """Refuse what does not go together.
@@ -55,12 +51,6 @@ class Options:
             raise InputError(f"--workers {self.workers} must be at least 1.")
         if self.workers is not None and self.scheduler is not None:
             raise InputError("--workers and --scheduler exclude each other: a scheduler has its own workers.")
-        if self.probe is not None and self.probe < 0:
-            raise InputError(f"--probe {self.probe} must be at least 0.")
-        if self.dry_run:
-            return
-        if self.probe is not None:
-            raise InputError("--probe goes with --dry-run: a sweep solves every motion anyway; leave it out.")
         if self.out is None:
             raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
         if self.force and not self.resume:

@@ -7,18 +7,14 @@ its number. The same definition gives the same values on every machine with the 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ampm.exceptions import InputError
-from ampm.parameters import RunParameters
-from validation.study.sweep.blocks import SAMPLED, Block, Range
-from validation.study.sweep.definition import SweepDefinition
-from validation.study.sweep.keys import KeyInfo, Value, key_info
+from ampm.parameters import KeyInfo, RunParameters, key_info
+from validation.study.sweep.design import Grid, Range, Sampled, SweepDefinition, Value
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -46,10 +42,6 @@ class Axis:
         """Places of some cases in ``values``, same shape."""
         return (cases // self.stride) % len(self.values)
 
-    def at(self, cases: NDArray[np.int64]) -> Column:
-        """Values of some cases, same shape."""
-        return self.values[self.index(cases)]
-
 
 @dataclass(frozen=True)
 class Cases:
@@ -66,29 +58,14 @@ class Cases:
     def __len__(self) -> int:
         return len(self.definition)
 
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Varied keys, in the order of the blocks."""
-        return tuple(axis.key for axis in self.axes)
-
-    def columns(self, start: int = 0, stop: int | None = None) -> dict[str, Column]:
-        """Varied keys of the cases ``start`` ... ``stop - 1``: arrays of float64, int64 or texts."""
-        numbers = np.arange(start, len(self) if stop is None else min(stop, len(self)), dtype=np.int64)
-        return {axis.key: axis.at(numbers) for axis in self.axes}
-
     def column(self, key: str, numbers: NDArray[np.int64]) -> Column:
         """Values of any key of the run, varied or not, in some cases, shape (n,)."""
         for axis in self.axes:
             if axis.key == key:
-                return axis.at(numbers)
+                return axis.values[axis.index(numbers)]
         section, _, name = key.partition(".")
         value = getattr(getattr(self.definition.run, section), name)
         return np.full(len(numbers), value, dtype=object if isinstance(value, str) else None)
-
-    @cached_property
-    def values(self) -> Mapping[str, Column]:
-        """Varied keys of all cases; for large sweeps :meth:`columns` gives a part."""
-        return self.columns()
 
     def row(self, case: int) -> dict[str, Value]:
         """Varied keys of one case.
@@ -98,8 +75,8 @@ class Cases:
         """
         if not 0 <= case < len(self):
             raise IndexError(f"there is no case {case}: the sweep has {len(self)}")
-        number = np.array(case, dtype=np.int64)
-        return {axis.key: _plain(axis.at(number)) for axis in self.axes}
+        number = np.array([case])
+        return {axis.key: axis.values[axis.index(number)].tolist()[0] for axis in self.axes}
 
     def run(self, case: int) -> RunParameters:
         """Everything that describes one run.
@@ -109,11 +86,6 @@ class Cases:
             IndexError: there is no such case.
         """
         return self.definition.run.replace(self.row(case))
-
-    def settings(self, case: int) -> list[str]:
-        """One case as ``key=value`` settings on top of the gait, as ``ampm validate --set`` takes them."""
-        given = {**self.definition.set, "gait.steps": self.definition.steps, **self.row(case)}
-        return [f"{key}={value!r}" for key, value in given.items()]
 
     def name(self, case: int) -> str:
         """Number of a case as text, with zeros in front so that names sort as numbers do."""
@@ -129,27 +101,17 @@ def cases(definition: SweepDefinition) -> Cases:
     axes: list[Axis] = []
     stride = len(definition)
     for number, block in enumerate(definition.vary):
-        stride //= block.size
-        if block.method in SAMPLED:
+        outer, stride = stride, stride // block.size
+        if isinstance(block, Sampled):
             columns = _sampled(block, np.random.default_rng([definition.seed, number]))
-            axes += [Axis(key, _read_only(values), stride) for key, values in columns.items()]
-            continue
-        columns = {key: _listed(key_info(key), value) for key, value in block.keys.items()}
-        inner = stride if block.method == "list" else stride * block.size
+        else:
+            columns = {key: _listed(key_info(key), value) for key, value in block.keys.items()}
         for key, values in columns.items():
-            if block.method == "grid":  # the last key changes fastest
-                inner //= len(values)
-            axes.append(Axis(key, _read_only(values), inner))
+            if isinstance(block, Grid):  # the last key changes fastest
+                outer //= len(values)
+            values.setflags(write=False)
+            axes.append(Axis(key, values, outer if isinstance(block, Grid) else stride))
     return Cases(definition, tuple(axes))
-
-
-def _read_only(values: Column) -> Column:
-    values.setflags(write=False)
-    return values
-
-
-def _plain(value: Any) -> Value:
-    return value.item() if hasattr(value, "item") else value
 
 
 def _listed(info: KeyInfo, value: Range | tuple[Value, ...]) -> Column:
@@ -175,7 +137,7 @@ def _listed(info: KeyInfo, value: Range | tuple[Value, ...]) -> Column:
     return values.astype(np.int64) if info.kind == "int" else values
 
 
-def _sampled(block: Block, generator: np.random.Generator) -> dict[str, Column]:
+def _sampled(block: Sampled, generator: np.random.Generator) -> dict[str, Column]:
     """Points of a sampled block."""
     from scipy.stats import qmc  # takes most of a second to import
 
@@ -187,9 +149,7 @@ def _sampled(block: Block, generator: np.random.Generator) -> dict[str, Column]:
         # Only whole powers of two are balanced; of another number these are the first points.
         unit = engine.random_base2((count - 1).bit_length())[:count]
     return {
-        key: _scaled(key_info(key), value, unit[:, i])
-        for i, (key, value) in enumerate(block.keys.items())
-        if isinstance(value, Range)
+        key: _scaled(key_info(key), value, unit[:, i]) for i, (key, value) in enumerate(block.keys.items())
     }
 
 

@@ -28,7 +28,7 @@ import pyarrow.parquet as pq
 from ampm.exceptions import InputError
 from validation.judge.profiles import profile as find_profile
 from validation.study.sweep.columns import TABLE_METADATA, described_columns, schema, table_of
-from validation.study.sweep.definition import SweepDefinition, dump_sweep, parse_sweep
+from validation.study.sweep.design import SweepDefinition, dump_sweep, parse_sweep
 from validation.study.sweep.exceptions import SweepStopped
 
 DEFINITION = "sweep.toml"

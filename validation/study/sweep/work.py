@@ -25,7 +25,7 @@ from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import RunParameters
 from validation.judge.profiles import profile as find_profile
 from validation.progress import Progress, Stage
-from validation.study.sweep.columns import tidy
+from validation.study.sweep.columns import parameter_values, tidy
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.faults import clean_row, clean_text, machine_fault
 from validation.study.sweep.identity import code, code_hash
@@ -65,6 +65,7 @@ class Task:
         code: hash of the code that the sweep's own process has, which must be the worker's.
         topic: of the events in which a worker says that it begins.
         attempt: times that the run was sent out, from 1.
+        tune: make the free choices first; the parameters know which keys were named.
     """
 
     run: int
@@ -78,6 +79,7 @@ class Task:
     code: str = ""
     topic: str = ""
     attempt: int = 1
+    tune: bool = False
 
 
 @dataclass(frozen=True)
@@ -148,7 +150,8 @@ def answer_of(
     except (Exception, SystemExit) as error:
         fault = machine_fault(error)
         if fault is None and isinstance(error, RefusedGait | InputError):
-            row |= refused_columns(error, task.parameters)
+            # The plan of a gait that could not be tuned is none that would walk.
+            row |= refused_columns(error, None if task.tune else task.parameters)
         else:
             row |= crashed_columns(error)
             row["reason"] = fault or row["reason"]
@@ -164,15 +167,17 @@ def _trial(task: Task, timing: dict[str, float]) -> dict[str, Any]:
     # Here, not above: the sweep's own process needs neither simulator nor body.
     from validation.judge.examine import walk
     from validation.trial.plan import Request, plan_walk
+    from validation.trial.tune import tune_walk
 
     clock = _Clock()
     cpu = time.thread_time()
     profile = find_profile(task.profile)
     try:
-        planned = plan_walk(Request(task.name, task.parameters), clock)
+        request = Request(task.name, task.parameters)
+        planned = tune_walk(request, clock).planned if task.tune else plan_walk(request, clock)
     finally:
         timing |= clock.timing() | {"cpu_planning": time.thread_time() - cpu}
-    row = motion_columns(planned)
+    row = parameter_values(planned.run) | motion_columns(planned)
     cpu = time.thread_time()
     walked = walk(planned, profile)
     simulated = float(walked.record.time[-1])

@@ -1,0 +1,303 @@
+"""Forecast: the planner's answer to every run, on arrays; soles and legs of a sample; one timed walk."""
+
+import json
+import math
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ampm.exceptions import BodilyRefusal, InputError, MathematicalRefusal
+from ampm.parameters import key_info, keys, load_run, steps_per_tick
+from ampm.planner.gait import plan_gait
+from validation.cli.app import call
+from validation.store.json import json_ready
+from validation.study.sweep import forecast as forecasting
+from validation.study.sweep.design import Listed, SweepDefinition, parse_sweep
+from validation.study.sweep.forecast import ACCEPTED, BAD, REASONS, forecast, screen
+from validation.study.sweep.sampling import cases
+from validation.trial import plan as planning
+from validation.trial import tune as tuning
+
+GRID = '[[vary]]\nmethod = "grid"\n'
+LONG = {"a_s": math.inf, "c_s": 0.005, "switching_velocity": 0.0577}
+"""A single support of many time constants of the lateral pendulum, if c_y is large."""
+
+
+def rows(columns, steps=3):
+    """A sweep of given rows, which the reader would have refused where they are equal."""
+    block = Listed.model_construct(method="list", keys={key: tuple(v) for key, v in columns.items()})
+    return SweepDefinition(steps=steps, vary=(block,), base=load_run("normal"))
+
+
+def planners_answer(drawn, case):
+    """Reason, from the planner itself."""
+    try:
+        run = drawn.run(case)
+        plan_gait(run.gait, mass=run.body.mass)
+    except InputError:
+        return REASONS[BAD]
+    except MathematicalRefusal as refusal:
+        return refusal.reason
+    return REASONS[ACCEPTED]
+
+
+def check(definition):
+    """Hold the screening against the planner, case by case; the reasons."""
+    drawn = cases(definition)
+    found = [REASONS[code] for code in screen(drawn)]
+    for case, reason in enumerate(found):
+        assert reason == planners_answer(drawn, case), drawn.row(case)
+    return found
+
+
+# --- the same as the planner ---
+
+
+def test_one_case_of_every_reason():
+    usual = load_run("normal").gait
+    changes: dict[str, dict[str, Any]] = {
+        "accepted": {},
+        "bad_parameter": {"c_s": 101.0},
+        "not_the_plain_pendulum": {"model": "ipm"},
+        "single_support_not_driven": {"c_s": 0.2},
+        "c_y_not_positive": {"c_y": 0.0},
+        "switching_velocity_too_low": {"switching_velocity": 0.3},
+        "mid_stance_too_slow": {"switching_velocity": 0.635},
+        "single_support_too_long": {**LONG, "c_y": 100.0},
+        "ill_conditioned": {"com_height": 1e-9, "step_length": 1e-3, "switching_velocity": 99.0},
+    }
+    names = sorted({name for change in changes.values() for name in change})
+    columns = {
+        f"gait.{name}": [change.get(name, getattr(usual, name)) for change in changes.values()]
+        for name in names
+    }
+    assert check(rows(columns, steps=6)) == list(changes) == list(REASONS)
+
+
+@pytest.mark.parametrize("gait", ["normal", "momentum", "flat", "ipm"])
+def test_presets_are_accepted(gait):
+    assert set(check(parse_sweep(f'[sweep]\ngait = "{gait}"\n{GRID}body.mass = [50, 60.0]'))) == {"accepted"}
+
+
+def around(low, high):
+    """Numbers of any size between two positive ones, and their ends."""
+    exponent = st.floats(min_value=math.log(low), max_value=math.log(high))
+    return st.one_of(exponent.map(lambda e: min(max(math.exp(e), low), high)), st.sampled_from([low, high]))
+
+
+GAITS = {
+    "gait.model": st.sampled_from(["ampm", "ampm", "ampm", "ipm"]),
+    "gait.com_height": around(0.3, 1.3),
+    "gait.step_length": around(0.02, 1.5),
+    "gait.switching_velocity": around(0.05, 3.0),
+    "gait.single_support_ratio": st.floats(min_value=0.02, max_value=0.98),
+    "gait.a_s": st.one_of(st.just(math.inf), around(0.3, 300.0)),
+    "gait.c_s": st.one_of(st.just(1.0), st.floats(min_value=-0.5, max_value=3.0)),
+    "gait.c_y": st.one_of(st.just(1.0), st.floats(min_value=-0.2, max_value=3.0)),
+    "gait.step_width": around(0.01, 0.6),
+    "body.mass": around(1.0, 1000.0),
+}
+EXTREME = {
+    **GAITS,
+    "gait.com_height": around(1e-200, 200.0),
+    "gait.step_length": around(1e-200, 200.0),
+    "gait.switching_velocity": around(5e-324, 200.0),
+    "gait.single_support_ratio": st.one_of(around(1e-300, 2.0), around(1e-17, 0.5).map(lambda x: 1.0 - x)),
+    "gait.a_s": st.one_of(st.just(math.inf), around(5e-324, 1e308)),
+    "gait.c_s": st.one_of(st.just(1.0), around(5e-324, 200.0), st.floats(-1e308, 0.0)),
+    "gait.c_y": st.one_of(st.just(1.0), around(5e-324, 200.0), st.floats(-1e308, 0.0)),
+    "gait.step_width": around(1e-200, 200.0),
+    "body.mass": around(5e-324, 2000.0),
+}
+
+
+def tables(values):
+    """Several gaits as columns."""
+    gait = st.tuples(*values.values())
+    return st.lists(gait, min_size=1, max_size=12).map(
+        lambda found: dict(zip(values, zip(*found, strict=True), strict=True))
+    )
+
+
+@pytest.mark.parametrize("gaits", [GAITS, EXTREME], ids=["usual", "extreme"])
+@given(data=st.data(), steps=st.integers(min_value=1, max_value=6))
+@settings(max_examples=150, deadline=None)
+def test_any_gait(gaits, data, steps):
+    check(rows(data.draw(tables(gaits)), steps))
+
+
+def test_thresholds_to_the_last_bit():
+    least = 0.5 * 0.6 * 0.79 / math.sqrt(0.865 / ((1.0 - 1.0 / 2.63) * 9.81))
+    enough = least / math.sqrt(1.0 - 0.2**2)
+    speeds = [s + k * math.ulp(s) for s in (least, enough) for k in range(-3, 4)]
+    assert len(set(check(rows({"gait.switching_velocity": speeds})))) == 3
+    slopes = [1.0 / 2.63 + k * math.ulp(1.0 / 2.63) for k in range(-2, 3)]
+    assert "single_support_not_driven" in check(rows({"gait.c_s": slopes}))
+    check(rows({"gait.c_y": [-5e-324, -0.0, 0.0, 5e-324]}))
+    heights = [10.0**-k for k in range(3, 12)]
+    far = {"gait.step_length": [1e-3] * 9, "gait.switching_velocity": [99.0] * 9}
+    assert len(set(check(rows({"gait.com_height": heights, **far}, steps=6)))) == 4
+
+
+def test_the_largest_angle_to_the_last_bits():
+    single = plan_gait(load_run("normal", [f"gait.{k}={v}" for k, v in LONG.items()]).gait)
+    duration = single.constants.single_support_duration
+    edge = (2.0 * 300.0 / duration) ** 2 * single.parameters.com_height / 9.81
+    slopes = [edge * (1.0 + share) for share in (-1e-3, -1e-12, 0.0, 1e-12, 1e-3)]
+    slopes += [edge + k * math.ulp(edge) for k in (-8, -4, -2, -1, 1, 2, 4, 8)]
+    columns = {f"gait.{name}": [value] * len(slopes) for name, value in LONG.items()}
+    assert set(check(rows({**columns, "gait.c_y": slopes}))) == {"accepted", "single_support_too_long"}
+
+
+@pytest.mark.parametrize("key", [k for k in keys() if key_info(k).kind != "text" and k != "gait.steps"])
+def test_bounds_of_every_key(key):
+    info = key_info(key)
+    numbers: list[float] = [b + k for b in info.bounds.values() for k in (-1, 0, 1)]
+    if info.kind != "int":
+        numbers += [1.7e308, -1.7e308, 0.0, -0.0, 5e-324, math.inf, -math.inf]
+        numbers += [math.nextafter(b, k) for b in info.bounds.values() for k in (-math.inf, math.inf)]
+    drawn = cases(rows({key: numbers}))
+    for case, code in enumerate(screen(drawn)):
+        found = None
+        try:
+            drawn.run(case)
+        except InputError as error:
+            found = error.details["key"]
+        assert found == (key if code == BAD else None), numbers[case]
+
+
+@pytest.mark.parametrize(
+    "count", [30, pytest.param(100, marks=pytest.mark.slow)], ids=["27 thousand", "a million"]
+)
+def test_many_gaits_are_screened_in_seconds(count):
+    definition = parse_sweep(
+        f"{GRID}gait.c_s = {{ from = -0.5, to = 2, count = {count} }}\n"
+        f"gait.c_y = {{ from = -0.1, to = 1.4, count = {count} }}\n"
+        f"gait.switching_velocity = {{ from = 0.2, to = 1.4, count = {count} }}"
+    )
+    drawn, start = cases(definition), time.process_time()
+    code = screen(drawn)
+    assert time.process_time() - start < 2e-5 * count**3 + 1.0
+    assert len(code) == count**3
+    for case in np.random.default_rng(1).integers(0, len(code), 100).tolist():
+        assert REASONS[code[case]] == planners_answer(drawn, case)
+
+
+# --- forecast ---
+
+
+@pytest.fixture
+def walks(monkeypatch):
+    """Walks that are not walked: every walk is recorded, and those with low slopes are refused."""
+    walked = []
+
+    def timed(request, *_):
+        walked.append(request.run)
+        if request.run.gait.c_y < 0.6:
+            raise BodilyRefusal("hip", reason="knee", value=0.0, limit=0.1, unit="rad", way_out="bend [less]")
+
+    monkeypatch.setattr(planning, "plan_walk", timed)
+    monkeypatch.setattr("validation.judge.examine.walk", lambda *_: None)
+    return walked
+
+
+def test_a_forecast_counts_and_says_so(walks, tmp_path, capsys):
+    text = (
+        '[sweep]\nname = "a [b] c"\nsteps = 40\n' + GRID + "gait.switching_velocity = [0.5, 1.0]\n"
+        "contact.friction = [-1, 0.6, 0.8]\nsimulation.time_step = [0.002, 0.0015]"
+    )
+    found = forecast(parse_sweep(text), 2)
+    assert [(item.reason, item.runs) for item in found.refused] == [
+        ("bad_parameter", 4),
+        ("switching_velocity_too_low", 4),
+    ]
+    assert [(item.reason, item.runs) for item in found.body_refused] == [("bad_parameter", 2)]  # the clock
+    assert "contact.friction" in found.refused[0].example
+    assert "gait.switching_velocity" in found.refused[1].example
+    assert "controller.frequency" in found.body_refused[0].example
+    assert (found.runs, found.gaits, found.checked, found.walking, found.exact) == (12, 2, 2, 2, True)
+    assert [run.gait.steps for run in walks] == [forecasting.TIMED_STEPS]
+    assert found.wall_clock == found.seconds
+    told = json.loads(json.dumps(json_ready(found.as_dict()), allow_nan=False))
+    assert (told["runs"], told["walking"]) == (12, 2)
+    path = tmp_path / "sweep.toml"
+    path.write_text(text, encoding="utf-8")
+    assert call(["sweep", str(path), "--dry-run"]) == 0
+    printed = capsys.readouterr().out
+    for words in ("a [b] c", "switching_velocity_too_low", "can walk, at most", "one run takes about"):
+        assert words in printed
+
+
+def test_a_dry_run_ends_as_the_sweep_would(walks, tmp_path, capsys):
+    path = tmp_path / "sweep.toml"
+    for text, status in (
+        ("gait.switching_velocity = [0.1, 0.2]", 2),  # the formula refuses all
+        ("gait.com_height = [1.2]", 2),  # the legs do
+        ("gait.c_y = [0.5, 0.7]", 0),
+        ("gait.c_y = [0.5, 0.55]", 0),  # only the motion refuses, which a dry run does not solve for all
+    ):
+        path.write_text(f'[sweep]\ngait = "flat"\n{GRID}{text}\n', encoding="utf-8")
+        assert call(["sweep", str(path), "--dry-run"]) == status
+        assert ("every run is refused" in capsys.readouterr().out) == (status == 2)
+    assert call(["sweep", str(path), "--dry-run", "--workers", "0"]) == 2
+
+
+def test_the_body_is_asked_as_planning_asks_it(walks):
+    definition = parse_sweep(
+        '[sweep]\nsteps = 3\n[[vary]]\nmethod = "list"\n'
+        "gait.step_width = [0.18, 0.05, 0.18, 0.18]\ngait.a_s = [2.63, 2.63, 1.5, 2.63]\n"
+        "foot.heel_rise_lead = [0, 0, 0, 0.9]\n"
+    )
+    expected = {"soles_overlap", "zmp_leaves_sole", "bad_parameter"}
+    found = forecast(definition, 1)
+    assert {item.reason for item in found.body_refused} == expected
+    assert found.walking == 1
+
+
+def test_of_many_gaits_a_sample_is_checked(walks, monkeypatch):
+    monkeypatch.setattr(forecasting, "CHECKED", 5)
+    text = '[sweep]\ngait = "flat"\n' + GRID + "gait.c_y = { from = 0.7, to = 1, count = 20 }\n"
+    found = forecast(parse_sweep(text + "contact.friction = [0.7, 0.8]"), 4)
+    assert (found.gaits, found.checked, found.exact, found.walking) == (20, 5, False, 40)
+    assert found.seconds is not None
+    assert found.wall_clock == pytest.approx(10 * found.seconds)
+
+
+def test_a_sweep_that_tunes_is_not_judged_by_its_defaults(monkeypatch):
+    tuned = []
+
+    def tune(request):
+        tuned.append(request.run)
+        return SimpleNamespace(planned=None)
+
+    monkeypatch.setattr(tuning, "tune_walk", tune)
+    monkeypatch.setattr("validation.judge.examine.walk", lambda *_: None)
+    text = "gait.switching_velocity = [0.3, 1.0]\ngait.c_s = [1.0, 200.0]"
+    found = forecast(parse_sweep(f"[sweep]\ntune = true\n{GRID}{text}"), 1)
+    assert [(item.reason, item.runs) for item in found.refused] == [("bad_parameter", 2)]
+    assert (found.walking, len(tuned)) == (2, 1)
+
+
+def test_one_walk_is_timed():
+    found = forecast(parse_sweep(f'[sweep]\ngait = "flat"\nsteps = 2\n{GRID}contact.friction = [0.8]'), 1)
+    assert found.seconds is not None
+    assert 0.0 < found.seconds < 60.0
+
+
+@pytest.mark.parametrize(
+    ("frequency", "time_step", "steps"), [(500, 0.002, 1), (500, 0.001, 2), (1e4, 1e-4, 1)]
+)
+def test_clocks_that_fit(frequency, time_step, steps):
+    assert steps_per_tick(frequency, time_step) == steps
+
+
+@pytest.mark.parametrize(("frequency", "time_step"), [(500, 0.0015), (1000, 0.002), (300, 0.002), (3, 0.05)])
+def test_clocks_that_do_not_fit(frequency, time_step):
+    with pytest.raises(InputError) as caught:
+        steps_per_tick(frequency, time_step)
+    assert caught.value.details["key"] == "controller.frequency"
