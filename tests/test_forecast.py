@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from ampm.exceptions import BodilyRefusal, InputError, MathematicalRefusal
 from ampm.parameters import key_info, keys, load_run, steps_per_tick
-from ampm.planner.gait import plan_gait
+from ampm.planner.periodic import plan_gait
 from validation.cli.app import call
 from validation.store.json import json_ready
 from validation.study.sweep import forecast as forecasting
@@ -38,7 +38,7 @@ def planners_answer(drawn, case):
     """Reason, from the planner itself."""
     try:
         run = drawn.run(case)
-        plan_gait(run.gait, mass=run.body.mass)
+        plan_gait(run.gait, run.body.mass)
     except InputError:
         return REASONS[BAD]
     except MathematicalRefusal as refusal:
@@ -145,9 +145,9 @@ def test_thresholds_to_the_last_bit():
 
 
 def test_the_largest_angle_to_the_last_bits():
-    single = plan_gait(load_run("normal", [f"gait.{k}={v}" for k, v in LONG.items()]).gait)
+    single = plan_gait(load_run("normal", [f"gait.{k}={v}" for k, v in LONG.items()]).gait, 60.0)
     duration = single.constants.single_support_duration
-    edge = (2.0 * 300.0 / duration) ** 2 * single.parameters.com_height / 9.81
+    edge = (2.0 * 300.0 / duration) ** 2 * single.com_height / 9.81
     slopes = [edge * (1.0 + share) for share in (-1e-3, -1e-12, 0.0, 1e-12, 1e-3)]
     slopes += [edge + k * math.ulp(edge) for k in (-8, -4, -2, -1, 1, 2, 4, 8)]
     columns = {f"gait.{name}": [value] * len(slopes) for name, value in LONG.items()}

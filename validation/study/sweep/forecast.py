@@ -14,7 +14,7 @@ import numpy as np
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import key_info, steps_per_tick
-from ampm.planner.gait import plan_gait
+from ampm.planner.periodic import plan_gait
 from validation.judge.profiles import profile as find_profile
 from validation.progress import Progress
 from validation.study.sweep import closed_form
@@ -205,7 +205,7 @@ def _refusal(cases: Cases, case: int, *, with_body: bool = False) -> InputError 
     try:
         run = cases.run(case)
         steps_per_tick(run.controller.frequency, run.simulation.time_step)
-        plan_gait(run.gait, mass=run.body.mass)
+        plan_gait(run.gait, run.body.mass)
         if with_body:
             _check_body(run)
     except (InputError, RefusedGait) as error:
@@ -221,11 +221,12 @@ def _check_body(run: RunParameters) -> None:
     """
     # Here, not above: the simulator takes a second to load.
     from ampm.body.feasibility import check_body
+    from ampm.planner.support import plan_steps
     from models.human import build
 
     description = build(run.body, run.contact, run.simulation).description
     gait = run.gait.model_copy(update={"steps": min(run.gait.steps, 2)})  # the first step stands for all
-    check_body(plan_gait(gait, mass=run.body.mass, foot=run.foot, sole=description.sole), description)
+    check_body(plan_steps(gait, run.body.mass, run.foot, description.sole), description)
 
 
 def _gaits(cases: Cases, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
