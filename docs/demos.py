@@ -1,4 +1,4 @@
-"""Walk the paper's demos again and write their figures into docs/demos.md: ``python docs/demos.py``.
+"""Walk the paper's demos again: ``python docs/demos.py`` writes docs/data/demos.csv and docs/data/slopes.csv.
 
 Every row is one ``ampm validate ... --json``; with the tuning of the gaits towards the
 limits of c_s, ten minutes on an idle machine.
@@ -6,6 +6,7 @@ limits of c_s, ten minutes on an idle machine.
 
 from __future__ import annotations
 
+import csv
 import json
 import subprocess
 import sys
@@ -15,13 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pages import between
 
 from ampm.parameters import PRESETS
 from validation.store.signals import load_signals
 from validation.trial.plan import load_request, plan_walk
 
-PAGE = Path(__file__).with_suffix(".md")
+DATA = Path(__file__).with_name("data")
 WIDE = ("roll-0.1", "pitch")
 """Presets that may take twice the limits of the others."""
 AGREEMENT = (
@@ -47,8 +47,8 @@ COST = (
     "QPs with limits, unsolved",
 )
 LIMITS = (
-    "step, `v0` [m, m/s]",
-    "`c_s`",
+    "step, v0 [m, m/s]",
+    "c_s",
     "ZMP RMSE x, y [mm]",
     "L_y plan [N m s]",
     "largest torque",
@@ -69,29 +69,27 @@ DOWNWARD = (0.5, 0.4, 0.33, 0.315, 0.31)
 
 
 def main() -> None:
-    """Walk every preset and every step towards the limits of c_s, and rewrite the tables of the page."""
-    page = PAGE.read_text(encoding="utf-8")
-    page = between(page, "presets", _presets())
-    rows = [
+    """Walk every preset, and every step towards the limits of c_s."""
+    presets = [(name, *_preset(name)) for name in PRESETS]
+    _write("demos", [(*AGREEMENT, *COST[1:]), *presets])
+    upward = [
         _limit("normal", c_s, f"gait.step_length={step}", f"gait.switching_velocity={speed}", tune=True)
         for step, speed, slopes in UPWARD
         for c_s in slopes
     ]
-    page = between(page, "upward", _lines([LIMITS, ("---",) * len(LIMITS), *rows]))
-    rows = [_limit("pitch-low", c_s) for c_s in DOWNWARD]
-    page = between(page, "downward", _lines([LIMITS, ("---",) * len(LIMITS), *rows]))
-    PAGE.write_text(page, encoding="utf-8")
+    _write("slopes", [LIMITS, *upward, *(_limit("pitch-low", c_s) for c_s in DOWNWARD)])
 
 
-def _presets() -> str:
-    """Agreement and cost of every preset."""
-    agreement, cost = [AGREEMENT, ("---",) * len(AGREEMENT)], [COST, ("---",) * len(COST)]
-    for name in PRESETS:
-        profile = "wide" if name in WIDE else "default"
-        summary, swing = _trial(name, (), profile)
-        agreement.append((f"`{name}`", *_agreement(summary, profile)))
-        cost.append((f"`{name}`", *_cost(name, summary, swing)))
-    return f"{_lines(agreement)}\n\n{_lines(cost)}"
+def _preset(name: str) -> tuple[str, ...]:
+    """Agreement and cost of a preset."""
+    profile = "wide" if name in WIDE else "default"
+    summary, swing = _trial(name, (), profile)
+    return (*_agreement(summary, profile), *_cost(name, summary, swing))
+
+
+def _write(name: str, rows: Sequence[Sequence[str]]) -> None:
+    with DATA.joinpath(f"{name}.csv").open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
 
 
 def _agreement(summary: dict[str, Any], profile: str) -> Iterator[str]:
@@ -189,10 +187,6 @@ def _trial(
                     )
     print(gait, *settings, summary.get("verdict", "refused"), file=sys.stderr, flush=True)  # noqa: T201
     return summary, swing
-
-
-def _lines(rows: Sequence[Sequence[str]]) -> str:
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 if __name__ == "__main__":

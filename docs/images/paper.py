@@ -1,4 +1,4 @@
-"""Draw the figures of docs/figures.md, foot-roll.md and human.md again: ``python docs/images/paper.py``.
+"""Draw the figures of docs/paper.md again: ``python docs/images/paper.py``.
 
 Takes two or three minutes; ``python docs/images/paper.py 12,human`` draws only these. Every number of the
 pages that a preset could change stands in a table between marks. It is written here from
@@ -11,64 +11,20 @@ import json
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from validation.cli.console import Narrator
 from validation.paper.figures import make_figures
-from validation.paper.figures.foot_roll import table as foot_roll_table
-from validation.paper.figures.human import forces_table, ranges_table
-from validation.paper.figures.human import table as human_table
+from validation.paper.figures.foot_roll import GRIDS
+from validation.paper.figures.human import AXIS, HUMAN_MOMENTUM, SPEEDS, inward
 from validation.paper.figures.make import NUMBERS
+from validation.show.text import replace_between
 
 HERE = Path(__file__).resolve().parent
-DOCS = HERE.parent
+PAGE = HERE.parent / "paper.md"
 FOLDER = HERE / "paper"
-
-
-def agreement(said: Mapping[str, Mapping[str, Any]]) -> str:
-    """RMSE and largest distance, by what is compared."""
-    lines = ["| | RMSE | largest | |", "|---|---|---|---|"]
-    for name, item in said.items():
-        unit, factor = ("mm", 1e3) if item["unit"] == "m" else (item["unit"], 1.0)
-        rmse, largest = (_shown(factor * item[key]) for key in ("rmse", "maximum"))
-        lines.append(f"| {name} | {rmse} | {largest} | {unit} |")
-    return "\n".join(lines)
-
-
-def trunks(said: Mapping[str, Mapping[str, float]]) -> str:
-    """What trunk and momentum of each gait do, and how far plan, IK and simulation are apart."""
-    axis = "x" if any(name.startswith("roll") for name in said) else "y"
-    what = "roll" if axis == "x" else "pitch"
-    lines = [f"| | {' | '.join(f'`{gait}`' for gait in said)} |", "|---|" + "---|" * len(said)]
-
-    def row(label: str, written: Callable[[Mapping[str, float]], str]) -> None:
-        lines.append(f"| {label} | " + " | ".join(written(item) for item in said.values()) + " |")
-
-    row("trunk roll, largest, simulation [°]", lambda item: f"{item['trunk_roll_largest_deg']:.0f}")
-    row(
-        "trunk pitch, simulation [°]",
-        lambda item: f"{item['trunk_pitch_smallest_deg']:.0f} to {item['trunk_pitch_largest_deg']:.0f}",
-    )
-    row(
-        f"trunk {what}, simulation less IK, largest [°]",
-        lambda item: f"{item[f'trunk_{what}_simulation_less_ik_deg']:.2f}",
-    )
-    for k in "xy":
-        row(
-            f"L_{k} peak, plan, simulation [N m s]",
-            lambda item, k=k: (
-                f"{item[f'planned_L_{k}_peak_Nms']:.2f}, {item[f'measured_L_{k}_peak_Nms']:.2f}"
-            ),
-        )
-    row(
-        f"L_{axis} less plan, largest, IK, simulation [N m s]",
-        lambda item: (
-            f"{_shown(item[f'L_{axis}_ik_less_plan_Nms'])}, {item[f'L_{axis}_simulation_less_plan_Nms']:.2f}"
-        ),
-    )
-    return "\n".join(lines)
 
 
 def swings(said: Mapping[str, Mapping[str, float]]) -> str:
@@ -79,31 +35,115 @@ def swings(said: Mapping[str, Mapping[str, float]]) -> str:
     return "\n".join(lines)
 
 
-TABLES: Mapping[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
-    **{f"figure-{k}": (("figures.md", f"figure-{k}", agreement),) for k in ("04", "05", "08", "09", "10")},
-    "figure-11": (
-        ("figures.md", "figure-11", lambda said: trunks(said["gaits"])),
-        ("figures.md", "figure-11-swing", lambda said: swings(said["c_y"])),
-    ),
-    "figure-12": (("figures.md", "figure-12", trunks),),
-    "figure-07": (("foot-roll.md", "foot roll", foot_roll_table),),
-    "human": (
-        ("human.md", "momentum", human_table),
-        ("human.md", "ranges", ranges_table),
-        ("human.md", "forces", forces_table),
-    ),
+def foot_roll_table(numbers: Mapping[str, Any]) -> str:
+    """The figure's numbers as a Markdown table.
+
+    Args:
+        numbers: as :func:`validation.paper.figures.foot_roll.figure_7` gives them.
+    """
+    lines = ["| | " + " | ".join(f"`{form}`" for form in numbers) + " |", "|---|" + "---|" * len(numbers)]
+
+    def row(label: str, values: Sequence[str]) -> None:
+        lines.append(f"| {label} | " + " | ".join(values) + " |")
+
+    for key, label, unit in (
+        ("velocity", "joint velocity", "rad/s"),
+        ("acceleration", "joint acceleration", "rad/s²"),
+        ("difference", "joint velocity per time", "rad/s²"),
+    ):
+        row(
+            f"IK, largest change of {label} at a switch, grid "
+            + ", ".join(f"{1e3 * grid:g}" for grid in GRIDS)
+            + f" ms [{unit}]",
+            [", ".join(_digits(item[key]) for item in said["jumps"].values()) for said in numbers.values()],
+        )
+
+    def walked(label: str, *names: str, digits: int = 2) -> None:
+        row(label, [", ".join(f"{said['walk'][n]:.{digits}f}" for n in names) for said in numbers.values()])
+
+    walked("simulation, ZMP RMSE x, y [mm]", "zmp_x_rmse", "zmp_y_rmse")
+    walked("simulation, ZMP maximum x, y [mm]", "zmp_x_maximum", "zmp_y_maximum", digits=1)
+    walked("simulation, force RMSE x, y, z [% of weight]", "force_x_rmse", "force_y_rmse", "force_z_rmse")
+    walked("simulation, largest torque [% of the motor's limit]", "torque_share_percent", digits=0)
+    walked("simulation, largest torque rate [kN m/s]", "torque_rate_peak_kNm_per_s")
+    return "\n".join(lines)
+
+
+def _digits(value: float) -> str:
+    """Three digits, and no powers of ten."""
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+
+
+def human_table(numbers: Mapping[str, Any]) -> str:
+    """The demos' momentum as a Markdown table.
+
+    Args:
+        numbers: as :func:`validation.paper.figures.human.figure_human` gives them.
+    """
+    lines = ["| gait | L_x / (m V H) | L_y / (m V H) | L_z / (m V H) |", "|---|---|---|---|"]
+    bounds = " | ".join(f"≤ {HUMAN_MOMENTUM[axis]:g}" for axis in "xyz")
+    lines.append(f"| people | {bounds} |")
+    for gait, found in numbers["peaks"].items():
+        cells = [f"{found[a]:.3f}" + (" (within)" if found[a] <= HUMAN_MOMENTUM[a] else "") for a in "xyz"]
+        lines.append(f"| `{gait}` | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def ranges_table(numbers: Mapping[str, Any]) -> str:
+    """The ranges of c_y and c_s within the human bounds, by plan and by simulation, as a Markdown table."""
+    lines = [
+        "| parameter | bound on people | within, by the plan alone | within, walked |",
+        "|---|---|---|---|",
+    ]
+    for key, axis in AXIS.items():
+        found = numbers["ranges"][key]
+        bound = f"L_{axis} / (m V H) ≤ {HUMAN_MOMENTUM[axis]:g}"
+        planned, walked = inward(found), inward(found["measured"])
+        lines.append(f"| `gait.{key}` | {bound} | {planned} | {walked} |")
+    offset = numbers["angular_momentum_y_offset"]
+    lines += [
+        "",
+        f"(The constant of L_y of `normal` is {offset['Nms']:.2f} N m s, {offset['of_m_V_H']:.3f} of m V H.)",
+    ]
+    return "\n".join(lines)
+
+
+def forces_table(numbers: Mapping[str, Any]) -> str:
+    """One foot's ground force as a Markdown table."""
+    who = {**{f"people_{end}": f"people, {speed:g} m/s" for end, speed in SPEEDS.items()},
+           "simulated": "simulation, `normal`"}  # fmt: skip
+    lines = [
+        f"| force on one foot [body weight] | {' | '.join(who.values())} |",
+        "|---|" + "---|" * len(who),
+    ]
+    forces = numbers["forces"]
+    vertical = forces["vertical"]
+    for name, label in (("first", "first peak"), ("valley", "least in mid-stance"), ("second", "last peak")):
+        cells = [f"{vertical[f'{key}_{name}']:.2f}" for key in who]
+        lines.append(f"| vertical, {label} | {' | '.join(cells)} |")
+    for name in ("forward", "medial"):
+        cells = [
+            f"{forces[name][f'{key}_smallest']:.2f} to {forces[name][f'{key}_largest']:.2f}" for key in who
+        ]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+TABLES: Mapping[str, tuple[tuple[str, Callable[[Any], str]], ...]] = {
+    "figure-11": (("figure-11-swing", lambda said: swings(said["c_y"])),),
+    "figure-07": (("foot roll", foot_roll_table),),
+    "human": (("momentum", human_table), ("ranges", ranges_table), ("forces", forces_table)),
 }
-"""By figure: page, mark on it, and what writes the table from the figure's numbers."""
+"""By figure: mark on the page, and what writes the table from the figure's numbers."""
 
 
-def pages(numbers: Mapping[str, Any]) -> dict[str, str]:
-    """The pages with every table that the numbers can give."""
-    texts: dict[str, str] = {}
+def page(numbers: Mapping[str, Any]) -> str:
+    """The page with every table that the numbers can give."""
+    text = PAGE.read_text(encoding="utf-8")
     for figure, tables in TABLES.items():
-        for page, name, written in tables if figure in numbers else ():
-            text = texts.get(page) or (DOCS / page).read_text(encoding="utf-8")
-            texts[page] = _put(text, page, name, written(numbers[figure]))
-    return texts
+        for name, written in tables if figure in numbers else ():
+            text = replace_between(text, name, f"\n{written(numbers[figure])}\n")
+    return text
 
 
 def main(only: str | None) -> None:
@@ -119,8 +159,7 @@ def main(only: str | None) -> None:
                 elif path.name == NUMBERS:
                     numbers |= json.loads(path.read_text(encoding="utf-8"))
         kept.write_text(json.dumps(_rounded(numbers), indent=1) + "\n", encoding="utf-8")
-    for page, text in pages(_rounded(numbers)).items():
-        (DOCS / page).write_text(text, encoding="utf-8")
+    PAGE.write_text(page(_rounded(numbers)), encoding="utf-8")
 
 
 def _rounded(value: Any) -> Any:
@@ -130,21 +169,6 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, list):
         return [_rounded(item) for item in value]
     return float(f"{value:.6g}") if isinstance(value, float) else value
-
-
-def _shown(value: float) -> str:
-    """Two digits, or that there is nothing to see."""
-    return "< 0.0001" if value < 1e-4 else f"{value:.2g}"
-
-
-def _put(text: str, page: str, name: str, table: str) -> str:
-    """A page with a table between its marks."""
-    start, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
-    before, _, rest = text.partition(start)
-    _, found, after = rest.partition(end)
-    if not found:
-        raise SystemExit(f"docs/{page} has no place for {name!r}")
-    return f"{before}{start}\n{table}\n\n{end}{after}"
 
 
 if __name__ == "__main__":

@@ -51,7 +51,7 @@ RANGE_STEPS = 6
 _CLOSE = 0.003
 """How near an end of the measured range is searched [1]."""
 
-_AXIS: Mapping[str, str] = {"c_y": "x", "c_s": "y"}
+AXIS: Mapping[str, str] = {"c_y": "x", "c_s": "y"}
 _SCAN = {"c_y": np.arange(0.05, 1.501, 0.01), "c_s": np.arange(0.5, 1.801, 0.01)}
 
 
@@ -74,7 +74,7 @@ def figure_human(walks: Walks) -> tuple[Figure, dict[str, Any]]:
     }
     figure = Figure(figsize=(9.6, 9.9))
     _bars([inches(figure, 1.2 + 2.88 * k, 0.62, 2.4, 2.3) for k in range(3)], numbers["peaks"])
-    for k, (key, axis) in enumerate(_AXIS.items()):
+    for k, (key, axis) in enumerate(AXIS.items()):
         _range(inches(figure, 0.85 + 4.55 * k, 4.1, 3.95, 1.75), key, axis, scans[key])
     panels = [inches(figure, 0.8 + 3.0 * k, 7.0, 2.45, 2.3) for k in range(3)]
     numbers["forces"] = _forces(panels, demos["normal"])
@@ -102,7 +102,7 @@ def ranges(run: RunParameters) -> dict[str, dict[str, Any]]:
         By parameter: ``values``, ``peaks``, and ``low`` and ``high`` of the range within the human bound.
     """
     answer = {}
-    for axis, key in enumerate(_AXIS):
+    for axis, key in enumerate(AXIS):
         values, found = [], []
         for value in _SCAN[key]:
             gait = run.gait.model_copy(update={key: float(value), "steps": 2})
@@ -128,7 +128,7 @@ def _within(values: Array, found: Array, bound: float) -> tuple[float, float]:
     return ends[0], ends[1]
 
 
-def _inward(ends: Mapping[str, Any]) -> str:
+def inward(ends: Mapping[str, Any]) -> str:
     """A range in hundredths, rounded so that it stays within."""
     return f"{np.ceil(100 * ends['low'] - 1e-6) / 100:.2f} to {np.floor(100 * ends['high'] + 1e-6) / 100:.2f}"
 
@@ -136,7 +136,7 @@ def _inward(ends: Mapping[str, Any]) -> str:
 def peak_of(walks: Walks, key: str, value: float) -> float:
     """Measured peak of |L| / (m V H), normal gait, one parameter changed: of L_x for c_y, of L_y for c_s."""
     walk = walks.walk("normal", (f"gait.{key}={value:.4f}",), steps=RANGE_STEPS)
-    return peaks(walk)[_AXIS[key]]
+    return peaks(walk)[AXIS[key]]
 
 
 def measured_range(peak: Callable[[float], float], key: str, low: float, high: float) -> dict[str, Any]:
@@ -152,7 +152,7 @@ def measured_range(peak: Callable[[float], float], key: str, low: float, high: f
         ``low`` and ``high``, the outermost values that were walked within the bound, to about 0.003; and
         ``walked``, every value and its peak.
     """
-    bound, walked = HUMAN_MOMENTUM[_AXIS[key]], {}
+    bound, walked = HUMAN_MOMENTUM[AXIS[key]], {}
 
     def excess(value: float) -> float:
         walked[value] = peak(value)
@@ -213,7 +213,7 @@ def _range(axis: Axes, key: str, letter: str, found: Mapping[str, Any]) -> None:
     axis.set_xlim(0.65, 1.35)
     axis.set_title(
         f"peak of $|L_{letter}|$ / (m V H); within people's bound:\n"
-        f"plan: ${key}$ {_inward(found)}; simulation: {_inward(measured)}",
+        f"plan: ${key}$ {inward(found)}; simulation: {inward(measured)}",
         fontsize=8.5,
     )
     axis.set_xlabel(f"${key}$")
@@ -297,58 +297,3 @@ def _humps(force: Array, who: str) -> dict[str, float]:
         f"{who}_valley": float(force[round(0.35 * count) : round(0.65 * count) + 1].min()),
         f"{who}_second": float(force[round(0.55 * count) :].max()),
     }
-
-
-def table(numbers: Mapping[str, Any]) -> str:
-    """The demos' momentum as a Markdown table.
-
-    Args:
-        numbers: as :func:`figure_human` gives them.
-    """
-    lines = ["| gait | L_x / (m V H) | L_y / (m V H) | L_z / (m V H) |", "|---|---|---|---|"]
-    bounds = " | ".join(f"≤ {HUMAN_MOMENTUM[axis]:g}" for axis in "xyz")
-    lines.append(f"| people | {bounds} |")
-    for gait, found in numbers["peaks"].items():
-        cells = [f"{found[a]:.3f}" + (" (within)" if found[a] <= HUMAN_MOMENTUM[a] else "") for a in "xyz"]
-        lines.append(f"| `{gait}` | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
-
-
-def ranges_table(numbers: Mapping[str, Any]) -> str:
-    """The ranges of c_y and c_s within the human bounds, by plan and by simulation, as a Markdown table."""
-    lines = [
-        "| parameter | bound on people | within, by the plan alone | within, walked |",
-        "|---|---|---|---|",
-    ]
-    for key, axis in _AXIS.items():
-        found = numbers["ranges"][key]
-        bound = f"L_{axis} / (m V H) ≤ {HUMAN_MOMENTUM[axis]:g}"
-        planned, walked = _inward(found), _inward(found["measured"])
-        lines.append(f"| `gait.{key}` | {bound} | {planned} | {walked} |")
-    offset = numbers["angular_momentum_y_offset"]
-    lines += [
-        "",
-        f"(The constant of L_y of `normal` is {offset['Nms']:.2f} N m s, {offset['of_m_V_H']:.3f} of m V H.)",
-    ]
-    return "\n".join(lines)
-
-
-def forces_table(numbers: Mapping[str, Any]) -> str:
-    """One foot's ground force as a Markdown table."""
-    who = {**{f"people_{end}": f"people, {speed:g} m/s" for end, speed in SPEEDS.items()},
-           "simulated": "simulation, `normal`"}  # fmt: skip
-    lines = [
-        f"| force on one foot [body weight] | {' | '.join(who.values())} |",
-        "|---|" + "---|" * len(who),
-    ]
-    forces = numbers["forces"]
-    vertical = forces["vertical"]
-    for name, label in (("first", "first peak"), ("valley", "least in mid-stance"), ("second", "last peak")):
-        cells = [f"{vertical[f'{key}_{name}']:.2f}" for key in who]
-        lines.append(f"| vertical, {label} | {' | '.join(cells)} |")
-    for name in ("forward", "medial"):
-        cells = [
-            f"{forces[name][f'{key}_smallest']:.2f} to {forces[name][f'{key}_largest']:.2f}" for key in who
-        ]
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    return "\n".join(lines)
