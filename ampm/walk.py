@@ -173,7 +173,14 @@ class Posture(Protocol):
         ...
 
     def sample(self, times: ArrayLike) -> PostureState:
-        """States at ``times``, shape (T,) [s]; every array with a leading axis of T."""
+        """States at ``times``, shape (T,) [s]; every array with a leading axis of T.
+
+        A walk begins in the state at time 0, which meets the plan's COM, momentum and feet.
+        """
+        ...
+
+    def report(self) -> dict[str, Any]:
+        """Figures for the summary of a trial, as plain values; may be empty."""
         ...
 
 

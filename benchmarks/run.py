@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from ampm.body.feasibility import check_body
-from ampm.body.posture import periodic_walk
 from ampm.parameters import dump_run
+from ampm.planners import periodic_walk
 from ampm.qp import BACKENDS
 from benchmarks.clock import Statistics
 from benchmarks.planning import MotionBenchmark, PlanBenchmark

@@ -10,12 +10,12 @@ import pinocchio as pin
 import pytest
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
-from ampm.body.posture import periodic_walk
 from ampm.body.robot import TASK_ROWS, Robot
 from ampm.control.controller import TrackingController
 from ampm.control.joint_limits import JointLimits
 from ampm.control.wrench_qp import ANGULAR, STANCE, SWING, YAW_COST
 from ampm.parameters import ControllerParameters
+from ampm.planners import periodic_walk
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, State, Timing, Touch
 from tests.solved import COARSE, motion_of, walk_of
 

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.body.posture import periodic_walk
 from ampm.exceptions import InputError
+from ampm.planners import periodic_walk
 from ampm.walk import Reference, Timing
 from tests.solved import COARSE, motion_of, walk_of
 

@@ -148,7 +148,7 @@ def test_a_long_fast_step_is_found_and_keeps_every_limit():
     assert 1 < found.tried < 200
     assert all(LIMITS[name].margin(value) > 0.5 for name, value in found.margins.items())
     assert found.margins.keys() == LIMITS.keys()
-    assert found.motion.report.knee_minimum == pytest.approx(found.margins["knee"], abs=0.02)
+    assert found.plan.posture.motion.report.knee_minimum == pytest.approx(found.margins["knee"], abs=0.02)
     assert found.run.gait.step_length == 0.7
     check_body(found.plan, body_of(*LONG)[1].description)
 

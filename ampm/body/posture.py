@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 
-from ampm.walk import PostureState, WalkPlan
+from ampm.walk import PostureState
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ampm.body.motion import WholeBodyMotion
     from ampm.body.robot import Robot
-    from ampm.planner.support import StepPlan
 
 
 @dataclass(frozen=True)
@@ -35,6 +34,10 @@ class PeriodicPosture:
         """Mean of L_y over a step that makes it periodic [N m s]."""
         return self.motion.report.angular_momentum_y_offset
 
+    def report(self) -> dict[str, Any]:
+        """Figures of the periodic motion, see :class:`ampm.body.motion.MotionReport`."""
+        return self.motion.report.as_dict()
+
     def sample(self, times: ArrayLike) -> PostureState:
         """States at ``times``, shape (T,) [s]; every array with a leading axis of T.
 
@@ -49,8 +52,3 @@ class PeriodicPosture:
             pin.forwardKinematics(model, data, configuration)
             trunk[k] = pin.updateFramePlacement(model, data, robot.trunk_frame).rotation
         return PostureState(body.q, body.v, body.acceleration, trunk, body.angular_momentum_z)
-
-
-def periodic_walk(plan: StepPlan, motion: WholeBodyMotion, robot: Robot) -> WalkPlan:
-    """A plan and its periodic motion as one plan."""
-    return WalkPlan(plan.centroidal, plan.feet, PeriodicPosture(motion, robot))

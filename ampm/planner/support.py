@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,10 +67,6 @@ class StepPlan:
     def residuals(self) -> PlanResiduals:
         """:meth:`CentroidalPlan.residuals`."""
         return self.centroidal.residuals()
-
-    def with_angular_momentum_offset(self, offset: float) -> Self:
-        """:meth:`CentroidalPlan.with_angular_momentum_offset`, with the same feet."""
-        return replace(self, centroidal=self.centroidal.with_angular_momentum_offset(offset))
 
     def _points_in_contact(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
         """World (x, y) of all twelve sole points, (N, 12, 2), and which are in contact, (N, 12)."""

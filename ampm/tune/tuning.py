@@ -24,7 +24,8 @@ from ampm.body.orbit import RoughOrbits, solve_motion
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import GaitParameters, RunParameters
 from ampm.planner.periodic import plan_gait
-from ampm.planner.support import StepPlan, plan_steps
+from ampm.planner.support import plan_steps
+from ampm.planners import PeriodicWalk, periodic_walk
 from ampm.tune.certificate import Certificate, Untunable, way_out
 from ampm.tune.choice_search import ENOUGH, ChoiceSearch, Trial
 from ampm.tune.free_choices import FREE_KEYS, FreeChoices, named_keys
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ampm.body.motion import WholeBodyMotion
     from ampm.body.robot import Robot
 
     Array = NDArray[np.float64]
@@ -54,16 +54,14 @@ class Tuned:
 
     Attributes:
         run: complete.
-        plan: with feet and the motion's constant of L_y.
-        motion: the periodic step, on the fine grid.
+        plan: complete, with the periodic step on the fine grid.
         found: the free choices, by namespaced key.
         margins: limit to value on the search's grid, in the unit of :data:`LIMITS`.
         tried: how many choices were tried.
     """
 
     run: RunParameters
-    plan: StepPlan
-    motion: WholeBodyMotion
+    plan: PeriodicWalk
     found: Mapping[str, float | str]
     margins: Mapping[str, float]
     tried: int
@@ -154,8 +152,7 @@ def _as_it_is(space: FreeChoices, robot: Robot, cache: Path | None) -> Tuned | N
         return None
     return Tuned(
         run=run,
-        plan=plan.with_angular_momentum_offset(motion.report.angular_momentum_y_offset),
-        motion=motion,
+        plan=periodic_walk(plan, motion, robot),
         found=MappingProxyType(_found(run, space)),
         margins=MappingProxyType(values),
         tried=1,
@@ -357,11 +354,9 @@ def _confirmed(search: ChoiceSearch, best: Trial, cache: Path | None) -> Tuned:
         motion = solve_motion(plan, run, robot, cache=cache)
     except BodilyRefusal as error:  # what the search's grid just passed, the fine one may not
         raise _unconfirmed(error, run, search) from error
-    plan = plan.with_angular_momentum_offset(motion.report.angular_momentum_y_offset)
     return Tuned(
         run=run,
-        plan=plan,
-        motion=motion,
+        plan=periodic_walk(plan, motion, robot),
         found=MappingProxyType(_found(run, space)),
         margins=MappingProxyType(dict(best.values)),
         tried=len(search.trials),

@@ -80,8 +80,8 @@ def examine(
         :func:`validation.judge.verdict.judge`.
         not_studied: metric to the studies that its uncertainty lacks.
     """
-    run, body, motion = planned.request.run, planned.body, planned.motion
-    motion_z = motion.sample(record.time[:-1], body.robot).angular_momentum_z
+    run, body, posture = planned.run, planned.body, planned.plan.posture
+    motion_z = posture.sample(record.time[:-1]).angular_momentum_z
     measured = measure(record, body.robot.model, to_pinocchio)
     standing = weigh(run, body.model, body.robot)
     comparison = compare(
@@ -112,7 +112,7 @@ def walk(
     run, body = planned.request.run, planned.body
     seconds: dict[str, float] = {}
     with _timed(seconds, "simulation"):
-        record = simulate(planned.walk, run, body.model, steps=run.gait.steps, progress=progress)
+        record = simulate(planned.plan, run, body.model, steps=run.gait.steps, progress=progress)
     with _timed(seconds, "measurement"):
         findings = examine(planned, record, profile)
     return Walk(planned, record, findings, MappingProxyType(seconds))

@@ -59,7 +59,7 @@ def write_summary(
 
     Args:
         folder: of the run.
-        planned: with a motion.
+        planned: plan and body.
         record: of the simulation.
         found: in the record.
         name: of the gait or run.
@@ -79,7 +79,7 @@ def write_summary(
         environment=dict(environment),
         extra={
             "gait": name,
-            "motion": planned.motion.report.as_dict(),
+            "motion": planned.plan.posture.report(),
             "standing": asdict(found.standing),
             "memory_peak": {"value": memory_peak(), "unit": "MB"},
             **(more or {}),

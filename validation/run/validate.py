@@ -161,7 +161,7 @@ def _walk(
             interruption.check()
             advance(done, total)
 
-        record = simulate(planned.walk, asked.run, body.model, steps=asked.run.gait.steps, progress=progress)
+        record = simulate(planned.plan, asked.run, body.model, steps=asked.run.gait.steps, progress=progress)
         if record.outcome.name == OutcomeName.INTERRUPTED:
             interruption.acknowledge()
         else:

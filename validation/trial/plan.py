@@ -16,14 +16,13 @@ import platformdirs
 from ampm.exceptions import InputError
 from ampm.parameters import PRESETS, RunParameters, load_run
 from ampm.planner.periodic import plan_gait
-from ampm.planner.support import plan_steps
 from validation.progress import Progress
 
 if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
     from ampm.body.robot import Robot
-    from ampm.planner.support import StepPlan
-    from ampm.walk import WalkPlan
+    from ampm.planners import WalkRequest
+    from ampm.walk import Planner, WalkPlan
     from models.human import BodyModel
 
 
@@ -59,15 +58,13 @@ class PlannedWalk:
 
     Attributes:
         request: name and parameters.
-        plan: with feet and the motion's constant of L_y.
+        plan: COM, momentum, feet and posture.
         body: that walks.
-        motion: periodic whole-body step.
     """
 
     request: Request
-    plan: StepPlan
+    plan: WalkPlan
     body: Body
-    motion: WholeBodyMotion
 
     @property
     def name(self) -> str:
@@ -79,13 +76,19 @@ class PlannedWalk:
         """Parameters of the run."""
         return self.request.run
 
-    @cached_property
-    def walk(self) -> WalkPlan:
-        """Plan, feet and posture as one plan."""
-        # Here, not above: Pinocchio takes long to load.
-        from ampm.body.posture import periodic_walk
+    @property
+    def motion(self) -> WholeBodyMotion:
+        """The periodic whole-body step.
 
-        return periodic_walk(self.plan, self.motion, self.body.robot)
+        Raises:
+            InputError: the walk has another posture.
+        """
+        from ampm.body.posture import PeriodicPosture  # here, not above: Pinocchio takes long to load
+
+        if isinstance(self.plan.posture, PeriodicPosture):
+            return self.plan.posture.motion
+        kind = type(self.plan.posture).__name__
+        raise InputError(f"{self.name} walks with {kind}, which has no periodic motion; plan it without.")
 
     @cached_property
     def zmp_margin(self) -> float:
@@ -147,30 +150,30 @@ def make_body(run: RunParameters) -> Body:
     return Body(model, Robot(pinocchio_model(model.compile()), model.description))
 
 
-def plan_walk(request: Request, progress: Progress | None = None) -> PlannedWalk:
-    """Plan a gait with its body, and solve the periodic motion, which fixes the constant of L_y.
+def plan_walk(
+    request: Request, progress: Progress | None = None, *, planner: Planner[WalkRequest] | None = None
+) -> PlannedWalk:
+    """Plan a walk with its body.
 
     Args:
         request: the gait.
         progress: where to report stages.
+        planner: :class:`ampm.planners.AmpmPeriodic` by default.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met.
     """
     run, progress = request.run, progress or Progress()
-    plan_gait(run.gait, run.body.mass)  # refuse bad mathematics before a body is built
-    # Here, not above: Pinocchio takes long to load.
-    from ampm.body.feasibility import check_body
-    from ampm.body.orbit import solve_motion
+    if planner is None:
+        plan_gait(run.gait, run.body.mass)  # refuse bad mathematics before a body is built
+    from ampm.planners import AmpmPeriodic, WalkRequest  # here, not above: Pinocchio takes long to load
 
     with progress.stage(f"{request.name}: body"):
         body = make_body(run)
-    plan = plan_steps(run.gait, run.body.mass, run.foot, body.model.description.sole)
-    check_body(plan, body.model.description)
+    planner = planner or AmpmPeriodic()
     with progress.stage(f"{request.name}: whole-body motion") as stage:
-        motion = solve_motion(plan, run, body.robot, progress=stage.note, cache=motion_cache())
-    offset = motion.report.angular_momentum_y_offset
-    return PlannedWalk(request, plan.with_angular_momentum_offset(offset), body, motion)
+        plan = planner.plan(WalkRequest(run, body.robot, stage.note, motion_cache()))
+    return PlannedWalk(request, plan, body)
 
 
 def motion_cache() -> Path | None:

@@ -31,7 +31,7 @@ class TunedWalk:
     @property
     def planned(self) -> PlannedWalk:
         """The plan and motion that the search has confirmed."""
-        return PlannedWalk(self.request, self.tuned.plan, self.body, self.tuned.motion)
+        return PlannedWalk(self.request, self.tuned.plan, self.body)
 
 
 def tune_walk(request: Request, progress: Progress | None = None) -> TunedWalk:

@@ -14,6 +14,7 @@ from scipy.linalg import null_space
 
 from ampm.body.inverse_kinematics import InverseKinematics, step_grid, step_reference
 from ampm.planner.feet import plan_feet
+from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
     from ampm.body.robot import Robot
     from ampm.planner.feet import FeetPlan, FootSample
-    from ampm.planner.support import StepPlan
     from validation.trial.plan import PlannedWalk
 
 Array = NDArray[np.float64]
@@ -127,7 +127,7 @@ class BodyEvidence:
         Returns:
             Mean pitch over the last step less that over the periodic one [rad].
         """
-        plan = self.plan.with_angular_momentum_offset(0.0)
+        plan = StepPlan(self.plan.centroidal.with_angular_momentum_offset(0.0), self.plan.feet)
         reference = step_reference(plan, step_grid(plan, self.planned.request.run.solver.ik_time_step))
         q, v = self.motion.q[0], self.motion.v[0]
         for _ in range(steps):

@@ -137,7 +137,7 @@ class Case:
             steps: to be walked.
         """
         planned = plan_walk(load_request(name, (f"gait.steps={steps}",)))
-        return simulate(planned.walk, planned.run, planned.body.model, steps=steps).outcome
+        return simulate(planned.plan, planned.run, planned.body.model, steps=steps).outcome
 
     def _preset(self, name: str) -> Numbers:
         return self._numbers(name, name)
