@@ -6,16 +6,20 @@ The recording and the report only read a folder, so their tests need one of the 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ampm.parameters import dump_run, load_run
 from ampm.planner.support import plan_steps
+from ampm.walk import WalkPlan
 from models.human import build
+from tests.walk import PlannedMomentum
 from validation.judge.compare import compare
+from validation.judge.metrics import evaluate
 from validation.judge.profiles import profile
 from validation.judge.signals import signals_table
 from validation.judge.verdict import build_summary, judge
@@ -105,26 +109,34 @@ def make_run(
         momentum_force=measured.force,
         angular_momentum_rate=_moment(sample.com[rows], measured.zmp + noise, measured.force),
     )
-    comparison = compare(
-        plan, record, measured, description=body.description, motion_angular_momentum_z=momentum[rows, 2]
-    )
-    verdict = judge(comparison, ends, profile("default"))
+    walk = WalkPlan(plan.centroidal, plan.feet, PlannedMomentum(lambda t: np.sin(5 * t)))
+    comparison = compare(walk, record, measured, description=body.description)
+    verdict = judge(comparison, evaluate(comparison), profile("default"))
     directory.mkdir(parents=True, exist_ok=True)
     save_record(record, directory)
-    save_signals(
-        signals_table(plan, record, measured, comparison, motion_angular_momentum_z=momentum[rows, 2]),
-        directory / "signals.parquet",
-    )
+    save_signals(signals_table(comparison), directory / "signals.parquet")
     (directory / "model.xml").write_text(body.xml, encoding="utf-8")
     (directory / "run.toml").write_text(dump_run(run), encoding="utf-8")
     summary = build_summary(
-        record, measured, comparison, verdict,
+        comparison, verdict,
         timing={"simulation": 2.5, "times_real_time": 8.0},
         environment=describe_environment(),
         extra={"gait": "normal", "motion": {"angular_momentum_y_offset": 0.406, "residual": 3e-11}},
     )  # fmt: skip
     (directory / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     return directory
+
+
+def make_study(folder: Path, metrics: Mapping[str, Any], **more: Any) -> Path:
+    """Write a ``convergence.json`` of the numerical uncertainties that it is given."""
+    entries = {name: {"uncertainty_at_least": value, "not_studied": []} for name, value in metrics.items()}
+    table = {
+        "gait": "normal", "steps": 6, "run": "abc", "levels": {}, "metrics": entries, "parameters": {},
+        "uncertainty_of": ["time_step", "ik_grid", "qp_tolerance"], "not_studied": [], **more,
+    }  # fmt: skip
+    path = folder / "convergence.json"
+    path.write_text(json.dumps(table), encoding="utf-8")
+    return path
 
 
 def _shares(points: np.ndarray, contact: np.ndarray, zmp: np.ndarray) -> np.ndarray:

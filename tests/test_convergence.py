@@ -15,11 +15,13 @@ import pytest
 
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import load_run
-from tests.saved_run import make_run
+from tests.saved_run import make_run, make_study
 from tests.walk import STILL, perfect_walk, with_state
 from validation.cli.app import Status, call
 from validation.judge.compare import compare
+from validation.judge.metrics import evaluate
 from validation.judge.profiles import DEFAULT, STRICT
+from validation.judge.uncertainty import FILE, Uncertainty, load_uncertainty, matching
 from validation.judge.verdict import VerdictName, build_summary, judge
 from validation.show import summary as summary_text
 from validation.show.report import render
@@ -38,9 +40,7 @@ from validation.study.convergence.order import (
 from validation.study.convergence.result import combine
 from validation.study.convergence.studies import Figures, studies, walk_level
 from validation.study.convergence.table import markdown, print_convergence
-from validation.study.convergence.uncertainty import FILE, load_uncertainty, matching
 from validation.trial.plan import load_request
-from validation.trial.record import Outcome, OutcomeName
 
 STEPS = 2e-3 / 2.0 ** np.arange(4)
 
@@ -408,24 +408,17 @@ def test_a_study_serves_any_number_of_steps_of_its_gait_and_no_other_gait(folder
         matching([known], load_request("normal", ["simulation.time_step=0.001"]))
 
 
-def edited(folder, tmp_path, metrics):
-    """The study with other metrics."""
-    table = json.loads((folder / FILE).read_text())
-    (tmp_path / FILE).write_text(json.dumps({**table, "metrics": metrics}))
-    return tmp_path / FILE
-
-
 @pytest.mark.parametrize(
     ("metrics", "why"),
     [
         ({}, "holds no metrics"),
-        ({"zmp_x_rmse": {"uncertainty": -1}}, "no number of at least 0"),
-        ({"zmp_x_rmse": {"uncertainty": "much"}}, "no number of at least 0"),
+        ({"zmp_x_rmse": -1}, "no number of at least 0"),
+        ({"zmp_x_rmse": "much"}, "no number of at least 0"),
     ],
 )
-def test_a_study_that_was_spoilt_is_refused(folder, tmp_path, metrics, why):
+def test_a_study_that_was_spoilt_is_refused(tmp_path, metrics, why):
     with pytest.raises(InputError, match=why):
-        load_uncertainty(edited(folder, tmp_path, metrics))
+        load_uncertainty(make_study(tmp_path, metrics))
 
 
 @pytest.mark.parametrize(
@@ -444,9 +437,9 @@ def test_a_file_that_is_no_study_is_refused(tmp_path, text, why):
         load_uncertainty(path)
 
 
-def test_infinite_and_unknown_uncertainties_bound_nothing(folder, tmp_path):
-    path = edited(folder, tmp_path, {"a": {"uncertainty": "inf"}, "b": {"uncertainty": None}})
-    assert dict(load_uncertainty(path).values) == {"a": math.inf, "b": math.inf}
+def test_infinite_and_unknown_uncertainties_bound_nothing(tmp_path):
+    known = load_uncertainty(make_study(tmp_path, {"a": "inf", "b": None}))
+    assert dict(known.values) == {"a": math.inf, "b": math.inf}
 
 
 # --------------------------------------------------------------------------- verdicts of a run
@@ -463,70 +456,14 @@ def off_by(walk, shift):
     return compare(planned, record, off, standing=STILL)
 
 
-def named(verdict, name="zmp_x_rmse"):
-    return next(item for item in verdict.metrics if item.name == name)
-
-
-def test_a_value_closer_to_its_limit_than_its_uncertainty_is_undecided(walk):
-    comparison, outcome = off_by(walk, 0.0018), walk[1].outcome
-    plain = judge(comparison, outcome, STRICT)
-    assert plain.name is VerdictName.PASS
-    verdict = judge(comparison, outcome, STRICT, {"zmp_x_rmse": 0.0003})
-    assert verdict.name is VerdictName.UNDECIDED
-    item = named(verdict)
-    assert (item.passed, item.margin, item.undecided) == (None, None, True)
-    assert (item.uncertainty, item.display_uncertainty) == (0.0003, pytest.approx(0.3))
-    assert "zmp_x_rmse: 1.8 ± 0.3 mm, limit 2" in verdict.reason
-    assert [one.name for one in verdict.undecided] == ["zmp_x_rmse"]
-    assert judge(comparison, outcome, STRICT, {"zmp_x_rmse": 0.0001}).name is VerdictName.PASS
-
-
-def test_a_failure_below_the_uncertainty_is_undecided_too(walk):
-    comparison, outcome = off_by(walk, 0.0022), walk[1].outcome
-    assert judge(comparison, outcome, STRICT).name is VerdictName.FAIL
-    assert judge(comparison, outcome, STRICT, {"zmp_x_rmse": 0.0003}).name is VerdictName.UNDECIDED
-    decided = judge(comparison, outcome, STRICT, {"zmp_x_rmse": 0.0001, "zmp_y_rmse": math.inf})
-    assert decided.name is VerdictName.FAIL
-    assert "1 undecided" in decided.reason
-
-
-def test_without_a_study_nothing_changes(walk):
-    _, record, measured = walk
-    comparison = off_by(walk, 0.0018)
-    verdict = judge(comparison, record.outcome, STRICT)
-    assert verdict == judge(comparison, record.outcome, STRICT, {})
-    text = json.dumps(build_summary(record, measured, comparison, verdict))
-    assert "uncertainty" not in text
-    assert "undecided" not in text
-
-
-def test_what_did_not_complete_is_not_judged_with_uncertainty_either(walk):
-    outcome = Outcome(OutcomeName.FELL, 1.0, "It stumbled.", 1)
-    verdict = judge(off_by(walk, 0.0018), outcome, STRICT, {"zmp_x_rmse": math.inf})
-    assert verdict.name is VerdictName.NOT_MEASURED
-    assert not verdict.undecided
-
-
 @pytest.fixture(scope="module")
 def summary(walk):
-    _, record, measured = walk
     comparison = off_by(walk, 0.0018)
-    known = {"zmp_x_rmse": 0.0003, "zmp_y_rmse": 1e-5, "zmp_x_maximum": math.inf}
-    verdict = judge(comparison, record.outcome, STRICT, known)
+    known = Uncertainty("x", 6, "", {"zmp_x_rmse": 0.0003, "zmp_y_rmse": 1e-5, "zmp_x_maximum": math.inf}, {})
+    verdict = judge(comparison, evaluate(comparison), STRICT, known)
     extra = {"gait": "x", "uncertainty": {"gait": "x", "steps": 6, "run": "abc"}}
     timing = {"simulated": 2.0, "real_time_factor": 5.0}
-    return build_summary(record, measured, comparison, verdict, timing=timing, extra=extra)
-
-
-def test_the_summary_quotes_the_uncertainty(summary):
-    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
-    assert summary["verdict"] == "undecided"
-    entry = summary["metrics"]["zmp_x_rmse"]
-    assert (entry["uncertainty"], entry["undecided"], entry["pass"]) == (0.0003, True, None)
-    assert entry["display"]["uncertainty"] == pytest.approx(0.3)
-    assert summary["metrics"]["zmp_y_rmse"]["pass"] is True
-    assert summary["metrics"]["zmp_x_maximum"]["uncertainty"] == "inf"
-    assert "uncertainty" not in summary["metrics"]["force_x_rmse"]
+    return build_summary(comparison, verdict, timing=timing, extra=extra)
 
 
 def test_the_terminal_quotes_it(summary, tmp_path, capsys):
@@ -710,15 +647,15 @@ def test_the_verdict_names_the_studies_inside(result):
 def test_a_study_without_the_time_step_decides_no_run(walk, tmp_path, capsys):
     command.write(study(only=("contact_stiffness",)), tmp_path / "none")
     command.write(study(only=("time_step",)), tmp_path / "step")
-    comparison, record, measured = off_by(walk, 0.0018), walk[1], walk[2]
+    comparison = off_by(walk, 0.0018)
     for folder, shown in (("none", "not studied"), ("step", "≥ ")):  # and neither has ± 0 of a metric
         known = load_uncertainty(tmp_path / folder)
-        verdict = judge(comparison, record.outcome, STRICT, known.values, known.incomplete)
+        verdict = judge(comparison, evaluate(comparison), STRICT, known)
         assert verdict.name is VerdictName.UNDECIDED
         assert "not studied: " in verdict.reason
         extra = {"gait": "x", "uncertainty": known.as_dict()}
         timing = {"simulated": 2.0, "real_time_factor": 5.0}
-        told = build_summary(record, measured, comparison, verdict, timing=timing, extra=extra)
+        told = build_summary(comparison, verdict, timing=timing, extra=extra)
         entry = told["metrics"]["zmp_x_rmse"]
         assert (entry["uncertainty"], entry["pass"], entry["undecided"]) == (None, None, True)
         assert "qp_tolerance" in entry["not_studied"]
@@ -736,20 +673,6 @@ def test_studies_inside_are_named_on_the_terminal_and_in_the_summary(folder, sum
     trial: Any = SimpleNamespace(summary={**summary, "uncertainty": known}, directory=tmp_path)
     summary_text.print_result(trial)
     assert "(time_step + ik_grid + qp_tolerance)" in capsys.readouterr().out
-
-
-def test_an_older_study_without_a_time_step_is_no_zero_either(folder, tmp_path):
-    table = json.loads((folder / FILE).read_text())
-    for key in ("uncertainty_of", "not_studied"):
-        del table[key]
-    for entry in table["metrics"].values():
-        del entry["uncertainty_at_least"], entry["not_studied"]
-        entry["uncertainty"] = 0.0
-    table["levels"] = {"contact_stiffness": table["levels"]["contact_stiffness"]}
-    (tmp_path / FILE).write_text(json.dumps(table))
-    known = load_uncertainty(tmp_path)
-    assert dict(known.values) == {"failed_qp": 0.0}
-    assert known.bounds["zmp_x_rmse"] == math.inf
 
 
 def test_a_run_s_summary_is_no_convergence_study(summary, tmp_path, capsys):

@@ -10,10 +10,11 @@ import pytest
 
 from ampm.exceptions import InputError
 from tests.browser import look
+from tests.saved_run import make_study
 from tests.sweep_table import make_table, replaced, write_sweep
 from tests.test_report import Page
 from validation.cli.app import call
-from validation.study.convergence.uncertainty import Uncertainty
+from validation.judge.uncertainty import Uncertainty
 from validation.study.sweep.diff import ABSOLUTE_FLOOR, diff_tables, read_tolerances
 from validation.study.sweep.diff_text import describe_diff, write_page
 from validation.study.sweep.matching import match
@@ -417,18 +418,10 @@ def test_json(folders, capsys):
 
 def test_uncertainty_file(folders, tmp_path, capsys):
     a, b = folders
-    file = tmp_path / "convergence.json"
-    table = {
-        "gait": "normal",
-        "steps": 6,
-        "levels": {"time_step": {}, "ik_grid": {}, "qp_tolerance": {}},
-        "metrics": {"zmp_y_rmse": {"uncertainty": 1.0, "unit": "m"}},
-        "parameters": {"solver": {"qp": "osqp"}},
-    }
-    file.write_text(json.dumps(table), encoding="utf-8")
+    file = make_study(tmp_path, {"zmp_y_rmse": 1.0})
     assert call(["diff", a, b, "--uncertainty", str(file), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["metrics"]["zmp_y_rmse"]["worse"] == 0
-    file.write_text(json.dumps({"metrics": table["metrics"], "verdict": "pass"}), encoding="utf-8")
+    file.write_text(json.dumps({"metrics": {"zmp_y_rmse": {}}, "verdict": "pass"}), encoding="utf-8")
     assert call(["diff", a, b, "--uncertainty", str(file)]) == 2  # a run's summary
     assert "is no convergence study" in capsys.readouterr().err
 

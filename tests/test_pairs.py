@@ -13,7 +13,9 @@ import pytest
 
 from ampm.exceptions import InputError
 from ampm.parameters import load_run
+from tests.saved_run import make_study
 from validation.cli.app import call
+from validation.judge.uncertainty import Uncertainty
 from validation.progress import Progress
 from validation.store.json import json_ready
 from validation.study.compare.metrics import catalogue, studied_name, walked_figures
@@ -28,7 +30,6 @@ from validation.study.compare.run import (
     joint_jumps,
     pair_of,
 )
-from validation.study.convergence.uncertainty import Uncertainty
 
 STEPS = 5
 
@@ -152,14 +153,9 @@ def test_a_study_of_neither_gait_is_refused_before_anything_walks(folders, tmp_p
     summary = folders[0] / "summary.json"
     assert call(["compare", *map(str, folders), "--uncertainty", str(summary)]) == 2
     assert "is no convergence study" in capfd.readouterr().err
-    table = {
-        "gait": "normal",
-        "steps": 6,
-        "levels": {"time_step": {}},
-        "metrics": {"zmp_x_rmse": {"uncertainty": 1e-3}},
-        "parameters": load_run("normal", ["gait.steps=6"]).model_dump(mode="json"),
-    }
-    (tmp_path / "convergence.json").write_text(json.dumps(json_ready(table)))
+    parameters = load_run("normal", ["gait.steps=6"]).model_dump(mode="json")
+    lacking = ["ik_grid", "qp_tolerance"]
+    make_study(tmp_path, {"zmp_x_rmse": 1e-3}, parameters=json_ready(parameters), not_studied=lacking)
     out = tmp_path / "both"
     arguments = ["compare", "normal", "ipm", "--uncertainty", str(tmp_path), "--out", str(out)]
     assert call(arguments) == 2

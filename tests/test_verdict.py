@@ -1,8 +1,9 @@
-"""Verdicts: limits of the profiles, what passes, what fails, what was never measured, and the summary."""
+"""Verdicts: limits of the profiles, what passes, what fails, what nobody can say, and the summary."""
 
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,17 +13,13 @@ import pytest
 from ampm.exceptions import InputError
 from tests.walk import STILL, perfect_walk, with_state
 from validation.judge.compare import compare
-from validation.judge.metrics import BODY_WEIGHT
+from validation.judge.metrics import BODY_WEIGHT, METRICS, Metric, added, evaluate, register, unregister
 from validation.judge.profiles import DEFAULT, PROFILES, STRICT, WIDE, profile
+from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, build_summary, judge
 from validation.trial.record import Outcome, OutcomeName
 
 DOCS = Path(__file__).parents[1] / "docs" / "tolerances.md"
-
-
-def compare_walk(plan, record, measured):
-    """Compare, with an instrument that weighs a still body right."""
-    return compare(plan, record, measured, standing=STILL)
 
 
 @pytest.fixture(scope="module")
@@ -30,13 +27,26 @@ def walk():
     return perfect_walk()
 
 
-@pytest.fixture(scope="module")
-def comparison(walk):
-    return compare_walk(*walk)
+def compared(walk, **change):
+    """The walk with another state, and a body that was weighed right."""
+    plan, record, measured = walk
+    return compare(plan, record, with_state(plan, measured, **change), standing=STILL)
 
 
-def test_a_perfect_walk_passes_the_strict_profile(walk, comparison):
-    verdict = judge(comparison, walk[1].outcome, STRICT)
+def verdict_of(comparison, limits, known=None, incomplete=None, **values):
+    """Verdict; numerical uncertainties and other values of single metrics."""
+    metrics = evaluate(comparison)
+    metrics |= {name: replace(metrics[name], value=value) for name, value in values.items()}
+    study = Uncertainty("x", 6, "", known or {}, {}, incomplete=incomplete or {})
+    return judge(comparison, metrics, limits, None if known is None else study)
+
+
+def named(verdict, name="zmp_x_rmse"):
+    return next(item for item in verdict.metrics if item.name == name)
+
+
+def test_a_perfect_walk_passes_the_strict_profile(walk):
+    verdict = verdict_of(compared(walk), STRICT)
     assert verdict.name == "pass"
     assert len(verdict.judged) == len(STRICT.tolerances)
     assert all(item.passed and (item.margin or 0.0) > 0.99 for item in verdict.judged)
@@ -45,10 +55,9 @@ def test_a_perfect_walk_passes_the_strict_profile(walk, comparison):
 
 
 def test_an_error_between_the_profiles_passes_one_and_fails_the_other(walk):
-    plan, record, measured = walk
-    off = compare_walk(plan, record, with_state(plan, measured, com_shift=(0.0022, 0.0, 0.0)))
-    assert judge(off, record.outcome, DEFAULT).name is VerdictName.PASS
-    verdict = judge(off, record.outcome, STRICT)
+    off = compared(walk, com_shift=(0.0022, 0.0, 0.0))
+    assert verdict_of(off, DEFAULT).name is VerdictName.PASS
+    verdict = verdict_of(off, STRICT)
     assert verdict.name is VerdictName.FAIL
     assert [item.name for item in verdict.failed] == ["zmp_x_rmse"]
     assert verdict.failed[0].margin == pytest.approx(-0.1)
@@ -58,62 +67,101 @@ def test_an_error_between_the_profiles_passes_one_and_fails_the_other(walk):
     assert verdict.tightest is verdict.failed[0]
 
 
-def test_the_limit_itself_still_passes(walk, comparison):
-    metric = replace(comparison.metrics["zmp_x_rmse"], value=2.0e-3)
-    at_limit = replace(comparison, metrics={**comparison.metrics, "zmp_x_rmse": metric})
-    assert judge(at_limit, walk[1].outcome, STRICT).name is VerdictName.PASS
+def test_the_limit_itself_still_passes(walk):
+    assert verdict_of(compared(walk), STRICT, zmp_x_rmse=2.0e-3).name is VerdictName.PASS
 
 
-def test_forces_are_judged_in_newton_as_share_of_the_weight(walk, comparison):
-    verdict = judge(comparison, walk[1].outcome, DEFAULT)
-    force = next(item for item in verdict.metrics if item.name == "force_z_rmse")
+def test_forces_are_judged_in_newton_as_share_of_the_weight(walk):
+    force = named(verdict_of(compared(walk), DEFAULT), "force_z_rmse")
     assert force.unit == "N"
     assert force.tolerance == pytest.approx(0.01 * 60.0 * 9.81)
     assert (force.display_unit, force.display_tolerance) == ("% of body weight", pytest.approx(1.0))
 
 
-def test_one_unsolved_qp_fails_the_run(walk):
+@pytest.mark.parametrize(("status", "failed"), [(2, ["failed_qp"]), (1, [])])  # 1: solved, in its second form
+def test_one_unsolved_qp_fails_the_run(walk, status, failed):
     plan, record, measured = walk
-    status = record.qp_status.copy()
-    status[7] = 2
-    record = replace(record, qp_status=status)
-    verdict = judge(compare_walk(plan, record, measured), record.outcome, DEFAULT)
-    assert [item.name for item in verdict.failed] == ["failed_qp"]
-    assert verdict.failed[0].margin == -np.inf
-    status[7] = 1  # solved, only in its second form
-    record = replace(record, qp_status=status)
-    assert judge(compare_walk(plan, record, measured), record.outcome, DEFAULT).name is VerdictName.PASS
+    ticks = record.qp_status.copy()
+    ticks[7] = status
+    verdict = verdict_of(compared((plan, replace(record, qp_status=ticks), measured)), DEFAULT)
+    assert [item.name for item in verdict.failed] == failed
+    assert all(item.margin == -np.inf for item in verdict.failed)
 
 
 def test_two_disagreeing_instruments_fail_the_run(walk):
-    plan, record, measured = walk
-    off = with_state(plan, measured, instrument=(0.0004, 0.0004))
-    verdict = judge(compare_walk(plan, record, off), record.outcome, DEFAULT)
+    verdict = verdict_of(compared(walk, instrument=(0.0004, 0.0004)), DEFAULT)
     assert [item.name for item in verdict.failed] == ["zmp_agreement_rmse"]
 
 
 @pytest.mark.parametrize("name", [name for name in OutcomeName if name != "completed"])
-def test_what_did_not_complete_has_no_verdict(walk, comparison, name):
-    outcome = Outcome(name, 1.234, "The left knee went straight.", 2)
-    verdict = judge(comparison, outcome, DEFAULT)
+def test_what_did_not_complete_has_no_verdict(walk, name):
+    plan, record, measured = walk
+    record = replace(record, outcome=Outcome(name, 1.234, "The left knee went straight.", 2))
+    verdict = verdict_of(compared((plan, record, measured)), DEFAULT, {"zmp_x_rmse": math.inf})
     assert verdict.name is VerdictName.NOT_MEASURED
     assert all(item.passed is None and item.margin is None for item in verdict.metrics)
+    assert not verdict.undecided
     assert verdict.reason.endswith("at 1.234 s: The left knee went straight.")
 
 
 def test_a_walk_of_one_step_has_nothing_to_judge():
-    plan, record, measured = perfect_walk(steps=1)
-    verdict = judge(compare_walk(plan, record, measured), record.outcome, DEFAULT)
+    verdict = verdict_of(compared(perfect_walk(steps=1)), DEFAULT)
     assert verdict.name is VerdictName.NOT_MEASURED
     assert "a run must last longer than its first step" in verdict.reason
 
 
+# ------------------------------------------------------------------------------ numerical uncertainty
+
+
+@pytest.mark.parametrize(
+    ("shift", "known", "name"),
+    [
+        (0.0018, {"zmp_x_rmse": 0.0003}, VerdictName.UNDECIDED),
+        (0.0018, {"zmp_x_rmse": 0.0001}, VerdictName.PASS),
+        (0.0022, {"zmp_x_rmse": 0.0003}, VerdictName.UNDECIDED),  # a failure below the uncertainty, too
+        (0.0022, {"zmp_x_rmse": 0.0001, "zmp_y_rmse": math.inf}, VerdictName.FAIL),
+    ],
+)
+def test_a_value_closer_to_its_limit_than_its_uncertainty_is_undecided(walk, shift, known, name):
+    verdict = verdict_of(compared(walk, com_shift=(shift, 0.0, 0.0)), STRICT, known)
+    assert verdict.name is name
+    assert ("1 undecided" in verdict.reason) == (name is VerdictName.FAIL)
+    item = named(verdict)
+    if name is VerdictName.UNDECIDED:
+        assert (item.passed, item.margin, item.undecided) == (None, None, True)
+        assert (item.uncertainty, item.display_uncertainty) == (0.0003, pytest.approx(0.3))
+        assert f"zmp_x_rmse: {1e3 * shift:.1f} ± 0.3 mm, limit 2" in verdict.reason
+        assert [one.name for one in verdict.undecided] == ["zmp_x_rmse"]
+
+
+def test_without_a_study_nothing_changes(walk):
+    comparison = compared(walk, com_shift=(0.0018, 0.0, 0.0))
+    verdict = verdict_of(comparison, STRICT)
+    assert verdict == verdict_of(comparison, STRICT, {})
+    text = json.dumps(build_summary(comparison, verdict))
+    assert "uncertainty" not in text
+    assert "undecided" not in text
+
+
+@pytest.mark.parametrize(("known", "least"), [({}, None), ({"zmp_x_rmse": 1e-9}, 1e-9)])
+def test_what_was_not_studied_decides_nothing(walk, known, least):
+    comparison = compared(walk, com_shift=(0.0018, 0.0, 0.0))
+    verdict = verdict_of(comparison, STRICT, known, {"zmp_x_rmse": ("qp_tolerance",)})
+    assert verdict.name is VerdictName.UNDECIDED
+    assert "not studied: qp_tolerance" in verdict.reason
+    entry = build_summary(comparison, verdict)["metrics"]["zmp_x_rmse"]
+    assert (entry["uncertainty"], entry["pass"], entry["undecided"]) == (None, None, True)
+    assert (entry["uncertainty_at_least"], entry["not_studied"]) == (least, ["qp_tolerance"])
+
+
+# ---------------------------------------------------------------------------------------- the summary
+
+
 def test_summary_is_plain_json_with_the_entries_of_the_contract(walk):
-    plan, record, measured = walk
-    off = with_state(plan, measured, com_shift=(0.003, 0.0, 0.0))
-    comparison = compare_walk(plan, record, off)
-    verdict = judge(comparison, record.outcome, DEFAULT)
-    summary = build_summary(record, off, comparison, verdict, timing={"simulation": 1.5}, extra={"gait": "x"})
+    comparison = compared(walk, com_shift=(0.003, 0.0, 0.0))
+    known = {"zmp_x_rmse": 0.0003, "zmp_y_rmse": 1e-5, "zmp_x_maximum": math.inf}
+    verdict = verdict_of(comparison, DEFAULT, known)
+    summary = build_summary(comparison, verdict, timing={"simulation": 1.5}, extra={"gait": "x"})
     again = json.loads(json.dumps(summary, allow_nan=False))
     assert again == summary
     assert (summary["outcome"], summary["verdict"], summary["steps_completed"]) == ("completed", "fail", 4)
@@ -122,14 +170,27 @@ def test_summary_is_plain_json_with_the_entries_of_the_contract(walk):
     assert (metric["unit"], metric["tolerance"], metric["pass"]) == ("m", 0.0025, False)
     assert metric["first_step"] == pytest.approx(0.003)
     assert metric["normalised"]["foot_length"] == pytest.approx(0.003 / 0.258)
-    assert metric["display"] == {"value": pytest.approx(3.0), "unit": "mm", "tolerance": 2.5}
+    assert metric["display"] == {
+        "value": pytest.approx(3.0),
+        "unit": "mm",
+        "tolerance": 2.5,
+        "uncertainty": 0.3,
+    }
+    assert (metric["uncertainty"], metric["undecided"]) == (0.0003, False)
+    assert summary["metrics"]["zmp_y_rmse"]["pass"] is True
+    assert summary["metrics"]["zmp_x_maximum"]["uncertainty"] == "inf"
+    assert "uncertainty" not in summary["metrics"]["force_x_rmse"]
     assert summary["metrics"]["com_x_rmse"]["tolerance"] is None
+    assert not {"margin_torque", "energy_distance"} & summary["metrics"].keys()  # in sections of their own
     assert summary["statistics"]["force_z"]["run"]["r2"] is None
     assert "does not vary" in summary["statistics"]["force_z"]["run"]["r2_reason"]
     assert summary["margins"]["knee"]["value"] is None  # no body was described
     assert summary["zmp_error_split"]["share"]["com_position"][0] == pytest.approx(1.0)
     assert summary["timing"] == {"simulation": 1.5}
     assert summary["gait"] == "x"
+
+
+# ---------------------------------------------------------------------------- metrics and profiles
 
 
 def test_the_profiles_hold_the_agreed_limits():
@@ -150,24 +211,25 @@ def test_the_profiles_hold_the_agreed_limits():
         assert limits[item.name]["zmp_agreement_rmse"] == (1e-3 if item is WIDE else 0.5e-3)
         assert limits[item.name]["force_agreement_rmse"] == 0.002
         assert limits[item.name]["failed_qp"] == 0.0
+        assert len(limits[item.name]) == 17
 
 
-def test_every_tolerance_has_a_metric_a_unit_and_a_reason(comparison):
+def test_every_metric_has_its_facts():
+    for name, metric in METRICS.items():
+        assert (metric.name, bool(metric.unit and metric.label and metric.meaning)) == (name, True)
     for item in PROFILES.values():
         for tolerance in item.tolerances:
             assert tolerance.reason.endswith(".")
-            unit = comparison.metrics[tolerance.metric].unit
+            unit = METRICS[tolerance.metric].unit
             assert unit == ("N" if tolerance.unit == BODY_WEIGHT else tolerance.unit)
 
 
 def test_the_docs_state_the_limits_that_hold():
     text = DOCS.read_text(encoding="utf-8")
-    for tolerance in (*DEFAULT.tolerances, *STRICT.tolerances):
-        rows = [line for line in text.splitlines() if line.startswith(f"| `{tolerance.metric}` |")]
-        assert len(rows) == 1, tolerance.metric
     for one, two in zip(STRICT.tolerances, DEFAULT.tolerances, strict=True):
-        row = next(line for line in text.splitlines() if line.startswith(f"| `{one.metric}` |"))
-        cells = [cell.strip() for cell in row.split("|")]
+        rows = [line for line in text.splitlines() if line.startswith(f"| `{one.metric}` |")]
+        assert len(rows) == 1, one.metric
+        cells = [cell.strip() for cell in rows[0].split("|")]
         factor = {"m": 1e3, BODY_WEIGHT: 100.0}.get(one.unit, 1.0)
         assert float(cells[2]) == pytest.approx(one.limit * factor)
         assert float(cells[3]) == pytest.approx(two.limit * factor)
@@ -177,3 +239,44 @@ def test_an_unknown_profile_names_those_that_exist():
     assert profile("wide") is WIDE
     with pytest.raises(InputError, match="use one of default, strict, wide"):
         profile("lenient")
+
+
+@pytest.fixture
+def tilt():
+    """A metric of one entry."""
+    metric = Metric(
+        name="com_drop",
+        unit="m",
+        label="COM, lowest below the plan",
+        meaning="largest distance of the COM below its planned height",
+        kind="walk",
+        compute=lambda walk: float((walk.sample.com - walk.measured.com)[walk.inside, 2].max()),
+        tolerances={"default": 0.01},
+        reason="More is visible.",
+        by_window=True,
+    )
+    yield register(metric)
+    unregister(metric.name)
+
+
+def test_a_registered_metric_is_judged_and_summarised(walk, tilt):
+    comparison = compared(walk, com_shift=(0.0, 0.0, -0.015))
+    assert [item.tolerances[-1].limit for item in (DEFAULT, STRICT, WIDE)] == [0.01, 0.01, 0.02]
+    verdict = verdict_of(comparison, DEFAULT)
+    assert tilt.name in [item.name for item in verdict.failed]
+    entry = build_summary(comparison, verdict)["metrics"][tilt.name]
+    assert (entry["value"], entry["first_step"]) == (pytest.approx(0.015), pytest.approx(0.015))
+    assert entry["display"]["tolerance"] == 10.0
+    assert verdict_of(comparison, WIDE).name is VerdictName.PASS
+    assert added() == (tilt,)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [({}, "exists"), ({"name": "a b"}, "identifier"), ({"name": "new", "reason": ""}, "reason")],
+)
+def test_a_metric_that_cannot_be_is_refused(tilt, change, why):
+    with pytest.raises(InputError, match=why):
+        register(replace(tilt, **change))
+    with pytest.raises(InputError, match="com_drop"):
+        unregister("zmp_x_rmse")

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ampm.description import SoleGeometry
 from ampm.parameters import load_run
 from ampm.planner.support import plan_steps
+from ampm.walk import PostureState, WalkPlan
 from validation.measure.measure import MeasuredGait, SelfChecks, StandingCheck, zmp_from_momentum
 from validation.trial.record import Outcome, OutcomeName, SimulationRecord
 
@@ -18,6 +20,19 @@ STILL = StandingCheck(
 )
 """A still body that was weighed right."""
 SOLE = SoleGeometry(-0.107, 0.083, 0.151, 0.03, 0.045, 0.03, -0.042, 0.066)
+
+
+@dataclass(frozen=True)
+class PlannedMomentum:
+    """A posture of which only L_z is known, as a function of time; it needs no mean of L_y."""
+
+    momentum_z: Callable[[np.ndarray], np.ndarray]
+    angular_momentum_y_offset: float = 0.0
+
+    def sample(self, times):
+        times = np.asarray(times)
+        nothing, trunk = np.zeros((len(times), 0)), np.zeros((len(times), 3, 3))
+        return PostureState(nothing, nothing, nothing, trunk, self.momentum_z(times))
 
 
 def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
@@ -101,7 +116,11 @@ def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
         time_step=dt,
         self_checks=SelfChecks(0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0),
     )
-    return plan, record, measured
+    return (
+        WalkPlan(plan.centroidal, plan.feet, PlannedMomentum(lambda t: 0.5 * np.sin(3 * t))),
+        record,
+        measured,
+    )
 
 
 def with_state(plan, measured, com_shift=0.0, force_shift=0.0, moment_shift=0.0, instrument=0.0):

@@ -225,9 +225,9 @@ def validate(
     no prophecy.
     """
     from validation.judge import profiles
+    from validation.judge.uncertainty import load_uncertainty, matching
     from validation.run import validate as run
     from validation.show import summary as summary_text
-    from validation.study.convergence.uncertainty import load_uncertainty, matching
     from validation.trial.plan import load_requests
     from validation.trial.tune import tune_walk
 

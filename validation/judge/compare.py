@@ -1,4 +1,4 @@
-"""Comparison of a run with its plan: what the verdict is spoken on."""
+"""Comparison of a walk with its plan: what metrics are computed from."""
 
 from __future__ import annotations
 
@@ -19,16 +19,15 @@ from validation.judge.errors import (
     split_zmp_error,
 )
 from validation.judge.margins import energy, feedback_effort, margins
-from validation.judge.metrics import Evidence, evaluate
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.description import BodyDescription
-    from ampm.planner.support import StepPlan
+    from ampm.planner.centroidal import PlanSample
+    from ampm.walk import WalkPlan
     from validation.judge.errors import SignalComparison, ZmpErrorSplit
     from validation.judge.margins import Energy, FeedbackEffort, Margins
-    from validation.judge.metrics import MetricValue
     from validation.measure.measure import MeasuredGait, StandingCheck
     from validation.trial.record import SimulationRecord
 
@@ -38,55 +37,72 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All that is said about a run, apart from whether it is good enough.
+    """A walk beside its plan.
 
     Attributes:
-        time: instants compared, shape (K,) [s].
-        rows: window name to rows, shape (K,), bool.
-        signals: name to comparison.
+        plan: that was walked.
+        record: of the simulation.
+        measured: what the record says, blind to the plan.
+        standing: the same body weighed while it stands still; None if it was not.
+        sample: the plan at the measured instants t_k, K of them.
+        momentum_z: L_z of the planned posture at t_k, shape (K,) [N m s].
+        rows: window name to rows, shape (K,), see :data:`validation.judge.errors.WINDOWS`.
+        scales: reference quantities that errors are divided by, such as ``body_weight`` [N].
+        signals: error of every compared signal, by name.
         zmp_split: causes of the ZMP error.
-        effort: command minus plan, over the run without the first step.
+        effort: command minus plan, without the first step.
         effort_first_step: the same for the first step.
-        margins: distance to limits.
-        energy: work of the motors.
-        metrics: value of every registered metric that the run has.
-        scales: body weight [N], foot length [m] and the like, used for normalising.
+        margins: distances to the limits of body and floor, first step included.
+        energy: work of the motors, without the first step.
+        window: name of the window that a metric is wanted for.
     """
 
-    time: Array
+    plan: WalkPlan
+    record: SimulationRecord
+    measured: MeasuredGait
+    standing: StandingCheck | None
+    sample: PlanSample
+    momentum_z: Array
     rows: Mapping[str, Rows]
+    scales: Mapping[str, float]
     signals: Mapping[str, SignalComparison]
     zmp_split: ZmpErrorSplit
     effort: FeedbackEffort
     effort_first_step: FeedbackEffort
     margins: Margins
     energy: Energy
-    metrics: Mapping[str, MetricValue]
-    scales: Mapping[str, float]
+    window: str = RUN
+
+    @property
+    def time(self) -> Array:
+        """Instants compared, shape (K,) [s]."""
+        return self.measured.time
+
+    @property
+    def inside(self) -> Rows:
+        """Rows of the window, shape (K,)."""
+        return self.rows[self.window]
 
 
 def compare(
-    plan: StepPlan,
+    plan: WalkPlan,
     record: SimulationRecord,
     measured: MeasuredGait,
     *,
     description: BodyDescription | None = None,
-    motion_angular_momentum_z: Array | None = None,
     standing: StandingCheck | None = None,
 ) -> Comparison:
-    """Compare a run with its plan.
+    """Compare a walk with its plan.
 
     Args:
-        plan: the plan that was walked, with the constant of L_y of the motion.
-        record: the run; a run that ended early is compared as far as it went.
+        plan: the plan that was walked.
+        record: the walk; one that ended early is compared as far as it went.
         measured: its measurement.
-        description: names the knees and gives the foot's length.
-        motion_angular_momentum_z: L_z of the periodic whole-body motion at t_k, shape (K,) [N m s]; the plan
-            has none.
+        description: names the knees.
         standing: the same body weighed with the same instrument while it stands still.
 
     Raises:
-        InputError: the run is longer than the plan, or the measurement is of another run.
+        InputError: the walk is longer than the plan, or the measurement is of another walk.
     """
     time = measured.time
     if time.size != record.steps:
@@ -99,34 +115,24 @@ def compare(
             "compare the run with the plan that was walked"
         )
     sample = plan.sample(np.minimum(time, plan.duration))
+    momentum_z = plan.posture.sample(time).angular_momentum_z
     rows = find_windows(plan, sample, measured)
-    scales = reference_scales(plan, measured, description)
-    evidence = Evidence(
+    scales = reference_scales(plan, measured)
+    return Comparison(
         plan=plan,
-        sample=sample,
         record=record,
         measured=measured,
         standing=standing,
-        signals=MappingProxyType(
-            compare_signals(plan, sample, measured, rows, scales, motion_angular_momentum_z)
-        ),
-        margins=margins(plan, sample, record, measured, description),
-        effort=feedback_effort(record, sample, rows[RUN]),
-        energy=energy(record, rows[RUN]),
+        sample=sample,
+        momentum_z=momentum_z,
         rows=MappingProxyType(rows),
         scales=MappingProxyType(scales),
-    )
-    return Comparison(
-        time=time,
-        rows=evidence.rows,
-        signals=evidence.signals,
+        signals=MappingProxyType(compare_signals(plan, sample, measured, rows, scales, momentum_z)),
         zmp_split=split_zmp_error(sample, measured, rows[RUN]),
-        effort=evidence.effort,
+        effort=feedback_effort(record, sample, rows[RUN]),
         effort_first_step=feedback_effort(record, sample, rows[FIRST_STEP]),
-        margins=evidence.margins,
-        energy=evidence.energy,
-        metrics=MappingProxyType(evaluate(evidence)),
-        scales=evidence.scales,
+        margins=margins(plan, sample, record, measured, description),
+        energy=energy(record, rows[RUN]),
     )
 
 

@@ -13,14 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ampm.exceptions import InputError
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.description import BodyDescription
     from ampm.planner.centroidal import PlanSample
-    from ampm.planner.support import StepPlan
+    from ampm.walk import WalkPlan
     from validation.measure.measure import MeasuredGait
 
     Array = NDArray[np.float64]
@@ -185,7 +182,7 @@ class ZmpErrorSplit:
     share: Mapping[str, tuple[float, float]]
 
 
-def find_windows(plan: StepPlan, sample: PlanSample, measured: MeasuredGait) -> dict[str, Rows]:
+def find_windows(plan: WalkPlan, sample: PlanSample, measured: MeasuredGait) -> dict[str, Rows]:
     """Rows of every window of :data:`WINDOWS`, shape (K,) each."""
     run = measured.time >= plan.constants.step_duration - 1e-9
     feet = measured.foot_contact.sum(axis=1)
@@ -200,63 +197,46 @@ def find_windows(plan: StepPlan, sample: PlanSample, measured: MeasuredGait) -> 
     }
 
 
-def reference_scales(
-    plan: StepPlan, measured: MeasuredGait, description: BodyDescription | None
-) -> dict[str, float]:
+def reference_scales(plan: WalkPlan, measured: MeasuredGait) -> dict[str, float]:
     """Reference quantities that errors are divided by."""
     height, mass = plan.centroidal.com_height, measured.mass
-    scales = {
+    return {
         "body_weight": measured.weight,
         "mass_height_velocity": mass * height * plan.constants.mean_velocity,
         "mass_height_froude_velocity": mass * height * float(np.sqrt(measured.gravity * height)),
+        "foot_length": plan.feet.sole.length,
     }
-    scales["foot_length"] = (plan.feet if description is None else description).sole.length
-    return scales
 
 
 def compare_signals(
-    plan: StepPlan,
+    plan: WalkPlan,
     sample: PlanSample,
     measured: MeasuredGait,
     rows: Mapping[str, Rows],
     scales: Mapping[str, float],
-    motion_z: Array | None,
+    momentum_z: Array,
 ) -> dict[str, SignalComparison]:
-    """Errors of every component of :data:`SIGNALS` that has a reference, by name.
-
-    Raises:
-        InputError: ``motion_z`` is of another run.
-    """
+    """Errors of every component of :data:`SIGNALS`, by name; ``momentum_z`` is the posture's L_z."""
     pairs = {
         "zmp": (measured.zmp, sample.zmp),
         "force": (measured.force, sample.force),
-        "angular_momentum": (measured.angular_momentum, sample.angular_momentum),
+        "angular_momentum": (
+            measured.angular_momentum,
+            np.column_stack([sample.angular_momentum, momentum_z]),
+        ),
         "com": (measured.com, sample.com),
     }
-    if motion_z is not None:
-        yaw = np.asarray(motion_z, dtype=np.float64)
-        if yaw.shape != measured.time.shape:
-            raise InputError(f"L_z of the motion has shape {yaw.shape}, expected {measured.time.shape}")
-        pairs["angular_momentum"] = (
-            measured.angular_momentum,
-            np.column_stack([sample.angular_momentum, yaw]),
-        )
-    if measured.time.size:
-        for foot, name, path in zip(
-            (0, 1), ("left_foot", "right_foot"), plan.feet.sample(sample.time), strict=True
-        ):
-            pairs[name] = (measured.foot_position[:, foot], path.position)
+    for foot, name, path in zip(
+        (0, 1), ("left_foot", "right_foot"), plan.feet.sample(sample.time), strict=True
+    ):
+        pairs[name] = (measured.foot_position[:, foot], path.position)
     found: dict[str, SignalComparison] = {}
     for signal in SIGNALS:
-        if signal.group not in pairs:
-            continue
         values, references = pairs[signal.group]
         column = "xyz".index(signal.axis)
-        if column >= references.shape[1]:
-            continue
         error = values[:, column] - references[:, column]
         error.setflags(write=False)
-        norm = {name: scales[name] for name in signal.scales if name in scales}
+        norm = {name: scales[name] for name in signal.scales}
         small = _CONSTANT * max(norm.values(), default=1.0)
         found[signal.name] = SignalComparison(
             name=signal.name,

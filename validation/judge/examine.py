@@ -10,10 +10,11 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from validation.judge.compare import Comparison, compare
+from validation.judge.metrics import MetricValue, evaluate
 from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.verdict import Verdict, judge
-from validation.measure.measure import MeasuredGait, measure
-from validation.measure.standing import StandingCheck, weigh
+from validation.measure.measure import measure
+from validation.measure.standing import weigh
 from validation.trial.bridge import to_pinocchio
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
@@ -21,45 +22,39 @@ from validation.trial.simulate import simulate
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from validation.judge.uncertainty import Uncertainty
     from validation.trial.plan import PlannedWalk
 
 
 @dataclass(frozen=True)
-class Findings:
-    """What a record says, beside its plan.
+class Evaluation:
+    """What a walk is found to be.
 
     Attributes:
-        measured: blind to the plan.
-        standing: the still body, weighed.
-        comparison: with the plan.
+        comparison: measurement and plan.
+        metrics: values of all registered metrics that the walk has.
         verdict: of the profile.
-        motion_angular_momentum_z: of the whole-body motion at every row of forces, shape (K,) [N m s].
     """
 
-    measured: MeasuredGait
-    standing: StandingCheck
     comparison: Comparison
+    metrics: Mapping[str, MetricValue]
     verdict: Verdict
-    motion_angular_momentum_z: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Walk:
-    """A walked gait and what is found in it.
+    """A walked gait and its evaluation.
 
     Attributes:
-        planned: plan and motion.
+        planned: plan and body.
         record: of the simulation.
-        findings: measurement, comparison and verdict.
+        evaluation: measurement, comparison, metrics and verdict.
         seconds: wall-clock time of ``simulation`` and ``measurement`` [s].
     """
 
     planned: PlannedWalk
     record: SimulationRecord
-    findings: Findings
+    evaluation: Evaluation
     seconds: Mapping[str, float]
 
 
@@ -67,33 +62,24 @@ def examine(
     planned: PlannedWalk,
     record: SimulationRecord,
     profile: Profile = DEFAULT,
-    uncertainty: Mapping[str, float] | None = None,
-    not_studied: Mapping[str, tuple[str, ...]] | None = None,
-) -> Findings:
+    uncertainty: Uncertainty | None = None,
+) -> Evaluation:
     """Measure, weigh, compare and judge.
 
     Args:
-        planned: plan, body and motion.
+        planned: plan and body.
         record: of its walk.
         profile: tolerances.
-        uncertainty: numerical uncertainty of metrics in their SI units, see
-        :func:`validation.judge.verdict.judge`.
-        not_studied: metric to the studies that its uncertainty lacks.
+        uncertainty: numerical uncertainty of the metrics, see :func:`validation.judge.verdict.judge`.
     """
-    run, body, posture = planned.run, planned.body, planned.plan.posture
-    motion_z = posture.sample(record.time[:-1]).angular_momentum_z
+    body = planned.body
     measured = measure(record, body.robot.model, to_pinocchio)
-    standing = weigh(run, body.model, body.robot)
+    standing = weigh(planned.run, body.model, body.robot)
     comparison = compare(
-        planned.plan,
-        record,
-        measured,
-        description=body.model.description,
-        motion_angular_momentum_z=motion_z,
-        standing=standing,
+        planned.plan, record, measured, description=body.model.description, standing=standing
     )
-    verdict = judge(comparison, record.outcome, profile, uncertainty, not_studied)
-    return Findings(measured, standing, comparison, verdict, motion_z)
+    metrics = MappingProxyType(evaluate(comparison))
+    return Evaluation(comparison, metrics, judge(comparison, metrics, profile, uncertainty))
 
 
 def walk(
@@ -114,8 +100,8 @@ def walk(
     with _timed(seconds, "simulation"):
         record = simulate(planned.plan, run, body.model, steps=run.gait.steps, progress=progress)
     with _timed(seconds, "measurement"):
-        findings = examine(planned, record, profile)
-    return Walk(planned, record, findings, MappingProxyType(seconds))
+        evaluation = examine(planned, record, profile)
+    return Walk(planned, record, evaluation, MappingProxyType(seconds))
 
 
 @contextmanager

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from ampm.description import BodyDescription
     from ampm.planner.centroidal import PlanSample
-    from ampm.planner.support import StepPlan
+    from ampm.walk import WalkPlan
     from validation.measure.measure import MeasuredGait
     from validation.trial.record import SimulationRecord
 
@@ -137,7 +137,7 @@ def feedback_effort(record: SimulationRecord, sample: PlanSample, rows: Rows) ->
 
 
 def margins(
-    plan: StepPlan,
+    plan: WalkPlan,
     sample: PlanSample,
     record: SimulationRecord,
     measured: MeasuredGait,
@@ -146,7 +146,7 @@ def margins(
     """Distances to all limits.
 
     Args:
-        plan: with feet, or the planned polygon's margin is NaN.
+        plan: the plan that was walked.
         sample: the plan at the record's steps.
         record: the run.
         measured: its measurement.

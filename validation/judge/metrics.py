@@ -22,7 +22,7 @@ Call it before the walk, and at the top level of the script, so that worker proc
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
@@ -30,61 +30,17 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ampm.exceptions import InputError
-from validation.judge.errors import FIRST_STEP, RUN, SIGNALS, Signal
+from validation.judge.errors import FIRST_STEP, SIGNALS, Signal
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.planner.centroidal import PlanSample
-    from ampm.planner.support import StepPlan
-    from validation.judge.errors import SignalComparison
-    from validation.judge.margins import Energy, FeedbackEffort, Margins
-    from validation.measure.measure import MeasuredGait, StandingCheck
-    from validation.trial.record import SimulationRecord
+    from validation.judge.compare import Comparison
 
     Array = NDArray[np.float64]
-    Rows = NDArray[np.bool_]
 
 BODY_WEIGHT = "body weight"
 """Unit of limits on forces: they are judged in newton, as a share of the weight that was simulated."""
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """A walk as a metric sees it.
-
-    Attributes:
-        plan: that was walked.
-        sample: the plan at the measured instants t_k.
-        record: of the simulation.
-        measured: what the record says.
-        standing: the same body weighed while it stands still; None if it was not.
-        signals: error of every compared signal, by name.
-        margins: distances to the limits of body and floor, first step included.
-        effort: command minus plan, without the first step.
-        energy: work of the motors, without the first step.
-        rows: window name to rows, shape (K,), see :data:`validation.judge.errors.WINDOWS`.
-        scales: reference quantities, such as ``body_weight`` [N] and ``foot_length`` [m].
-        window: name of the window that the metric is wanted for.
-    """
-
-    plan: StepPlan
-    sample: PlanSample
-    record: SimulationRecord
-    measured: MeasuredGait
-    standing: StandingCheck | None
-    signals: Mapping[str, SignalComparison]
-    margins: Margins
-    effort: FeedbackEffort
-    energy: Energy
-    rows: Mapping[str, Rows]
-    scales: Mapping[str, float]
-    window: str = RUN
-
-    @property
-    def inside(self) -> Rows:
-        """Rows of the window, shape (K,)."""
-        return self.rows[self.window]
 
 
 @dataclass(frozen=True)
@@ -107,7 +63,7 @@ class Metric:
         scales: names of the reference quantities that give the normalised values.
         nature: ``mean``; ``extreme``, which is never extrapolated to a vanishing time step; ``count``, which
             is exact.
-        by_window: whether ``compute`` heeds :attr:`Evidence.window`; the first step is then reported, too.
+        by_window: whether ``compute`` heeds :attr:`Comparison.window`; the first step is then reported, too.
         section: part of ``summary.json`` that holds the value in any case; empty: ``metrics``.
     """
 
@@ -116,7 +72,7 @@ class Metric:
     label: str
     meaning: str
     kind: Literal["walk", "instrument", "cost"]
-    compute: Callable[[Evidence], float | None]
+    compute: Callable[[Comparison], float | None]
     tolerances: Mapping[str, float] = field(default_factory=dict)
     tolerance_unit: str = ""
     reason: str = ""
@@ -194,21 +150,25 @@ def added() -> tuple[Metric, ...]:
     return tuple(_METRICS[name] for name in _ADDED)
 
 
-def evaluate(walk: Evidence) -> dict[str, MetricValue]:
-    """Value of every registered metric that the walk has."""
+def evaluate(walk: Comparison, metrics: Iterable[Metric] | None = None) -> dict[str, MetricValue]:
+    """Value of every metric that the walk has, by name.
+
+    Args:
+        walk: beside its plan.
+        metrics: all registered ones by default.
+    """
     first = replace(walk, window=FIRST_STEP)
     found = {}
-    for metric in METRICS.values():
+    for metric in METRICS.values() if metrics is None else metrics:
         value = metric.compute(walk)
         if value is None:
             continue
         value = float(value)
-        scales = {name: walk.scales[name] for name in metric.scales if name in walk.scales}
         start = metric.compute(first) if metric.by_window else None
         found[metric.name] = MetricValue(
             value=value,
             unit=metric.unit,
-            normalised=MappingProxyType({name: value / scale for name, scale in scales.items()}),
+            normalised=MappingProxyType({name: value / walk.scales[name] for name in metric.scales}),
             first_step=None if start is None or math.isnan(start) else float(start),
         )
     return found
@@ -245,9 +205,8 @@ def _error(
     signal: Signal = next(item for item in SIGNALS if item.name == name)
     root = statistic == "rmse"
 
-    def compute(walk: Evidence) -> float | None:
-        found = walk.signals.get(name)
-        return None if found is None else float(getattr(found.windows[walk.window], statistic))
+    def compute(walk: Comparison) -> float:
+        return float(getattr(walk.signals[name].windows[walk.window], statistic))
 
     return Metric(
         name=f"{name}_{statistic}",
@@ -318,13 +277,13 @@ _JUDGED_ERRORS = (
 )
 
 
-def _zmp_gap(walk: Evidence) -> Array:
+def _zmp_gap(walk: Comparison) -> Array:
     measured = walk.measured
     gap: Array = np.linalg.norm((measured.zmp - measured.zmp_momentum)[walk.inside], axis=1)
     return gap
 
 
-def _force_gap(walk: Evidence) -> Array:
+def _force_gap(walk: Comparison) -> Array:
     measured = walk.measured
     gap: Array = np.linalg.norm((measured.force - measured.momentum_force)[walk.inside], axis=1)
     return gap
@@ -459,7 +418,7 @@ _LARGEST_GAP = Metric(
 
 
 def _margin(name: str, unit: str, label: str, meaning: str) -> Metric:
-    def compute(walk: Evidence) -> float:
+    def compute(walk: Comparison) -> float:
         found = getattr(walk.margins, name)
         return float(getattr(found, "value", found))
 

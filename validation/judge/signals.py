@@ -12,36 +12,20 @@ from validation.judge.errors import PARTS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.planner.support import StepPlan
     from validation.judge.compare import Comparison
-    from validation.measure.measure import MeasuredGait
-    from validation.trial.record import SimulationRecord
 
     Array = NDArray[np.float64]
 
 
-def signals_table(
-    plan: StepPlan,
-    record: SimulationRecord,
-    measured: MeasuredGait,
-    comparison: Comparison | None = None,
-    *,
-    motion_angular_momentum_z: Array | None = None,
-) -> pa.Table:
+def signals_table(walk: Comparison) -> pa.Table:
     """Build the table: row k holds plan and state at t_k, force and command over [t_k, t_(k+1)].
 
-    Units and frames: :data:`validation.store.signals.COLUMNS`. The plan has no L_z: its column is null, so
-    are ZMPs of an unsupported instant and, without ``motion_angular_momentum_z``, the motion's column.
-
-    Args:
-        plan: the plan that was walked.
-        record: the run.
-        measured: its measurement.
-        comparison: adds the parts of the ZMP error, ``zmp_error_{part}_{x,y}``.
-        motion_angular_momentum_z: L_z of the periodic motion at t_k, shape (K,) [N m s].
+    Units and frames: :data:`validation.store.signals.COLUMNS`. The plan has no L_z: its column is null, and
+    so are the ZMPs of an unsupported instant. ``motion_angular_momentum_z`` is that of the planned posture,
+    ``zmp_error_{part}_{x,y}`` are the parts of the ZMP error.
     """
-    time = measured.time
-    sample = plan.sample(np.minimum(time, plan.duration))
+    record, measured, sample = walk.record, walk.measured, walk.sample
+    time = walk.time
     columns: dict[str, pa.Array] = {
         "time": pa.array(time),
         "phase": pa.array(sample.phase_name.tolist(), pa.string()),
@@ -65,23 +49,17 @@ def signals_table(
     put("measured_force", measured.force)
     put("measured_com", measured.com)
     put("measured_angular_momentum", measured.angular_momentum)
-    motion = (
-        pa.nulls(time.size, pa.float64())
-        if motion_angular_momentum_z is None
-        else _nullable(np.asarray(motion_angular_momentum_z, dtype=np.float64))
-    )
-    columns["motion_angular_momentum_z"] = motion
+    columns["motion_angular_momentum_z"] = _nullable(walk.momentum_z)
     put("measured_zmp_momentum", measured.zmp_momentum)
     for index, foot in enumerate(("left", "right")):
         put(f"{foot}_force", measured.foot_force[:, index])
     for index, foot in enumerate(("left", "right")):
         columns[f"{foot}_contact"] = pa.array(measured.foot_contact[:, index])
     if time.size:
-        columns["plan_zmp_margin"] = _nullable(plan.zmp_margin(sample.time))
+        columns["plan_zmp_margin"] = _nullable(walk.plan.zmp_margin(sample.time))
     columns["measured_zmp_margin"] = _nullable(measured.polygon_margin)
-    if comparison is not None:
-        for part in PARTS:
-            put(f"zmp_error_{part}", comparison.zmp_split.parts[part])
+    for part in PARTS:
+        put(f"zmp_error_{part}", walk.zmp_split.parts[part])
     for index, foot in enumerate(("left", "right")):
         columns[f"{foot}_slip"] = _nullable(measured.slip[:, index])
         columns[f"{foot}_penetration"] = _nullable(measured.penetration[:, index])

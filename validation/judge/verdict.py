@@ -16,8 +16,8 @@ from validation.judge.profiles import Profile, Tolerance
 from validation.store.json import json_ready
 
 if TYPE_CHECKING:
-    from validation.measure.measure import MeasuredGait
-    from validation.trial.record import Outcome, SimulationRecord
+    from validation.judge.metrics import MetricValue
+    from validation.judge.uncertainty import Uncertainty
 
 
 class VerdictName(StrEnum):
@@ -114,47 +114,47 @@ class Verdict:
 
 def judge(
     comparison: Comparison,
-    outcome: Outcome,
+    metrics: Mapping[str, MetricValue],
     profile: Profile,
-    uncertainty: Mapping[str, float] | None = None,
-    not_studied: Mapping[str, tuple[str, ...]] | None = None,
+    uncertainty: Uncertainty | None = None,
 ) -> Verdict:
-    """Hold a comparison against a profile.
+    """Hold the metrics of a walk against a profile.
 
-    A run that did not complete has no verdict on tolerances: its figures would be of a walk that did not
+    A walk that did not complete has no verdict on tolerances: its metrics would be of a walk that did not
     happen. They are reported all the same, unjudged.
 
     Args:
-        comparison: of the run with its plan.
-        outcome: of the run.
+        comparison: of the walk with its plan.
+        metrics: of that walk.
         profile: tolerances.
-        uncertainty: numerical uncertainty of metrics, in each one's SI unit. A metric whose distance to its
-            tolerance is below it is undecided: neither met nor missed. A metric that is not named is judged
-            by its value.
-        not_studied: metric to the studies that its uncertainty lacks; it is undecided whatever its value.
+        uncertainty: numerical uncertainty of the metrics. A metric whose distance to its tolerance is below
+            it is undecided: neither met nor missed. So is one that lacks a study, whatever its value. A
+            metric that is not named is judged by its value.
     """
-    uncertainty, not_studied = uncertainty or {}, not_studied or {}
+    outcome = comparison.record.outcome
+    known: Mapping[str, float] = {} if uncertainty is None else uncertainty.values
+    lacking: Mapping[str, tuple[str, ...]] = {} if uncertainty is None else uncertainty.incomplete
     limits = {item.metric: item for item in profile.tolerances}
     weight = comparison.scales["body_weight"]
-    names = [name for name in limits if name in comparison.metrics]
+    names = [name for name in limits if name in metrics]
     names += [
         name
-        for name in comparison.metrics
+        for name in metrics
         if name not in limits and not METRICS[name].section  # its section of the summary has it
     ]
     results = tuple(
         _result(
             name,
-            comparison,
+            metrics[name],
             limits.get(name),
             weight,
-            uncertainty.get(name),
-            not_studied.get(name, ()),
+            known.get(name),
+            lacking.get(name, ()),
             judged=outcome.completed,
         )
         for name in names
     )
-    missing = [name for name in limits if name not in comparison.metrics]
+    missing = [name for name in limits if name not in metrics]
     missing += [item.name for item in results if item.tolerance is not None and math.isnan(item.value)]
     failed = [item for item in results if item.passed is False]
     undecided = [item for item in results if item.undecided]
@@ -194,8 +194,6 @@ def judge(
 
 
 def build_summary(
-    record: SimulationRecord,
-    measured: MeasuredGait,
     comparison: Comparison,
     verdict: Verdict,
     *,
@@ -206,15 +204,13 @@ def build_summary(
     """Contents of ``summary.json``: plain JSON values in SI units, None for what is undefined.
 
     Args:
-        record: the run.
-        measured: its measurement.
-        comparison: with the plan.
+        comparison: of the walk with its plan.
         verdict: of a profile.
         timing: wall-clock times [s] and what follows from them.
         environment: versions and platform.
         extra: further top-level entries, such as the gait's name or the motion's residuals.
     """
-    status = record.qp_status
+    record, status = comparison.record, comparison.record.qp_status
     summary = {
         "outcome": str(record.outcome.name),
         "verdict": str(verdict.name),
@@ -235,7 +231,7 @@ def build_summary(
         "effort_first_step": asdict(comparison.effort_first_step),
         "margins": asdict(comparison.margins),
         "energy": asdict(comparison.energy),
-        "self_checks": asdict(measured.self_checks),
+        "self_checks": asdict(comparison.measured.self_checks),
         "solver": {
             "ticks": int(status.size),
             "solved": int(np.count_nonzero(status == 0)),
@@ -261,7 +257,7 @@ def is_undecided(value: float, tolerance: float, uncertainty: float | None) -> b
 
 def _result(
     name: str,
-    comparison: Comparison,
+    metric: MetricValue,
     tolerance: Tolerance | None,
     weight: float,
     uncertainty: float | None,
@@ -269,7 +265,6 @@ def _result(
     *,
     judged: bool,
 ) -> MetricResult:
-    metric = comparison.metrics[name]
     factor, unit = display_unit(metric.unit, weight)
     if uncertainty is not None and math.isnan(uncertainty):
         uncertainty = None

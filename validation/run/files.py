@@ -19,7 +19,7 @@ from validation.store.signals import SIGNALS_FILE, save_signals
 if TYPE_CHECKING:
     from ampm.parameters import RunParameters
     from models.human import BodyModel
-    from validation.judge.examine import Findings
+    from validation.judge.examine import Evaluation
     from validation.measure.instruments import Instrument
     from validation.trial.plan import PlannedWalk
     from validation.trial.record import SimulationRecord
@@ -32,23 +32,15 @@ def write_inputs(folder: Path, run: RunParameters, model: BodyModel, environment
     _write_json(folder / "environment.json", environment)
 
 
-def write_signals(folder: Path, planned: PlannedWalk, record: SimulationRecord, found: Findings) -> None:
+def write_signals(folder: Path, found: Evaluation) -> None:
     """Plan, command and measurement on the physics' time steps."""
-    signals = signals_table(
-        planned.plan,
-        record,
-        found.measured,
-        found.comparison,
-        motion_angular_momentum_z=found.motion_angular_momentum_z,
-    )
-    save_signals(signals, folder / SIGNALS_FILE)
+    save_signals(signals_table(found.comparison), folder / SIGNALS_FILE)
 
 
 def write_summary(
     folder: Path,
     planned: PlannedWalk,
-    record: SimulationRecord,
-    found: Findings,
+    found: Evaluation,
     *,
     name: str,
     timing: Mapping[str, float | None],
@@ -60,8 +52,7 @@ def write_summary(
     Args:
         folder: of the run.
         planned: plan and body.
-        record: of the simulation.
-        found: in the record.
+        found: in its walk.
         name: of the gait or run.
         timing: wall-clock times [s], and the speed as a multiple of real time.
         environment: where it ran.
@@ -70,9 +61,8 @@ def write_summary(
     Returns:
         The contents of ``summary.json``.
     """
+    standing = found.comparison.standing
     summary = build_summary(
-        record,
-        found.measured,
         found.comparison,
         found.verdict,
         timing=dict(timing),
@@ -80,7 +70,7 @@ def write_summary(
         extra={
             "gait": name,
             "motion": planned.plan.posture.report(),
-            "standing": asdict(found.standing),
+            "standing": None if standing is None else asdict(standing),
             "memory_peak": {"value": memory_peak(), "unit": "MB"},
             **(more or {}),
         },

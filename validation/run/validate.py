@@ -16,16 +16,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import InputError
-from validation.judge.compare import Comparison
 from validation.judge.examine import examine
 from validation.judge.profiles import DEFAULT, Profile
+from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import Verdict
 from validation.measure.measure import MeasuredGait, measure
 from validation.progress import Progress, interruption
 from validation.run.files import write_inputs, write_observation, write_signals, write_summary
 from validation.store.environment import describe_environment
 from validation.store.folders import check_run_folder, run_folder
-from validation.study.convergence.uncertainty import Uncertainty
 from validation.trial.bridge import to_pinocchio
 from validation.trial.plan import PlannedWalk, Request, plan_walk
 from validation.trial.record import OutcomeName, SimulationRecord, load_record, save_record
@@ -64,14 +63,12 @@ class Trial:
 
     Attributes:
         planned: plan and motion.
-        comparison: of the measurement with the plan.
         verdict: of the profile.
         summary: contents of ``summary.json``.
         directory: the run folder.
     """
 
     planned: PlannedWalk
-    comparison: Comparison
     verdict: Verdict
     summary: dict[str, Any]
     directory: Path
@@ -140,19 +137,19 @@ def validate(
     with run_folder(target, force=options.force) as folder:
         write_inputs(folder, asked.run, planned.body.model, environment)
         try:
-            comparison, verdict, summary = _walk(planned, folder, options, clock, environment)
+            verdict, summary = _walk(planned, folder, options, clock, environment)
         finally:
             interruption.release()
         if options.recording and not interruption.pending:
             late = _draw(folder, target, clock)
     if late is not None:
         raise late
-    return Trial(planned, comparison, verdict, summary, target)
+    return Trial(planned, verdict, summary, target)
 
 
 def _walk(
     planned: PlannedWalk, folder: Path, options: Options, clock: _Clock, environment: dict[str, Any]
-) -> tuple[Comparison, Verdict, dict[str, Any]]:
+) -> tuple[Verdict, dict[str, Any]]:
     """Walk, measure and judge, and write all that says so; record and measurement are given up at the end."""
     asked, body = planned.request, planned.body
     with clock.stage("simulation", "steps") as advance:
@@ -169,18 +166,17 @@ def _walk(
     save_record(record, folder)
     known = options.uncertainty
     with clock.stage("measurement"):
-        studied = (None, None) if known is None else (known.values, known.incomplete)
-        found = examine(planned, record, options.profile, *studied)
-        write_signals(folder, planned, record, found)
+        found = examine(planned, record, options.profile, known)
+        write_signals(folder, found)
     timing = clock.timing(record)
     more: dict[str, Any] = {} if known is None else {"uncertainty": known.as_dict()}
     if options.instrument is not None:
         with clock.stage("instrument"):
             more["instrument"] = write_observation(folder, options.instrument, planned, record)
     summary = write_summary(
-        folder, planned, record, found, name=asked.name, timing=timing, environment=environment, more=more
+        folder, planned, found, name=asked.name, timing=timing, environment=environment, more=more
     )
-    return found.comparison, found.verdict, summary
+    return found.verdict, summary
 
 
 def _draw(folder: Path, target: Path, clock: _Clock) -> BaseException | None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from ampm.planner.support import StepPlan
-    from validation.measure.measure import MeasuredGait
+    from validation.judge.compare import Comparison
     from validation.store.signals import Signals
     from validation.store.stored import StoredRecord
     from validation.trial.record import SimulationRecord
@@ -71,16 +71,14 @@ def si_unit(unit: str, weight: float) -> tuple[float, str]:
     return table.get(unit, (1.0, unit))
 
 
-def switch_figures(
-    plan: StepPlan, record: SimulationRecord, measured: MeasuredGait
-) -> list[tuple[str, float, str]]:
+def switch_figures(walk: Comparison) -> list[tuple[str, float, str]]:
     """Name, SI value and SI unit of what only a comparison shows of a walk, for a convergence study."""
     from validation.judge.signals import signals_table
     from validation.store.signals import Signals
 
-    table = signals_table(plan, record, measured)
+    table, record = signals_table(walk), walk.record
     signals = Signals({name: table.column(name).to_numpy() for name in table.column_names})
-    values = walked_figures(plan, signals, record)
+    values = walked_figures(walk.plan, signals, record)
     weight = record.mass * record.gravity
     found = []
     for _, name, _, unit, _ in catalogue(WINDOW):

@@ -30,6 +30,7 @@ from ampm.exceptions import InputError
 from ampm.parameters import load_run
 from ampm.planner.periodic import plan_gait
 from ampm.planner.support import StepPlan, plan_steps
+from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching
 from validation.progress import Progress
 from validation.run.validate import Options, validate
 from validation.show.text import format_number, print_line, print_table
@@ -46,7 +47,6 @@ from validation.study.compare.metrics import (
     summary_figures,
     walked_figures,
 )
-from validation.study.convergence.uncertainty import Uncertainty, load_uncertainty, matching
 from validation.trial.plan import Request, load_request, make_body, motion_cache
 
 EVEN = 1.25

@@ -10,6 +10,7 @@ from pathlib import Path
 from ampm.exceptions import InputError
 from ampm.parameters import steps_per_tick
 from validation.judge import profiles
+from validation.judge.uncertainty import FILE
 from validation.progress import Progress
 from validation.store.folders import check_target, output_file
 from validation.store.json import json_ready
@@ -18,7 +19,6 @@ from validation.study.convergence.execute import runs_of, walk_levels
 from validation.study.convergence.result import Convergence, combine
 from validation.study.convergence.studies import LEVELS, STEPS, Runner, studies, walk_level
 from validation.study.convergence.table import markdown
-from validation.study.convergence.uncertainty import FILE
 from validation.trial.plan import load_request, plan_walk
 
 MARKDOWN = "convergence.md"

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from ampm.exceptions import AmpmError, InputError, RefusedGait
+from validation.judge.metrics import METRICS
 from validation.store.machine import memory_peak
 from validation.study.compare.metrics import switch_figures
 from validation.trial.plan import Request
@@ -82,21 +83,8 @@ TOPICS: Mapping[str, Topic] = {
 """All studies. Contact parameters are of the model: none of their values is nearer to a limit than another,
 so what they give is a sensitivity, an input uncertainty, and no convergence."""
 
-INSTRUMENT = frozenset(
-    {
-        "zmp_agreement_rmse",
-        "zmp_agreement_maximum",
-        "force_agreement_rmse",
-        "com_agreement_maximum",
-        "angular_momentum_agreement_maximum",
-        "impulse_residual",
-        "standing_weight_error",
-    }
-)
-"""Self-checks, whose exact value is zero: their dependence on the time step is what they measure, not an
-uncertainty of it."""
-COUNTS = frozenset({"failed_qp", "unsupported_instants"})
-"""Counted in the very run that they judge: exact."""
+INSTRUMENT = frozenset(name for name, metric in METRICS.items() if metric.is_self_check)
+COUNTS = frozenset(name for name, metric in METRICS.items() if metric.nature == "count")
 EXTREME = ("_maximum", "_peak", "margin_", "switch_force_rate", "switch_vertical_force")
 """End or beginning of the names of extremes, which are never extrapolated."""
 
@@ -259,7 +247,7 @@ def walk_level(run: RunParameters, name: str, profile: Profile) -> Figures:
     values, units = figures(result)
     end = result.record.outcome
     limits = {
-        item.name: item.tolerance for item in result.findings.verdict.judged if item.tolerance is not None
+        item.name: item.tolerance for item in result.evaluation.verdict.judged if item.tolerance is not None
     }
     return Figures(
         outcome=str(end.name),
@@ -267,7 +255,7 @@ def walk_level(run: RunParameters, name: str, profile: Profile) -> Figures:
         values=values,
         units=units,
         limits=limits,
-        weight=result.findings.comparison.scales["body_weight"],
+        weight=result.evaluation.comparison.scales["body_weight"],
         seconds=time.perf_counter() - start,
         memory=_memory(),
     )
@@ -279,9 +267,9 @@ def figures(walk: Walk) -> tuple[dict[str, float], dict[str, str]]:
     The latter are named like the columns of a sweep's table; ``zmp_x_single_support_rmse`` and the like are
     the metric within one phase, and ``switch_zmp_x_near`` and the like what ``ampm compare`` shows.
     """
-    comparison = walk.findings.comparison
-    values = {name: metric.value for name, metric in comparison.metrics.items()}
-    units = {name: metric.unit for name, metric in comparison.metrics.items()}
+    comparison = walk.evaluation.comparison
+    values = {name: metric.value for name, metric in walk.evaluation.metrics.items()}
+    units = {name: metric.unit for name, metric in walk.evaluation.metrics.items()}
 
     def add(name: str, value: float, unit: str) -> None:
         values[name], units[name] = float(value), unit
@@ -291,21 +279,8 @@ def figures(walk: Walk) -> tuple[dict[str, float], dict[str, str]]:
         for window in ("single_support", "double_support"):
             add(f"{signal}_{window}_rmse", found.windows[window].rmse, found.unit)
         add(f"{signal}_bias", found.run.bias, found.unit)
-    energy, effort, margins = comparison.energy, comparison.effort, comparison.margins
-    add("energy_positive_work", energy.positive_work, "J")
-    add("energy_negative_work", energy.negative_work, "J")
-    add("energy_cost_of_transport", energy.cost_of_transport, "1")
-    for axis, value in zip("xy", effort.zmp, strict=True):
-        add(f"effort_zmp_{axis}", value, "m")
-    for axis, value in zip("xyz", effort.force, strict=True):
-        add(f"effort_force_{axis}", value, "N")
-    for name, unit in (
-        ("torque", "1"), ("friction", "1"), ("knee", "rad"), ("measured_polygon", "m"), ("slip", "m"),
-        ("penetration", "m"),
-    ):  # fmt: skip
-        add(f"margin_{name}", getattr(margins, name).value, unit)
     if walk.record.outcome.completed:
-        for name, value, unit in switch_figures(walk.planned.plan, walk.record, walk.findings.measured):
+        for name, value, unit in switch_figures(comparison):
             add(name, value, unit)
     return values, units
 

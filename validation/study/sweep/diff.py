@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.stats import false_discovery_control, wilcoxon
 
 from ampm.exceptions import InputError
-from validation.study.convergence.uncertainty import Uncertainty, load_uncertainty
+from validation.judge.uncertainty import Uncertainty, load_uncertainty
 from validation.study.sweep.matching import Matching, match, notes
 from validation.study.sweep.table import METRIC, STATES, State, SweepTable, read_sweep
 

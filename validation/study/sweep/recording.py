@@ -94,7 +94,7 @@ def _write(walk: Walk, work: Path, name: str, timing: Mapping[str, float], instr
     environment = describe_environment()
     write_inputs(work, planned.request.run, planned.body.model, environment)
     save_record(record, work)
-    write_signals(work, planned, record, walk.findings)
+    write_signals(work, walk.evaluation)
     stages = ("planning", "simulation", "measurement", "real_time_factor")
     told = {key: timing[key] for key in stages if key in timing}
     told["simulated"] = float(record.time[-1] - record.time[0])
@@ -103,6 +103,4 @@ def _write(walk: Walk, work: Path, name: str, timing: Mapping[str, float], instr
         from validation.measure.instruments import load_instrument
 
         more["instrument"] = write_observation(work, load_instrument(instrument), planned, record)
-    write_summary(
-        work, planned, record, walk.findings, name=name, timing=told, environment=environment, more=more
-    )
+    write_summary(work, planned, walk.evaluation, name=name, timing=told, environment=environment, more=more)

@@ -72,8 +72,8 @@ def motion_columns(planned: PlannedWalk) -> dict[str, Any]:
 
 def walk_columns(walk: Walk) -> dict[str, Any]:
     """Outcome, metrics, margins and cost of a walk."""
-    record, comparison, verdict = walk.record, walk.findings.comparison, walk.findings.verdict
-    outcome, margins = record.outcome, comparison.margins
+    record, verdict = walk.record, walk.evaluation.verdict
+    outcome, margins = record.outcome, walk.evaluation.comparison.margins
     return {
         "outcome": str(outcome.name),
         "cause": outcome.cause or None,
@@ -81,7 +81,7 @@ def walk_columns(walk: Walk) -> dict[str, Any]:
         "failed": ",".join(item.name for item in verdict.failed),
         "steps_completed": outcome.steps_completed,
         "outcome_time": outcome.time,
-        **{METRICS[name].column: metric.value for name, metric in comparison.metrics.items()},
+        **{METRICS[name].column: metric.value for name, metric in walk.evaluation.metrics.items()},
         "margin_torque_joint": margins.torque.where or None,
         "margin_joint_name": margins.joint.where or None,
         "qp_ticks": int(record.qp_status.size),

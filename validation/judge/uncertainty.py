@@ -1,4 +1,4 @@
-"""Reading ``convergence.json`` back: the numerical uncertainty of a run's metrics, for its verdict."""
+"""Numerical uncertainty of a gait's metrics, as ``ampm convergence`` stores it."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import InputError
-from validation.study.convergence.studies import TOPICS, inside, not_studied
-from validation.trial.plan import Request
+
+if TYPE_CHECKING:
+    from validation.trial.plan import Request
 
 FILE = "convergence.json"
 _FREE = ("gait.steps",)
@@ -25,8 +26,8 @@ class Uncertainty:
 
     Attributes:
         gait: name.
-        steps: walked at every level; 0 if the file does not say.
-        run: key of the run that was studied, empty if the file does not say.
+        steps: walked at every level.
+        run: key of the run that was studied.
         values: metric to uncertainty in its SI unit; infinite where there is no bound. Of a metric that is
             ``incomplete`` what the studies that were made leave, and nothing if none was.
         parameters: of the run, by section.
@@ -51,13 +52,12 @@ class Uncertainty:
 
     def difference(self, request: Request) -> str:
         """First key in which a run is not the one that was studied, with both values; empty if it is."""
-        asked = request.run.model_dump()
+        own = request.run.model_dump()
         for section, entries in self.parameters.items():
             for key, value in entries.items():
-                name = f"{section}.{key}"
-                own = asked.get(section, {}).get(key)
-                if name not in _FREE and _number(value) != own:
-                    return f"{name} = {value}, and here {own}"
+                here = own.get(section, {}).get(key)
+                if f"{section}.{key}" not in _FREE and _number(value) != here:
+                    return f"{section}.{key} = {value}, and here {here}"
         return ""
 
     def as_dict(self) -> dict[str, Any]:
@@ -65,7 +65,7 @@ class Uncertainty:
         return {
             "gait": self.gait,
             "steps": self.steps,
-            "run": self.run or None,
+            "run": self.run,
             "studies": list(self.studies),
             "not_studied": list(self.not_studied),
         }
@@ -89,61 +89,56 @@ def load_uncertainty(path: Path) -> Uncertainty:
         ) from None
     except ValueError as error:
         raise InputError(f"--uncertainty {file} is no JSON ({error}); give a {FILE}.") from None
-    study = _study(table)
-    if study is None:
+    if not _is_study(table):
         raise InputError(
             f"--uncertainty {file} is no convergence study; give the {FILE} that 'ampm convergence --out' "
             "writes."
         )
-    metrics, made, qp = study
-    if not metrics:
+    if not table["metrics"]:
         raise InputError(f"--uncertainty {file} holds no metrics: its walk did not complete; study again.")
     values, incomplete = {}, {}
-    for name, entry in metrics.items():
-        lacking = not_studied(name, made, qp)
-        if lacking:
+    for name, entry in table["metrics"].items():
+        if lacking := tuple(entry["not_studied"]):
             incomplete[name] = lacking
-        if lacking and not set(made) & set(inside(name, qp)):
-            continue  # a sum over no study is no zero
-        raw = entry.get("uncertainty_at_least", entry.get("uncertainty"))
+        raw = entry["uncertainty_at_least"]
         if raw is None:
+            if lacking:
+                continue  # a sum over no study is no zero
             raw = "inf"  # not measured in the study: nothing bounds it
         value = _number(raw)
         if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0.0:
             raise InputError(
-                f"--uncertainty {file}: metrics.{name}.uncertainty = {raw!r} is no number of at least 0; "
-                "correct it, or study the gait again."
+                f"--uncertainty {file}: metrics.{name}.uncertainty_at_least = {raw!r} is no number of at "
+                "least 0; correct it, or study the gait again."
             )
         values[name] = float(value)
     return Uncertainty(
         gait=table["gait"],
         steps=table["steps"],
-        run=str(table.get("run") or ""),
+        run=table["run"],
         values=MappingProxyType(values),
         parameters=MappingProxyType(table["parameters"]),
-        studies=tuple(name for name in inside("", qp) if name in made),
-        not_studied=not_studied("", made, qp),
+        studies=tuple(table["uncertainty_of"]),
+        not_studied=tuple(table["not_studied"]),
         incomplete=MappingProxyType(incomplete),
     )
 
 
-def _study(table: Any) -> tuple[Mapping[str, Mapping[str, Any]], tuple[str, ...], str] | None:
-    """Metrics, names of the studies and QP solver of what may be a ``convergence.json``; None if it is none.
-
-    A run's ``summary.json`` has metrics too, and no levels.
-    """
-    if not isinstance(table, dict):
-        return None
-    kinds = {"gait": str, "steps": int, "levels": dict, "metrics": dict, "parameters": dict}
-    if not all(isinstance(table.get(key), kind) for key, kind in kinds.items()) or table["steps"] < 1:
-        return None
-    entries = (table["levels"], table["metrics"], table["parameters"])
-    if not all(isinstance(item, dict) for part in entries for item in part.values()):
-        return None
-    qp = table["parameters"].get("solver", {}).get("qp")
-    if not isinstance(qp, str) or not set(table["levels"]) <= set(TOPICS):
-        return None
-    return table["metrics"], tuple(table["levels"]), qp
+def _is_study(table: Any) -> bool:
+    """Whether it is a ``convergence.json``: a run's ``summary.json`` has metrics too, and no levels."""
+    kinds = {
+        "gait": str, "steps": int, "run": str, "levels": dict, "metrics": dict, "parameters": dict,
+        "uncertainty_of": list, "not_studied": list,
+    }  # fmt: skip
+    if not isinstance(table, dict) or not all(isinstance(table.get(key), kinds[key]) for key in kinds):
+        return False
+    entries = table["metrics"].values()
+    return all(
+        isinstance(entry, dict)
+        and "uncertainty_at_least" in entry
+        and isinstance(entry.get("not_studied"), list)
+        for entry in entries
+    ) and all(isinstance(section, dict) for section in table["parameters"].values())
 
 
 def matching(known: Sequence[Uncertainty], request: Request) -> Uncertainty:
@@ -166,6 +161,4 @@ def matching(known: Sequence[Uncertainty], request: Request) -> Uncertainty:
 
 def _number(value: Any) -> Any:
     """JSON has no infinity; the project writes it as a word."""
-    if value == "inf":
-        return math.inf
-    return value
+    return math.inf if value == "inf" else value
