@@ -34,6 +34,9 @@ class PlannedMomentum:
         nothing, trunk = np.zeros((len(times), 0)), np.zeros((len(times), 3, 3))
         return PostureState(nothing, nothing, nothing, trunk, self.momentum_z(times))
 
+    def report(self):
+        return {}
+
 
 def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
     """Plan, record and measurement; ``count`` cuts the run short."""
