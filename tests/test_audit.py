@@ -204,7 +204,7 @@ def test_the_counts_add_up(rows):
 @pytest.fixture
 def quick(monkeypatch, rows):
     """The command without the work."""
-    monkeypatch.setattr("validation.paper.audit.command.audit", lambda _: rows)
+    monkeypatch.setattr("validation.paper.audit.audit", lambda _: rows)
 
 
 @pytest.mark.usefixtures("quick")
@@ -232,7 +232,7 @@ def test_a_correction_that_fails_is_told(monkeypatch, capsys):
         corrected="a = c",
         errata=("E1",),
     )
-    monkeypatch.setattr("validation.paper.audit.command.audit", lambda _: (broken,))
+    monkeypatch.setattr("validation.paper.audit.audit", lambda _: (broken,))
     assert call(["audit"]) == Status.OUT_OF_TOLERANCE
     assert "Eq. 1" in capsys.readouterr().err
 

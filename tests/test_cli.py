@@ -251,11 +251,13 @@ def test_view_without_a_display_says_what_to_do(ampm, tmp_path, monkeypatch):
     assert "--web" in answer.err
 
 
-def test_view_in_a_browser_stays_on_this_machine(tmp_path):
-    from validation.show.viewer import page_address, viewer_command
+def test_the_viewer_stays_on_this_machine(tmp_path, monkeypatch):
+    from validation.cli.view import page_address, viewer_command
 
-    command = viewer_command(tmp_path / "recording.rrd", ports=(9090, 9876))
-    assert command[command.index("--bind") + 1] == "127.0.0.1"
+    monkeypatch.setenv("DISPLAY", ":0")
+    for ports in (None, (9090, 9876)):
+        command = viewer_command(tmp_path / "recording.rrd", ports=ports)
+        assert command[command.index("--bind") + 1] == "127.0.0.1"
     assert page_address(9090, 9876) == (
         "http://127.0.0.1:9090?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A9876%2Fproxy"
     )

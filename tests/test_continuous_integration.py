@@ -123,7 +123,7 @@ def workspace(tmp_path):
             'if [ "$1" = sweep ]; then\n'
             f'  mkdir -p sweeps && cp -r "prepared/${{{side}_sweep}}" "$4" && exit "${{{side}_status:-0}}"\n'
             "fi\n"
-            f'exec "{sys.executable}" -m validation.cli.app "$@"\n',
+            f'exec "{sys.executable}" -m validation.cli "$@"\n',
             encoding="utf-8",
         )
         script.chmod(0o755)

@@ -7,8 +7,6 @@ import math
 import re
 from dataclasses import replace
 from functools import partial
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,13 +15,13 @@ from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import load_run
 from tests.saved_run import make_run, make_study
 from tests.walk import STILL, perfect_walk, with_state
+from validation.cli import summary_text
 from validation.cli.app import Status, call
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
 from validation.judge.profiles import DEFAULT, STRICT
 from validation.judge.uncertainty import FILE, Uncertainty, load_uncertainty, matching
 from validation.judge.verdict import VerdictName, build_summary, judge
-from validation.show import summary as summary_text
 from validation.show.report import render
 from validation.store.saved import load_saved_run
 from validation.study.convergence import command
@@ -467,8 +465,7 @@ def summary(walk):
 
 
 def test_the_terminal_quotes_it(summary, tmp_path, capsys):
-    trial: Any = SimpleNamespace(summary=summary, directory=tmp_path)
-    summary_text.print_result(trial)
+    summary_text.print_result(summary, tmp_path)
     out = capsys.readouterr().out
     assert "1.8 ± 0.3" in out
     assert "± inf" in out
@@ -660,8 +657,7 @@ def test_a_study_without_the_time_step_decides_no_run(walk, tmp_path, capsys):
         assert (entry["uncertainty"], entry["pass"], entry["undecided"]) == (None, None, True)
         assert "qp_tolerance" in entry["not_studied"]
         assert told["uncertainty"]["studies"] == ([] if folder == "none" else ["time_step"])
-        trial: Any = SimpleNamespace(summary=told, directory=tmp_path)
-        summary_text.print_result(trial)
+        summary_text.print_result(told, tmp_path)
         out = capsys.readouterr().out
         assert f"± {shown}" in out
         assert "not studied, so nothing is decided" in out
@@ -670,8 +666,7 @@ def test_a_study_without_the_time_step_decides_no_run(walk, tmp_path, capsys):
 def test_studies_inside_are_named_on_the_terminal_and_in_the_summary(folder, summary, tmp_path, capsys):
     known = load_uncertainty(folder).as_dict()
     assert known["studies"] == ["time_step", "ik_grid", "qp_tolerance"]
-    trial: Any = SimpleNamespace(summary={**summary, "uncertainty": known}, directory=tmp_path)
-    summary_text.print_result(trial)
+    summary_text.print_result({**summary, "uncertainty": known}, tmp_path)
     assert "(time_step + ik_grid + qp_tolerance)" in capsys.readouterr().out
 
 

@@ -14,15 +14,15 @@ ROOT = Path(__file__).resolve().parents[1]
 
 ORDER = {
     "ampm": (
-        "exceptions geometry so3 description qp parameters run_file planner walk body control planners tune"
+        "exceptions geometry so3 description qp parameters run_file planner walk body control planners tune "
+        "__main__"
     ).split(),
     "validation": "progress trial store measure judge show run study paper cli".split(),
 }
 """Rooms of a package, each of which may import itself and those before it. The package itself comes last."""
 
 KNOWN = {
-    ("measure", "judge"), ("measure", "show"), ("paper", "cli"), ("run", "study"), ("show", "run"),
-    ("show", "study"), ("store", "judge"), ("study", "cli"), ("trial", "store"),
+    ("run", "study"), ("study", "cli"), ("trial", "store"), ("store", "judge"),
 }  # fmt: skip
 """Arrows of ``validation`` that still point the wrong way. None may be added."""
 
@@ -90,7 +90,7 @@ def test_rooms_import_in_order(package):
     assert {pair: text for pair, text in wrong.items() if pair not in KNOWN} == {}
 
 
-@pytest.mark.skip(reason="gait and feet, app and entry still import each other")
+@pytest.mark.skip(reason="trial/record and store/record_layout import each other")
 @pytest.mark.parametrize("package", ORDER)
 def test_no_circle_of_imports(package):
     TopologicalSorter(imports(package)).prepare()  # raises CycleError, which names the modules

@@ -46,7 +46,7 @@ def start(
 ) -> subprocess.Popen[str]:
     """The console script in a process group of its own, as on a terminal."""
     return subprocess.Popen(
-        [sys.executable, "-m", "validation.cli.app", "sweep", str(file), "--out", str(out), *extra],
+        [sys.executable, "-m", "validation.cli", "sweep", str(file), "--out", str(out), *extra],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -15,9 +15,9 @@ from ampm.exceptions import InputError
 from tests.saved_run import make_run
 from tests.sweep_table import make_table, replaced, write_sweep
 from validation.cli.app import Status, call
+from validation.cli.view_sources import choose, parse_runs
 from validation.show.rerun.merge import PHASE, SINGLE_SUPPORT, read_part, same_gait
 from validation.show.rerun.record import write_recording
-from validation.show.view_sources import choose, parse_runs
 from validation.store.saved import load_saved_run
 from validation.store.signals import load_signals
 from validation.trial.record import Outcome, OutcomeName

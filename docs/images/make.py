@@ -16,11 +16,13 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from validation.cli.instrument import write_files
-from validation.cli.plan import write_picture
+from validation.cli.plan_text import write_picture
+from validation.cli.view import write_sources
+from validation.cli.view_sources import choose
 from validation.measure.instruments import load_instrument
 from validation.measure.instruments.columns import observe_folder
+from validation.progress import Progress
 from validation.show.rerun.merge import PHASE
-from validation.show.viewer import view
 from validation.trial.plan import load_request, plan_walk
 
 HERE = Path(__file__).resolve().parent
@@ -62,7 +64,7 @@ def picture_of_overlay(folders: list[Path], phase: float, target: Path) -> None:
     """Save what the viewer shows of several runs of one gait at one phase."""
     with tempfile.TemporaryDirectory() as folder:
         merged = Path(folder) / "merged.rrd"
-        view(folders, save=merged)
+        write_sources(choose(folders, None)[0], merged, Progress(), one_sweep=False)
         picture_of_recording(merged, phase, target, timeline=PHASE, port=9912)
 
 

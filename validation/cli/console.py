@@ -9,6 +9,7 @@ import json
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from rich import progress as bars
@@ -65,8 +66,14 @@ class Narrator(Progress):
         interruption.check()
 
     def say(self, text: str) -> None:
-        """One line on stderr."""
+        """Print one line on stderr."""
         self.console.print(text, markup=False)
+
+    def wrote(self, *paths: Path | None) -> None:
+        """Name the files that were written; None stands for one that nobody asked for."""
+        for path in paths:
+            if path is not None:
+                self.say(f"wrote {path}")
 
 
 def print_json(value: Any) -> None:

@@ -16,7 +16,7 @@ def main() -> None:
     arguments = sys.argv[1:]
     try:
         one_blas_thread()
-        from validation.cli import app as cli
+        from validation.cli import app as cli  # here, not above: see the head of this file
 
         if "_AMPM_COMPLETE" in os.environ:  # a shell asks for completions
             cli.app()
@@ -35,7 +35,7 @@ def main() -> None:
 
 
 def _interrupted(arguments: list[str]) -> int:
-    """Say so without any of the modules whose import may have been interrupted."""
+    """Report it without any of the modules whose import may have been interrupted."""
     if "--json" in arguments:
         sys.stdout.write(
             '{\n  "error": {\n    "kind": "interrupted",\n    "message": "interrupted"\n  }\n}\n'

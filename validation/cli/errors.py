@@ -15,6 +15,8 @@ from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError
 from validation.cli.options import Status
 from validation.study.sweep.exceptions import SweepStopped
 
+_TUNE = " Values that you did not give may be found by 'ampm tune', or by 'ampm validate --tune'."
+
 
 def describe_error(error: BaseException) -> dict[str, Any]:
     """JSON object of an error: ``{"error": {"kind", "message"}}``.
@@ -52,6 +54,9 @@ def explain(error: BaseException) -> tuple[Status, str]:
         return Status.STOPPED, _sentence(str(error))
     if isinstance(error, SolverError):
         return Status.NOT_COMPLETED, _sentence(str(error) + _notes(error))
+    if isinstance(error, RefusedGait):
+        tuned = type(error).__name__ == "Untunable"  # of ampm.tune, which takes long to load
+        return Status.REFUSED, _sentence(str(error)) + ("" if tuned else _TUNE)
     if isinstance(error, AmpmError):
         return Status.REFUSED, _sentence(str(error))
     if isinstance(error, OSError) and error.filename is not None:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ampm.exceptions import InputError
-from validation.cli.console import Narrator, print_json
-from validation.cli.options import Debug, Force, Json, Status
+from validation.cli.console import Narrator
+from validation.cli.options import Force, Json, RunFolder, Status, answer
 from validation.show.text import print_line, print_table
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ _COLUMNS = [("", "left"), ("RMSE x", "right"), ("y", "right"), ("largest x", "ri
 
 @app.command()
 def instrument(
-    directory: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RUNDIR")],
+    directory: RunFolder,
     name: Annotated[
         str,
         typer.Option(
@@ -39,7 +39,6 @@ def instrument(
     ] = None,
     force: Force = False,
     as_json: Json = False,
-    debug: Debug = False,
 ) -> int:
     """Show a finished run as an instrument would have shown it, and which of its faults matters.
 
@@ -47,19 +46,15 @@ def instrument(
     bias, cross-talk, low-pass, sampling, delay, range and resolution. Nothing is simulated again, and nothing
     is judged: the status is 0.
     """
-    from validation.measure.instruments import load_instrument
+    from validation.measure.instruments import Observation, load_instrument
     from validation.measure.instruments.columns import observe_folder
 
     check_targets(plot, out, force=force)
     seen = observe_folder(directory, load_instrument(name))
     narrator = Narrator()
     written = write_files(seen, plot, out, force=force)
-    if as_json:
-        print_json(seen.as_dict())
-    else:
-        print_observation(seen)
-    for path in written:
-        narrator.say(f"wrote {path}")
+    answer(seen, Observation.as_dict, print_observation, as_json=as_json)
+    narrator.wrote(*written)
     return Status.PASS
 
 

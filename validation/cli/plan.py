@@ -1,130 +1,110 @@
-"""Text and files of ``ampm plan`` and ``ampm motion``."""
+"""``ampm plan``, ``ampm motion`` and ``ampm keys``: what is known before anything walks."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
-from dataclasses import Field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated
 
-import numpy as np
+import typer
 
-from ampm.body.motion import MOTION_UNITS
-from ampm.exceptions import InputError
-from ampm.parameters import RunParameters
-from ampm.planner.centroidal import PlanConstants
-from ampm.planner.periodic import plan_gait
-from ampm.planner.support import AnyPlan
-from validation.show.text import format_number, print_line, print_table
-from validation.store.folders import output_file
-from validation.store.tables import check_suffix, plan_table, sample_times, write_columns
+from ampm.parameters import PRESETS
+from validation.cli.console import Narrator, print_json
+from validation.cli.options import Force, Gait, Gaits, Json, Settings, Status, answer
 
-if TYPE_CHECKING:
-    from validation.trial.plan import PlannedWalk, Request
+app = typer.Typer()
 
-MOTION_METADATA = "ampm_motion"
-"""Schema metadata of a motion's Parquet file: JSON, gait to what the orbit says of itself."""
+_PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.items())
 
 
-def describe(request: Request, plan: AnyPlan, walk: PlannedWalk | None = None) -> dict[str, Any]:
-    """A plan as a JSON object: parameters, derived constants, residuals, and with a body its margins."""
-    constants = plan.constants
-    residuals = plan.residuals()
-    return {
-        "gait": request.name,
-        "parameters": request.run.model_dump(),
-        **{field.name: getattr(constants, field.name) for field in fields(constants)},
-        "step_duration": constants.step_duration,
-        "duration": plan.duration,
-        "residuals": {field.name: getattr(residuals, field.name) for field in fields(residuals)},
-        "zmp_margin": None if walk is None else walk.zmp_margin,
-        "motion": None if walk is None else walk.motion.report.as_dict(),
-    }
+@app.command(epilog=f"Presets.\n\n{_PRESET_LINES}")
+def plan(
+    gait: Gait = "normal",
+    settings: Settings = None,
+    no_body: Annotated[
+        bool, typer.Option("--no-body", help="Pure mathematics: no soles, no joints, mean L_y zero.")
+    ] = False,
+    as_json: Json = False,
+    samples: Annotated[
+        Path | None,
+        typer.Option("--samples", metavar="FILE.csv|.parquet", help="Write the plan's signals at k / rate."),
+    ] = None,
+    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Samples per second.")] = 200.0,
+    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.png", help="Draw the plan.")] = None,
+) -> int:
+    """Plan a gait in closed form: constants, residuals, samples, a picture.
+
+    With a body (the default) the plan is checked against its soles, legs and joints, and the constant of L_y
+    is the one that makes the body's motion periodic.
+    """
+    from ampm.planner.periodic import plan_gait
+    from validation.cli import plan_text as output
+    from validation.store.folders import check_folder_of
+    from validation.trial.plan import load_request, plan_walk
+
+    request = load_request(gait, settings or ())
+    for path in (samples, plot):
+        if path is not None:
+            check_folder_of(path)
+    if samples is not None:
+        output.check_samples(samples, request.run, rate)
+    if plot is not None:
+        output.check_picture(plot)
+    narrator = Narrator()
+    walk = None if no_body else plan_walk(request, narrator)
+    run = request.run
+    planned = plan_gait(run.gait, run.body.mass) if walk is None else walk.plan
+    if samples is not None:
+        output.write_samples(planned, samples, rate)
+    if plot is not None:
+        output.write_picture(request.name, planned, plot, settings or ())
+    if as_json:
+        print_json(output.describe(request, planned, walk))
+    else:
+        output.print_plan(request, planned, walk)
+    narrator.wrote(samples, plot)
+    return Status.PASS
 
 
-def print_plan(request: Request, plan: AnyPlan, walk: PlannedWalk | None = None) -> None:
-    """Print a plan for a reader."""
-    described = describe(request, plan, walk)
+@app.command()
+def motion(
+    gaits: Gaits = None,
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE.parquet|.csv", help="Write one step's joints, all gaits in one."),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> int:
+    """Solve the periodic whole-body motion of one step: what every joint does."""
+    from validation.cli import plan_text as output
+    from validation.store.folders import check_output_file
+    from validation.trial.plan import load_requests, plan_walk
 
-    def unit(item: Field[Any]) -> str:
-        return "" if item.metadata["unit"] == "1" else str(item.metadata["unit"])
-
-    rows = [
-        (item.name, format_number(described[item.name], 6), unit(item), item.metadata["meaning"])
-        for item in fields(PlanConstants)
-    ]
-    print_table(
-        f"plan of {request.name}",
-        (("constant", "left"), ("value", "right"), ("unit", "left"), ("meaning", "left")),
-        rows,
-    )
-    print_line(f"largest jump at a switch, relative: {format_number(plan.residuals().largest, 2)}")
-    if walk is not None:
-        print_line(f"least distance of the ZMP from the edge of the support: {1000 * walk.zmp_margin:.1f} mm")
-        print_line(f"least flexion of a knee: {walk.motion.report.knee_minimum:.3f} rad")
-
-
-def describe_motion(walk: PlannedWalk) -> dict[str, Any]:
-    """What a motion says of itself, as a JSON object."""
-    return {
-        "gait": walk.name,
-        "step_duration": walk.motion.step_duration,
-        "step_length": walk.motion.step_length,
-        **walk.motion.report.as_dict(),
-    }
+    if out is not None:
+        check_output_file(out, force=force)
+    requests = load_requests(gaits or ["normal"], settings or ())
+    narrator = Narrator()
+    walks = [plan_walk(request, narrator) for request in requests]
+    if out is not None:
+        output.write_motions(walks, out, force=force)
+    answer(walks, output.describe_motions, output.print_motions, as_json=as_json)
+    narrator.wrote(out)
+    return Status.PASS
 
 
-def print_motion(walk: PlannedWalk) -> None:
-    """Print what a motion says of itself."""
-    rows = []
-    for name, value in describe_motion(walk).items():
-        if name == "gait":
-            continue
-        if name == "multipliers":
-            text = ", ".join(f"{re:.4g}{im:+.2g}i" if im else f"{re:.4g}" for re, im in value[:4])
-        else:
-            text = format_number(value, 5) if isinstance(value, float) else str(value)
-        rows.append((name, text, MOTION_UNITS.get(name, "")))
-    columns = (("quantity", "left"), ("value", "left"), ("unit", "left"))
-    print_table(f"motion of {walk.name}, one step", columns, rows)
+@app.command()
+def keys(
+    gait: Gait = "normal",
+    settings: Settings = None,
+    as_json: Json = False,
+) -> int:
+    """List every parameter: its value in a gait, unit, bounds and meaning.
 
+    Any of them can be given as --set KEY=VALUE, in a gait's TOML file, and varied by a sweep.
+    """
+    from validation.cli import plan_text as output
+    from validation.trial.plan import load_request
 
-def check_samples(path: Path, run: RunParameters, rate: float) -> None:
-    """Refuse a table that could not be written, before anything is computed."""
-    check_suffix(path)
-    sample_times(plan_gait(run.gait, run.body.mass).duration, rate)
-
-
-def write_samples(plan: AnyPlan, path: Path, rate: float) -> None:
-    """Write a plan's signals at k / rate."""
-    columns = plan_table(plan, sample_times(plan.duration, rate))
-    with output_file(path) as work:
-        write_columns(columns, work)
-
-
-def check_picture(path: Path) -> None:
-    """Refuse a picture that could not be written."""
-    if path.suffix not in (".png", ".svg", ".pdf"):
-        raise InputError(f"{path} must end in .png, .svg or .pdf; the suffix chooses the format.")
-
-
-def write_picture(name: str, plan: AnyPlan, path: Path) -> None:
-    """Draw a plan."""
-    from validation.show.plan import plot_plan
-
-    with output_file(path) as work:
-        plot_plan(plan, work, title=f"plan of {name}")
-
-
-def write_motions(walks: Sequence[PlannedWalk], path: Path, *, force: bool) -> None:
-    """Write one step of every motion into one table, whose column ``gait`` tells them apart."""
-    check_suffix(path)
-    tables = []
-    for walk in walks:
-        table = walk.motion.table()
-        tables.append({"gait": np.full(len(table["time"]), walk.name, dtype=object), **table})
-    columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
-    reports = json.dumps({walk.name: describe_motion(walk) for walk in walks})
-    with output_file(path, force=force) as work:
-        write_columns(columns, work, {MOTION_METADATA: reports})
+    answer(load_request(gait, settings or ()), output.describe_keys, output.print_keys, as_json=as_json)
+    return Status.PASS

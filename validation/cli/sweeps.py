@@ -7,8 +7,10 @@ from typing import Annotated
 
 import typer
 
-from validation.cli.console import Narrator, print_json
-from validation.cli.options import Debug, Force, Json, Status
+from validation.cli.console import Narrator
+from validation.cli.options import Force, Json, Status, Workers, answer
+
+app = typer.Typer()
 
 SWEEP_EPILOG = (
     "Exit status: 0 every run that walked passed, 1 some are out of tolerance, 2 bad input, or every run was "
@@ -21,16 +23,14 @@ SWEEP_EPILOG = (
 DIFF_EPILOG = "Exit status: 0 no regression beyond tolerance, 1 some, 2 bad input."
 
 
+@app.command(epilog=SWEEP_EPILOG)
 def sweep(
     file: Annotated[Path, typer.Argument(help="Definition of the sweep (TOML).", metavar="FILE")],
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR", help="Folder of the sweep; only --dry-run needs none."),
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option("--workers", metavar="N", help="Processes on this machine; one per core by default."),
-    ] = None,
+    workers: Workers = None,
     scheduler: Annotated[
         str | None,
         typer.Option(
@@ -56,7 +56,6 @@ def sweep(
         typer.Option("--force", help="With --resume: go on although code or versions have changed since."),
     ] = False,
     as_json: Json = False,
-    debug: Debug = False,
 ) -> int:
     """Walk many runs, headless, on all cores or a cluster; keep every result, whatever happens.
 
@@ -81,79 +80,7 @@ def sweep(
     return Status(command.run(file, options, as_json=as_json, narrator=Narrator()))
 
 
-CONVERGENCE_EPILOG = (
-    "Exit status: 0 every metric is within its limit by more than its numerical uncertainty, 1 one is over "
-    "it, undecided or not measured, 2 bad input or refused, 3 a walk of a numerical study did not complete, "
-    "4 crash of ampm itself, 130 interrupted."
-)
-
-
-def convergence(
-    gait: Annotated[str, typer.Argument(help="Preset or TOML file.", metavar="[GAIT]")] = "normal",
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Change one parameter, e.g. gait.c_s=1.2; repeatable."
-        ),
-    ] = None,
-    steps: Annotated[
-        int, typer.Option("--steps", metavar="N", help="Walked at every level: the gait is periodic.")
-    ] = 6,
-    levels: Annotated[
-        int,
-        typer.Option(
-            "--levels", metavar="N", help="Of every numerical study, 3 ... 6; 4 can confirm an order."
-        ),
-    ] = 4,
-    only: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--study",
-            metavar="NAME",
-            help="time_step, ik_grid, qp_tolerance, contact_stiffness or contact_depth; repeatable, all by "
-            "default.",
-        ),
-    ] = None,
-    profile: Annotated[
-        str, typer.Option("--profile", metavar="P", help="Tolerance profile: default, strict, or wide.")
-    ] = "default",
-    workers: Annotated[
-        int | None, typer.Option("--workers", metavar="N", help="Processes; one per core by default.")
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Write convergence.json, a table and a picture."),
-    ] = None,
-    force: Force = False,
-    as_json: Json = False,
-    debug: Debug = False,
-) -> int:
-    """Say how far a gait's figures depend on time step, grids, tolerances and contact parameters.
-
-    The time step is halved again and again, at the same control frequency; so is the grid of the inverse
-    kinematics; the QP's tolerance is tightened; contact stiffness is varied. Every metric gets its observed
-    order, extrapolated value and numerical uncertainty, or "no asymptotic range"; 'ampm validate
-    --uncertainty' quotes the uncertainty in its verdict.
-    """
-    from validation.study.convergence import command
-    from validation.study.convergence.table import print_convergence
-
-    options = command.Options(
-        steps=steps, levels=levels, only=only or (), profile=profile, workers=workers, out=out, force=force
-    )
-    narrator = Narrator()
-    result = command.run(gait, settings or (), options, stages=narrator)
-    if as_json:
-        print_json(result.as_dict())
-    else:
-        print_convergence(result)
-    if out is not None:
-        narrator.say(f"wrote {', '.join(str(out / name) for name in command.FILES)}")
-    if not result.completed:
-        return Status.NOT_COMPLETED
-    return Status.PASS if result.verdict == "pass" else Status.OUT_OF_TOLERANCE
-
-
+@app.command(epilog=DIFF_EPILOG)
 def diff(
     a: Annotated[Path, typer.Argument(help="Sweep that is the reference: folder or table.", metavar="A")],
     b: Annotated[Path, typer.Argument(help="Sweep that is compared with it.", metavar="B")],
@@ -181,7 +108,6 @@ def diff(
     ] = None,
     force: Force = False,
     as_json: Json = False,
-    debug: Debug = False,
 ) -> int:
     """Compare two sweeps run by run: better, worse, newly failing, newly passing, missing.
 
@@ -198,17 +124,6 @@ def diff(
     found = compare_sweeps(a, b, tolerances=tolerance or (), uncertainty=uncertainty, require_all=require_all)
     if out is not None:
         diff_text.write_page(found, out, force=force)
-    if as_json:
-        print_json(diff_text.describe_diff(found))
-    else:
-        diff_text.print_diff(found)
-    if out is not None:
-        Narrator().say(f"wrote {out}")
+    answer(found, diff_text.describe_diff, diff_text.print_diff, as_json=as_json)
+    Narrator().wrote(out)
     return Status.OUT_OF_TOLERANCE if found.regressions else Status.PASS
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to the command line."""
-    app.command(epilog=SWEEP_EPILOG)(sweep)
-    app.command(epilog=DIFF_EPILOG)(diff)
-    app.command(epilog=CONVERGENCE_EPILOG)(convergence)

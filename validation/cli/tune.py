@@ -1,75 +1,46 @@
-"""Text and files of ``ampm tune``."""
+"""``ampm tune``: the values that a gait leaves open."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated
 
-from ampm.exceptions import InputError
-from ampm.parameters import dump_run
-from ampm.tune.gait_limits import LIMITS
-from validation.show.text import format_number, print_line, print_table
-from validation.store.folders import output_file
+import typer
 
-if TYPE_CHECKING:
-    from ampm.tune.tuning import Tuned
+from validation.cli.console import Narrator
+from validation.cli.options import Force, Gait, Json, Settings, Status, answer
+
+app = typer.Typer()
 
 
-def write_tuned(name: str, tuned: Tuned, path: Path, *, force: bool) -> None:
-    """Write the complete run as TOML, with its margins as a comment."""
-    lines = [f"# {name}, free choices made: {', '.join(tuned.found)}."]
-    lines += [f"# {text}" for text in _margin_lines(tuned)]
-    with output_file(path, force=force) as work:
-        work.write_text("\n".join(lines) + "\n" + dump_run(tuned.run), encoding="utf-8")
+@app.command()
+def tune(
+    gait: Gait = "normal",
+    settings: Settings = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE.toml", help="Write the complete run, for 'ampm validate'."),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> int:
+    """Find what a gait leaves open: share of single support, roll, heights, foot timing and angles, lean.
 
+    What the preset, the file or --set names stays as it is. An optimiser works on plan and whole-body motion
+    alone; nothing is simulated. Where no choice walks, the refusal names the limit and the best it found.
+    """
+    from validation.cli import tune_text as output
+    from validation.store.folders import check_output_file
+    from validation.trial.plan import load_request
+    from validation.trial.tune import tune_walk
 
-def check_toml(path: Path) -> None:
-    """Refuse a file that no gait could be read from again."""
-    if path.suffix != ".toml":
-        raise InputError(f"{path} must end in .toml; a gait is read from such a file.")
-
-
-def describe_tuned(name: str, tuned: Tuned) -> dict[str, Any]:
-    """A tuned gait as a JSON object."""
-    return {
-        "gait": name,
-        "found": dict(tuned.found),
-        "margins": {
-            name: {
-                "what": LIMITS[name].what,
-                "value": value,
-                "unit": LIMITS[name].unit,
-                "bound": LIMITS[name].bound,
-                "comfort": LIMITS[name].comfort,
-                "margin": LIMITS[name].margin(value),
-            }
-            for name, value in tuned.margins.items()
-        },
-        "tried": tuned.tried,
-        "parameters": tuned.run.model_dump(),
-    }
-
-
-def print_tuned(name: str, tuned: Tuned) -> None:
-    """Print the choices and the tightest margins for a reader."""
-    rows = [
-        (key, format_number(value, 5) if isinstance(value, float) else str(value))
-        for key, value in tuned.found.items()
-    ]
-    print_table(f"free choices of {name}", (("key", "left"), ("value", "right")), rows)
-    count = "1 choice" if tuned.tried == 1 else f"{tuned.tried} choices"
-    print_line(f"{count} tried; what is nearest to its limit:")
-    for text in _margin_lines(tuned)[:4]:
-        print_line(f"  {text}")
-
-
-def _margin_lines(tuned: Tuned) -> list[str]:
-    """Every margin in words, the tightest first."""
-    order = sorted(tuned.margins, key=lambda name: LIMITS[name].margin(tuned.margins[name]))
-    lines = []
-    for name in order:
-        limit = LIMITS[name]
-        unit = "" if limit.unit == "1" else f" {limit.unit}"
-        side = "at most" if limit.comfort < limit.bound else "at least"
-        lines.append(f"{limit.what}: {tuned.margins[name]:.3g}{unit}, {side} {limit.bound:.3g}{unit}")
-    return lines
+    if out is not None:
+        output.check_toml(out)
+        check_output_file(out, force=force)
+    narrator = Narrator()
+    walk = tune_walk(load_request(gait, settings or ()), narrator)
+    if out is not None:
+        output.write_tuned(walk, out, force=force)
+    answer(walk, output.describe_tuned, output.print_tuned, as_json=as_json)
+    narrator.wrote(out)
+    return Status.PASS

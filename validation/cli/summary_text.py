@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from validation.show.text import format_number, print_line, print_table
-
-if TYPE_CHECKING:
-    from validation.run.validate import Trial
 
 _SHORT = {"% of body weight": "% of weight"}
 """Units as a terminal of 80 columns has room for them."""
@@ -17,9 +15,13 @@ _SHORT = {"% of body weight": "% of weight"}
 _COLOURS = {"pass": "green", "fail": "red", "undecided": "yellow", "not_measured": "yellow"}
 
 
-def print_result(trial: Trial) -> None:
-    """Print what a trial found."""
-    summary = trial.summary
+def print_result(summary: Mapping[str, Any], folder: Path) -> None:
+    """Print a trial's ``summary.json`` for a reader.
+
+    Args:
+        summary: contents of the file.
+        folder: that holds it.
+    """
     print_table(
         f"{summary['gait']}: measured against plan, without the first step (profile {summary['profile']})",
         (("metric", "left"), ("value", "right"), ("limit", "right"), ("unit", "left"), ("", "left")),
@@ -34,7 +36,6 @@ def print_result(trial: Trial) -> None:
     colour = _COLOURS[summary["verdict"]]
     word = summary["verdict"].replace("_", " ").upper()
     print_line(f"[bold {colour}]{summary['gait']}: {word}[/]  {_escaped(summary['reason'])}")
-    folder = trial.directory
     known = summary.get("uncertainty")
     if known is not None:
         print_line(f"  {_escaped(_studied(known))}")

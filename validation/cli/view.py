@@ -1,4 +1,4 @@
-"""Opens recordings in Rerun's viewer."""
+"""``ampm view``: recordings in Rerun's viewer, on this machine alone."""
 
 from __future__ import annotations
 
@@ -9,85 +9,96 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Annotated
 from urllib.parse import quote
 
+import typer
+
 from ampm.exceptions import InputError
+from validation.cli.console import Narrator
+from validation.cli.options import Status
+from validation.cli.view_sources import Source, choose
+from validation.progress import Progress, interruption
 from validation.show.text import print_line
-from validation.show.view_sources import Source, choose
 from validation.store.folders import check_output_file, output_file
+
+app = typer.Typer()
 
 _HOST = "127.0.0.1"
 _PAGE_PORT, _DATA_PORT = 9090, 9876
 
 
+@app.command()
 def view(
-    targets: Sequence[Path],
-    *,
-    runs: str | None = None,
-    web: bool = False,
-    save: Path | None = None,
-    force: bool = False,
-    say: Callable[[str], None] = print_line,
+    targets: Annotated[
+        list[Path], typer.Argument(help="Folders of runs, recordings, or a sweep.", metavar="DIR|FILE.rrd...")
+    ],
+    runs: Annotated[
+        str | None,
+        typer.Option(
+            "--runs", metavar="3,17", help="Runs of a sweep; by default the worst one and the median."
+        ),
+    ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option("--save", metavar="FILE.rrd", help="Write what would be shown; opens nothing."),
+    ] = None,
+    web: Annotated[bool, typer.Option("--web", help="Show it in a web browser.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier file at --save.")] = False,
 ) -> int:
-    """Open recordings and wait until the viewer is closed, or write them into one file.
+    """Open recordings in the Rerun viewer, side by side or overlaid, aligned on the phase of the gait.
 
-    Runs of a sweep stand beside each other. Several runs or recordings lie over each other if they are of one
-    gait, and stand beside each other if not. Both are aligned on the phase of the gait.
-
-    Args:
-        targets: recordings, or folders of runs or sweeps.
-        runs: which runs of a sweep, as in ``3,17``; by default the worst one and the median.
-        web: show it in a web browser instead of a window.
-        save: write a recording instead of showing anything.
-        force: replace an earlier file at ``save``.
-        say: is told what was chosen.
-
-    Returns:
-        0, or the viewer's own exit status.
-
-    Raises:
-        InputError: no recording there, no viewer installed, no display to show it on, or ``save`` must not
-            be written.
+    One run opens as it is. Of a sweep, the chosen runs stand beside each other. Several runs of one gait, say
+    of two revisions, lie over each other in colours of their own; of different gaits they stand beside each
+    other.
     """
+    narrator = Narrator()
     if save is not None:
-        _check_save(save, force=force)
+        if save.suffix != ".rrd":
+            raise InputError(f"--save {save} must end in .rrd.")
+        check_output_file(save, force=force)
     sources, notes = choose(targets, runs)
     for note in notes:
-        say(note)
+        narrator.say(note)
+    one_sweep = len(targets) == 1
     if save is not None:
         with output_file(save, force=force) as work:
-            _write(sources, targets, work, say)
-        return 0
+            write_sources(sources, work, narrator, one_sweep=one_sweep)
+        narrator.wrote(save)
+        return Status.PASS
     if len(sources) == 1:
         return _show(sources[0].path, web=web)
-    viewer_command(sources[0].path, ports=(0, 0) if web else None)  # nothing to show it on: say so at once
+    viewer_command(sources[0].path, ports=(0, 0) if web else None)  # refuses where nothing can show it
     with tempfile.TemporaryDirectory(prefix="ampm-view-") as folder:
         merged = Path(folder) / "recordings.rrd"
-        _write(sources, targets, merged, say)
+        write_sources(sources, merged, narrator, one_sweep=one_sweep)
         return _show(merged, web=web)
 
 
-def _write(
-    sources: Sequence[Source], targets: Sequence[Path], path: Path, say: Callable[[str], None]
-) -> None:
-    """Write one file of all recordings."""
+def write_sources(sources: Sequence[Source], path: Path, progress: Progress, *, one_sweep: bool) -> None:
+    """Write one file of all recordings.
+
+    Args:
+        sources: of one file it is a copy, several are merged.
+        path: of the file; an existing one is replaced.
+        progress: where to report a choice.
+        one_sweep: whether all are of one sweep: those stand beside each other.
+
+    Raises:
+        InputError: a source is no recording.
+    """
+    from validation.show.rerun.beside import merge  # here, not above: rerun takes long to load
+    from validation.show.rerun.merge import read_part
+
     if len(sources) == 1:
+        read_part(sources[0].path, "", "")
         shutil.copyfile(sources[0].path, path)
         return
-    from validation.show.rerun.beside import merge
-
-    one_sweep = len(targets) == 1
     over = merge([(s.prefix, s.label, s.path) for s in sources], path, overlay=False if one_sweep else None)
     if not over and not one_sweep:
-        say("the recordings are of different gaits: beside each other, aligned on the phase of the gait")
-
-
-def _check_save(save: Path, *, force: bool) -> None:
-    if save.suffix != ".rrd":
-        raise InputError(f"--save {save} must end in .rrd.")
-    check_output_file(save, force=force)
+        progress.say("the recordings are of different gaits: beside each other, aligned on the gait's phase")
 
 
 def _show(recording: Path, *, web: bool) -> int:
@@ -105,7 +116,8 @@ def _show(recording: Path, *, web: bool) -> int:
     except KeyboardInterrupt:  # the usual way to stop the web server
         os.killpg(process.pid, signal.SIGTERM)
         process.wait()
-        return 0
+        interruption.acknowledge()
+        return Status.PASS
 
 
 def page_address(page_port: int, data_port: int) -> str:
@@ -140,14 +152,14 @@ def viewer_command(recording: Path, *, ports: tuple[int, int] | None = None) -> 
     program = str(beside) if beside.is_file() else shutil.which("rerun")
     if program is None:
         raise InputError("the viewer 'rerun' is not installed; install it with 'pip install rerun-sdk'.")
+    serve = [program, "--bind", _HOST]  # its window listens for data, too
     if ports is not None:
         page, data = (str(port) for port in ports)
-        serve = ["--web-viewer", "--bind", _HOST, "--web-viewer-port", page, "--port", data]
-        return [program, *serve, str(recording)]
+        return [*serve, "--web-viewer", "--web-viewer-port", page, "--port", data, str(recording)]
     on_linux = sys.platform.startswith("linux")
     if on_linux and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise InputError(
             f"there is no display here; use --web, or --save FILE.rrd and a machine that has one "
             f"(the recording is {recording})."
         )
-    return [program, str(recording)]
+    return [*serve, str(recording)]
