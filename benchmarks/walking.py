@@ -17,7 +17,8 @@ from ampm.parameters import RunParameters
 from ampm.walk import LIMITED, UNSOLVED, ControlOutput, WalkPlan
 from benchmarks.clock import Statistics, Stopwatch, least
 from models.human import BodyModel
-from validation.trial.record import OutcomeName, SimulationRecord
+from validation.trial.outcome import OutcomeName
+from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
 
 Progress = Callable[[int, int], None]

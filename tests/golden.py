@@ -63,7 +63,7 @@ def call_cli(arguments: Sequence[str]) -> int:
 
 def record_of(folder: Path) -> Any:
     """The simulation record of a run folder: a dataclass of arrays, mappings of arrays, and scalars."""
-    from validation.trial.record import load_record
+    from validation.store.record import load_record
 
     return load_record(folder)
 
@@ -126,7 +126,9 @@ def record_values(folder: Path) -> Values:
 
     found: Values = {name: text_digest(columns(folder / name)) for name in RECORD_FILES}
     record = record_of(folder)
-    for name in [field.name for field in fields(record) if not skipped(field.name)]:
+    for name in [
+        field.name for field in fields(record) if not skipped(field.name) and field.name[:9] != "external_"
+    ]:
         value = getattr(record, name)
         if isinstance(value, Mapping):
             found[name] = text_digest([[key, digest(item)] for key, item in value.items()])

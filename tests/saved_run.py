@@ -25,9 +25,11 @@ from validation.judge.signals import signals_table
 from validation.judge.verdict import build_summary, judge
 from validation.measure.measure import measure
 from validation.store.environment import describe_environment
+from validation.store.record import save_record
 from validation.store.signals import save_signals
 from validation.trial.bridge import pinocchio_model, to_pinocchio
-from validation.trial.record import Outcome, OutcomeName, SimulationRecord, save_record
+from validation.trial.outcome import Outcome, OutcomeName
+from validation.trial.record import SimulationRecord
 
 ZMP_ERROR = (1.5e-3, 0.7e-3)
 """Amplitude of the error that is put on the measured ZMP [m]."""

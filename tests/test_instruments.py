@@ -41,8 +41,8 @@ from validation.measure.instruments.model import Acquisition, Channel
 from validation.measure.instruments.rigs import make_rig
 from validation.measure.instruments.truth import true_gait
 from validation.measure.measure import measure
+from validation.store.record import load_record
 from validation.trial.bridge import pinocchio_model, to_pinocchio
-from validation.trial.record import load_record
 
 DT = 2e-3
 
@@ -356,7 +356,7 @@ def test_a_low_pass_above_the_steps_rate_is_left_out_and_said_so(record, human):
 
 
 def test_a_walk_that_ended_at_once_has_figures_without_numbers(tmp_path, human):
-    from validation.trial.record import Outcome, OutcomeName
+    from validation.trial.outcome import Outcome, OutcomeName
 
     end = Outcome(OutcomeName.FELL, 0.0, "It fell.", 0)
     record = load_record(make_run(tmp_path / "run", steps=2, seconds=0.0, outcome=end))

@@ -39,8 +39,8 @@ from validation.paper.figures.panels import SPREAD
 from validation.paper.figures.skeleton import pose
 from validation.paper.figures.walks import Walk, Walks
 from validation.run.validate import Options, validate
+from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.plan import load_request
-from validation.trial.record import Outcome, OutcomeName
 
 
 @pytest.fixture(scope="module")

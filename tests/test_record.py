@@ -11,31 +11,16 @@ import pyarrow.parquet as pq
 import pytest
 
 from ampm.exceptions import InputError
+from tests.records import same_bits
 from tests.tiny import swinging
-from validation.trial.record import (
-    RECORD_FILES,
-    Outcome,
-    OutcomeName,
-    SimulationRecord,
-    first_difference,
-    load_record,
-    save_record,
-)
+from validation.store.record import EXTERNAL_FILE, RECORD_FILES, load_record, save_record
+from validation.trial.outcome import Outcome, OutcomeName
+from validation.trial.record import SimulationRecord
 
 
 @pytest.fixture(scope="module")
 def record():
     return swinging(steps=60)
-
-
-def same_bits(one, two):
-    return one.dtype == two.dtype and one.shape == two.shape and one.tobytes() == two.tobytes()
-
-
-def difference(one, two):
-    found = first_difference(one, two)
-    assert found is not None
-    return found
 
 
 def assert_equal(one, two):
@@ -126,41 +111,14 @@ def test_what_nobody_can_write_to_is_taken_over_without_a_copy(record):
     assert replace(copied, friction=0.5).torque is copied.torque
 
 
-def test_equal_records_have_no_difference_whatever_the_clock_said(record):
-    assert first_difference(record, replace(record, qp_time=record.qp_time * 3)) is None
-
-
-def test_the_first_difference_is_named_with_its_time(record):
-    q, torque = record.q.copy(), record.torque.copy()
-    q[30, 7] = np.nextafter(q[30, 7], 10.0)
-    torque[20, 0] += 1e-15 + abs(torque[20, 0]) * 1e-15
-    found = difference(record, replace(record, q=q, torque=torque))
-    assert (found.signal, found.time) == ("torque_swing", record.time[20])
-    found = difference(record, replace(record, q=q))
-    assert (found.signal, found.time) == ("q_swing", record.time[30])
-    assert "q_swing differs at 0.06 s" in str(found)
-
-
-def test_minus_zero_is_not_zero(record):
-    force = record.command_zmp.copy()
-    force[5, 1] = -0.0
-    assert difference(record, replace(record, command_zmp=force)).signal == "command_zmp_y"
-
-
-def test_a_shorter_run_differs_where_it_ends(record):
-    k = 40
-    cut: dict[str, Any] = {}
-    for item in fields(record):
-        value = getattr(record, item.name)
-        if isinstance(value, np.ndarray) and item.name.startswith(("tick", "qp")):
-            cut[item.name] = value[: k // 2]
-        elif isinstance(value, np.ndarray) and value.shape[:1] == (record.steps + 1,):
-            cut[item.name] = value[: k + 1]
-        elif isinstance(value, np.ndarray) and value.shape[:1] == (record.steps,):
-            cut[item.name] = value[:k]
-    cut["sensors"] = {name: value[: k + 1] for name, value in record.sensors.items()}
-    found = difference(record, replace(record, **cut))
-    assert found.time == pytest.approx(record.time[k])
+def test_pushed_segments_are_kept_beside_the_rest(record, tmp_path):
+    rng = np.random.default_rng(0)
+    parts = {f"external_{part}": rng.normal(size=(60, 2, 3)) for part in ("force", "moment", "position")}
+    pushed = replace(record, external_segments=("thorax", "pelvis"), **parts)
+    save_record(pushed, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {*RECORD_FILES, EXTERNAL_FILE}
+    assert_equal(pushed, load_record(tmp_path))
+    assert "thorax_force_x" in pq.read_table(tmp_path / EXTERNAL_FILE).column_names
 
 
 def test_wrong_shapes_are_refused_by_name(record):

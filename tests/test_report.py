@@ -18,7 +18,7 @@ from validation.show import run_figures as figures
 from validation.show.report import REPORT_FILE, number, render, with_unit, write_report
 from validation.store.saved import load_saved_run
 from validation.store.signals import column_of
-from validation.trial.record import Outcome, OutcomeName
+from validation.trial.outcome import Outcome, OutcomeName
 
 
 class Page(HTMLParser):

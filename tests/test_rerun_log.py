@@ -15,9 +15,10 @@ from scipy.spatial.transform import Rotation
 from ampm.exceptions import InputError
 from tests.saved_run import ZMP_ERROR, make_run
 from validation.show.rerun.record import RECORDING_FILE, plain_text, verdict_markdown, write_recording
+from validation.store.record import load_record
 from validation.store.saved import load_saved_run, run_events
 from validation.store.signals import load_signals
-from validation.trial.record import Outcome, OutcomeName, load_record
+from validation.trial.outcome import Outcome, OutcomeName
 
 RERUN = [sys.executable, "-m", "rerun"]
 

@@ -13,9 +13,10 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from tests.records import first_difference
 from validation.cli.app import Status, call
 from validation.store.folders import INSTRUMENT_FILE, RUN_FILES
-from validation.trial.record import JOINTS_FILE, first_difference, load_record
+from validation.store.record import JOINTS_FILE, load_record
 
 STEPS = 2
 

@@ -14,14 +14,16 @@ from ampm.planners import periodic_walk
 from ampm.qp import QPSolution, QPStatus, make_backend
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from models.human import BodyModel, build
+from tests.records import first_difference
 from tests.solved import COARSE, motion_of, walk_of
 from validation.measure.measure import measure
 from validation.run.replay import compare, step_again
+from validation.store.record import load_record, save_record
 from validation.trial import log as run_log
 from validation.trial import simulate as simulation
 from validation.trial.bridge import to_pinocchio
 from validation.trial.log import RunLog
-from validation.trial.record import OutcomeName, first_difference, load_record, save_record
+from validation.trial.outcome import OutcomeName
 
 STEPS = 2
 FAIL_AT = 150  # a tick in single support

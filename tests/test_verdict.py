@@ -17,7 +17,7 @@ from validation.judge.metrics import BODY_WEIGHT, METRICS, Metric, added, evalua
 from validation.judge.profiles import DEFAULT, PROFILES, STRICT, WIDE, profile
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, build_summary, judge
-from validation.trial.record import Outcome, OutcomeName
+from validation.trial.outcome import Outcome, OutcomeName
 
 DOCS = Path(__file__).parents[1] / "docs" / "tolerances.md"
 

@@ -20,7 +20,7 @@ from validation.show.rerun.merge import PHASE, SINGLE_SUPPORT, read_part, same_g
 from validation.show.rerun.record import write_recording
 from validation.store.saved import load_saved_run
 from validation.store.signals import load_signals
-from validation.trial.record import Outcome, OutcomeName
+from validation.trial.outcome import Outcome, OutcomeName
 
 SLOW = ("gait.switching_velocity=0.9", "gait.single_support_ratio=0.7")
 

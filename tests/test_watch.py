@@ -7,7 +7,7 @@ import math
 import pytest
 
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
-from validation.trial.record import OutcomeName
+from validation.trial.outcome import OutcomeName
 from validation.trial.watch import BLOW_UP, CALM, FALL_TIME, Watch
 
 PERIOD = 0.002
@@ -27,7 +27,7 @@ def watched(ticks, limit=0.05, until=3000):
     for k in range(until):
         error, trunk, status = ticks(k)
         com = tuple(a + b for a, b in zip(PLANNED, error, strict=True))
-        end = watch.look(k * PERIOD, com, PLANNED, trunk, UP, status, residual=0.5, limit="knee at 100%")
+        end = watch.look(k * PERIOD, com, trunk, PLANNED, UP, status, residual=0.5, limit="knee at 100%")
         if end is not None:
             return end, k
     return None, until

@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from validation.trial.record import Outcome, OutcomeName, SimulationRecord
+from validation.trial.outcome import Outcome, OutcomeName
+from validation.trial.record import SimulationRecord
 
 MASS = 10.0
 ARM_MASS = 2.0

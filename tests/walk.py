@@ -12,7 +12,8 @@ from ampm.parameters import load_run
 from ampm.planner.support import plan_steps
 from ampm.walk import PostureState, WalkPlan
 from validation.measure.measure import MeasuredGait, SelfChecks, StandingCheck, zmp_from_momentum
-from validation.trial.record import Outcome, OutcomeName, SimulationRecord
+from validation.trial.outcome import Outcome, OutcomeName
+from validation.trial.record import SimulationRecord
 
 MASS = 60.0
 STILL = StandingCheck(

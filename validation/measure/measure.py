@@ -40,7 +40,8 @@ class SelfChecks:
         zmp_agreement: RMS distance in the floor plane of the two measured ZMPs [m].
         zmp_agreement_x, zmp_agreement_y: its two components [m].
         zmp_agreement_maximum: largest distance [m].
-        force_agreement: RMS of F - m (a + g e_z), a from Pinocchio's COM velocity, x, y, z [N].
+        force_agreement: RMS of F - m (a + g e_z), a from Pinocchio's COM velocity, less external forces,
+            x, y, z [N].
         com_agreement: largest distance between the simulator's COM and Pinocchio's [m].
         angular_momentum_agreement: largest distance between the two momenta about the COM [N m s].
         impulse_residual: vertical impulse over the run, less weight and gain of momentum, over the weight's
@@ -74,15 +75,17 @@ class MeasuredGait:
         force: net ground force, shape (K, 3) [N].
         torque: net moment about the world origin, shape (K, 3) [N m].
         zmp: from contact forces, shape (K, 2) [m].
-        zmp_momentum: from momentum rates, shape (K, 2) [m].
+        zmp_momentum: from momentum rates and external forces, shape (K, 2) [m].
         com: the simulator's COM at t_k, shape (K, 3) [m].
         com_pin: Pinocchio's COM at t_k, shape (K, 3) [m].
         com_velocity: Pinocchio's COM velocity at t_k, shape (K, 3) [m/s].
         com_acceleration: forward difference of ``com_velocity`` over the step, shape (K, 3) [m/s^2].
-        momentum_force: ``m (com_acceleration + g e_z)``, shape (K, 3) [N].
+        momentum_force: ground force by the rate of momentum, ``m (com_acceleration + g e_z)`` less what else
+            pushed the body, shape (K, 3) [N].
         angular_momentum: the simulator's, about the COM at t_k, shape (K, 3) [N m s].
         angular_momentum_pin: Pinocchio's, about the COM at t_k, shape (K, 3) [N m s].
-        angular_momentum_rate: forward difference of the latter over the step, shape (K, 3) [N m].
+        angular_momentum_rate: forward difference of the latter over the step, less the moment of what else
+            pushed the body, shape (K, 3) [N m].
         foot_contact: any sole point of the foot carries force, shape (K, 2), bool.
         point_contact: the sole point carries force, shape (K, P), bool.
         foot_position: reference points of the soles at t_k, shape (K, 2, 3) [m].
@@ -206,6 +209,13 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
     com_acceleration = np.diff(departing_velocity, axis=0) / dt
     momentum_rate = np.diff(departing_momentum, axis=0) / dt
     momentum_force = mass * (com_acceleration + np.array([0.0, 0.0, gravity]))
+    lifted = 0.0
+    if record.external_segments:
+        pushes = record.external_force.sum(axis=1)
+        lever = record.external_position - com_pin[:-1, None]
+        moments = record.external_moment + _cross(lever, record.external_force)
+        momentum_force, momentum_rate = momentum_force - pushes, momentum_rate - moments.sum(axis=1)
+        lifted = pushes[:, 2].sum() * dt
     zmp_momentum = zmp_from_momentum(com_pin[:-1], momentum_force, momentum_rate, least)
 
     point_contact = point_force[:, :, 2] > 0.0
@@ -230,7 +240,9 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
         force_agreement=tuple(_rms(column) for column in (force - momentum_force).T),  # type: ignore[arg-type]
         com_agreement=_largest(np.linalg.norm(record.com - com_pin, axis=1)),
         angular_momentum_agreement=_largest(np.linalg.norm(record.angular_momentum - momentum, axis=1)),
-        impulse_residual=float((impulse - gained) / (weight * steps * dt) - 1.0) if steps else float("nan"),
+        impulse_residual=float((impulse + lifted - gained) / (weight * steps * dt) - 1.0)
+        if steps
+        else float("nan"),
         unsupported=int(np.count_nonzero(force[:, 2] < least)),
     )
     return MeasuredGait(
@@ -306,7 +318,7 @@ def zmp_from_momentum(com: Array, force: Array, angular_momentum_rate: Array, le
 
     ``p_x = x - (z F_x + M_y) / F_z`` and ``p_y = y - (z F_y - M_x) / F_z`` hold for any motion whatsoever
     whose only external forces are gravity and the floor's, with F the net ground force and M the rate of
-    angular momentum about the COM.
+    angular momentum about the COM; the moment of any other force is to be taken from it.
 
     Args:
         com: shape (N, 3) [m].

@@ -20,7 +20,7 @@ from ampm.parameters import ControllerParameters
 from ampm.walk import ContactState, FeetState, PostureState, Reference
 from validation.measure.measure import StandingCheck, measure, standing_check
 from validation.trial.bridge import to_pinocchio
-from validation.trial.record import OutcomeName
+from validation.trial.outcome import OutcomeName
 from validation.trial.simulate import ClosedLoop, Physics
 
 if TYPE_CHECKING:

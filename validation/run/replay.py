@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from ampm.exceptions import InputError
 from validation.progress import Progress
 from validation.store.environment import describe_environment
-from validation.trial.record import JOINTS_FILE, SimulationRecord, load_record, record_columns
+from validation.store.record import JOINTS_FILE, load_record, record_columns
+from validation.trial.record import SimulationRecord
 
 MODEL_FILE = "model.xml"
 ENVIRONMENT_FILE = "environment.json"
@@ -85,7 +86,7 @@ def step_again(
 
     Args:
         model: the model that was simulated.
-        record: start state, first warm start and torques.
+        record: start state, first warm start, torques and external forces.
         advance: called with steps done and steps in all.
 
     Returns:
@@ -99,9 +100,12 @@ def step_again(
         data.qacc_warmstart[:] = record.warmstart[0]
     q, qd = np.empty_like(record.q), np.empty_like(record.qd)
     q[0], qd[0] = data.qpos, data.qvel
+    pushed = [model.body(name).id for name in record.external_segments]
+    pushes = np.concatenate([record.external_force, record.external_moment], axis=2)
     with _quiet_mujoco():
         for k in range(record.steps):
             data.ctrl[:] = record.torque[k]
+            data.xfrc_applied[pushed] = pushes[k]
             mujoco.mj_step(model, data)
             q[k + 1], qd[k + 1] = data.qpos, data.qvel
             if not (_same_bits(q[k + 1], record.q[k + 1]) and _same_bits(qd[k + 1], record.qd[k + 1])):

@@ -25,9 +25,11 @@ from validation.progress import Progress, interruption
 from validation.run.files import write_inputs, write_observation, write_signals, write_summary
 from validation.store.environment import describe_environment
 from validation.store.folders import check_run_folder, run_folder
+from validation.store.record import load_record, save_record
 from validation.trial.bridge import to_pinocchio
+from validation.trial.outcome import OutcomeName
 from validation.trial.plan import PlannedWalk, Request, plan_walk
-from validation.trial.record import OutcomeName, SimulationRecord, load_record, save_record
+from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
 
 if TYPE_CHECKING:

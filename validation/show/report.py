@@ -24,7 +24,7 @@ from validation.show import run_figures as figures
 from validation.show.page import render_page
 from validation.show.run_figures import Curve, Window
 from validation.store.saved import SavedRun, load_saved_run, run_events
-from validation.trial.record import OutcomeName
+from validation.trial.outcome import OutcomeName
 
 REPORT_FILE = "report.html"
 BODY_WEIGHT = "% BW"

@@ -19,8 +19,8 @@ from ampm.exceptions import AmpmError, InputError
 from ampm.parameters import RunParameters, load_run
 from ampm.planner.support import StepPlan, plan_steps
 from models.human import sole_geometry
+from validation.store.record import StoredRecord
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
-from validation.store.stored import StoredRecord
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
-from validation.trial.record import write_table
+from validation.store.record import write_table
 
 Array = NDArray[np.float64]
 

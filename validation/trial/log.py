@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -27,6 +27,7 @@ _FRICTION_ROWS = 3  # of a contact of a point on the floor: normal and two tange
 _LIMIT_ROWS = 2  # of a joint at its limits
 _JOINT_POSITION = int(mujoco.mjtSensor.mjSENS_JOINTPOS)
 _JOINT_VELOCITY = int(mujoco.mjtSensor.mjSENS_JOINTVEL)
+_UNKNOWN = float("nan")
 _BLOCK = 1024  # steps that are kept as MuJoCo has them; all of a long walk would fill the memory
 
 
@@ -81,6 +82,7 @@ class RunLog:
         time_step: dt [s].
         block: the steps that are not sorted yet.
         sensors: name to readings, in the model's order.
+        external: segment to force, moment and point of what pushed it, (K, 9).
         sensor_columns: name to the place of those readings that are sorted out of a block.
         sorted: number of steps that are.
     """
@@ -111,6 +113,7 @@ class RunLog:
     qp_time: Array
     sensors: dict[str, Array]
     sensor_columns: dict[str, slice] = field(default_factory=dict)
+    external: dict[str, Array] = field(default_factory=dict)
     sorted: int = 0
 
     @classmethod
@@ -179,12 +182,21 @@ class RunLog:
     def keep_command(self, k: int, output: ControlOutput, reference: Reference) -> None:
         """Copy what the tick at step k decided; it holds until the next one."""
         held, tick = slice(k, k + self.substeps), k // self.substeps
-        self.command_com[held], self.command_zmp[held] = reference.com, output.zmp
-        self.command_force[held] = output.force
-        self.command_angular_momentum[held] = output.angular_momentum
-        self.command_point_force[held] = output.point_force
+        self.command_com[held] = reference.com
+        self.command_zmp[held] = _UNKNOWN if output.zmp is None else output.zmp
+        self.command_force[held] = _UNKNOWN if output.force is None else output.force
+        momentum, forces = output.angular_momentum, output.point_force
+        self.command_angular_momentum[held] = _UNKNOWN if momentum is None else momentum
+        self.command_point_force[held] = _UNKNOWN if forces is None else forces
         self.qp_status[tick], self.qp_residual[tick] = output.status, output.residual
         self.qp_iterations[tick], self.qp_time[tick] = output.iterations, output.seconds
+
+    def keep_pushes(self, k: int, pushes: Mapping[str, Array]) -> None:
+        """Copy force, moment and point of every segment that is pushed in step k."""
+        for segment, push in pushes.items():
+            if segment not in self.external:
+                self.external[segment] = np.zeros((len(self.torque), 9))
+            self.external[segment][k] = push
 
     def keep_contacts(self, k: int, data: mujoco.MjData, point: NDArray[np.intp]) -> Array:
         """Copy contacts and sensors of step k as they are; they are sorted out block by block.
@@ -242,6 +254,11 @@ class RunLog:
             result[item.name] = array[:rows]
         for array in self.sensors.values():
             array.setflags(write=False)
+        if self.external:
+            pushes = np.stack([push[:done] for push in self.external.values()], axis=1)
+            result["external_segments"] = tuple(self.external)
+            parts = {"force": pushes[..., :3], "moment": pushes[..., 3:6], "position": pushes[..., 6:]}
+            result |= {f"external_{name}": part for name, part in parts.items()}
         result["sensors"] = {name: array[: done + 1] for name, array in self.sensors.items()}
         return result
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -17,12 +17,14 @@ import numpy as np
 
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
-from ampm.exceptions import InputError
+from ampm.exceptions import InputError, SolverError
 from ampm.parameters import steps_per_tick
 from ampm.walk import LIMITED, State, Timing, Touch
 from validation.trial.bridge import pinocchio_model, to_mujoco
+from validation.trial.disturbances import Disturbance, Plant
 from validation.trial.log import RunLog
-from validation.trial.record import Outcome, OutcomeName, SimulationRecord
+from validation.trial.outcome import Outcome, OutcomeName
+from validation.trial.record import SimulationRecord
 from validation.trial.watch import End, Watch
 
 if TYPE_CHECKING:
@@ -123,6 +125,7 @@ def simulate(
     body: BodyModel,
     *,
     controller: ControllerFactory | None = None,
+    disturbances: Sequence[Disturbance] = (),
     steps: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> SimulationRecord:
@@ -133,6 +136,7 @@ def simulate(
         run: gains, contact, time step.
         body: the simulated body.
         controller: makes the controller from robot and run, :class:`TrackingController` by default.
+        disturbances: what pushes the body; the controller is not told.
         steps: walking steps, the plan's by default.
         progress: called with (simulation steps done, all) now and then.
 
@@ -159,10 +163,18 @@ def simulate(
     q = start.q.copy()
     q[2] -= run.simulation.start_depth  # the soles carry weight from the first instant
     physics.place(q, start.v)
-    make = TrackingController if controller is None else controller
-    return ClosedLoop(
-        physics, make(physics.robot, run), references, run, step_duration, total, progress
-    ).run()
+    follower = (controller or TrackingController)(physics.robot, run)
+    loop = ClosedLoop(physics, follower, references, run, step_duration, total, progress, disturbances)
+    record = loop.run()
+    metadata = {} if controller is None else {"controller": _name(controller)}
+    if disturbances:
+        metadata["disturbances"] = "; ".join(str(disturbance) for disturbance in disturbances)
+    return replace(record, metadata=metadata) if metadata else record
+
+
+def _name(factory: ControllerFactory) -> str:
+    """Module and name of what makes a controller."""
+    return f"{getattr(factory, '__module__', '')}:{getattr(factory, '__qualname__', factory)}"
 
 
 class ClosedLoop:
@@ -176,6 +188,7 @@ class ClosedLoop:
         step_duration: of a walking step, to count those completed [s].
         total: simulation steps.
         progress: called with (simulation steps done, all) now and then.
+        disturbances: what pushes the body.
     """
 
     def __init__(
@@ -186,8 +199,11 @@ class ClosedLoop:
         run: RunParameters,
         step_duration: float,
         total: int,
-        progress: Callable[[int, int], None] | None,
+        progress: Callable[[int, int], None] | None = None,
+        disturbances: Sequence[Disturbance] = (),
     ) -> None:
+        self.disturbances = disturbances
+        self.plant = Plant(physics.model, physics.data, physics.robot.description)
         self.physics, self.controller, self.references = physics, controller, references
         self.run_parameters = run
         self.step_duration, self.total, self.progress = step_duration, total, progress
@@ -214,6 +230,9 @@ class ClosedLoop:
                         break
             if self.progress is not None:
                 self.progress(done, self.total)
+        except SolverError as error:
+            refused = done * self.physics.time_step
+            end = End(OutcomeName.INFEASIBLE, f"the solver refused the QP at {refused:.3f} s: {error}")
         except KeyboardInterrupt:
             end = End(OutcomeName.INTERRUPTED, "the run was interrupted by the user")
         self._finish(done)
@@ -227,34 +246,44 @@ class ClosedLoop:
     def _step(self, k: int) -> End | None:
         """One step of the physics, with a control tick where one is due."""
         physics, log = self.physics, self.log
-        model, data = physics.model, physics.data
+        model, data, time = physics.model, physics.data, k * physics.time_step
         log.keep_state(k, data)
         mujoco.mj_step1(model, data)
         log.keep_places(k, data)
         point = physics.touching_points()
-        end = None
+        if self.disturbances:
+            self._disturb(k, time)
         if k % physics.substeps == 0:
-            reference = self.references[k // physics.substeps]
-            state = State(k * physics.time_step, *physics.state(), 0.5 * physics.time_step)
-            touch = Touch(physics.sensed(point), self.normal_force)
-            output = self.controller.update(state, touch, reference)
-            log.keep_command(k, output, reference)
-            data.ctrl[:] = output.torque
-            end = self._look(k, output, reference)
+            end = self._tick(k, time, point)
+        else:
+            end = self.watch.look_between_ticks(time, physics.com(), physics.trunk(), *self.planned)
         log.torque[k] = data.ctrl
         mujoco.mj_step2(model, data)
         self.normal_force = log.keep_contacts(k, data, point)
         return end
 
-    def _look(self, k: int, output: ControlOutput, reference: Reference) -> End | None:
-        """Whether the walk is over at this step's tick."""
+    def _disturb(self, k: int, time: float) -> None:
+        """Push the body during step k."""
+        self.plant.release()
+        for disturbance in self.disturbances:
+            disturbance.apply(time, self.plant)
+        self.log.keep_pushes(k, self.plant.pushes)
+
+    def _tick(self, k: int, time: float, point: NDArray[np.intp]) -> End | None:
+        """One control tick; whether the walk is over."""
         physics = self.physics
+        reference = self.references[k // physics.substeps]
+        state = State(time, *physics.state(), 0.5 * physics.time_step)
+        touch = Touch(physics.sensed(point), self.normal_force)
+        output = self.controller.update(state, touch, reference)
+        self.log.keep_command(k, output, reference)
+        physics.data.ctrl[:] = output.torque
+        self.planned = reference.com.tolist(), reference.posture.trunk[:, 2].tolist()
         return self.watch.look(
-            k * physics.time_step,
+            time,
             physics.com(),
-            reference.com.tolist(),
             physics.trunk(),
-            reference.posture.trunk[:, 2].tolist(),
+            *self.planned,
             output.status,
             residual=output.residual,
             limit=self._worst_joint(output) if output.status == LIMITED else "",

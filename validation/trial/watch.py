@@ -12,8 +12,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ampm.walk import LIMITED, UNSOLVED
-from validation.trial.record import OutcomeName
+from ampm.so3 import cross
+from ampm.walk import LIMITED, SOLVED, UNSOLVED
+from validation.trial.outcome import OutcomeName
 
 FALL_SHARE = 0.75
 """The body has fallen when its COM is lower than this share of the planned height [1]."""
@@ -24,6 +25,8 @@ outside any support that the plan could offer."""
 
 FALL_TILT = math.radians(60.0)
 """The body has fallen when its trunk leans farther than this from the planned motion's [rad]."""
+
+_FALL_COSINE = math.cos(FALL_TILT)
 
 BLOW_UP = 20.0
 """Speed of the COM [m/s] that only numbers reach: a fall from standing height ends at 4 m/s."""
@@ -73,8 +76,8 @@ class Watch:
         self,
         time: float,
         com: Sequence[float],
-        planned: Sequence[float],
         trunk: Sequence[float],
+        planned: Sequence[float],
         planned_trunk: Sequence[float],
         status: int,
         *,
@@ -86,8 +89,8 @@ class Watch:
         Args:
             time: [s].
             com: x, y, z [m].
-            planned: COM of the plan [m].
             trunk: its long axis in world, unit vector.
+            planned: COM of the plan [m].
             planned_trunk: the same of the planned motion.
             status: of the controller's tick.
             residual: of its QP.
@@ -98,7 +101,7 @@ class Watch:
         """
         error = com[0] - planned[0], com[1] - planned[1], com[2] - planned[2]
         distance = math.hypot(*error)
-        lean = math.atan2(math.hypot(*_cross(trunk, planned_trunk)), _dot(trunk, planned_trunk))
+        lean = math.atan2(math.hypot(*cross(trunk, planned_trunk)), _dot(trunk, planned_trunk))
         speed = self._speed(time, com)
         if not math.isfinite(distance + lean):
             return self._end(OutcomeName.DIVERGED, f"the state was no longer finite at {time:.3f} s")
@@ -126,6 +129,23 @@ class Watch:
         if fall:
             return self._end(OutcomeName.FELL, fall)
         return self._unsolved(time, status == UNSOLVED, on_plan)
+
+    def look_between_ticks(
+        self,
+        time: float,
+        com: Sequence[float],
+        trunk: Sequence[float],
+        planned: Sequence[float],
+        planned_trunk: Sequence[float],
+    ) -> End | None:
+        """Whether the body has fallen at a step without a tick; arguments as in :meth:`look`."""
+        if (
+            com[2] >= FALL_SHARE * planned[2]
+            and math.dist(com, planned) <= FALL_DISTANCE
+            and _dot(trunk, planned_trunk) >= _FALL_COSINE
+        ):
+            return None
+        return self.look(time, com, trunk, planned, planned_trunk, SOLVED)
 
     def blown_up(self, time: float) -> End:
         """The end of a walk whose accelerations the simulator refused to integrate."""
@@ -172,7 +192,3 @@ class Watch:
 
 def _dot(a: Sequence[float], b: Sequence[float]) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

@@ -60,7 +60,7 @@ def observe_folder(directory: Path, instrument: Instrument) -> Observation:
 
     import mujoco  # here, not above: it takes long to load
 
-    from validation.trial.record import load_record
+    from validation.store.record import load_record
 
     def body() -> tuple[mujoco.MjModel, BodyDescription]:
         from models.human import build

@@ -25,7 +25,7 @@ from validation.trial.simulate import simulate
 if TYPE_CHECKING:
     from ampm.parameters import GaitParameters
     from ampm.planner.centroidal import PlanConstants, PlanSample
-    from validation.trial.record import Outcome
+    from validation.trial.outcome import Outcome
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from ampm.planner.support import StepPlan
     from validation.judge.compare import Comparison
+    from validation.store.record import StoredRecord
     from validation.store.signals import Signals
-    from validation.store.stored import StoredRecord
     from validation.trial.record import SimulationRecord
 
 Array = NDArray[np.float64]

@@ -13,9 +13,9 @@ from ampm.exceptions import InputError
 from validation.run.files import write_inputs, write_observation, write_signals, write_summary
 from validation.store.environment import describe_environment
 from validation.store.folders import run_folder
+from validation.store.record import save_record
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.store import RECORDINGS, disk_is_full
-from validation.trial.record import save_record
 
 if TYPE_CHECKING:
     from validation.judge.examine import Walk

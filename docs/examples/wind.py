@@ -1,0 +1,38 @@
+"""A wind as a disturbance: the drag of the air on the trunk.
+
+record = simulate(plan, run, body, disturbances=[Wind((0.0, 8.0, 0.0), until=2.0)])
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from validation.trial.disturbances import Plant
+
+
+@dataclass(frozen=True)
+class Wind:
+    """Steady wind.
+
+    Attributes:
+        velocity: of the air, in world [m/s].
+        start: when it begins [s].
+        until: when it ends [s].
+        drag_area: drag coefficient times frontal area of the trunk [m^2].
+        density: of the air [kg/m^3].
+    """
+
+    velocity: tuple[float, float, float]
+    start: float = 0.0
+    until: float = float("inf")
+    drag_area: float = 0.4
+    density: float = 1.2
+
+    def apply(self, time: float, plant: Plant) -> None:
+        """Push the chest with the drag of the air that passes it."""
+        if self.start <= time < self.until:
+            relative = np.array(self.velocity) - plant.velocity("chest")
+            drag = 0.5 * self.density * self.drag_area * np.linalg.norm(relative) * relative
+            plant.push("chest", drag)

@@ -1,0 +1,116 @@
+"""What acts on a walking body besides its own motors and the floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import mujoco
+import numpy as np
+
+from ampm.exceptions import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from ampm.description import BodyDescription
+
+    Array = NDArray[np.float64]
+
+_CLOCK = 1e-9  # a step that begins this much early is in time [s]
+
+
+class Plant:
+    """The simulated body as a disturbance sees it: at the start of a step, vectors in world.
+
+    Segments go by their names in the model; ``chest`` is the trunk's.
+
+    Args:
+        model: compiled.
+        data: its state.
+        description: of the body.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, description: BodyDescription) -> None:
+        self._model, self._data = model, data
+        names = {model.body(i).name: i for i in range(1, model.nbody)}
+        self._segments = {**names, "chest": names[description.trunk_segment]}
+        self.pushes: dict[str, Array] = {}
+        """Force, moment and point of every segment that was pushed in this step, shape (9,)."""
+
+    def _segment(self, segment: str) -> int:
+        if segment not in self._segments:
+            raise InputError(
+                f"the body has no segment {segment!r} to push; take one of {', '.join(self._segments)}"
+            )
+        return self._segments[segment]
+
+    def position(self, segment: str) -> Array:
+        """Centre of mass of a segment, shape (3,) [m]."""
+        return np.array(self._data.xipos[self._segment(segment)])
+
+    def velocity(self, segment: str) -> Array:
+        """Velocity of a segment's centre of mass, shape (3,) [m/s]."""
+        result = np.zeros(6)
+        kind = mujoco.mjtObj.mjOBJ_BODY
+        mujoco.mj_objectVelocity(self._model, self._data, kind, self._segment(segment), result, 0)
+        return result[3:]
+
+    def push(self, segment: str, force: ArrayLike, moment: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        """Push a segment during this step; pushes add up.
+
+        Args:
+            segment: name.
+            force: at the segment's centre of mass, shape (3,) [N].
+            moment: shape (3,) [N m].
+
+        Raises:
+            InputError: there is no such segment, or a number is not finite.
+        """
+        body = self._segment(segment)
+        wrench = np.concatenate([np.reshape(force, 3), np.reshape(moment, 3)]).astype(np.float64)
+        if not np.isfinite(wrench).all():
+            raise InputError(f"a push of {wrench} on {segment} is not finite; give finite numbers")
+        self._data.xfrc_applied[body] += wrench
+        name = self._model.body(body).name
+        self.pushes[name] = np.concatenate([self._data.xfrc_applied[body], self._data.xipos[body]])
+
+    def release(self) -> None:
+        """End all pushes."""
+        self._data.xfrc_applied[:] = 0.0
+        self.pushes.clear()
+
+
+class Disturbance(Protocol):
+    """Anything that pushes the body."""
+
+    def apply(self, time: float, plant: Plant) -> None:
+        """Push the body during the step that begins now; called before every step of the physics.
+
+        Args:
+            time: [s].
+            plant: the body.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Push:
+    """A constant force on one segment for some time.
+
+    Attributes:
+        segment: its name; ``chest`` is the trunk's.
+        force: in world, at the segment's centre of mass, three numbers [N].
+        at: when it begins [s].
+        duration: [s].
+    """
+
+    segment: str
+    force: tuple[float, float, float]
+    at: float
+    duration: float
+
+    def apply(self, time: float, plant: Plant) -> None:
+        """Push while it lasts."""
+        if self.at - _CLOCK <= time < self.at + self.duration - _CLOCK:
+            plant.push(self.segment, self.force)
