@@ -2,7 +2,8 @@
 
 import math
 import time
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import FootParameters, GaitParameters
-from ampm.planner.periodic import CONTINUOUS, RESIDUAL_LIMIT, plan_gait
+from ampm.planner.periodic import CONTINUOUS, REASONS, RESIDUAL_LIMIT, Gaits, plan_gait, screen
 from ampm.planner.support import plan_steps
 
 G, MASS = 9.81, 60.0
@@ -553,15 +554,52 @@ def check_plan_or_refusal(parameters):
     except MathematicalRefusal as caught:
         refusal = caught
     else:
-        return check_plan(plan, parameters.model)
+        with np.errstate(all="ignore"):
+            bound = Gaits.of(parameters).rounding
+        assert plan.residuals().largest_of(CONTINUOUS[parameters.model]) <= bound <= RESIDUAL_LIMIT
+        return check_plan(plan)
     assert refusal.reason
     assert refusal.way_out in str(refusal)
     assert not math.isnan(refusal.limit)
     return None
 
 
-def check_plan(plan, model):
-    assert plan.residuals().largest_of(CONTINUOUS[model]) <= RESIDUAL_LIMIT
+def test_screening_is_planning():
+    """Refusals of arrays are those of single gaits, at the thresholds to the last bit."""
+    least = 0.5 * 0.6 * 0.7 / math.sqrt(0.88 / ((1.2 - 0.25) * G))
+    enough = least / math.sqrt(1.0 - 0.2**2)
+    ulps = range(-3, 4)
+    longest = {"c_s": 0.251, "switching_velocity": 0.024}
+    angle = Gaits.of(changed(**longest, c_y=1.0)).time_constants
+    edges: list[dict[str, Any]] = [
+        {"switching_velocity": s + k * math.ulp(s)} for s in (least, enough) for k in ulps
+    ]
+    edges += [{"c_s": 0.25 + k * math.ulp(0.25)} for k in ulps]
+    edges += [{"c_y": value} for value in (-5e-324, -0.0, 0.0, 5e-324)]
+    edges += [{**longest, "c_y": (600.0 / angle) ** 2 * (1.0 + k * 2e-16)} for k in range(-4, 5)]
+    edges += [{"com_height": 10.0**-k, "switching_velocity": 99.0} for k in range(3, 12)]
+    edges += [
+        {"model": "ipm", "a_s": a_s, "c_s": 1.0, "c_y": c_y} for a_s in (4.0, math.inf) for c_y in (1, 2)
+    ]
+    draw = np.random.default_rng(3)
+    for _ in range(300):
+        edges.append({"c_s": draw.uniform(-0.5, 2.0), "switching_velocity": draw.uniform(0.2, 2.0)})
+    gaits = [changed(**edge) for edge in edges]
+    arrays = Gaits(*(np.array([getattr(g, f.name) for g in gaits]) for f in fields(Gaits)))
+    found = [REASONS[code] for code in screen(arrays)]
+    assert found == [reason_of(gait) for gait in gaits]
+    assert set(found) == set(REASONS)
+
+
+def reason_of(gait):
+    try:
+        plan_gait(gait, MASS)
+    except MathematicalRefusal as refusal:
+        return refusal.reason
+    return "accepted"
+
+
+def check_plan(plan):
     times = np.linspace(0.0, plan.duration, 60)
     s = plan.sample(times)
     for name in ("com", "com_velocity", "com_acceleration", "zmp", "force", "moment", "angular_momentum"):

@@ -148,7 +148,7 @@ def test_the_middle_form_is_the_papers_form(sagittal, frontal):
 def test_mid_stance_speed_near_the_least_speed_keeps_its_digits():
     t_s = sagittal_time_constant(H, 0.95, G)
     least = 0.21 / t_s
-    plane = sagittal_plane(**{**GOLDEN, "switching_velocity": least * (1 + 1e-9)})
+    plane = sagittal_plane(**{**GOLDEN, "switching_velocity": float(least) * (1 + 1e-9)})
     middle = plane.single.evaluate(0.5 * plane.single.duration)
     assert middle.position == pytest.approx(0.0, abs=1e-15)
     assert middle.velocity == pytest.approx(least * math.sqrt(2e-9), rel=1e-6)

@@ -7,17 +7,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import key_info, steps_per_tick
-from ampm.planner.periodic import plan_gait
+from ampm.planner import periodic
+from ampm.planner.periodic import Gaits, plan_gait
 from validation.judge.profiles import profile as find_profile
 from validation.progress import Progress
-from validation.study.sweep import closed_form
 from validation.study.sweep.design import STEPS_KEY, SweepDefinition
 from validation.study.sweep.sampling import Cases
 from validation.study.sweep.sampling import cases as cases_of
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from ampm.parameters import RunParameters
 
-REASONS = tuple(closed_form.REASONS)
+REASONS = ("accepted", "bad_parameter", *periodic.REASONS[1:])
 """What :func:`screen` finds of a run; its numbers are places in here."""
 ACCEPTED, BAD = 0, 1
 CHECKED = 128
@@ -37,7 +37,7 @@ TIMED_STEPS = 10
 
 _TIMED = 3  # gaits that are tried until one of them can be walked and timed
 _CHECKED_KEYS = ("gait.", "body.", "foot.", "controller.frequency", "simulation.time_step")
-_GAIT = tuple("body.mass" if name == "mass" else f"gait.{name}" for name in closed_form.Gaits._fields)
+_GAIT = tuple(field.name for field in fields(Gaits))
 _CHUNK = 16_384  # runs at a time: their arrays stay in the processor's cache
 
 
@@ -175,22 +175,8 @@ def screen(cases: Cases) -> NDArray[np.int8]:
             part[~good[axis.index(numbers)]] = BAD
         if not cases.definition.tune:
             left = np.flatnonzero(part == ACCEPTED)
-            part[left] = _formula(cases, numbers[left])
-    return code
-
-
-def _formula(cases: Cases, numbers: NDArray[np.int64]) -> NDArray[np.int8]:
-    """What the planner says of some runs, as places in :data:`REASONS`."""
-    code = np.empty(len(numbers), dtype=np.int8)
-    model = cases.column("gait.model", numbers)
-    for name in np.unique(model):
-        which = np.flatnonzero(model == name)
-        gaits = closed_form.Gaits(*(cases.column(key, numbers[which]) for key in _GAIT))
-        answer = closed_form.judge(gaits, plain=name == "ipm", steps=cases.definition.steps)
-        code[which] = answer.code
-        for index in which[answer.doubtful].tolist():
-            error = _refusal(cases, int(numbers[index]))
-            code[index] = REASONS.index(error.reason) if isinstance(error, RefusedGait) else ACCEPTED
+            found = periodic.screen(Gaits(*(cases.column(f"gait.{name}", numbers[left]) for name in _GAIT)))
+            part[left] = found + (found > 0)  # "bad_parameter" stands between
     return code
 
 
