@@ -580,7 +580,11 @@ _LIMITS = {
     "less_than": ("lt", "must be less than"),
     "less_than_equal": ("le", "must be at most"),
 }
-_KINDS = {"int_type": "must be a whole number", "float_type": "must be a number"}
+_KINDS = {
+    "int_type": "must be a whole number",
+    "float_type": "must be a number",
+    "model_type": "must be a table of keys",
+}
 
 
 def input_error(error: ValidationError, model: type[Section]) -> InputError:
@@ -623,7 +627,7 @@ def input_error(error: ValidationError, model: type[Section]) -> InputError:
         limit = _KINDS.get(kind) or f"must {detail['msg'].partition(' should ')[2]}"
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     given = f"{value:g}{shown_unit}" if is_number else repr(value)
-    if field.is_required() or field.default is None:
+    if field.is_required() or field.default is None or field.default_factory is not None:
         return InputError(f"{key} = {given} {limit}.{meaning}", key=key, value=value, limit=limit)
     default = field.default
     shown = f"{default:g}{shown_unit}" if isinstance(default, float) else repr(default)

@@ -19,8 +19,8 @@ from validation.cli.instrument import write_files
 from validation.cli.plan_text import write_picture
 from validation.cli.view import write_sources
 from validation.cli.view_sources import choose
-from validation.measure.instruments import load_instrument
 from validation.measure.instruments.columns import observe_folder
+from validation.measure.instruments.model import load_instrument
 from validation.progress import Progress
 from validation.show.rerun.merge import PHASE
 from validation.trial.plan import load_request, plan_walk

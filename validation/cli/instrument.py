@@ -13,7 +13,7 @@ from validation.cli.options import Force, Json, RunFolder, Status, answer
 from validation.show.text import print_line, print_table
 
 if TYPE_CHECKING:
-    from validation.measure.instruments import Observation
+    from validation.measure.instruments.result import Observation
 
 app = typer.Typer()
 
@@ -46,8 +46,9 @@ def instrument(
     bias, cross-talk, low-pass, sampling, delay, range and resolution. Nothing is simulated again, and nothing
     is judged: the status is 0.
     """
-    from validation.measure.instruments import Observation, load_instrument
     from validation.measure.instruments.columns import observe_folder
+    from validation.measure.instruments.model import load_instrument
+    from validation.measure.instruments.result import Observation
 
     check_targets(plot, out, force=force)
     seen = observe_folder(directory, load_instrument(name))

@@ -81,7 +81,7 @@ def validate(
     from validation.cli.summary_text import print_result
     from validation.judge import profiles
     from validation.judge.uncertainty import load_uncertainty, matching
-    from validation.measure.instruments import load_instrument
+    from validation.measure.instruments.model import load_instrument
     from validation.run import validate as run
     from validation.trial.plan import load_requests
     from validation.trial.tune import tune_walk

@@ -141,7 +141,7 @@ class MeasuredGait:
     @property
     def foot_zmp(self) -> Array:
         """Centre of pressure of each foot, NaN while unloaded, shape (K, 2, 2) [m]."""
-        return _centre_of_pressure(self.foot_force, self.foot_torque, LEAST_SUPPORT * self.weight)
+        return centre_of_pressure(self.foot_force, self.foot_torque, LEAST_SUPPORT * self.weight)
 
 
 @dataclass(frozen=True)
@@ -193,9 +193,9 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
     least = LEAST_SUPPORT * weight
 
     point_force = record.point_force
-    foot_force, foot_torque = _foot_wrenches(record)
+    foot_force, foot_torque = foot_wrenches(record)
     force, torque = foot_force.sum(axis=1), foot_torque.sum(axis=1)
-    zmp = _centre_of_pressure(force, torque, least)
+    zmp = centre_of_pressure(force, torque, least)
 
     com_pin, com_velocity, momentum = _centroidal(model, to_pinocchio, record.q, record.qd)
     first = _step_back(record.q[:1], record.qd[:1], dt)
@@ -219,10 +219,8 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
     zmp_momentum = zmp_from_momentum(com_pin[:-1], momentum_force, momentum_rate, least)
 
     point_contact = point_force[:, :, 2] > 0.0
-    foot_contact = np.stack(
-        [point_contact[:, record.point_foot == foot].any(axis=1) for foot in (0, 1)], axis=1
-    )
-    slip_speed, slip = _slip(record, point_contact, foot_contact)
+    contact = foot_contact(record)
+    slip_speed, slip = _slip(record, point_contact, contact)
     penetration = np.where(point_contact, record.point_penetration, 0.0)
     penetration = np.stack(
         [penetration[:, record.point_foot == foot].max(axis=1, initial=0.0) for foot in (0, 1)], axis=1
@@ -261,7 +259,7 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
         angular_momentum=record.angular_momentum[:-1],
         angular_momentum_pin=momentum[:-1].copy(),
         angular_momentum_rate=momentum_rate,
-        foot_contact=foot_contact,
+        foot_contact=contact,
         point_contact=point_contact,
         foot_position=record.foot_position[:-1],
         slip_speed=slip_speed,
@@ -349,7 +347,7 @@ def _step_back(q: Array, qd: Array, dt: float) -> Array:
     return back
 
 
-def _foot_wrenches(record: SimulationRecord) -> tuple[Array, Array]:
+def foot_wrenches(record: SimulationRecord) -> tuple[Array, Array]:
     """Force [N] on each foot and its moment about the world origin [N m], each shape (K, 2, 3)."""
     force, torque = np.empty((record.steps, 2, 3)), np.empty((record.steps, 2, 3))
     for start in range(0, record.steps, _BLOCK):
@@ -361,6 +359,12 @@ def _foot_wrenches(record: SimulationRecord) -> tuple[Array, Array]:
             force[part, foot] = point_force[:, mine].sum(axis=1)
             torque[part, foot] = point_torque[:, mine].sum(axis=1)
     return force, torque
+
+
+def foot_contact(record: SimulationRecord) -> NDArray[np.bool_]:
+    """Whether any sole point of each foot carries force, shape (K, 2)."""
+    loaded = record.point_force[:, :, 2] > 0.0
+    return np.stack([loaded[:, record.point_foot == foot].any(axis=1) for foot in (0, 1)], axis=1)
 
 
 def _centroidal(
@@ -400,7 +404,7 @@ def _slip(
     return slip_speed, slip
 
 
-def _centre_of_pressure(force: Array, torque: Array, least: float) -> Array:
+def centre_of_pressure(force: Array, torque: Array, least: float) -> Array:
     """Where the net force meets the floor z = 0 without horizontal moment, shape (..., 2) [m]."""
     vertical = np.where(force[..., 2] >= least, force[..., 2], np.nan)
     return np.stack([-torque[..., 1] / vertical, torque[..., 0] / vertical], axis=-1)

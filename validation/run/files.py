@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ampm.parameters import RunParameters
     from models.human import BodyModel
     from validation.judge.examine import Evaluation
-    from validation.measure.instruments import Instrument
+    from validation.measure.instruments.model import Instrument
     from validation.trial.plan import PlannedWalk
     from validation.trial.record import SimulationRecord
 
@@ -87,8 +87,7 @@ def write_observation(
     Returns:
         Its errors, for the summary.
     """
-    from validation.measure.instruments import observe_walk
-    from validation.measure.instruments.columns import observation_columns
+    from validation.measure.instruments.columns import observation_columns, observe_walk
     from validation.store.tables import write_columns
 
     seen = observe_walk(instrument, planned, record)

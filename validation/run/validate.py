@@ -33,7 +33,7 @@ from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
 
 if TYPE_CHECKING:
-    from validation.measure.instruments import Instrument
+    from validation.measure.instruments.model import Instrument
 
 RUNS = Path("runs")
 """Where runs go that were given no place of their own."""

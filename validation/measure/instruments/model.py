@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
 from ampm.exceptions import InputError
+from ampm.parameters import Real, Section
 
 PRESETS: dict[str, str] = {
     "force-plate": "a laboratory's force plates, one under every footstep",
@@ -25,20 +27,12 @@ PRESETS: dict[str, str] = {
 }
 """Presets and what they are; each is ``validation/measure/instruments/presets/<name>.toml``."""
 
-Real = Annotated[float, Field(allow_inf_nan=False)]
-
 
 def _field(default: Any, description: str, unit: str, **bounds: Any) -> Any:
     return Field(default, description=description, json_schema_extra={"unit": unit}, **bounds)
 
 
-class _Part(BaseModel):
-    """Immutable, no unknown keys."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-
-class Channel(_Part):
+class Channel(Section):
     """Figures of one group of channels; ``u`` is its unit: N, N m, rad/s, m/s^2 or rad.
 
     Each channel of the group (left and right foot, x and y) has noise and bias of its own.
@@ -56,7 +50,7 @@ class Channel(_Part):
     range: float = _field(math.inf, "readings are cut off at plus and minus this", "u", gt=0)
 
 
-class Acquisition(_Part):
+class Acquisition(Section):
     """What every channel of an instrument passes: low-pass, sampling, delay."""
 
     cutoff: Real | None = _field(
@@ -74,7 +68,7 @@ class Acquisition(_Part):
     delay: Real = _field(0.0, "time from a sample to its arrival", "s", ge=0, le=10)
 
 
-class Instrument(_Part):
+class Instrument(Section):
     """What all instruments have.
 
     Attributes:
@@ -216,58 +210,14 @@ def make_instrument(table: Mapping[str, Any], name: str = "") -> Instrument:
             value=kind,
             limit=f"one of {', '.join(KINDS)}",
         )
-    try:
-        return KINDS[kind](**{"name": name[:60], **table})
-    except ValidationError as error:
-        raise _input_error(error, KINDS[kind]) from None
-
-
-_WORDS = {
-    "greater_than": ("gt", "must be greater than"),
-    "greater_than_equal": ("ge", "must be at least"),
-    "less_than": ("lt", "must be less than"),
-    "less_than_equal": ("le", "must be at most"),
-}
-_KINDS_OF_VALUE = {
-    "int_type": "must be a whole number",
-    "float_type": "must be a number",
-    "finite_number": "must be a finite number",
-    "string_type": "must be text",
-    "model_type": "must be a table of keys",
-}
-
-
-def _input_error(error: ValidationError, model: type[Instrument]) -> InputError:
-    """The first failure as one sentence: key, value, limit, way out."""
-    detail = error.errors()[0]
-    place = [str(part) for part in detail["loc"]]
-    key, value, kind = ".".join(place), detail.get("input"), detail["type"]
-    owner: Any = model
-    for part in place[:-1]:
-        field = owner.model_fields[part]
-        owner = field.annotation
-    if kind == "extra_forbidden":
-        near = difflib.get_close_matches(place[-1], owner.model_fields, n=1, cutoff=0.0)[0]
-        nearest = ".".join([*place[:-1], near])
-        return InputError(
-            f"unknown key {key!r} of this kind of instrument; did you mean {nearest!r}?",
-            key=key,
-            nearest=nearest,
-        )
-    field = owner.model_fields.get(place[-1]) if place else None
-    extra = field.json_schema_extra if field is not None else None
-    unit = str(extra.get("unit", "1")) if isinstance(extra, dict) else "1"
-    if place and place[0] in model.groups:
-        unit = unit.replace("u", model.groups[place[0]][0], 1)
-    shown = "" if unit in ("1", "") else f" {unit}"
-    context = detail.get("ctx", {})
-    if kind in _WORDS:
-        name, words = _WORDS[kind]
-        limit = f"{words} {context[name]:g}{shown}"
-    elif kind == "literal_error":
-        limit = f"must be one of {context['expected']}"
-    else:
-        limit = _KINDS_OF_VALUE.get(kind, "is not allowed")
-    meaning = f" Meaning: {field.description}." if field is not None and field.description else ""
-    given = f"{value:g}{shown}" if isinstance(value, int | float) else repr(value)
-    return InputError(f"{key} = {given} {limit}.{meaning}", key=key, value=value, limit=limit)
+    parts = {}
+    for group, values in table.items():
+        field = KINDS[kind].model_fields.get(group)
+        if isinstance(values, dict) and field is not None and isinstance(field.annotation, type):
+            unit = KINDS[kind].groups.get(group, ("", ""))[0]
+            try:
+                parts[group] = field.annotation(**values)
+            except InputError as error:
+                text = re.sub(r"\bu(?=/|\b)", unit, str(error))
+                raise InputError(f"{group}: {text}", **error.details) from None
+    return KINDS[kind](**{"name": name[:60], **table, **parts})

@@ -20,9 +20,9 @@ from validation.measure.instruments.truth import (
     chest_motion,
     pelvis_motion,
     plate_origins,
-    pressure_centre,
     true_gait,
 )
+from validation.measure.measure import centre_of_pressure
 from validation.trial.bridge import pinocchio_model, to_pinocchio
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ class _WrenchRig:
             loaded = force[:, :, 2:] >= self.threshold
             force, torque = np.where(loaded, force, 0.0), np.where(loaded, torque, 0.0)
         net = force.sum(axis=1)
-        return Seen(pressure_centre(net, torque.sum(axis=1), self.truth.least), net)
+        return Seen(centre_of_pressure(net, torque.sum(axis=1), self.truth.least), net)
 
 
 class PlateRig(_WrenchRig):

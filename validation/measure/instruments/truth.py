@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ampm.exceptions import InputError
+from validation.measure.measure import LEAST_SUPPORT, centre_of_pressure, foot_contact, foot_wrenches
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
     from validation.trial.record import SimulationRecord
 
     Array = NDArray[np.float64]
-
-LEAST_SUPPORT = 0.01
-"""Share of body weight below which there is no ZMP, as in :mod:`validation.measure.measure`."""
 
 _BOUNCE = 0.15
 """A foot that leaves the floor for less than this has made no step [s]."""
@@ -73,31 +71,20 @@ def true_gait(record: SimulationRecord) -> Truth:
     its model.
     """
     rows = usable_rows(record)
-    force = record.point_force[:rows]
-    torque = np.cross(record.point_position[:rows], force)
-    feet = [record.point_foot == foot for foot in (0, 1)]
-    foot_force = np.stack([force[:, mine].sum(axis=1) for mine in feet], axis=1)
-    foot_torque = np.stack([torque[:, mine].sum(axis=1) for mine in feet], axis=1)
-    loaded = force[:, :, 2] > 0.0
+    foot_force, foot_torque = (values[:rows] for values in foot_wrenches(record))
     least = LEAST_SUPPORT * record.mass * record.gravity
     return Truth(
         time=record.time[:rows],
         time_step=record.time_step,
         foot_force=foot_force,
         foot_torque=foot_torque,
-        zmp=pressure_centre(foot_force.sum(axis=1), foot_torque.sum(axis=1), least),
-        foot_contact=np.stack([loaded[:, mine].any(axis=1) for mine in feet], axis=1),
+        zmp=centre_of_pressure(foot_force.sum(axis=1), foot_torque.sum(axis=1), least),
+        foot_contact=foot_contact(record)[:rows],
         foot_position=record.foot_position[:rows],
         com=record.com[:rows],
         mass=record.mass,
         gravity=record.gravity,
     )
-
-
-def pressure_centre(force: Array, torque: Array, least: float) -> Array:
-    """Where a force (K, 3) with moment ``torque`` (K, 3) about the origin meets the floor, (K, 2) [m]."""
-    vertical = np.where(force[:, 2] >= least, force[:, 2], np.nan)
-    return np.stack([-torque[:, 1] / vertical, torque[:, 0] / vertical], axis=-1)
 
 
 def plate_origins(truth: Truth) -> Array:

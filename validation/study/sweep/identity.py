@@ -60,7 +60,7 @@ def cases_hash(definition: SweepDefinition) -> str:
     same = definition.model_copy(update={"limits": type(definition.limits)(), "name": "sweep"})
     text = dump_sweep(same) + definition.run.model_dump_json()
     if definition.instrument is not None:
-        from validation.measure.instruments import load_instrument
+        from validation.measure.instruments.model import load_instrument
 
         text += repr(load_instrument(definition.instrument))  # a file may change
     return hashlib.sha256(text.encode()).hexdigest()

@@ -100,7 +100,7 @@ def _write(walk: Walk, work: Path, name: str, timing: Mapping[str, float], instr
     told["simulated"] = float(record.time[-1] - record.time[0])
     more = {}
     if instrument is not None:
-        from validation.measure.instruments import load_instrument
+        from validation.measure.instruments.model import load_instrument
 
         more["instrument"] = write_observation(work, load_instrument(instrument), planned, record)
     write_summary(work, planned, walk.evaluation, name=name, timing=told, environment=environment, more=more)
