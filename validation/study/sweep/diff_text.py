@@ -17,7 +17,7 @@ from validation.show.text import format_number, print_line, print_table
 from validation.store.folders import output_file
 from validation.study.sweep.diff import SIGNIFICANCE, Change, MetricChange, SweepDiff
 from validation.study.sweep.matching import revision
-from validation.study.sweep.report_rows import value_text
+from validation.study.sweep.report import value_text
 from validation.study.sweep.table import STATES, SweepTable
 
 KINDS: Mapping[str, str] = {

@@ -1,63 +1,290 @@
-"""Pictures of a sweep's report that need no script: distributions with their tolerance, and the first map."""
+"""Pictures of a sweep's report in Vega-Lite: the map of its runs, distributions with their tolerance.
+
+The page carries data, specification and the library itself (vl-convert has the script), so that it works
+offline. Colours are the page's CSS variables: light and dark need no second picture.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, NullLocator
+import pyarrow as pa
+from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
-from validation.show.run_figures import BAD, FAINT, INK, PLAN, new_figure, to_svg
-from validation.study.sweep.map_data import Axis
-from validation.study.sweep.table import STATES, State
+from validation.study.sweep.table import BROKEN, STATES, State, SweepTable
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+Spec = dict[str, Any]
 
-COLOURS: Mapping[State, str] = {state: f"#0102{number:02d}" for number, state in enumerate(STATES)}
-"""Stand-ins, which :func:`svg` replaces by the page's ``--state-...``."""
-
-MARKERS: Mapping[State, str] = {
-    State.PASS: "o",
-    State.OUT_OF_TOLERANCE: "s",
-    State.NOT_MEASURED: "d",
-    State.FELL: "v",
-    State.DIVERGED: "^",
-    State.INFEASIBLE: "X",
-    State.REFUSED: ".",
-    State.CRASHED: "P",
-    State.TIMED_OUT: "*",
-    State.INTERRUPTED: "p",
+MOST_POINTS, MOST_OF_RARE = 3000, 150
+"""Runs that are in the page one by one, and how many of each state are drawn first where there are more."""
+MOST_STILL = 400
+"""Points of the map without scripts."""
+MOST_LEVELS = 24
+"""Distinct values up to which an axis shows them as levels."""
+MOST_PAIRED = 12
+"""Parameters whose pairs are counted over all runs, where not all runs are in the page."""
+CELLS = 20
+"""Cells along an axis with a range, in those counts."""
+BINS = 32
+_CROSS = "M-.9,-.5L-.5,-.9L0,-.4L.5,-.9L.9,-.5L.4,0L.9,.5L.5,.9L0,.4L-.5,.9L-.9,.5L-.4,0Z"
+_STAR = "M0,-1L.25,-.3L1,-.3L.4,.15L.6,.9L0,.45L-.6,.9L-.4,.15L-1,-.3L-.25,-.3Z"
+SHAPES: Mapping[State, str] = {
+    State.REFUSED: "circle",
+    State.PASS: "circle",
+    State.INTERRUPTED: "triangle-left",
+    State.NOT_MEASURED: "diamond",
+    State.OUT_OF_TOLERANCE: "square",
+    State.INFEASIBLE: _CROSS,
+    State.DIVERGED: "triangle-up",
+    State.FELL: "triangle-down",
+    State.TIMED_OUT: _STAR,
+    State.CRASHED: "cross",
 }
-"""Shape beside colour, for eyes and printers that miss the second. The page's script draws the same."""
+"""Shape beside colour, for eyes and printers that miss the second; from back to front."""
+_TEXT = {
+    "labelColor": "var(--ink)",
+    "titleColor": "var(--ink)",
+    "titleFontWeight": "normal",
+    "titleFontSize": 12,
+}
+_AXIS = {"gridColor": "var(--grid)", "domainColor": "var(--line)", "tickColor": "var(--line)"}
+_CONFIG: Spec = {
+    "background": None,
+    "font": "system-ui, -apple-system, Roboto, DejaVu Sans, sans-serif",
+    "view": {"stroke": None},
+    "axis": {**_TEXT, **_AXIS, "labelFontSize": 12, "labelLimit": 130, "labelSeparation": 12},
+    "legend": {
+        **_TEXT,
+        "orient": "bottom",
+        "title": None,
+        "labelFontSize": 13,
+        "symbolSize": 90,
+        "columns": 7,
+    },
+    "title": {"color": "var(--ink)", "fontWeight": "normal", "anchor": "start", "fontSize": 12},
+    "rule": {"color": "var(--ink)", "strokeDash": [6, 4]},
+    "text": {"color": "var(--ink)", "fontSize": 11},
+}
 
-_ORDER = (
-    State.REFUSED,
-    State.PASS,
-    State.INTERRUPTED,
-    State.NOT_MEASURED,
-    State.OUT_OF_TOLERANCE,
-    State.INFEASIBLE,
-    State.DIVERGED,
-    State.FELL,
-    State.TIMED_OUT,
-    State.CRASHED,
-)
-"""From back to front: what is rare and bad on top."""
-_BINS = 32
+
+@dataclass(frozen=True)
+class Axis:
+    """One quantity that the map can show.
+
+    Attributes:
+        key: of a parameter, or ``metric:<name>``, ``used``.
+        label: for people.
+        unit: of ``values``, empty if none.
+        values: shape (N,), NaN where absent; index of the level where ``levels`` is not None.
+        levels: names of the levels, None for a range.
+        parameter: whether it is a parameter, else a metric.
+        limit: tolerance in ``unit``, None if it has none.
+    """
+
+    key: str
+    label: str
+    unit: str
+    values: Array
+    levels: tuple[str, ...] | None = None
+    parameter: bool = False
+    limit: float | None = None
+
+    def column(self, rows: Rows) -> list[Any]:
+        """Values of some runs: parameters with every digit, metrics with four; None where absent."""
+        values = self.values[rows].tolist()
+        if self.levels is not None:
+            return [None if np.isnan(v) else self.levels[int(v)] for v in values]
+        return [(v if self.parameter else float(f"{v:.4g}")) if np.isfinite(v) else None for v in values]
+
+    def channels(self, name: str, field: str) -> Spec:
+        """Vega-Lite's encoding of this quantity along ``x`` or ``y``."""
+        shown: Spec = {"field": field, "title": f"{self.label} [{self.unit}]" if self.unit else self.label}
+        if self.levels is None:
+            scale: Spec = {"zero": False, "nice": False, "padding": 9}
+            return {name: {**shown, "type": "quantitative", "scale": scale}}
+        order = list(self.levels if name == "x" else self.levels[::-1])
+        shown |= {"type": "ordinal", "scale": {"domain": order}, "sort": order}
+        # Runs on a level are spread over its band, so that none hides another.
+        spread = {"field": f"{name}Offset", "type": "quantitative", "scale": {"domain": [-0.3, 1.3]}}
+        return {name: {**shown, "axis": {"labelAngle": 0, "grid": False}}, f"{name}Offset": spread}
 
 
-def svg(figure: Figure, name: str, label: str) -> str:
-    """Inline SVG whose colours follow the page; see :func:`validation.show.run_figures.to_svg`."""
-    text = to_svg(figure, name, label)
-    for state, colour in COLOURS.items():
-        text = text.replace(colour, f"var(--state-{state.value.replace('_', '-')})")
-    return text
+def parameter_axis(sweep: SweepTable, key: str) -> Axis:
+    """A parameter as an axis: levels if it has words or few values, else a range."""
+    if not sweep.is_number(key):
+        levels, index = np.unique(sweep.words(key), return_inverse=True)
+        return Axis(key, key, "", index.astype(float), tuple(levels.tolist()), True)
+    values, unit = sweep.numbers(key), sweep.unit(key).replace("1", "")
+    distinct, index = np.unique(values, return_inverse=True)
+    if len(distinct) <= MOST_LEVELS and (len(distinct) <= len(sweep) / 2 or not np.isfinite(distinct).all()):
+        names = tuple(f"{value:.6g}" for value in distinct if not np.isnan(value))
+        return Axis(key, key, unit, np.where(np.isnan(values), np.nan, index), names, True)
+    return Axis(key, key, unit, values, None, True)
 
 
-def distribution(values: Array, limit: float | None, unit: str, title: str) -> Figure:
-    """Histogram of a figure over the completed runs, with its tolerance.
+def metric_axes(sweep: SweepTable, labels: Mapping[str, str]) -> list[Axis]:
+    """Judged metrics as axes or colours, in the units that people read; first the worst of them all."""
+    found = [Axis("used", "largest share of a tolerance", "%", 100.0 * sweep.worst_used, limit=100.0)]
+    for metric, label in labels.items():
+        values, limit, unit = sweep.shown(metric)
+        found.append(Axis(f"metric:{metric}", label, unit, values, limit=limit))
+    return [axis for axis in found if np.isfinite(axis.values).any()]
+
+
+def drawn_rows(sweep: SweepTable, keep: Sequence[int] = (), seed: int = 1) -> Rows:
+    """Runs that are in the page one by one: all, or a random draw, of every state some first.
+
+    Args:
+        sweep: the sweep.
+        keep: rows to take in any case.
+        seed: of the draw.
+
+    Returns:
+        Rows from the state in the back of the map to that in front.
+    """
+    place = np.array([list(SHAPES).index(state) for state in STATES])
+    rows = np.arange(len(sweep))
+    if len(rows) > MOST_POINTS:
+        order = np.random.default_rng(seed).permutation(rows)
+        rare = [order[sweep.states[order] == state][:MOST_OF_RARE] for state in range(len(STATES))]
+        first = np.unique(np.concatenate([np.asarray(keep, dtype=np.int64), *rare]))
+        others = order[~np.isin(order, first)][: max(MOST_POINTS - len(first), 0)]
+        rows = np.sort(np.concatenate([first, others]))
+    return rows[np.argsort(place[sweep.states[rows]], kind="stable")]
+
+
+def cell_counts(a: Axis, b: Axis, states: Rows) -> list[list[Any]]:
+    """Runs by cell: lower edge (or level) along ``a``, along ``b``, runs that pass, runs with an answer."""
+    answered = ~np.isin(states, [STATES.index(state) for state in BROKEN])
+    rows = np.flatnonzero(answered & np.isfinite(a.values) & np.isfinite(b.values))
+    columns = {"pass": (states[rows] == STATES.index(State.PASS)).astype(int)}
+    for name, axis in (("a", a), ("b", b)):
+        if axis.levels is not None:
+            columns[name] = np.array(axis.column(rows))
+        else:
+            low, step = cells_of(axis)
+            columns[name] = low + step * np.clip((axis.values[rows] - low) // step, 0, CELLS - 1)
+    counted = pa.table(columns).group_by(["a", "b"]).aggregate([("pass", "sum"), ("pass", "count")])
+    return [list(row.values()) for row in counted.select(["a", "b", "pass_sum", "pass_count"]).to_pylist()]
+
+
+def cells_of(axis: Axis) -> tuple[float, float]:
+    """Lower edge and width of the cells of a range."""
+    finite = axis.values[np.isfinite(axis.values)]
+    return float(finite.min()), float(np.ptp(finite)) / CELLS or 1.0
+
+
+def points(present: Sequence[State]) -> Spec:
+    """The map as points, but for data and axes: a run under the finger, states switched by the legend.
+
+    Args:
+        present: states to show, from back to front.
+    """
+    names = [state.label for state in present]
+    colours = [f"var(--state-{state.value.replace('_', '-')})" for state in present]
+    outcome = {"field": "outcome", "type": "nominal"}
+    pick = {"type": "point", "fields": ["row"], "on": "click", "nearest": True, "toggle": False}
+    shown = {"type": "point", "fields": ["outcome"], "toggle": "true"}
+    edge = [{"param": name, "empty": False, "value": "var(--pick)"} for name in ("pick", "hover")]
+    layer = {
+        "mark": {"type": "point", "filled": True, "opacity": 0.85, "strokeWidth": 2.5},
+        "params": [
+            {"name": "pick", "select": pick},
+            {"name": "hover", "select": {**pick, "on": "pointermove", "clear": "pointerout"}},
+            {"name": "shown", "select": shown, "bind": "legend", "value": [{"outcome": n} for n in names]},
+        ],
+        "encoding": {
+            "color": {**outcome, "scale": {"domain": names, "range": colours}},
+            "shape": {**outcome, "scale": {"domain": names, "range": [SHAPES[s] for s in present]}},
+            "size": {"condition": {"test": "datum.outcome == 'refused'", "value": 16}, "value": 52},
+            "stroke": {"condition": edge, "value": None},
+        },
+    }
+    spread = [
+        {"calculate": f"datum.row * {step} % 1", "as": name}
+        for name, step in (("xOffset", 0.7548776662), ("yOffset", 0.5698402910))
+    ]
+    transform = [*spread, {"filter": {"param": "shown"}}]
+    return {"config": _CONFIG, "width": "container", "transform": transform, "layer": [layer]}
+
+
+def map_data(
+    sweep: SweepTable,
+    axes: Sequence[Axis],
+    links: Mapping[int, Sequence[tuple[str, str]]],
+    repeat: tuple[str, str],
+    keep: Sequence[int] = (),
+) -> Spec:
+    """All that the page's script needs, ready for JSON.
+
+    Args:
+        sweep: the sweep.
+        axes: quantities, the two of the first map first.
+        links: text and address, relative to the page, of what is kept of a row.
+        repeat: beginning and end of the command that walks a run again; the varied keys go between.
+        keep: rows that must be among the points.
+    """
+    rows = drawn_rows(sweep, keep)
+    states = [STATES[state] for state in sweep.states[rows]]
+    names, causes, reasons = (sweep.words(name) for name in ("name", "cause", "reason"))
+    columns = {
+        "row": rows.tolist(),
+        "run": [names[row] for row in rows],
+        "outcome": [state.label for state in states],
+        "pass": [None if state in BROKEN else int(state is State.PASS) for state in states],
+        "why": [(causes[row] or reasons[row].replace("_", " "))[:240] for row in rows],
+        **{f"a{number}": axis.column(rows) for number, axis in enumerate(axes)},
+    }
+    entries = [
+        {
+            "field": f"a{n}",
+            **{
+                name: getattr(axis, name) for name in ("key", "label", "unit", "limit", "levels", "parameter")
+            },
+            **{name: axis.channels(name, f"a{n}") for name in ("x", "y")},
+            "step": None if axis.levels is not None else cells_of(axis)[1],
+        }
+        for n, axis in enumerate(axes)
+    ]
+    paired = (
+        [n for n, axis in enumerate(axes) if axis.parameter][:MOST_PAIRED] if len(rows) < len(sweep) else []
+    )
+    return {
+        "total": len(sweep),
+        "spec": points([state for state in SHAPES if sweep.counts[state]]),
+        "columns": columns,
+        "links": {str(row): links[row] for row in rows.tolist() if row in links},
+        "repeat": repeat,
+        "axes": entries,
+        "cells": {
+            f"a{i},a{j}": cell_counts(axes[i], axes[j], sweep.states)
+            for i, j in itertools.combinations(paired, 2)
+        },
+    }
+
+
+def still_map(data: Spec, label: str) -> Markup:
+    """The first map without scripts, as SVG: at most :data:`MOST_STILL` runs."""
+    columns, x, y = data["columns"], data["axes"][0], data["axes"][min(1, len(data["axes"]) - 1)]
+    names, step = ("row", "outcome", x["field"], y["field"]), -(-len(columns["row"]) // MOST_STILL)
+    rows = zip(*(columns[name][::step] for name in names), strict=True)
+    (layer,) = data["spec"]["layer"]
+    layer = {**layer, "encoding": {**layer["encoding"], **x["x"], **y["y"]}}
+    values = {"values": [dict(zip(names, row, strict=True)) for row in rows]}
+    return svg({**data["spec"], "width": 640, "height": 400, "data": values, "layer": [layer]}, label)
+
+
+def distribution(values: Array, limit: float | None, unit: str, title: str) -> Markup:
+    """Histogram of a metric over the completed runs, with its tolerance, as SVG.
 
     Args:
         values: shape (N,); NaN and infinities are left out.
@@ -65,85 +292,53 @@ def distribution(values: Array, limit: float | None, unit: str, title: str) -> F
         unit: of values and axis.
         title: what it is.
     """
-    figure, (axis,) = new_figure(1.9, width=3.6, left=0.45, top=0.32)
     known = values[np.isfinite(values)]
-    axis.set_title(title)
-    if not known.size:
-        axis.text(0.5, 0.5, "no completed run", transform=axis.transAxes, ha="center", color=FAINT)
-        axis.set_axis_off()
-        return figure
     # A few runs far out must not squeeze all others into one bin; how many are beyond is written there.
-    high = float(np.quantile(known, 0.99)) * 1.15
-    if limit is not None and (known > limit).mean() < 0.5:
-        high = max(high, 1.12 * limit) if high > 0.4 * limit else high
-    low = 0.0 if known.min() >= 0.0 else float(known.min())
-    high = max(high, low + 1e-300)
-    edges = np.linspace(low, high, _BINS + 1)
-    counts, _ = np.histogram(known, edges)
-    width = edges[1] - edges[0]
-    over = edges[:-1] >= limit if limit is not None else np.zeros(_BINS, dtype=bool)
-    axis.bar(edges[:-1][~over], counts[~over], width, align="edge", color=PLAN, linewidth=0)
-    axis.bar(edges[:-1][over], counts[over], width, align="edge", color=BAD, linewidth=0)
-    top = max(int(counts.max()), 1)
-    if limit is not None and limit <= high:
-        axis.axvline(limit, color=INK, linewidth=1.2, linestyle="--")
-        axis.annotate(
-            f"limit {limit:.3g}", (limit, top * 1.12), xytext=(-3, 0), textcoords="offset points",
-            ha="right", va="center", fontsize=8, color=INK,
-        )  # fmt: skip
+    low, high = min(0.0, float(known.min())), float(np.quantile(known, 0.99)) * 1.15
+    if limit is not None and high > 0.4 * limit and (known > limit).mean() < 0.5:
+        high = max(high, 1.12 * limit)
+    counts, edges = np.histogram(known, np.linspace(low, max(high, low + 1e-300), BINS + 1))
+    bars = [
+        {"low": a, "high": b, "runs": int(n), "over": limit is not None and a >= limit}
+        for (a, b), n in zip(itertools.pairwise(edges.tolist()), counts, strict=True)
+    ]
+    beyond, scale = int((known > edges[-1]).sum()), {"domain": [low, float(edges[-1])], "nice": False}
+    x = {"field": "low", "bin": "binned", "type": "quantitative", "title": f"[{unit or 1}]", "scale": scale}
+    y = {"field": "runs", "type": "quantitative", "title": None, "axis": {"tickCount": 3, "format": "d"}}
+    colour = {"condition": {"test": "datum.over", "value": "var(--bad)"}, "value": "var(--plan)"}
+    x["axis"] = {"grid": False, "tickCount": 6}
+    encoding = {"x": x, "x2": {"field": "high"}, "y": y, "color": colour}
+    layers: list[Spec] = [{"mark": {"type": "bar", "binSpacing": 0}, "encoding": encoding}]
+    once: Spec = {"data": {"values": [{}]}}
+    text: Spec = {"type": "text", "align": "right"}
+    notes = [f"{beyond} beyond →"] if beyond else []
+    if limit is not None and limit <= edges[-1]:
+        marks: list[Any] = ["rule", {**text, "dx": -4, "y": 6, "text": f"limit {limit:.3g}"}]
+        layers += [{**once, "mark": mark, "encoding": {"x": {"datum": limit}}} for mark in marks]
     elif limit is not None:
-        axis.annotate(
-            f"limit {limit:.3g} →", (1.0, 0.95), xycoords="axes fraction", ha="right", va="center",
-            fontsize=8, color=FAINT,
-        )  # fmt: skip
-    beyond = int((known > high).sum())
-    if beyond:
-        axis.annotate(
-            f"{beyond} beyond →", (1.0, 0.5), xycoords="axes fraction", ha="right", va="center", fontsize=8,
-            color=FAINT,
-        )  # fmt: skip
-    axis.set_xlim(low, high)
-    axis.set_ylim(0, top * 1.25)
-    axis.grid(False, axis="x")
-    axis.locator_params(axis="y", nbins=3, integer=True)
-    axis.locator_params(axis="x", nbins=6)
-    axis.set_xlabel(f"[{unit}]" if unit else "[1]")
-    return figure
+        notes.insert(0, f"limit {limit:.3g} →")
+    text |= {"x": 300, "color": "var(--faint)"}
+    layers += [{**once, "mark": {**text, "y": 6 + 16 * k, "text": note}} for k, note in enumerate(notes)]
+    size = {"config": _CONFIG, "width": 300, "height": 120}
+    return svg(
+        {**size, "title": title, "data": {"values": bars}, "layer": layers}, f"Distribution of {title}"
+    )
 
 
-def static_map(x: Axis, y: Axis, states: NDArray[np.int64], rows: NDArray[np.int64]) -> Figure:
-    """The first map without any script: one mark per run over two quantities.
+def svg(spec: Spec, label: str) -> Markup:
+    """Draw a specification as inline SVG, as wide as the page gives it, with a text for screen readers."""
+    import vl_convert  # loads a JavaScript engine
 
-    Args:
-        x: quantity to the right; a level is spread a little, so that equal runs do not hide each other.
-        y: quantity upwards.
-        states: of all runs, shape (N,).
-        rows: runs to draw.
-    """
-    figure, (axis,) = new_figure(4.6, width=7.2, left=0.75, top=0.12)
-    rng = np.random.default_rng(0)
-    position = []
-    for quantity in (x, y):
-        values = quantity.values[rows]
-        high = quantity.range[1]
-        values[np.isposinf(values)] = high
-        if quantity.levels is not None:
-            values += rng.uniform(-0.28, 0.28, len(values))
-        position.append(values)
-    for state in _ORDER:
-        of_state = states[rows] == STATES.index(state)
-        if of_state.any():
-            axis.plot(
-                position[0][of_state], position[1][of_state], MARKERS[state], color=COLOURS[state],
-                linestyle="", markersize=4.5, markeredgewidth=0, alpha=0.85, label=state.label,
-            )  # fmt: skip
-    for quantity, which in ((x, axis.xaxis), (y, axis.yaxis)):
-        which.set_label_text(f"{quantity.label} [{quantity.unit}]" if quantity.unit else quantity.label)
-        if quantity.levels is not None:
-            shown = range(0, len(quantity.levels), max(1, len(quantity.levels) // 12))
-            which.set_major_locator(FixedLocator(list(shown)))
-            which.set_ticklabels([quantity.levels[i] for i in shown])
-            which.set_minor_locator(NullLocator())
-    if y.limit is not None and y.levels is None:
-        axis.axhline(y.limit, color=INK, linewidth=1.0, linestyle="--")
-    return figure
+    spec = {**spec, "config": {**_CONFIG, "aria": False}}
+    text = vl_convert.vegalite_to_svg(json.dumps(spec))
+    named = f' role="img" aria-label="{escape(label)}"'
+    return Markup(re.sub(r' width="[\d.]+" height="[\d.]+"', named, text, count=1))
+
+
+def library() -> Markup:
+    """Script of Vega, Vega-Lite and Vega-Embed, to be put into a page."""
+    import vl_convert  # loads a JavaScript engine
+
+    return Markup(
+        vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed;").replace("</script", "<\\/script")
+    )

@@ -1,46 +1,46 @@
 """The report of a sweep: one self-contained HTML page, made from the saved table alone.
 
-It can be mailed: however many runs there are, what is in the page is bounded
-(:mod:`validation.study.sweep.map_data`). All text is escaped; nothing is fetched; without scripts the
-page lacks
-nothing but the choice of the map's axes.
+It can be mailed: however many runs there are, what is in the page is bounded. All text is escaped; nothing is
+fetched; without scripts the page lacks nothing but the choice of the map's axes.
 """
 
 from __future__ import annotations
 
 import json
+import shlex
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from ampm.parameters import PRESETS, load_run
 from validation.judge.metrics import METRICS, metric_label
-from validation.show import run_figures as run_figures
+from validation.show.page import render_page
 from validation.show.report import number, with_unit
-from validation.study.sweep import figures, map_data, store
-from validation.study.sweep.report_rows import (
-    Repeat,
-    amount,
-    broken_rows,
-    environment_rows,
-    facts,
-    fixed_rows,
-    links_of,
-    refusal_rows,
-    run_rows,
-    timing_rows,
-    varied_rows,
-    warnings,
-)
-from validation.study.sweep.report_sensitivity import SensitivityTable, sensitivity_table
-from validation.study.sweep.table import BROKEN, LOST, State, SweepTable, read_sweep
+from validation.study.sweep import figures, store
+from validation.study.sweep.columns import parameter_values
+from validation.study.sweep.influence import LEAST_RUNS, Target, analyse, entangled
+from validation.study.sweep.progress import duration
+from validation.study.sweep.table import BROKEN, LOST, STATES, State, SweepTable, read_sweep
 from validation.study.sweep.tally import counted_states, judge_sweep, lost_count, share
 
 REPORT_FILE = store.REPORT
 WORST = 10
 """Rows of a table of worst runs."""
+MOST_SHOWN = 8
+"""Parameters of a run in a table; the command that repeats it has them all."""
+MOST_COLUMNS = 12
+"""Parameters in the table of influences; more are unreadable, and most drive nothing."""
+IDLE = 0.01
+"""Median share of its tolerance below which a metric is rounding, and what drives it of no interest [1]."""
+_REFUSED, _FAILS = "is refused", "fails, if it walks"
+_PER_RUN = ("environment_worker", "environment_attempts", "environment_memory_peak", "environment_time")
+"""Columns of the environment that differ between runs by their nature."""
+
+Row = tuple[str, ...]
 
 
 def write_sweep_report(directory: Path) -> Path:
@@ -55,8 +55,7 @@ def write_sweep_report(directory: Path) -> Path:
     Raises:
         InputError: the folder holds no sweep, or no result yet.
     """
-    directory = Path(directory)
-    path = directory / REPORT_FILE
+    path = Path(directory) / REPORT_FILE
     text = render(read_sweep(directory))
     with store.durable(path) as file:
         file.write(text.encode())
@@ -69,75 +68,131 @@ def render(sweep: SweepTable) -> str:
     Returns:
         A complete HTML document; its only references are relative links to kept runs.
     """
-    environment = Environment(
-        loader=PackageLoader("validation.show"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
-    )  # fmt: skip
-    source = {
-        name: environment.loader.get_source(environment, name)[0]  # type: ignore[union-attr]
-        for name in ("report.css", "sweep.css", "sweep_tools.js", "sweep.js")
-    }
-    return environment.get_template("sweep.html.j2").render(
-        css=Markup(source["report.css"] + source["sweep.css"]),
-        script=Markup(source["sweep_tools.js"] + source["sweep.js"]),
-        **_context(sweep),
-    )
-
-
-def _context(sweep: SweepTable) -> dict[str, Any]:
-    sensitivity = sensitivity_table(sweep)
+    targets = influences(sweep)
+    keys = by_strength(sweep.varied, targets)
     lost, furthest = worst_rows(sweep)
     repeat = Repeat.of(sweep)
-    counts = sweep.counts
-    with run_figures.style():
-        pictures = _distributions(sweep)
-        still, caption, data = _map(sweep, sensitivity, repeat, [*lost, *furthest])
+    still, data = _map(sweep, keys, repeat, [*lost, *furthest])
+    refused = np.flatnonzero(sweep.is_state(State.REFUSED))
+    judged = [name for name in sweep.metrics if name in sweep.limits]
     definition = sweep.metadata.get("definition")
-    over = sweep.worst_used[furthest] if len(furthest) else np.array([])
-    return {
-        "name": sweep.name,
-        "verdict": judge_sweep(sweep),
-        "counts": counted_states(sweep),
-        "profile": sweep.profile,
-        "facts": facts(sweep),
-        "warnings": warnings(sweep),
-        "still_map": still,
-        "still_caption": caption,
-        "no_map": "No parameter varies in this sweep, so there is no map.",
-        "data": data,
-        "measured": f"{int(sweep.measured.sum()):,}",
-        "distributions": pictures,
-        "figures": _figure_table(sweep) if sweep.measured.any() else [],
-        "weight_note": any(sweep.shown(name)[2].startswith("%") for name in sweep.metrics),
-        "lost": run_rows(sweep, lost, repeat, sensitivity.by_strength),
-        "lost_more": lost_count(sweep) if lost_count(sweep) > len(lost) else 0,
-        "furthest": run_rows(sweep, furthest, repeat, sensitivity.by_strength),
-        "furthest_title": "Out of tolerance, and closest to it"
-        if (over > 1.0).any()
-        else "Closest to a tolerance",
-        "recordings_note": _recordings_note(sweep),
-        "matrix": sensitivity.rows,
-        "matrix_keys": sensitivity.keys,
-        "hidden_keys": sensitivity.hidden,
-        "drivers": sensitivity.drivers,
-        "undriven": sensitivity.undriven,
-        "unsaid": sensitivity.unsaid,
-        "no_matrix": sensitivity.silent,
-        "entangled": [(a, b, number(rho, 2)) for a, b, rho in sensitivity.entangled],
-        "refusals": refusal_rows(sweep),
-        "refused_sentence": _refused_sentence(counts[State.REFUSED], len(sweep)),
-        "broken": broken_rows(sweep, BROKEN),
-        "varied": varied_rows(sweep),
-        "timing": timing_rows(sweep),
-        "environment": environment_rows(sweep),
-        "definition": definition if isinstance(definition, str) else "",
-        "fixed": fixed_rows(sweep),
-        "why": [
+    return render_page(
+        "sweep.html.j2",
+        styles=["report.css", "sweep.css"],
+        scripts=["sweep.js"],
+        library=figures.library() if data else "",
+        sweep=sweep,
+        verdict=judge_sweep(sweep),
+        counts=counted_states(sweep),
+        facts=facts(sweep),
+        warnings=warnings(sweep),
+        still=still,
+        data=data,
+        distributions=[
+            figures.distribution(*_bars(sweep, name), metric_label(name))
+            for name in judged
+            if not _is_instrument(name) and np.isfinite(sweep.shown(name)[0]).any()
+        ],
+        metrics=[
+            (
+                title,
+                [row for name in judged if _is_instrument(name) is own for row in _metric_row(sweep, name)],
+            )
+            for title, own in (("", False), ("The instrument itself", True))
+        ],
+        lost=run_rows(sweep, lost, repeat, keys),
+        lost_count=lost_count(sweep),
+        furthest=run_rows(sweep, furthest, repeat, keys),
+        over=bool((sweep.worst_used[furthest] > 1.0).any()),
+        kept=sum(bool(name) for name in sweep.words("recording")),
+        targets=[target for target in targets if target.influences],
+        influence_keys=keys[:MOST_COLUMNS],
+        drivers=_grouped((t.drivers[0].parameter, t.name) for t in targets if t.drivers),
+        unsaid=_grouped((t.silent, t.name) for t in targets if t.silent),
+        least_runs=LEAST_RUNS,
+        entangled=[(a, b, number(rho, 2)) for a, b, rho in entangled(_parameters(sweep))[:6]],
+        refusals=_counted(sweep, refused, lambda row: share(row, len(refused))),
+        refused_share=share(len(refused), len(sweep)),
+        broken=[
+            (state, *row)
+            for state in BROKEN
+            for row in _counted(sweep, np.flatnonzero(sweep.is_state(state)))
+        ],
+        varied=varied_rows(sweep),
+        timing=timing_rows(sweep),
+        environment=environment_rows(sweep),
+        definition=definition if isinstance(definition, str) else "",
+        fixed=[
+            (key, with_unit(value_text(sweep.table.column(key)[0].as_py()), sweep.unit(key)))
+            for key in sweep.parameters
+            if len(sweep) and key not in sweep.varied
+        ],
+        why=[
             (metric_label(name), _limit_text(sweep, name), limit.reason)
             for name, limit in sweep.limits.items()
             if limit.reason
         ],
-    }
+    )
+
+
+def _grouped(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for key, value in pairs:
+        found.setdefault(key, []).append(value)
+    return found
+
+
+def _map(sweep: SweepTable, keys: Sequence[str], repeat: Repeat, keep: list[int]) -> tuple[Markup, Markup]:
+    """Still picture and data of the map; empty without a parameter that varies."""
+    if not keys:
+        return Markup(), Markup()
+    labels = {name: metric_label(name) for name in sweep.metrics if name in sweep.limits}
+    axes = [figures.parameter_axis(sweep, key) for key in keys] + figures.metric_axes(sweep, labels)
+    data = figures.map_data(sweep, axes, links_of(sweep), (repeat.start, repeat.end), keep)
+    text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    # "<" only as an escape: no text in the data can end the script element.
+    return figures.still_map(data, "Outcome of runs over two parameters"), Markup(
+        text.replace("<", "\\u003c")
+    )
+
+
+# ------------------------------------------------------------------------------------------------ runs
+
+
+class Repeat(NamedTuple):
+    """How a run of a sweep is walked again by itself: beginning and end of the command line."""
+
+    start: str
+    end: str
+
+    @classmethod
+    def of(cls, sweep: SweepTable) -> Repeat:
+        """Shortest command for the runs of a sweep: a preset, and what differs from it."""
+        values = {key: sweep.table.column(key)[0].as_py() for key in sweep.parameters} if len(sweep) else {}
+        shared = {key: v for key, v in values.items() if key not in sweep.varied and v is not None}
+        differing = {}
+        for preset in PRESETS:
+            base = parameter_values(load_run(preset))
+            differing[preset] = {key: value for key, value in shared.items() if base.get(key) != value}
+        preset, settings = min(differing.items(), key=lambda item: len(item[1]))
+        start = [f"ampm validate {preset}", *(setting(key, value) for key, value in settings.items())]
+        return cls(" ".join(start), f"--profile {sweep.profile}" if sweep.profile else "")
+
+    def command(self, sweep: SweepTable, row: int) -> str:
+        """The command for one run, with every digit."""
+        varied = [(key, sweep.table.column(key)[row].as_py()) for key in sweep.varied]
+        words = [setting(key, value) for key, value in varied if value is not None]
+        return " ".join(filter(None, (self.start, *words, self.end)))
+
+
+def setting(key: str, value: Any) -> str:
+    """A parameter as the command line takes it, with every digit."""
+    return shlex.join(["--set", f"{key}={value}"])
+
+
+def value_text(value: Any) -> str:
+    """A parameter's value for people."""
+    return "–" if value is None else f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
 def worst_rows(sweep: SweepTable) -> tuple[list[int], list[int]]:
@@ -156,84 +211,89 @@ def worst_rows(sweep: SweepTable) -> tuple[list[int], list[int]]:
     return lost[:WORST].tolist(), furthest[:WORST].tolist()
 
 
-# --------------------------------------------------------------------------------------------- the map
+def links_of(sweep: SweepTable) -> dict[int, list[tuple[str, str]]]:
+    """Text and address, relative to the page, of what is kept of every run that is kept."""
+    found = {}
+    for row, name in enumerate(sweep.words("recording")):
+        if not name or ":" in name or "\\" in name or name.startswith("/") or ".." in name.split("/"):
+            continue  # only what lies beside the page
+        folder = None if sweep.directory is None else sweep.directory / name
+        files = (("report", f"{name}/report.html"), ("recording", f"{name}/recording.rrd"))
+        links = [item for item in files if folder is None or (folder / Path(item[1]).name).is_file()]
+        if links:
+            found[row] = links
+    return found
 
 
-def _map(
-    sweep: SweepTable, sensitivity: SensitivityTable, repeat: Repeat, keep: list[int]
-) -> tuple[Markup | None, str, Markup | None]:
-    """Still picture, its caption, and the data of the live one; None without a parameter that varies."""
-    keys = sensitivity.by_strength
-    metrics = {name: metric_label(name) for name in sweep.metrics if name in sweep.limits}
-    data = map_data.map_data(
-        sweep, keys, metrics, links_of(sweep), {"start": repeat.start, "end": repeat.end}, keep
-    )
-    if data is None:
-        return None, "", None
-    x = map_data.parameter_axis(sweep, keys[0])
-    y = map_data.parameter_axis(sweep, keys[1]) if len(keys) > 1 else map_data.used_axis(sweep)
-    rows = map_data.drawn_rows(sweep, keep)[: 2 * map_data.MOST_POINTS]
-    if len(rows) > _STILL:
-        rows = np.sort(np.random.default_rng(1).choice(rows, _STILL, replace=False))
-    figure = figures.static_map(x, y, sweep.states, rows)
-    still = Markup(figures.svg(figure, "map", f"Outcome of every run over {x.label} and {y.label}"))
-    shown = "Every run" if len(rows) == len(sweep) else f"{len(rows):,} of {len(sweep):,} runs"
-    caption = f"{shown} over {x.label} and {y.label}."
-    # "<" only as an escape: no text in the data can end the script element.
-    text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return still, caption, Markup(text.replace("<", "\\u003c"))
+def run_rows(
+    sweep: SweepTable, rows: Sequence[int], repeat: Repeat, keys: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Rows of a table of runs, each with its first :data:`MOST_SHOWN` parameters of ``keys``."""
+    links, names = links_of(sweep), sweep.words("name")
+    return [
+        {
+            "name": names[row],
+            "state": STATES[sweep.states[row]],
+            "why": _why(sweep, row),
+            "links": links.get(row, []),
+            "parameters": [
+                (key, value_text(sweep.table.column(key)[row].as_py())) for key in keys[:MOST_SHOWN]
+            ],
+            "more": max(len(keys) - MOST_SHOWN, 0),
+            "repeat": repeat.command(sweep, row),
+        }
+        for row in rows
+    ]
 
 
-_STILL = 2000
-"""Marks of the still map."""
+def _why(sweep: SweepTable, row: int) -> str:
+    """The metric that used most of its tolerance, or why and when the walk ended."""
+    shares = {name: sweep.used(name)[row] for name in sweep.metrics if name in sweep.limits}
+    shares = {name: value for name, value in shares.items() if not np.isnan(value)}
+    if not shares:
+        time, steps = sweep.numbers("outcome_time")[row], sweep.numbers("steps_completed")[row]
+        why = sweep.words("cause")[row] or sweep.words("reason")[row].replace("_", " ")
+        return why if np.isnan(time) else f"at {time:.2f} s, steps walked: {steps:.0f}: {why}"
+    worst = max(shares, key=lambda name: shares[name])
+    values, _, unit = sweep.shown(worst)
+    over = sum(value > 1.0 for value in shares.values())
+    more = f"; {over} of {len(shares)} over their limit" if over > 1 else ""
+    return f"{metric_label(worst)}: {amount(values[row], unit)}, limit {_limit_text(sweep, worst)}{more}"
 
 
-# --------------------------------------------------------------------------------------------- figures
+# --------------------------------------------------------------------------------------------- metrics
 
 
 def _is_instrument(metric: str) -> bool:
     return metric in METRICS and METRICS[metric].kind == "instrument"
 
 
-def _distributions(sweep: SweepTable) -> list[Markup]:
-    """Histograms of the judged figures of the walk itself; those of the instrument stand in the table."""
-    if not sweep.measured.any():
+def _bars(sweep: SweepTable, metric: str) -> tuple[figures.Array, float | None, str]:
+    values, limit, unit = sweep.shown(metric)
+    return values, limit, unit.replace("% of body weight", "% BW")
+
+
+def _metric_row(sweep: SweepTable, metric: str) -> list[dict[str, Any]]:
+    values, _, unit = sweep.shown(metric)
+    known = values[np.isfinite(values)]
+    if not known.size:
         return []
-    found = []
-    for index, name in enumerate(sweep.metrics):
-        if name not in sweep.limits or _is_instrument(name):
-            continue
-        values, limit, unit = sweep.shown(name)
-        label = metric_label(name)
-        figure = figures.distribution(values, limit, unit.replace("% of body weight", "% BW"), label)
-        found.append(Markup(figures.svg(figure, f"d{index}", f"Distribution of {label}")))
-    return found
-
-
-def _figure_table(sweep: SweepTable) -> list[tuple[str, list[dict[str, Any]]]]:
-    walk: list[dict[str, Any]] = []
-    own: list[dict[str, Any]] = []
-    for name in sweep.metrics:
-        if name not in sweep.limits:
-            continue
-        values, _, unit = sweep.shown(name)
-        known = values[np.isfinite(values)]
-        if not known.size:
-            continue
-        over = int((sweep.used(name) > 1.0).sum())
-        median, high, largest = (amount(np.quantile(known, q), unit) for q in (0.5, 0.95, 1.0))
-        entry = {
-            "label": metric_label(name),
-            "median": median,
-            "high": high,
-            "largest": largest,
-            "limit": _limit_text(sweep, name),
-            "over": f"{over:,}" if over else "",
-            "over_share": share(over, known.size),
-            "note": sweep.limits[name].reason,
+    over = int((sweep.used(metric) > 1.0).sum())
+    median, high, largest = (amount(np.quantile(known, q), unit) for q in (0.5, 0.95, 1.0))
+    return [
+        {
+            "label": metric_label(metric), "note": sweep.limits[metric].reason,
+            "limit": _limit_text(sweep, metric),
+            "over": f"{over:,} ({share(over, known.size)})" if over else "",
+            "values": (median, high), "largest": largest,
         }
-        (own if _is_instrument(name) else walk).append(entry)
-    return [(title, rows) for title, rows in (("", walk), ("The instrument itself", own)) if rows]
+    ]  # fmt: skip
+
+
+def amount(value: float, unit: str) -> str:
+    """A number and its unit; a whole number without one is a count and has no decimals."""
+    count = not unit and float(value).is_integer() and abs(value) < 1e5
+    return f"{value:.0f}" if count else with_unit(float(value), unit)
 
 
 def _limit_text(sweep: SweepTable, metric: str) -> str:
@@ -243,21 +303,137 @@ def _limit_text(sweep: SweepTable, metric: str) -> str:
     return with_unit(f"{limit:.6g}" if limit == 0.0 or 1e-3 <= limit < 1e5 else number(limit, 2), unit)
 
 
-# ----------------------------------------------------------------------------------------------- words
+# ---------------------------------------------------------------------------------- what drives what
 
 
-def _refused_sentence(refused: int, total: int) -> str:
-    return (
-        f"{refused:,} of {total:,} gaits ({share(refused, total)}) were refused before anything walked, each "
-        "with the value, the limit and a way out."
+def _parameters(sweep: SweepTable) -> dict[str, Any]:
+    return {k: sweep.numbers(k) if sweep.is_number(k) else np.array(sweep.words(k)) for k in sweep.varied}
+
+
+def influences(sweep: SweepTable) -> list[Target]:
+    """What drives refusal, failing once walking, and every metric that is more than rounding."""
+    known = ~sweep.is_state(*BROKEN)
+    refused = sweep.is_state(State.REFUSED)
+    failed = ~sweep.is_state(State.PASS)
+    events = {_REFUSED: (known, refused), _FAILS: (known & ~refused, failed)}
+    targets = {
+        name: np.where(among, which, np.nan)
+        for name, (among, which) in events.items()
+        if 0 < which[among].sum() < among.sum()
+    }
+    for metric in sweep.metrics:
+        used = sweep.used(metric)
+        if metric in sweep.limits and np.isfinite(used).any() and np.nanmedian(used) >= IDLE:
+            targets[metric_label(metric)] = np.where(np.isfinite(used), used, np.nan)
+    return analyse(_parameters(sweep), targets) if sweep.varied else []
+
+
+def by_strength(keys: Sequence[str], targets: Sequence[Target]) -> list[str]:
+    """Parameters by their strongest influence beyond chance, on outcomes before metrics."""
+    score = {key: [0.0, 0.0] for key in keys}
+    for target in targets:
+        for item in target.drivers:
+            place = target.name not in (_REFUSED, _FAILS)
+            score[item.parameter][place] = max(score[item.parameter][place], item.strength)
+    return sorted(keys, key=lambda key: score[key], reverse=True)
+
+
+# ----------------------------------------------------------------------------------------- this sweep
+
+
+def _counted(sweep: SweepTable, rows: Any, share_of: Any = None) -> list[tuple[Any, ...]]:
+    """Reasons of some runs, most frequent first: reason, runs, an example's name and cause, share."""
+    reasons, causes, names = (sweep.words(name) for name in ("reason", "cause", "name"))
+    first = {reasons[row]: row for row in reversed(rows.tolist())}
+    found = []
+    for reason, count in Counter(reasons[row] for row in rows).most_common():
+        row = first[reason]
+        trace = f"{store.CRASHES}/{names[row]}.txt"
+        kept = sweep.directory is not None and "/" not in names[row] and (sweep.directory / trace).is_file()
+        found.append((reason.replace("_", " ") or "–", count, names[row], causes[row], trace if kept else "",
+                      share_of(count) if share_of else ""))  # fmt: skip
+    return found
+
+
+def varied_rows(sweep: SweepTable) -> list[Row]:
+    """Parameters that vary: key, lowest and highest value, number of values, meaning."""
+    found = []
+    for key in sweep.varied:
+        known = (
+            sweep.numbers(key)[~np.isnan(sweep.numbers(key))] if sweep.is_number(key) else sweep.words(key)
+        )
+        values = np.unique(known)
+        ends = [with_unit(value_text(value.item()), sweep.unit(key)) for value in (values[0], values[-1])]
+        if not sweep.is_number(key):
+            ends = [", ".join(values[:6]), ""]
+        found.append((key, *ends, f"{len(values):,}", sweep.describe(key)))
+    return found
+
+
+def facts(sweep: SweepTable) -> list[Row]:
+    """The few numbers beside the verdict."""
+    rows: list[Row] = [
+        ("runs", f"{len(sweep):,}" + (f" of {sweep.planned:,}" if sweep.planned > len(sweep) else ""))
+    ]
+    steps = np.unique(sweep.numbers("gait.steps"))
+    if len(steps) and np.isfinite(steps).all():
+        rows.append(("steps of a run", f"{steps[0]:.0f}" + (f" … {steps[-1]:.0f}" if len(steps) > 1 else "")))
+    rows.append(("parameters that vary", f"{len(sweep.varied)}"))
+    # A broken limit of 0 has no share; such runs are counted instead.
+    used = np.array([sweep.used(name) for name in sweep.metrics if name in sweep.limits]).reshape(
+        -1, len(sweep)
     )
+    tightest = np.max(np.where(np.isfinite(used), used, -np.inf), axis=0, initial=-np.inf)
+    tightest, broken = tightest[np.isfinite(tightest)], np.isinf(used).any(axis=0)
+    if tightest.size:
+        above = " above 0" if broken.any() else ""
+        rows.append(
+            (f"of its tightest tolerance{above}, the median run uses", f"{100 * np.median(tightest):.0f} %")
+        )
+    if broken.any():
+        rows.append(("over a limit of 0", f"{broken.sum():,} of {sweep.measured.sum():,}"))
+    total = float(np.nansum(sweep.numbers("timing_total")))
+    return [*rows, ("computing time", duration(total))] if total > 0.0 else rows
 
 
-def _recordings_note(sweep: SweepTable) -> str:
-    kept = sum(1 for name in sweep.words("recording") if name)
-    if not kept:
-        return "No run of this sweep kept a recording; 'sweep.recordings' in its definition says which do."
-    return (
-        f"{kept:,} run{'' if kept == 1 else 's'} kept a recording. The links work while this page lies in "
-        "the sweep's folder; 'ampm view recordings/NAME', called there, opens one in Rerun."
-    )
+def timing_rows(sweep: SweepTable) -> list[Row]:
+    """Median and largest of every time, and the workers' memory."""
+    rows: list[Row] = []
+    times = [name for name in sweep.table.column_names if name.startswith("timing_")]
+    for name in (*times, "environment_memory_peak"):
+        values = sweep.numbers(name)[np.isfinite(sweep.numbers(name))]
+        if values.size:
+            middle, high = (with_unit(float(f(values)), sweep.unit(name)) for f in (np.median, np.max))
+            rows.append((name.partition("_")[2].replace("_", " "), f"{middle}, up to {high}"))
+    rows.append(("workers", f"{len({name for name in sweep.words('environment_worker') if name})}"))
+    again = int((sweep.numbers("environment_attempts") > 1).sum())
+    return [*rows, ("runs begun more than once", f"{again:,}")] if again else rows
+
+
+def environment_rows(sweep: SweepTable) -> list[Row]:
+    """Versions and platform: name, value, ``mixed`` where runs differ in it."""
+    rows: list[Row] = []
+    for column in sweep.table.column_names:
+        counted = Counter(word for word in sweep.words(column) if word).most_common()
+        if not column.startswith("environment_") or column in _PER_RUN or not counted:
+            continue
+        mixed = len(counted) > 1
+        text = ", ".join(f"{word} ({n:,} runs)" if mixed else word for word, n in counted[:6])
+        rows.append((column.removeprefix("environment_").removeprefix("version_").replace("_", " "),
+                     text + (", …" if len(counted) > 6 else ""), "mixed" if mixed else ""))  # fmt: skip
+    times = sorted(word for word in sweep.words("environment_time") if word)
+    return [*rows, ("walked from, to (UTC)", f"{times[0]}, {times[-1]}", "")] if times else rows
+
+
+def warnings(sweep: SweepTable) -> list[str]:
+    """What makes a sweep less than one measurement."""
+    found = []
+    mixed = [name for name, _, mark in environment_rows(sweep) if mark]
+    if mixed:
+        found.append(
+            "These runs were not all made by the same program on the same kind of machine and are not one "
+            f"measurement. They differ in: {', '.join(mixed)}."
+        )
+    if "True" in sweep.words("environment_modified"):
+        found.append("The code differed from its revision: the revision alone does not reproduce these runs.")
+    return found

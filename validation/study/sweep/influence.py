@@ -1,0 +1,208 @@
+"""Which parameter drives which metric, by rank statistics that hold for a grid, a random sample or a list.
+
+- Spearman's rho, -1 ... 1: whether the metric grows or falls with the parameter.
+- Kruskal and Wallis' epsilon squared, 0 ... 1: share of the variance of the ranks that classes of
+  the parameter explain, in any shape, also a parabola that rho does not see. What all parameters leave of 1 is
+  interaction, and scatter within a class.
+
+The p-values of a sweep are corrected together for their number (Benjamini and Hochberg); an influence counts
+at 1 %. SALib is not used: it reseeds numpy's global generator and changes the warning filters.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import false_discovery_control, kruskal, spearmanr
+
+Array = NDArray[np.float64]
+
+LEAST_RUNS = 30
+"""Runs below which nothing is said."""
+LEAST_EVENTS = 5
+"""Runs that must differ from the most frequent value: of fewer falls, any parameter seems to be the cause."""
+MOST_RUNS = 5000
+"""Runs from which all is computed; of more, a random draw."""
+LEVELS = 12
+"""Distinct values up to which a parameter's values are its classes."""
+PER_CLASS, MOST_CLASSES = 12, 20
+"""Runs to a class of a parameter with more values than that, and most classes."""
+SIGNIFICANCE = 0.01
+
+
+@dataclass(frozen=True)
+class Influence:
+    """What one parameter does to one metric.
+
+    Attributes:
+        parameter: its key.
+        rho: Spearman's rank correlation [1]; NaN for a parameter that has no order, or does not vary.
+        share: epsilon squared [1]; NaN if the parameter does not vary among these runs.
+        p_rho, p_share: probability of as much by chance, corrected for all pairs of the sweep.
+    """
+
+    parameter: str
+    rho: float = math.nan
+    share: float = math.nan
+    p_rho: float = math.nan
+    p_share: float = math.nan
+
+    @property
+    def clear_rho(self) -> bool:
+        """Whether the rank correlation is beyond chance."""
+        return self.p_rho < SIGNIFICANCE
+
+    @property
+    def clear_share(self) -> bool:
+        """Whether the share of the variance is beyond chance."""
+        return self.p_share < SIGNIFICANCE
+
+    @property
+    def clear(self) -> bool:
+        """Whether either is."""
+        return self.clear_rho or self.clear_share
+
+    @property
+    def strength(self) -> float:
+        """Larger of the shares of variance, epsilon squared and rho squared [1]."""
+        return max((v for v in (self.share, self.rho**2) if not math.isnan(v)), default=0.0)
+
+
+@dataclass(frozen=True)
+class Target:
+    """What drives one metric.
+
+    Attributes:
+        name: of the metric.
+        runs: from how many runs.
+        influences: one per parameter, in the order given; empty if nothing can be said.
+        silent: why nothing is said, empty otherwise.
+    """
+
+    name: str
+    runs: int
+    influences: tuple[Influence, ...] = ()
+    silent: str = ""
+
+    @property
+    def drivers(self) -> tuple[Influence, ...]:
+        """The parameters beyond chance, strongest first."""
+        return tuple(sorted((i for i in self.influences if i.clear), key=lambda item: -item.strength))
+
+
+def analyse(
+    parameters: Mapping[str, Sequence[object] | NDArray[np.generic]],
+    targets: Mapping[str, Array],
+    seed: int = 1,
+) -> list[Target]:
+    """Say what drives each of several metrics.
+
+    Args:
+        parameters: values by key, each of length N: numbers, or words (a parameter without order).
+        targets: values by name of the metric, each of shape (N,); NaN where the run has none.
+        seed: of the draw.
+    """
+    found = [
+        _target(parameters, name, values, np.random.default_rng(seed)) for name, values in targets.items()
+    ]
+    p = np.array([value for item in found for i in item.influences for value in (i.p_rho, i.p_share)])
+    known = ~np.isnan(p)
+    if known.any():
+        p[known] = false_discovery_control(p[known])
+    corrected = iter(p.reshape(-1, 2).tolist())
+    return [
+        replace(
+            item,
+            influences=tuple(
+                replace(i, p_rho=a, p_share=b) for i, (a, b) in zip(item.influences, corrected, strict=False)
+            ),
+        )
+        for item in found
+    ]
+
+
+def _target(
+    parameters: Mapping[str, Sequence[object] | NDArray[np.generic]],
+    name: str,
+    values: Array,
+    rng: np.random.Generator,
+) -> Target:
+    rows = np.flatnonzero(np.isfinite(values))
+    if len(rows) < LEAST_RUNS:
+        return Target(name, len(rows), silent=f"{len(rows)} runs are too few; {LEAST_RUNS} needed")
+    if len(rows) > MOST_RUNS:
+        rows = np.sort(rng.choice(rows, MOST_RUNS, replace=False))
+    y = np.asarray(values, dtype=float)[rows]
+    if np.ptp(y) <= 1e-12 * np.abs(y).max():
+        return Target(name, len(y), silent="it does not vary")
+    others = len(y) - int(np.unique(y, return_counts=True)[1].max())
+    if others < LEAST_EVENTS:
+        return Target(name, len(y), silent=f"all but {others} of {len(y)} runs agree, too few to say why")
+    return Target(
+        name, len(y), tuple(_influence(key, np.asarray(x)[rows], y) for key, x in parameters.items())
+    )
+
+
+def _influence(key: str, values: NDArray[np.generic], y: Array) -> Influence:
+    ordered, x = _numbers(values)
+    label = classes(x)
+    groups = [y[label == number] for number in range(label.max() + 1)]
+    if len(groups) == 1:
+        return Influence(key)
+    test = kruskal(*groups)
+    share = (test.statistic - len(groups) + 1) / (len(y) - len(groups))
+    rho = spearmanr(x, y) if ordered else None
+    return Influence(
+        key,
+        math.nan if rho is None else float(rho.statistic),
+        float(np.clip(share, 0.0, 1.0)),
+        math.nan if rho is None else float(rho.pvalue),
+        float(test.pvalue),
+    )
+
+
+def entangled(
+    parameters: Mapping[str, Sequence[object] | NDArray[np.generic]], limit: float = 0.5
+) -> list[tuple[str, str, float]]:
+    """Pairs of parameters that vary together, whose effects a sweep therefore cannot tell apart.
+
+    Args:
+        parameters: values by key, each of length N.
+        limit: of the magnitude of the rank correlation [1].
+
+    Returns:
+        Both keys and their rank correlation, strongest first.
+    """
+    columns = {name: _numbers(np.asarray(values)) for name, values in parameters.items()}
+    numbers = {name: x for name, (ordered, x) in columns.items() if ordered and len(np.unique(x)) > 1}
+    pairs = [
+        (a, b, float(spearmanr(numbers[a], numbers[b]).statistic))
+        for a, b in itertools.combinations(numbers, 2)
+    ]
+    return sorted((pair for pair in pairs if abs(pair[2]) > limit), key=lambda pair: -abs(pair[2]))
+
+
+def classes(column: Array) -> NDArray[np.int64]:
+    """Class of every run by a parameter, shape (N,), from 0: its values if few, else intervals.
+
+    The intervals are equally filled; equal values are kept together.
+    """
+    distinct, label = np.unique(column, return_inverse=True)
+    if len(distinct) <= LEVELS:
+        return label
+    number = min(max(len(column) // PER_CLASS, 3), MOST_CLASSES)
+    edges = np.quantile(column, np.linspace(0.0, 1.0, number + 1)[1:-1])
+    return np.unique(np.searchsorted(edges, column, side="right"), return_inverse=True)[1]
+
+
+def _numbers(values: NDArray[np.generic]) -> tuple[bool, Array]:
+    """Whether the values have an order, and numbers that stand for them."""
+    if values.dtype.kind in "biuf":
+        column = values.astype(float)
+        return True, np.where(np.isnan(column), -np.inf, column)  # an absent value is a class of its own
+    return False, np.unique(values.astype(str), return_inverse=True)[1].astype(float)
