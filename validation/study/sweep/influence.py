@@ -1,8 +1,8 @@
 """Which parameter drives which metric, by rank statistics that hold for a grid, a random sample or a list.
 
 - Spearman's rho, -1 ... 1: whether the metric grows or falls with the parameter.
-- Kruskal and Wallis' epsilon squared, 0 ... 1: share of the variance of the ranks that classes of
-  the parameter explain, in any shape, also a parabola that rho does not see. What all parameters leave of 1 is
+- Kruskal and Wallis' epsilon squared, 0 ... 1: share of the variance of the ranks that classes of the
+  parameter explain, in any shape, also a parabola that rho does not see. What all parameters leave of 1 is
   interaction, and scatter within a class.
 
 The p-values of a sweep are corrected together for their number (Benjamini and Hochberg); an influence counts

@@ -370,11 +370,10 @@ def varied_rows(sweep: SweepTable) -> list[Row]:
     return found
 
 
-def facts(sweep: SweepTable) -> list[Row]:
+def facts(sweep: SweepTable) -> list[tuple[str, str]]:
     """The few numbers beside the verdict."""
-    rows: list[Row] = [
-        ("runs", f"{len(sweep):,}" + (f" of {sweep.planned:,}" if sweep.planned > len(sweep) else ""))
-    ]
+    of = f" of {sweep.planned:,}" if sweep.planned > len(sweep) else ""
+    rows = [("runs", f"{len(sweep):,}{of}")]
     steps = np.unique(sweep.numbers("gait.steps"))
     if len(steps) and np.isfinite(steps).all():
         rows.append(("steps of a run", f"{steps[0]:.0f}" + (f" … {steps[-1]:.0f}" if len(steps) > 1 else "")))
@@ -393,7 +392,9 @@ def facts(sweep: SweepTable) -> list[Row]:
     if broken.any():
         rows.append(("over a limit of 0", f"{broken.sum():,} of {sweep.measured.sum():,}"))
     total = float(np.nansum(sweep.numbers("timing_total")))
-    return [*rows, ("computing time", duration(total))] if total > 0.0 else rows
+    if total > 0.0:
+        rows.append(("computing time", duration(total)))
+    return rows
 
 
 def timing_rows(sweep: SweepTable) -> list[Row]:
