@@ -4,7 +4,6 @@ import json
 import math
 import time
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,8 +23,6 @@ from validation.trial import plan as planning
 from validation.trial import tune as tuning
 
 GRID = '[[vary]]\nmethod = "grid"\n'
-LONG = {"a_s": math.inf, "c_s": 0.005, "switching_velocity": 0.0577}
-"""A single support of many time constants of the lateral pendulum, if c_y is large."""
 
 
 def rows(columns, steps=3):
@@ -58,27 +55,6 @@ def check(definition):
 # --- the same as the planner ---
 
 
-def test_one_case_of_every_reason():
-    usual = load_run("normal").gait
-    changes: dict[str, dict[str, Any]] = {
-        "accepted": {},
-        "bad_parameter": {"c_s": 101.0},
-        "not_the_plain_pendulum": {"model": "ipm"},
-        "single_support_not_driven": {"c_s": 0.2},
-        "c_y_not_positive": {"c_y": 0.0},
-        "switching_velocity_too_low": {"switching_velocity": 0.3},
-        "mid_stance_too_slow": {"switching_velocity": 0.635},
-        "single_support_too_long": {**LONG, "c_y": 100.0},
-        "ill_conditioned": {"com_height": 1e-9, "step_length": 1e-3, "switching_velocity": 99.0},
-    }
-    names = sorted({name for change in changes.values() for name in change})
-    columns = {
-        f"gait.{name}": [change.get(name, getattr(usual, name)) for change in changes.values()]
-        for name in names
-    }
-    assert check(rows(columns, steps=6)) == list(changes) == list(REASONS)
-
-
 @pytest.mark.parametrize("gait", ["normal", "momentum", "flat", "ipm"])
 def test_presets_are_accepted(gait):
     assert set(check(parse_sweep(f'[sweep]\ngait = "{gait}"\n{GRID}body.mass = [50, 60.0]'))) == {"accepted"}
@@ -92,18 +68,6 @@ def around(low, high):
 
 GAITS = {
     "gait.model": st.sampled_from(["ampm", "ampm", "ampm", "ipm"]),
-    "gait.com_height": around(0.3, 1.3),
-    "gait.step_length": around(0.02, 1.5),
-    "gait.switching_velocity": around(0.05, 3.0),
-    "gait.single_support_ratio": st.floats(min_value=0.02, max_value=0.98),
-    "gait.a_s": st.one_of(st.just(math.inf), around(0.3, 300.0)),
-    "gait.c_s": st.one_of(st.just(1.0), st.floats(min_value=-0.5, max_value=3.0)),
-    "gait.c_y": st.one_of(st.just(1.0), st.floats(min_value=-0.2, max_value=3.0)),
-    "gait.step_width": around(0.01, 0.6),
-    "body.mass": around(1.0, 1000.0),
-}
-EXTREME = {
-    **GAITS,
     "gait.com_height": around(1e-200, 200.0),
     "gait.step_length": around(1e-200, 200.0),
     "gait.switching_velocity": around(5e-324, 200.0),
@@ -116,42 +80,10 @@ EXTREME = {
 }
 
 
-def tables(values):
-    """Several gaits as columns."""
-    gait = st.tuples(*values.values())
-    return st.lists(gait, min_size=1, max_size=12).map(
-        lambda found: dict(zip(values, zip(*found, strict=True), strict=True))
-    )
-
-
-@pytest.mark.parametrize("gaits", [GAITS, EXTREME], ids=["usual", "extreme"])
-@given(data=st.data(), steps=st.integers(min_value=1, max_value=6))
-@settings(max_examples=150, deadline=None)
-def test_any_gait(gaits, data, steps):
-    check(rows(data.draw(tables(gaits)), steps))
-
-
-def test_thresholds_to_the_last_bit():
-    least = 0.5 * 0.6 * 0.79 / math.sqrt(0.865 / ((1.0 - 1.0 / 2.63) * 9.81))
-    enough = least / math.sqrt(1.0 - 0.2**2)
-    speeds = [s + k * math.ulp(s) for s in (least, enough) for k in range(-3, 4)]
-    assert len(set(check(rows({"gait.switching_velocity": speeds})))) == 3
-    slopes = [1.0 / 2.63 + k * math.ulp(1.0 / 2.63) for k in range(-2, 3)]
-    assert "single_support_not_driven" in check(rows({"gait.c_s": slopes}))
-    check(rows({"gait.c_y": [-5e-324, -0.0, 0.0, 5e-324]}))
-    heights = [10.0**-k for k in range(3, 12)]
-    far = {"gait.step_length": [1e-3] * 9, "gait.switching_velocity": [99.0] * 9}
-    assert len(set(check(rows({"gait.com_height": heights, **far}, steps=6)))) == 4
-
-
-def test_the_largest_angle_to_the_last_bits():
-    single = plan_gait(load_run("normal", [f"gait.{k}={v}" for k, v in LONG.items()]).gait, 60.0)
-    duration = single.constants.single_support_duration
-    edge = (2.0 * 300.0 / duration) ** 2 * single.com_height / 9.81
-    slopes = [edge * (1.0 + share) for share in (-1e-3, -1e-12, 0.0, 1e-12, 1e-3)]
-    slopes += [edge + k * math.ulp(edge) for k in (-8, -4, -2, -1, 1, 2, 4, 8)]
-    columns = {f"gait.{name}": [value] * len(slopes) for name, value in LONG.items()}
-    assert set(check(rows({**columns, "gait.c_y": slopes}))) == {"accepted", "single_support_too_long"}
+@given(gaits=st.lists(st.tuples(*GAITS.values()), min_size=1, max_size=12), steps=st.integers(1, 6))
+@settings(max_examples=200, deadline=None)
+def test_any_numbers_that_there_are(gaits, steps):
+    check(rows(dict(zip(GAITS, zip(*gaits, strict=True), strict=True)), steps))
 
 
 @pytest.mark.parametrize("key", [k for k in keys() if key_info(k).kind != "text" and k != "gait.steps"])
@@ -213,12 +145,12 @@ def test_a_forecast_counts_and_says_so(walks, tmp_path, capsys):
     )
     found = forecast(parse_sweep(text), 2)
     assert [(item.reason, item.runs) for item in found.refused] == [
-        ("bad_parameter", 4),
         ("switching_velocity_too_low", 4),
+        ("bad_parameter", 4),
     ]
     assert [(item.reason, item.runs) for item in found.body_refused] == [("bad_parameter", 2)]  # the clock
-    assert "contact.friction" in found.refused[0].example
-    assert "gait.switching_velocity" in found.refused[1].example
+    assert "contact.friction" in found.refused[1].example
+    assert "gait.switching_velocity" in found.refused[0].example
     assert "controller.frequency" in found.body_refused[0].example
     assert (found.runs, found.gaits, found.checked, found.walking, found.exact) == (12, 2, 2, 2, True)
     assert [run.gait.steps for run in walks] == [forecasting.TIMED_STEPS]

@@ -15,7 +15,6 @@ import numpy as np
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import key_info, steps_per_tick
 from ampm.planner import periodic
-from ampm.planner.periodic import Gaits, plan_gait
 from validation.judge.profiles import profile as find_profile
 from validation.progress import Progress
 from validation.study.sweep.design import STEPS_KEY, SweepDefinition
@@ -27,18 +26,18 @@ if TYPE_CHECKING:
 
     from ampm.parameters import RunParameters
 
-REASONS = ("accepted", "bad_parameter", *periodic.REASONS[1:])
+REASONS = (*periodic.REASONS, "bad_parameter")
 """What :func:`screen` finds of a run; its numbers are places in here."""
-ACCEPTED, BAD = 0, 1
+ACCEPTED, BAD = 0, len(REASONS) - 1
 CHECKED = 128
 """Different gaits that are checked against soles and legs at most; 5 to 45 ms each."""
 TIMED_STEPS = 10
 """Steps of the walk that is timed, at most."""
 
 _TIMED = 3  # gaits that are tried until one of them can be walked and timed
-_CHECKED_KEYS = ("gait.", "body.", "foot.", "controller.frequency", "simulation.time_step")
-_GAIT = tuple(field.name for field in fields(Gaits))
+_GAIT = tuple(field.name for field in fields(periodic.Gaits))
 _CHUNK = 16_384  # runs at a time: their arrays stay in the processor's cache
+_CHECKED_KEYS = ("gait.", "body.", "foot.", "controller.frequency", "simulation.time_step")
 
 
 @dataclass(frozen=True)
@@ -175,8 +174,8 @@ def screen(cases: Cases) -> NDArray[np.int8]:
             part[~good[axis.index(numbers)]] = BAD
         if not cases.definition.tune:
             left = np.flatnonzero(part == ACCEPTED)
-            found = periodic.screen(Gaits(*(cases.column(f"gait.{name}", numbers[left]) for name in _GAIT)))
-            part[left] = found + (found > 0)  # "bad_parameter" stands between
+            columns = (cases.column(f"gait.{name}", numbers[left]) for name in _GAIT)
+            part[left] = periodic.screen(periodic.Gaits(*columns))
     return code
 
 
@@ -191,7 +190,7 @@ def _refusal(cases: Cases, case: int, *, with_body: bool = False) -> InputError 
     try:
         run = cases.run(case)
         steps_per_tick(run.controller.frequency, run.simulation.time_step)
-        plan_gait(run.gait, run.body.mass)
+        periodic.plan_gait(run.gait, run.body.mass)
         if with_body:
             _check_body(run)
     except (InputError, RefusedGait) as error:
