@@ -142,7 +142,7 @@ def draw(seen: Observation, *, steps_shown: float = 2.4) -> Figure:
     time = seen.time
     middle = 0.5 * (time[0] + time[-1]) if len(time) else 0.0
     rows = np.abs(time - middle) <= 0.5 * steps_shown
-    causes = sorted(seen.causes, key=lambda cause: _size(seen.causes[cause][RUN].as_dict()))
+    causes = sorted(seen.causes, key=lambda cause: _size(vars(seen.causes[cause][RUN])))
     for column, axis in enumerate("xy"):
         upper, lower, bars = axes[:, column]
         true = seen.true_zmp[rows, column]

@@ -27,7 +27,7 @@ _SETTLING = 5.0
 """Periods of the cut-off after which the start of filtered noise is forgotten."""
 
 
-class Dice:
+class RandomStreams:
     """Draws that depend on the instrument's seed, the run's key, and what they are for; on nothing else.
 
     Args:
@@ -51,7 +51,7 @@ class Chain:
         channels: figures of each of C channels.
         acquisition: what all of them pass.
         cross_talk: bound of the coupling, relative to the ranges [1].
-        dice: where biases, noise and coupling come from.
+        streams: where biases, noise and coupling come from.
         time: start of each of K steps [s].
         time_step: dt [s].
         number: tells several chains of one instrument apart.
@@ -59,7 +59,7 @@ class Chain:
 
     channels: Sequence[Channel]
     acquisition: Acquisition
-    dice: Dice
+    streams: RandomStreams
     time: Array
     time_step: float
     cross_talk: float = 0.0
@@ -88,13 +88,13 @@ class Chain:
 
     def bias(self) -> Array:
         """Constant of each channel, shape (C,) [its unit]."""
-        draw = self.dice.stream(_STREAMS[BIAS], self.number).uniform(-1.0, 1.0, len(self.channels))
+        draw = self.streams.stream(_STREAMS[BIAS], self.number).uniform(-1.0, 1.0, len(self.channels))
         return np.array([c.offset for c in self.channels]) + draw * [c.bias for c in self.channels]
 
     def coupling(self) -> Array:
         """Share of channel j in the reading of channel i, shape (C, C) [unit of i / unit of j]."""
         count = len(self.channels)
-        draw = self.dice.stream(_STREAMS[CROSS_TALK], self.number).uniform(-1.0, 1.0, (count, count))
+        draw = self.streams.stream(_STREAMS[CROSS_TALK], self.number).uniform(-1.0, 1.0, (count, count))
         full = np.array([c.range if math.isfinite(c.range) else 1.0 for c in self.channels])
         coupling = self.cross_talk * draw * full[:, None] / full[None, :]
         np.fill_diagonal(coupling, 0.0)
@@ -155,7 +155,7 @@ class Chain:
         if self.filtered and cutoff is not None:
             early = math.ceil(_SETTLING / (cutoff * self.time_step))
         columns = [
-            self.dice.stream(_STREAMS[NOISE], self.number, index).standard_normal(early + rows)
+            self.streams.stream(_STREAMS[NOISE], self.number, index).standard_normal(early + rows)
             for index in range(len(self.channels))
         ]
         white = sigma * np.column_stack(columns)

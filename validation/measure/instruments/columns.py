@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ampm.exceptions import InputError
 from ampm.parameters import load_run
 from validation.measure.instruments.model import Instrument, load_instrument
-from validation.measure.instruments.names import FIGURES, INSTRUMENT_COLUMNS, RUN
+from validation.measure.instruments.names import INSTRUMENT_COLUMNS, RUN, STATISTICS
 from validation.measure.instruments.result import Observation, observe, run_key
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def columns_of(seen: Observation) -> dict[str, float | None]:
     row: dict[str, float | None] = dict.fromkeys(INSTRUMENT_COLUMNS)
     error, late = seen.errors[RUN], seen.errors_compensated[RUN]
     for index, axis in enumerate("xy"):
-        for figure in FIGURES:
+        for figure in STATISTICS:
             row[f"instrument_zmp_{axis}_{figure}"] = _finite(getattr(error, figure)[index])
             row[f"instrument_zmp_compensated_{axis}_{figure}"] = _finite(getattr(late, figure)[index])
         for cause, windows in seen.causes.items():

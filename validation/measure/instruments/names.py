@@ -26,20 +26,20 @@ CAUSES: Mapping[str, str] = {
 }
 """Causes of the error that an instrument adds, and their names for people."""
 
-FIGURES = {"rmse": "root mean square", "maximum": "largest"}
+STATISTICS = {"rmse": "root mean square", "maximum": "largest"}
 
 INSTRUMENT_COLUMNS: Mapping[str, tuple[str, str]] = {
     **{
         f"instrument_zmp_{axis}_{figure}": (
             "m", f"{words} error that the instrument adds to the ZMP, {axis}, over the whole walk"
         )
-        for axis in "xy" for figure, words in FIGURES.items()
+        for axis in "xy" for figure, words in STATISTICS.items()
     },
     **{
         f"instrument_zmp_compensated_{axis}_{figure}": (
             "m", f"the same with the instrument's mean latency taken out: {words}, {axis}"
         )
-        for axis in "xy" for figure, words in FIGURES.items()
+        for axis in "xy" for figure, words in STATISTICS.items()
     },
     **{
         f"instrument_zmp_{cause}_{axis}_rmse": (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Set
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Figures:
+class ErrorStatistics:
     """Error of a ZMP in one window, x and y [m]; NaN where nothing was measured.
 
     Attributes:
@@ -43,14 +43,6 @@ class Figures:
     rmse: tuple[float, float]
     maximum: tuple[float, float]
     bias: tuple[float, float]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        return {
-            "count": self.count,
-            "unmeasured": self.unmeasured,
-            **{name: list(getattr(self, name)) for name in ("rmse", "maximum", "bias")},
-        }
 
 
 @dataclass(frozen=True)
@@ -90,26 +82,20 @@ class Observation:
     force: Array
     latency: float
     drawn: Mapping[str, float]
-    errors: Mapping[str, Figures]
-    errors_compensated: Mapping[str, Figures]
-    errors_of_readings: Mapping[str, Figures]
-    causes: Mapping[str, Mapping[str, Figures]]
+    errors: Mapping[str, ErrorStatistics]
+    errors_compensated: Mapping[str, ErrorStatistics]
+    errors_of_readings: Mapping[str, ErrorStatistics]
+    causes: Mapping[str, Mapping[str, ErrorStatistics]]
     notes: tuple[str, ...]
 
     @cached_property
     def channels(self) -> dict[str, dict[str, Any]]:
         """Error of every channel: unit, RMSE, largest, mean."""
         error = self.readings - self.signals
-        found = {}
-        for index, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            part = error[:, index]
-            found[name] = {
-                "unit": unit,
-                "rmse": float(np.sqrt(np.mean(part**2))) if part.size else math.nan,
-                "maximum": float(np.abs(part).max()) if part.size else math.nan,
-                "bias": float(part.mean()) if part.size else math.nan,
-            }
-        return found
+        return {
+            name: {"unit": unit, **{k: v for k, (v,) in _statistics(error[:, index : index + 1]).items()}}
+            for index, (name, unit) in enumerate(zip(self.names, self.units, strict=True))
+        }
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON; lengths in m, two numbers are x and y."""
@@ -120,18 +106,11 @@ class Observation:
             "run_key": self.key,
             "figures": self.instrument.model_dump(),
             "unit": "m",
-            "zmp_error": {window: item.as_dict() for window, item in self.errors.items()},
-            "zmp_error_delay_compensated": {
-                window: item.as_dict() for window, item in self.errors_compensated.items()
-            },
-            "zmp_error_of_readings": {
-                window: item.as_dict() for window, item in self.errors_of_readings.items()
-            },
+            "zmp_error": _plain(self.errors),
+            "zmp_error_delay_compensated": _plain(self.errors_compensated),
+            "zmp_error_of_readings": _plain(self.errors_of_readings),
             "latency": {"value": self.latency, "unit": "s"},
-            "causes": {
-                cause: {window: item.as_dict() for window, item in windows.items()}
-                for cause, windows in self.causes.items()
-            },
+            "causes": {cause: _plain(windows) for cause, windows in self.causes.items()},
             "channels": self.channels,
             "drawn": dict(self.drawn),
             "notes": list(self.notes),
@@ -160,15 +139,15 @@ def observe(instrument: Instrument, record: SimulationRecord, key: str, body: Bo
     effects = frozenset(rig.effects())
     rows = _windows(truth.foot_contact, truth.zmp)
     readings = chain.read(rig.signals, effects)
-    seen = rig.see(readings, effects)
+    seen = rig.estimate(readings, effects)
     latency = chain.latency()
-    late = rig.see(_set_back(readings, truth.time, latency), effects) if latency > 0.0 else seen
-    ideal = rig.see(rig.signals, frozenset()).zmp
-    causes = {METHOD: _figures(ideal, truth.zmp, rows)}
+    late = rig.estimate(_set_back(readings, truth.time, latency), effects) if latency > 0.0 else seen
+    ideal = rig.estimate(rig.signals, frozenset()).zmp
+    causes = {METHOD: _errors(ideal, truth.zmp, rows)}
     for cause in CAUSES:
         if cause in effects:
             alone = frozenset({cause})
-            causes[cause] = _figures(rig.see(chain.read(rig.signals, alone), alone).zmp, ideal, rows)
+            causes[cause] = _errors(rig.estimate(chain.read(rig.signals, alone), alone).zmp, ideal, rows)
     return Observation(
         instrument=instrument,
         key=key,
@@ -183,9 +162,9 @@ def observe(instrument: Instrument, record: SimulationRecord, key: str, body: Bo
         force=seen.force,
         latency=latency,
         drawn=_drawn(rig, effects),
-        errors=_figures(seen.zmp, truth.zmp, rows),
-        errors_compensated=_figures(late.zmp, truth.zmp, rows),
-        errors_of_readings=_figures(seen.zmp, ideal, rows),
+        errors=_errors(seen.zmp, truth.zmp, rows),
+        errors_compensated=_errors(late.zmp, truth.zmp, rows),
+        errors_of_readings=_errors(seen.zmp, ideal, rows),
         causes=causes,
         notes=_notes(rig, instrument, effects),
     )
@@ -197,26 +176,32 @@ def _windows(contact: NDArray[np.bool_], zmp: Array) -> dict[str, NDArray[np.boo
     return {RUN: there, WINDOWS[1]: there & (feet == 1), WINDOWS[2]: there & (feet == 2)}
 
 
-def _figures(zmp: Array, reference: Array, windows: Mapping[str, NDArray[np.bool_]]) -> dict[str, Figures]:
+def _errors(
+    zmp: Array, reference: Array, windows: Mapping[str, NDArray[np.bool_]]
+) -> dict[str, ErrorStatistics]:
     error = zmp - reference
     fine = np.isfinite(error).all(axis=1)
     found = {}
     for window, rows in windows.items():
         part = error[rows & fine]
-        count = len(part)
-        nothing = (math.nan, math.nan)
-        found[window] = Figures(
-            count=count,
-            unmeasured=int(rows.sum()) - count,
-            rmse=_pair(np.sqrt(np.mean(part**2, axis=0))) if count else nothing,
-            maximum=_pair(np.abs(part).max(axis=0)) if count else nothing,
-            bias=_pair(part.mean(axis=0)) if count else nothing,
-        )
+        found[window] = ErrorStatistics(len(part), int(rows.sum()) - len(part), **_statistics(part))
     return found
 
 
-def _pair(values: Array) -> tuple[float, float]:
-    return (float(values[0]), float(values[1]))
+def _statistics(error: Array) -> dict[str, Any]:
+    """Root mean square, largest and mean of each column; NaN without rows."""
+    if not len(error):
+        return dict.fromkeys(("rmse", "maximum", "bias"), (math.nan,) * error.shape[1])
+    found = {
+        "rmse": np.sqrt(np.mean(error**2, axis=0)),
+        "maximum": np.abs(error).max(axis=0),
+        "bias": error.mean(axis=0),
+    }
+    return {name: tuple(values.tolist()) for name, values in found.items()}
+
+
+def _plain(windows: Mapping[str, ErrorStatistics]) -> dict[str, Any]:
+    return {window: asdict(item) for window, item in windows.items()}
 
 
 def _set_back(readings: Array, time: Array, latency: float) -> Array:

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from validation.measure.instruments.chain import Chain, Dice
-from validation.measure.instruments.model import Acquisition, FootForceTorque, ForcePlate, Imu, Instrument
+from validation.measure.instruments.chain import Chain, RandomStreams
+from validation.measure.instruments.model import (
+    Acquisition,
+    Channel,
+    FootForceTorque,
+    ForcePlate,
+    Imu,
+    Instrument,
+)
 from validation.measure.instruments.truth import (
     Ankle,
     Inertial,
@@ -43,7 +50,7 @@ _TILT_STREAM = 4
 
 
 @dataclass(frozen=True)
-class Seen:
+class Estimate:
     """What a user computes from readings; K rows, world frame.
 
     Attributes:
@@ -55,65 +62,73 @@ class Seen:
     force: Array
 
 
-class Rig(Protocol):
-    """An instrument at a body that walks.
+class Rig:
+    """An instrument on a body that walks.
 
     Attributes:
         truth: of the walk.
         chain: its channels.
         names: of the channels.
         units: of the channels.
-        signals: what a perfect instrument would read, shape (K, C).
+        signals: what faultless channels read, shape (K, C).
         drawn: further constants that were drawn, by name.
     """
 
-    truth: Truth
-    chain: Chain
-    names: tuple[str, ...]
-    units: tuple[str, ...]
     signals: Array
-    drawn: Mapping[str, float]
 
-    def effects(self) -> tuple[str, ...]:
-        """Effects that it has."""
-
-    def see(self, readings: Array, effects: Set[str]) -> Seen:
-        """ZMP and force as the user of the readings finds them.
-
-        Args:
-            readings: shape (K, C).
-            effects: those that act on what the user knows beside the readings.
-        """
-
-
-class _WrenchRig:
-    """Six channels for each foot, and a ZMP from the wrenches that count as loaded."""
-
-    def __init__(self, instrument: ForcePlate | FootForceTorque, truth: Truth, key: str) -> None:
-        self.truth, self.threshold = truth, instrument.threshold
-        self.names = tuple(f"{foot}_{name}" for foot in FEET for name in _WRENCH)
-        self.units = tuple("N" if name.startswith("force") else "N m" for _ in FEET for name in _WRENCH)
+    def __init__(
+        self,
+        instrument: Instrument,
+        truth: Truth,
+        key: str,
+        channels: Sequence[tuple[str, str, Channel]],
+        cross_talk: float = 0.0,
+    ) -> None:
+        self.truth = truth
+        self.names, self.units, figures = zip(*channels, strict=True)
         self.drawn: Mapping[str, float] = {}
         self.chain = Chain(
-            channels=[getattr(instrument, group) for _ in FEET for group in _GROUPS],
+            channels=figures,
             acquisition=instrument.acquisition,
-            dice=Dice(instrument.seed, key),
+            streams=RandomStreams(instrument.seed, key),
             time=truth.time,
             time_step=truth.time_step,
-            cross_talk=instrument.cross_talk,
+            cross_talk=cross_talk,
         )
 
     def effects(self) -> tuple[str, ...]:
         """Effects that it has."""
         return self.chain.effects()
 
-    def _net(self, force: Array, torque: Array) -> Seen:
+    def estimate(self, readings: Array, effects: Set[str]) -> Estimate:
+        """ZMP and force as the user of the readings computes them.
+
+        Args:
+            readings: shape (K, C).
+            effects: those that act on what the user knows beside the readings.
+        """
+        raise NotImplementedError
+
+
+class _WrenchRig(Rig):
+    """Six channels for each foot, and a ZMP from the wrenches that count as loaded."""
+
+    def __init__(self, instrument: ForcePlate | FootForceTorque, truth: Truth, key: str) -> None:
+        channels = [
+            (f"{foot}_{name}", "N" if name.startswith("force") else "N m", getattr(instrument, group))
+            for foot in FEET
+            for name, group in zip(_WRENCH, _GROUPS, strict=True)
+        ]
+        super().__init__(instrument, truth, key, channels, instrument.cross_talk)
+        self.threshold = instrument.threshold
+
+    def _net(self, force: Array, torque: Array) -> Estimate:
         """Net force and ZMP of both feet's force and moment about the world origin, each (K, 2, 3)."""
         if self.threshold > 0.0:
             loaded = force[:, :, 2:] >= self.threshold
             force, torque = np.where(loaded, force, 0.0), np.where(loaded, torque, 0.0)
         net = force.sum(axis=1)
-        return Seen(centre_of_pressure(net, torque.sum(axis=1), self.truth.least), net)
+        return Estimate(centre_of_pressure(net, torque.sum(axis=1), self.truth.least), net)
 
 
 class PlateRig(_WrenchRig):
@@ -125,7 +140,7 @@ class PlateRig(_WrenchRig):
         moment = truth.foot_torque - np.cross(self.origins, truth.foot_force)
         self.signals = np.concatenate([truth.foot_force, moment], axis=2).reshape(len(moment), 12)
 
-    def see(self, readings: Array, effects: Set[str]) -> Seen:
+    def estimate(self, readings: Array, effects: Set[str]) -> Estimate:
         """See :class:`Rig`: moments are carried to the world's origin."""
         both = readings.reshape(-1, 2, 6)
         force, moment = both[:, :, :3], both[:, :, 3:]
@@ -153,7 +168,7 @@ class FootRig(_WrenchRig):
             self.encoders = Chain(
                 channels=[instrument.encoder] * len(names),
                 acquisition=Acquisition(),  # read with the pelvis's pose, at the same instant
-                dice=self.chain.dice,
+                streams=self.chain.streams,
                 time=truth.time,
                 time_step=truth.time_step,
                 number=1,
@@ -176,7 +191,7 @@ class FootRig(_WrenchRig):
         turned = [np.einsum("kji,kj->ki", foot.rotation, vector) for vector in (force, moment)]
         return np.concatenate(turned, axis=1)
 
-    def see(self, readings: Array, effects: Set[str]) -> Seen:
+    def estimate(self, readings: Array, effects: Set[str]) -> Estimate:
         """See :class:`Rig`: readings are turned into the world by the pose that the user has."""
         both = readings.reshape(-1, 2, 6)
         poses = [(foot.position, foot.rotation) for foot in self.feet]
@@ -215,24 +230,17 @@ class FootRig(_WrenchRig):
         return poses
 
 
-class ImuRig:
+class ImuRig(Rig):
     """Gyroscope and accelerometer; a ZMP as of a point mass at the COM that accelerates as the IMU does."""
 
     def __init__(self, instrument: Imu, truth: Truth, key: str, felt: Inertial) -> None:
-        self.truth, self.tilt = truth, instrument.tilt
-        self.names = tuple(f"{name}_{axis}" for name in ("gyroscope", "accelerometer") for axis in "xyz")
-        self.units: tuple[str, ...] = ("rad/s",) * 3 + ("m/s^2",) * 3
+        channels = [(f"gyroscope_{axis}", "rad/s", instrument.gyroscope) for axis in "xyz"]
+        channels += [(f"accelerometer_{axis}", "m/s^2", instrument.accelerometer) for axis in "xyz"]
+        super().__init__(instrument, truth, key, channels)
+        self.tilt, self.rotation = instrument.tilt, felt.rotation
         self.signals = np.concatenate([felt.angular_velocity, felt.specific_force], axis=1)
-        self.rotation = felt.rotation
-        self.chain = Chain(
-            channels=[instrument.gyroscope] * 3 + [instrument.accelerometer] * 3,
-            acquisition=instrument.acquisition,
-            dice=Dice(instrument.seed, key),
-            time=truth.time,
-            time_step=truth.time_step,
-        )
-        self.lean = instrument.tilt * self.chain.dice.stream(_TILT_STREAM).uniform(-1.0, 1.0, 2)
-        self.drawn: Mapping[str, float] = {
+        self.lean = instrument.tilt * self.chain.streams.stream(_TILT_STREAM).uniform(-1.0, 1.0, 2)
+        self.drawn = {
             f"{TILT}_{axis}": float(v) for axis, v in zip("xy", self.lean, strict=True) if instrument.tilt
         }
 
@@ -240,7 +248,7 @@ class ImuRig:
         """Effects that it has."""
         return (*self.chain.effects(), TILT) if self.tilt > 0.0 else self.chain.effects()
 
-    def see(self, readings: Array, effects: Set[str]) -> Seen:
+    def estimate(self, readings: Array, effects: Set[str]) -> Estimate:
         """See :class:`Rig`: COM and orientation are taken as known, but for the tilt."""
         rotation = self.rotation
         if TILT in effects:
@@ -250,7 +258,7 @@ class ImuRig:
         least = truth.least / truth.mass
         vertical = np.where(felt[:, 2] >= least, felt[:, 2], np.nan)
         zmp = truth.com[:, :2] - truth.com[:, 2:] * felt[:, :2] / vertical[:, None]
-        return Seen(zmp, truth.mass * felt)
+        return Estimate(zmp, truth.mass * felt)
 
 
 def make_rig(instrument: Instrument, record: SimulationRecord, key: str, body: Body) -> Rig:
