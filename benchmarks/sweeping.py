@@ -25,22 +25,18 @@ import typer
 
 from ampm.exceptions import InputError
 from validation.cli.console import Narrator
-from validation.show.text import print_line, print_table
+from validation.progress import Progress
+from validation.show.text import print_table
 from validation.store.environment import describe_environment
-from validation.store.folders import check_output_file, output_file
 from validation.store.json import json_ready
-from validation.study.sweep.cluster import ONE_THREAD, environment
-from validation.study.sweep.command import Options, run_sweep
 from validation.study.sweep.design import SweepDefinition, parse_sweep
+from validation.study.sweep.run import sweep as walk_sweep
 from validation.study.sweep.sampling import cases as cases_of
-from validation.study.sweep.store import load_results
-from validation.study.sweep.work import Task
+from validation.study.sweep.workers import ONE_THREAD, environment
+from validation.trial.plan import Request, plan_walk
 
 RATIO, OVERHEAD, MEMORY = 1.85, 0.03, 500.0
 """Targets: throughput of two workers over one, share of a run beside its trial, peak of a worker [MB]."""
-
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "sweeps.md"
-MARKS = ("<!-- speed -->", "<!-- end of speed -->")
 
 _DEFINITION = """
 [sweep]
@@ -93,7 +89,7 @@ class SweepTiming:
     environment: dict[str, Any]
 
 
-def time_sweep(gait: str, steps: int, runs: int, narrator: Narrator) -> SweepTiming:
+def time_sweep(gait: str, steps: int, runs: int, narrator: Progress) -> SweepTiming:
     """Make the runs in all ways.
 
     Raises:
@@ -104,14 +100,14 @@ def time_sweep(gait: str, steps: int, runs: int, narrator: Narrator) -> SweepTim
     load = os.getloadavg()[0]
     definition = parse_sweep(_DEFINITION.format(gait=gait, steps=steps, runs=runs))
     cases = cases_of(definition)
-    tasks = [Task(i, cases.name(i), cases.run(i), "default") for i in range(runs)]
+    requests = [Request(cases.name(i), cases.run(i)) for i in range(runs)]
     with narrator.stage(f"{runs} bare runs"):
-        bare = _bare([tasks])
+        bare = _bare([requests])
     with tempfile.TemporaryDirectory(prefix="ampm-benchmark-") as folder:
         one, steady, memory = _swept(definition, Path(folder) / "one", 1, narrator)
         two, _, more = _swept(definition, Path(folder) / "two", 2, narrator)
     with narrator.stage(f"{runs} bare runs in two processes"):
-        pair = _bare([tasks[0::2], tasks[1::2]])
+        pair = _bare([requests[0::2], requests[1::2]])
     each, each_pair = float(np.mean(bare)), float(np.mean(pair))
     memory += more
     return SweepTiming(
@@ -133,25 +129,24 @@ def time_sweep(gait: str, steps: int, runs: int, narrator: Narrator) -> SweepTim
     )
 
 
-def _bare(lists: Sequence[Sequence[Task]]) -> list[float]:
+def _bare(lists: Sequence[Sequence[Request]]) -> list[float]:
     """Seconds of every run, each list in a process of its own, at the same time."""
     with (
         environment(ONE_THREAD),
         ProcessPoolExecutor(len(lists), mp_context=multiprocessing.get_context("spawn")) as pool,
     ):
-        list(pool.map(_walk_all, [tasks[:1] for tasks in lists]))  # imports and caches
+        list(pool.map(_walk_all, [requests[:1] for requests in lists]))  # imports and caches
         return [seconds for found in pool.map(_walk_all, lists) for seconds in found]
 
 
-def _walk_all(tasks: Sequence[Task]) -> list[float]:
+def _walk_all(requests: Sequence[Request]) -> list[float]:
     """Seconds of plan, walk and verdict of every run, and nothing else."""
-    from validation.judge.examine import walk
-    from validation.trial.plan import Request, plan_walk
+    from validation.judge.examine import walk  # a worker's process loads the simulator, this one does not
 
     seconds = []
-    for task in tasks:
+    for request in requests:
         start = time.perf_counter()
-        found = walk(plan_walk(Request(task.name, task.parameters)))
+        found = walk(plan_walk(request))
         seconds.append(time.perf_counter() - start)
         if not found.record.outcome.completed:
             raise InputError("a run of the benchmark did not complete; take a gait that walks.")
@@ -159,13 +154,12 @@ def _walk_all(tasks: Sequence[Task]) -> list[float]:
 
 
 def _swept(
-    definition: SweepDefinition, folder: Path, workers: int, narrator: Narrator
+    definition: SweepDefinition, folder: Path, workers: int, narrator: Progress
 ) -> tuple[float, float, list[list[float]]]:
     """Time of a sweep; time per run from the first row to the last; peaks of every worker [MB]."""
     start = time.perf_counter()
-    run_sweep(definition, Options(out=folder, workers=workers), narrator=narrator)
+    table = walk_sweep(definition, folder, workers=workers, progress=narrator).table
     whole = time.perf_counter() - start
-    table = load_results(folder).table
     ended = sorted(datetime.fromisoformat(when) for when in table["environment_time"].to_pylist())
     steady = (ended[-1] - ended[0]).total_seconds() / (len(ended) - 1)
     by_worker: dict[str, list[tuple[str, float]]] = {}
@@ -173,9 +167,6 @@ def _swept(
     for worker, when, peak in zip(*(table[name].to_pylist() for name in names), strict=True):
         by_worker.setdefault(worker, []).append((when, peak))
     return whole, steady, [[peak for _, peak in sorted(found)] for found in by_worker.values()]
-
-
-# ------------------------------------------------------------------------- words
 
 
 def rows_of(timing: SweepTiming) -> list[tuple[str, str, str]]:
@@ -193,35 +184,7 @@ def rows_of(timing: SweepTiming) -> list[tuple[str, str, str]]:
     ]
 
 
-def page_text(timing: SweepTiming) -> str:
-    """The table for the documentation."""
-    place = timing.environment
-    lines = [
-        f"{timing.runs} runs of `{timing.gait}`, {timing.steps} steps each, {place['processor']}, "
-        f"{place['cores']} cores, load {timing.load:.1f} at the start, "
-        f"revision {str(place['revision'])[:10]}:",
-        "",
-        "| | measured | target |",
-        "|---|---|---|",
-        *(f"| {name} | {value} | {target} |" for name, value, target in rows_of(timing)),
-    ]
-    return "\n".join(lines)
-
-
-def update_page(timing: SweepTiming) -> None:
-    """Put the table into docs/sweeps.md."""
-    text = PAGE.read_text(encoding="utf-8")
-    head, _, rest = text.partition(MARKS[0])
-    _, _, tail = rest.partition(MARKS[1])
-    PAGE.write_text(f"{head}{MARKS[0]}\n{page_text(timing)}\n{MARKS[1]}{tail}", encoding="utf-8")
-
-
-app = typer.Typer(
-    name="benchmarks sweep",
-    pretty_exceptions_enable=False,
-    add_completion=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
 
 
 @app.command()
@@ -230,29 +193,19 @@ def sweep(
     steps: Annotated[int, typer.Option("--steps", min=2, help="Walking steps of every run.")] = 30,
     runs: Annotated[int, typer.Option("--runs", help="Runs of every sweep.")] = 64,
     json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write all figures as JSON as well.")
+        Path | None, typer.Option("--json", metavar="FILE", help="Write everything as JSON as well.")
     ] = None,
-    to_document: Annotated[
-        bool, typer.Option("--markdown", help="Put the table into docs/sweeps.md as well.")
-    ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace an earlier FILE.")] = False,
 ) -> int:
     """Time a sweep with one worker and with two, beside the same runs without a sweep.
 
     The default takes about fifteen minutes on an idle machine of two cores, and means little on a busy one.
     Exit status 1 if a target is missed.
     """
-    if json_file is not None:
-        check_output_file(json_file, force=force)
-    narrator = Narrator()
-    timing = time_sweep(gait, steps, runs, narrator)
+    timing = time_sweep(gait, steps, runs, Narrator())
     columns = (("", "left"), ("measured", "right"), ("target", "right"))
-    print_table(f"{runs} runs of {gait}, {steps} steps each", columns, rows_of(timing))
-    print_line(f"load at the start {timing.load:.1f}")
+    title = f"{runs} runs of {gait}, {steps} steps each, load {timing.load:.1f} at the start"
+    print_table(title, columns, rows_of(timing))
     if json_file is not None:
-        with output_file(json_file, force=force) as work:
-            work.write_text(json.dumps(json_ready(asdict(timing)), indent=2) + "\n", encoding="utf-8")
-    if to_document:
-        update_page(timing)
+        json_file.write_text(json.dumps(json_ready(asdict(timing)), indent=2) + "\n", encoding="utf-8")
     met = timing.ratio >= RATIO and timing.overhead <= OVERHEAD and timing.memory_peak < MEMORY
     return 0 if met else 1

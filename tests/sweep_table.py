@@ -20,9 +20,9 @@ from scipy.stats import qmc
 from ampm.parameters import GRAVITY, RunParameters, keys
 from validation.judge.metrics import BODY_WEIGHT
 from validation.judge.profiles import profile
-from validation.study.sweep.columns import TABLE_METADATA, schema
 from validation.study.sweep.design import parse_sweep
-from validation.study.sweep.store import table_metadata
+from validation.study.sweep.schema import schema
+from validation.study.sweep.store import TABLE_METADATA, table_metadata
 
 RANGES: Mapping[str, tuple[float, float]] = {
     "gait.step_length": (0.4, 0.75),
@@ -200,7 +200,8 @@ def make_table(
         for name, kind in types.items()
     }
     text = definition_text(count, vary, grid, profile_name)
-    return pa.table(arrays).replace_schema_metadata(schema(table_metadata(parse_sweep(text))).metadata)
+    metadata = json.dumps(table_metadata(parse_sweep(text))).encode()
+    return pa.table(arrays).replace_schema_metadata({TABLE_METADATA: metadata})
 
 
 def write_sweep(folder: Path, table: pa.Table) -> Path:

@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from ampm.exceptions import BodilyRefusal
-from validation.study.sweep.work import Answer, Task, answer_of, on_worker
+from validation.study.sweep.task import Task, TaskResult, walk_task
 
 
-def act(task: Task) -> Answer:
+def act(task: Task) -> TaskResult:
     """Do what the task's profile says."""
-    with on_worker(task) as worker:
-        return answer_of(task, _act, worker)
+    return walk_task(task, _act)
 
 
 def _act(task: Task, timing: dict[str, float]) -> dict[str, Any]:

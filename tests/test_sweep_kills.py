@@ -17,12 +17,14 @@ import psutil
 import pyarrow as pa
 import pytest
 
+from ampm.exceptions import InputError
+from ampm.parameters import RunParameters
 from tests.sweep_work import act
-from validation.study.sweep.cluster import local_crew
-from validation.study.sweep.columns import reproducible_columns
-from validation.study.sweep.execute import Execution
-from validation.study.sweep.store import load_results, read_rows
-from validation.study.sweep.work import Task, blas_threads
+from validation.study.sweep import workers
+from validation.study.sweep.exceptions import SweepStopped
+from validation.study.sweep.schema import reproducible_columns
+from validation.study.sweep.table import read_sweep
+from validation.study.sweep.task import Task, blas_threads
 
 SWEEP = """
 [sweep]
@@ -71,12 +73,17 @@ def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
 
 
 def rows_in(folder: Path) -> int:
-    """Durable rows; a part may be merged while we look."""
+    """Durable rows, read while they are written."""
+    return len(times_of(folder))
+
+
+def times_of(folder: Path) -> dict[int, str]:
+    """When each run with a durable row ended."""
     try:
-        table = read_rows(folder)
-    except Exception:
-        return 0
-    return 0 if table is None else table.num_rows
+        table = read_sweep(folder).table
+    except InputError:  # no row yet
+        return {}
+    return dict(zip(table["run"].to_pylist(), table["environment_time"].to_pylist(), strict=True))
 
 
 def wait_for_rows(process: subprocess.Popen[str], folder: Path, count: int) -> None:
@@ -88,7 +95,7 @@ def wait_for_rows(process: subprocess.Popen[str], folder: Path, count: int) -> N
 
 
 def same_columns(folder: Path) -> pa.Table:
-    return load_results(folder).table.select(reproducible_columns())
+    return read_sweep(folder).table.select(reproducible_columns())
 
 
 @pytest.fixture(scope="module")
@@ -131,8 +138,8 @@ def test_killed_workers_change_nothing(undisturbed, file, tmp_path):
     killed = 0
     end = time.monotonic() + 60
     while killed < 4 and process.poll() is None and time.monotonic() < end:
-        if workers := workers_of(process):  # those that run and those that are still starting
-            workers[killed % len(workers)].kill()
+        if found := workers_of(process):  # those that run and those that are still starting
+            found[killed % len(found)].kill()
             killed += 1
         time.sleep(1.0)
     status, error = finish(process)
@@ -145,24 +152,23 @@ def test_a_full_disk_a_killed_program_and_ctrl_c_lose_nothing(undisturbed, file,
     out = tmp_path / "out"
 
     def small_files() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (70_000, 70_000))
 
     status, error = finish(start(file, out, "--workers", "1", before=small_files))
     assert status == STOPPED, error
-    assert error.splitlines()[-1].startswith("ampm: no room is left for the results in")
+    assert "no room is left to write" in error.splitlines()[-1]
     assert "--resume" in error
-    assert not list((out / "parts").iterdir())
+    kept = times_of(out)
 
     process = start(file, out, "--resume", "--workers", "2")
-    wait_for_rows(process, out, 4)
-    workers = workers_of(process)
+    wait_for_rows(process, out, max(4, len(kept) + 1))
+    orphans = workers_of(process)
     process.kill()
     assert finish(process)[0] == -signal.SIGKILL
-    _, alive = psutil.wait_procs(workers, timeout=20)
+    _, alive = psutil.wait_procs(orphans, timeout=20)
     assert not alive
-    table = read_rows(out)
-    assert table is not None
-    kept = {row["run"]: row["environment_time"] for row in table.to_pylist()}
+    assert kept.items() <= times_of(out).items()  # not walked again
+    kept = times_of(out)
 
     process = start(file, out, "--resume", "--workers", "1")
     wait_for_rows(process, out, len(kept) + 1)
@@ -177,38 +183,35 @@ def test_a_full_disk_a_killed_program_and_ctrl_c_lose_nothing(undisturbed, file,
     status, error = finish(start(file, out, "--resume", "--workers", "2"))
     assert status == OUT_OF_TOLERANCE, error
     assert same_columns(out).equals(undisturbed)
-    for row in load_results(out).table.to_pylist():
-        if row["run"] in kept:  # not walked again
-            assert row["environment_time"] == kept[row["run"]]
+    assert kept.items() <= times_of(out).items()
 
 
 class Rows(list):
-    """Rows and what a watcher is told."""
+    """Collects rows."""
 
-    def append(self, rows: list[dict[str, object]]) -> None:
+    def keep(self, rows: list[dict[str, object]]) -> None:
         self.extend(rows)
 
-    def row(self, row: object) -> None: ...
-
-    def trace(self, name: str, text: str) -> None:
-        assert "ValueError" in text or "SystemExit" in text
+    def ended(self, row: object, trace: str | None) -> None:
+        assert trace is None or "ValueError" in trace or "SystemExit" in trace
 
     def tick(self, workers: int) -> None: ...
 
+    def say(self, text: str) -> None:
+        raise AssertionError(text)
+
 
 def test_whatever_a_run_does_it_gets_its_row(tmp_path):
-    from ampm.parameters import RunParameters
-
     run = RunParameters()
     acts = ["fine", "die", "raise", "hang", "exit", "refuse", "die once", *["sleep"] * 6]
 
     def tasks() -> Iterator[Task]:
         for number, name in enumerate(acts):
-            yield Task(number, str(number), run, name, folder=str(tmp_path), wall_clock=2.0)
+            yield Task(number, str(number), run, name, folder=str(tmp_path), wall_clock=5.0)
 
     rows = Rows()
-    with local_crew(2) as crew:
-        Execution(crew, tasks(), rows, rows, act).run()
+    with workers.local_pool(2) as pool:
+        workers.Execution(pool, tasks(), rows, act).run()
     found = {row["run"]: row for row in rows}
     assert len(rows) == len(found) == len(acts)
     ends = {name: (found[i]["outcome"], found[i]["reason"]) for i, name in enumerate(acts)}
@@ -229,11 +232,38 @@ def test_whatever_a_run_does_it_gets_its_row(tmp_path):
 def test_workers_have_one_thread_whatever_the_shell_says(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "4")
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    with local_crew(1) as crew:
-        crew.client.wait_for_workers(1, timeout=60)
-        assert list(crew.client.run(blas_threads).values()) == [1]
+    with workers.local_pool(1) as pool:
+        pool.client.wait_for_workers(1, timeout=60)
+        assert list(pool.client.run(blas_threads).values()) == [1]
     assert os.environ["OMP_NUM_THREADS"] == "4"
     assert "OPENBLAS_NUM_THREADS" not in os.environ
+
+
+def test_workers_that_die_at_their_start_end_the_sweep(monkeypatch):
+    monkeypatch.setattr(workers, "_PATIENCE", 0.5)
+    monkeypatch.setattr(workers, "_VAIN", 2)
+    monkeypatch.setenv("PYTHONHOME", "/nowhere")  # no interpreter starts with it
+    rows = Rows()
+    task = Task(0, "0", RunParameters(), "fine")
+    with workers.local_pool(2) as pool, pytest.raises(SweepStopped, match="no worker process comes up"):
+        workers.Execution(pool, iter([task]), rows, act).run()
+
+
+SCRIPT = """
+from validation.judge.metrics import Metric, register
+from validation.study.sweep.run import sweep
+
+register(Metric("seven", "1", "seven", "a constant", "walk", lambda walk: 7.0))
+table = sweep({file!r}, workers=2).table
+print(table.column("metric_seven").to_pylist()[:3])
+"""
+
+
+def test_a_script_without_a_main_guard_sweeps(file, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT.format(file=str(file)), encoding="utf-8")
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=120)
+    assert done.stdout.strip() == "[7.0, 7.0, 7.0]", done.stderr
 
 
 @pytest.mark.slow

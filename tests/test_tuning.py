@@ -22,7 +22,7 @@ from ampm.tune.gait_limits import LIMITS, plan_margins
 from ampm.tune.tuning import tune
 from validation.cli.app import Status, call
 from validation.judge.examine import walk
-from validation.study.sweep.work import Task, walk_task
+from validation.study.sweep.task import Task, walk_task
 from validation.trial.plan import Request, make_body
 from validation.trial.tune import tune_walk
 

@@ -20,6 +20,7 @@ from validation.show.rerun.merge import PHASE, SINGLE_SUPPORT, read_part, same_g
 from validation.show.rerun.record import write_recording
 from validation.store.saved import load_saved_run
 from validation.store.signals import load_signals
+from validation.study.sweep.table import read_sweep
 from validation.trial.outcome import Outcome, OutcomeName
 
 SLOW = ("gait.switching_velocity=0.9", "gait.single_support_ratio=0.7")
@@ -187,12 +188,8 @@ def test_chosen_runs_of_a_sweep_stand_side_by_side(sweep, tmp_path):
 
 
 def test_worst_and_median_are_shown_by_default(sweep):
-    from validation.study.sweep.store import load_results
-    from validation.study.sweep.summary import worst_runs
-
     folder, kept = sweep
-    results = load_results(folder)
-    ranked = worst_runs(results.table, dict(results.metadata), 60)
+    ranked = read_sweep(folder).worst[:60]  # rows are runs
     sources, notes = choose([folder], None)
     middle = len(ranked) // 2
     worst = next(run for run in ranked if run in kept)

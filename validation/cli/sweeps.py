@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ampm.exceptions import InputError
 from validation.cli.console import Narrator
 from validation.cli.options import Force, Json, Status, Workers, answer
+from validation.show.text import print_line, print_table
+
+if TYPE_CHECKING:
+    from validation.study.sweep.table import SweepTable
 
 app = typer.Typer()
 
@@ -63,21 +70,63 @@ def sweep(
     run is on the disk at once; after a kill, a full disk or Ctrl-C, --resume walks exactly what is missing,
     and the table is the same to the bit.
     """
-    from validation.study.sweep import command, opening
-
     if dry_run:
         from validation.cli.forecast import dry_run as forecast  # loads all that measures
 
         return forecast(file, workers, as_json=as_json)
-    options = opening.Options(
-        out=out,
-        workers=workers,
-        scheduler=scheduler,
-        resume=resume,
-        force=force,
-        retry=opening.retried(retry),
+    from validation.study.sweep.design import load_sweep  # loads NumPy and pyarrow, as the next two do
+    from validation.study.sweep.run import Options, run_sweep
+    from validation.study.sweep.store import SUMMARY, is_sweep
+
+    words = tuple(word.strip().replace("-", "_") for word in (retry or "").split(",") if word.strip())
+    options = Options(workers=workers, scheduler=scheduler, resume=resume, force=force, retry=words)
+    if out is None:
+        raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
+    try:
+        found = run_sweep(load_sweep(file), out, options, Narrator())
+    except KeyboardInterrupt as error:
+        if is_sweep(out):
+            again = ["ampm", "sweep", str(file), "--out", str(out), "--resume"]
+            again += ["--workers", str(workers)] if workers is not None else []
+            again += ["--scheduler", scheduler] if scheduler is not None else []
+            again += ["--retry", ",".join(words)] if words else []
+            again += ["--force"] if force else []
+            error.add_note(f"every finished row is kept; go on with: {shlex.join(again)}")
+        raise
+    answer(
+        found,
+        lambda _: json.loads((out / SUMMARY).read_text(encoding="utf-8")) | {"directory": str(out)},
+        _print_sweep,
+        as_json=as_json,
     )
-    return Status(command.run(file, options, as_json=as_json, narrator=Narrator()))
+    return _sweep_status(found)
+
+
+def _sweep_status(found: SweepTable) -> int:
+    """Exit status of a sweep: of what walked, the worst."""
+    from validation.study.sweep.table import State
+
+    ended = {state for state, count in found.counts.items() if count}
+    if State.CRASHED in ended:
+        return Status.CRASH
+    if ended - {State.PASS, State.OUT_OF_TOLERANCE, State.NOT_MEASURED, State.REFUSED}:
+        return Status.NOT_COMPLETED
+    if ended == {State.REFUSED}:
+        return Status.REFUSED
+    return Status.PASS if ended <= {State.PASS, State.REFUSED} else Status.OUT_OF_TOLERANCE
+
+
+def _print_sweep(found: SweepTable) -> None:
+    summary = found.summary()
+    rows = [(name.replace("_", " "), str(number)) for name, number in summary["states"].items()]
+    rows += [(f"  {reason}", str(number)) for reason, number in summary["refusals"].items()]
+    print_table(f"sweep {found.name}", (("state", "left"), ("runs", "right")), rows)
+    if summary["failed"]:
+        failed = list(summary["failed"].items())[:10]
+        print_line(f"out of tolerance: {', '.join(f'{name} {number}' for name, number in failed)}")
+    if summary["unfinished"]:
+        print_line(f"runs without an answer: {summary['unfinished']}; --resume walks them again")
+    print_line(found.source)
 
 
 @app.command(epilog=DIFF_EPILOG)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from ampm.exceptions import InputError
 
 if TYPE_CHECKING:
-    from validation.study.sweep.store import Results
+    from validation.study.sweep.table import SweepTable
 
 RECORDING_FILE = "recording.rrd"
 SWEEP_FILE = "sweep.toml"
@@ -132,66 +132,54 @@ def _folder(target: Path) -> Path:
 
 
 def _of_sweep(folder: Path, runs: Sequence[int] | None) -> tuple[list[Source], list[str]]:
-    from validation.study.sweep.store import load_results
+    from validation.study.sweep.table import read_sweep  # loads pyarrow
 
-    results = load_results(folder)
-    kept = _kept(results)
+    sweep = read_sweep(folder)
+    numbers = sweep.table["run"].to_pylist()
+    kept = {
+        row: folder / name / RECORDING_FILE
+        for row, name in enumerate(sweep.words("recording"))
+        if name and (folder / name / RECORDING_FILE).is_file()
+    }
     if runs is None:
         if not kept:
             raise InputError(
                 f'the sweep in {folder} has kept no recording; set recordings = "worst" or "all" in its '
                 "definition, or walk a run by itself: its row in report.html has the command."
             )
-        return _worst_and_median(results, kept)
-    known = set(results.table["run"].to_pylist())
+        return _worst_and_median(sweep, kept)
+    rows = []
     for run in runs:
-        if run not in known:
-            raise InputError(f"the sweep in {folder} has no run {run}; it has {len(known)} rows, from 0 on.")
-        if run not in kept:
-            others = ", ".join(str(number) for number in sorted(kept)[:12]) or "no run"
+        if run not in numbers:
+            raise InputError(f"the sweep in {folder} has no run {run}; it has {len(sweep)} rows, from 0 on.")
+        rows.append(numbers.index(run))
+        if rows[-1] not in kept:
+            others = ", ".join(str(numbers[row]) for row in sorted(kept)[:12]) or "no run"
             raise InputError(
                 f"run {run} of {folder} has no recording, but {others}{', ...' if len(kept) > 12 else ''} "
                 'has; walk it by itself (its row in report.html has the command), or set recordings = "all".'
             )
-    return [_source(results, kept, run) for run in runs], []
+    return [_source(sweep, kept, row) for row in rows], []
 
 
-def _kept(results: Results) -> dict[int, Path]:
-    """Run to recording, of the runs that have one."""
-    table = results.table
-    found = {}
-    for run, name in zip(table["run"].to_pylist(), table["recording"].to_pylist(), strict=True):
-        path = results.directory / str(name) / RECORDING_FILE
-        if name is not None and path.is_file():
-            found[int(run)] = path
-    return found
-
-
-def _worst_and_median(results: Results, kept: dict[int, Path]) -> tuple[list[Source], list[str]]:
-    from validation.study.sweep.summary import worst_runs
-
-    ranked = worst_runs(results.table, dict(results.metadata), results.table.num_rows)
-    shown = [run for run in ranked if run in kept]
-    if not shown:
-        shown = sorted(kept)
-    rank = {run: place for place, run in enumerate(ranked)}
-    middle = len(ranked) // 2
-    worst = shown[0]
-    notes = [f"run {worst}: {'the worst' if ranked[:1] == [worst] else 'the worst that has a recording'}"]
-    rest = [run for run in shown if run != worst]
+def _worst_and_median(sweep: SweepTable, kept: dict[int, Path]) -> tuple[list[Source], list[str]]:
+    rank = {row: place for place, row in enumerate(sweep.worst)}
+    shown = [row for row in sweep.worst if row in kept] or sorted(kept)
+    middle = len(rank) // 2
+    runs = sweep.table["run"]
+    worst, rest = shown[0], shown[1:]
+    exact = rank.get(worst) == 0
+    notes = [f"run {runs[worst]}: {'the worst' if exact else 'the worst that has a recording'}"]
     if not rest:
-        return [_source(results, kept, worst)], notes
-    median = min(rest, key=lambda run: abs(rank.get(run, len(ranked)) - middle))
+        return [_source(sweep, kept, worst)], notes
+    median = min(rest, key=lambda row: abs(rank.get(row, len(rank)) - middle))
     exact = rank.get(median) == middle
     notes.append(
-        f"run {median}: {'the median' if exact else 'the nearest to the median that has a recording'}"
+        f"run {runs[median]}: {'the median' if exact else 'the nearest to the median that has a recording'}"
     )
-    return [_source(results, kept, worst), _source(results, kept, median)], notes
+    return [_source(sweep, kept, worst), _source(sweep, kept, median)], notes
 
 
-def _source(results: Results, kept: dict[int, Path], run: int) -> Source:
-    table = results.table
-    row = table["run"].to_pylist().index(run)
-    outcome, verdict = table["outcome"][row].as_py(), table["verdict"][row].as_py()
-    word = (verdict or outcome) if outcome == "completed" else outcome
-    return Source(f"run {run} ({str(word).replace('_', ' ')})", f"run_{run}", kept[run])
+def _source(sweep: SweepTable, kept: dict[int, Path], row: int) -> Source:
+    run = sweep.table["run"][row].as_py()
+    return Source(f"run {run} ({sweep.state(row).label})", f"run_{run}", kept[row])

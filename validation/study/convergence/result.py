@@ -11,6 +11,7 @@ from validation.judge.metrics import display_unit
 from validation.judge.profiles import Profile
 from validation.judge.verdict import VerdictName, is_undecided
 from validation.store.environment import describe_environment
+from validation.store.identity import parameter_values, run_key
 from validation.study.convergence.execute import OWN, Level, level
 from validation.study.convergence.order import Estimate, estimate, input_uncertainty
 from validation.study.convergence.studies import (
@@ -23,7 +24,6 @@ from validation.study.convergence.studies import (
     inside,
     not_studied,
 )
-from validation.study.sweep.columns import parameter_values, run_key
 
 if TYPE_CHECKING:
     from validation.trial.plan import Request
@@ -170,7 +170,7 @@ class Convergence:
             }
         return {
             "gait": self.request.name,
-            "run": run_key(parameter_values(run), self.profile.name),
+            "run": run_key(parameter_values(run)),
             "steps": run.gait.steps,
             "profile": self.profile.name,
             "verdict": str(self.verdict),

@@ -20,12 +20,21 @@ from ampm.parameters import PRESETS, load_run
 from validation.judge.metrics import METRICS, metric_label
 from validation.show.page import render_page
 from validation.show.report import number, with_unit
+from validation.show.text import format_duration
+from validation.store.identity import parameter_values
 from validation.study.sweep import figures, store
-from validation.study.sweep.columns import parameter_values
 from validation.study.sweep.influence import LEAST_RUNS, Target, analyse, entangled
-from validation.study.sweep.progress import duration
-from validation.study.sweep.table import BROKEN, LOST, STATES, State, SweepTable, read_sweep
-from validation.study.sweep.tally import counted_states, judge_sweep, lost_count, share
+from validation.study.sweep.table import (
+    BROKEN,
+    LOST,
+    STATES,
+    State,
+    SweepTable,
+    counted_states,
+    judge_sweep,
+    read_sweep,
+    share,
+)
 
 REPORT_FILE = store.REPORT
 WORST = 10
@@ -101,7 +110,7 @@ def render(sweep: SweepTable) -> str:
             for title, own in (("", False), ("The instrument itself", True))
         ],
         lost=run_rows(sweep, lost, repeat, keys),
-        lost_count=lost_count(sweep),
+        lost_count=int(sweep.is_state(*LOST).sum()),
         furthest=run_rows(sweep, furthest, repeat, keys),
         over=bool((sweep.worst_used[furthest] > 1.0).any()),
         kept=sum(bool(name) for name in sweep.words("recording")),
@@ -202,13 +211,9 @@ def worst_rows(sweep: SweepTable) -> tuple[list[int], list[int]]:
         Rows that did not complete, the earliest end first, and of those that did the ones that used most of
         a tolerance, the worst first.
     """
-    rows = np.flatnonzero(sweep.is_state(*LOST))
-    steps, time = sweep.numbers("steps_completed")[rows], sweep.numbers("outcome_time")[rows]
-    lost = rows[np.lexsort((rows, np.nan_to_num(time, nan=np.inf), np.nan_to_num(steps, nan=np.inf)))]
-    used = sweep.worst_used
-    known = np.flatnonzero(~np.isnan(used))
-    furthest = known[np.argsort(-used[known], kind="stable")]
-    return lost[:WORST].tolist(), furthest[:WORST].tolist()
+    lost = [row for row in sweep.worst if not sweep.measured[row]]
+    furthest = [row for row in sweep.worst if sweep.measured[row]]
+    return lost[:WORST], furthest[:WORST]
 
 
 def links_of(sweep: SweepTable) -> dict[int, list[tuple[str, str]]]:
@@ -393,7 +398,7 @@ def facts(sweep: SweepTable) -> list[tuple[str, str]]:
         rows.append(("over a limit of 0", f"{broken.sum():,} of {sweep.measured.sum():,}"))
     total = float(np.nansum(sweep.numbers("timing_total")))
     if total > 0.0:
-        rows.append(("computing time", duration(total)))
+        rows.append(("computing time", format_duration(total)))
     return rows
 
 

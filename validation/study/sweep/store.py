@@ -1,9 +1,8 @@
-"""A sweep's folder: rows that are durable as soon as they are written, and one table at the end.
+"""A sweep's folder: rows in SQLite while it runs, one Parquet table at the end.
 
-Rows are appended as Parquet parts. A part is written under a temporary name in the same folder, flushed to
-the disk, renamed, and the folder flushed: under its own name a part is always whole, whatever is killed. Many
-small parts are merged into few larger ones on the way, so that a long sweep stays a handful of files; a part
-that was merged but not yet removed says the same twice, and the later one counts.
+SQLite writes with ``synchronous = FULL``: a row that :meth:`Store.append` has returned from survives a kill
+and a power cut. While the database is there, it holds all rows, those of earlier calls included; it is
+removed once ``results.parquet`` is on the disk. So either of the two is complete, whatever is killed.
 """
 
 from __future__ import annotations
@@ -12,96 +11,55 @@ import errno
 import fcntl
 import json
 import os
-import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from ampm.exceptions import InputError
 from validation.judge.profiles import profile as find_profile
-from validation.study.sweep.columns import TABLE_METADATA, described_columns, schema, table_of
-from validation.study.sweep.design import SweepDefinition, dump_sweep, parse_sweep
+from validation.study.sweep.design import SweepDefinition, dump_sweep
 from validation.study.sweep.exceptions import SweepStopped
+from validation.study.sweep.schema import columns, schema
 
 DEFINITION = "sweep.toml"
-IDENTITY = "identity.json"
+ROWS = "rows.sqlite"
 RESULTS = "results.parquet"
 SUMMARY = "sweep.json"
 REPORT = "report.html"
-PARTS = "parts"
 RECORDINGS = "recordings"
 CRASHES = "crashes"
 LOCK = "sweep.lock"
-SWEEP_FILES = frozenset({DEFINITION, IDENTITY, RESULTS, SUMMARY, REPORT, PARTS, RECORDINGS, CRASHES, LOCK})
-"""All that a sweep writes into its folder."""
+TABLE_METADATA = b"ampm_sweep"
+"""Schema metadata of a table: JSON, see :func:`table_metadata`."""
 
-MERGE = 64
-"""Parts of one size that are merged into one of the next."""
-
-_PART = re.compile(r"part-(\d{8})-(\d)\.parquet")
-_TEMPORARY = ".tmp"
-_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_BATCH = 10_000  # rows that are turned into a table at a time
+_BUSY = 60.0  # time that reader and writer of the database wait for each other [s]
 
 
-@dataclass(frozen=True)
-class Results:
-    """What a sweep has found.
-
-    Attributes:
-        table: one row per run, sorted by run; see :mod:`validation.study.sweep.columns`.
-        definition: what was swept.
-        metadata: of the table: definition (TOML), profile, tolerances, seed, columns in words.
-        directory: the sweep's folder.
-        complete: whether the sweep has come to its end.
-    """
-
-    table: pa.Table
-    definition: SweepDefinition
-    metadata: Mapping[str, Any]
-    directory: Path
-    complete: bool
+def disk_full(place: Path, error: object) -> SweepStopped:
+    """No room is left to write a file or folder."""
+    return SweepStopped(f"no room is left to write {place} ({error})")
 
 
-def load_results(directory: str | Path) -> Results:
-    """Read a sweep's folder, finished or not.
-
-    Raises:
-        InputError: the folder holds no sweep, or no result yet.
-    """
-    folder = Path(directory)
-    if not folder.is_dir():
-        raise InputError(f"there is no folder {folder}; give the folder of a sweep.")
-    try:
-        definition = parse_sweep((folder / DEFINITION).read_text(encoding="utf-8"), folder=folder)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{folder} holds no sweep ({DEFINITION}: {_first_line(error)}); give the --out folder of one."
-        ) from None
-    table = read_rows(folder)
-    if table is None:
-        raise InputError(f"the sweep in {folder} has no result yet; wait for its first rows.")
-    stored = (table.schema.metadata or {}).get(TABLE_METADATA)
-    metadata = table_metadata(definition) if stored is None else json.loads(stored)
-    complete = (folder / RESULTS).is_file() and not _parts(folder / PARTS)
-    return Results(
-        table.replace_schema_metadata(schema(metadata).metadata), definition, metadata, folder, complete
-    )
+def disk_is_full(error: BaseException) -> bool:
+    """Whether an error says that there is no more room, on the disk or in the user's quota."""
+    return isinstance(error, OSError) and error.errno in _FULL
 
 
-def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
-    """What a table says of its sweep: a function of the definition alone, JSON-ready.
+def table_metadata(definition: SweepDefinition, identity: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Description of a table, JSON-ready.
 
     ``definition`` (TOML), ``name``, ``seed``, ``steps``, ``runs``, ``varied`` (keys), ``profile``,
-    ``tolerances`` (metric to ``limit``, ``unit`` and ``reason``; forces in body weights) and ``columns``
-    (name to ``unit`` and ``words``).
+    ``tolerances`` (metric to ``limit``, ``unit`` and ``reason``; forces in body weights), ``columns``
+    (name to ``unit`` and ``words``) and ``identity`` (what must not change on resume).
     """
     profile = find_profile(definition.profile)
     return {
@@ -116,51 +74,61 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
             item.metric: {"limit": item.limit, "unit": item.unit, "reason": item.reason}
             for item in profile.tolerances
         },
-        "columns": described_columns(),
+        "columns": {item.name: {"unit": item.unit, "words": item.words} for item in columns()},
+        "identity": dict(identity or {}),
     }
 
 
-def is_sweep(directory: Path) -> bool:
+def is_sweep(folder: Path) -> bool:
     """Whether a folder is one of a sweep."""
-    return (directory / DEFINITION).is_file()
+    return (folder / DEFINITION).is_file()
 
 
-def read_rows(folder: Path) -> pa.Table | None:
-    """All durable rows of a sweep's folder, one per run, sorted by run; None if there are none."""
-    paths = [path for path in (folder / RESULTS,) if path.is_file()]
-    paths += [part.path for part in _parts(folder / PARTS)]
-    if not paths:
-        return None
-    return latest([_read(path) for path in paths])
+def read_table(path: Path) -> pa.Table:
+    """A sweep's Parquet table.
+
+    Raises:
+        InputError: it cannot be read, or is no table of a sweep.
+    """
+    try:
+        table = pq.read_table(path, use_threads=False)
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(f"{path} is no Parquet file that can be read ({_first_line(error)}).") from error
+    if TABLE_METADATA not in (table.schema.metadata or {}):
+        raise InputError(f"{path} is no table of a sweep: it lacks the metadata {TABLE_METADATA.decode()!r}.")
+    return table
 
 
-def latest(tables: Sequence[pa.Table]) -> pa.Table:
-    """One row per run, sorted by run; of several rows of a run the last counts."""
-    if len(tables) > 1:
-        # Columns that a later version added are null in what an earlier one wrote.
-        table = pa.concat_tables(tables, promote_options="default")
-    else:
-        table = tables[0]
-    position = pa.array(range(table.num_rows), pa.int64())
-    keyed = pa.table({"run": table["run"], "position": position})
-    kept = keyed.group_by("run").aggregate([("position", "max")]).sort_by("run")
-    if kept.num_rows == table.num_rows and pc.all(pc.equal(kept["position_max"], position)).as_py():
-        return table.combine_chunks()
-    return table.take(kept["position_max"]).combine_chunks()
+def read_rows(folder: Path) -> tuple[pa.Table | None, bool]:
+    """All durable rows of a sweep's folder, sorted by run, and whether they are those of a finished sweep.
+
+    Raises:
+        InputError: what is there cannot be read.
+    """
+    if (folder / ROWS).is_file():
+        with _database(folder) as rows, _errors(folder):
+            if _exists(rows):
+                return _table(rows), False
+    return (read_table(folder / RESULTS), True) if (folder / RESULTS).is_file() else (None, False)
 
 
 class Store:
-    """Writes a sweep's folder; the folder is locked while this is open.
+    """Writes a sweep's folder, which is locked against a second program while this is open.
 
     Args:
-        folder: of the sweep, see :func:`open_store`.
-        metadata: of the table.
+        folder: of the sweep; created if it is not there.
+
+    Raises:
+        InputError: another program writes there, or the folder cannot be written or read.
+        SweepStopped: the disk is full.
     """
 
-    def __init__(self, folder: Path, metadata: Mapping[str, Any], lock: BinaryIO) -> None:
-        self.folder, self.metadata, self._lock = folder, metadata, lock
-        self._parts = _parts(folder / PARTS)
-        self._next = 1 + max((part.number for part in self._parts), default=0)
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        with ExitStack() as stack:
+            stack.enter_context(_lock(folder))
+            self._rows = stack.enter_context(_database(folder))
+            self._exit = stack.pop_all()
 
     def __enter__(self) -> Store:
         return self
@@ -168,129 +136,161 @@ class Store:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._lock.close()  # and with it the lock
+        self._exit.close()
 
-    def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Make rows durable, and return when they are.
+    def identity(self) -> dict[str, Any] | None:
+        """Identity of the sweep that has rows here; None if there are none."""
+        with _errors(self.folder):
+            if _exists(self._rows):
+                metadata = _metadata(self._rows)
+            elif (self.folder / RESULTS).is_file():
+                metadata = json.loads(read_table(self.folder / RESULTS).schema.metadata[TABLE_METADATA])
+            else:
+                return None
+        found = metadata.get("identity")
+        return found if isinstance(found, dict) else {}
+
+    def begin(self, definition: SweepDefinition, identity: Mapping[str, Any]) -> None:
+        """Prepare for rows of this sweep; those of an earlier call stay.
 
         Raises:
             SweepStopped: the disk is full.
         """
-        if rows:
-            self.append_table(table_of([dict(row) for row in rows]))
+        _remove_partial(self.folder)
+        metadata = table_metadata(definition, identity)
+        self.write_text(DEFINITION, metadata["definition"])
+        with _errors(self.folder), self._rows as rows:
+            rows.execute("BEGIN IMMEDIATE")
+            if not _exists(rows):
+                rows.execute("CREATE TABLE sweep (metadata TEXT)")
+                rows.execute("CREATE TABLE rows (run INTEGER PRIMARY KEY, state TEXT, row TEXT)")
+                if (self.folder / RESULTS).is_file():
+                    for batch in read_table(self.folder / RESULTS).to_batches(_BATCH):
+                        _insert(rows, batch.to_pylist())
+            rows.execute("DELETE FROM sweep")
+            rows.execute("INSERT INTO sweep VALUES (?)", (json.dumps(metadata),))
 
-    def append_table(self, table: pa.Table) -> None:
-        """The same for rows that are a table already."""
-        self._write_part(table, 0)
-        size = 0
-        while True:
-            small = [part for part in self._parts if part.size == size]
-            if len(small) < MERGE or size == 9:
-                return
-            self._write_part(latest([_read(part.path) for part in small]), size + 1)
-            for part in small:
-                part.path.unlink()
-            self._parts = [part for part in self._parts if part.size != size]
-            size += 1
-
-    def rows(self) -> pa.Table | None:
-        """What is durable so far."""
-        return read_rows(self.folder)
-
-    def finish(self, table: pa.Table) -> Path:
-        """Write the one table, then remove the parts it is made of.
+    def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Make rows durable, and return when they are; a row replaces an earlier one of its run.
 
         Raises:
-            SweepStopped: the disk is full; the parts are as they were.
+            SweepStopped: the disk is full.
         """
-        path = self.folder / RESULTS
-        table = table.cast(schema()).replace_schema_metadata(schema(self.metadata).metadata)
-        with durable(path) as file:
+        with _errors(self.folder), self._rows:
+            _insert(self._rows, rows)
+
+    def rows(self) -> pa.Table:
+        """What is durable so far, sorted by run."""
+        with _errors(self.folder):
+            return _table(self._rows)
+
+    def finish(self, table: pa.Table) -> None:
+        """Write the one table, then remove the database.
+
+        Raises:
+            SweepStopped: the disk is full; the rows are as they were.
+        """
+        with durable(self.folder / RESULTS) as file:
             pq.write_table(table, file, compression="zstd")
-        for part in self._parts:
-            part.path.unlink()
-        self._parts = []
-        return path
+        self._rows.close()
+        (self.folder / ROWS).unlink()
+        _remove_partial(self.folder)
 
-    def tidy(self) -> None:
-        """Remove what a killed worker has left half written."""
-        _remove_temporaries(self.folder)
-
-    def write_text(self, name: str, text: str) -> Path:
+    def write_text(self, name: str, text: str) -> None:
         """Write a small file of the folder, whole."""
         path = self.folder / name
+        path.parent.mkdir(exist_ok=True)
         with durable(path) as file:
             file.write(text.encode(errors="backslashreplace"))
-        return path
-
-    def _write_part(self, table: pa.Table, size: int) -> None:
-        part = _Part(self.folder / PARTS / f"part-{self._next:08d}-{size}.parquet", self._next, size)
-        with durable(part.path) as file:
-            if size:
-                pq.write_table(table, file, compression="zstd")
-            else:  # a row or two: what helps large tables only takes time here
-                pq.write_table(table, file, compression="none", use_dictionary=False, write_statistics=False)
-        self._next += 1
-        self._parts.append(part)
 
 
-def open_store(
-    folder: Path,
-    definition: str,
-    metadata: Mapping[str, Any],
-    identity: Mapping[str, Any],
-    check: Callable[[Mapping[str, Any]], None],
-) -> Store:
-    """Create or reopen a sweep's folder, locked against a second program.
+# ------------------------------------------------------------------------------ database
 
-    Args:
-        folder: created if it is not there.
-        definition: TOML text, kept as ``sweep.toml``.
-        metadata: of the table.
-        identity: what must not change between interruption and resume, kept as ``identity.json``.
-        check: called with the identity that the folder has, empty if it has none, before it is written over;
-            what it raises is passed on.
 
-    Raises:
-        InputError: another program writes there, or the folder cannot be written.
-        SweepStopped: the disk is full.
-    """
+@contextmanager
+def _database(folder: Path) -> Iterator[sqlite3.Connection]:
+    """The folder's database, created empty if there is none."""
+    with _errors(folder):
+        rows = sqlite3.connect(folder / ROWS, timeout=_BUSY)
+    with closing(rows):
+        with _errors(folder):
+            rows.execute("PRAGMA synchronous = FULL")
+        yield rows
+
+
+@contextmanager
+def _errors(folder: Path) -> Iterator[None]:
+    """Errors of the database in a sentence."""
     try:
-        (folder / PARTS).mkdir(parents=True, exist_ok=True)
+        yield
+    except sqlite3.Error as error:
+        code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
+        if code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
+            raise disk_full(folder / ROWS, error) from error
+        damaged = code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
+        way_out = (
+            "remove it, and --resume walks its runs again" if damaged else "free it, or give another folder"
+        )
+        raise InputError(f"{folder / ROWS} cannot be used ({error}); {way_out}.") from error
+
+
+def _exists(rows: sqlite3.Connection) -> bool:
+    return rows.execute("SELECT 1 FROM sqlite_master WHERE name = 'rows'").fetchone() is not None
+
+
+def _metadata(rows: sqlite3.Connection) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(rows.execute("SELECT metadata FROM sweep").fetchone()[0])
+    return found
+
+
+def _insert(rows: sqlite3.Connection, values: Sequence[Mapping[str, Any]]) -> None:
+    """Rows as JSON, which keeps every bit of a number; what is undefined is left out."""
+    rows.executemany(
+        "INSERT OR REPLACE INTO rows VALUES (?, ?, ?)",
+        (
+            (row["run"], row["outcome"], json.dumps({k: v for k, v in row.items() if v is not None}))
+            for row in values
+        ),
+    )
+
+
+def _table(rows: sqlite3.Connection) -> pa.Table:
+    """All rows, sorted by run."""
+    found = rows.execute("SELECT row FROM rows ORDER BY run")
+    batches = []
+    try:
+        metadata = {TABLE_METADATA: json.dumps(_metadata(rows)).encode()}
+        while part := found.fetchmany(_BATCH):
+            values = [json.loads(text) for (text,) in part]
+            batches.append(pa.RecordBatch.from_pylist(values, schema=schema()))
+    except (ValueError, TypeError) as error:
+        raise sqlite3.DatabaseError(_first_line(error)) from error
+    return pa.Table.from_batches(batches, schema()).combine_chunks().replace_schema_metadata(metadata)
+
+
+# ------------------------------------------------------------------------------ files
+
+
+@contextmanager
+def _lock(folder: Path) -> Iterator[BinaryIO]:
+    """Hold the folder against a second program."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
         lock = (folder / LOCK).open("ab")
     except OSError as error:
-        if error.errno in _FULL:
-            raise _full(folder, error) from error
+        if disk_is_full(error):
+            raise disk_full(folder, error.strerror) from error
         raise InputError(
             f"--out {folder} cannot be written ({error.strerror}); give another folder."
         ) from None
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        lock.close()
-        raise InputError(
-            f"another 'ampm sweep' is writing to {folder}; wait for it, or give another folder."
-        ) from None
-    try:
-        check(read_identity(folder))
-        _remove_temporaries(folder)
-        store = Store(folder, metadata, lock)
-        store.write_text(DEFINITION, definition)
-        store.write_text(IDENTITY, json.dumps(dict(identity), indent=2, sort_keys=True) + "\n")
-        _flush_folder(folder.parent)
-    except BaseException:
-        lock.close()
-        raise
-    return store
-
-
-def read_identity(folder: Path) -> dict[str, Any]:
-    """What the folder's sweep is: contents of ``identity.json``; empty if it is missing or damaged."""
-    try:
-        value = json.loads((folder / IDENTITY).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return value if isinstance(value, dict) else {}
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(
+                f"another 'ampm sweep' is writing to {folder}; wait for it, or give another folder."
+            ) from None
+        yield lock
 
 
 @contextmanager
@@ -300,7 +300,7 @@ def durable(path: Path) -> Iterator[BinaryIO]:
     Raises:
         SweepStopped: the disk is full.
     """
-    work = path.with_name(f".{path.name}{_TEMPORARY}")
+    work = path.with_name(f".{path.name}.tmp")
     try:
         with work.open("wb") as file:
             yield file
@@ -308,93 +308,32 @@ def durable(path: Path) -> Iterator[BinaryIO]:
             os.fsync(file.fileno())
         work.replace(path)
         _flush_folder(path.parent)
-    except OSError as error:
-        _discard(work)
-        if error.errno in _FULL:
-            raise _full(path.parent, error) from error
-        raise
-    except BaseException:
-        _discard(work)
+    except BaseException as error:
+        with suppress(OSError):
+            work.unlink(missing_ok=True)
+        if disk_is_full(error):
+            raise disk_full(path, os.strerror(error.errno)) from error  # type: ignore[attr-defined]
         raise
 
 
-def disk_is_full(error: BaseException) -> bool:
-    """Whether an error says that there is no more room, on the disk or in the user's quota."""
-    return isinstance(error, OSError) and error.errno in _FULL
+def _flush_folder(folder: Path) -> None:
+    """Make a rename in a folder durable, where the file system knows such a thing."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
-def _full(folder: Path, error: OSError) -> SweepStopped:
-    return SweepStopped(
-        f"no room is left for the results in {folder} ({error.strerror}); every row until now is kept: free "
-        "some space and go on with --resume."
-    )
-
-
-@dataclass(frozen=True)
-class _Part:
-    """One part: ``number`` counts up, ``size`` says how often it was merged."""
-
-    path: Path
-    number: int
-    size: int
-
-
-def _parts(folder: Path) -> list[_Part]:
-    """Whole parts in the order in which they were written."""
-    if not folder.is_dir():
-        return []
-    found = []
-    for path in folder.iterdir():
-        if match := _PART.fullmatch(path.name):
-            found.append(_Part(path, int(match[1]), int(match[2])))
-    return sorted(found, key=lambda part: part.number)
-
-
-def _read(path: Path) -> pa.Table:
-    """A table from disk.
-
-    Raises:
-        InputError: it is damaged, which no interruption does.
-    """
-    try:
-        with pq.ParquetFile(path) as file:
-            return file.read(use_threads=False)
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(
-            f"{path} cannot be read ({_first_line(error)}); remove it, and --resume walks its runs again."
-        ) from error
+def _remove_partial(folder: Path) -> None:
+    """Remove what a killed program left half written."""
+    for path in folder.glob(".*.tmp"):
+        path.unlink(missing_ok=True)
+    for pattern in ("*.partial-*", "*.old-*"):
+        for path in (folder / RECORDINGS).glob(pattern):
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def _first_line(error: BaseException) -> str:
     return str(error).partition("\n")[0]
-
-
-def _flush_folder(folder: Path) -> None:
-    """Make a rename in a folder durable."""
-    try:
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    except OSError:  # a parent that may not be read
-        return
-    try:
-        os.fsync(handle)
-    except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # file systems that know no such thing
-            raise
-    finally:
-        os.close(handle)
-
-
-def _discard(path: Path) -> None:
-    with suppress(OSError):
-        path.unlink(missing_ok=True)
-
-
-def _remove_temporaries(folder: Path) -> None:
-    """Remove what a killed program left half written."""
-    for place in (folder, folder / PARTS):
-        for path in place.glob(f".*{_TEMPORARY}"):
-            path.unlink(missing_ok=True)
-    if (folder / RECORDINGS).is_dir():
-        for path in (folder / RECORDINGS).iterdir():
-            if ".partial-" in path.name or ".old-" in path.name:
-                shutil.rmtree(path, ignore_errors=True)

@@ -1,14 +1,15 @@
-"""A sweep's table as report and comparison read it: states, parameters that vary, figures and their limits.
+"""A sweep's table: state of every run, varied parameters, metrics with their limits, worst runs, verdict.
 
-Only ``results.parquet`` is read: what is said of a sweep can be said again from its saved table.
+Everything is read from the saved table, so that a report or a comparison can be made again later.
 """
 
 from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
@@ -16,24 +17,22 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
-from ampm.parameters import GRAVITY, RunParameters, keys
-from validation.judge.metrics import BODY_WEIGHT, METRICS, display_unit
-from validation.judge.profiles import DEFAULT, PROFILES
+from ampm.parameters import GRAVITY, RunParameters
+from validation.judge.metrics import BODY_WEIGHT, display_unit
 from validation.study.sweep import store
-from validation.study.sweep.columns import TABLE_METADATA
-from validation.study.sweep.store import RESULTS
+from validation.study.sweep.schema import MACHINE_FAULTS
 
 Array = NDArray[np.float64]
 
 METRIC = "metric_"
+_SHOWN = 10
 
 
 class State(StrEnum):
-    """How a run of a sweep ended, its verdict included; in the order in which they are shown."""
+    """How a run of a sweep ended, its verdict included; in the order in which states are shown."""
 
     PASS = "pass"
     OUT_OF_TOLERANCE = "out_of_tolerance"
@@ -46,6 +45,17 @@ class State(StrEnum):
     TIMED_OUT = "timed_out"
     INTERRUPTED = "interrupted"
 
+    @classmethod
+    def of(cls, outcome: str, verdict: str | None) -> State:
+        """The state of a row.
+
+        Raises:
+            ValueError: there is no such outcome.
+        """
+        if outcome == "completed":
+            return {"pass": cls.PASS, "fail": cls.OUT_OF_TOLERANCE}.get(verdict or "", cls.NOT_MEASURED)
+        return cls(outcome)
+
     @property
     def label(self) -> str:
         """For people."""
@@ -54,30 +64,14 @@ class State(StrEnum):
     @property
     def walked(self) -> bool:
         """Whether the body moved, so that a failure is the gait's or the controller's."""
-        return self in _WALKED
-
-    @property
-    def known(self) -> bool:
-        """Whether the sweep has an answer for this gait: a crash, a hang and Ctrl-C give none."""
-        return self not in BROKEN
+        return self not in (State.REFUSED, *BROKEN)
 
 
-_WALKED = frozenset(
-    {
-        State.PASS,
-        State.OUT_OF_TOLERANCE,
-        State.NOT_MEASURED,
-        State.FELL,
-        State.DIVERGED,
-        State.INFEASIBLE,
-    }
-)
 STATES: tuple[State, ...] = tuple(State)
 LOST = (State.FELL, State.DIVERGED, State.INFEASIBLE, State.NOT_MEASURED)
-"""Walks without a verdict on their figures."""
+"""Walks without a verdict on their metrics."""
 BROKEN = (State.CRASHED, State.TIMED_OUT, State.INTERRUPTED)
 """No answer about the gait."""
-_VERDICTS = {"pass": State.PASS, "fail": State.OUT_OF_TOLERANCE}
 
 
 @dataclass(frozen=True)
@@ -99,19 +93,22 @@ class Limit:
 
 @dataclass(frozen=True)
 class SweepTable:
-    """One sweep.
+    """One sweep, finished or not.
 
     Attributes:
-        table: one row per run, sorted by ``run``.
-        metadata: what the table says of itself.
+        table: one row per run, sorted by ``run``; :mod:`validation.study.sweep.schema` has the columns.
+        metadata: of the table, see :func:`validation.study.sweep.store.table_metadata`.
         directory: the sweep's folder, None if only a file was given.
         source: as the user named it, for messages.
+        complete: whether the sweep has come to its end.
     """
 
     table: pa.Table
     metadata: Mapping[str, Any]
     directory: Path | None
     source: str
+    complete: bool = True
+    _cache: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
 
     def __len__(self) -> int:
         return self.table.num_rows
@@ -121,33 +118,35 @@ class SweepTable:
 
     @property
     def name(self) -> str:
-        """Name of the sweep: its definition's, else its folder's."""
-        definition = self.metadata.get("definition")
-        named = definition.get("name") if isinstance(definition, Mapping) else None
-        fallback = self.directory.resolve().name if self.directory else Path(self.source).stem
-        return str(self.metadata.get("name") or named or fallback)
+        """Name of the sweep."""
+        return str(self.metadata["name"])
 
     @property
     def profile(self) -> str:
-        """Name of the tolerance profile, empty if unknown."""
-        return str(self.metadata.get("profile") or "")
+        """Name of the tolerance profile."""
+        return str(self.metadata["profile"])
+
+    @property
+    def planned(self) -> int:
+        """Runs that the sweep is to have; more than there are rows while it is not finished."""
+        return max(len(self), int(self.metadata["runs"]))
+
+    # -------------------------------------------------------------------------- states
 
     @cached_property
     def states(self) -> NDArray[np.int64]:
         """State of every run, shape (N,), as index into :data:`STATES`."""
-        outcomes = self.words("outcome")
-        verdicts = self.words("verdict")
-        index = {state.value: number for number, state in enumerate(STATES)}
-        found = np.empty(len(self), dtype=np.int64)
-        for row, (outcome, verdict) in enumerate(zip(outcomes, verdicts, strict=True)):
-            state = _VERDICTS.get(verdict, State.NOT_MEASURED) if outcome == "completed" else outcome
-            if state not in index:
-                raise InputError(
-                    f"{self.source}: run {row} has the outcome {outcome!r}, which this version does not "
-                    "know; use the version that wrote it."
-                )
-            found[row] = index[state]
-        return found
+        pairs = zip(self.table["outcome"].to_pylist(), self.table["verdict"].to_pylist(), strict=True)
+        try:
+            return np.array([STATES.index(State.of(*pair)) for pair in pairs], dtype=np.int64)
+        except ValueError as error:
+            raise InputError(
+                f"{self.source}: an outcome is unknown ({error}); use the version that wrote it."
+            ) from None
+
+    def state(self, row: int) -> State:
+        """State of one run."""
+        return STATES[self.states[row]]
 
     def is_state(self, *states: State) -> NDArray[np.bool_]:
         """Rows in one of these states, shape (N,)."""
@@ -160,28 +159,53 @@ class SweepTable:
         return {state: int(counted[number]) for number, state in enumerate(STATES)}
 
     @cached_property
-    def _kept(self) -> dict[str, Array]:
-        """Columns that were asked for; a report asks for some of them dozens of times."""
-        return {}
+    def measured(self) -> NDArray[np.bool_]:
+        """Runs whose metrics are those of a whole walk, shape (N,)."""
+        return self.is_state(State.PASS, State.OUT_OF_TOLERANCE)
+
+    @cached_property
+    def unanswered(self) -> NDArray[np.bool_]:
+        """Rows that ``--resume`` walks again, as the host may have ended the run, shape (N,)."""
+        faults = np.isin(np.array(self.words("reason"), dtype=object), list(MACHINE_FAULTS))
+        return self.is_state(State.TIMED_OUT, State.INTERRUPTED) | (self.is_state(State.CRASHED) & faults)
+
+    @cached_property
+    def worst(self) -> list[int]:
+        """Rows that walked, the worst first.
+
+        Walks without a verdict on their metrics come first, the earliest end before the later; then those
+        that used most of a tolerance. Ties go to the lower row.
+        """
+        lost = np.flatnonzero(self.is_state(*LOST))
+        ends = [
+            np.nan_to_num(self.numbers(name)[lost], nan=np.inf)
+            for name in ("steps_completed", "outcome_time")
+        ]
+        measured = np.flatnonzero(self.measured)
+        used = np.nan_to_num(self.worst_used[measured], nan=-np.inf)
+        return [
+            *lost[np.lexsort((lost, *ends[::-1]))].tolist(),
+            *measured[np.argsort(-used, kind="stable")].tolist(),
+        ]
+
+    # -------------------------------------------------------------------------- columns
 
     def numbers(self, name: str) -> Array:
         """A column of numbers, shape (N,), read-only; NaN where there is none, or no such column."""
-        if name not in self._kept:
-            values = self._numbers(name)
+        if name not in self._cache:
+            values = np.full(len(self), np.nan)
+            if name in self:
+                column = self.table.column(name)
+                try:
+                    column = column.cast(pa.int8()) if pa.types.is_boolean(column.type) else column
+                    values = np.array(column.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=float)
+                except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+                    raise InputError(
+                        f"{self.source}: column {name} holds {column.type}, not numbers."
+                    ) from None
             values.flags.writeable = False
-            self._kept[name] = values
-        return self._kept[name]
-
-    def _numbers(self, name: str) -> Array:
-        if name not in self:
-            return np.full(len(self), np.nan)
-        column = self.table.column(name)
-        if pa.types.is_boolean(column.type):
-            column = column.cast(pa.int8())
-        try:
-            return np.array(column.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=float)
-        except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
-            raise InputError(f"{self.source}: column {name} holds {column.type}, not numbers.") from error
+            self._cache[name] = values
+        return self._cache[name]
 
     def words(self, name: str) -> list[str]:
         """A column as text; empty where there is none."""
@@ -189,77 +213,52 @@ class SweepTable:
             return [""] * len(self)
         return ["" if value is None else str(value) for value in self.table.column(name).to_pylist()]
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Keys of all parameters in the table, known ones in their usual order."""
-        sections = tuple(f"{name}." for name in RunParameters.model_fields)
-        present = [name for name in self.table.column_names if name.startswith(sections)]
-        known = {key: number for number, key in enumerate(keys())}
-        return tuple(sorted(present, key=lambda name: known.get(name, len(known))))
-
-    @cached_property
-    def varied(self) -> tuple[str, ...]:
-        """Parameters with more than one value in this sweep, those that the definition varies first."""
-        found = [name for name in self.parameters if len(self.table.column(name).unique()) > 1]
-        first = [name for name in self.metadata.get("varied") or () if name in found]
-        return (*first, *(name for name in found if name not in first))
-
-    @property
-    def planned(self) -> int:
-        """Runs that the sweep is to have; more than there are rows while it is not finished."""
-        runs = self.metadata.get("runs")
-        return max(len(self), runs) if isinstance(runs, int) else len(self)
-
     def is_number(self, name: str) -> bool:
         """Whether a column holds numbers."""
         kind = self.table.schema.field(name).type
         return pa.types.is_floating(kind) or pa.types.is_integer(kind)
 
+    def unit(self, name: str) -> str:
+        """Unit of a column, ``1`` if it has none."""
+        return self._described(name, "unit") or "1"
+
+    def describe(self, name: str) -> str:
+        """What a column holds, empty if the table does not say."""
+        return self._described(name, "words")
+
+    def _described(self, name: str, what: str) -> str:
+        return str(self.metadata["columns"].get(name, {}).get(what, ""))
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Keys of all parameters, in the order of the table."""
+        sections = tuple(f"{name}." for name in RunParameters.model_fields)
+        return tuple(name for name in self.table.column_names if name.startswith(sections))
+
+    @cached_property
+    def varied(self) -> tuple[str, ...]:
+        """Parameters with more than one value in this sweep, those that the definition varies first."""
+        found = [name for name in self.parameters if len(self.table.column(name).unique()) > 1]
+        first = [name for name in self.metadata["varied"] if name in found]
+        return (*first, *(name for name in found if name not in first))
+
+    # -------------------------------------------------------------------------- metrics and limits
+
     @cached_property
     def metrics(self) -> tuple[str, ...]:
         """Metrics with a column, judged ones first, in the profile's order."""
-        present = [name[len(METRIC) :] for name in self.table.column_names if name.startswith(METRIC)]
+        present = [name.removeprefix(METRIC) for name in self.table.column_names if name.startswith(METRIC)]
         judged = [name for name in self.limits if name in present]
         return (*judged, *(name for name in present if name not in self.limits))
 
     @cached_property
     def limits(self) -> Mapping[str, Limit]:
-        """Tolerances by metric: those in the table, else those of the named profile."""
-        entries = self.metadata.get("tolerances")
-        if isinstance(entries, Mapping):
-            entries = [{"metric": name, **_mapping(entry)} for name, entry in entries.items()]
-        if not entries:
-            profile = PROFILES.get(self.profile)
-            entries = [vars(item) for item in profile.tolerances] if profile else []
-        found: dict[str, Limit] = {}
-        order = PROFILES[self.profile].tolerances if self.profile in PROFILES else ()
-        rank = {item.metric: number for number, item in enumerate(order)}
-        for entry in sorted(entries, key=lambda item: rank.get(str(item["metric"]), len(rank))):
-            found[str(entry["metric"])] = Limit(
-                str(entry["metric"]),
-                float(entry["limit"]),
-                str(entry.get("unit") or "1"),
-                str(entry.get("reason") or ""),
-            )
-        return found
-
-    def unit(self, name: str) -> str:
-        """Unit of a column, ``1`` if it has none."""
-        columns = _mapping(self.metadata.get("columns"))
-        entry = columns.get(name)
-        if isinstance(entry, Mapping) and entry.get("unit"):
-            return str(entry["unit"])
-        metric = METRICS.get(name.removeprefix(METRIC))
-        return metric.unit if metric else _UNITS.get(name, "1")
-
-    def describe(self, name: str) -> str:
-        """What a column holds, in words; empty if the table does not say."""
-        entry = _mapping(self.metadata.get("columns")).get(name)
-        return str(entry.get("words") or "") if isinstance(entry, Mapping) else ""
+        """Tolerances by metric, in the profile's order."""
+        return {name: Limit(name, **entry) for name, entry in self.metadata["tolerances"].items()}
 
     @cached_property
     def weight(self) -> Array:
-        """Weight of the body of every run, shape (N,) [N]."""
+        """Body weight of every run, shape (N,) [N]."""
         return self.numbers("body.mass") * GRAVITY
 
     def limit_values(self, metric: str) -> Array:
@@ -267,38 +266,28 @@ class SweepTable:
         limit = self.limits.get(metric)
         if limit is None:
             return np.full(len(self), np.nan)
-        scale = self.weight if limit.unit == BODY_WEIGHT else np.ones(len(self))
-        return limit.limit * scale
+        return limit.limit * (self.weight if limit.unit == BODY_WEIGHT else np.ones(len(self)))
 
     def used(self, metric: str) -> Array:
         """Share of its tolerance that a metric used in every *completed* run, shape (N,); NaN elsewhere.
 
         A tolerance of zero is used by 0 if it is met, and by infinity if not.
         """
-        if f"used:{metric}" in self._kept:
-            return self._kept[f"used:{metric}"]
-        value, limit = self.numbers(METRIC + metric), self.limit_values(metric)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.where(limit > 0.0, value / limit, np.where(value > 0.0, np.inf, 0.0))
-        share = np.where(self.measured & np.isfinite(value) & np.isfinite(limit), share, np.nan)
-        share.flags.writeable = False
-        self._kept[f"used:{metric}"] = share
-        return share
-
-    @cached_property
-    def measured(self) -> NDArray[np.bool_]:
-        """Runs whose figures are those of a whole walk, shape (N,)."""
-        return self.is_state(State.PASS, State.OUT_OF_TOLERANCE)
+        key = f"used:{metric}"
+        if key not in self._cache:
+            value, limit = self.numbers(METRIC + metric), self.limit_values(metric)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                share = np.where(limit > 0.0, value / limit, np.where(value > 0.0, np.inf, 0.0))
+            share = np.where(self.measured & np.isfinite(value) & np.isfinite(limit), share, np.nan)
+            share.flags.writeable = False
+            self._cache[key] = share
+        return self._cache[key]
 
     @cached_property
     def worst_used(self) -> Array:
         """Largest share of a tolerance that any judged metric of a run used, shape (N,); NaN unmeasured."""
-        judged = [name for name in self.metrics if name in self.limits]
-        if not judged:
-            return np.full(len(self), np.nan)
-        shares = np.stack([self.used(name) for name in judged])
-        known = ~np.isnan(shares).all(axis=0)
-        return np.where(known, np.max(np.where(np.isnan(shares), -np.inf, shares), axis=0), np.nan)
+        shares = [self.used(name) for name in self.metrics if name in self.limits]
+        return np.fmax.reduce(shares) if shares else np.full(len(self), np.nan)
 
     def shown(self, metric: str) -> tuple[Array, float | None, str]:
         """A metric as people read it.
@@ -316,55 +305,136 @@ class SweepTable:
         scale, unit = display_unit(unit, math.nan)
         return scale * value, None if limit is None else scale * limit.limit, unit
 
+    # -------------------------------------------------------------------------- the whole sweep
+
+    def summary(self, seconds: float | None = None) -> dict[str, Any]:
+        """Contents of ``sweep.json``.
+
+        Args:
+            seconds: wall-clock time of this call [s].
+        """
+        names = Counter(name for words in self.words("failed") for name in words.split(",") if name)
+        reasons = (self.words("reason")[row] for row in np.flatnonzero(self.is_state(State.REFUSED)))
+        memory = self.numbers("environment_memory_peak")
+        worst = self.table.select(["run", "name", "outcome", "verdict", "failed", "recording"])
+        return {
+            "name": self.name,
+            "profile": self.profile,
+            "runs": self.planned,
+            "rows": len(self),
+            "states": {state.value: count for state, count in self.counts.items() if count},
+            "refusals": dict(Counter(reasons).most_common()),
+            "failed": dict(names.most_common()),
+            "worst": worst.take(np.array(self.worst[:_SHOWN], dtype=np.int64)).to_pylist(),
+            "unfinished": int(self.unanswered.sum()) + self.planned - len(self),
+            "revisions": sorted(set(self.words("environment_revision"))),
+            "environments": len(set(self.words("environment_code"))),
+            "timing": {
+                "wall": seconds,
+                "workers": float(np.nansum(self.numbers("timing_total"))),
+                "unit": "s",
+            },
+            "memory_peak": {"value": None if np.isnan(memory).all() else np.nanmax(memory), "unit": "MB"},
+        }
+
 
 def read_sweep(path: Path | str) -> SweepTable:
-    """Read a sweep.
+    """Read a sweep, finished or not.
 
     Args:
         path: a sweep's folder, or its table.
 
     Raises:
-        InputError: there is none, it is not readable, or it lacks a column that every sweep has.
+        InputError: there is none, it has no row yet, or it is not the table of a sweep.
     """
     path = Path(path)
     if not path.exists():
-        raise InputError(f"there is no {path}; give the folder of a sweep, or its {RESULTS}.")
-    if store.is_sweep(path):
-        results = store.load_results(path)
-        return SweepTable(results.table, results.metadata, path, str(path))
-    file = path / RESULTS if path.is_dir() else path
-    if not file.exists():
-        raise InputError(f"{path} holds no sweep; give the --out folder of one, or its {RESULTS}.")
-    try:
-        table = pq.read_table(file)
-    except (pa.ArrowInvalid, pa.ArrowNotImplementedError, OSError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(f"{file} is no Parquet file that can be read ({reason}).") from error
-    missing = [name for name in ("run", "key", "outcome", "verdict") if name not in table.column_names]
+        raise InputError(f"there is no {path}; give the folder of a sweep, or its {store.RESULTS}.")
+    if not path.is_dir():
+        return wrap_table(store.read_table(path), None, str(path))
+    if not store.is_sweep(path):
+        raise InputError(f"{path} holds no sweep; give the --out folder of one, or its {store.RESULTS}.")
+    table, complete = store.read_rows(path)
+    if table is None or not table.num_rows:
+        raise InputError(f"the sweep in {path} has no result yet; wait for its first rows.")
+    return wrap_table(table, path, complete=complete)
+
+
+def wrap_table(
+    table: pa.Table, directory: Path | None, source: str = "", *, complete: bool = True
+) -> SweepTable:
+    """A sweep from its table, which describes itself."""
+    metadata = json.loads(table.schema.metadata[store.TABLE_METADATA])
+    return SweepTable(table, metadata, directory, source or str(directory), complete)
+
+
+# ------------------------------------------------------------------------------ the sweep in one sentence
+
+
+@dataclass(frozen=True)
+class SweepVerdict:
+    """Verdict on a sweep as a whole.
+
+    Attributes:
+        css: ``pass``, ``fail`` or ``open``.
+        headline: a few words.
+        sentence: with the counts.
+    """
+
+    css: str
+    headline: str
+    sentence: str
+
+
+def judge_sweep(sweep: SweepTable) -> SweepVerdict:
+    """Say whether a sweep passes: every run that walked met every tolerance, and every run has an answer."""
+    counts = sweep.counts
+    walked = sum(counts[state] for state in STATES if state.walked)
+    passed, missing = counts[State.PASS], sweep.planned - len(sweep)
+    if walked == 0:
+        css, headline, sentence = "open", "nothing walked", f"None of {_runs(len(sweep))} walked"
+    elif passed == walked:
+        css, headline = "pass", "pass"
+        sentence = f"{_runs(walked).capitalize()} that walked: all within every tolerance"
+    else:
+        css, headline = "fail", f"{share(passed, walked)} of what walked passes"
+        sentence = f"{_runs(walked)} that walked: {passed:,} within every tolerance"
+    if missing or any(counts[state] for state in BROKEN):
+        css = "open" if css == "pass" else css
+        headline = "unfinished" if missing else headline if css == "fail" else "not every run has an answer"
+    parts = [f"{counts[state]:,} {state.label}" for state in STATES[1:] if counts[state]]
+    sentence += f"; {', '.join(parts)}." if parts else "."
     if missing:
-        raise InputError(f"{file} has no column {missing[0]!r}, so it is no table of a sweep.")
-    metadata: Any = {}
-    try:
-        metadata = json.loads((table.schema.metadata or {}).get(TABLE_METADATA, b"{}"))
-    except json.JSONDecodeError as error:
-        raise InputError(f"{file} has metadata that are no JSON ({error}).") from error
-    if not metadata:  # other programs lose them when they write a table again
-        beside = store.is_sweep(file.parent)
-        metadata = dict(store.load_results(file.parent).metadata) if beside else {"profile": DEFAULT.name}
-    return SweepTable(table.sort_by("run"), _mapping(metadata), path if path.is_dir() else None, str(path))
+        sentence += f" {missing:,} of {_runs(sweep.planned)} are missing: 'ampm sweep --resume' walks them."
+    return SweepVerdict(css, headline, sentence)
 
 
-def _mapping(value: Any) -> Mapping[str, Any]:
-    return value if isinstance(value, Mapping) else {}
+def share(part: int, whole: int) -> str:
+    """A percentage that never rounds to all or nothing."""
+    if whole == 0 or part in (0, whole):
+        return "100\u00a0%" if part and part == whole else "0\u00a0%"
+    percent = 100.0 * part / whole
+    text = f"{percent:.0f}" if 1.0 <= percent < 99.5 else f"{percent:.1f}"
+    if text in ("0.0", "100.0"):
+        text = "< 0.1" if percent < 50.0 else "> 99.9"
+    return f"{text}\u00a0%"
 
 
-def _units_of_parameters() -> dict[str, str]:
-    units = {}
-    for section, field in RunParameters.model_fields.items():
-        for key, item in field.annotation.model_fields.items():  # type: ignore[union-attr]
-            extra = item.json_schema_extra
-            units[f"{section}.{key}"] = str(extra.get("unit", "1")) if isinstance(extra, dict) else "1"
-    return units
+def counted_states(sweep: SweepTable) -> list[dict[str, object]]:
+    """Every state with its count, for tiles; rare ones that no sweep need have only where they occur."""
+    always = set(STATES) - {State.NOT_MEASURED, State.INTERRUPTED}
+    return [
+        {
+            "state": state.value,
+            "label": state.label,
+            "count": count,
+            "shown": f"{count:,}",
+            "share": share(count, len(sweep)),
+        }
+        for state, count in sweep.counts.items()
+        if count or state in always
+    ]
 
 
-_UNITS: Mapping[str, str] = _units_of_parameters()
+def _runs(count: int) -> str:
+    return f"{count:,} run{'' if count == 1 else 's'}"

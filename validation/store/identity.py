@@ -1,0 +1,71 @@
+"""What a result depends on: hash of a run's parameters, and of the sources and versions that compute it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Mapping
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from ampm.parameters import RunParameters
+
+_ROOT = Path(__file__).resolve().parents[2]
+_FOLDERS = (
+    "ampm",
+    "models",
+    *(f"validation/{name}" for name in ("trial", "measure", "judge", "study/sweep")),
+)
+"""What a row is computed with; command line, reports and the like are not."""
+_SUFFIXES = (".py", ".toml", ".xml")
+_VERSIONS = ("mujoco", "dm-control", "pin", "osqp", "daqp", "numpy", "scipy")
+_DIGITS = 16
+
+
+def parameter_values(run: RunParameters) -> dict[str, Any]:
+    """Namespaced key to value, in the order of the sections."""
+    sections = run.model_dump()
+    return {f"{name}.{key}": value for name, section in sections.items() for key, value in section.items()}
+
+
+@cache
+def _defaults() -> Mapping[str, Any]:
+    return parameter_values(RunParameters())
+
+
+def run_key(values: Mapping[str, Any]) -> str:
+    """Hash of the parameters that differ from their defaults.
+
+    A parameter that the code gains changes no key, so that runs of two revisions are matched by it.
+
+    Args:
+        values: namespaced key to value, see :func:`parameter_values`.
+    """
+    changed = {key: value for key, value in sorted(values.items()) if value != _defaults().get(key)}
+    return hashlib.sha256(json.dumps(changed).encode()).hexdigest()[:_DIGITS]
+
+
+@cache
+def code() -> dict[str, str]:
+    """Sources and versions of this process: name to hash or version."""
+    digest = hashlib.sha256()
+    paths = (path for folder in _FOLDERS for path in (_ROOT / folder).rglob("*") if path.suffix in _SUFFIXES)
+    for path in sorted(paths):
+        digest.update(path.relative_to(_ROOT).as_posix().encode())
+        digest.update(path.read_bytes())
+    found = {"sources": digest.hexdigest()[:_DIGITS], "machine": platform.machine()}
+    for name in _VERSIONS:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "none"
+    return found
+
+
+@cache
+def code_hash() -> str:
+    """All of :func:`code` in one word."""
+    return hashlib.sha256(json.dumps(code()).encode()).hexdigest()[:_DIGITS]

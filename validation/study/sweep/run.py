@@ -1,0 +1,458 @@
+"""A sweep from its definition to a finished folder, in as many calls as it takes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+import time
+from collections import Counter, deque
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+
+from ampm.exceptions import InputError, RefusedGait
+from ampm.parameters import RunParameters
+from ampm.planner.periodic import plan_gait
+from validation.progress import Progress, Stage, interruption
+from validation.show.text import format_duration
+from validation.store.environment import describe_environment
+from validation.store.folders import check_target
+from validation.store.identity import code, code_hash, parameter_values
+from validation.store.json import json_ready
+from validation.store.machine import cores
+from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep
+from validation.study.sweep.forecast import ACCEPTED, screen
+from validation.study.sweep.sampling import Cases, cases
+from validation.study.sweep.schema import (
+    OUTCOMES,
+    columns,
+    environment_columns,
+    first_columns,
+    refused_columns,
+    reproducible_columns,
+    tidy,
+)
+from validation.study.sweep.store import CRASHES, DEFINITION, LOCK, RECORDINGS, SUMMARY, Store, is_sweep
+from validation.study.sweep.table import STATES, State, SweepTable, read_sweep, wrap_table
+from validation.study.sweep.task import Task
+
+if TYPE_CHECKING:
+    from validation.study.sweep.workers import WorkerPool
+
+RETRIED = tuple(name for name in OUTCOMES if name != "completed")
+"""Outcomes that can be walked again on request."""
+_WINDOW = 300.0  # over which the rate is taken [s]
+_LEAST = 3  # walks after which there is a rate
+_BATCH = 1000
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a sweep is run.
+
+    Attributes:
+        workers: processes of this machine, one per core by default.
+        scheduler: address of a dask scheduler to run on instead.
+        resume: go on with what is in the folder.
+        force: go on although the code has changed.
+        retry: outcomes of finished runs that are walked again.
+
+    Raises:
+        InputError: options that do not go together.
+    """
+
+    workers: int | None = None
+    scheduler: str | None = None
+    resume: bool = False
+    force: bool = False
+    retry: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and self.workers < 1:
+            raise InputError(f"--workers {self.workers} must be at least 1.")
+        if self.workers is not None and self.scheduler is not None:
+            raise InputError("--workers and --scheduler exclude each other: a scheduler has its own workers.")
+        if self.force and not self.resume:
+            raise InputError(
+                "--force goes with --resume: no sweep is ever replaced; remove the folder, or give another."
+            )
+        if self.retry and not self.resume:
+            raise InputError("--retry goes with --resume: a new sweep has nothing to walk again; add it.")
+        for name in self.retry:
+            if name not in RETRIED:
+                raise InputError(f"--retry {name!r} must be of {', '.join(RETRIED)}; correct it.")
+
+
+def sweep(
+    definition: SweepDefinition | str | Path,
+    out: str | Path | None = None,
+    *,
+    progress: Progress | None = None,
+    **options: Any,
+) -> SweepTable:
+    """Walk many runs; ``sweep("slopes.toml").table.to_pandas()`` gives one row per run.
+
+    Args:
+        definition: TOML file, or a definition that is loaded already.
+        out: folder of the sweep; without one only the table is kept, and no recording.
+        progress: where to report; silent by default.
+        options: of :class:`Options`: ``workers``, ``scheduler``, ``resume``, ``force``, ``retry``.
+
+    Raises:
+        InputError: bad options, a bad definition, or a folder that must not be written.
+        SweepStopped: a full disk, a lost scheduler, no workers; what is finished is kept.
+    """
+    if not isinstance(definition, SweepDefinition):
+        definition = load_sweep(definition)
+    if out is not None:
+        return run_sweep(definition, Path(out), Options(**options), progress)
+    with tempfile.TemporaryDirectory(prefix="ampm-sweep-") as folder:
+        unkept = definition.model_copy(update={"recordings": "none"})
+        found = run_sweep(unkept, Path(folder) / "sweep", Options(**options), progress)
+        return replace(found, directory=None, source=definition.name)
+
+
+def run_sweep(
+    definition: SweepDefinition, out: Path, options: Options, progress: Progress | None = None
+) -> SweepTable:
+    """Walk a sweep, or what is missing of it, and finish its folder; see :func:`sweep`."""
+    progress = progress or Progress()
+    start = time.monotonic()
+    check_target(
+        out,
+        None,
+        force=options.resume,
+        what="sweep",
+        marks=(DEFINITION, LOCK),
+        way_out="--resume to go on with its sweep",
+    )
+    with ExitStack() as stack:
+        pool = _LazyPool(stack, options)
+        if options.scheduler and not is_sweep(out):
+            pool.open(1)  # first of all: a scheduler that does not answer leaves no folder behind
+        store = stack.enter_context(Store(out))
+        _check_identity(store, definition, options, progress)
+        store.begin(definition, _identity(definition))
+        jobs = _Jobs(definition, cases(definition), out.resolve())
+        _walk_missing(jobs, store, pool, options, progress)
+        if definition.recordings == "worst":
+            _keep_worst(jobs, store, pool, progress)
+        store.finish(store.rows())
+        found = read_sweep(out)
+        if found.summary()["environments"] > 1:
+            progress.say("ampm: the table mixes rows of different code; environment_code tells them apart")
+        summary = json_ready(found.summary(time.monotonic() - start))
+        store.write_text(SUMMARY, json.dumps(summary, indent=2, allow_nan=False) + "\n")
+        with progress.stage("report"):
+            from validation.study.sweep.report import write_sweep_report  # loads matplotlib
+
+            write_sweep_report(out)
+        return found
+
+
+class _LazyPool:
+    """Workers that are started when there is something to walk."""
+
+    def __init__(self, stack: ExitStack, options: Options) -> None:
+        self._stack, self._options = stack, options
+        self._pool: WorkerPool | None = None
+
+    def open(self, walks: int) -> WorkerPool:
+        """The workers, at most one per walk on this machine."""
+        from validation.study.sweep.workers import local_pool, remote_pool  # load dask
+
+        if self._pool is None:
+            options = self._options
+            self._pool = self._stack.enter_context(
+                remote_pool(options.scheduler)
+                if options.scheduler
+                else local_pool(min(options.workers or cores(), walks))
+            )
+        return self._pool
+
+
+# ------------------------------------------------------------------------------ identity
+
+
+def _identity(definition: SweepDefinition) -> dict[str, Any]:
+    """What must not change on resume; name and wall-clock guard of the definition are free to."""
+    same = definition.model_copy(update={"limits": type(definition.limits)(), "name": "sweep"})
+    text = dump_sweep(same)
+    if definition.instrument is not None:
+        from validation.measure.instruments import load_instrument  # loads all that measures
+
+        text += f"instrument is {load_instrument(definition.instrument)!r}\n"  # a file may change
+    return {"definition": text, "code": code(), "revision": describe_environment()["revision"]}
+
+
+def _check_identity(store: Store, definition: SweepDefinition, options: Options, progress: Progress) -> None:
+    """Refuse to mix the rows of a folder with those of another definition, or of other code unless forced.
+
+    Raises:
+        InputError: so it is.
+    """
+    before, now = store.identity(), _identity(definition)
+    if before is None:
+        if options.resume:
+            progress.say(f"nothing to resume in {store.folder}; starting the sweep")
+        return
+    if not (isinstance(before.get("definition"), str) and isinstance(before.get("code"), dict)):
+        raise InputError(
+            f"the rows in {store.folder} do not say which definition and code made them; give another folder."
+        )
+    kept, new = before["definition"].splitlines(), now["definition"].splitlines()
+    if kept != new:
+        sides = (kept, new), (new, kept)
+        only = [[line for line in one if line not in other and " = " in line] for one, other in sides]
+        gone, come = (lines[0] if lines else "no other line" for lines in only)
+        raise InputError(
+            f"--out {store.folder} holds another sweep than this file defines: {gone} in the folder, "
+            f"{come} in the file; give another folder, or that definition."
+        )
+    changed = [
+        f"{name} {before['code'].get(name)} -> {value}"
+        for name, value in now["code"].items()
+        if before["code"].get(name) != value
+    ]
+    if changed and not options.force:
+        raise InputError(
+            f"the rows in {store.folder} come from other code ({', '.join(changed)}), and results may "
+            "differ; go back to it, give another folder, or --force to mix them (environment_code tells)."
+        )
+
+
+# ------------------------------------------------------------------------------ walking
+
+
+class _Jobs:
+    """Rows and tasks of a sweep's runs.
+
+    Args:
+        definition: of the sweep.
+        runs: of it.
+        folder: of the sweep.
+    """
+
+    def __init__(self, definition: SweepDefinition, runs: Cases, folder: Path) -> None:
+        self.definition, self.runs, self.folder = definition, runs, folder
+
+    def missing(self, missing: np.ndarray, accepted: np.ndarray) -> Iterator[dict[str, Any] | Task]:
+        """Everything that has no answer yet: rows of refused runs, tasks of the others.
+
+        Args:
+            missing: runs that have no answer, shape (N,), bool.
+            accepted: runs that have a plan, shape (N,), bool.
+        """
+        for case in np.flatnonzero(missing).tolist():
+            run = None
+            try:
+                run = self.runs.run(case)
+                if not accepted[case]:
+                    plan_gait(run.gait, run.body.mass)  # raises with the reason in words
+            except (InputError, RefusedGait) as error:
+                yield self._refused(case, run, error)
+            else:
+                yield self.task(case, run)
+
+    def task(self, case: int, run: RunParameters | None = None, **changes: Any) -> Task:
+        """One run, for a worker."""
+        definition = self.definition
+        task = Task(
+            run=case,
+            name=self.runs.name(case),
+            parameters=run or self.runs.run(case),
+            profile=definition.profile,
+            instrument=definition.instrument,
+            keep="none" if definition.recordings == "worst" else definition.recordings,
+            folder=str(self.folder),
+            wall_clock=definition.limits.wall_clock,
+            code=code_hash(),
+            tune=definition.tune,
+        )
+        return replace(task, **changes)
+
+    def _refused(
+        self, case: int, run: RunParameters | None, error: RefusedGait | InputError
+    ) -> dict[str, Any]:
+        """Row of a run without a plan, or with parameters beyond their bounds (``run`` is None)."""
+        values = parameter_values(run or self.definition.run)
+        if run is None:
+            kinds = {"real": float, "whole": int, "text": str, "flag": bool}
+            cast = {column.name: kinds[column.kind] for column in columns()}
+            values |= {key: cast[key](value) for key, value in self.runs.row(case).items()}
+        first = first_columns(case, self.runs.name(case), values)
+        return tidy({**first, **refused_columns(error, run), **environment_columns()})
+
+
+def _walk_missing(jobs: _Jobs, store: Store, pool: _LazyPool, options: Options, progress: Progress) -> None:
+    """Walk the runs that have no row yet, one that is no answer, or an outcome to retry."""
+    found = wrap_table(store.rows(), store.folder)
+    again = found.unanswered | np.isin(np.array(found.words("outcome"), dtype=object), list(options.retry))
+    missing = np.ones(len(jobs.runs), dtype=bool)
+    missing[found.table["run"].to_numpy()[~again]] = False
+    if not missing.any():
+        return
+    accepted = screen(jobs.runs) == ACCEPTED
+    walks = int((missing & accepted).sum())
+    counts = Counter(STATES[state] for state in found.states[~again])
+    todo = jobs.missing(missing, accepted)
+    with progress.stage("sweep", "runs") as stage:
+        listener = _Listener(store, stage, progress, len(jobs.runs), walks, counts)
+        if walks:
+            from validation.study.sweep.workers import Execution  # loads dask
+
+            Execution(pool.open(walks), todo, listener).run()
+        else:
+            listener.keep_all(todo)
+    progress.say(f"sweep: {listener.done} of {len(jobs.runs)} runs, {listener.text()}")
+    interruption.check()
+
+
+class _Listener:
+    """Keeps rows and tracebacks in the folder, and reports how far the sweep is.
+
+    Args:
+        store: of the sweep.
+        stage: of the walks.
+        progress: where to report in words.
+        total: runs of the sweep.
+        walks: how many of them have to be walked from now on.
+        counts: runs of earlier calls, by state.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        stage: Stage,
+        progress: Progress,
+        total: int,
+        walks: int,
+        counts: Counter[State],
+    ) -> None:
+        self._store, self._stage, self._progress = store, stage, progress
+        self._total, self._left, self._counts = total, walks, counts
+        self._recent: deque[float] = deque()
+        self._start = time.monotonic()
+        self._workers = 0
+
+    @property
+    def done(self) -> int:
+        """Runs that have ended, those of earlier calls included."""
+        return sum(self._counts.values())
+
+    def keep(self, rows: list[dict[str, Any]]) -> None:
+        """Make rows durable; remove what an earlier row of the same run left."""
+        for row in rows:
+            if row["recording"] is None:
+                shutil.rmtree(self._store.folder / RECORDINGS / row["name"], ignore_errors=True)
+            if row["outcome"] != "crashed":
+                (self._store.folder / CRASHES / f"{row['name']}.txt").unlink(missing_ok=True)
+        self._store.append(rows)
+
+    def keep_all(self, rows: Iterator[Any]) -> None:
+        """Keep rows that need no worker."""
+        batch: list[dict[str, Any]] = []
+        for row in rows:
+            self.ended(row, None)
+            batch.append(row)
+            if len(batch) >= _BATCH:
+                self.keep(batch)
+                batch = []
+                self.tick(0)
+        self.keep(batch)
+
+    def ended(self, row: Mapping[str, Any], trace: str | None) -> None:
+        """Count a run, and keep its traceback."""
+        self._counts[State.of(row["outcome"], row["verdict"])] += 1
+        if row["environment_attempts"]:
+            self._left -= 1
+            self._recent.append(time.monotonic())
+        if trace is not None:
+            self._progress.say(f"run {row['name']} crashed: {trace.strip().rpartition(chr(10))[2]}")
+            self._store.write_text(f"{CRASHES}/{row['name']}.txt", trace)
+
+    def tick(self, workers: int) -> None:
+        """Report, and answer Ctrl-C."""
+        interruption.check()
+        self._workers = workers
+        self._stage.advance(self.done, self._total)
+        self._stage.note(self.text())
+
+    def say(self, text: str) -> None:
+        """Tell the user."""
+        self._progress.say(text)
+
+    def text(self) -> str:
+        """Counts, rate and time left."""
+        parts = [f"{number} {state.label}" for state in State if (number := self._counts[state])]
+        now = time.monotonic()
+        while self._recent and now - self._recent[0] > _WINDOW:
+            self._recent.popleft()
+        if len(self._recent) >= _LEAST:
+            rate = len(self._recent) / max(min(now - self._start, _WINDOW), 1e-9)
+            parts.append(f"{rate:.3g}/s" if rate >= 1.0 else f"{60.0 * rate:.3g}/min")
+            if self._left > 0:
+                parts.append(f"{format_duration(self._left / rate)} left")
+        if not self._workers and self._left > 0:
+            parts.append("waiting for workers")
+        return ", ".join(parts)
+
+
+# ------------------------------------------------------------------------------ recordings
+
+
+def _keep_worst(jobs: _Jobs, store: Store, pool: _LazyPool, progress: Progress) -> None:
+    """Walk the worst runs again and keep their folders."""
+    found = wrap_table(store.rows(), store.folder)
+    definition, passed = jobs.definition, found.is_state(State.PASS)
+    # Runs that passed keep a recording only if the definition says how many it wants.
+    chosen = [row for row in found.worst if "worst" in definition.model_fields_set or not passed[row]]
+    runs, names = found.table["run"].to_pylist(), found.words("name")
+    kept = {runs[row]: f"{RECORDINGS}/{names[row]}" for row in chosen[: definition.worst]}
+    wanted = [run for run, name in kept.items() if not (store.folder / name).is_dir()]
+    if wanted:
+        from validation.study.sweep.workers import Execution  # loads dask
+
+        with progress.stage("recordings of the worst runs", "runs") as stage:
+            again = _Again(stage, progress, len(wanted))
+            # Without a guard on the clock: they have come to their end before.
+            tasks = (jobs.task(run, keep="all", wall_clock=None) for run in wanted)
+            Execution(pool.open(len(wanted)), tasks, again).run()
+        interruption.check()
+        for row in again.rows:
+            before = found.table.slice(runs.index(row["run"]), 1).to_pylist()[0]
+            differing = [name for name in reproducible_columns() if row[name] != before[name]]
+            if differing != ["recording"]:
+                progress.say(
+                    f"ampm: run {row['name']} gave another {differing[0]} when it was walked again for its "
+                    "recording; the table keeps the first"
+                )
+    changed = [
+        kept.get(run) != path for run, path in zip(runs, found.table["recording"].to_pylist(), strict=True)
+    ]
+    rows = found.table.filter(pa.array(changed)).to_pylist()
+    store.append([{**row, "recording": kept.get(row["run"])} for row in rows])
+
+
+class _Again:
+    """Collects rows of runs that are walked again."""
+
+    def __init__(self, stage: Stage, progress: Progress, total: int) -> None:
+        self.rows: list[dict[str, Any]] = []
+        self._stage, self._total, self.say = stage, total, progress.say
+
+    def keep(self, rows: list[dict[str, Any]]) -> None:
+        self.rows += rows
+
+    def ended(self, row: Mapping[str, Any], trace: str | None) -> None:
+        pass
+
+    def tick(self, workers: int) -> None:
+        interruption.check()
+        self._stage.advance(len(self.rows), self._total)

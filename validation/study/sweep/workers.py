@@ -1,0 +1,437 @@
+"""Worker processes of a sweep, on this machine or on any dask scheduler, and the loop that keeps them busy.
+
+Distribution is dask's. What is set here is that nothing of it shows (logs, dashboard), that it costs next to
+nothing (no profiler, no monitors), and that every worker has one thread, also in BLAS. Every worker has one
+run at a time, so that millions of runs never flood a scheduler, and the run that is to blame for a dead
+worker is known. A run that ends its worker's process :data:`DEATHS` times, or is still going when the guard
+on the wall clock ends it, becomes a row that says so.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import queue
+import signal
+import sys
+import tempfile
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+from uuid import uuid4
+
+import dask
+from distributed import Client, Future, LocalCluster, Worker, WorkerPlugin
+from distributed.scheduler import KilledWorker
+
+from ampm.exceptions import InputError
+from validation.judge.metrics import METRICS, Metric, added, register
+from validation.study.sweep.exceptions import SweepStopped
+from validation.study.sweep.schema import WORKER_DIED, one_line
+from validation.study.sweep.task import Task, TaskResult, walk_task
+
+DEATHS = 5
+"""Times that a run may end its worker's process before it is blamed; others may have killed it."""
+FLUSH = 1.0
+"""Time after which a finished row is on the disk at the latest [s]."""
+ONE_THREAD = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "BLIS_NUM_THREADS": "1",
+    "VECLIB_MAXIMUM_THREADS": "1",
+    "MUJOCO_GL": "disable",
+}
+"""Environment of a worker that is started here, whatever the shell says."""
+
+_SETTINGS: dict[str, Any] = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.worker.daemon": True,
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.worker.memory.terminate": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.tick.limit": "1h",
+    "distributed.admin.system-monitor.interval": "10s",
+    "distributed.admin.system-monitor.disk": False,
+    "distributed.admin.system-monitor.gil.enabled": False,
+    "distributed.scheduler.worker-ttl": None,  # a run stuck in C sends no heartbeat; the guard ends it
+    "distributed.scheduler.allowed-failures": 0,  # the first death of a worker is reported
+    "distributed.nanny.pre-spawn-environ": ONE_THREAD,
+}
+_COUNT_EVERY = 2.0
+_PATIENCE = 20.0  # time in which a nanny brings its worker up again [s]
+_VAIN = 4  # times that all workers may be replaced without one of them coming up
+_CLOSE_TIME = 10.0
+_WAIT = 0.5
+_FILL = 0.2  # time that rows without a walk may take before finished ones are looked after [s]
+_BATCH = 1000
+_LATE = 60.0  # time after which a guard has failed [s]
+_GATHER = 20.0
+
+
+class _Registered(WorkerPlugin):
+    """Registers on every worker the metrics that a user has registered here."""
+
+    name = "ampm-metrics"
+
+    def __init__(self, metrics: tuple[Metric, ...]) -> None:
+        self._metrics = metrics
+
+    def setup(self, worker: Worker) -> None:
+        for metric in self._metrics:
+            if metric.name not in METRICS:
+                register(metric)
+
+
+class WorkerPool:
+    """The workers of a sweep.
+
+    Args:
+        client: of dask.
+        cluster: of this machine, without workers yet; None for a scheduler that is running already.
+        wanted: processes of this machine.
+    """
+
+    def __init__(self, client: Client, cluster: LocalCluster | None = None, wanted: int = 0) -> None:
+        self.client, self._cluster, self._wanted = client, cluster, wanted
+        self._size, self._counted, self._vain = 0, -_COUNT_EVERY, 0
+        self._short = time.monotonic()
+        if metrics := added():
+            client.register_plugin(_Registered(metrics))
+        if cluster is not None:
+            cluster.scale(wanted)
+
+    def size(self) -> int:
+        """Workers at present; 0 while there are none yet."""
+        now = time.monotonic()
+        if self._cluster is not None:
+            self._size = len(self._cluster.scheduler.workers) if self._cluster.scheduler else 0
+        elif now - self._counted > _COUNT_EVERY:
+            self._counted = now
+            with suppress(OSError, TimeoutError):
+                self._size = len(self.client.scheduler_info(n_workers=-1).get("workers", ()))
+        return self._size
+
+    def check(self) -> None:
+        """See that there are workers; called now and then.
+
+        A nanny starts a worker again that has died, but not one that dies while it starts; another takes its
+        place here.
+
+        Raises:
+            SweepStopped: the scheduler is gone, or no worker comes up.
+        """
+        if self.client.status in ("closed", "closing", "failed"):
+            raise SweepStopped("the dask scheduler is gone", "start it again")
+        if self._cluster is None:
+            return
+        now, missing = time.monotonic(), self._wanted - self.size()
+        if missing <= 0:
+            self._short, self._vain = now, 0
+        elif now - self._short > _PATIENCE:
+            self._vain = 0 if missing < self._wanted else self._vain + 1
+            if self._vain > _VAIN:
+                raise SweepStopped(
+                    "no worker process comes up on this machine", "look for what ends them (memory?)"
+                )
+            self._short = now
+            self._cluster.scale(len(self._cluster.worker_spec) + missing)
+
+
+@contextmanager
+def local_pool(workers: int) -> Iterator[WorkerPool]:
+    """Processes of this machine."""
+    _silence()
+    with (
+        tempfile.TemporaryDirectory(prefix="ampm-sweep-") as scratch,
+        dask.config.set(_SETTINGS),
+        environment(ONE_THREAD),  # to the end: a worker that dies is started again
+        _hidden_main(),
+    ):
+        # Ctrl-C reaches every process of a terminal, and workers are to finish what they do: threads and
+        # processes that are started here inherit that it is blocked.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            cluster = LocalCluster(
+                n_workers=0,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=None,
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # of its health page: any free port
+                silence_logs=logging.CRITICAL,
+                memory_limit=0,
+                local_directory=scratch,
+                env=dict(ONE_THREAD),
+                protocol="tcp://",
+            )
+            client = Client(cluster, set_as_default=False)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        try:
+            yield WorkerPool(client, cluster, workers)
+        finally:
+            # A run that is still going is walked again, and closing would wait for it.
+            for nanny in list(cluster.workers.values()):
+                with suppress(Exception):
+                    nanny.close_gracefully()  # it does not start the worker again
+                    if nanny.pid:
+                        os.kill(nanny.pid, signal.SIGKILL)
+            _close(client)
+            _close(cluster)
+
+
+@contextmanager
+def remote_pool(address: str, timeout: float = 30.0) -> Iterator[WorkerPool]:
+    """Workers of a scheduler that is running already.
+
+    Raises:
+        InputError: nothing answers at that address.
+    """
+    _silence()
+    settings = {name: value for name, value in _SETTINGS.items() if name.startswith("distributed.admin")}
+    with dask.config.set(settings):
+        # What 'dask scheduler --scheduler-file' has written is as good as an address.
+        where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
+        try:
+            client = Client(**where, timeout=timeout, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            reason = " ".join(str(error).split())
+            raise InputError(
+                f"no dask scheduler answers at --scheduler {address} ({reason}); start one with 'dask "
+                "scheduler', or leave the option out to run on this machine."
+            ) from None
+        try:
+            yield WorkerPool(client)
+        finally:
+            _close(client)
+
+
+@contextmanager
+def environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Variables of this process while the body of the ``with`` runs, as they were afterwards.
+
+    Processes inherit them before they load any library. A nanny's own setting yields to a variable that the
+    shell has set, or comes when numpy is loaded already.
+    """
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _hidden_main() -> Iterator[None]:
+    """Start worker processes that do not run the user's script again.
+
+    ``multiprocessing`` imports the main module into every process that it spawns. A script without a
+    ``__main__`` guard would begin its sweep again there.
+    """
+    main = sys.modules["__main__"]
+    before = {name: getattr(main, name, None) for name in ("__spec__", "__file__")}
+    try:
+        main.__dict__.update(dict.fromkeys(before))
+        yield
+    finally:
+        main.__dict__.update(before)
+
+
+def _close(opened: Client | LocalCluster) -> None:
+    with suppress(Exception):
+        opened.close(timeout=_CLOSE_TIME)
+
+
+def _silence() -> None:
+    """No log of dask's: what a user should know is said in a sentence."""
+    names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    for name in (*names, "distributed", "tornado", "asyncio"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
+# ------------------------------------------------------------------------------ execution
+
+
+class Listener(Protocol):
+    """Receives what an execution gives."""
+
+    def keep(self, rows: list[dict[str, Any]]) -> None:
+        """Make rows durable, and return when they are."""
+
+    def ended(self, row: Mapping[str, Any], trace: str | None) -> None:
+        """A run has ended; with this traceback, if it has crashed."""
+
+    def tick(self, workers: int) -> None:
+        """Some time has passed."""
+
+    def say(self, text: str) -> None:
+        """Tell the user."""
+
+
+@dataclass
+class _Flight:
+    """A run that is out."""
+
+    task: Task
+    future: Future
+    began: float
+
+
+class Execution:
+    """Walks what an iterator yields, until it ends or is stopped.
+
+    Args:
+        pool: the workers.
+        todo: rows that need no worker, and tasks that do, in any order.
+        listener: receives rows.
+        work: what a worker does with a task.
+    """
+
+    def __init__(
+        self,
+        pool: WorkerPool,
+        todo: Iterator[dict[str, Any] | Task],
+        listener: Listener,
+        work: Callable[[Task], TaskResult] = walk_task,
+    ) -> None:
+        self._pool, self._todo, self._listener, self._work = pool, todo, listener, work
+        self._again: deque[Task] = deque()
+        self._flying: dict[str, _Flight] = {}  # by key of the future
+        self._done: queue.SimpleQueue[Future] = queue.SimpleQueue()
+        self._rows: list[dict[str, Any]] = []
+        self._oldest = 0.0
+        self._exhausted = self._warned = False
+        self._name = uuid4().hex[:12]
+
+    def run(self) -> None:
+        """Walk everything; whatever happens, finished rows are written before this returns or raises.
+
+        Raises:
+            SweepStopped: a full disk, a lost scheduler, a worker that cannot work.
+            KeyboardInterrupt: Ctrl-C.
+        """
+        try:
+            while not (self._exhausted and not self._flying and not self._again):
+                more = self._fill()
+                self._take(0.0 if more else _WAIT)
+                self._check_clocks()
+                if self._rows and (time.monotonic() > self._oldest + FLUSH or len(self._rows) >= _BATCH):
+                    self._flush()
+                self._pool.check()
+                self._listener.tick(self._pool.size())
+        except (SweepStopped, KeyboardInterrupt):
+            with suppress(Exception):  # what cannot be had any more is walked again
+                self._take(0.0)
+            self._flush()
+            raise
+        self._flush()
+
+    def _fill(self) -> bool:
+        """Send out a run for every free worker; rows without a walk are taken for a moment only.
+
+        Returns:
+            Whether there is more to do at once.
+        """
+        if self._pool.client.status != "running":  # the connection is lost, and sought again
+            return False
+        end = time.monotonic() + _FILL
+        while len(self._flying) < self._pool.size():
+            # A run that was lost with its worker comes last, so that it holds up nothing else.
+            item = None if self._exhausted else next(self._todo, None)
+            if item is None:
+                self._exhausted = True
+                if not self._again:
+                    return False
+                item = self._again.popleft()
+            if isinstance(item, Task):
+                key = f"ampm-{self._name}-{item.run}-{item.attempt}"
+                future = self._pool.client.submit(self._work, item, key=key, pure=False)
+                self._flying[key] = _Flight(item, future, time.monotonic())
+                future.add_done_callback(self._done.put)
+            else:
+                self._keep(item)
+                if time.monotonic() > end or len(self._rows) >= _BATCH:
+                    return True
+        return False
+
+    def _take(self, wait: float) -> None:
+        """Deal with what has ended, waiting for the first of it."""
+        with suppress(queue.Empty):
+            self._end(self._done.get(timeout=wait))
+            while True:
+                self._end(self._done.get_nowait())
+
+    def _end(self, future: Future) -> None:
+        flight = self._flying.get(str(future.key))
+        if flight is None:
+            return
+        try:
+            result: TaskResult = future.result(timeout=_GATHER)
+        except TimeoutError:  # lost with its worker after all, and being walked again
+            future.add_done_callback(self._done.put)
+            return
+        except SweepStopped:
+            raise
+        except (KilledWorker, CancelledError):  # the latter where the connection to the scheduler was lost
+            self._lost(flight)
+        except Exception as error:
+            raise SweepStopped(
+                f"a worker could not take a run ({type(error).__name__}: {one_line(error)})",
+                "install this version of ampm on every worker",
+            ) from error
+        else:
+            self._keep(result.row, result.trace)
+            if result.threads > 1 and not self._warned:
+                self._warned = True
+                self._listener.say(
+                    f"ampm: a worker has {result.threads} BLAS threads; walks are slower so, and may differ "
+                    "in their last bits: start workers with OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1."
+                )
+        del self._flying[str(future.key)]
+
+    def _lost(self, flight: _Flight) -> None:
+        """A run that has no row, as its worker is gone."""
+        task, limit = flight.task, flight.task.wall_clock
+        if limit is not None and time.monotonic() - flight.began >= limit:
+            self._keep(task.row(_timed_out(limit)))
+        elif task.attempt >= DEATHS:
+            cause = f"the worker's process died in this run, {DEATHS} times out of {DEATHS}"
+            self._keep(task.row({"outcome": "crashed", "reason": WORKER_DIED, "cause": cause}))
+        else:
+            self._again.append(replace(task, attempt=task.attempt + 1))
+
+    def _check_clocks(self) -> None:
+        """Give up a run that hangs although its guard should have ended it."""
+        now = time.monotonic()
+        for key, flight in list(self._flying.items()):
+            limit = flight.task.wall_clock
+            if limit is not None and now - flight.began > limit + _LATE:
+                del self._flying[key]
+                flight.future.cancel()
+                self._keep(flight.task.row(_timed_out(limit)))
+
+    def _keep(self, row: dict[str, Any], trace: str | None = None) -> None:
+        if not self._rows:
+            self._oldest = time.monotonic()
+        self._rows.append(row)
+        self._listener.ended(row, trace)
+
+    def _flush(self) -> None:
+        if self._rows:
+            self._listener.keep(self._rows)
+            self._rows = []
+
+
+def _timed_out(limit: float) -> dict[str, Any]:
+    cause = f"the run had not ended after limits.wall_clock = {limit:g} s"
+    return {"outcome": "timed_out", "reason": "wall_clock", "cause": cause}
