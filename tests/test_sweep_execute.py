@@ -189,7 +189,6 @@ def test_outcomes_are_walked_again_on_request(direct, file, tmp_path, capsys):
         (("--force",), "--force goes with --resume"),
         (("--resume", "--workers", "0"), "must be at least 1"),
         (("--workers", "2", "--scheduler", "tcp://localhost:1"), "exclude each other"),
-        (("--resume", "--probe", "1"), "--probe goes with --dry-run"),
     ],
 )
 def test_options_that_do_not_fit_are_refused(direct, file, tmp_path, capsys, extra, words):
