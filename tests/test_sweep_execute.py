@@ -232,11 +232,15 @@ def test_a_folder_takes_only_its_own_sweep(direct, file, tmp_path, capsys):
     assert read_sweep(out).name == "other"
     turned = SWEEP.splitlines()
     for changed, *words in (
-        (SWEEP.replace("steps = 3", "steps = 4"), "steps = 3 in the folder", "steps = 4 in the file"),
-        (SWEEP.replace("0.8]", "0.9]"), "0.8", "0.9"),
-        (SWEEP.replace('"flat"', '"normal"'), '"flat" in the folder', '"normal" in the file'),
-        (SWEEP.replace("\n[[vary", "\n[set]\nbody.mass = 60\n[[vary"), "holds another sweep", "60.0"),
-        ("\n".join([*turned[:-2], turned[-1], turned[-2]]), "holds another sweep"),
+        (SWEEP.replace("steps = 3", "steps = 4"), "sweep.steps is 3 in the folder and 4 in the file"),
+        (
+            SWEEP.replace("0.8]", "0.9]"),
+            "[[vary]] 1.contact.friction is [0.6, 0.7, 0.8]",
+            "0.7, 0.9] in the file",
+        ),
+        (SWEEP.replace('"flat"', '"normal"'), "sweep.gait is 'flat' in the folder and 'normal'"),
+        (SWEEP.replace("\n[[vary", "\n[set]\nbody.mass = 60\n[[vary"), "set.body.mass is another", "60.0"),
+        ("\n".join([*turned[:-2], turned[-1], turned[-2]]), "order of keys"),
     ):
         renamed.write_text(changed, encoding="utf-8")
         assert call(renamed, out, "--resume") == 2

@@ -6,6 +6,7 @@ import json
 import shutil
 import tempfile
 import time
+import tomllib
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
@@ -182,13 +183,24 @@ class _LazyPool:
 
 def _identity(definition: SweepDefinition) -> dict[str, Any]:
     """What must not change on resume; name and wall-clock guard of the definition are free to."""
-    same = definition.model_copy(update={"limits": type(definition.limits)(), "name": "sweep"})
-    text = dump_sweep(same)
+    settings = _flat(tomllib.loads(dump_sweep(definition)))
+    del settings["sweep.name"], settings["limits.wall_clock"]
     if definition.instrument is not None:
-        from validation.measure.instruments import load_instrument  # loads all that measures
+        from validation.measure.instruments.model import load_instrument  # loads all that measures
 
-        text += f"instrument is {load_instrument(definition.instrument)!r}\n"  # a file may change
-    return {"definition": text, "code": code(), "revision": describe_environment()["revision"]}
+        settings["sweep.instrument"] = repr(load_instrument(definition.instrument))  # a file may change
+    return {"settings": settings, "code": code(), "revision": describe_environment()["revision"]}
+
+
+def _flat(value: Any, place: str = "") -> dict[str, str]:
+    """Settings of nested tables: place to value, as texts."""
+    if isinstance(value, Mapping):
+        items = [(f"{place}.{key}" if place else str(key), item) for key, item in value.items()]
+    elif place == "vary":
+        items = [(f"[[vary]] {number}", item) for number, item in enumerate(value, start=1)]
+    else:
+        return {place: repr(value)}
+    return {key: text for inner, item in items for key, text in _flat(item, inner).items()}
 
 
 def _check_identity(store: Store, definition: SweepDefinition, options: Options, progress: Progress) -> None:
@@ -202,18 +214,17 @@ def _check_identity(store: Store, definition: SweepDefinition, options: Options,
         if options.resume:
             progress.say(f"nothing to resume in {store.folder}; starting the sweep")
         return
-    if not (isinstance(before.get("definition"), str) and isinstance(before.get("code"), dict)):
+    kept, new = before.get("settings"), now["settings"]
+    if not (isinstance(kept, dict) and isinstance(before.get("code"), dict)):
         raise InputError(
             f"the rows in {store.folder} do not say which definition and code made them; give another folder."
         )
-    kept, new = before["definition"].splitlines(), now["definition"].splitlines()
-    if kept != new:
-        sides = (kept, new), (new, kept)
-        only = [[line for line in one if line not in other and " = " in line] for one, other in sides]
-        gone, come = (lines[0] if lines else "no other line" for lines in only)
+    if list(kept.items()) != list(new.items()):  # the order of the keys numbers the runs
+        place = next((key for key in {**new, **kept} if kept.get(key) != new.get(key)), "order of keys")
         raise InputError(
-            f"--out {store.folder} holds another sweep than this file defines: {gone} in the folder, "
-            f"{come} in the file; give another folder, or that definition."
+            f"--out {store.folder} holds another sweep than this file defines: {place} is "
+            f"{kept.get(place, 'another')} in the folder and {new.get(place, 'another')} in the file; give "
+            "another folder, or that definition."
         )
     changed = [
         f"{name} {before['code'].get(name)} -> {value}"

@@ -269,7 +269,7 @@ def _write(walk: Walk, work: Path, task: Task, timing: Mapping[str, float]) -> N
     shown["simulated"] = float(record.time[-1] - record.time[0])
     more = {}
     if task.instrument is not None:
-        from validation.measure.instruments import load_instrument  # loads SciPy
+        from validation.measure.instruments.model import load_instrument  # loads SciPy
 
         more["instrument"] = write_observation(work, load_instrument(task.instrument), planned, record)
     write_summary(
