@@ -22,10 +22,14 @@ from scipy.stats import false_discovery_control, wilcoxon
 
 from ampm.exceptions import InputError
 from validation.judge.uncertainty import Uncertainty, load_uncertainty
-from validation.study.sweep.matching import Matching, match, notes
 from validation.study.sweep.table import METRIC, STATES, State, SweepTable, read_sweep
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+Runs = tuple[SweepTable, Rows]
+"""A sweep, and rows of it, shape (N,)."""
 
 RELATIVE_FLOOR = 1e-6
 """Share of a metric's value below which a difference is rounding [1]."""
@@ -37,85 +41,163 @@ SIGNIFICANCE = 0.05
 LEAST_PAIRS = 8
 """Pairs below which no shift over all runs is claimed: of 8, chance alone moves all one way in 1 of 128."""
 
+KINDS: Mapping[str, str] = {
+    "newly_failing": "newly failing",
+    "worse_outcome": "with a worse outcome",
+    "worse_metrics": "with a metric worse beyond tolerance",
+    "newly_passing": "newly passing",
+    "better_outcome": "with a better outcome",
+    "other_outcome": "with another outcome, neither better nor worse",
+    "verdict_only": "with another verdict, though no metric changed beyond noise",
+}
+"""What can happen to a run; the first three are regressions."""
+_REGRESSIONS = tuple(KINDS)[:3]
 _SEVERITY: Mapping[State, int] = {
-    State.PASS: 0,
-    State.OUT_OF_TOLERANCE: 1,
-    State.NOT_MEASURED: 1,
-    State.REFUSED: 2,
-    State.FELL: 3,
-    State.DIVERGED: 3,
-    State.INFEASIBLE: 3,
-    State.CRASHED: 4,
-    State.TIMED_OUT: 4,
-    State.INTERRUPTED: 4,
+    state: severity
+    for severity, states in enumerate(
+        (
+            (State.PASS,),
+            (State.OUT_OF_TOLERANCE, State.NOT_MEASURED),
+            (State.REFUSED,),
+            (State.FELL, State.DIVERGED, State.INFEASIBLE),
+            (State.CRASHED, State.TIMED_OUT, State.INTERRUPTED),
+        )
+    )
+    for state in states
 }
 """From good to bad. A refusal is an honest answer, better than a fall; a crash is none."""
+_MACHINE = ("processor", "platform", "version_mujoco", "version_numpy", "version_pin", "version_osqp")
 
 
 @dataclass(frozen=True)
 class Change:
-    """A run whose outcome or figures changed.
+    """A run whose outcome or metrics changed.
 
     Attributes:
-        kind: ``newly_failing``, ``newly_passing``, ``worse_outcome``, ``better_outcome``, ``other_outcome``
-            (another, neither better nor worse), ``verdict_only`` (another verdict, though no figure changed
-            beyond noise), or ``worse_figures``.
-        a: name in the first sweep.
-        b: name in the second.
+        kind: one of :data:`KINDS`.
+        a, b: name in the first and in the second sweep.
+        before, after: state in either.
+        metrics: those that got worse beyond tolerance, were lost, or are newly over their limit.
         parameters: values of what varies.
-        before: state in the first sweep.
-        after: state in the second.
-        metrics: those that got worse beyond tolerance, or are newly over their limit.
     """
 
     kind: str
     a: str
     b: str
-    parameters: Mapping[str, Any]
     before: State
     after: State
-    metrics: tuple[str, ...] = ()
+    metrics: tuple[str, ...]
+    parameters: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class MetricChange:
-    """One metric over all pairs of runs that completed in both sweeps.
+    """One metric of the N runs that both sweeps have; every array of shape (N,).
 
     Attributes:
-        metric: name.
+        name: of the metric.
         unit: SI unit of all values.
-        pairs: how many.
-        better, worse: pairs that differ by more than the noise.
-        regressed: pairs that got worse by more than noise and tolerance.
-        noise: median over the pairs of what a difference must exceed; infinite if the study has no bound.
+        before, after: values in the first and in the second sweep.
+        completed: whether the run completed in both, with a finite value in the first sweep.
+        noise: what a difference must exceed to be one; infinite if the study has no bound.
         noise_from: ``floating point`` or ``convergence study``.
-        allowed: median growth that is no regression, None for a metric without limit.
-        before, after: medians.
-        shift: median of the differences, second minus first.
-        p: of Wilcoxon's signed-rank test on the differences, those within noise counted as none, corrected
-            for the number of metrics (Benjamini-Hochberg); NaN without enough pairs.
-        verdict: ``better``, ``worse`` or ``same``: of the shift over all runs; ``too few`` to say.
-        worst: name of the run in the first sweep that got worse most, empty if none did.
-        worst_before, worst_after: its values.
+        allowed: growth that is no regression; NaN without a limit.
+        over_a, over_b: whether it is over its limit.
     """
 
-    metric: str
+    name: str
     unit: str
-    pairs: int
-    better: int
-    worse: int
-    regressed: int
-    noise: float
+    before: Array
+    after: Array
+    completed: Mask
+    noise: Array
     noise_from: str
-    allowed: float | None
-    before: float
-    after: float
-    shift: float
-    p: float
-    verdict: str
-    worst: str
-    worst_before: float
-    worst_after: float
+    allowed: Array
+    over_a: Mask
+    over_b: Mask
+
+    @property
+    def both(self) -> Mask:
+        """Runs with a finite value in both sweeps."""
+        return self.completed & np.isfinite(self.after)
+
+    @property
+    def growth(self) -> Array:
+        """Second minus first; zero where there is no value in both, infinite where the second lacks one."""
+        lost = np.where(self.completed, np.inf, 0.0)
+        return np.where(self.both, self.after - self.before, lost)
+
+    @property
+    def worse(self) -> Mask:
+        """Runs that grew by more than the noise, or lost their value."""
+        return self.growth > np.where(self.both, self.noise, 0.0)
+
+    @property
+    def better(self) -> Mask:
+        """Runs that fell by more than the noise."""
+        return -self.growth > self.noise
+
+    @property
+    def regressed(self) -> Mask:
+        """Runs that got worse by more than the tolerance, too, or lost their value."""
+        return self.worse & (self.growth > np.where(self.both, np.nan_to_num(self.allowed, nan=np.inf), 0.0))
+
+    def median(self, values: Array) -> float:
+        """Median over the runs with a value in both sweeps."""
+        return float(np.median(values[self.both])) if self.both.any() else math.nan
+
+    @property
+    def p_value(self) -> float:
+        """Probability of the differences by chance (Wilcoxon's signed-rank test); NaN with too few runs.
+
+        Differences within the noise count as none.
+        """
+        growth = np.where(self.worse | self.better, self.growth, 0.0)[self.both]
+        if len(growth) < LEAST_PAIRS:
+            return math.nan
+        return float(wilcoxon(growth, zero_method="zsplit").pvalue) if growth.any() else 1.0
+
+    def verdict(self, p: float) -> str:
+        """What is said of the shift over all runs: ``better``, ``worse``, ``same``, or ``too few`` to say.
+
+        Args:
+            p: of :attr:`p_value`, corrected for the number of metrics.
+        """
+        shift = self.median(self.growth)
+        if p < SIGNIFICANCE and abs(shift) > self.median(self.noise):
+            return "worse" if shift > 0.0 else "better"
+        return "too few" if math.isnan(p) else "same"
+
+    @classmethod
+    def of(cls, name: str, a: Runs, b: Runs, share: float, bound: float | None) -> MetricChange:
+        """Compare a metric.
+
+        Args:
+            name: of the metric.
+            a: first sweep and the rows to compare.
+            b: second sweep, likewise.
+            share: of its limit by which it may grow.
+            bound: numerical uncertainty, None without a study of it.
+        """
+        (first, rows_a), (second, rows_b) = a, b
+        unit = first.unit(METRIC + name)
+        before, after = first.numbers(METRIC + name)[rows_a], second.numbers(METRIC + name)[rows_b]
+        rounding = RELATIVE_FLOOR * np.fmax(np.abs(before), np.abs(after))
+        limit = second.limit_values(name)[rows_b]
+        limit = np.where(np.isnan(limit), first.limit_values(name)[rows_a], limit)
+        over_a, over_b = (np.nan_to_num(sweep.used(name)[rows]) > 1.0 for sweep, rows in (a, b))
+        return cls(
+            name=name,
+            unit=unit,
+            before=before,
+            after=after,
+            completed=first.measured[rows_a] & second.measured[rows_b] & np.isfinite(before),
+            noise=np.maximum(np.maximum(rounding, ABSOLUTE_FLOOR.get(unit, 0.0)), bound or 0.0),
+            noise_from="floating point" if bound is None else "convergence study",
+            allowed=share * limit,
+            over_a=over_a,
+            over_b=over_b,
+        )
 
 
 @dataclass(frozen=True)
@@ -123,89 +205,86 @@ class SweepDiff:
     """Two sweeps compared.
 
     Attributes:
-        a: first sweep.
-        b: second sweep.
-        matching: which run is which.
-        changes: runs that changed.
+        a, b: the sweeps; the first is the reference.
+        rows_a, rows_b: rows of the runs that both have, shape (N,) each.
+        changes: runs that changed, the worst outcome first.
         metrics: in the profile's order.
-        transitions: counts by state before and after.
+        p_values: of the shift of every metric, corrected for their number (Benjamini-Hochberg).
         notes: what a reader must know to believe the rest.
         require_all: whether missing runs are regressions.
     """
 
     a: SweepTable
     b: SweepTable
-    matching: Matching
+    rows_a: Rows
+    rows_b: Rows
     changes: tuple[Change, ...]
     metrics: tuple[MetricChange, ...]
-    transitions: Mapping[tuple[State, State], int]
+    p_values: tuple[float, ...]
     notes: tuple[str, ...]
     require_all: bool = False
 
-    def of_kind(self, *kinds: str) -> list[Change]:
-        """Changes of these kinds."""
-        return [change for change in self.changes if change.kind in kinds]
+    def of_kind(self, kind: str) -> list[Change]:
+        """Changes of one kind."""
+        return [change for change in self.changes if change.kind == kind]
+
+    @property
+    def missing(self) -> list[str]:
+        """Names of runs that only the first sweep has."""
+        return _others(self.a, self.rows_a)
+
+    @property
+    def new(self) -> list[str]:
+        """Names of runs that only the second sweep has."""
+        return _others(self.b, self.rows_b)
+
+    @property
+    def transitions(self) -> list[tuple[State, State, int]]:
+        """State before, state after, number of runs."""
+        counted = Counter(zip(self.a.states[self.rows_a], self.b.states[self.rows_b], strict=True))
+        return [(STATES[before], STATES[after], count) for (before, after), count in sorted(counted.items())]
 
     @property
     def regressions(self) -> list[str]:
         """What fails the comparison, in words; empty if nothing does."""
+        found = [f"{len(self.of_kind(kind))} {KINDS[kind]}" for kind in _REGRESSIONS if self.of_kind(kind)]
+        return [*found, f"{len(self.missing)} missing"] if self.require_all and self.missing else found
+
+    @property
+    def lacking(self) -> list[str]:
+        """What the comparison says nothing of, in words; empty if every run of either has a partner."""
         found = []
-        for kind, words in _REGRESSIONS.items():
-            count = len(self.of_kind(kind))
-            if count:
-                found.append(f"{count} {words}")
-        missing = len(self.matching.missing)
-        if self.require_all and missing:
-            found.append(f"{missing} missing")
-        return found
+        for names, own, other in ((self.missing, "A", "B"), (self.new, "B", "A")):
+            sweep, partner = (self.a, self.b) if own == "A" else (self.b, self.a)
+            unfinished = partner.planned > len(partner)
+            # Runs that only B has are no gap, unless A was to have them.
+            if names and (own == "A" or unfinished):
+                state = ", which is not finished" if unfinished else ""
+                found.append(f"{len(names):,} of the {len(sweep):,} runs of {own} missing in {other}{state}")
+        return found or [
+            f"{name} is not finished" for name, s in (("A", self.a), ("B", self.b)) if s.planned > len(s)
+        ]
 
     @property
     def sentence(self) -> str:
         """The answer in one sentence."""
-        pairs = len(self.matching.a)
-        runs = f"{pairs:,} matched run{'' if pairs == 1 else 's'}"
-        lacking = "".join(f"; {part}" for part in self.lacking)
+        runs = f"{len(self.rows_a):,} matched run{'' if len(self.rows_a) == 1 else 's'}"
+        end = "".join(f"; {part}" for part in self.lacking) + "."
         if self.regressions:
-            return f"Regression in {runs}: {', '.join(self.regressions)}{lacking}."
+            return f"Regression in {runs}: {', '.join(self.regressions)}{end}"
         gained = len(self.of_kind("newly_passing"))
-        better = sum(item.verdict == "better" for item in self.metrics)
+        better = sum(item.verdict(p) == "better" for item, p in zip(self.metrics, self.p_values, strict=True))
         parts = [f"{gained} newly passing"] if gained else []
-        parts += [f"{better} figure{'' if better == 1 else 's'} better over all runs"] if better else []
+        parts += [f"{better} metric{'' if better == 1 else 's'} better over all runs"] if better else []
         if parts:
-            return f"No regression in {runs}; {', '.join(parts)}{lacking}."
-        changed = any(item.better or item.worse for item in self.metrics) or self.changes
-        return f"No {'regression' if changed else 'difference beyond noise'} in {runs}{lacking}."
-
-    @property
-    def lacking(self) -> list[str]:
-        """What the comparison says nothing of, in words; empty if every run of either sweep has a partner."""
-        found = []
-        severally = len(self.matching.ambiguous)
-        for rows, left, right, name, other in (
-            (len(self.matching.missing) - severally, self.a, self.b, "A", "B"),
-            (len(self.matching.new), self.b, self.a, "B", "A"),
-        ):
-            # Runs that only B has are no gap, unless A was to have them.
-            unfinished = right.planned > len(right)
-            if rows > 0 and (name == "A" or unfinished):
-                state = ", which is not finished" if unfinished else ""
-                verb = "is" if rows == 1 else "are"
-                found.append(f"{rows:,} of the {len(left):,} runs of {name} {verb} missing in {other}{state}")
-        if severally:
-            found.append(f"{severally:,} of A {'has' if severally == 1 else 'have'} several partners in B")
-        if not found:
-            open_ends = [name for name, side in (("A", self.a), ("B", self.b)) if side.planned > len(side)]
-            if open_ends:
-                verb = "is" if len(open_ends) == 1 else "are"
-                found.append(f"{' and '.join(open_ends)} {verb} not finished")
-        return found
+            return f"No regression in {runs}; {', '.join(parts)}{end}"
+        changed = self.changes or any((item.better | item.worse).any() for item in self.metrics)
+        return f"No {'regression' if changed else 'difference beyond noise'} in {runs}{end}"
 
 
-_REGRESSIONS = {
-    "newly_failing": "newly failing",
-    "worse_outcome": "with a worse outcome",
-    "worse_figures": "with a figure worse beyond tolerance",
-}
+def _others(sweep: SweepTable, rows: Rows) -> list[str]:
+    names = sweep.words("name")
+    return [names[row] for row in np.setdiff1d(np.arange(len(sweep)), rows)]
 
 
 def compare_sweeps(
@@ -243,29 +322,26 @@ def diff_tables(
     require_all: bool = False,
 ) -> SweepDiff:
     """The same for tables that are read already; ``allowed`` as from :func:`read_tolerances`."""
-    matching = match(a, b)
+    rows_a, rows_b, notes = join(a, b)
     allowed = allowed if allowed is not None else {"": TOLERANCE}
-    values = uncertainty.bounds if uncertainty is not None else {}
-    rows = [
-        _Compared.of(name, a, b, matching, allowed.get(name, allowed[""]), values.get(name))
+    bounds = uncertainty.bounds if uncertainty is not None else {}
+    metrics = [
+        MetricChange.of(name, (a, rows_a), (b, rows_b), allowed.get(name, allowed[""]), bounds.get(name))
         for name in a.metrics
         if METRIC + name in b and (name in a.limits or name in b.limits)
     ]
-    rows = [row for row in rows if row.both.any()]
+    metrics = [item for item in metrics if item.completed.any()]
+    p = np.array([item.p_value for item in metrics])
+    p[~np.isnan(p)] = false_discovery_control(p[~np.isnan(p)]) if np.isfinite(p).any() else []
     return SweepDiff(
         a=a,
         b=b,
-        matching=matching,
-        changes=tuple(_changes(a, b, matching, rows)),
-        metrics=tuple(_metric_changes(a, matching, rows)),
-        transitions=Counter(
-            zip(
-                (STATES[i] for i in a.states[matching.a]),
-                (STATES[i] for i in b.states[matching.b]),
-                strict=True,
-            )
-        ),
-        notes=(*notes(a, b, matching), *_of_study(uncertainty)),
+        rows_a=rows_a,
+        rows_b=rows_b,
+        changes=tuple(_changes((a, rows_a), (b, rows_b), metrics)),
+        metrics=tuple(metrics),
+        p_values=tuple(p.tolist()),
+        notes=(*notes, *_notes(a, b), *_study_notes(uncertainty)),
         require_all=require_all,
     )
 
@@ -298,201 +374,146 @@ def read_tolerances(texts: Sequence[str], metrics: set[str]) -> dict[str, float]
     return found
 
 
-@dataclass(frozen=True)
-class _Compared:
-    """One metric of all pairs.
+# -------------------------------------------------------------------------------------- which run is which
 
-    Attributes:
-        name: of the metric.
-        unit: SI unit.
-        before, after: shape (N,).
-        both: where it was measured in both sweeps, shape (N,).
-        noise: what a difference must exceed to be one, shape (N,).
-        from_study: whether that is from a convergence study.
-        over_a, over_b: over its limit, shape (N,).
-        allowed: growth that is no regression, shape (N,); NaN without a limit.
+
+def join(a: SweepTable, b: SweepTable) -> tuple[Rows, Rows, list[str]]:
+    """Rows of the runs that both sweeps have, and notes on how they differ.
+
+    Runs with the same key are the same: it hashes the parameters that differ from the defaults. Where a
+    parameter was changed for all runs alike no key is left the same; the values of what varies then decide.
+
+    Raises:
+        InputError: no run is in both.
     """
-
-    name: str
-    unit: str
-    before: Array
-    after: Array
-    both: NDArray[np.bool_]
-    noise: Array
-    from_study: bool
-    over_a: NDArray[np.bool_]
-    over_b: NDArray[np.bool_]
-    allowed: Array
-
-    @classmethod
-    def of(
-        cls,
-        name: str,
-        a: SweepTable,
-        b: SweepTable,
-        matching: Matching,
-        share: float,
-        uncertainty: float | None,
-    ) -> _Compared:
-        unit = a.unit(METRIC + name)
-        before, after = a.numbers(METRIC + name)[matching.a], b.numbers(METRIC + name)[matching.b]
-        both = a.measured[matching.a] & b.measured[matching.b] & np.isfinite(before) & np.isfinite(after)
-        floor = np.maximum(
-            RELATIVE_FLOOR * np.maximum(np.abs(before), np.abs(after)), ABSOLUTE_FLOOR.get(unit, 0.0)
+    varied = list(dict.fromkeys((*a.varied, *b.varied)))
+    notes = []
+    pairs = _pairs(a.words("key"), b.words("key"))
+    if not pairs and varied and all(key in sweep for key in varied for sweep in (a, b)):
+        pairs = _pairs(*(s.table.select(varied).to_pylist() for s in (a, b)))
+        for key in (key for key in a.parameters if pairs and key in b and key not in varied):
+            one, two = (sweep.table.column(key)[0].as_py() for sweep in (a, b))
+            if one != two:
+                notes.append(f"{key} is {one} in all runs of the first sweep, {two} in those of the second")
+    if not pairs:
+        ranges = [", ".join(sorted(sweep.varied)) or "nothing" for sweep in (a, b)]
+        why = "they vary " + " and ".join(ranges)
+        if ranges[0] == ranges[1]:
+            why = f"both vary {ranges[0]}, but at other values"
+        if not (len(a) and len(b)):
+            why = "one of them has no run"
+        raise InputError(
+            f"no run of {a.source} is in {b.source} ({why}); give two sweeps of the same definition."
         )
-        limit = b.limit_values(name)[matching.b]
-        limit = np.where(np.isnan(limit), a.limit_values(name)[matching.a], limit)
-        return cls(
-            name=name,
-            unit=unit,
-            before=before,
-            after=after,
-            both=both,
-            noise=floor if uncertainty is None else np.maximum(floor, uncertainty),
-            from_study=uncertainty is not None,
-            over_a=_over(a, name)[matching.a],
-            over_b=_over(b, name)[matching.b],
-            allowed=share * limit,
-        )
-
-    @property
-    def growth(self) -> Array:
-        """Second minus first, zero where it is not measured in both, shape (N,)."""
-        return np.where(self.both, self.after - self.before, 0.0)
-
-    @property
-    def worse(self) -> NDArray[np.bool_]:
-        return self.growth > self.noise
-
-    @property
-    def better(self) -> NDArray[np.bool_]:
-        return -self.growth > self.noise
-
-    @property
-    def regressed(self) -> NDArray[np.bool_]:
-        return self.worse & (self.growth > np.where(np.isnan(self.allowed), np.inf, self.allowed))
+    rows = np.array(pairs, dtype=np.int64)
+    return rows[:, 0], rows[:, 1], notes
 
 
-def _over(sweep: SweepTable, metric: str) -> NDArray[np.bool_]:
-    return np.nan_to_num(sweep.used(metric), nan=0.0) > 1.0
+def _pairs(a: Sequence[Any], b: Sequence[Any]) -> list[tuple[int, int]]:
+    """Rows of equal identity; runs that were repeated are paired in their order."""
+    place = {identity: row for row, identity in enumerate(_numbered(b))}
+    return [(row, place[identity]) for row, identity in enumerate(_numbered(a)) if identity in place]
 
 
-def _changes(a: SweepTable, b: SweepTable, matching: Matching, rows: Sequence[_Compared]) -> list[Change]:
-    names_a, names_b = a.words("name"), b.words("name")
-    varied = [key for key in dict.fromkeys((*a.varied, *b.varied)) if key in a]
-    columns = {key: a.table.column(key) for key in varied}
-    regressed = [(row.name, row.regressed) for row in rows]
-    moved = np.zeros(len(matching.a), dtype=bool)
-    for _, mask in regressed:
-        moved |= mask
-    moved |= a.states[matching.a] != b.states[matching.b]
+def _numbered(identities: Sequence[Any]) -> list[tuple[str, int]]:
+    seen: Counter[str] = Counter()
     found = []
-    for i in np.flatnonzero(moved).tolist():
-        left, right = int(matching.a[i]), int(matching.b[i])
-        before, after = STATES[a.states[left]], STATES[b.states[right]]
-        grown = tuple(name for name, mask in regressed if mask[i])
-        kind = _kind(before, after, grown, rows, i)
-        if kind is None:
-            continue
-        if kind in ("newly_failing", "verdict_only"):
-            over = tuple(row.name for row in rows if row.over_b[i] and not row.over_a[i])
-            grown = tuple(dict.fromkeys((*over, *grown)))
-        values = {key: column[left].as_py() for key, column in columns.items()}
-        found.append(
-            Change(
-                kind, names_a[left] or str(left), names_b[right] or str(right), values, before, after, grown
-            )
-        )
-    return sorted(found, key=lambda change: (-_SEVERITY[change.after], change.a))
-
-
-def _kind(
-    before: State, after: State, grown: tuple[str, ...], rows: Sequence[_Compared], i: int
-) -> str | None:
-    """What happened to a run."""
-    if {before, after} == {State.PASS, State.OUT_OF_TOLERANCE}:
-        # A verdict turns at a limit, however small the step across it; below the noise that is no result.
-        worse = after is State.OUT_OF_TOLERANCE
-        crossed = [row for row in rows if (row.over_b[i] if worse else row.over_a[i])]
-        real = any((row.worse if worse else row.better)[i] for row in crossed)
-        if crossed and not real:  # with no figure over its limit the verdict has reasons that are not here
-            return "worse_figures" if grown else "verdict_only"
-    if before is after:
-        return "worse_figures" if grown else None
-    if before is State.PASS:
-        return "newly_failing"
-    if after is State.PASS:
-        return "newly_passing"
-    if _SEVERITY[before] == _SEVERITY[after]:
-        return "worse_figures" if grown else "other_outcome"
-    return "worse_outcome" if _SEVERITY[after] > _SEVERITY[before] else "better_outcome"
-
-
-def _metric_changes(a: SweepTable, matching: Matching, rows: Sequence[_Compared]) -> list[MetricChange]:
-    names = a.words("name")
-    tests = [_shift_test(row) for row in rows]
-    known = [p for p in tests if not math.isnan(p)]
-    corrected = iter(false_discovery_control(known, method="bh") if known else [])
-    adjusted = [math.nan if math.isnan(p) else float(next(corrected)) for p in tests]
-    found = []
-    for row, p in zip(rows, adjusted, strict=True):
-        both = row.both
-        growth, noise = row.growth[both], row.noise[both]
-        shift = float(np.median(growth))
-        real = not math.isnan(p) and p < SIGNIFICANCE and abs(shift) > float(np.median(noise))
-        worst = int(np.argmax(np.where(row.worse, row.growth, -np.inf))) if row.worse.any() else None
-        allowed = row.allowed[both]
-        found.append(
-            MetricChange(
-                metric=row.name,
-                unit=row.unit,
-                pairs=int(both.sum()),
-                better=int(row.better.sum()),
-                worse=int(row.worse.sum()),
-                regressed=int(row.regressed.sum()),
-                noise=float(np.median(noise)),
-                noise_from="convergence study" if row.from_study else "floating point",
-                allowed=None if np.isnan(allowed).all() else float(np.nanmedian(allowed)),
-                before=float(np.median(row.before[both])),
-                after=float(np.median(row.after[both])),
-                shift=shift,
-                p=p,
-                verdict=_shift_verdict(shift, p, real),
-                worst="" if worst is None else names[int(matching.a[worst])],
-                worst_before=math.nan if worst is None else float(row.before[worst]),
-                worst_after=math.nan if worst is None else float(row.after[worst]),
-            )
-        )
+    for identity in map(str, identities):
+        found.append((identity, seen[identity]))
+        seen[identity] += 1
     return found
 
 
-def _shift_verdict(shift: float, p: float, real: bool) -> str:
-    if math.isnan(p):
-        return "too few"
-    return ("worse" if shift > 0.0 else "better") if real else "same"
+def _notes(a: SweepTable, b: SweepTable) -> list[str]:
+    """What a reader must know of two sweeps to believe their comparison."""
+    found = []
+    if a.profile != b.profile:
+        found.append(f"the verdicts are of different profiles: {a.profile or '?'} and {b.profile or '?'}")
+    elif {n: i.limit for n, i in a.limits.items()} != {n: i.limit for n, i in b.limits.items()}:
+        found.append("the limits of the profile are not the same in both sweeps; those of the second count")
+    gone = [name for name in a.limits if METRIC + name in a and METRIC + name not in b]
+    if gone:
+        found.append(f"only the first sweep has {', '.join(gone)}")
+    for entry in _MACHINE:
+        first, second = (_distinct(sweep, f"environment_{entry}") for sweep in (a, b))
+        if first and second and first != second:
+            found.append(
+                f"{entry.removeprefix('version_')}: {' and '.join(first)}, then {' and '.join(second)}; bits "
+                "may differ for that alone"
+            )
+    for sweep, which in ((a, "first"), (b, "second")):
+        if len(_distinct(sweep, "environment_revision")) > 1:
+            found.append(f"the {which} sweep mixes revisions")
+        if sweep.planned > len(sweep):
+            found.append(f"the {which} sweep is not finished: {len(sweep):,} of {sweep.planned:,} runs")
+    return found
 
 
-def _shift_test(row: _Compared) -> float:
-    """Wilcoxon's signed-rank test of the differences; NaN with too few pairs."""
-    growth = np.where(row.worse | row.better, row.growth, 0.0)[row.both]
-    if len(growth) < LEAST_PAIRS:
-        return math.nan
-    if not growth.any():
-        return 1.0
-    return float(wilcoxon(growth, zero_method="zsplit").pvalue)
-
-
-def _of_study(uncertainty: Uncertainty | None) -> list[str]:
+def _study_notes(uncertainty: Uncertainty | None) -> list[str]:
     if uncertainty is None:
         return []
     inside = f" ({' + '.join(uncertainty.studies)})" if uncertainty.studies else ""
-    told = [
+    found = [
         f"the noise is the numerical uncertainty{inside} of {uncertainty.gait}, taken for all gaits of the "
         "sweeps"
     ]
     if uncertainty.not_studied:
-        told.append(
-            f"not studied: {', '.join(uncertainty.not_studied)}; figures whose uncertainty lacks that have "
+        found.append(
+            f"not studied: {', '.join(uncertainty.not_studied)}; metrics whose uncertainty lacks that have "
             "no bound, and no difference of theirs is called one"
         )
-    return told
+    return found
+
+
+def revision(sweep: SweepTable) -> str:
+    """Revisions of a sweep, shortened."""
+    found = _distinct(sweep, "environment_revision")
+    modified = found and "True" in sweep.words("environment_modified")
+    return ", ".join(word[:10] for word in found) + (" (changed since)" if modified else "")
+
+
+def _distinct(sweep: SweepTable, column: str) -> list[str]:
+    return sorted({word for word in sweep.words(column) if word})
+
+
+# ------------------------------------------------------------------------------------------ what changed
+
+
+def _changes(a: Runs, b: Runs, metrics: Sequence[MetricChange]) -> list[Change]:
+    (first, rows_a), (second, rows_b) = a, b
+    names_a, names_b = first.words("name"), second.words("name")
+    varied = [key for key in dict.fromkeys((*first.varied, *second.varied)) if key in first]
+    regressed = [item.regressed for item in metrics]
+    moved = np.any([first.states[rows_a] != second.states[rows_b], *regressed], axis=0)
+    found = []
+    for i in np.flatnonzero(moved).tolist():
+        left, right = int(rows_a[i]), int(rows_b[i])
+        before, after = STATES[first.states[left]], STATES[second.states[right]]
+        grown = [item.name for item, mask in zip(metrics, regressed, strict=True) if mask[i]]
+        kind = _kind(before, after, bool(grown), metrics, i)
+        if kind in ("newly_failing", "verdict_only"):
+            over = (item.name for item in metrics if item.over_b[i] and not item.over_a[i])
+            grown = list(dict.fromkeys((*over, *grown)))
+        values = {key: first.table.column(key)[left].as_py() for key in varied}
+        if kind is not None:
+            found.append(Change(kind, names_a[left], names_b[right], before, after, tuple(grown), values))
+    return sorted(found, key=lambda change: (-_SEVERITY[change.after], change.a))
+
+
+def _kind(before: State, after: State, grown: bool, metrics: Sequence[MetricChange], i: int) -> str | None:
+    """What happened to a run; None if nothing did."""
+    same = "worse_metrics" if grown else None
+    if {before, after} == {State.PASS, State.OUT_OF_TOLERANCE}:
+        # A verdict turns at a limit, however small the step across it; below the noise that is no result.
+        worse = after is State.OUT_OF_TOLERANCE
+        crossed = [item for item in metrics if (item.over_b if worse else item.over_a)[i]]
+        real = any((item.worse if worse else item.better)[i] for item in crossed)
+        if crossed and not real:  # with no metric over its limit the verdict has reasons that are not here
+            return same or "verdict_only"
+    if before is after:
+        return same
+    if State.PASS in (before, after):
+        return "newly_failing" if before is State.PASS else "newly_passing"
+    if _SEVERITY[before] == _SEVERITY[after]:
+        return same or "other_outcome"
+    return "worse_outcome" if _SEVERITY[after] > _SEVERITY[before] else "better_outcome"
