@@ -196,6 +196,9 @@ def test_of_many_gaits_a_sample_is_checked(walks, monkeypatch):
     text = '[sweep]\ngait = "flat"\n' + GRID + "gait.c_y = { from = 0.7, to = 1, count = 20 }\n"
     found = forecast(parse_sweep(text + "contact.friction = [0.7, 0.8]"), 4)
     assert (found.gaits, found.checked, found.exact, found.walking) == (20, 5, False, 40)
+    refused = forecast(parse_sweep('[sweep]\ngait = "flat"\n' + GRID + "gait.c_y = [0.5, 0.55]"), 1)
+    assert refused.seconds is None
+    assert [text.count("bend [less]") for text in refused.motion_refused] == [1, 1]
     assert found.seconds is not None
     assert found.wall_clock == pytest.approx(10 * found.seconds)
 

@@ -52,6 +52,8 @@ def print_forecast(found: Forecast) -> None:
             f"one run takes about {format_duration(found.seconds)}, the sweep "
             f"{format_duration(found.wall_clock)} with {found.workers} workers"
         )
+    for text in found.motion_refused:
+        print_line(f"tried to time it, and refused: {escape(text)}")
     print_line("not seen: motions that do not close or reach a joint limit, and falls")
     for note in definition.notes():
         print_line(f"note: {note}")

@@ -34,7 +34,7 @@ CHECKED = 128
 TIMED_STEPS = 10
 """Steps of the walk that is timed, at most."""
 
-_TIMED = 3  # gaits that are tried until one of them can be walked and timed
+_TIMED = 8  # gaits that are tried until one of them can be walked and timed
 _GAIT = tuple(field.name for field in fields(periodic.Gaits))
 _CHUNK = 16_384  # runs at a time: their arrays stay in the processor's cache
 _CHECKED_KEYS = ("gait.", "body.", "foot.", "controller.frequency", "simulation.time_step")
@@ -66,6 +66,7 @@ class Forecast:
         gaits: different whole-body motions among the others.
         checked: how many of these were checked against soles and legs.
         body_refused: by soles and legs, of the runs that share a checked gait.
+        motion_refused: what the whole-body motion of gaits refused that were tried before the timed one.
         walking: runs that can walk at most, estimated from the share of checked ones if not all were.
         seconds: of one run, from a timed walk; None if none could be walked [s].
         workers: processes.
@@ -77,6 +78,7 @@ class Forecast:
     gaits: int
     checked: int
     body_refused: tuple[Refused, ...]
+    motion_refused: tuple[str, ...]
     walking: int
     seconds: float | None
     workers: int
@@ -128,10 +130,8 @@ def forecast(definition: SweepDefinition, workers: int, *, progress: Progress | 
     ]
     numbers = np.flatnonzero(code == ACCEPTED)
     _, first, sharing = np.unique(_gaits(cases, numbers), return_index=True, return_counts=True)
-    chosen = np.arange(len(first))
-    if len(first) > CHECKED:
-        # At random: every so manieth of a grid would always have the same value of the last key.
-        chosen = np.random.default_rng(definition.seed).permutation(len(first))[:CHECKED]
+    # At random: the first of a grid are its corner.
+    chosen = np.random.default_rng(definition.seed).permutation(len(first))[:CHECKED]
     passing: list[int] = []
     found: dict[str, Refused] = {}
     for index in chosen.tolist():
@@ -145,6 +145,7 @@ def forecast(definition: SweepDefinition, workers: int, *, progress: Progress | 
             found[reason] = Refused(reason, known.runs + runs, known.example)
     looked_at = int(sharing[chosen].sum())
     share = 1.0 - sum(item.runs for item in found.values()) / max(looked_at, 1)
+    seconds, motion_refused = _time_walk(cases, passing[:_TIMED], len(first) / max(len(numbers), 1), progress)
     return Forecast(
         definition=definition,
         runs=len(cases),
@@ -152,8 +153,9 @@ def forecast(definition: SweepDefinition, workers: int, *, progress: Progress | 
         gaits=len(first),
         checked=len(chosen),
         body_refused=tuple(found.values()),
+        motion_refused=tuple(motion_refused),
         walking=round(share * len(numbers)),
-        seconds=_seconds(cases, passing[:_TIMED], len(first) / max(len(numbers), 1), progress),
+        seconds=seconds,
         workers=workers,
     )
 
@@ -225,8 +227,10 @@ def _gaits(cases: Cases, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
     return motion
 
 
-def _seconds(cases: Cases, candidates: Iterable[int], share: float, progress: Progress) -> float | None:
-    """Wall-clock time of one run, from a walk of few steps [s].
+def _time_walk(
+    cases: Cases, candidates: Iterable[int], share: float, progress: Progress
+) -> tuple[float | None, list[str]]:
+    """Time a walk of few steps.
 
     Args:
         cases: of the sweep.
@@ -235,7 +239,7 @@ def _seconds(cases: Cases, candidates: Iterable[int], share: float, progress: Pr
         progress: where to report stages.
 
     Returns:
-        None if none of them can be walked.
+        Wall-clock time of one run, None if none of them can be walked [s]; the refusals before it, in words.
     """
     # Here, not above: simulator and Pinocchio take a second to load.
     from validation.judge.examine import walk
@@ -244,16 +248,19 @@ def _seconds(cases: Cases, candidates: Iterable[int], share: float, progress: Pr
 
     definition = cases.definition
     steps = min(TIMED_STEPS, definition.steps)
+    refused: list[str] = []
+    start = time.perf_counter()
     for case in candidates:
         request = Request(cases.name(case), cases.run(case).replace({STEPS_KEY: steps}))
         with progress.stage(f"walk of run {request.name}, to time it"):
-            start = time.perf_counter()
             try:
                 planned = tune_walk(request).planned if definition.tune else plan_walk(request)
-            except (InputError, RefusedGait):
+            except (InputError, RefusedGait) as error:
+                refused.append(str(error))
                 continue
             ready = time.perf_counter()
             walk(planned, find_profile(definition.profile))
             walked = time.perf_counter() - ready
-            return share * (ready - start) + walked * definition.steps / steps
-    return None
+            planning = (ready - start) / (len(refused) + 1)  # refusals take their time, too
+            return share * planning + walked * definition.steps / steps, refused
+    return None, refused
