@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.body.inverse_kinematics import InverseKinematics, StepReference, step_grid, step_reference
+from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.body.motion import WholeBodyMotion
 from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
+from ampm.body.step_reference import StepReference, step_grid, step_reference
 from ampm.parameters import RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.periodic import plan_gait

@@ -9,14 +9,9 @@ import pinocchio as pin
 import pytest
 from scipy.linalg import null_space
 
-from ampm.body.inverse_kinematics import (
-    POSTURE_WEIGHTS,
-    InverseKinematics,
-    Unreachable,
-    step_grid,
-    step_reference,
-)
+from ampm.body.inverse_kinematics import POSTURE_WEIGHTS, InverseKinematics, Unreachable
 from ampm.body.orbit import COARSE_STEP
+from ampm.body.step_reference import step_grid, step_reference
 from tests.solved import COARSE, motion_of, walk_of
 
 NODES = (0, 40, 90, 120, 150)

@@ -11,14 +11,14 @@ import pinocchio as pin
 import pytest
 
 from ampm.body.feasibility import check_body
-from ampm.body.orbit import RoughOrbits
-from ampm.body.step_torques import step_torques
 from ampm.exceptions import MathematicalRefusal
 from ampm.parameters import PRESETS, dump_run, keys, load_run
 from ampm.planner.support import plan_steps
 from ampm.tune.certificate import Untunable, way_out
 from ampm.tune.free_choices import FREE_KEYS, FreeChoices, named_keys
 from ampm.tune.gait_limits import LIMITS, plan_margins
+from ampm.tune.rough_orbits import RoughOrbits
+from ampm.tune.step_torques import step_torques
 from ampm.tune.tuning import tune
 from validation.cli.app import Status, call
 from validation.judge.examine import walk
@@ -148,7 +148,9 @@ def test_a_long_fast_step_is_found_and_keeps_every_limit():
     assert 1 < found.tried < 200
     assert all(LIMITS[name].margin(value) > 0.5 for name, value in found.margins.items())
     assert found.margins.keys() == LIMITS.keys()
-    assert found.plan.posture.motion.report.knee_minimum == pytest.approx(found.margins["knee"], abs=0.02)
+    assert found.plan.posture.motion.report.knee_minimum.value == pytest.approx(
+        found.margins["knee"], abs=0.02
+    )
     assert found.run.gait.step_length == 0.7
     check_body(found.plan, body_of(*LONG)[1].description)
 

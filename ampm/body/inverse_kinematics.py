@@ -22,8 +22,7 @@ constraints (position and velocity), in the metric of the same weights, so that 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,8 +35,8 @@ from ampm.qp import OsqpBackend, QPSettings
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ampm.body.step_reference import StepReference
     from ampm.parameters import RunParameters
-    from ampm.planner.support import StepPlan
 
 POSTURE_WEIGHTS = {
     "root_linear": 1e-3,
@@ -52,65 +51,11 @@ feet and COM and need only enough to be unique."""
 ARM_BEND = 0.3
 """How far the arms' rest posture stays inside the joint limits [rad]: hanging, with slightly bent elbows."""
 
-KNEE_MINIMUM = 0.1
-"""A knee straighter than this [rad] has lost its authority over the hip's height."""
-
 _LIMIT_HORIZON = 0.02  # time over which a joint limit may be approached [s]
 _LOST = 0.05  # error after a step of the grid at which the legs no longer follow [m, rad]
 CORRECTED = 1e-9
 """Position error that a corrected grid node may keep [m, rad]."""
 _L_Z = 5  # row of the angular momentum about z
-
-
-@dataclass(frozen=True)
-class StepReference:
-    """What one step asks of the body, at the n + 1 times of the grid.
-
-    Attributes:
-        time: shape (n+1,) [s], the first step of the plan.
-        position: com, left sole, right sole, shape (n+1, 3, 3) [m].
-        velocity: the task velocities in the order of the task rows, shape (n+1, 20).
-        acceleration: the same for accelerations, shape (n+1, 20).
-        pitch: pitch of left and right foot, shape (n+1, 2) [rad].
-        toe: angles of left and right toe joint, shape (n+1, 2) [rad].
-    """
-
-    time: NDArray[np.float64]
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
-    pitch: NDArray[np.float64]
-    toe: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        for value in vars(self).values():
-            value.setflags(write=False)
-
-    @cached_property
-    def rotation(self) -> NDArray[np.float64]:
-        """Orientation of left and right sole, shape (n+1, 2, 3, 3)."""
-        rotation = np.zeros((*self.pitch.shape, 3, 3))
-        rotation[..., 0, 0] = rotation[..., 2, 2] = np.cos(self.pitch)
-        rotation[..., 0, 2] = np.sin(self.pitch)
-        rotation[..., 2, 0] = -rotation[..., 0, 2]
-        rotation[..., 1, 1] = 1.0
-        rotation.setflags(write=False)
-        return rotation
-
-    def eased(self, drop: float, share: float) -> StepReference:
-        """The same step with the COM lower by ``drop`` [m] and only a ``share`` [1] of the angular momentum.
-
-        A neighbour that is easier for legs and trunk, and not another plan: feet and times are the same.
-        """
-        position, velocity, acceleration = (
-            self.position.copy(),
-            self.velocity.copy(),
-            self.acceleration.copy(),
-        )
-        position[:, 0, 2] -= drop
-        velocity[:, 3:6] *= share
-        acceleration[:, 3:6] *= share
-        return replace(self, position=position, velocity=velocity, acceleration=acceleration)
 
 
 @dataclass(frozen=True)
@@ -143,38 +88,6 @@ class StepTrajectory:
                 value.setflags(write=False)
 
 
-def step_grid(plan: StepPlan, largest_step: float) -> NDArray[np.float64]:
-    """Times of the first step's grid, uniform within each phase, with a node on every switch [s]."""
-    single, double = plan.constants.single_support_duration, plan.constants.double_support_duration
-    n1, n2 = max(2, int(np.ceil(single / largest_step))), max(2, int(np.ceil(double / largest_step)))
-    return np.concatenate([single * np.arange(n1) / n1, single + double * np.arange(n2 + 1) / n2])
-
-
-def step_reference(plan: StepPlan, time: NDArray[np.float64]) -> StepReference:
-    """Evaluate the plan and its feet as task references."""
-    sample, feet = plan.sample(time), plan.feet.sample(time)
-    n = len(time)
-    position, velocity, acceleration = np.zeros((n, 3, 3)), np.zeros((n, TASK_ROWS)), np.zeros((n, TASK_ROWS))
-    position[:, 0] = sample.com
-    velocity[:, 0:3], acceleration[:, 0:3] = sample.com_velocity, sample.com_acceleration
-    velocity[:, 3:5] = sample.angular_momentum / plan.centroidal.mass
-    acceleration[:, 3:5] = sample.moment / plan.centroidal.mass
-    for foot, motion in enumerate(feet):
-        row = 6 + 6 * foot
-        position[:, 1 + foot] = motion.position
-        velocity[:, row : row + 3], acceleration[:, row : row + 3] = motion.velocity, motion.acceleration
-        velocity[:, row + 4], acceleration[:, row + 4] = motion.pitch_velocity, motion.pitch_acceleration
-        velocity[:, 18 + foot], acceleration[:, 18 + foot] = motion.toe_velocity, motion.toe_acceleration
-    return StepReference(
-        time=np.array(time),
-        position=position,
-        velocity=velocity,
-        acceleration=acceleration,
-        pitch=np.stack([f.pitch for f in feet], axis=1),
-        toe=np.stack([f.toe for f in feet], axis=1),
-    )
-
-
 class Unreachable(Exception):
     """The body cannot follow at one instant; a search may try elsewhere.
 
@@ -197,6 +110,9 @@ class InverseKinematics:
     Args:
         robot: the body.
         run: supplies posture gains and the choice for L_z.
+
+    Attributes:
+        integrations: steps that were integrated.
     """
 
     def __init__(self, robot: Robot, run: RunParameters) -> None:
@@ -221,6 +137,7 @@ class InverseKinematics:
         mask = self._A != 0.0
         mask[:m] = True
         self._P, self._q = np.eye(robot.nv), np.zeros(robot.nv)
+        self.integrations = 0
         self.tolerance = 1e-12
         settings = QPSettings(
             tolerance=self.tolerance,
@@ -390,6 +307,7 @@ class InverseKinematics:
         Raises:
             Unreachable: the legs cannot follow, or joint limits and constraints contradict each other.
         """
+        self.integrations += 1
         robot, time = self.robot, reference.time
         n = len(time) - 1
         qs, vs, accelerations = (

@@ -1,21 +1,15 @@
 """The whole-body motion of one step, tiled over a walk by mirroring.
 
-The one-step map of the inverse kinematics is unstable (an error grows every step), so a walk is never had by
-integrating on: one step is solved as a periodic orbit (:mod:`ampm.body.orbit`) and every later step is
-its mirror
-image, moved forward by a step length.
+The one-step map of the inverse kinematics is unstable: an error grows every step. So a walk is not integrated
+on. One step is solved as a periodic orbit (:mod:`ampm.body.orbit`), and every later step is its mirror image,
+moved forward by a step length.
 """
 
 from __future__ import annotations
 
-import json
-import os
-import tempfile
-import zipfile
-import zlib
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,71 +22,69 @@ if TYPE_CHECKING:
     from ampm.body.robot import Robot
 
 
-_DAMAGED = (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error)
+@dataclass(frozen=True)
+class Extreme:
+    """A smallest or largest value.
 
+    Attributes:
+        value: in the unit of the quantity.
+        time: when, within the step [s].
+        where: side or joint.
+    """
 
-MOTION_UNITS = {
-    "step_duration": "s",
-    "step_length": "m",
-    "angular_momentum_y_offset": "N m s",
-    "residual": "rad, m, rad/s, m/s",
-    "mean_trunk_pitch": "rad",
-    "constraint_position": "m, rad",
-    "constraint_velocity": "m/s, rad/s",
-    "constraint_acceleration": "m/s², rad/s²",
-    "knee_minimum": "rad",
-    "knee_minimum_time": "s",
-    "joint_limit_margin": "rad",
-    "joint_limit_time": "s",
-    "acceleration_jump": "rad/s²",
-}
-"""Units of what a motion reports of itself; what is not listed is a name or a plain number."""
+    value: float
+    time: float
+    where: str
 
 
 @dataclass(frozen=True)
 class MotionReport:
-    """What the orbit says of itself.
+    """Figures of merit of a periodic step; the metadata of each field give its unit.
 
     Attributes:
-        angular_momentum_y_offset: constant of L_y that makes the step periodic [N m s].
-        residual: largest difference of the mirrored return, q [rad, m] and qd [rad/s, m/s].
-        mean_trunk_pitch: over the step [rad].
+        angular_momentum_y_offset: constant of L_y that makes the step periodic.
+        residual: largest difference of the mirrored return, q and qd.
+        mean_trunk_pitch: over the step.
         multipliers: largest eigenvalues of the one-step return map, by magnitude, as (real, imaginary).
-        constraint_position: largest task error of an integration step before projection [m, rad].
-        constraint_velocity: likewise [m/s, rad/s].
-        constraint_acceleration: largest residual of the acceleration constraints [m/s^2, rad/s^2].
-        knee_minimum: smallest knee flexion [rad].
-        knee_minimum_time: its time within the step [s].
-        knee_minimum_side: left or right, the left foot standing.
-        joint_limit_margin: smallest distance of any joint from its limits, negative beyond them [rad].
-        joint_limit_joint: that joint.
-        joint_limit_group: where it is: hip, knee, ankle, toe, trunk or arms.
-        joint_limit_time: when, within the step [s].
-        acceleration_jump: largest change of a joint's acceleration over a grid interval beside a switch
-            [rad/s^2].
+        constraint_position: largest task error of an integration step before projection.
+        constraint_velocity: likewise.
+        constraint_acceleration: largest residual of the acceleration constraints.
+        knee_minimum: smallest knee flexion, and its side; the left foot stands.
+        joint_limit_margin: smallest distance of any joint from its limits, negative beyond them.
+        acceleration_jump: largest change of a joint's acceleration over a grid interval beside a switch.
         evaluations: one-step integrations that the solution took.
     """
 
-    angular_momentum_y_offset: float
-    residual: float
-    mean_trunk_pitch: float
-    multipliers: tuple[tuple[float, float], ...]
-    constraint_position: float
-    constraint_velocity: float
-    constraint_acceleration: float
-    knee_minimum: float
-    knee_minimum_time: float
-    knee_minimum_side: str
-    joint_limit_margin: float
-    joint_limit_joint: str
-    joint_limit_group: str
-    joint_limit_time: float
-    acceleration_jump: float
-    evaluations: int
+    angular_momentum_y_offset: float = field(metadata={"unit": "N m s"})
+    residual: float = field(metadata={"unit": "rad, m, rad/s, m/s"})
+    mean_trunk_pitch: float = field(metadata={"unit": "rad"})
+    multipliers: tuple[tuple[float, float], ...] = field(metadata={"unit": "1"})
+    constraint_position: float = field(metadata={"unit": "m, rad"})
+    constraint_velocity: float = field(metadata={"unit": "m/s, rad/s"})
+    constraint_acceleration: float = field(metadata={"unit": "m/s², rad/s²"})
+    knee_minimum: Extreme = field(metadata={"unit": "rad"})
+    joint_limit_margin: Extreme = field(metadata={"unit": "rad"})
+    acceleration_jump: float = field(metadata={"unit": "rad/s²"})
+    evaluations: int = field(metadata={"unit": "1"})
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> MotionReport:
+        """Of what :meth:`as_dict` gave, read back from JSON."""
+        extremes = {name: Extreme(**values[name]) for name in ("knee_minimum", "joint_limit_margin")}
+        multipliers = tuple((float(real), float(imaginary)) for real, imaginary in values["multipliers"])
+        return cls(**{**values, **extremes, "multipliers": multipliers})
+
+
+MOTION_UNITS: Mapping[str, str] = {
+    "step_duration": "s",
+    "step_length": "m",
+    **{item.name: item.metadata["unit"] for item in fields(MotionReport) if item.metadata["unit"] != "1"},
+}
+"""Units of what is reported of a motion; what is not listed is a name or a plain number."""
 
 
 @dataclass(frozen=True)
@@ -207,60 +199,6 @@ class WholeBodyMotion:
         columns["trunk_pitch"] = self.trunk_pitch
         columns["angular_momentum_z"] = self.angular_momentum_z
         return columns
-
-    def save(self, path: Path) -> None:
-        """Write as ``.npz`` that needs no pickle.
-
-        Raises:
-            OSError: the folder cannot be written.
-        """
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        arrays: dict[str, Any] = {k: v for k, v in values.items() if isinstance(v, np.ndarray)}
-        meta = {
-            "joint_names": self.joint_names,
-            "step_length": self.step_length,
-            "double_support_start": self.double_support_start,
-            "report": self.report.as_dict(),
-        }
-        # Written beside and renamed, so that no reader sees half a file, however many write at once.
-        handle, partial = tempfile.mkstemp(dir=path.parent, prefix=f"{path.stem}.", suffix=".partial")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                np.savez(file, meta=np.array(json.dumps(meta)), **arrays)
-            os.replace(partial, path)
-        except BaseException:
-            Path(partial).unlink(missing_ok=True)
-            raise
-
-    @classmethod
-    def load(cls, path: Path) -> WholeBodyMotion:
-        """Read what :meth:`save` wrote, to the last bit.
-
-        Raises:
-            OSError: there is no such file, or it cannot be read.
-            InputError: it holds no motion, or a damaged one.
-        """
-        try:
-            # Opened here: numpy leaves a damaged archive open.
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-                meta = json.loads(str(stored["meta"]))
-                arrays = {name: stored[name] for name in stored.files if name != "meta"}
-            report = dict(meta["report"])
-            report["multipliers"] = tuple((float(a), float(b)) for a, b in report["multipliers"])
-            motion = cls(
-                joint_names=tuple(meta["joint_names"]),
-                step_length=meta["step_length"],
-                double_support_start=meta["double_support_start"],
-                report=MotionReport(**report),
-                **arrays,
-            )
-            n, nu = len(motion.time), len(motion.joint_names)
-            shapes = [motion.q.shape, motion.v.shape, motion.acceleration.shape]
-            if shapes != [(n, nu + 7), (n, nu + 6), (n, nu + 6)]:
-                raise ValueError("arrays of unequal length")
-        except _DAMAGED as error:
-            raise InputError(f"{path} holds no whole-body motion ({error}); delete it.") from error
-        return motion
 
 
 def _immutable(values: NDArray[np.float64]) -> NDArray[np.float64]:

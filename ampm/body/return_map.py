@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
-from ampm.body.inverse_kinematics import InverseKinematics, StepReference, StepTrajectory, Unreachable
+from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory, Unreachable
+from ampm.body.step_reference import StepReference
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,18 +29,6 @@ _DIFFERENCE = 1e-5  # step of finite differences, in scaled units
 _KRYLOV = 10  # directions in which Newton knows the map
 
 
-class Integrator(Protocol):
-    """Who integrates steps, and counts them.
-
-    Attributes:
-        ik: of the body.
-        evaluations: steps integrated so far.
-    """
-
-    ik: InverseKinematics
-    evaluations: int
-
-
 class StepMap:
     """The mirrored one-step map of one reference, in scaled unknowns ``z``.
 
@@ -49,14 +38,13 @@ class StepMap:
 
     def __init__(
         self,
-        search: Integrator,
+        ik: InverseKinematics,
         reference: StepReference,
         origin: NDArray[np.float64],
         step_length: float,
         lean: float,
     ) -> None:
-        self._search = search
-        self.ik, self.reference, self.origin = search.ik, reference, origin
+        self.ik, self.reference, self.origin = ik, reference, origin
         self.step_length, self.lean = step_length, lean
         self.draft = True
         nv = self.ik.robot.nv
@@ -83,7 +71,6 @@ class StepMap:
         Raises:
             Unreachable: the body cannot follow.
         """
-        self._search.evaluations += 1
         return self.ik.integrate(self.reference, *self.decode(z), draft=self.draft)
 
     def returned(self, trajectory: StepTrajectory, offset: float) -> NDArray[np.float64]:
@@ -137,19 +124,6 @@ def standing(ik: InverseKinematics, reference: StepReference) -> NDArray[np.floa
     return q
 
 
-class Stalled(Exception):
-    """Newton gave up.
-
-    Attributes:
-        residual: the smallest that it reached [rad, m, rad/s, m/s].
-        cause: what the last trial could not do, if the body was the reason.
-    """
-
-    def __init__(self, residual: float, cause: Unreachable | None) -> None:
-        super().__init__(f"Newton stalls at a residual of {residual:.2g}")
-        self.residual, self.cause = residual, cause
-
-
 @dataclass
 class Solution:
     """A fixed point of one map, and what Newton knew of the map there."""
@@ -179,9 +153,12 @@ def newton(
         say: called with a line of text before every step.
 
     Raises:
-        Unreachable: the guess itself, or its neighbourhood, cannot be walked.
-        Stalled: no convergence.
+        Unreachable: the guess itself, or its neighbourhood, cannot be walked, or Newton does not converge.
     """
+
+    def stalled(residual: float) -> Unreachable:
+        return Unreachable(0.0, "Newton's method stalls", residual, tolerance, "rad")
+
     trajectory = step_map.step(z)
     value = step_map.residual(z, trajectory)
     best = step_map.size(value)
@@ -192,7 +169,7 @@ def newton(
         fresh = inverse is None
         if inverse is None:
             if rebuilds == 0:
-                raise Stalled(best, cause)
+                raise cause or stalled(best)
             rebuilds -= 1
             inverse = _approximate_inverse(step_map, z, value)
         step = -inverse(value)
@@ -211,7 +188,7 @@ def newton(
             damping *= 0.4
         else:
             if fresh:
-                raise Stalled(best, cause)
+                raise cause or stalled(best)
             inverse = None
             continue
         if damping == 1.0 and size < 0.3 * best:

@@ -112,13 +112,14 @@ class Robot:
         """One value per velocity, shape (nv,), from one per group of coordinates.
 
         Args:
-            values: of ``root_linear``, ``root_angular``, ``legs``, ``trunk`` and ``arms``.
+            values: of ``root_linear``, ``root_angular``, ``legs``, ``trunk`` and ``arms``; hinges of no group
+                count as arms.
         """
-        out = np.empty(self.nv)
+        out = np.full(self.nv, values["arms"])
         out[:3], out[3:6] = values["root_linear"], values["root_angular"]
         for legs in self.leg_joints:
             out[legs] = values["legs"]
-        out[self.trunk_joints], out[self.arm_joints] = values["trunk"], values["arms"]
+        out[self.trunk_joints] = values["trunk"]
         return out
 
     @property

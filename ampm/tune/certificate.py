@@ -50,18 +50,13 @@ class Certificate:
 
     def __str__(self) -> str:
         """One clause."""
-        if self.limit not in LIMITS:
-            told = self.what
-        else:
+        text = self.what
+        if self.limit in LIMITS:
             limit = LIMITS[self.limit]
-            side = "at most" if limit.comfort < limit.bound else "at least"
-            unit = "" if self.unit == "1" else f" {self.unit}"
-            told = (
-                f"{self.what} is {self.value:.4g}{unit} at best, {self.tried} choices tried, and must be "
-                f"{side} {self.bound:.4g}{unit}"
-            )
-        beyond = f"; farther on, {self.beyond}" if self.beyond else ""
-        return f"{self.where}, and there {told}{beyond}" if self.where else told + beyond
+            best = limit.quantity(self.value, 4)
+            text = f"{self.what} is {best} at best, {self.tried} choices tried, and must be {limit.rule}"
+        text += f"; farther on, {self.beyond}" if self.beyond else ""
+        return f"{self.where}, and there {text}" if self.where else text
 
 
 class Untunable(BodilyRefusal):
@@ -73,7 +68,7 @@ class Untunable(BodilyRefusal):
 
     def __init__(self, message: str, certificate: Certificate, *, reason: str, way_out: str) -> None:
         super().__init__(
-            message,
+            f"{message}: {certificate}",
             reason=reason,
             value=certificate.value,
             limit=certificate.bound,
@@ -88,23 +83,24 @@ def way_out(limit: str, run: RunParameters, fixed: Collection[str]) -> str:
 
     Args:
         limit: name in :data:`ampm.tune.gait_limits.LIMITS`, or another.
-        run: what was asked for.
+        run: the request.
         fixed: keys that might not be changed.
     """
     gait = run.gait
-    leaning = [key for key in ("c_s", "c_y") if abs(getattr(gait, key) - 1.0) > 0.02]
+    turning = limit in ("twist", "turn", "handover")
     ways = []
     if limit == "mid_stance":
         ways += ["raise gait.switching_velocity", "shorten gait.step_length", "lower gait.c_s"]
-    elif limit in ("twist", "turn", "handover"):
+    elif turning:
         ways += ["lower gait.switching_velocity or lengthen gait.step_length"]
     elif limit in ("knee_torque", "friction") and gait.c_s > 1.1:
         ways += ["change gait.switching_velocity (a faster step of this c_s may need less)"]
     elif limit.endswith("_torque"):
         ways += ["lower gait.switching_velocity"]
+    leaning = [f"gait.{key}" for key in ("c_s", "c_y") if abs(getattr(gait, key) - 1.0) > 0.02]
     if leaning:
-        ways += [f"bring {' and '.join(f'gait.{key}' for key in leaning)} nearer to 1"]
-    if limit not in ("mid_stance", "twist", "turn", "handover"):
+        ways += [f"bring {' and '.join(leaning)} nearer to 1"]
+    if not turning and limit != "mid_stance":
         ways += ["shorten gait.step_length"]
     named = [key for key in FREE_KEYS if key in fixed]
     if named:

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import brentq
 
+from ampm.body.feasibility import leg_extension
 from ampm.exceptions import MathematicalRefusal, RefusedGait
 from ampm.geometry import polygon_margin
 from ampm.parameters import GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.periodic import plan_gait
 from ampm.planner.support import StepPlan, plan_steps
-from ampm.tune.gait_limits import LIMITS, RISE_TOLERANCE, leg_extension, mid_stance_share, step_instants
+from ampm.tune.gait_limits import LIMITS, RISE_TOLERANCE, mid_stance_share, step_instants
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,41 +41,58 @@ def named_keys(run: RunParameters) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class Choice:
-    """One unknown: its range, and by how much it may leave the guess before that costs one residual."""
+    """One unknown.
+
+    Attributes:
+        name: of the unknown.
+        key: parameter that it sets.
+        lower, upper: range; in statures if ``scaled``.
+        slack: by how much it may leave the guess before that costs one residual.
+        guess: where a search begins.
+        scaled: whether the parameter is the unknown times the stature.
+        derived: whether the parameter follows from this unknown and others, rather than being it.
+    """
 
     name: str
+    key: str
     lower: float
     upper: float
     slack: float
-    keys: tuple[str, ...]
+    guess: float
+    scaled: bool = False
+    derived: bool = False
 
 
 CHOICES = (
-    Choice("ratio", 0.45, 0.93, 0.08, ("gait.single_support_ratio",)),
-    Choice("roll", 0.0, 1.09, 0.25, ("gait.a_s",)),  # ZMP travel either way, over the ball's distance
-    Choice("height", 0.43, 0.535, 0.02, ("gait.com_height",)),  # in statures
-    Choice("width", 0.062, 0.13, 0.012, ("gait.step_width",)),  # in statures
-    Choice("lean", -0.15, 0.3, 0.1, ("body.lean",)),
-    Choice("toe_off", 0.0, 0.95, 0.15, ("foot.toe_off_angle",)),
-    Choice("toe_turn", 1.2, 2.3, 0.3, ("foot.toe_off_rate",)),  # rate at toe off over the mean rate
-    Choice("toe_back", 0.35, 1.0, 0.15, ("foot.toe_return",)),
-    Choice("strike", 0.0, 0.4, 0.1, ("foot.heel_strike_angle",)),
-    Choice("down", 0.12, 0.95, 0.15, ("foot.full_contact",)),
-    Choice("lift", 0.0, 0.09, 0.02, ("foot.swing_height",)),  # in statures
-    Choice("lag", -0.1, 0.25, 0.06, ("foot.swing_lag",)),
+    Choice("ratio", "gait.single_support_ratio", 0.45, 0.93, 0.08, 0.79),
+    # ZMP travel either way, over the ball's distance:
+    Choice("roll", "gait.a_s", 0.0, 1.09, 0.25, 1.0, derived=True),
+    Choice("height", "gait.com_height", 0.43, 0.535, 0.02, 0.505, scaled=True),
+    Choice("width", "gait.step_width", 0.062, 0.13, 0.012, 0.18 / _STATURE, scaled=True),
+    Choice("lean", "body.lean", -0.15, 0.3, 0.1, 0.0),
+    Choice("toe_off", "foot.toe_off_angle", 0.0, 0.95, 0.15, 0.45),  # the guess is of a step of middle length
+    # Rate at toe off over the mean rate:
+    Choice("toe_turn", "foot.toe_off_rate", 1.2, 2.3, 0.3, 1.8, derived=True),
+    Choice("toe_back", "foot.toe_return", 0.35, 1.0, 0.15, 0.8),
+    Choice("strike", "foot.heel_strike_angle", 0.0, 0.4, 0.1, 0.2),
+    Choice("down", "foot.full_contact", 0.12, 0.95, 0.15, 0.9),
+    Choice("lift", "foot.swing_height", 0.0, 0.09, 0.02, 0.05 / _STATURE, scaled=True),
+    Choice("lag", "foot.swing_lag", -0.1, 0.25, 0.06, 0.08),
 )
 DERIVED = ("foot.schedule", "foot.heel_rise_lead", "foot.heel_strike_rate", "body.angular_momentum_z")
 """Keys that follow: the heel rises when the ZMP reaches the ball, and L_z is held at zero where
 the feet could not hold its swing."""
-FREE_KEYS = tuple(key for choice in CHOICES for key in choice.keys) + DERIVED
+FREE_KEYS = tuple(choice.key for choice in CHOICES) + DERIVED
 """All keys that tuning may set."""
+_ROLLING = {"toe_off", "toe_turn", "toe_back", "strike", "down"}  # useless where the feet stay flat
+_RANGE = {choice.name: choice for choice in CHOICES}
 
 
 class FreeChoices:
     """From unknowns to parameters: which choices are free, and what the others are.
 
     Args:
-        run: what was asked for.
+        run: the request.
         fixed: keys that may not be changed.
         description: the body.
     """
@@ -83,14 +101,12 @@ class FreeChoices:
         self.run, self.fixed, self.description = run, frozenset(fixed), description
         self.sole = description.sole
         self.flat = "foot.schedule" in self.fixed and run.foot.schedule == "flat"
-        useless = {"toe_off", "toe_turn", "toe_back", "strike", "down"} if self.flat else set()
-        self.free = [
-            c for c in CHOICES if c.name not in useless and not all(key in self.fixed for key in c.keys)
-        ]
-        self.names = [c.name for c in self.free]
-        self.lower = np.array([c.lower for c in self.free])
-        self.upper = np.array([c.upper for c in self.free])
-        self.slack = np.array([c.slack for c in self.free])
+        useless = _ROLLING if self.flat else set()
+        free = [choice for choice in CHOICES if choice.name not in useless and choice.key not in self.fixed]
+        self.names = [choice.name for choice in free]
+        self.lower = np.array([choice.lower for choice in free])
+        self.upper = np.array([choice.upper for choice in free])
+        self.slack = np.array([choice.slack for choice in free])
 
     def easy(self) -> tuple[GaitParameters, ...]:
         """Easy neighbours: without momentum, and then with a step of middle length in an unhurried time."""
@@ -109,6 +125,12 @@ class FreeChoices:
         }
         return FreeChoices(self.run.replace(there), self.fixed, self.description)
 
+    def lowered(self, x: Array, drop: float) -> Array:
+        """``x`` with the COM lower by ``drop`` [statures], within its range."""
+        x, j = x.copy(), self.names.index("height")
+        x[j] = max(self.lower[j], x[j] - drop)
+        return x
+
     def passing(self, x: Array) -> Array:
         """``x`` with share of single support and roll as the guess has them, with which the COM passes.
 
@@ -116,14 +138,21 @@ class FreeChoices:
             MathematicalRefusal: there are none.
         """
         guess, x = self.guess(), x.copy()
-        for name in ("ratio", "roll"):
-            if name in self.names:
-                x[self.names.index(name)] = guess[name]
+        for name in {"ratio", "roll"} & set(self.names):
+            x[self.names.index(name)] = guess[name]
         return x
 
     def values(self, x: Array, base: Mapping[str, float]) -> dict[str, float]:
         """All choices by name: the free ones from ``x``, the others from ``base``."""
         return {**base, **dict(zip(self.names, x.tolist(), strict=True))}
+
+    def found(self, run: RunParameters) -> dict[str, float | str]:
+        """Free keys and their values in a run with choices."""
+        rolls = {_RANGE[name].key for name in _ROLLING} | {"foot.heel_rise_lead", "foot.heel_strike_rate"}
+        keys = [key for key in FREE_KEYS if key not in self.fixed and not (self.flat and key in rolls)]
+        return {key: _value(run, key) for key in keys}
+
+    # -------------------------------------------------------------- parameters
 
     def parameters(self, choice: Mapping[str, float]) -> RunParameters:
         """The run with these choices.
@@ -131,61 +160,61 @@ class FreeChoices:
         Raises:
             RefusedGait: the formula has no solution for them.
         """
-        run, h, ball = self.run, self.description.height, self.sole.ball_x
-        l_s = 0.5 * run.gait.step_length * choice["ratio"]
+        h, ball = self.description.height, self.sole.ball_x
+        l_s = 0.5 * self.run.gait.step_length * choice["ratio"]
         travel = choice["roll"] * ball
-        table: dict[str, float | str] = {
-            "gait.single_support_ratio": choice["ratio"],
-            "gait.com_height": choice["height"] * h,
-            "gait.step_width": choice["width"] * h,
-            "gait.a_s": l_s / travel if travel > 1e-9 else math.inf,
-            "body.lean": choice["lean"],
-            "foot.swing_height": choice["lift"] * h,
-            "foot.swing_lag": choice["lag"],
-        }
-        run = run.replace({key: value for key, value in table.items() if key not in self.fixed})
+        run = self._replaced(
+            self.run,
+            {
+                "gait.single_support_ratio": choice["ratio"],
+                "gait.com_height": choice["height"] * h,
+                "gait.step_width": choice["width"] * h,
+                "gait.a_s": l_s / travel if travel > 1e-9 else math.inf,
+                "body.lean": choice["lean"],
+                "foot.swing_height": choice["lift"] * h,
+                "foot.swing_lag": choice["lag"],
+            },
+        )
         if self.flat:
             return run
         plan = plan_gait(run.gait, run.body.mass)
+        lead = self._kept("foot.heel_rise_lead", _heel_rise_lead(plan, ball))
         double = plan.constants.double_support_duration
+        rolling = self._rolling(run, choice, double, lead)
+        if "foot.heel_rise_lead" in self.fixed:
+            return rolling
+        late = _later_rise(plan_steps(rolling.gait, rolling.body.mass, rolling.foot, self.sole))
+        late = min(late, 0.7 * (double + lead))
+        return self._rolling(rolling, choice, double, lead - late) if late > 0.0 else rolling
+
+    def _rolling(
+        self, run: RunParameters, choice: Mapping[str, float], double: float, lead: float
+    ) -> RunParameters:
+        """Key-frames of the feet for a heel that rises ``lead`` before a double support of ``double`` [s]."""
         down = self._kept("foot.full_contact", choice["down"])
         strike = self._kept("foot.heel_strike_angle", choice["strike"])
         toe_off = self._kept("foot.toe_off_angle", choice["toe_off"])
-        lead = self._kept("foot.heel_rise_lead", _heel_rise_lead(plan, ball))
-        run = self._rolling(run, choice, toe_off, strike, down, double, lead)
-        if "foot.heel_rise_lead" in self.fixed:
-            return run
-        late = _later_rise(plan_steps(run.gait, run.body.mass, run.foot, self.sole))
-        late = min(late, 0.7 * (double + lead))
-        return self._rolling(run, choice, toe_off, strike, down, double, lead - late) if late > 0.0 else run
+        return self._replaced(
+            run,
+            {
+                "foot.schedule": "roll",
+                "foot.heel_rise_lead": lead,
+                "foot.heel_strike_angle": strike,
+                "foot.heel_strike_rate": min(20.0, _LANDING_TURN * strike / (down * double)),
+                "foot.full_contact": down,
+                "foot.toe_off_angle": toe_off,
+                "foot.toe_return": choice["toe_back"],
+                "foot.toe_off_rate": min(30.0, choice["toe_turn"] * toe_off / (double + lead)),
+            },
+        )
 
-    def _rolling(
-        self,
-        run: RunParameters,
-        choice: Mapping[str, float],
-        toe_off: float,
-        strike: float,
-        down: float,
-        double: float,
-        lead: float,
-    ) -> RunParameters:
-        """Key-frames of the feet for a heel that rises ``lead`` before the double support."""
-        table = {
-            "foot.schedule": "roll",
-            "foot.heel_rise_lead": lead,
-            "foot.heel_strike_angle": strike,
-            "foot.heel_strike_rate": min(20.0, _LANDING_TURN * strike / (down * double)),
-            "foot.full_contact": down,
-            "foot.toe_off_angle": toe_off,
-            "foot.toe_return": choice["toe_back"],
-            "foot.toe_off_rate": min(30.0, choice["toe_turn"] * toe_off / (double + lead)),
-        }
-        return run.replace({key: value for key, value in table.items() if key not in self.fixed})
+    def _replaced(self, run: RunParameters, values: Mapping[str, float | str]) -> RunParameters:
+        """The run with other values where they are free."""
+        return run.replace({key: value for key, value in values.items() if key not in self.fixed})
 
     def _kept(self, key: str, value: float) -> float:
         """The value of a key that was named, or else the one that was chosen."""
-        section, _, name = key.partition(".")
-        return float(getattr(getattr(self.run, section), name)) if key in self.fixed else value
+        return float(_value(self.run, key)) if key in self.fixed else value
 
     # ------------------------------------------------------------------- guess
 
@@ -195,55 +224,32 @@ class FreeChoices:
         Raises:
             MathematicalRefusal: no share of single support and no roll lets the COM pass over the foot.
         """
-        gait, h, sole = self.run.gait, self.description.height, self.sole
+        gait, h = self.run.gait, self.description.height
         stride = float(np.clip((gait.step_length / h - 0.06) / (0.353 - 0.06), 0.0, 1.2))
-        choice = {
-            "ratio": 0.79,
-            "roll": 1.0,
-            "height": 0.505,
-            "width": 0.18 / _STATURE,
-            "lean": 0.0,
-            "toe_off": 0.45 * stride,
-            "toe_turn": 1.8,
-            "toe_back": 0.8,
-            "strike": 0.2 * stride,
-            "down": 0.9,
-            "lift": 0.05 / _STATURE,
-            "lag": 0.08,
-        }
-        for name, key, scale in (
-            ("ratio", "gait.single_support_ratio", 1.0),
-            ("height", "gait.com_height", h),
-            ("width", "gait.step_width", h),
-            ("lean", "body.lean", 1.0),
-            ("toe_off", "foot.toe_off_angle", 1.0),
-            ("strike", "foot.heel_strike_angle", 1.0),
-            ("toe_back", "foot.toe_return", 1.0),
-            ("down", "foot.full_contact", 1.0),
-            ("lift", "foot.swing_height", h),
-            ("lag", "foot.swing_lag", 1.0),
-        ):
-            choice[name] = self._kept(key, choice[name] * scale) / scale
+        choice = {item.name: item.guess for item in CHOICES}
+        choice["toe_off"] *= stride
+        choice["strike"] *= stride
+        for item in CHOICES:
+            if not item.derived:
+                scale = h if item.scaled else 1.0
+                choice[item.name] = self._kept(item.key, choice[item.name] * scale) / scale
         l_s = 0.5 * gait.step_length * choice["ratio"]
         # c_s - 1/a_s must stay well above 0: short steps and small c_s let the ZMP roll less.
-        choice["roll"] = min(1.0, 0.55 * gait.c_s * l_s / sole.ball_x)
-        self._make_pass(choice)
+        choice["roll"] = min(1.0, 0.55 * gait.c_s * l_s / self.sole.ball_x)
+        choice = self._passing_choice(choice)
         if "height" in self.names:
             choice["height"] = self._height(choice)
-        if not self.flat:
-            self._set_down(choice)
-        return choice
+        return choice if self.flat else self._set_down(choice)
 
-    def _set_down(self, choice: dict[str, float]) -> None:
+    def _set_down(self, choice: dict[str, float]) -> dict[str, float]:
         """Bring the front foot down before the ZMP needs more of it than its heel, and not too fast."""
-        best = -math.inf
+        best, found = -math.inf, choice
         for down in (choice["down"], 0.7, 0.5, 0.35, 0.2) if "down" in self.names else (choice["down"],):
             trial = {**choice, "down": down}
             try:
-                run = self.parameters(trial)
-                plan = plan_steps(run.gait, run.body.mass, run.foot, self.sole)
+                plan = self._steps(trial)
             except RefusedGait:
-                return
+                return choice
             if "strike" in self.names:
                 fastest = 8.0 * down * plan.constants.double_support_duration / _LANDING_TURN
                 trial["strike"] = min(choice["strike"], fastest)
@@ -253,49 +259,44 @@ class FreeChoices:
                 best, found = margin, trial
             if margin >= LIMITS["zmp_double"].comfort:
                 break
-        choice.update(found)
+        return found
 
-    def passes(self, choice: Mapping[str, float]) -> float:
-        """Square of the mid-stance speed over v0; the formula needs at least 0.04 [1]."""
-        return mid_stance_share(self._gait(choice))
+    def _steps(self, choice: Mapping[str, float]) -> StepPlan:
+        run = self.parameters(choice)
+        return plan_steps(run.gait, run.body.mass, run.foot, self.sole)
 
     def _gait(self, choice: Mapping[str, float]) -> GaitParameters:
-        gait, h = self.run.gait, self.description.height
+        gait = self.run.gait
         l_s = 0.5 * gait.step_length * choice["ratio"]
         travel = choice["roll"] * self.sole.ball_x
+        height = choice["height"] * self.description.height
         a_s = l_s / travel if travel > 1e-9 else math.inf
-        chosen = {"single_support_ratio": choice["ratio"], "com_height": choice["height"] * h, "a_s": a_s}
-        kept = {name for name in chosen if f"gait.{name}" in self.fixed}
-        return gait.model_copy(update={k: v for k, v in chosen.items() if k not in kept})
+        chosen = {"single_support_ratio": choice["ratio"], "com_height": height, "a_s": a_s}
+        free = {name: value for name, value in chosen.items() if f"gait.{name}" not in self.fixed}
+        return gait.model_copy(update=free)
 
-    def _make_pass(self, choice: dict[str, float]) -> None:
+    def _passing_choice(self, choice: Mapping[str, float]) -> dict[str, float]:
         """Roll the ZMP farther, then shorten the single support, until the COM passes over the foot.
 
         Raises:
             MathematicalRefusal: it does not, whatever is chosen.
         """
         wanted, limit = LIMITS["mid_stance"].comfort, LIMITS["mid_stance"].bound
-        roll, ratio = (next(c for c in CHOICES if c.name == name) for name in ("roll", "ratio"))
-        gait = self.run.gait
+        gait, ratio, roll = self.run.gait, choice["ratio"], choice["roll"]
         best, at = -math.inf, dict(choice)
-        ratios = np.linspace(choice["ratio"], ratio.lower, 25) if "ratio" in self.names else [choice["ratio"]]
+        ratios = np.linspace(ratio, _RANGE["ratio"].lower, 25) if "ratio" in self.names else [ratio]
         for share in ratios:
             l_s = 0.5 * gait.step_length * float(share)
             # Beyond c_s l_s the force line would not drive the COM off the foot.
-            most = min(roll.upper - 0.05, 0.9 * gait.c_s * l_s / self.sole.ball_x)
-            rolls = (
-                np.linspace(choice["roll"], most, 7)
-                if "roll" in self.names and most > choice["roll"]
-                else [choice["roll"]]
-            )
-            for travel in rolls:
+            most = min(_RANGE["roll"].upper - 0.05, 0.9 * gait.c_s * l_s / self.sole.ball_x)
+            farther = "roll" in self.names and most > roll
+            for travel in np.linspace(roll, most, 7) if farther else [roll]:
                 trial = {**choice, "ratio": float(share), "roll": min(float(travel), max(most, 0.0))}
-                value = self.passes(trial)
+                value = mid_stance_share(self._gait(trial))
                 if value > best:
                     best, at = value, trial
                 if value >= wanted:
-                    choice.update(trial)
-                    return
+                    return trial
         if best < limit:
             gait = self._gait(at)
             least = gait.switching_velocity * math.sqrt((1.0 - best) / (1.0 - limit))
@@ -309,27 +310,32 @@ class FreeChoices:
                 unit="m/s",
                 way_out="raise gait.switching_velocity, shorten gait.step_length or lower gait.c_s",
             )
-        choice.update(at)
+        return at
 
     def _height(self, choice: Mapping[str, float]) -> float:
         """Highest COM at which the hip and ankle centres stay as near as with a knee bent by 0.6 rad."""
-        row = next(c for c in self.free if c.name == "height")
         wanted = math.sqrt(0.5 + 0.5 * math.cos(0.6))  # both segments are about half the leg
+        lowest, top = _RANGE["height"].lower, 0.51
 
         def spare(height: float) -> float:
-            run = self.parameters({**choice, "height": height})
-            plan = plan_steps(run.gait, run.body.mass, run.foot, self.sole)
+            plan = self._steps({**choice, "height": height})
             return wanted - leg_extension(plan, self.description, step_instants(plan)[0])
 
         try:
-            top = 0.51
             if spare(top) >= 0.0:
                 return top
-            if spare(row.lower) <= 0.0:
-                return row.lower
-            return float(brentq(spare, row.lower, top, xtol=1e-4))
+            if spare(lowest) <= 0.0:
+                return lowest
+            return float(brentq(spare, lowest, top, xtol=1e-4))
         except RefusedGait:
             return choice["height"]
+
+
+def _value(run: RunParameters, key: str) -> float | str:
+    """Value of a namespaced key."""
+    section, _, name = key.partition(".")
+    value: float | str = getattr(getattr(run, section), name)
+    return value
 
 
 def _heel_rise_lead(plan: CentroidalPlan, ball: float) -> float:

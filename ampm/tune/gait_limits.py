@@ -9,21 +9,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ampm.body.feasibility import COM_OVER_HIP, FLOOR_TOLERANCE, LEG_ALLOWANCE, ROLL_TOLERANCE
-from ampm.body.inverse_kinematics import KNEE_MINIMUM
-from ampm.body.step_torques import step_torques
+from ampm.body.feasibility import (
+    FLOOR_TOLERANCE,
+    KNEE_MINIMUM,
+    LEG_ALLOWANCE,
+    ROLL_TOLERANCE,
+    joint_groups,
+    leg_extension,
+)
 from ampm.control.wrench_qp import TWIST_ARM, TWIST_FRICTION
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.feet import HEEL
 from ampm.planner.periodic import LEAST_MID_STANCE_SHARE
 from ampm.planner.support import AnyPlan, StepPlan
+from ampm.tune.step_torques import step_torques
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.body.orbit import RoughOrbit
     from ampm.body.robot import Robot
     from ampm.description import BodyDescription
+    from ampm.tune.rough_orbits import RoughOrbit
 
     Array = NDArray[np.float64]
 
@@ -38,9 +44,9 @@ class Limit:
 
     Attributes:
         what: what is measured.
-        unit: of all three figures.
+        unit: of value, bound and comfort.
         bound: what may not be passed.
-        comfort: where nothing more is asked for; beyond ``bound`` on the allowed side.
+        comfort: target of a search; beyond ``bound`` on the allowed side.
         reason: short name for tables.
     """
 
@@ -51,70 +57,53 @@ class Limit:
     reason: str
 
     def margin(self, value: float) -> float:
-        """Normalised margin: 0 at the bound, 1 at comfort, negative beyond the bound [1]."""
+        """Normalised margin: 0 at the bound, 1 at the target, negative beyond the bound [1]."""
         return (value - self.bound) / (self.comfort - self.bound)
 
+    @property
+    def rule(self) -> str:
+        """The bound in words, with its unit."""
+        side = "at most" if self.comfort < self.bound else "at least"
+        return f"{side} {self.quantity(self.bound, 3)}"
 
-_TORQUES = {
-    f"{name}_torque": Limit(f"largest share of {of} torque limit", "1", 1.0, 0.8, "torque_limits")
-    for name, of in (
-        ("hip", "a hip joint's"),
-        ("knee", "a knee's"),
-        ("ankle", "an ankle joint's"),
-        ("toe", "a toe joint's"),
-        ("trunk", "a waist or chest joint's"),
-        ("arms", "an arm joint's"),
-    )
-}
-_JOINTS = {
-    name: Limit(f"least distance of {of} joint from its limits", "rad", bound, comfort, "joint_limits")
-    for name, of, bound, comfort in (
-        ("hip", "a hip", 0.0, 0.06),
-        ("ankle", "an ankle", 0.0, 0.045),
-        ("toe", "a toe", 0.0, 0.06),
-        ("trunk", "a waist or chest", 0.0, 0.12),
-        ("arms", "an arm", -1e-3, 0.05),  # the inverse kinematics may hold an arm at its limit
-    )
-}
-_SUPPORT = "least distance of the ZMP into the"
-LIMITS: Mapping[str, Limit] = MappingProxyType(
-    {
-        "mid_stance": Limit(
-            "square of the mid-stance speed over v0",
-            "1",
-            LEAST_MID_STANCE_SHARE**2,
-            0.2,
-            "mid_stance_too_slow",
-        ),
-        "zmp_single": Limit(f"{_SUPPORT} support on one sole", "m", 0.0, 0.006, "zmp_leaves_support"),
-        "zmp_double": Limit(
-            f"{_SUPPORT} double support or on the ball",
-            "m",
-            -ROLL_TOLERANCE,
-            -RISE_TOLERANCE,
-            "zmp_leaves_support",
-        ),
-        "reach": Limit(
-            "distance of hip and ankle over the straight leg",
-            "1",
-            1.0 + LEG_ALLOWANCE,
-            0.995,
-            "leg_too_short",
-        ),
-        "floor": Limit("least height of a sole point", "m", -FLOOR_TOLERANCE, 0.0, "sole_under_floor"),
-        "clearance": Limit("height of the sole in mid swing", "m", 0.0, 0.006, "sole_under_floor"),
-        "turn": Limit("fastest turn of a foot at the floor", "rad/s", 25.0, 10.0, "foot_turns_too_fast"),
-        "handover": Limit(
-            "double support over the controller's contact ramp", "1", 0.5, 1.0, "double_support_too_short"
-        ),
-        "friction": Limit("share of the friction that the controller may use", "1", 1.0, 0.75, "friction"),
-        # Beyond its bound a foot yaws; well before it the vertical moment is given up, and the ZMP suffers.
-        "twist": Limit("share of the twist that the controller gives a foot", "1", 2.0, 1.0, "friction"),
-        "knee": Limit("least knee flexion", "rad", KNEE_MINIMUM + _KNEE_GRID, 0.35, "knee_too_straight"),
-        **_JOINTS,
-        **_TORQUES,
-    }
-)
+    def quantity(self, value: float, digits: int) -> str:
+        """A value with its unit."""
+        return f"{value:.{digits}g}" + ("" if self.unit == "1" else f" {self.unit}")
+
+
+_INTO = "least distance of the ZMP into the"
+_ROWS: tuple[tuple[str, str, str, float, float, str], ...] = (
+    ("mid_stance", "square of the mid-stance speed over v0", "1", LEAST_MID_STANCE_SHARE**2, 0.2,
+     "mid_stance_too_slow"),
+    ("zmp_single", f"{_INTO} support on one sole", "m", 0.0, 0.006, "zmp_leaves_support"),
+    ("zmp_double", f"{_INTO} double support or on the ball", "m", -ROLL_TOLERANCE, -RISE_TOLERANCE,
+     "zmp_leaves_support"),
+    ("reach", "distance of hip and ankle over the straight leg", "1", 1.0 + LEG_ALLOWANCE, 0.995,
+     "leg_too_short"),
+    ("floor", "least height of a sole point", "m", -FLOOR_TOLERANCE, 0.0, "sole_under_floor"),
+    ("clearance", "height of the sole in mid swing", "m", 0.0, 0.006, "sole_under_floor"),
+    ("turn", "fastest turn of a foot at the floor", "rad/s", 25.0, 10.0, "foot_turns_too_fast"),
+    ("handover", "double support over the controller's contact ramp", "1", 0.5, 1.0,
+     "double_support_too_short"),
+    ("friction", "share of the friction that the controller may use", "1", 1.0, 0.75, "friction"),
+    # Beyond its bound a foot yaws; well before it the vertical moment is given up, and the ZMP suffers.
+    ("twist", "share of the twist that the controller gives a foot", "1", 2.0, 1.0, "friction"),
+    ("knee", "least knee flexion", "rad", KNEE_MINIMUM + _KNEE_GRID, 0.35, "knee_too_straight"),
+    ("hip", "least distance of a hip joint from its limits", "rad", 0.0, 0.06, "joint_limits"),
+    ("ankle", "least distance of an ankle joint from its limits", "rad", 0.0, 0.045, "joint_limits"),
+    ("toe", "least distance of a toe joint from its limits", "rad", 0.0, 0.06, "joint_limits"),
+    ("trunk", "least distance of a waist or chest joint from its limits", "rad", 0.0, 0.12, "joint_limits"),
+    # The inverse kinematics may hold an arm at its limit.
+    ("arms", "least distance of an arm joint from its limits", "rad", -1e-3, 0.05, "joint_limits"),
+    ("hip_torque", "largest share of a hip joint's torque limit", "1", 1.0, 0.8, "torque_limits"),
+    ("knee_torque", "largest share of a knee's torque limit", "1", 1.0, 0.8, "torque_limits"),
+    ("ankle_torque", "largest share of an ankle joint's torque limit", "1", 1.0, 0.8, "torque_limits"),
+    ("toe_torque", "largest share of a toe joint's torque limit", "1", 1.0, 0.8, "torque_limits"),
+    ("trunk_torque", "largest share of a waist or chest joint's torque limit", "1", 1.0, 0.8,
+     "torque_limits"),
+    ("arms_torque", "largest share of an arm joint's torque limit", "1", 1.0, 0.8, "torque_limits"),
+)  # fmt: skip
+LIMITS: Mapping[str, Limit] = MappingProxyType({row[0]: Limit(*row[1:]) for row in _ROWS})
 """What a choice is judged by."""
 
 
@@ -129,7 +118,7 @@ def mid_stance_share(gait: GaitParameters) -> float:
 
 def step_instants(plan: AnyPlan) -> tuple[Array, NDArray[np.bool_]]:
     """Times of the first step, and which lie in double support."""
-    single, double = plan.contacts.phases[0], plan.contacts.phases[1]
+    single, double = plan.contacts.phases[:2]
     end = double.start + double.duration * (1.0 - 1e-9)
     times = [np.linspace(0.0, single.duration, 120, endpoint=False), np.linspace(double.start, end, 80)]
     if isinstance(plan, StepPlan):  # a margin is least just before or after a contact changes
@@ -140,45 +129,23 @@ def step_instants(plan: AnyPlan) -> tuple[Array, NDArray[np.bool_]]:
     return together, together >= double.start - 1e-12
 
 
-def leg_extension(plan: StepPlan, description: BodyDescription, times: Array) -> float:
-    """Largest distance of hip and ankle centres over the straight leg's; the pelvis upright under the COM."""
-    sole, com = description.sole, plan.sample(times).com
-    longest = 0.0
-    for foot, side in zip(plan.feet.sample(times), (1.0, -1.0), strict=True):
-        c, s = np.cos(foot.pitch), np.sin(foot.pitch)
-        lever = np.stack(
-            [
-                sole.ankle_x * c + sole.ankle_height * s,
-                np.zeros_like(c),
-                sole.ankle_height * c - sole.ankle_x * s,
-            ],
-            axis=1,
-        )
-        hip = com + np.array([0.0, side * description.hip_half_width, -COM_OVER_HIP * description.height])
-        longest = max(longest, float(np.linalg.norm(hip - foot.position - lever, axis=1).max()))
-    return longest / description.leg_length
-
-
 def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescription) -> dict[str, float]:
     """What plan and feet alone say, by name in :data:`LIMITS`, in its unit."""
     times, double = step_instants(plan)
-    margin = plan.zmp_margin(times)
-    sample = plan.sample(times)
-    level = ~double & plan.feet.sample(times)[0].contact[:, HEEL]  # a rising heel leaves the ZMP on the edge
-    swing = plan.feet.sample(times[~double])[1].sole_points[:, :, 2].min(axis=1)
-    points = np.stack([f.sole_points[:, :, 2].min(axis=1) for f in plan.feet.sample(times)])
-    share = times[~double] / plan.contacts.phases[0].duration
-    middle = (share > 0.2) & (share < 0.8)
-    force = sample.force
-    roll = run.foot.schedule == "roll"
+    margin, force = plan.zmp_margin(times), plan.sample(times).force
+    feet = plan.feet.sample(times)
+    level = ~double & feet[0].contact[:, HEEL]  # a rising heel leaves the ZMP on the edge
+    height = np.stack([foot.sole_points[:, :, 2].min(axis=1) for foot in feet])
+    share = times / plan.contacts.phases[0].duration
+    turn = max(run.foot.toe_off_rate, run.foot.heel_strike_rate)
     return {
         "mid_stance": mid_stance_share(run.gait),
         "zmp_single": float(margin[level].min()),
         "zmp_double": float(margin[~level].min()),
         "reach": leg_extension(plan, description, times),
-        "floor": float(points.min()),
-        "clearance": float(swing[middle].min()),
-        "turn": max(run.foot.toe_off_rate, run.foot.heel_strike_rate) if roll else 0.0,
+        "floor": float(height.min()),
+        "clearance": float(height[1, ~double & (share > 0.2) & (share < 0.8)].min()),
+        "turn": turn if run.foot.schedule == "roll" else 0.0,
         "handover": plan.constants.double_support_duration / run.controller.contact_ramp,
         "friction": float((np.hypot(force[:, 0], force[:, 1]) / force[:, 2]).max()) / run.controller.friction,
     }
@@ -190,22 +157,9 @@ def orbit_margins(orbit: RoughOrbit, plan: StepPlan, robot: Robot) -> dict[str, 
     margin = np.minimum(angles - robot.lower, robot.upper - angles).min(axis=0)
     torque, twist = step_torques(orbit, plan, robot)
     share = (np.abs(torque) / robot.torque_limit).max(axis=0)
-    groups = joint_groups(robot)
-    values = {name: float(margin[joints].min()) for name, joints in groups.items() if name != "knee"}
-    values["knee"] = float(angles[:, groups["knee"]].min())
-    values["twist"] = float(np.abs(twist).max()) / (TWIST_ARM * TWIST_FRICTION)
-    return values | {f"{name}_torque": float(share[joints].max()) for name, joints in groups.items()}
-
-
-def joint_groups(robot: Robot) -> dict[str, NDArray[np.intp]]:
-    """Indices of the hinges by what they are: hip, knee, ankle, toe, trunk, arms."""
-    legs = robot.description.legs
-    names = {
-        "hip": [joint for leg in legs for joint in leg.hip],
-        "knee": [leg.knee for leg in legs],
-        "ankle": [joint for leg in legs for joint in leg.ankle],
-        "toe": [leg.toe for leg in legs],
-        "trunk": robot.description.trunk,
-        "arms": robot.description.arms,
-    }
-    return {name: robot.velocity_indices(tuple(joints)) - 6 for name, joints in names.items()}
+    values = {"twist": float(np.abs(twist).max()) / (TWIST_ARM * TWIST_FRICTION)}
+    for name, names in joint_groups(robot.description).items():
+        joints = robot.velocity_indices(names) - 6
+        values[name] = float((angles[:, joints] if name == "knee" else margin[joints]).min())
+        values[f"{name}_torque"] = float(share[joints].max())
+    return values

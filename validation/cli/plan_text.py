@@ -62,7 +62,7 @@ def print_plan(request: Request, plan: AnyPlan, walk: PlannedWalk | None = None)
     print_line(f"largest jump at a switch, relative: {format_number(plan.residuals().largest, 2)}")
     if walk is not None:
         print_line(f"least distance of the ZMP from the edge of the support: {1000 * walk.zmp_margin:.1f} mm")
-        print_line(f"least flexion of a knee: {walk.motion.report.knee_minimum:.3f} rad")
+        print_line(f"least flexion of a knee: {walk.motion.report.knee_minimum.value:.3f} rad")
 
 
 def describe_motions(walks: Sequence[PlannedWalk]) -> list[dict[str, Any]]:
@@ -94,6 +94,8 @@ def print_motion(walk: PlannedWalk) -> None:
             continue
         if name == "multipliers":
             text = ", ".join(f"{re:.4g}{im:+.2g}i" if im else f"{re:.4g}" for re, im in value[:4])
+        elif isinstance(value, dict):
+            text = f"{format_number(value['value'], 5)} at {value['time']:.3f} s ({value['where']})"
         else:
             text = format_number(value, 5) if isinstance(value, float) else str(value)
         rows.append((name, text, MOTION_UNITS.get(name, "")))

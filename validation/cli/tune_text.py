@@ -73,7 +73,5 @@ def _margin_lines(tuned: Tuned) -> list[str]:
     lines = []
     for name in order:
         limit = LIMITS[name]
-        unit = "" if limit.unit == "1" else f" {limit.unit}"
-        side = "at most" if limit.comfort < limit.bound else "at least"
-        lines.append(f"{limit.what}: {tuned.margins[name]:.3g}{unit}, {side} {limit.bound:.3g}{unit}")
+        lines.append(f"{limit.what}: {limit.quantity(tuned.margins[name], 3)}, {limit.rule}")
     return lines

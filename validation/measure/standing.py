@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from ampm.body.inverse_kinematics import InverseKinematics, StepReference, Unreachable
+from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.robot import TASK_ROWS, Robot
+from ampm.body.step_reference import StepReference
 from ampm.control.controller import TrackingController
 from ampm.exceptions import BodilyRefusal
 from ampm.parameters import ControllerParameters

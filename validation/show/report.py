@@ -446,18 +446,20 @@ _UNITS: Mapping[str, str] = {
 """Units of entries of the summary that carry none, by their documented SI."""
 
 
-def _plain_rows(entry: Any, prefix: str = "") -> list[tuple[str, str]]:
+def _plain_rows(entry: Any, prefix: str = "", unit: str = "") -> list[tuple[str, str]]:
     """Any table of the summary as (name, value) rows, nested names joined by a dot."""
     rows: list[tuple[str, str]] = []
     if isinstance(entry, Mapping):
         for key, value in entry.items():
             name = f"{prefix}{str(key).replace('_', ' ')}"
             if isinstance(value, Mapping):
-                rows += _plain_rows(value, f"{name} · ")
+                rows += _plain_rows(value, f"{name} · ", _UNITS.get(str(key), ""))
             elif isinstance(value, Sequence) and not isinstance(value, str):
                 rows.append((name, ", ".join(_item(item) for item in value)))
             else:
-                rows.append((name, with_unit(value, _UNITS.get(str(key), ""), 4)))
+                rows.append(
+                    (name, with_unit(value, "s" if unit and key == "time" else _UNITS.get(str(key), unit), 4))
+                )
     return rows
 
 

@@ -12,7 +12,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from ampm.body.inverse_kinematics import InverseKinematics, step_grid, step_reference
+from ampm.body.inverse_kinematics import InverseKinematics
+from ampm.body.step_reference import step_grid, step_reference
 from ampm.planner.feet import plan_feet
 from ampm.planner.support import StepPlan
 
@@ -127,8 +128,8 @@ class BodyEvidence:
         Returns:
             Mean pitch over the last step less that over the periodic one [rad].
         """
-        plan = StepPlan(self.plan.centroidal.with_angular_momentum_offset(0.0), self.plan.feet)
-        reference = step_reference(plan, step_grid(plan, self.planned.request.run.solver.ik_time_step))
+        grid = step_grid(self.plan, self.planned.run.solver.ik_time_step)
+        reference = step_reference(self.plan, grid)
         q, v = self.motion.q[0], self.motion.v[0]
         for _ in range(steps):
             trajectory = self.inverse_kinematics.integrate(reference, q, v, constant, draft=True)

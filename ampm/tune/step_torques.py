@@ -11,10 +11,10 @@ import pinocchio as pin
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.body.orbit import RoughOrbit
     from ampm.body.robot import Robot
     from ampm.planner.feet import FootSample
     from ampm.planner.support import StepPlan
+    from ampm.tune.rough_orbits import RoughOrbit
 
     Array = NDArray[np.float64]
 

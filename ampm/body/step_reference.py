@@ -1,0 +1,104 @@
+"""What one step of a plan asks of a body: its tasks on a grid of times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ampm.body.robot import TASK_ROWS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ampm.planner.support import StepPlan
+
+
+@dataclass(frozen=True)
+class StepReference:
+    """Tasks at the n + 1 times of a step's grid.
+
+    Attributes:
+        time: shape (n+1,) [s], the first step of the plan.
+        position: com, left sole, right sole, shape (n+1, 3, 3) [m].
+        velocity: the task velocities in the order of the task rows, shape (n+1, 20).
+        acceleration: the same for accelerations, shape (n+1, 20).
+        pitch: pitch of left and right foot, shape (n+1, 2) [rad].
+        toe: angles of left and right toe joint, shape (n+1, 2) [rad].
+    """
+
+    time: NDArray[np.float64]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    pitch: NDArray[np.float64]
+    toe: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            value.setflags(write=False)
+
+    @cached_property
+    def rotation(self) -> NDArray[np.float64]:
+        """Orientation of left and right sole, shape (n+1, 2, 3, 3)."""
+        rotation = np.zeros((*self.pitch.shape, 3, 3))
+        rotation[..., 0, 0] = rotation[..., 2, 2] = np.cos(self.pitch)
+        rotation[..., 0, 2] = np.sin(self.pitch)
+        rotation[..., 2, 0] = -rotation[..., 0, 2]
+        rotation[..., 1, 1] = 1.0
+        rotation.setflags(write=False)
+        return rotation
+
+    def eased(self, drop: float, share: float) -> StepReference:
+        """The same step with the COM lower by ``drop`` [m] and only a ``share`` [1] of the angular momentum.
+
+        It is easier for legs and trunk, and no other plan: feet and times are the same.
+        """
+        position, velocity = self.position.copy(), self.velocity.copy()
+        acceleration = self.acceleration.copy()
+        position[:, 0, 2] -= drop
+        velocity[:, 3:6] *= share
+        acceleration[:, 3:6] *= share
+        return replace(self, position=position, velocity=velocity, acceleration=acceleration)
+
+
+def step_grid(plan: StepPlan, largest_step: float) -> NDArray[np.float64]:
+    """Times of the first step, uniform within each phase, with a node on every switch [s]."""
+    single, double = plan.constants.single_support_duration, plan.constants.double_support_duration
+    n1, n2 = (max(2, int(np.ceil(duration / largest_step))) for duration in (single, double))
+    return phase_grid(plan, n1, n2)
+
+
+def phase_grid(plan: StepPlan, n1: int, n2: int) -> NDArray[np.float64]:
+    """Times of the first step with n1 intervals in single and n2 in double support [s]."""
+    single, double = plan.constants.single_support_duration, plan.constants.double_support_duration
+    return np.concatenate([single * np.arange(n1) / n1, single + double * np.arange(n2 + 1) / n2])
+
+
+def step_reference(plan: StepPlan, time: NDArray[np.float64]) -> StepReference:
+    """Evaluate a plan and its feet as task references, without the plan's constant of L_y."""
+    centroidal, feet = plan.centroidal, plan.feet.sample(time)
+    if plan.constants.angular_momentum_y_offset:
+        centroidal = centroidal.with_angular_momentum_offset(0.0)
+    sample, mass = centroidal.sample(time), centroidal.mass
+    n = len(time)
+    position, velocity, acceleration = np.zeros((n, 3, 3)), np.zeros((n, TASK_ROWS)), np.zeros((n, TASK_ROWS))
+    position[:, 0] = sample.com
+    velocity[:, 0:3], acceleration[:, 0:3] = sample.com_velocity, sample.com_acceleration
+    velocity[:, 3:5], acceleration[:, 3:5] = sample.angular_momentum / mass, sample.moment / mass
+    for foot, motion in enumerate(feet):
+        row = 6 + 6 * foot
+        position[:, 1 + foot] = motion.position
+        velocity[:, row : row + 3], acceleration[:, row : row + 3] = motion.velocity, motion.acceleration
+        velocity[:, row + 4], acceleration[:, row + 4] = motion.pitch_velocity, motion.pitch_acceleration
+        velocity[:, 18 + foot], acceleration[:, 18 + foot] = motion.toe_velocity, motion.toe_acceleration
+    return StepReference(
+        time=np.array(time),
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+        pitch=np.stack([f.pitch for f in feet], axis=1),
+        toe=np.stack([f.toe for f in feet], axis=1),
+    )
