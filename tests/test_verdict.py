@@ -13,7 +13,7 @@ import pytest
 from ampm.exceptions import InputError
 from tests.walk import STILL, perfect_walk, with_state
 from validation.judge.compare import compare
-from validation.judge.metrics import BODY_WEIGHT, METRICS, Metric, added, evaluate, register, unregister
+from validation.judge.metrics import BODY_WEIGHT, METRICS, Metric, dump_added, evaluate, load_added, register, unregister
 from validation.judge.profiles import DEFAULT, PROFILES, STRICT, WIDE, profile
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, build_summary, judge
@@ -268,7 +268,11 @@ def test_a_registered_metric_is_judged_and_summarised(walk, tilt):
     assert (entry["value"], entry["first_step"]) == (pytest.approx(0.015), pytest.approx(0.015))
     assert entry["display"]["tolerance"] == 10.0
     assert verdict_of(comparison, WIDE).name is VerdictName.PASS
-    assert added() == (tilt,)
+    data = dump_added()
+    unregister(tilt.name)
+    load_added(data)  # as in a worker process
+    load_added(data)
+    assert METRICS[tilt.name].compute(comparison) == pytest.approx(0.015)
 
 
 @pytest.mark.parametrize(

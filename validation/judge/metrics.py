@@ -16,7 +16,7 @@ here, so that one :func:`register` is all that a new metric takes::
         )
     )
 
-Call it before the walk, and at the top level of the script, so that worker processes register it too.
+Call it before the walk; worker processes of sweeps and studies are told.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
+import cloudpickle
 import numpy as np
 
 from ampm.exceptions import InputError
@@ -145,9 +146,16 @@ def unregister(name: str) -> None:
     del _METRICS[name]
 
 
-def added() -> tuple[Metric, ...]:
-    """Metrics that :func:`register` added, for a worker process that has to know them."""
-    return tuple(_METRICS[name] for name in _ADDED)
+def dump_added() -> bytes:
+    """The metrics that :func:`register` added, for a worker process."""
+    return bytes(cloudpickle.dumps([_METRICS[name] for name in _ADDED]))
+
+
+def load_added(data: bytes) -> None:
+    """Register what :func:`dump_added` of another process holds, unless this one has it."""
+    for metric in cloudpickle.loads(data):
+        if metric.name not in _METRICS:
+            register(metric)
 
 
 def evaluate(walk: Comparison, metrics: Iterable[Metric] | None = None) -> dict[str, MetricValue]:

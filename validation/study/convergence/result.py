@@ -7,23 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from validation.judge.metrics import display_unit
+from validation.judge.metrics import BODY_WEIGHT, display_unit
 from validation.judge.profiles import Profile
 from validation.judge.verdict import VerdictName, is_undecided
 from validation.store.environment import describe_environment
 from validation.store.identity import parameter_values, run_key
-from validation.study.convergence.execute import OWN, Level, level
 from validation.study.convergence.order import Estimate, estimate, input_uncertainty
-from validation.study.convergence.studies import (
-    COUNTS,
-    EXTREME,
-    INSTRUMENT,
-    Figures,
-    Study,
-    as_plain,
-    inside,
-    not_studied,
-)
+from validation.study.convergence.studies import OWN, Level, Study, numerical_studies
+from validation.study.convergence.walks import Followed, LevelResult, followed
 
 if TYPE_CHECKING:
     from validation.trial.plan import Request
@@ -34,13 +25,13 @@ TIME_STEP = "time_step"
 
 @dataclass(frozen=True)
 class MetricStudy:
-    """One figure in all studies.
+    """One metric, integral or extreme in all studies.
 
     Attributes:
-        name: metric, integral or extreme.
+        name: of the metric.
         value: at the run's own parameters, in ``unit``.
         unit: SI unit.
-        levels: study to the figure's value at every level.
+        levels: study to the metric's value at every level.
         estimates: numerical study to what it says.
         inputs: input study to the largest deviation within it.
         uncertainty: numerical uncertainty: the sum of those of the numerical studies that count; NaN if one
@@ -53,6 +44,7 @@ class MetricStudy:
         passed: None where nothing is judged, or nothing can be said.
         undecided: whether the value is closer to the tolerance than its uncertainty, or that is not known.
         factor, display_unit: what people are shown: value times factor.
+        exact: whether it is a count, which has no uncertainty.
     """
 
     name: str
@@ -71,6 +63,7 @@ class MetricStudy:
     undecided: bool
     factor: float
     display_unit: str
+    exact: bool
 
     @property
     def headline(self) -> Estimate | None:
@@ -117,7 +110,7 @@ class Convergence:
         request: the gait, with the steps that were walked.
         profile: of the tolerances.
         studies: in order.
-        walks: every level's figures.
+        walks: result of every level.
         metrics: by name; those with a tolerance first.
         verdict: pass only where every metric is further from its limit than its uncertainty.
         verdict_reason: one sentence.
@@ -127,7 +120,7 @@ class Convergence:
     request: Request
     profile: Profile
     studies: tuple[Study, ...]
-    walks: Mapping[Level, Figures]
+    walks: Mapping[Level, LevelResult]
     metrics: Mapping[str, MetricStudy]
     verdict: VerdictName
     verdict_reason: str
@@ -136,33 +129,27 @@ class Convergence:
     @property
     def completed(self) -> bool:
         """Whether every walk of the numerical studies came to its end."""
-        needed = {
-            level(study, index)
-            for study in self.studies
-            if study.topic.kind == "numerical"
-            for index in range(len(study.values))
-        }
+        needed = {level for study in self.studies if study.numerical for level in study.levels}
         return all(self.walks[key].completed for key in needed | {OWN})
 
     @property
     def inside(self) -> tuple[str, ...]:
         """Studies that the numerical uncertainty is the sum of."""
-        made = {study.topic.name for study in self.studies}
-        return tuple(name for name in inside("", self.request.run.solver.qp) if name in made)
+        return tuple(study.name for study in self.studies if study.numerical)
 
     @property
     def not_studied(self) -> tuple[str, ...]:
         """Studies that it lacks."""
-        return not_studied("", self.inside, self.request.run.solver.qp)
+        return tuple(name for name in numerical_studies(self.request.run.solver.qp) if name not in self.inside)
 
     def as_dict(self) -> dict[str, Any]:
         """Contents of ``convergence.json``."""
         run = self.request.run
         levels = {}
         for study in self.studies:
-            walks = [self.walks[level(study, index)] for index in range(len(study.values))]
-            levels[study.topic.name] = {
-                **as_plain(study),
+            walks = [self.walks[level] for level in study.levels]
+            levels[study.name] = {
+                **study.as_dict(),
                 "outcomes": [walk.outcome for walk in walks],
                 "causes": [walk.cause or None for walk in walks],
                 "seconds": [walk.seconds for walk in walks],
@@ -186,65 +173,75 @@ class Convergence:
 
 
 def combine(
-    request: Request, profile: Profile, found: Sequence[Study], walks: Mapping[Level, Figures]
+    request: Request, profile: Profile, found: Sequence[Study], walks: Mapping[Level, LevelResult]
 ) -> Convergence:
-    """Estimates of every figure from the walks of all levels.
+    """Estimates of every metric from the walks of all levels.
 
     The errors of time step, grids and tolerances are not random and may have one sign: their bounds are
     added, not their squares. Contact parameters are independent inputs: there the squares are.
     """
-    own = walks[OWN]
-    names = [name for name in own.limits if name in own.values]
-    names += [name for name in own.values if name not in own.limits]
-    qp = request.run.solver.qp
-    metrics = {name: _metric(name, own, found, walks, qp) for name in names}
-    made = [study.topic.name for study in found]
-    verdict, reason = _verdict(own, metrics, [name for name in inside("", qp) if name in made])
+    own, known = walks[OWN], followed()
+    limits = {
+        item.metric: item.limit * (own.weight if item.unit == BODY_WEIGHT else 1.0)
+        for item in profile.tolerances
+        if item.metric in own.values
+    }
+    metrics = {
+        name: _metric(name, known[name], limits.get(name), request.run.solver.qp, found, walks)
+        for name in [*limits, *(name for name in own.values if name not in limits)]
+    }
+    made = [study.name for study in found if study.numerical]
+    verdict, reason = _verdict(own, metrics, made)
     return Convergence(
         request, profile, tuple(found), dict(walks), metrics, verdict, reason, _notes(found, walks)
     )
 
 
 def _metric(
-    name: str, own: Figures, found: Sequence[Study], walks: Mapping[Level, Figures], qp: str
+    name: str,
+    known: Followed,
+    limit: float | None,
+    qp: str,
+    found: Sequence[Study],
+    walks: Mapping[Level, LevelResult],
 ) -> MetricStudy:
+    own = walks[OWN]
+    value = own.values[name]
     levels: dict[str, tuple[float, ...]] = {}
     estimates: dict[str, Estimate] = {}
     inputs: dict[str, float] = {}
-    extreme = any(name.endswith(part) or name.startswith(part) for part in EXTREME)
+    never = {"count": "a count", "extreme": "an extreme, never extrapolated"}.get(known.nature, "")
     for study in found:
-        topic = study.topic
-        values = tuple(_value(walks[level(study, index)], name) for index in range(len(study.values)))
-        levels[topic.name] = values
-        if topic.kind == "input":
-            inputs[topic.name] = input_uncertainty(values, study.own)
+        values = tuple(_value(walks[level], name) for level in study.levels)
+        levels[study.name] = values
+        if study.numerical:
+            forbidden = never or study.caution
+            estimates[study.name] = estimate(values, study.topic.ratio, forbidden=forbidden)
         else:
-            forbidden = "an extreme, never extrapolated" if extreme else study.caution
-            forbidden = "a count" if name in COUNTS else forbidden
-            estimates[topic.name] = estimate(values, topic.ratio, forbidden=forbidden)
-    value = own.values[name]
+            inputs[study.name] = input_uncertainty(values, study.own)
     head = estimates.get(TIME_STEP) or next(iter(estimates.values()), None)
     reason = head.reason if head else "no numerical study"
-    counted = dict(estimates)
-    if name in COUNTS:
-        counted, reason = {}, "counted in the very run that it judges: exact"
-    elif name in INSTRUMENT and TIME_STEP in counted:
-        del counted[TIME_STEP]
-        reason += "; a self-check whose exact value is zero: the time step is what it measures, and no "
-        reason += "uncertainty of it"
-    missing = not_studied(name, estimates, qp)
-    at_least = math.fsum(item.uncertainty for item in counted.values())
+    needed = set(numerical_studies(qp))
+    if known.nature == "count":
+        needed, reason = set(), "counted in the very run that it judges: exact"
+    elif known.self_check:
+        needed -= {TIME_STEP}
+        if TIME_STEP in estimates:
+            reason += "; a self-check whose exact value is zero: the time step is what it measures, and no "
+            reason += "uncertainty of it"
+    counted = [item for study, item in estimates.items() if study in needed]
+    missing = tuple(study for study in numerical_studies(qp) if study in needed - estimates.keys())
+    at_least = math.fsum(item.uncertainty for item in counted)
     if math.isnan(value) or (missing and not counted):
         at_least = math.nan
     uncertainty = math.nan if missing else at_least
-    limit = own.limits.get(name)
     judged = limit is not None and own.completed and not math.isnan(value)
     undecided = limit is not None and judged and (bool(missing) or is_undecided(value, limit, uncertainty))
-    factor, unit = display_unit(own.units[name], own.weight)
+    factor, unit = display_unit(known.unit, own.weight)
     return MetricStudy(
         name=name,
         value=value,
-        unit=own.units[name],
+        unit=known.unit,
         levels=levels,
         estimates=estimates,
         inputs=inputs,
@@ -258,16 +255,17 @@ def _metric(
         undecided=undecided,
         factor=factor,
         display_unit=unit,
+        exact=known.nature == "count",
     )
 
 
-def _value(walk: Figures, name: str) -> float:
-    """A figure of a level; NaN unless its walk came to the end: another way of walking is no level."""
+def _value(walk: LevelResult, name: str) -> float:
+    """A metric of a level; NaN unless its walk came to the end: another way of walking is no level."""
     return walk.values.get(name, math.nan) if walk.completed else math.nan
 
 
 def _verdict(
-    own: Figures, metrics: Mapping[str, MetricStudy], made: Sequence[str]
+    own: LevelResult, metrics: Mapping[str, MetricStudy], made: Sequence[str]
 ) -> tuple[VerdictName, str]:
     judged = [item for item in metrics.values() if item.tolerance is not None]
     if not own.completed:
@@ -283,7 +281,7 @@ def _verdict(
             f"Over the limit by more than {spread}: {', '.join(failed)}.",
         )
     if missing:
-        return VerdictName.NOT_MEASURED, f"No figure for {', '.join(missing)}."
+        return VerdictName.NOT_MEASURED, f"No value of {', '.join(missing)}."
     if lacking:
         return (
             VerdictName.UNDECIDED,
@@ -298,14 +296,13 @@ def _verdict(
     return VerdictName.PASS, f"All {len(judged)} tolerances are met by more than {spread}."
 
 
-def _notes(found: Sequence[Study], walks: Mapping[Level, Figures]) -> tuple[str, ...]:
+def _notes(found: Sequence[Study], walks: Mapping[Level, LevelResult]) -> tuple[str, ...]:
     notes = []
     for study in found:
         if study.caution:
-            notes.append(f"{study.topic.name}: {study.caution}.")
-        for index, value in enumerate(study.values):
-            walk = walks[level(study, index)]
-            where = f"{study.topic.name}, {study.shown(value)}"
+            notes.append(f"{study.name}: {study.caution}.")
+        for level, value in zip(study.levels, study.values, strict=True):
+            walk, where = walks[level], f"{study.name}, {study.shown(value)}"
             if not walk.completed:
                 notes.append(f"{where}: {walk.outcome}, {walk.cause.rstrip('.') or 'no cause given'}.")
             elif walk.values.get("failed_qp"):

@@ -1,29 +1,24 @@
-"""What is varied, one thing at a time about the gait's own parameters, and the walk at one level."""
+"""What is varied, one thing at a time about the gait's own parameters."""
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from ampm.exceptions import AmpmError, InputError, RefusedGait
-from validation.judge.metrics import METRICS
-from validation.store.machine import memory_peak
-from validation.study.compare.metrics import switch_figures
-from validation.trial.plan import Request
+from ampm.exceptions import InputError
 
 if TYPE_CHECKING:
     from ampm.parameters import RunParameters
-    from validation.judge.examine import Walk
-    from validation.judge.profiles import Profile
 
 LEVELS = 4
 """Of a numerical study, by default: two triplets, the least that can confirm an order."""
-STEPS = 6
-"""Walked at every level, by default: the gait is periodic, and a record grows as the time step shrinks."""
 _REFSAFE = 2.0  # MuJoCo raises a contact's time constant to this many time steps
+
+Level = tuple[str, float]
+"""Key and value; the run's own parameters are :data:`OWN`."""
+OWN: Level = ("", 0.0)
 
 
 @dataclass(frozen=True)
@@ -35,58 +30,46 @@ class Topic:
         kind: ``numerical``: a step or tolerance whose limit is zero; ``input``: a parameter of the model.
         key: of the run.
         unit: SI unit of its values.
-        ratio: of neighbouring levels of a numerical study.
-        factors: on the own value, of an input study, the own one among them.
         title: in words.
         shown: factor and unit for people.
+        ratio: of neighbouring levels of a numerical study.
+        factors: on the own value, of an input study, the own one among them.
     """
 
     name: str
     kind: Literal["numerical", "input"]
     key: str
     unit: str
-    ratio: float
-    factors: tuple[float, ...]
     title: str
     shown: tuple[float, str]
+    ratio: float = 0.0
+    factors: tuple[float, ...] = ()
 
 
 _ROOT = math.sqrt(0.5)
-_MS, _MM = (1e3, "ms"), (1e3, "mm")
-
+_MS = (1e3, "ms")
 TOPICS: Mapping[str, Topic] = {
     item.name: item
     for item in (
+        Topic("time_step", "numerical", "simulation.time_step", "s", "time step of the physics", _MS, 2.0),
+        Topic("ik_grid", "numerical", "solver.ik_time_step", "s", "grid of the inverse kinematics", _MS, 2.0),
         Topic(
-            name="time_step", kind="numerical", key="simulation.time_step", unit="s", ratio=2.0, factors=(),
-            title="time step of the physics", shown=_MS,
-        ),
-        Topic(
-            name="ik_grid", kind="numerical", key="solver.ik_time_step", unit="s", ratio=2.0, factors=(),
-            title="grid of the inverse kinematics", shown=_MS,
-        ),
-        Topic(
-            name="qp_tolerance", kind="numerical", key="solver.tolerance", unit="1", ratio=10.0, factors=(),
-            title="tolerance of the controller's QP", shown=(1.0, ""),
+            "qp_tolerance", "numerical", "solver.tolerance", "1", "tolerance of the controller's QP",
+            (1.0, ""), 10.0,
         ),
         # The stiffness of MuJoCo's contact goes with the square of the inverse time constant.
         Topic(
-            name="contact_stiffness", kind="input", key="contact.time_constant", unit="s", ratio=0.0,
-            factors=(1.0 / _ROOT, 1.0, _ROOT), title="contact half and twice as stiff", shown=_MS,
+            "contact_stiffness", "input", "contact.time_constant", "s", "contact half and twice as stiff",
+            _MS, factors=(1.0 / _ROOT, 1.0, _ROOT),
         ),
         Topic(
-            name="contact_depth", kind="input", key="contact.impedance_width", unit="m", ratio=0.0,
-            factors=(2.0, 1.0, 0.5), title="contact that hardens over twice and half the depth", shown=_MM,
+            "contact_depth", "input", "contact.impedance_width", "m",
+            "contact that hardens over twice and half the depth", (1e3, "mm"), factors=(2.0, 1.0, 0.5),
         ),
     )
 }  # fmt: skip
 """All studies. Contact parameters are of the model: none of their values is nearer to a limit than another,
 so what they give is a sensitivity, an input uncertainty, and no convergence."""
-
-INSTRUMENT = frozenset(name for name, metric in METRICS.items() if metric.is_self_check)
-COUNTS = frozenset(name for name, metric in METRICS.items() if metric.nature == "count")
-EXTREME = ("_maximum", "_peak", "margin_", "switch_force_rate", "switch_vertical_force")
-"""End or beginning of the names of extremes, which are never extrapolated."""
 
 
 @dataclass(frozen=True)
@@ -106,10 +89,41 @@ class Study:
     own: int
     caution: str = ""
 
+    @property
+    def name(self) -> str:
+        """The topic's name."""
+        return self.topic.name
+
+    @property
+    def numerical(self) -> bool:
+        """Whether its levels approach a limit."""
+        return self.topic.kind == "numerical"
+
+    @property
+    def levels(self) -> tuple[Level, ...]:
+        """The walk of every value: all studies share the one at the run's own parameters."""
+        return tuple(
+            OWN if index == self.own else (self.topic.key, value) for index, value in enumerate(self.values)
+        )
+
     def shown(self, value: float) -> str:
-        """A level for people, with its unit."""
+        """A value for people, with its unit."""
         factor, unit = self.topic.shown
         return f"{factor * value:.4g} {unit}".rstrip()
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        topic = self.topic
+        return {
+            "kind": topic.kind,
+            "title": topic.title,
+            "key": topic.key,
+            "unit": topic.unit,
+            "values": list(self.values),
+            "own": self.own,
+            "ratio": topic.ratio or None,
+            "caution": self.caution or None,
+        }
 
 
 def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVELS) -> list[Study]:
@@ -133,11 +147,10 @@ def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVE
         )
     found = []
     for topic in TOPICS.values():
-        if names and topic.name not in names:
+        if (names and topic.name not in names) or not _applies(topic, run.solver.qp):
             continue
-        if topic.name == "qp_tolerance" and run.solver.qp != "osqp":
-            continue  # an active-set method stops at the solution: it has no tolerance
-        own = _value(run, topic.key)
+        section, _, leaf = topic.key.partition(".")
+        own = float(getattr(getattr(run, section), leaf))
         if topic.kind == "numerical":
             # Rounded, so that a tenth of 5e-5 is written as 5e-6.
             values = tuple(float(f"{own / topic.ratio**level:.15g}") for level in range(levels))
@@ -149,38 +162,30 @@ def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVE
     return [study for study in found if len(study.values) > 1]
 
 
-def not_studied(name: str, studied: Collection[str], qp: str) -> tuple[str, ...]:
-    """Numerical studies that a figure's uncertainty lacks: without them nobody knows how large it is.
+def numerical_studies(qp: str) -> tuple[str, ...]:
+    """Names of the studies that a numerical uncertainty is the sum of.
 
     Args:
-        name: of the figure.
-        studied: names of the studies that were made.
         qp: the run's QP solver.
     """
-    return tuple(item for item in inside(name, qp) if item not in studied)
+    return tuple(item.name for item in TOPICS.values() if item.kind == "numerical" and _applies(item, qp))
 
 
-def inside(name: str, qp: str) -> tuple[str, ...]:
-    """Numerical studies that a figure's uncertainty is the sum of; none for a count, which is exact.
+def runs_of(run: RunParameters, found: Sequence[Study]) -> dict[Level, RunParameters]:
+    """Every walk that the studies need, once, the costliest first."""
+    levels = dict.fromkeys(level for study in found for level in study.levels if level != OWN)
+    runs = {OWN: run} | {(key, value): run.replace({key: value}) for key, value in levels}
 
-    Args:
-        name: of the figure; empty for any that is neither count nor self-check.
-        qp: the run's QP solver.
-    """
-    if name in COUNTS:
-        return ()
-    return tuple(
-        item.name
-        for item in TOPICS.values()
-        if item.kind == "numerical"
-        and not (item.name == "qp_tolerance" and qp != "osqp")
-        and not (item.name == "time_step" and name in INSTRUMENT)
-    )
+    def cost(item: tuple[Level, RunParameters]) -> float:
+        return 1.0 / item[1].simulation.time_step + 1.0 / item[1].solver.ik_time_step
+
+    # The finest steps last longest: begun first, they leave no worker idle at the end.
+    return dict(sorted(runs.items(), key=cost, reverse=True))
 
 
-def _value(run: RunParameters, key: str) -> float:
-    section, _, leaf = key.partition(".")
-    return float(getattr(getattr(run, section), leaf))
+def _applies(topic: Topic, qp: str) -> bool:
+    """An active-set method stops at the solution: it has no tolerance."""
+    return topic.name != "qp_tolerance" or qp == "osqp"
 
 
 def _caution(run: RunParameters, topic: Topic) -> str:
@@ -201,109 +206,3 @@ def _allowed(run: RunParameters, topic: Topic, value: float) -> bool:
     except InputError:
         return False
     return topic.key != "contact.time_constant" or value >= _REFSAFE * run.simulation.time_step
-
-
-@dataclass(frozen=True)
-class Figures:
-    """What one walk says.
-
-    Attributes:
-        outcome: of the walk, or ``refused``.
-        cause: of an early end, empty if there is none.
-        values: metric or integral to value in SI units.
-        units: SI unit of each.
-        limits: metric to the profile's tolerance, in the metric's unit.
-        weight: of the body [N].
-        seconds: wall-clock time.
-        memory: largest resident memory of the process so far [MB], NaN if unknown.
-    """
-
-    outcome: str
-    cause: str
-    values: Mapping[str, float]
-    units: Mapping[str, str]
-    limits: Mapping[str, float]
-    weight: float
-    seconds: float
-    memory: float
-
-    @property
-    def completed(self) -> bool:
-        """Whether the walk came to its end."""
-        return self.outcome == "completed"
-
-
-def walk_level(run: RunParameters, name: str, profile: Profile) -> Figures:
-    """Plan and walk one level; runs in a worker and returns numbers only."""
-    from validation.judge.examine import walk
-    from validation.trial.plan import plan_walk
-
-    start = time.perf_counter()
-    try:
-        result = walk(plan_walk(Request(name, run)), profile)
-    except AmpmError as error:
-        outcome = "refused" if isinstance(error, RefusedGait | InputError) else "infeasible"
-        return Figures(outcome, str(error), {}, {}, {}, 0.0, time.perf_counter() - start, _memory())
-    values, units = figures(result)
-    end = result.record.outcome
-    limits = {
-        item.name: item.tolerance for item in result.evaluation.verdict.judged if item.tolerance is not None
-    }
-    return Figures(
-        outcome=str(end.name),
-        cause=end.cause,
-        values=values,
-        units=units,
-        limits=limits,
-        weight=result.evaluation.comparison.scales["body_weight"],
-        seconds=time.perf_counter() - start,
-        memory=_memory(),
-    )
-
-
-def figures(walk: Walk) -> tuple[dict[str, float], dict[str, str]]:
-    """Value and unit of every metric, and of integral quantities and extremes beside them.
-
-    The latter are named like the columns of a sweep's table; ``zmp_x_single_support_rmse`` and the like are
-    the metric within one phase, and ``switch_zmp_x_near`` and the like what ``ampm compare`` shows.
-    """
-    comparison = walk.evaluation.comparison
-    values = {name: metric.value for name, metric in walk.evaluation.metrics.items()}
-    units = {name: metric.unit for name, metric in walk.evaluation.metrics.items()}
-
-    def add(name: str, value: float, unit: str) -> None:
-        values[name], units[name] = float(value), unit
-
-    for signal in ("zmp_x", "zmp_y", "force_x", "force_y", "force_z"):
-        found = comparison.signals[signal]
-        for window in ("single_support", "double_support"):
-            add(f"{signal}_{window}_rmse", found.windows[window].rmse, found.unit)
-        add(f"{signal}_bias", found.run.bias, found.unit)
-    if walk.record.outcome.completed:
-        for name, value, unit in switch_figures(comparison):
-            add(name, value, unit)
-    return values, units
-
-
-def _memory() -> float:
-    peak = memory_peak()
-    return math.nan if peak is None else peak
-
-
-Runner = Callable[["RunParameters", str, "Profile"], Figures]
-"""What walks one level; tests put their own in its place."""
-
-
-def as_plain(study: Study) -> dict[str, Any]:
-    """A study's description for JSON."""
-    topic = study.topic
-    return {
-        "kind": topic.kind,
-        "title": topic.title,
-        "key": topic.key,
-        "unit": topic.unit,
-        "values": list(study.values),
-        "own": study.own,
-        "ratio": topic.ratio or None,
-        "caution": study.caution or None,
-    }

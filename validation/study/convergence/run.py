@@ -1,4 +1,4 @@
-"""``ampm convergence``: from options to studies, a verdict and files."""
+"""A convergence study: from a gait to its walks, their verdict, and files."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ from validation.progress import Progress
 from validation.store.folders import check_target, output_file
 from validation.store.json import json_ready
 from validation.store.machine import cores
-from validation.study.convergence.execute import runs_of, walk_levels
 from validation.study.convergence.result import Convergence, combine
-from validation.study.convergence.studies import LEVELS, STEPS, Runner, studies, walk_level
-from validation.study.convergence.table import markdown
+from validation.study.convergence.studies import LEVELS, runs_of, studies
+from validation.study.convergence.text import markdown
+from validation.study.convergence.walks import Runner, walk_level, walk_levels
 from validation.trial.plan import load_request, plan_walk
 
+STEPS = 6
+"""Walked at every level, by default: the gait is periodic, and a record grows as the time step shrinks."""
 MARKDOWN = "convergence.md"
 PICTURES = ("convergence.svg", "convergence.png")
 FILES = (FILE, MARKDOWN, *PICTURES)
@@ -36,7 +38,7 @@ class Options:
         only: studies, all by default.
         profile: name of the tolerance profile.
         workers: processes, None for one a core.
-        out: folder of the files, None for none.
+        out: folder that :func:`write` will fill, None for none; it is checked before the first walk.
         force: replace an earlier study there.
     """
 
@@ -49,27 +51,27 @@ class Options:
     force: bool = False
 
 
-def run(
+def study_gait(
     gait: str,
-    settings: Sequence[str],
-    options: Options,
+    settings: Sequence[str] = (),
+    options: Options | None = None,
     *,
-    stages: Progress | None = None,
+    progress: Progress | None = None,
     runner: Runner = walk_level,
 ) -> Convergence:
-    """Study one gait, and write the files if a folder was given.
+    """Study one gait; nothing is written.
 
     Args:
         gait: preset or TOML file.
         settings: ``key=value`` texts.
         options: how.
-        stages: where to report progress.
+        progress: where to report it.
         runner: what walks one level.
 
     Raises:
-        InputError, RefusedGait: the request cannot be met; nothing is written.
+        InputError, RefusedGait: the request cannot be met.
     """
-    stages = stages or Progress()
+    options = options or Options()
     if options.steps < 2:
         raise InputError(
             f"--steps {options.steps}: the first step is in no metric; walk 2 at least.", value=options.steps
@@ -85,19 +87,16 @@ def run(
     # Halving the time step does not mend a control period that is no multiple of it.
     steps_per_tick(request.run.controller.frequency, request.run.simulation.time_step)
     if runner is walk_level:  # refusals come before any worker starts, and the motion is in the cache
-        plan_walk(request, stages)
+        plan_walk(request, progress)
     walks = walk_levels(
-        runs_of(request.run, found), request.name, profile, workers=workers, stages=stages, runner=runner
+        runs_of(request.run, found), request.name, profile, workers=workers, progress=progress, runner=runner
     )
-    result = combine(request, profile, found, walks)
-    if options.out is not None:
-        write(result, options.out)
-    return result
+    return combine(request, profile, found, walks)
 
 
 def write(result: Convergence, out: Path) -> None:
     """Write table, pictures and, last, ``convergence.json``: where that is, the study is whole."""
-    from validation.study.convergence.picture import draw
+    from validation.study.convergence.picture import draw  # here, not above: matplotlib takes long to load
 
     (out / FILE).unlink(missing_ok=True)
     with output_file(out / MARKDOWN) as path:
