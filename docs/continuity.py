@@ -63,11 +63,11 @@ def _table(pairs: list[Pair]) -> str:
         lines.append(f"| {told[0][0]} | | {' | '.join(text for _, *both in told for text in both)} |")
     group = ""
     for rows in zip(*(pair.rows for pair in pairs), strict=True):
-        if rows[0].group != group:
-            group = rows[0].group
+        if rows[0].of.group != group:
+            group = rows[0].of.group
             lines.append(f"| **{group}** |{' |' * (len(labels) + 1)}")
         values = " | ".join(shown(value) for row in rows for value in (row.a, row.b))
-        lines.append(f"| {rows[0].label} | {rows[0].unit if rows[0].unit != '1' else ''} | {values} |")
+        lines.append(f"| {rows[0].of.label} | {rows[0].of.unit} | {values} |")
     return "\n".join(lines)
 
 

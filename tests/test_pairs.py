@@ -18,9 +18,8 @@ from validation.cli.app import call
 from validation.judge.uncertainty import Uncertainty
 from validation.progress import Progress
 from validation.store.json import json_ready
-from validation.study.compare.metrics import catalogue, studied_name, walked_figures
+from validation.study.compare.metrics import GRIDS, Quantity
 from validation.study.compare.run import (
-    GRIDS,
     NUMBERS,
     PICTURE,
     REPORT,
@@ -45,7 +44,7 @@ def pair(folders):
 
 
 def value(pair, name):
-    return next((row.a, row.b) for row in pair.rows if row.name == name)
+    return next((row.a, row.b) for row in pair.rows if row.of.name == name)
 
 
 def test_the_plan_of_one_side_jumps_and_that_of_the_other_does_not(pair):
@@ -79,14 +78,14 @@ def test_the_ground_feels_the_jump(pair):
 
 
 def test_it_is_said_where_continuity_buys_nothing(pair):
-    better = {row.name: row.better for row in pair.rows}
+    better = {row.of.name: row.better for row in pair.rows}
     assert {"plan_acceleration", "joint_limit"} <= {k for k, v in better.items() if v == "a"}
     assert better["plan_moment"] == "even"
     assert "mechanical cost of transport" in pair.won("")["the whole run"]
 
 
 def row(a, b, least=0.1, u_a=0.0, u_b=0.0):
-    return Row("group", "name", "label", "mm", a, b, least, u_a, u_b)
+    return Row(Quantity("group", "name", "label", "mm", least), a, b, u_a, u_b)
 
 
 def test_which_side_is_better():
@@ -115,30 +114,20 @@ def study(parameters, u, **more):
 
 def test_figures_of_the_walks_are_better_only_beyond_the_studies_of_both(pair):
     assert pair.as_dict()["uncertainty"] is None
-    assert {row.better for row in pair.rows if not row.name.startswith(("plan_", "joint_"))} == {""}
+    assert {row.better for row in pair.rows if row.of.walked} == {""}
     both = [study(side.saved.parameters, 1e-3) for side in (pair.a, pair.b)]
-    found = {row.name: row for row in pair_of(pair.a, pair.b, studies=(both[0], both[1])).rows}
+    found = {row.of.name: row for row in pair_of(pair.a, pair.b, studies=(both[0], both[1])).rows}
     near = found["zmp_x_near"]
     assert near.u_a + near.u_b == pytest.approx(2.0)  # mm
-    assert found["force_x"].u_a == pytest.approx(100.0 / (60.0 * 9.81), rel=1e-3)
+    assert found["force_x_rmse"].u_a == pytest.approx(100.0 / (60.0 * 9.81), rel=1e-3)
     assert near.better == ("a" if near.b - near.a > 2.0 else "")
     assert found["zmp_y_near"].better == ""  # not in the studies
     wide = [study(side.saved.parameters, 0.1) for side in (pair.a, pair.b)]
     assert all(row.better != "a" for row in pair_of(pair.a, pair.b, studies=(wide[0], wide[1])).rows
-               if row.name == "zmp_x_near")  # fmt: skip
+               if row.of.name == "zmp_x_near")  # fmt: skip
     lacking = replace(both[0], incomplete={"switch_zmp_x_near": ("ik_grid",)})
     rows = pair_of(pair.a, pair.b, studies=(lacking, both[1])).rows
-    assert next(row for row in rows if row.name == "zmp_x_near").better == ""
-
-
-def test_every_walked_figure_has_a_name_in_a_study(pair):
-    """What a trial does not have by another name, a study takes from the walk itself."""
-    planned, saved = pair.a.plan, pair.a.saved
-    walked = walked_figures(planned, saved.signals, saved.record)
-    names = {name for _, name, _, _, _ in catalogue(0.05) if not name.startswith(("plan_", "joint_"))}
-    assert walked.keys() <= names
-    for name in names - walked.keys():
-        assert not studied_name(name).startswith("switch_"), name
+    assert next(row for row in rows if row.of.name == "zmp_x_near").better == ""
 
 
 def test_no_ratio_is_one_of_rounding(pair):
@@ -205,8 +194,8 @@ def test_a_comparison_of_folders_is_written_and_read_back(folders, tmp_path, cap
     printed = capfd.readouterr().out
     assert "single support" in printed
     assert "is better in" in printed
-    assert "of the walks no figure is called better" in printed
-    assert "of the walks no figure is called better" in page
+    assert "of the walks no value is called better" in printed
+    assert "of the walks no value is called better" in page
 
 
 def test_what_cannot_be_compared_is_refused(folders, tmp_path):
@@ -231,11 +220,17 @@ def test_two_folders_of_one_gait_are_told_apart(folders):
     assert {row.better for row in pair.rows} == {"even", ""}
 
 
-def test_a_walk_that_did_not_end_is_told_by_the_status(pair):
-    from validation.study.compare.run import status
+@pytest.mark.parametrize(("outcome", "status"), [("completed", 0), ("fell", 3), ("interrupted", 130)])
+def test_a_walk_that_did_not_end_is_told_by_the_status(pair, outcome, status, monkeypatch):
+    ended = replace(pair, b=replace(pair.b, outcome=outcome))
+    monkeypatch.setattr("validation.study.compare.run.compare_pair", lambda *args, **keywords: ended)
+    assert call(["compare", "--json"]) == status
 
-    fallen = replace(pair, b=replace(pair.b, outcome="fell"))
-    stopped = replace(pair, a=replace(pair.a, outcome="interrupted"))
-    assert status(pair) == (0, 0)
-    assert status(fallen) == (0, 3)
-    assert max(status(stopped)) == 130
+
+def test_parameters_that_differ_and_the_largest_ratios_are_named_without_a_study(pair):
+    assert pair.parameters["gait.model"] == ("ampm", "ipm")
+    assert "body.mass" not in pair.parameters
+    ratios = [abs(math.log(row.ratio)) for row in pair.unbounded()]
+    assert len(ratios) == 5
+    assert ratios == sorted(ratios, reverse=True)
+    assert all(row.better == "" for row in pair.unbounded())

@@ -13,7 +13,16 @@ import pytest
 from ampm.exceptions import InputError
 from tests.walk import STILL, perfect_walk, with_state
 from validation.judge.compare import compare
-from validation.judge.metrics import BODY_WEIGHT, METRICS, Metric, dump_added, evaluate, load_added, register, unregister
+from validation.judge.metrics import (
+    BODY_WEIGHT,
+    METRICS,
+    Metric,
+    dump_added,
+    evaluate,
+    load_added,
+    register,
+    unregister,
+)
 from validation.judge.profiles import DEFAULT, PROFILES, STRICT, WIDE, profile
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, build_summary, judge

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.markup import escape
 
 from validation.cli.console import Narrator
 from validation.cli.options import Force, Json, Settings, Status, Steps, Uncertainty, answer
+from validation.show.text import print_line, print_table
+
+if TYPE_CHECKING:
+    from validation.study.compare.run import Pair
 
 app = typer.Typer()
+
+_STATUS = {"completed": Status.PASS, "interrupted": Status.INTERRUPTED}
 
 
 @app.command()
@@ -33,11 +40,46 @@ def compare(
     The default shows what continuity up to the acceleration buys: the paper's gait beside the plain inverted
     pendulum. No tolerances are judged: 0 means that both walked to the end.
     """
-    from validation.study.compare import run as pairs
+    from validation.study.compare.run import Pair, compare_pair, write_pair
 
     extra = [*(settings or ()), *([] if steps is None else [f"gait.steps={steps}"])]
-    pair = pairs.compare_pair(
-        a, b, extra, uncertainty=uncertainty or (), out=out, force=force, stages=Narrator()
-    )
-    answer(pair, pairs.Pair.as_dict, pairs.print_pair, as_json=as_json)
-    return max(Status(code) for code in pairs.status(pair))
+    progress = Narrator()
+    pair = compare_pair(a, b, extra, uncertainty=uncertainty or (), out=out, force=force, stages=progress)
+    answer(pair, Pair.as_dict, print_pair, as_json=as_json)
+    if out is not None:
+        write_pair(pair, out)
+    return max(_STATUS.get(side.outcome, Status.NOT_COMPLETED) for side in (pair.a, pair.b))
+
+
+def print_pair(pair: Pair) -> None:
+    """Print both sides for a reader."""
+    from validation.study.compare.run import facts, known, ratio, shown, verdicts
+
+    a, b = pair.a.label, pair.b.label
+    columns = [("", "left"), (a, "right"), (b, "right")]
+    print_table(f"{a} and {b}", columns, facts(pair))
+    if pair.parameters:
+        rows = [(key, escape(str(one)), escape(str(two))) for key, (one, two) in pair.parameters.items()]
+        print_table("parameters that differ", columns, rows)
+    columns += [("unit", "left"), ("ratio", "right"), ("better", "left")]
+    names = {"a": a, "b": b, "even": "=", "": ""}
+    for group, rows_of_group in pair.groups.items():
+        cells = [
+            (
+                row.of.label,
+                shown(row.a),
+                shown(row.b),
+                row.of.unit.replace("% of body weight", "% of weight"),
+                ratio(row),
+                names[row.better],
+            )
+            for row in rows_of_group
+        ]
+        print_table(group, columns, cells)
+    for better, words in verdicts(pair):
+        count = sum(row.better == better for row in pair.rows)
+        print_line(f"{words} {count} of {len(pair.rows)} quantities")
+    print_line(f"  {escape(known(pair))}")
+    if unbounded := pair.unbounded():
+        told = "; ".join(f"{row.of.group}, {row.of.label}: {ratio(row)}" for row in unbounded)
+        print_line(f"  Largest ratios among those: {escape(told)}.")

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.markup import escape
 
 from validation.cli.console import Narrator
 from validation.cli.options import Force, Gait, Json, Settings, Status, Workers, answer
+from validation.show.text import print_line, print_table
+
+if TYPE_CHECKING:
+    from validation.study.convergence.result import Convergence
 
 app = typer.Typer()
 
@@ -59,16 +64,45 @@ def convergence(
     order, extrapolated value and numerical uncertainty, or "no asymptotic range"; 'ampm validate
     --uncertainty' quotes the uncertainty in its verdict.
     """
-    from validation.study.convergence import command
-    from validation.study.convergence.table import print_convergence
+    from validation.study.convergence.run import FILES, Options, study_gait, write
 
-    options = command.Options(
+    options = Options(
         steps=steps, levels=levels, only=only or (), profile=profile, workers=workers, out=out, force=force
     )
-    narrator = Narrator()
-    result = command.run(gait, settings or (), options, stages=narrator)
-    answer(result, command.Convergence.as_dict, print_convergence, as_json=as_json)
-    narrator.wrote(*(out / name for name in command.FILES) if out is not None else ())
+    progress = Narrator()
+    result = study_gait(gait, settings or (), options, progress=progress)
+    answer(result, type(result).as_dict, print_convergence, as_json=as_json)
+    if out is not None:
+        write(result, out)
+        progress.wrote(*(out / name for name in FILES))
     if not result.completed:
         return Status.NOT_COMPLETED
     return Status.PASS if result.verdict == "pass" else Status.OUT_OF_TOLERANCE
+
+
+_COLOURS = {"pass": "green", "FAIL": "red", "fail": "red", "": "default"}
+
+
+def print_convergence(result: Convergence) -> None:
+    """Print what the studies found: metrics with their uncertainty, and the verdict on them."""
+    from validation.study.convergence.text import cells, header, legend, shortlist
+
+    name, verdict = result.request.name, str(result.verdict)
+    left = ("metric", "unit", "verdict", "observed order")
+    rows = []
+    for item in shortlist(result):
+        row = list(cells(item))
+        row[4] = f"[{_COLOURS.get(row[4], 'yellow')}]{row[4]}[/]"
+        rows.append(row)
+    print_table(
+        f"{name}: value ± numerical uncertainty, {result.request.run.gait.steps} steps "
+        f"(profile {result.profile.name})",
+        [(text, "left" if text in left else "right") for text in header(result)],
+        rows,
+    )
+    print_line(f"  {legend(result)}")
+    for note in result.notes:
+        print_line(f"  note: {escape(note)}")
+    colour = _COLOURS.get(verdict, "yellow")
+    word = verdict.replace("_", " ").upper()
+    print_line(f"[bold {colour}]{name}: {word}[/]  {escape(result.verdict_reason)}")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from validation.show import run_figures as figures
 from validation.show.page import render_page
-from validation.study.compare.run import EVEN, Pair, Side, _ratio, facts, known, shown, verdicts
+from validation.study.compare.run import EVEN, Pair, Side, facts, known, ratio, shown, verdicts
 
 Array = NDArray[np.float64]
 
@@ -40,24 +40,13 @@ def render(pair: Pair) -> str:
         switches = figures.to_svg(draw_switches(pair), "s", f"{a} and {b} about the switches")
         joints = figures.to_svg(_draw_joints(pair), "j", f"Joint accelerations of {a} and {b} on finer grids")
     names = {"a": a, "b": b, "even": "–", "": ""}
-    groups = [
-        (
-            group,
-            [
-                {
-                    "label": row.label,
-                    "a": shown(row.a),
-                    "b": shown(row.b),
-                    "unit": "" if row.unit == "1" else row.unit,
-                    "ratio": _ratio(row),
-                    "better": names[row.better],
-                }
-                for row in pair.rows
-                if row.group == group
-            ],
-        )
-        for group in dict.fromkeys(row.group for row in pair.rows)
-    ]
+    groups = {
+        group: [
+            (row.of.label, shown(row.a), shown(row.b), row.of.unit, ratio(row), names[row.better])
+            for row in rows
+        ]
+        for group, rows in pair.groups.items()
+    }
     return render_page(
         "pair.html.j2",
         styles=["report.css"],
@@ -65,6 +54,7 @@ def render(pair: Pair) -> str:
         b=b,
         even=EVEN,
         facts=facts(pair),
+        parameters=pair.parameters,
         switches=Markup(switches),
         joints=Markup(joints),
         groups=groups,

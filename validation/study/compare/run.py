@@ -3,11 +3,11 @@
 Both sides are walked (or loaded) and asked the same questions about the instants at which support changes:
 what does the plan demand there, what do the joints of the whole-body motion have to do as its grid is
 refined, what does the measured ground force do, how far is the ZMP off, how fast do torques change, how much
-feedback is needed. Figures of the whole run stand beside them, so that a gain at the switches is seen against
+feedback is needed. Metrics of the whole run stand beside them, so that a gain at the switches is seen against
 the rest.
 
-How far a measured figure is from that of a vanishing time step only a convergence study says: without one no
-figure of a walk is called better, however large the difference.
+How far a measured value is from that of a vanishing time step only a convergence study says: without one no
+value of a walk is called better, however large the difference.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from __future__ import annotations
 import json
 import math
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,24 +33,22 @@ from ampm.planner.support import StepPlan, plan_steps
 from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching
 from validation.progress import Progress
 from validation.run.validate import Options, validate
-from validation.show.text import format_number, print_line, print_table
+from validation.show.text import format_number
 from validation.store.folders import check_run_folder, check_target, output_file
 from validation.store.json import json_ready
 from validation.store.saved import RUN_FILE, SavedRun, load_saved_run
 from validation.study.compare.metrics import (
     GRIDS,
-    UNWALKED,
-    WINDOW,
-    catalogue,
+    Quantity,
+    metric_values,
+    quantities,
     si_unit,
-    studied_name,
-    summary_figures,
-    walked_figures,
+    switch_figures,
 )
 from validation.trial.plan import Request, load_request, make_body, motion_cache
 
 EVEN = 1.25
-"""Ratio of two figures within which neither side is called better."""
+"""Ratio of two values within which neither side is called better."""
 REPORT, NUMBERS, PICTURE = "report.html", "comparison.json", "switches.svg"
 
 
@@ -96,27 +94,19 @@ class Side:
 
 @dataclass(frozen=True)
 class Row:
-    """One figure of both sides; smaller is better.
+    """One quantity of both sides.
 
     Attributes:
-        group: heading that it stands under.
-        name: key in JSON.
-        label: in words.
-        unit: of both values, as shown.
-        a: of the first side, NaN if it has none.
+        of: the quantity.
+        a: value of the first side as shown, NaN if it has none.
         b: of the second side.
-        least: values below it are noise and count as it when the two are compared.
         u_a: numerical uncertainty of ``a``: 0 where nothing is walked, infinite without bound, NaN unknown.
         u_b: of ``b``.
     """
 
-    group: str
-    name: str
-    label: str
-    unit: str
+    of: Quantity
     a: float
     b: float
-    least: float
     u_a: float = math.nan
     u_b: float = math.nan
 
@@ -124,13 +114,13 @@ class Row:
     def ratio(self) -> float | None:
         """Second over first value; None if one is missing, or noise."""
         known = math.isfinite(self.a) and math.isfinite(self.b)
-        return self.b / self.a if known and min(self.a, self.b) >= self.least else None
+        return self.b / self.a if known and min(self.a, self.b) >= self.of.least else None
 
     @property
     def better(self) -> str:
         """``a``, ``b``, or ``even`` where they differ by less than :data:`EVEN`.
 
-        Empty where nothing can be said: a figure is missing, its numerical uncertainty is not known, or the
+        Empty where nothing can be said: a value is missing, its numerical uncertainty is not known, or the
         difference is within that of both.
         """
         u = self.u_a + self.u_b
@@ -138,35 +128,57 @@ class Row:
             return ""
         if u > 0.0 and abs(self.a - self.b) <= u:
             return ""
-        ratio = max(self.b, self.least) / max(self.a, self.least)
+        ratio = max(self.b, self.of.least) / max(self.a, self.of.least)
         return "a" if ratio > EVEN else "b" if ratio < 1.0 / EVEN else "even"
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Both sides and all figures.
+    """Both sides and all that they are compared by.
 
     Attributes:
         a: first side.
         b: second side.
-        rows: figures, group by group.
-        window: half-width of the window about a switch [s].
+        rows: quantities, group by group.
         studies: convergence study of either side; None without.
     """
 
     a: Side
     b: Side
     rows: tuple[Row, ...]
-    window: float
     studies: tuple[Uncertainty, Uncertainty] | None = None
 
-    def won(self, better: str) -> dict[str, list[str]]:
-        """Group to the labels of its figures in which one side is better, neither is, or nothing is said."""
-        groups: dict[str, list[str]] = {}
+    @property
+    def groups(self) -> Mapping[str, list[Row]]:
+        """Rows by their heading."""
+        found: dict[str, list[Row]] = {}
         for row in self.rows:
-            if row.better == better:
-                groups.setdefault(row.group, []).append(row.label)
-        return groups
+            found.setdefault(row.of.group, []).append(row)
+        return found
+
+    @property
+    def parameters(self) -> dict[str, tuple[Any, Any]]:
+        """Key to the values of both sides, of every parameter in which they differ."""
+        one, two = (side.saved.parameters.model_dump() for side in (self.a, self.b))
+        return {
+            f"{section}.{key}": (value, two[section][key])
+            for section, entries in one.items()
+            for key, value in entries.items()
+            if value != two[section][key]
+        }
+
+    def won(self, better: str) -> dict[str, list[str]]:
+        """Group to the labels of its rows in which one side is better, neither is, or nothing is said."""
+        found = {
+            group: [row.of.label for row in rows if row.better == better]
+            for group, rows in self.groups.items()
+        }
+        return {group: labels for group, labels in found.items() if labels}
+
+    def unbounded(self, count: int = 5) -> list[Row]:
+        """Rows of the largest ratios among those of which nothing is said."""
+        open_rows = [row for row in self.rows if row.better == "" and row.ratio]
+        return sorted(open_rows, key=lambda row: -abs(math.log(row.ratio or 1.0)))[:count]
 
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain data."""
@@ -190,11 +202,11 @@ class Pair:
             }
             for key, side in (("a", self.a), ("b", self.b))
         }
-        figures = {
-            row.name: {
-                "group": row.group,
-                "label": row.label,
-                "unit": row.unit,
+        values = {
+            row.of.name: {
+                "group": row.of.group,
+                "label": row.of.label,
+                "unit": row.of.unit,
                 "a": row.a,
                 "b": row.b,
                 "ratio": row.ratio,
@@ -204,11 +216,8 @@ class Pair:
             for row in self.rows
         }
         studies = None if self.studies is None else [study.as_dict() for study in self.studies]
-        rest = {"window": self.window, "uncertainty": studies, "figures": figures}
+        rest = {"parameters": self.parameters, "uncertainty": studies, "figures": values}
         return dict(json_ready({**sides, **rest}))
-
-
-# ------------------------------------------------------------------------------------------------- getting
 
 
 def compare_pair(
@@ -221,14 +230,15 @@ def compare_pair(
     force: bool = False,
     stages: Progress | None = None,
 ) -> Pair:
-    """Walk or load two gaits, compare them, and write the comparison if it is to be kept.
+    """Walk or load two gaits and compare them.
 
     Args:
         a: preset, TOML file, or folder of a run.
         b: likewise.
         settings: ``key=value`` texts for the gaits that are to be walked.
-        uncertainty: ``convergence.json`` of both gaits; without, no figure of a walk is called better.
-        out: folder for the report, the numbers, a picture, and the runs that were made; None keeps nothing.
+        uncertainty: ``convergence.json`` of both gaits; without, no value of a walk is called better.
+        out: folder that keeps the runs that are walked, and that :func:`write_pair` will fill; None keeps
+            nothing.
         force: replace an earlier comparison in ``out``.
         stages: where to report progress.
 
@@ -251,23 +261,21 @@ def compare_pair(
             )
     studies = _studies(sources, labels, uncertainty)
     folders = _folders(out, labels, sources, force=force)
-    with _place(out) as place:
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="ampm-compare-") if out is None else nullcontext(out) as place:
         sides = []
         for label, source, folder in zip(labels, sources, folders, strict=True):
             if isinstance(source, Request):
-                target = folder or place / label
-                options = Options(force=force, recording=out is not None)
-                trial = validate(source, target, options, stages=stages)
-                if (
-                    trial.summary["outcome"] == "interrupted"
-                ):  # whoever stops one walk does not want the other
+                target = folder or Path(place) / label
+                trial = validate(
+                    source, target, Options(force=force, recording=out is not None), stages=stages
+                )
+                if trial.summary["outcome"] == "interrupted":  # the other one is not wanted either
                     raise KeyboardInterrupt
                 source = target
             sides.append(_side(label, source, stages))
-        pair = pair_of(*sides, studies=studies)
-    if out is not None:
-        write_pair(pair, out)
-    return pair
+        return pair_of(*sides, studies=studies)
 
 
 def _source(text: str, settings: Sequence[str]) -> Request | Path:
@@ -327,17 +335,6 @@ def _folders(
     return folders
 
 
-@contextmanager
-def _place(out: Path | None) -> Iterator[Path]:
-    """Folder for runs: ``out``, or one that vanishes."""
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        yield out
-        return
-    with tempfile.TemporaryDirectory(prefix="ampm-compare-") as folder:
-        yield Path(folder)
-
-
 def _side(label: str, folder: Path, stages: Progress) -> Side:
     """Load a run and solve its motion on all grids."""
     saved = load_saved_run(folder)
@@ -355,9 +352,6 @@ def _side(label: str, folder: Path, stages: Progress) -> Side:
         joints = joint_jumps(motions, body.robot, GRIDS)
     outcome = saved.record.outcome
     return Side(label, saved, plan, joints, outcome.completed, str(outcome.name))
-
-
-# ------------------------------------------------------------------------------------------------ figuring
 
 
 def joint_jumps(motions: Sequence[WholeBodyMotion], robot: Robot, grids: Sequence[float]) -> Joints:
@@ -387,59 +381,48 @@ def joint_jumps(motions: Sequence[WholeBodyMotion], robot: Robot, grids: Sequenc
     )
 
 
-def pair_of(
-    a: Side, b: Side, *, window: float = WINDOW, studies: tuple[Uncertainty, Uncertainty] | None = None
-) -> Pair:
-    """All figures of two walked sides, with the numerical uncertainty that the studies found."""
-    figures_a, figures_b = _figures(a, window), _figures(b, window)
-    # A study looks at windows of its own width, and at no others.
-    known = studies if studies is not None and window == WINDOW else (None, None)
+def pair_of(a: Side, b: Side, *, studies: tuple[Uncertainty, Uncertainty] | None = None) -> Pair:
+    """All quantities of two walked sides, with the numerical uncertainty that the studies found."""
+    values_a, values_b = _values(a), _values(b)
+    study_a, study_b = studies or (None, None)
     rows = tuple(
         Row(
-            group,
-            name,
-            label,
-            unit,
-            figures_a[name],
-            figures_b[name],
-            least,
-            _uncertainty(name, unit, a, known[0]),
-            _uncertainty(name, unit, b, known[1]),
+            item,
+            values_a[item.name],
+            values_b[item.name],
+            _uncertainty(item, a, study_a),
+            _uncertainty(item, b, study_b),
         )
-        for group, name, label, unit, least in catalogue(window)
+        for item in quantities(a.plan.mass * a.plan.gravity)
     )
-    return Pair(a, b, rows, window, studies)
+    return Pair(a, b, rows, studies)
 
 
-def _uncertainty(name: str, unit: str, side: Side, study: Uncertainty | None) -> float:
-    """Of one figure in the unit of the catalogue."""
-    if name.startswith(UNWALKED):
+def _uncertainty(item: Quantity, side: Side, study: Uncertainty | None) -> float:
+    """Of one quantity, as shown."""
+    if not item.walked:
         return 0.0
     if study is None:
         return math.nan
     record = side.saved.record
-    return study.bounds.get(studied_name(name), math.nan) / si_unit(unit, record.mass * record.gravity)[0]
+    return study.bounds.get(item.studied_name, math.nan) / si_unit(item.unit, record.mass * record.gravity)[0]
 
 
-def _figures(side: Side, window: float) -> dict[str, float]:
-    """Every figure of one side, in the units of the catalogue."""
+def _values(side: Side) -> dict[str, float]:
+    """Every quantity of one side, as shown."""
     plan, record = side.plan, side.saved.record
-    residuals = plan.centroidal.residuals()
-    jump = residuals.acceleration * plan.centroidal.gravity
+    residuals = plan.residuals()
+    jump, height = residuals.acceleration * plan.gravity, plan.centroidal.com_height
     return {
         "plan_acceleration": jump,
-        "plan_force": 100.0 * jump / plan.centroidal.gravity,
-        "plan_zmp": 1e3 * residuals.zmp * plan.centroidal.com_height,
-        "plan_moment": residuals.moment * plan.centroidal.weight * plan.centroidal.com_height,
+        "plan_force": 100.0 * jump / plan.gravity,
+        "plan_zmp": 1e3 * residuals.zmp * height,
+        "plan_moment": residuals.moment * plan.centroidal.weight * height,
         "joint_limit": side.joints.limit,
         **{f"joint_{1e3 * h:g}ms": j for h, j in zip(side.joints.grid, side.joints.jump, strict=True)},
-        **walked_figures(plan, side.saved.signals, record, window),
-        **summary_figures(side.saved.summary, record.mass * record.gravity),
-        "unsolved": float(np.count_nonzero(record.qp_status == 2)),
+        **switch_figures(plan, side.saved.signals, record),
+        **metric_values(side.saved.summary, record.mass * record.gravity),
     }
-
-
-# ------------------------------------------------------------------------------------------------- telling
 
 
 def write_pair(pair: Pair, out: Path) -> None:
@@ -473,32 +456,6 @@ def facts(pair: Pair) -> list[tuple[str, str, str]]:
     ]
 
 
-def print_pair(pair: Pair) -> None:
-    """Print both sides for a reader."""
-    a, b = pair.a.label, pair.b.label
-    columns = [("", "left"), (a, "right"), (b, "right")]
-    print_table(f"{a} and {b}", columns, facts(pair))
-    columns += [("unit", "left"), ("ratio", "right"), ("better", "left")]
-    for group in dict.fromkeys(row.group for row in pair.rows):
-        rows = [row for row in pair.rows if row.group == group]
-        cells = [
-            (
-                row.label,
-                shown(row.a),
-                shown(row.b),
-                "" if row.unit == "1" else row.unit.replace("% of body weight", "% of weight"),
-                _ratio(row),
-                {"a": a, "b": b, "even": "=", "": ""}[row.better],
-            )
-            for row in rows
-        ]
-        print_table(group, columns, cells)
-    for better, words in verdicts(pair):
-        count = sum(row.better == better for row in pair.rows)
-        print_line(f"{words} {count} of {len(pair.rows)} figures")
-    print_line(f"  {known(pair)}".replace("[", "\\["))
-
-
 def verdicts(pair: Pair) -> list[tuple[str, str]]:
     """Values of :attr:`Row.better`, and the words for them."""
     return [
@@ -513,7 +470,7 @@ def known(pair: Pair) -> str:
     """What a difference is held against, in a sentence or two."""
     if pair.studies is None:
         return (
-            "No convergence study was given (--uncertainty FILE, one per gait): of the walks no figure is "
+            "No convergence study was given (--uncertainty FILE, one per gait): of the walks no value is "
             "called better, only of plan and motion, which are not simulated."
         )
     told = []
@@ -523,22 +480,17 @@ def known(pair: Pair) -> str:
         told.append(f"of {side.label} ({inside}{lacking})")
     return (
         f"A difference within the sum of both numerical uncertainties, {' and '.join(told)}, is no result, "
-        "nor is one of a figure whose uncertainty is not known."
+        "nor is one of a value whose uncertainty is not known."
     )
 
 
 def shown(value: float) -> str:
-    """A figure for a table: rounding errors are 0."""
+    """A value for a table: rounding errors are 0."""
     return "0" if abs(value) < 1e-9 else format_number(value, 3)
 
 
-def _ratio(row: Row) -> str:
+def ratio(row: Row) -> str:
+    """Second over first value, for a table."""
     if row.ratio is None:
         return ""
     return "> 1000" if row.ratio > 1000.0 else "< 0.001" if row.ratio < 1e-3 else format_number(row.ratio, 3)
-
-
-def status(pair: Pair) -> tuple[int, int]:
-    """Exit status of both sides: 0 completed, 3 did not complete, 130 interrupted."""
-    codes = {"completed": 0, "interrupted": 130}
-    return codes.get(pair.a.outcome, 3), codes.get(pair.b.outcome, 3)

@@ -39,7 +39,7 @@ def draw(result: Convergence, path: Path) -> None:
         if item.tolerance is not None and not item.exact and item.name not in _LEFT_OUT
     ]
     rows = -(-(len(result.studies) + 1) // 2)  # one cell is the legend's
-    with mpl.rc_context(figure_style("black", "0.4", "0.9")):
+    with mpl.rc_context(figure_style("black", "0.4", "0.9")):  # type: ignore[arg-type]
         # Figures are made without pyplot: no global state, no display, safe in any thread.
         figure = Figure(figsize=(12.4, 4.1 * rows + 0.5), layout="constrained")
         FigureCanvasAgg(figure)

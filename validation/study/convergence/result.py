@@ -140,7 +140,9 @@ class Convergence:
     @property
     def not_studied(self) -> tuple[str, ...]:
         """Studies that it lacks."""
-        return tuple(name for name in numerical_studies(self.request.run.solver.qp) if name not in self.inside)
+        return tuple(
+            name for name in numerical_studies(self.request.run.solver.qp) if name not in self.inside
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Contents of ``convergence.json``."""

@@ -98,7 +98,7 @@ def levels_table(study: Study, items: Sequence[MetricStudy]) -> Iterator[str]:
         values = (_shown(item, value) for value in item.levels[study.name])
         if study.numerical:
             found = item.estimates[study.name]
-            ends = _orders(found), _shown(item, found.uncertainty, 2)
+            ends: tuple[str, ...] = (_orders(found), _shown(item, found.uncertainty, 2))
         else:
             ends = (_shown(item, item.inputs[study.name], 2),)
         yield _line((f"`{item.name}`", _unit(item), *values, *ends))

@@ -43,7 +43,7 @@ class Followed(NamedTuple):
 
 
 def followed() -> dict[str, Followed]:
-    """All that is followed: registered metrics, errors within one phase, and quantities about the switches."""
+    """All that is followed: registered metrics, errors within one phase, quantities about the switches."""
     found = {
         name: Followed(metric.unit, metric.nature, metric.is_self_check) for name, metric in METRICS.items()
     }
