@@ -147,13 +147,13 @@ def unregister(name: str) -> None:
 
 
 def dump_added() -> bytes:
-    """The metrics that :func:`register` added, for a worker process."""
-    return bytes(cloudpickle.dumps([_METRICS[name] for name in _ADDED]))
+    """The metrics that :func:`register` added, for a worker process; empty if there are none."""
+    return bytes(cloudpickle.dumps([_METRICS[name] for name in _ADDED])) if _ADDED else b""
 
 
 def load_added(data: bytes) -> None:
     """Register what :func:`dump_added` of another process holds, unless this one has it."""
-    for metric in cloudpickle.loads(data):
+    for metric in cloudpickle.loads(data) if data else ():
         if metric.name not in _METRICS:
             register(metric)
 

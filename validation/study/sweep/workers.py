@@ -29,7 +29,7 @@ from distributed import Client, Future, LocalCluster, Worker, WorkerPlugin
 from distributed.scheduler import KilledWorker
 
 from ampm.exceptions import InputError
-from validation.judge.metrics import METRICS, Metric, added, register
+from validation.judge.metrics import dump_added, load_added
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import WORKER_DIED, one_line
 from validation.study.sweep.task import Task, TaskResult, walk_task
@@ -80,13 +80,11 @@ class _Registered(WorkerPlugin):
 
     name = "ampm-metrics"
 
-    def __init__(self, metrics: tuple[Metric, ...]) -> None:
+    def __init__(self, metrics: bytes) -> None:
         self._metrics = metrics
 
     def setup(self, worker: Worker) -> None:
-        for metric in self._metrics:
-            if metric.name not in METRICS:
-                register(metric)
+        load_added(self._metrics)
 
 
 class WorkerPool:
@@ -102,7 +100,7 @@ class WorkerPool:
         self.client, self._cluster, self._wanted = client, cluster, wanted
         self._size, self._counted, self._vain = 0, -_COUNT_EVERY, 0
         self._short = time.monotonic()
-        if metrics := added():
+        if metrics := dump_added():
             client.register_plugin(_Registered(metrics))
         if cluster is not None:
             cluster.scale(wanted)
