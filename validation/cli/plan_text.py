@@ -12,7 +12,7 @@ import numpy as np
 
 from ampm.body.motion import MOTION_UNITS
 from ampm.exceptions import InputError
-from ampm.parameters import RunParameters, keys
+from ampm.parameters import RunParameters, key_info, keys
 from ampm.planner.centroidal import PlanConstants
 from ampm.planner.periodic import plan_gait
 from ampm.planner.support import AnyPlan
@@ -143,14 +143,26 @@ def write_motions(walks: Sequence[PlannedWalk], path: Path, *, force: bool) -> N
         write_columns(columns, work, {MOTION_METADATA: reports})
 
 
+_SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+
+
 def describe_keys(request: Request) -> list[dict[str, Any]]:
     """All parameters as JSON objects: key, value in this gait, default, unit, bounds and meaning."""
     values = request.run.model_dump()
     described = []
-    for key, meaning, unit, default, bounds in all_keys():
-        section, name = key.split(".")
-        value = {"value": values[section][name], "default": default}
-        described.append({"key": key, **value, "unit": unit, "bounds": bounds, "meaning": meaning})
+    for info in map(key_info, keys()):
+        section, name = info.key.split(".")
+        limits = [f"{_SIGNS[comparison]} {limit:g}" for comparison, limit in info.bounds.items()]
+        described.append(
+            {
+                "key": info.key,
+                "value": values[section][name],
+                "default": info.default,
+                "unit": "" if info.unit == "1" else info.unit,
+                "bounds": ", ".join(limits) or " | ".join(info.options),
+                "meaning": info.meaning,
+            }
+        )
     return described
 
 
@@ -163,29 +175,3 @@ def print_keys(request: Request) -> None:
         rows.setdefault(item["key"].partition(".")[0], []).append(cells)
     for section, cells_of in rows.items():
         print_table(f"{section} of {request.name}", columns, cells_of)
-
-
-def all_keys() -> list[tuple[str, str, str, Any, str]]:
-    """Key, meaning, unit, default and bounds of every parameter, in the order of the file."""
-    found = []
-    for key in keys():
-        section, name = key.split(".")
-        model = type(getattr(RunParameters(), section))
-        field = model.model_fields[name]
-        extra = field.json_schema_extra
-        unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
-        words = {"Ge": ">= {ge}", "Gt": "> {gt}", "Le": "<= {le}", "Lt": "< {lt}"}
-        bounds = [
-            words[type(item).__name__].format(**vars_of(item))
-            for item in field.metadata
-            if type(item).__name__ in words
-        ]
-        choices = getattr(field.annotation, "__args__", ()) if not bounds else ()
-        text = ", ".join(bounds) or " | ".join(str(c) for c in choices if isinstance(c, str))
-        found.append((key, field.description or "", "" if unit == "1" else unit, field.default, text))
-    return found
-
-
-def vars_of(item: Any) -> dict[str, Any]:
-    """Attributes of a bound."""
-    return {name: getattr(item, name) for name in ("ge", "gt", "le", "lt") if hasattr(item, name)}
