@@ -13,7 +13,8 @@ from ampm.exceptions import (
     RefusedGait,
     SolverError,
 )
-from ampm.parameters import GaitParameters, RunParameters, dump_run, load_run, preset_names
+from ampm.parameters import GaitParameters, RunParameters
+from ampm.run_file import dump_run, load_run, preset_names
 
 __version__ = "0.1.0"
 

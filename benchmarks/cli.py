@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from ampm.parameters import PRESETS
+from ampm.run_file import PRESETS
 from validation.cli.app import Status, explain
 from validation.cli.console import Narrator
 from validation.store.folders import check_output_file, output_file

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from ampm.body.feasibility import check_body
-from ampm.parameters import dump_run
 from ampm.planners import periodic_walk
 from ampm.qp import BACKENDS
+from ampm.run_file import dump_run
 from benchmarks.clock import Statistics
 from benchmarks.planning import MotionBenchmark, PlanBenchmark
 from benchmarks.recording import RecordingCost, time_recording

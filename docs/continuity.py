@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pages import between
 
-from ampm.parameters import dump_run, load_run
+from ampm.run_file import dump_run, load_run
 from validation.cli.console import Narrator
 from validation.study.compare.report import draw_file
 from validation.study.compare.run import Pair, compare_pair, facts, shown

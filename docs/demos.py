@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ampm.parameters import PRESETS
+from ampm.run_file import PRESETS
 from validation.store.signals import load_signals
 from validation.trial.plan import load_request, plan_walk
 

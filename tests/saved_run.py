@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ampm.parameters import dump_run, load_run
 from ampm.planner.support import plan_steps
+from ampm.run_file import dump_run, load_run
 from ampm.walk import WalkPlan
 from models.human import build
 from tests.walk import PlannedMomentum

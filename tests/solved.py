@@ -8,8 +8,9 @@ from typing import NamedTuple
 from ampm.body.motion import WholeBodyMotion
 from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
-from ampm.parameters import RunParameters, load_run
+from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
+from ampm.run_file import load_run
 from models.human import build
 from validation.trial.bridge import pinocchio_model
 

@@ -12,8 +12,8 @@ import pytest
 import sympy as sp
 from rich.console import Console
 
-from ampm.parameters import load_run
 from ampm.planner.periodic import plan_gait
+from ampm.run_file import load_run
 from validation.cli.app import Status, call
 from validation.paper.audit import audit
 from validation.paper.audit.rows import Check, Row, Verdict, against, claim, symbolic, zero

@@ -329,7 +329,7 @@ def test_a_folder_that_does_not_exist_is_not_created(ampm, option, tmp_path, mon
 def test_bad_input_in_json_has_its_parts(ampm):
     error = ampm("plan", "--json", "--set", "body.mass=-60").json["error"]
     assert (error["kind"], error["key"], error["value"]) == ("input", "body.mass", -60)
-    assert error["limit"] == "must be greater than 0 kg"
+    assert error["limit"] == "must be at least 1 kg"
     assert ampm("plan", "--json", "--set", "gait.C_S=1").json["error"]["nearest"] == "gait.c_s"
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ampm.exceptions import BodilyRefusal, InputError
-from ampm.parameters import load_run
+from ampm.run_file import load_run
 from tests.saved_run import make_run, make_study
 from tests.walk import STILL, perfect_walk, with_state
 from validation.cli.app import Status, call

@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from ampm.parameters import load_run, preset_names
 from ampm.planner.periodic import plan_gait
+from ampm.run_file import load_run, preset_names
 from validation.store.signals import load_signals
 
 ROLLS = (0.1, 0.4, 0.7, 1.0)

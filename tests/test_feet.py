@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
-from ampm.parameters import FootParameters, load_run, preset_names
+from ampm.parameters import FootParameters
 from ampm.planner.contacts import Contacts, Footstep
 from ampm.planner.feet import BALL, HEEL, TIP, FootSample, cubic, plan_feet, quintic
 from ampm.planner.support import plan_steps
+from ampm.run_file import load_run, preset_names
 from models.human import build
 
 SOLE = SoleGeometry(-0.1, 0.09, 0.16, 0.03, 0.04, 0.035, -0.035, 0.066)

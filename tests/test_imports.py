@@ -14,8 +14,8 @@ ROOT = Path(__file__).resolve().parents[1]
 
 ORDER = {
     "ampm": (
-        "exceptions geometry so3 description qp parameters run_file planner walk body control planners tune "
-        "__main__"
+        "exceptions geometry so3 description qp section parameters run_file planner walk body control "
+        "planners tune __main__"
     ).split(),
     "validation": "progress trial store measure judge show run study paper cli".split(),
 }

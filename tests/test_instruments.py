@@ -12,7 +12,7 @@ import pytest
 from scipy.signal import butter, sosfreqz
 
 from ampm.exceptions import InputError
-from ampm.parameters import load_run
+from ampm.run_file import load_run
 from models.human import build
 from tests.saved_run import make_run
 from validation.cli.app import Status, call

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ampm.exceptions import InputError
-from ampm.parameters import load_run
+from ampm.run_file import load_run
 from tests.saved_run import make_study
 from validation.cli.app import call
 from validation.judge.uncertainty import Uncertainty

@@ -13,7 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from ampm.exceptions import InputError, SolverError
-from ampm.parameters import load_run
+from ampm.run_file import load_run
 from models.human import sole_geometry
 from tests.solved import COARSE, motion_of, walk_of
 from validation.cli.app import Status, call

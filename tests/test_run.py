@@ -70,7 +70,7 @@ def test_signals_follow_the_contract(walked):
 
 def test_run_toml_is_the_whole_run(walked):
     out, _ = walked
-    from ampm.parameters import dump_run, load_run
+    from ampm.run_file import dump_run, load_run
 
     text = (out / "run.toml").read_text()
     assert dump_run(load_run(out / "run.toml")) == text

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 import validation.study.sweep
 from ampm.exceptions import InputError
-from ampm.parameters import RunParameters, dump_run, keys, load_run
+from ampm.parameters import RunParameters, keys
+from ampm.run_file import dump_run, load_run
 from ampm.tune.free_choices import named_keys
 from validation.study.sweep.design import MOST_CASES, dump_sweep, load_sweep, parse_sweep
 from validation.study.sweep.sampling import cases

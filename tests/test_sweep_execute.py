@@ -16,7 +16,8 @@ from typing import Any, cast
 import pytest
 
 from ampm.exceptions import BodilyRefusal, InputError
-from ampm.parameters import RunParameters, load_run
+from ampm.parameters import RunParameters
+from ampm.run_file import load_run
 from validation.cli import app as cli
 from validation.judge.metrics import Metric, register, unregister
 from validation.progress import Progress, Stage

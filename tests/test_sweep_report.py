@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from ampm.exceptions import InputError
-from ampm.parameters import load_run
+from ampm.run_file import load_run
 from tests.browser import look
 from tests.sweep_table import RANGES, make_table, replaced, write_sweep
 from tests.test_report import Page

@@ -12,8 +12,9 @@ import pytest
 
 from ampm.body.feasibility import check_body
 from ampm.exceptions import MathematicalRefusal
-from ampm.parameters import PRESETS, dump_run, keys, load_run
+from ampm.parameters import keys
 from ampm.planner.support import plan_steps
+from ampm.run_file import PRESETS, dump_run, load_run
 from ampm.tune.certificate import Untunable, way_out
 from ampm.tune.free_choices import FREE_KEYS, FreeChoices, named_keys
 from ampm.tune.gait_limits import LIMITS, plan_margins

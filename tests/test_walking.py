@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ampm.parameters import load_run
+from ampm.run_file import load_run
 from validation.store.signals import load_signals
 
 STEPS = 10

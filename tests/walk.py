@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ampm.description import SoleGeometry
-from ampm.parameters import load_run
 from ampm.planner.support import plan_steps
+from ampm.run_file import load_run
 from ampm.walk import PostureState, WalkPlan
 from validation.measure.measure import MeasuredGait, SelfChecks, StandingCheck, zmp_from_momentum
 from validation.trial.outcome import Outcome, OutcomeName

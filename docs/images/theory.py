@@ -14,9 +14,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib import pyplot as plt
 
-from ampm.parameters import load_run
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.periodic import plan_gait
+from ampm.run_file import load_run
 
 HERE = Path(__file__).resolve().parent
 COM, ZMP, FORCE, GREY, WRONG = "#1f5fa8", "#c2410c", "#2e7d32", "#8a8a8a", "#b00020"

@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar
 
 import typer
 
-from ampm.parameters import preset_names
+from ampm.run_file import preset_names
 from validation.cli.console import print_json
 
 

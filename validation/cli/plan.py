@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ampm.parameters import PRESETS
+from ampm.run_file import PRESETS
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import Force, Gait, Gaits, Json, Settings, Status, answer
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import InputError
-from ampm.parameters import dump_run
+from ampm.run_file import dump_run
 from ampm.tune.gait_limits import LIMITS
 from validation.show.text import format_number, print_line, print_table
 from validation.store.folders import output_file

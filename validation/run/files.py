@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ampm.parameters import dump_run
+from ampm.run_file import dump_run
 from validation.judge.signals import signals_table
 from validation.judge.verdict import build_summary
 from validation.store.folders import INSTRUMENT_FILE, RUN_FILES

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.exceptions import AmpmError, InputError
-from ampm.parameters import RunParameters, load_run
+from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
+from ampm.run_file import load_run
 from models.human import sole_geometry
 from validation.store.record import StoredRecord
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals

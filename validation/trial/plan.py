@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import platformdirs
 
 from ampm.exceptions import InputError
-from ampm.parameters import PRESETS, RunParameters, load_run
+from ampm.parameters import RunParameters
 from ampm.planner.periodic import plan_gait
+from ampm.run_file import PRESETS, load_run
 from validation.progress import Progress
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import InputError
-from ampm.parameters import load_run
+from ampm.run_file import load_run
 from validation.measure.instruments.model import Instrument, load_instrument
 from validation.measure.instruments.names import INSTRUMENT_COLUMNS, RUN, STATISTICS
 from validation.measure.instruments.result import Observation, observe, run_key

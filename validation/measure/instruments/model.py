@@ -6,19 +6,16 @@ therefore holds only what its instrument has, and one with ``kind`` alone shows 
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
-import tomllib
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
 from ampm.exceptions import InputError
-from ampm.parameters import Real, Section
+from ampm.section import Real, Section, read_source
 
 PRESETS: dict[str, str] = {
     "force-plate": "a laboratory's force plates, one under every footstep",
@@ -164,32 +161,8 @@ def load_instrument(name: str | Path) -> Instrument:
     Raises:
         InputError: no such preset or file, no valid TOML, unknown key or bad value.
     """
-    if isinstance(name, str) and name in PRESETS:
-        text = (
-            resources.files("validation.measure.instruments")
-            .joinpath("presets", f"{name}.toml")
-            .read_text(encoding="utf-8")
-        )
-        return make_instrument(tomllib.loads(text), name)
-    path = Path(name)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (FileNotFoundError, NotADirectoryError):
-        close = difflib.get_close_matches(str(name).lower(), PRESETS, n=1)
-        hint = f"did you mean {close[0]!r}? " if close else ""
-        raise InputError(
-            f"there is neither an instrument nor a file {str(name)!r}; {hint}the instruments are "
-            f"{', '.join(PRESETS)}.",
-            value=str(name),
-            **({"nearest": close[0]} if close else {}),
-        ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"the file {str(name)!r} cannot be read ({error}); give a TOML file.") from None
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"the file {str(name)!r} is no valid TOML: {error}; correct that line.") from None
-    return make_instrument(table, path.stem)
+    table = read_source(name, PRESETS, "validation.measure.instruments", "an instrument")
+    return make_instrument(table, str(name) if name in PRESETS else Path(name).stem)
 
 
 def make_instrument(table: Mapping[str, Any], name: str = "") -> Instrument:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ampm.parameters import RunParameters, dump_run
+from ampm.parameters import RunParameters
+from ampm.run_file import dump_run
 from validation.measure.instruments.chain import BIAS, FILTER
 from validation.measure.instruments.model import Instrument
 from validation.measure.instruments.names import CAUSES, METHOD, RUN, WINDOWS

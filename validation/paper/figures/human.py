@@ -16,9 +16,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ampm.exceptions import AmpmError
-from ampm.parameters import RunParameters, load_run
+from ampm.parameters import RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.periodic import plan_gait
+from ampm.run_file import load_run
 from validation.paper.figures.canvas import BAND, FAINT, INK, LEFT, MEASURED, PLAN, inches, legend_above
 from validation.paper.figures.walks import Walk, Walks
 

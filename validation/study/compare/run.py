@@ -27,9 +27,9 @@ from ampm.body.motion import WholeBodyMotion
 from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
 from ampm.exceptions import InputError
-from ampm.parameters import load_run
 from ampm.planner.periodic import plan_gait
 from ampm.planner.support import StepPlan, plan_steps
+from ampm.run_file import load_run
 from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching
 from validation.progress import Progress
 from validation.run.validate import Options, validate

@@ -24,7 +24,6 @@ fastest. ``docs/sweeps.md`` explains every word.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections import Counter
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -36,17 +35,9 @@ import tomli_w
 from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
 
 from ampm.exceptions import InputError
-from ampm.parameters import (
-    PRESETS,
-    Real,
-    RunParameters,
-    Section,
-    input_error,
-    key_info,
-    keys,
-    load_run,
-    unknown_key,
-)
+from ampm.parameters import RunParameters, key_info, keys
+from ampm.run_file import PRESETS, load_run
+from ampm.section import Real, Section, input_error, parse_toml, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
 
 Value = float | int | str
@@ -216,7 +207,7 @@ def _values(key: str, value: Any) -> Range | tuple[Value, ...]:
         InputError: neither values nor a range of this key.
     """
     if key not in keys():
-        raise unknown_key(key, [*keys(), "method", "count"])
+        raise unknown(key, [*keys(), "method", "count"])
     info = key_info(key)
     if isinstance(value, dict):
         if info.kind == "text":
@@ -355,17 +346,11 @@ def load_sweep(path: str | Path) -> SweepDefinition:
         InputError: no such file, no valid TOML, or anything in it that makes no sweep.
     """
     path = Path(path)
+    stem = path.stem.encode("utf-8", "backslashreplace").decode()  # a name may be no UTF-8
     try:
-        text = path.read_text(encoding="utf-8")
-        stem = path.stem.encode("utf-8", "backslashreplace").decode()  # a name may be no UTF-8
-        return parse_sweep(text, name=stem, folder=path.parent)
-    except FileNotFoundError:
-        reason = "does not exist"
-    except (OSError, UnicodeDecodeError) as error:
-        reason = f"cannot be read ({error})"
-    except tomllib.TOMLDecodeError as error:
-        reason = f"is no valid TOML ({error})"
-    raise InputError(f"the sweep file {str(path)!r} {reason}; give a readable TOML file.", value=str(path))
+        return _sweep_of(read_toml(path), stem, path.parent)
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"the sweep file {str(path)!r} does not exist.", value=str(path)) from None
 
 
 def parse_sweep(text: str, *, name: str = "sweep", folder: Path | None = None) -> SweepDefinition:
@@ -377,25 +362,26 @@ def parse_sweep(text: str, *, name: str = "sweep", folder: Path | None = None) -
         folder: where a gait that is a file is sought; the current one by default.
 
     Raises:
-        tomllib.TOMLDecodeError: no valid TOML.
-        InputError: anything else in it that makes no sweep.
+        InputError: no valid TOML, or anything in it that makes no sweep.
     """
-    table = tomllib.loads(text)
+    return _sweep_of(parse_toml(text, "the definition"), name, folder or Path())
+
+
+def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinition:
     for word, value in table.items():
         if word in RunParameters.model_fields:
             raise InputError(
                 f"[{word}] is no table of a sweep; put what all runs share under [set].", key=word
             )
         if word not in _TABLES:
-            raise unknown_key(word, _TABLES)
+            raise unknown(word, _TABLES)
         is_list = isinstance(value, list) and all(isinstance(item, dict) for item in value)
         if not (is_list if word == "vary" else isinstance(value, dict)):
             brackets = "[[vary]]" if word == "vary" else f"[{word}]"
             raise InputError(f"{word} must be a table; write {brackets} and its keys below.", key=word)
     head = dict(table.get("sweep", {}))
     for word in head.keys() & set(_TABLES):
-        raise unknown_key(f"sweep.{word}", [f"sweep.{known}" for known in _HEAD])
-    folder = folder or Path()
+        raise unknown(f"sweep.{word}", [f"sweep.{known}" for known in _HEAD])
     gait = head.get("gait", "normal")
     if "base" in table:
         base = RunParameters(**table["base"])

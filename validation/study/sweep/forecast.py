@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ampm.exceptions import InputError, RefusedGait
-from ampm.parameters import key_info, steps_per_tick
+from ampm.parameters import RELATIONS, key_info, steps_per_tick
 from ampm.planner import periodic
 from validation.judge.profiles import profile as find_profile
 from validation.progress import Progress
@@ -174,6 +174,10 @@ def screen(cases: Cases) -> NDArray[np.int8]:
         part = code[start : start + _CHUNK]  # a view
         for axis, good in inside:
             part[~good[axis.index(numbers)]] = BAD
+        for relation in RELATIONS:
+            both = cases.column(relation.key, numbers), cases.column(relation.other, numbers)
+            with np.errstate(over="ignore"):
+                part[~relation.holds(*both)] = BAD
         if not cases.definition.tune:
             left = np.flatnonzero(part == ACCEPTED)
             columns = (cases.column(f"gait.{name}", numbers[left]) for name in _GAIT)

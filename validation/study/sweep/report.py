@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from ampm.parameters import PRESETS, load_run
+from ampm.run_file import PRESETS, load_run
 from validation.judge.metrics import METRICS, metric_label
 from validation.show.page import render_page
 from validation.show.report import number, with_unit
