@@ -1,0 +1,65 @@
+"""Planners and postures: the periodic one, and one of a user's own, walked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ampm.exceptions import InputError
+from ampm.planners import AmpmPeriodic, PeriodicWalk, WalkRequest
+from tests.solved import COARSE, motion_of, walk_of
+from tests.test_disturbances import example
+from tests.test_motion import same
+from validation.judge.examine import walk
+from validation.trial.plan import load_request, plan_walk
+
+UprightWalk = example("constant_posture").UprightWalk
+
+
+@pytest.fixture(scope="module")
+def request_of_walk():
+    return WalkRequest(walk_of(COARSE).run, walk_of(COARSE).robot)
+
+
+def test_the_periodic_walk_is_the_plan_with_its_motion(request_of_walk):
+    plan, motion = AmpmPeriodic().plan(request_of_walk), motion_of(COARSE)
+    assert isinstance(plan, PeriodicWalk)
+    assert same(plan.posture.motion, motion)
+    assert plan.constants.angular_momentum_y_offset == motion.report.angular_momentum_y_offset
+    assert plan.posture.report() == motion.report.as_dict()
+    body = plan.posture.sample([0.1, 0.9])
+    assert body.q.tobytes() == motion.sample([0.1, 0.9], request_of_walk.robot).q.tobytes()
+
+
+def test_planners_of_a_whole_walk_take_no_boundary(request_of_walk):
+    begin: Any = object()
+    for planner in (AmpmPeriodic(), UprightWalk()):
+        with pytest.raises(InputError, match="boundary"):
+            planner.plan(request_of_walk, begin)
+
+
+def test_a_constant_posture_begins_on_the_plan(request_of_walk):
+    plan, robot = UprightWalk().plan(request_of_walk), request_of_walk.robot
+    begin, later = plan.posture.sample([0.0, 0.3]).q
+    data = robot.model.createData()
+    velocity = plan.posture.sample([0.0]).v[0]
+    momentum = pin.computeCentroidalMomentum(robot.model, data, begin, velocity)
+    np.testing.assert_allclose(data.com[0], plan.sample(0.0).com[0], atol=1e-10)
+    np.testing.assert_allclose(momentum.linear / robot.mass, plan.sample(0.0).com_velocity[0], atol=1e-9)
+    np.testing.assert_array_equal(begin[7:], later[7:])
+    assert plan.constants.angular_momentum_y_offset == 0.0
+
+
+@pytest.mark.parametrize("steps", [4, pytest.param(30, marks=pytest.mark.slow)])
+def test_normal_walks_with_a_constant_posture(steps):
+    settings = [f"gait.steps={steps}", "controller.trunk_gain=1"]
+    walked = walk(plan_walk(load_request("normal", settings), planner=UprightWalk()))
+    assert walked.record.outcome.completed, walked.record.outcome.cause
+    metrics = walked.evaluation.metrics
+    assert metrics["zmp_x_rmse"].value < 3.5e-3
+    assert metrics["zmp_y_rmse"].value < 1.2e-3
+    with pytest.raises(InputError, match="ConstantPosture"):
+        _ = walked.planned.motion
