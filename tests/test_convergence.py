@@ -17,7 +17,7 @@ from validation.cli.app import Status, call
 from validation.cli.convergence import print_convergence
 from validation.cli.summary_text import print_result
 from validation.judge.compare import compare
-from validation.judge.metrics import Metric, evaluate, register, unregister
+from validation.judge.metrics import evaluate
 from validation.judge.profiles import DEFAULT, STRICT
 from validation.judge.uncertainty import FILE, Uncertainty, load_uncertainty, matching
 from validation.judge.verdict import VerdictName, build_summary, judge
@@ -455,21 +455,11 @@ def test_the_exit_status_follows_the_verdict_and_the_table_is_printed_before_it_
 
 @pytest.fixture(scope="module")
 def real(tmp_path_factory):
-    """Two steps of the easy gait at 2, 1, 0.5 ms, in two processes, with a metric of our own."""
-    metric = Metric(
-        name="com_height",
-        unit="m",
-        label="mean height of the COM",
-        meaning="mean height of the COM",
-        kind="walk",
-        compute=lambda walk: float(walk.measured.com[walk.inside, 2].mean()),
-    )
-    register(metric)
+    """Two steps of the easy gait at 2, 1, 0.5 ms, in two processes."""
     out = tmp_path_factory.mktemp("real") / "study"
     options = convergence.Options(steps=2, levels=3, only=("time_step",), workers=2, out=out)
     found = convergence.study_gait("flat", ["solver.ik_time_step=0.004"], options)
     convergence.write(found, out)
-    unregister(metric.name)
     return found, out
 
 
