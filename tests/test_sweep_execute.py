@@ -11,6 +11,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -22,8 +23,8 @@ from validation.cli import app as cli
 from validation.judge.metrics import Metric, register, unregister
 from validation.progress import Progress, Stage
 from validation.store import identity
+from validation.study.sweep import report, schema, task, workers
 from validation.study.sweep import run as sweep_run
-from validation.study.sweep import schema, task, workers
 from validation.study.sweep.design import parse_sweep
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.run import sweep
@@ -74,11 +75,12 @@ def _walk(found: Any, job: task.Task, timing: dict[str, float]) -> dict[str, Any
 
 @pytest.fixture
 def direct(monkeypatch: pytest.MonkeyPatch) -> type[Direct]:
-    """No processes, no physics."""
+    """No processes, no physics, no drawing."""
     monkeypatch.setattr(Direct, "sent", [])
     monkeypatch.setattr(Direct, "outcome", {})
-    monkeypatch.setattr(workers, "local_pool", lambda count: nullcontext())
-    monkeypatch.setattr(workers, "Execution", Direct)
+    monkeypatch.setattr(report, "write_sweep_report", lambda folder: (folder / "report.html").touch())
+    pool = SimpleNamespace(execute=lambda *args: Direct(cast(Any, None), *args).run())
+    monkeypatch.setattr(workers, "local_pool", lambda count: nullcontext(pool))
     return Direct
 
 
@@ -185,9 +187,9 @@ def test_outcomes_are_walked_again_on_request(direct, file, tmp_path, capsys):
     ("extra", "words"),
     [
         (("--resume", "--retry", "crash"), "'crash' must be of fell, "),
-        (("--retry", "crashed"), "--retry goes with --resume"),
+        (("--retry", "crashed"), "--force and --retry go with --resume"),
         ((), "exists and is not empty"),
-        (("--force",), "--force goes with --resume"),
+        (("--force",), "--force and --retry go with --resume"),
         (("--resume", "--workers", "0"), "must be at least 1"),
         (("--workers", "2", "--scheduler", "tcp://localhost:1"), "exclude each other"),
     ],
@@ -211,7 +213,7 @@ def test_any_text_of_an_error_can_be_kept(direct, file, tmp_path):
 
 
 def test_a_scheduler_that_does_not_answer_leaves_nothing(direct, file, tmp_path, monkeypatch, capsys):
-    def silent(address: str) -> None:
+    def silent(address: str, say: object) -> None:
         raise InputError("no dask scheduler answers")
 
     monkeypatch.setattr(workers, "remote_pool", silent)
@@ -409,7 +411,7 @@ def test_words_for_errors_name_no_place():
 
 def test_progress_in_words():
     counts = sweep_run.Counter({sweep_run.State.PASS: 1})
-    shown = sweep_run._Listener(cast(Any, None), Stage(), Progress(), 10, 8, counts)
+    shown = sweep_run._Keeper(cast(Any, None), Stage(), Progress(), 10, 8, counts)
     shown.ended({"outcome": "refused", "verdict": None, "environment_attempts": 0}, None)
     for verdict in ("pass", "fail", "pass"):
         shown.ended({"outcome": "completed", "verdict": verdict, "environment_attempts": 1}, None)

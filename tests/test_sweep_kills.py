@@ -24,7 +24,7 @@ from validation.study.sweep import workers
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import reproducible_columns
 from validation.study.sweep.table import read_sweep
-from validation.study.sweep.task import Task, blas_threads
+from validation.study.sweep.task import Listener, Task, blas_threads
 
 SWEEP = """
 [sweep]
@@ -186,21 +186,6 @@ def test_a_full_disk_a_killed_program_and_ctrl_c_lose_nothing(undisturbed, file,
     assert kept.items() <= times_of(out).items()
 
 
-class Rows(list):
-    """Collects rows."""
-
-    def keep(self, rows: list[dict[str, object]]) -> None:
-        self.extend(rows)
-
-    def ended(self, row: object, trace: str | None) -> None:
-        assert trace is None or "ValueError" in trace or "SystemExit" in trace
-
-    def tick(self, workers: int) -> None: ...
-
-    def say(self, text: str) -> None:
-        raise AssertionError(text)
-
-
 def test_whatever_a_run_does_it_gets_its_row(tmp_path):
     run = RunParameters()
     acts = ["fine", "die", "raise", "hang", "exit", "refuse", "die once", *["sleep"] * 6]
@@ -209,11 +194,11 @@ def test_whatever_a_run_does_it_gets_its_row(tmp_path):
         for number, name in enumerate(acts):
             yield Task(number, str(number), run, name, folder=str(tmp_path), wall_clock=5.0)
 
-    rows = Rows()
+    listener = Listener()
     with workers.local_pool(2) as pool:
-        workers.Execution(pool, tasks(), rows, act).run()
-    found = {row["run"]: row for row in rows}
-    assert len(rows) == len(found) == len(acts)
+        workers.Execution(pool, tasks(), listener, act).run()
+    found = {row["run"]: row for row in listener.rows}
+    assert len(listener.rows) == len(found) == len(acts)
     ends = {name: (found[i]["outcome"], found[i]["reason"]) for i, name in enumerate(acts)}
     assert ends == {
         "fine": ("completed", None),
@@ -243,10 +228,10 @@ def test_workers_that_die_at_their_start_end_the_sweep(monkeypatch):
     monkeypatch.setattr(workers, "_PATIENCE", 0.5)
     monkeypatch.setattr(workers, "_VAIN", 2)
     monkeypatch.setenv("PYTHONHOME", "/nowhere")  # no interpreter starts with it
-    rows = Rows()
+    listener = Listener()
     task = Task(0, "0", RunParameters(), "fine")
     with workers.local_pool(2) as pool, pytest.raises(SweepStopped, match="no worker process comes up"):
-        workers.Execution(pool, iter([task]), rows, act).run()
+        workers.Execution(pool, iter([task]), listener, act).run()
 
 
 SCRIPT = """

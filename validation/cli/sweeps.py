@@ -74,16 +74,23 @@ def sweep(
         from validation.cli.forecast import dry_run as forecast  # loads all that measures
 
         return forecast(file, workers, as_json=as_json)
-    from validation.study.sweep.design import load_sweep  # loads NumPy and pyarrow, as the next two do
-    from validation.study.sweep.run import Options, run_sweep
+    from validation.study.sweep.run import sweep as walk_sweep  # loads NumPy and pyarrow
     from validation.study.sweep.store import SUMMARY, is_sweep
 
     words = tuple(word.strip().replace("-", "_") for word in (retry or "").split(",") if word.strip())
-    options = Options(workers=workers, scheduler=scheduler, resume=resume, force=force, retry=words)
     if out is None:
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
     try:
-        found = run_sweep(load_sweep(file), out, options, Narrator())
+        found = walk_sweep(
+            file,
+            out,
+            workers=workers,
+            scheduler=scheduler,
+            resume=resume,
+            force=force,
+            retry=words,
+            progress=Narrator(),
+        )
     except KeyboardInterrupt as error:
         if is_sweep(out):
             again = ["ampm", "sweep", str(file), "--out", str(out), "--resume"]

@@ -419,7 +419,7 @@ _HEAD = tuple(name for name in SweepDefinition.model_fields if name not in _TABL
 def dump_sweep(definition: SweepDefinition) -> str:
     """TOML text that :func:`parse_sweep` reads back as an equal definition, without any other file."""
     head = definition.model_dump(include=set(_HEAD), exclude_none=True)
-    if "worst" not in definition.model_fields_set:
+    if definition.recordings != "worst" or "worst" not in definition.model_fields_set:
         del head["worst"]
     vary = []
     for block in definition.vary:

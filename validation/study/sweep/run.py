@@ -8,9 +8,10 @@ import tempfile
 import time
 import tomllib
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,10 +42,12 @@ from validation.study.sweep.schema import (
 )
 from validation.study.sweep.store import CRASHES, DEFINITION, LOCK, RECORDINGS, SUMMARY, Store, is_sweep
 from validation.study.sweep.table import STATES, State, SweepTable, read_sweep, wrap_table
-from validation.study.sweep.task import Task
+from validation.study.sweep.task import Listener, Task
 
 if TYPE_CHECKING:
     from validation.study.sweep.workers import WorkerPool
+
+    Pool = Callable[[int], AbstractContextManager[WorkerPool]]
 
 RETRIED = tuple(name for name in OUTCOMES if name != "completed")
 """Outcomes that can be walked again on request."""
@@ -53,129 +56,88 @@ _LEAST = 3  # walks after which there is a rate
 _BATCH = 1000
 
 
-@dataclass(frozen=True)
-class Options:
-    """How a sweep is run.
-
-    Attributes:
-        workers: processes of this machine, one per core by default.
-        scheduler: address of a dask scheduler to run on instead.
-        resume: go on with what is in the folder.
-        force: go on although the code has changed.
-        retry: outcomes of finished runs that are walked again.
-
-    Raises:
-        InputError: options that do not go together.
-    """
-
-    workers: int | None = None
-    scheduler: str | None = None
-    resume: bool = False
-    force: bool = False
-    retry: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.workers is not None and self.workers < 1:
-            raise InputError(f"--workers {self.workers} must be at least 1.")
-        if self.workers is not None and self.scheduler is not None:
-            raise InputError("--workers and --scheduler exclude each other: a scheduler has its own workers.")
-        if self.force and not self.resume:
-            raise InputError(
-                "--force goes with --resume: no sweep is ever replaced; remove the folder, or give another."
-            )
-        if self.retry and not self.resume:
-            raise InputError("--retry goes with --resume: a new sweep has nothing to walk again; add it.")
-        for name in self.retry:
-            if name not in RETRIED:
-                raise InputError(f"--retry {name!r} must be of {', '.join(RETRIED)}; correct it.")
-
-
 def sweep(
     definition: SweepDefinition | str | Path,
     out: str | Path | None = None,
     *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    resume: bool = False,
+    force: bool = False,
+    retry: Sequence[str] = (),
     progress: Progress | None = None,
-    **options: Any,
 ) -> SweepTable:
     """Walk many runs; ``sweep("slopes.toml").table.to_pandas()`` gives one row per run.
 
     Args:
         definition: TOML file, or a definition that is loaded already.
         out: folder of the sweep; without one only the table is kept, and no recording.
+        workers: processes of this machine, one per core by default.
+        scheduler: address of a dask scheduler to run on instead, or its scheduler file.
+        resume: go on with what is in the folder: walk what has no row, or a row that is no answer.
+        force: go on although the code has changed.
+        retry: outcomes of finished runs that are walked again, of :data:`RETRIED`.
         progress: where to report; silent by default.
-        options: of :class:`Options`: ``workers``, ``scheduler``, ``resume``, ``force``, ``retry``.
 
     Raises:
         InputError: bad options, a bad definition, or a folder that must not be written.
         SweepStopped: a full disk, a lost scheduler, no workers; what is finished is kept.
+        KeyboardInterrupt: Ctrl-C; what is finished is kept.
     """
     if not isinstance(definition, SweepDefinition):
         definition = load_sweep(definition)
-    if out is not None:
-        return run_sweep(definition, Path(out), Options(**options), progress)
-    with tempfile.TemporaryDirectory(prefix="ampm-sweep-") as folder:
-        unkept = definition.model_copy(update={"recordings": "none"})
-        found = run_sweep(unkept, Path(folder) / "sweep", Options(**options), progress)
-        return replace(found, directory=None, source=definition.name)
-
-
-def run_sweep(
-    definition: SweepDefinition, out: Path, options: Options, progress: Progress | None = None
-) -> SweepTable:
-    """Walk a sweep, or what is missing of it, and finish its folder; see :func:`sweep`."""
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers {workers} must be at least 1.")
+    if workers is not None and scheduler is not None:
+        raise InputError("--workers and --scheduler exclude each other: a scheduler has its own workers.")
+    if (force or retry) and not resume:
+        raise InputError("--force and --retry go with --resume: no sweep is ever replaced; add it.")
+    for name in retry:
+        if name not in RETRIED:
+            raise InputError(f"--retry {name!r} must be of {', '.join(RETRIED)}; correct it.")
     progress = progress or Progress()
-    start = time.monotonic()
-    check_target(
-        out,
-        None,
-        force=options.resume,
-        what="sweep",
-        marks=(DEFINITION, LOCK),
-        way_out="--resume to go on with its sweep",
-    )
-    with ExitStack() as stack:
-        pool = _LazyPool(stack, options)
-        if options.scheduler and not is_sweep(out):
-            pool.open(1)  # first of all: a scheduler that does not answer leaves no folder behind
-        store = stack.enter_context(Store(out))
-        _check_identity(store, definition, options, progress)
+    pool = partial(_pool, workers, scheduler, progress)
+    if out is None:
+        with tempfile.TemporaryDirectory(prefix="ampm-sweep-") as folder:
+            unkept = definition.model_copy(update={"recordings": "none"})
+            found = sweep(
+                unkept, Path(folder) / "out", workers=workers, scheduler=scheduler, progress=progress
+            )
+            return replace(found, directory=None, source=definition.name)
+    start, out = time.monotonic(), Path(out)
+    way_out = "--resume to go on with its sweep"
+    check_target(out, None, force=resume, what="sweep", marks=(DEFINITION, LOCK), way_out=way_out)
+    if scheduler and not is_sweep(out):
+        with pool(1):  # first of all: a scheduler that does not answer leaves no folder behind
+            pass
+    with Store(out) as store:
+        if _check_identity(store, definition, force=force) and resume:
+            progress.say(f"nothing to resume in {out}; starting the sweep")
         store.begin(definition, _identity(definition))
         jobs = _Jobs(definition, cases(definition), out.resolve())
-        _walk_missing(jobs, store, pool, options, progress)
+        _walk_missing(jobs, store, pool, retry, progress)
         if definition.recordings == "worst":
             _keep_worst(jobs, store, pool, progress)
         store.finish(store.rows())
         found = read_sweep(out)
-        if found.summary()["environments"] > 1:
+        summary = found.summary(time.monotonic() - start)
+        if summary["environments"] > 1:
             progress.say("ampm: the table mixes rows of different code; environment_code tells them apart")
-        summary = json_ready(found.summary(time.monotonic() - start))
-        store.write_text(SUMMARY, json.dumps(summary, indent=2, allow_nan=False) + "\n")
+        store.write_text(SUMMARY, json.dumps(json_ready(summary), indent=2, allow_nan=False) + "\n")
         with progress.stage("report"):
-            from validation.study.sweep.report import write_sweep_report  # loads matplotlib
+            from validation.study.sweep.report import write_sweep_report  # loads Vega's JavaScript engine
 
             write_sweep_report(out)
         return found
 
 
-class _LazyPool:
-    """Workers that are started when there is something to walk."""
+def _pool(
+    workers: int | None, scheduler: str | None, progress: Progress, walks: int
+) -> AbstractContextManager[WorkerPool]:
+    """Workers for this many walks."""
+    from validation.study.sweep.workers import local_pool, remote_pool  # load dask
 
-    def __init__(self, stack: ExitStack, options: Options) -> None:
-        self._stack, self._options = stack, options
-        self._pool: WorkerPool | None = None
-
-    def open(self, walks: int) -> WorkerPool:
-        """The workers, at most one per walk on this machine."""
-        from validation.study.sweep.workers import local_pool, remote_pool  # load dask
-
-        if self._pool is None:
-            options = self._options
-            self._pool = self._stack.enter_context(
-                remote_pool(options.scheduler)
-                if options.scheduler
-                else local_pool(min(options.workers or cores(), walks))
-            )
-        return self._pool
+    return remote_pool(scheduler, progress.say) if scheduler else local_pool(min(workers or cores(), walks))
 
 
 # ------------------------------------------------------------------------------ identity
@@ -203,17 +165,18 @@ def _flat(value: Any, place: str = "") -> dict[str, str]:
     return {key: text for inner, item in items for key, text in _flat(item, inner).items()}
 
 
-def _check_identity(store: Store, definition: SweepDefinition, options: Options, progress: Progress) -> None:
+def _check_identity(store: Store, definition: SweepDefinition, *, force: bool) -> bool:
     """Refuse to mix the rows of a folder with those of another definition, or of other code unless forced.
 
+    Returns:
+        Whether there are no rows to mix with.
+
     Raises:
-        InputError: so it is.
+        InputError: the rows are of another sweep, of other code, or do not say.
     """
     before, now = store.identity(), _identity(definition)
     if before is None:
-        if options.resume:
-            progress.say(f"nothing to resume in {store.folder}; starting the sweep")
-        return
+        return True
     kept, new = before.get("settings"), now["settings"]
     if not (isinstance(kept, dict) and isinstance(before.get("code"), dict)):
         raise InputError(
@@ -231,11 +194,12 @@ def _check_identity(store: Store, definition: SweepDefinition, options: Options,
         for name, value in now["code"].items()
         if before["code"].get(name) != value
     ]
-    if changed and not options.force:
+    if changed and not force:
         raise InputError(
             f"the rows in {store.folder} come from other code ({', '.join(changed)}), and results may "
             "differ; go back to it, give another folder, or --force to mix them (environment_code tells)."
         )
+    return False
 
 
 # ------------------------------------------------------------------------------ walking
@@ -301,10 +265,10 @@ class _Jobs:
         return tidy({**first, **refused_columns(error, run), **environment_columns()})
 
 
-def _walk_missing(jobs: _Jobs, store: Store, pool: _LazyPool, options: Options, progress: Progress) -> None:
+def _walk_missing(jobs: _Jobs, store: Store, pool: Pool, retry: Sequence[str], progress: Progress) -> None:
     """Walk the runs that have no row yet, one that is no answer, or an outcome to retry."""
     found = wrap_table(store.rows(), store.folder)
-    again = found.unanswered | np.isin(np.array(found.words("outcome"), dtype=object), list(options.retry))
+    again = found.unanswered | np.isin(np.array(found.words("outcome"), dtype=object), list(retry))
     missing = np.ones(len(jobs.runs), dtype=bool)
     missing[found.table["run"].to_numpy()[~again]] = False
     if not missing.any():
@@ -314,18 +278,17 @@ def _walk_missing(jobs: _Jobs, store: Store, pool: _LazyPool, options: Options, 
     counts = Counter(STATES[state] for state in found.states[~again])
     todo = jobs.missing(missing, accepted)
     with progress.stage("sweep", "runs") as stage:
-        listener = _Listener(store, stage, progress, len(jobs.runs), walks, counts)
+        listener = _Keeper(store, stage, progress, len(jobs.runs), walks, counts)
         if walks:
-            from validation.study.sweep.workers import Execution  # loads dask
-
-            Execution(pool.open(walks), todo, listener).run()
+            with pool(walks) as workers:
+                workers.execute(todo, listener)
         else:
             listener.keep_all(todo)
     progress.say(f"sweep: {listener.done} of {len(jobs.runs)} runs, {listener.text()}")
     interruption.check()
 
 
-class _Listener:
+class _Keeper(Listener):
     """Keeps rows and tracebacks in the folder, and reports how far the sweep is.
 
     Args:
@@ -418,7 +381,7 @@ class _Listener:
 # ------------------------------------------------------------------------------ recordings
 
 
-def _keep_worst(jobs: _Jobs, store: Store, pool: _LazyPool, progress: Progress) -> None:
+def _keep_worst(jobs: _Jobs, store: Store, pool: Pool, progress: Progress) -> None:
     """Walk the worst runs again and keep their folders."""
     found = wrap_table(store.rows(), store.folder)
     definition, passed = jobs.definition, found.is_state(State.PASS)
@@ -428,13 +391,11 @@ def _keep_worst(jobs: _Jobs, store: Store, pool: _LazyPool, progress: Progress) 
     kept = {runs[row]: f"{RECORDINGS}/{names[row]}" for row in chosen[: definition.worst]}
     wanted = [run for run, name in kept.items() if not (store.folder / name).is_dir()]
     if wanted:
-        from validation.study.sweep.workers import Execution  # loads dask
-
-        with progress.stage("recordings of the worst runs", "runs") as stage:
-            again = _Again(stage, progress, len(wanted))
-            # Without a guard on the clock: they have come to their end before.
-            tasks = (jobs.task(run, keep="all", wall_clock=None) for run in wanted)
-            Execution(pool.open(len(wanted)), tasks, again).run()
+        again = Listener()
+        # Without a guard on the clock: they have come to their end before.
+        tasks = (jobs.task(run, keep="all", wall_clock=None) for run in wanted)
+        with progress.stage(f"recordings of the worst runs ({len(wanted)})"), pool(len(wanted)) as workers:
+            workers.execute(tasks, again)
         interruption.check()
         for row in again.rows:
             before = found.table.slice(runs.index(row["run"]), 1).to_pylist()[0]
@@ -449,21 +410,3 @@ def _keep_worst(jobs: _Jobs, store: Store, pool: _LazyPool, progress: Progress) 
     ]
     rows = found.table.filter(pa.array(changed)).to_pylist()
     store.append([{**row, "recording": kept.get(row["run"])} for row in rows])
-
-
-class _Again:
-    """Collects rows of runs that are walked again."""
-
-    def __init__(self, stage: Stage, progress: Progress, total: int) -> None:
-        self.rows: list[dict[str, Any]] = []
-        self._stage, self._total, self.say = stage, total, progress.say
-
-    def keep(self, rows: list[dict[str, Any]]) -> None:
-        self.rows += rows
-
-    def ended(self, row: Mapping[str, Any], trace: str | None) -> None:
-        pass
-
-    def tick(self, workers: int) -> None:
-        interruption.check()
-        self._stage.advance(len(self.rows), self._total)

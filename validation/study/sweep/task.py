@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.judge.profiles import profile as find_profile
-from validation.progress import Progress, Stage
+from validation.progress import Progress, Stage, interruption
 from validation.store.environment import describe_environment
 from validation.store.folders import run_folder
 from validation.store.identity import code, code_hash, parameter_values
@@ -110,12 +110,28 @@ class TaskResult:
     Attributes:
         row: of the table, complete.
         trace: traceback, if the run crashed.
-        threads: of the worker's BLAS.
     """
 
     row: dict[str, Any]
     trace: str | None = None
-    threads: int = 1
+
+
+class Listener:
+    """Receives what an execution gives; this one collects the rows."""
+
+    def __init__(self) -> None:
+        self.rows: list[dict[str, Any]] = []
+
+    def keep(self, rows: list[dict[str, Any]]) -> None:
+        """Make rows durable, and return when they are."""
+        self.rows += rows
+
+    def ended(self, row: Mapping[str, Any], trace: str | None) -> None:
+        """A run has ended; with this traceback, if it has crashed."""
+
+    def tick(self, workers: int) -> None:
+        """Some time has passed."""
+        interruption.check()
 
 
 def walk_task(task: Task, trial: Trial | None = None) -> TaskResult:
@@ -157,7 +173,7 @@ def _perform(task: Task, trial: Trial) -> TaskResult:
             trace = clean_text("".join(traceback.format_exception(error)))
     timing |= {"total": time.perf_counter() - wall, "cpu_total": time.thread_time() - cpu}
     columns |= {f"timing_{name}": value for name, value in timing.items()}
-    return TaskResult(task.row(columns, _worker_name()), trace, blas_threads())
+    return TaskResult(task.row(columns, _worker_name()), trace)
 
 
 def _walk(task: Task, timing: dict[str, float]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 from uuid import uuid4
 
 import dask
@@ -32,7 +32,7 @@ from ampm.exceptions import InputError
 from validation.judge.metrics import dump_added, load_added
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import WORKER_DIED, one_line
-from validation.study.sweep.task import Task, TaskResult, walk_task
+from validation.study.sweep.task import Listener, Task, TaskResult, blas_threads, walk_task
 
 DEATHS = 5
 """Times that a run may end its worker's process before it is blamed; others may have killed it."""
@@ -116,6 +116,10 @@ class WorkerPool:
                 self._size = len(self.client.scheduler_info(n_workers=-1).get("workers", ()))
         return self._size
 
+    def execute(self, todo: Iterator[dict[str, Any] | Task], listener: Listener) -> None:
+        """Walk what an iterator yields; see :class:`Execution`."""
+        Execution(self, todo, listener).run()
+
     def check(self) -> None:
         """See that there are workers; called now and then.
 
@@ -185,8 +189,13 @@ def local_pool(workers: int) -> Iterator[WorkerPool]:
 
 
 @contextmanager
-def remote_pool(address: str, timeout: float = 30.0) -> Iterator[WorkerPool]:
+def remote_pool(address: str, say: Callable[[str], None], timeout: float = 30.0) -> Iterator[WorkerPool]:
     """Workers of a scheduler that is running already.
+
+    Args:
+        address: of the scheduler, or its scheduler file.
+        say: tells the user if workers have several threads.
+        timeout: for its answer [s].
 
     Raises:
         InputError: nothing answers at that address.
@@ -205,6 +214,12 @@ def remote_pool(address: str, timeout: float = 30.0) -> Iterator[WorkerPool]:
                 "scheduler', or leave the option out to run on this machine."
             ) from None
         try:
+            with suppress(Exception):  # a worker without ampm, which its first run will tell
+                if max(client.run(blas_threads).values(), default=1) > 1:
+                    say(
+                        "ampm: a worker has several BLAS threads; walks are slower so, and may differ in "
+                        "their last bits: start workers with OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1."
+                    )
             yield WorkerPool(client)
         finally:
             _close(client)
@@ -260,22 +275,6 @@ def _silence() -> None:
 # ------------------------------------------------------------------------------ execution
 
 
-class Listener(Protocol):
-    """Receives what an execution gives."""
-
-    def keep(self, rows: list[dict[str, Any]]) -> None:
-        """Make rows durable, and return when they are."""
-
-    def ended(self, row: Mapping[str, Any], trace: str | None) -> None:
-        """A run has ended; with this traceback, if it has crashed."""
-
-    def tick(self, workers: int) -> None:
-        """Some time has passed."""
-
-    def say(self, text: str) -> None:
-        """Tell the user."""
-
-
 @dataclass
 class _Flight:
     """A run that is out."""
@@ -308,7 +307,7 @@ class Execution:
         self._done: queue.SimpleQueue[Future] = queue.SimpleQueue()
         self._rows: list[dict[str, Any]] = []
         self._oldest = 0.0
-        self._exhausted = self._warned = False
+        self._exhausted = False
         self._name = uuid4().hex[:12]
 
     def run(self) -> None:
@@ -389,12 +388,6 @@ class Execution:
             ) from error
         else:
             self._keep(result.row, result.trace)
-            if result.threads > 1 and not self._warned:
-                self._warned = True
-                self._listener.say(
-                    f"ampm: a worker has {result.threads} BLAS threads; walks are slower so, and may differ "
-                    "in their last bits: start workers with OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1."
-                )
         del self._flying[str(future.key)]
 
     def _lost(self, flight: _Flight) -> None:
