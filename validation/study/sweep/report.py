@@ -41,8 +41,6 @@ WORST = 10
 """Rows of a table of worst runs."""
 MOST_SHOWN = 8
 """Parameters of a run in a table; the command that repeats it has them all."""
-MOST_COLUMNS = 12
-"""Parameters in the table of influences; more are unreadable, and most drive nothing."""
 IDLE = 0.01
 """Median share of its tolerance below which a metric is rounding, and what drives it of no interest [1]."""
 _REFUSED, _FAILS = "is refused", "fails, if it walks"
@@ -115,8 +113,6 @@ def render(sweep: SweepTable) -> str:
         over=bool((sweep.worst_used[furthest] > 1.0).any()),
         kept=sum(bool(name) for name in sweep.words("recording")),
         targets=[target for target in targets if target.influences],
-        influence_keys=keys[:MOST_COLUMNS],
-        drivers=_grouped((t.drivers[0].parameter, t.name) for t in targets if t.drivers),
         unsaid=_grouped((t.silent, t.name) for t in targets if t.silent),
         least_runs=LEAST_RUNS,
         entangled=[(a, b, number(rho, 2)) for a, b, rho in entangled(_parameters(sweep))[:6]],
@@ -284,15 +280,16 @@ def _metric_row(sweep: SweepTable, metric: str) -> list[dict[str, Any]]:
     if not known.size:
         return []
     over = int((sweep.used(metric) > 1.0).sum())
-    median, high, largest = (amount(np.quantile(known, q), unit) for q in (0.5, 0.95, 1.0))
+    quantiles = {"median": 0.5, "95 % below": 0.95, "largest": 1.0}
+    numbers = [(name, amount(np.quantile(known, part), unit)) for name, part in quantiles.items()]
     return [
         {
-            "label": metric_label(metric), "note": sweep.limits[metric].reason,
-            "limit": _limit_text(sweep, metric),
+            "label": metric_label(metric),
+            "note": sweep.limits[metric].reason,
             "over": f"{over:,} ({share(over, known.size)})" if over else "",
-            "values": (median, high), "largest": largest,
+            "numbers": [*numbers, ("tolerance", _limit_text(sweep, metric))],
         }
-    ]  # fmt: skip
+    ]
 
 
 def amount(value: float, unit: str) -> str:
