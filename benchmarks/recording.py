@@ -119,8 +119,8 @@ def _trial(run_file: Path, target: Path) -> dict[str, float]:
     from validation.trial.plan import load_request
 
     stages = _Times()
-    trial = run.validate(load_request(str(run_file)), target, stages=stages)
-    timing = trial.summary["timing"]
+    summary = run.validate(load_request(str(run_file)), target, progress=stages)
+    timing = summary["timing"]
     return {
         **{stage: timing[stage] for stage in _RUN if stage in timing},
         **{stage: stages.seconds[stage] for stage in ("measurement", "recording", "report")},

@@ -141,12 +141,13 @@ def _bare(lists: Sequence[Sequence[Request]]) -> list[float]:
 
 def _walk_all(requests: Sequence[Request]) -> list[float]:
     """Seconds of plan, walk and verdict of every run, and nothing else."""
-    from validation.judge.examine import walk  # a worker's process loads the simulator, this one does not
+    # Here, not above: a worker's process loads the simulator, this one does not.
+    from validation.run.walk import walk_planned
 
     seconds = []
     for request in requests:
         start = time.perf_counter()
-        found = walk(plan_walk(request))
+        found = walk_planned(plan_walk(request))
         seconds.append(time.perf_counter() - start)
         if not found.record.outcome.completed:
             raise InputError("a run of the benchmark did not complete; take a gait that walks.")

@@ -38,7 +38,8 @@ CORE |= {"MUJOCO_GL": "disable"}
 VERSIONS = ("numpy", "scipy", "mujoco", "pin", "osqp", "daqp", "sympy")
 RECORD_FILES = ("joints.parquet", "contacts.parquet", "states.parquet", "ticks.parquet")
 NOT_REPRODUCIBLE = tuple(
-    "qp_time time_median time_p timing seconds memory_peak environment directory revision source".split()
+    "qp_time time_median time_p timing seconds memory_peak environment directory revision source "
+    "files".split()
 )
 """Beginnings of the names of what differs between equal runs: wall clock, memory, host, paths."""
 BULKY = (

@@ -26,6 +26,7 @@ from validation.judge.verdict import build_summary, judge
 from validation.measure.measure import measure
 from validation.store.environment import describe_environment
 from validation.store.record import save_record
+from validation.store.saved import digests
 from validation.store.signals import save_signals
 from validation.trial.bridge import pinocchio_model, to_pinocchio
 from validation.trial.outcome import Outcome, OutcomeName
@@ -125,6 +126,7 @@ def make_run(
         environment=describe_environment(),
         extra={"gait": "normal", "motion": {"angular_momentum_y_offset": 0.406, "residual": 3e-11}},
     )  # fmt: skip
+    summary["files"] = digests(directory)
     (directory / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     return directory
 

@@ -252,7 +252,7 @@ def test_view_without_a_display_says_what_to_do(ampm, tmp_path, monkeypatch):
 
 
 def test_the_viewer_stays_on_this_machine(tmp_path, monkeypatch):
-    from validation.cli.view import page_address, viewer_command
+    from validation.show.viewer import page_address, viewer_command
 
     monkeypatch.setenv("DISPLAY", ":0")
     for ports in (None, (9090, 9876)):

@@ -135,7 +135,7 @@ def walks(monkeypatch):
             raise BodilyRefusal("hip", reason="knee", value=0.0, limit=0.1, unit="rad", way_out="bend [less]")
 
     monkeypatch.setattr(planning, "plan_walk", timed)
-    monkeypatch.setattr("validation.judge.examine.walk", lambda *_: None)
+    monkeypatch.setattr("validation.run.walk.walk_planned", lambda *_: None)
     return walked
 
 
@@ -212,7 +212,7 @@ def test_a_sweep_that_tunes_is_not_judged_by_its_defaults(monkeypatch):
         return SimpleNamespace(planned=None)
 
     monkeypatch.setattr(tuning, "tune_walk", tune)
-    monkeypatch.setattr("validation.judge.examine.walk", lambda *_: None)
+    monkeypatch.setattr("validation.run.walk.walk_planned", lambda *_: None)
     text = "gait.switching_velocity = [0.3, 1.0]\ngait.c_s = [1.0, 200.0]"
     found = forecast(parse_sweep(f"[sweep]\ntune = true\n{GRID}{text}"), 1)
     assert [(item.reason, item.runs) for item in found.refused] == [("bad_parameter", 2)]

@@ -38,16 +38,15 @@ from validation.paper.figures.human import (
 from validation.paper.figures.panels import SPREAD
 from validation.paper.figures.skeleton import pose
 from validation.paper.figures.walks import Walk, Walks
-from validation.run.validate import Options, validate
+from validation.run.walk import walk_planned
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.plan import load_request
+from validation.trial.plan import load_request, plan_walk
 
 
 @pytest.fixture(scope="module")
-def walk(tmp_path_factory) -> Walk:
+def walk() -> Walk:
     asked = load_request("normal", ["gait.steps=6", COARSE])
-    trial = validate(asked, tmp_path_factory.mktemp("walk") / "run", Options(recording=False))
-    return Walk("normal", trial)
+    return Walk("normal", walk_planned(plan_walk(asked)))
 
 
 @pytest.fixture
@@ -103,15 +102,16 @@ def test_numbers_of_earlier_figures_are_kept(tmp_path, monkeypatch):
 def test_a_gait_is_walked_once(monkeypatch):
     walked = []
 
-    def count(asked, target, options, *, stages):
+    def count(asked, **_):
         walked.append((asked.name, asked.run.gait.steps))
         return walk_that("completed")
 
-    monkeypatch.setattr("validation.paper.figures.walks.validate", count)
-    with Walks(5) as walks:
-        first = walks.walk("normal")
-        assert walks.walk("normal") is first
-        assert walks.walk("normal", ("gait.c_y=0.4",)) is not first
+    monkeypatch.setattr("validation.paper.figures.walks.plan_walk", lambda asked, _: asked)
+    monkeypatch.setattr("validation.paper.figures.walks.walk_planned", count)
+    walks = Walks(5)
+    first = walks.walk("normal")
+    assert walks.walk("normal") is first
+    assert walks.walk("normal", ("gait.c_y=0.4",)) is not first
     assert walked == [("normal", 5), ("normal", 5)]
 
 
@@ -122,9 +122,10 @@ def walk_that(outcome: str) -> SimpleNamespace:
 
 
 def test_no_figure_is_drawn_of_a_fall(monkeypatch):
-    monkeypatch.setattr("validation.paper.figures.walks.validate", lambda *_, **__: walk_that("fell"))
-    with Walks(5) as walks, pytest.raises(SolverError, match=r"normal: fell after 1\.50 s \(It slipped\.\)"):
-        walks.walk("normal")
+    monkeypatch.setattr("validation.paper.figures.walks.plan_walk", lambda *_: None)
+    monkeypatch.setattr("validation.paper.figures.walks.walk_planned", lambda *_, **__: walk_that("fell"))
+    with pytest.raises(SolverError, match=r"normal: fell after 1\.50 s \(It slipped\.\)"):
+        Walks(5).walk("normal")
 
 
 def test_every_figure_of_the_paper_that_shows_data_is_there():

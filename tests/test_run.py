@@ -34,7 +34,7 @@ def walked(tmp_path_factory):
 def test_trial_passes_and_fills_its_folder(walked):
     out, answer = walked
     assert answer.returncode == Status.PASS, answer.stderr
-    assert {path.name for path in out.iterdir()} == RUN_FILES - {INSTRUMENT_FILE}
+    assert {path.name for path in out.iterdir()} == RUN_FILES - {INSTRUMENT_FILE, "external.parquet"}
     assert "Traceback" not in answer.stderr
 
 
@@ -149,8 +149,8 @@ def test_several_gaits_get_a_folder_each(tmp_path, capsys):
 
 INTERRUPTED_AT_STEP_500 = """
 import os, signal, sys
-from validation.cli import app as cli
-from validation.run import validate as run
+from validation.cli.entry import main
+from validation.run import walk as run
 
 simulate = run.simulate
 
@@ -162,7 +162,7 @@ def interrupted(*args, progress, **options):
     return simulate(*args, progress=advance, **options)
 
 run.simulate = interrupted
-cli.main()
+main()
 """
 
 

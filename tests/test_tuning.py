@@ -22,7 +22,7 @@ from ampm.tune.rough_orbits import RoughOrbits
 from ampm.tune.step_torques import step_torques
 from ampm.tune.tuning import tune
 from validation.cli.app import Status, call
-from validation.judge.examine import walk
+from validation.run.walk import walk_planned
 from validation.study.sweep.task import Task, walk_task
 from validation.trial.plan import Request, make_body
 from validation.trial.tune import tune_walk
@@ -204,7 +204,7 @@ def test_a_gait_that_no_choice_lets_pass_over_the_foot_is_refused_by_the_formula
     ],
 )
 def test_tuned_gaits_walk(settings):
-    walked = walk(tune_walk(Request("test", load_run("normal", [*settings, "gait.steps=8"]))).planned)
+    walked = walk_planned(tune_walk(Request("test", load_run("normal", [*settings, "gait.steps=8"]))).planned)
     assert walked.record.outcome.name == "completed", walked.record.outcome.cause
     metrics = walked.evaluation.metrics
     assert math.hypot(metrics["zmp_x_rmse"].value, metrics["zmp_y_rmse"].value) < 0.004

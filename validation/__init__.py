@@ -1,1 +1,52 @@
-"""The trial: simulation, measurement, comparison, reports. Sole owner of MuJoCo data."""
+"""The trial of a planned gait: walked in MuJoCo, measured, compared with its plan, judged.
+
+What a study needs is here: ``import ampm, validation as val``. Names are imported as they are used, so that
+importing the package costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from validation.judge.metrics import Metric as Metric
+    from validation.judge.metrics import register as register
+    from validation.progress import Progress as Progress
+    from validation.run.replay import replay as replay
+    from validation.run.trial import Trial as Trial
+    from validation.run.walk import walk as walk
+    from validation.show.report import write_report as report
+    from validation.show.viewer import show_recording as view
+    from validation.store.saved import load_saved_run as load
+    from validation.trial.disturbances import Push as Push
+
+_HOMES = {
+    "Metric": "judge.metrics.Metric",
+    "Progress": "progress.Progress",
+    "Push": "trial.disturbances.Push",
+    "Trial": "run.trial.Trial",
+    "load": "store.saved.load_saved_run",
+    "register": "judge.metrics.register",
+    "replay": "run.replay.replay",
+    "report": "show.report.write_report",
+    "view": "show.viewer.show_recording",
+    "walk": "run.walk.walk",
+}
+
+__all__ = [
+    "Metric", "Progress", "Push", "Trial", "load", "register", "replay", "report", "view", "walk",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    home, _, original = _HOMES[name].rpartition(".")
+    value = getattr(import_module(f"{__name__}.{home}"), original)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

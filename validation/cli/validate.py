@@ -108,17 +108,16 @@ def validate(
                 request = tune_walk(request, narrator).request
             if known:
                 options = replace(options, uncertainty=matching(known, request))
-            result = run.validate(request, target, options, stages=narrator)
+            summary = run.validate(request, target, options, progress=narrator)
         except RefusedGait as error:  # the other gaits may still walk
             narrator.say(f"ampm: {request.name}: {explain(error)[1]}")
             answers.append({"gait": request.name, **describe_error(error)})
             statuses.append(Status.REFUSED)
             continue
-        answers.append({**result.summary, "directory": str(result.directory)})
-        statuses.append(_status(result.summary))
+        answers.append({**summary, "directory": str(target)})
+        statuses.append(_status(summary))
         if not as_json:
-            print_result(result.summary, result.directory)
-        del result  # the next walk needs the room
+            print_result(summary, target)
         if interruption.pending:  # during the measurement, which has been finished
             narrator.say(f"ampm: interrupted; the run is complete in {target} but for recording and report")
             interruption.acknowledge()

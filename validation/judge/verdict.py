@@ -91,6 +91,11 @@ class Verdict:
     metrics: tuple[MetricResult, ...]
 
     @property
+    def passed(self) -> bool:
+        """Whether every tolerance is met."""
+        return self.name is VerdictName.PASS
+
+    @property
     def judged(self) -> tuple[MetricResult, ...]:
         """Metrics that have a tolerance."""
         return tuple(item for item in self.metrics if item.tolerance is not None)

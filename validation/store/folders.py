@@ -30,6 +30,7 @@ RUN_FILES = frozenset(
         "contacts.parquet",
         "states.parquet",
         "ticks.parquet",
+        "external.parquet",
         "recording.rrd",
         "report.html",
         INSTRUMENT_FILE,

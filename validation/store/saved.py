@@ -6,6 +6,7 @@ it is exact, and the support polygons are cheaper to recompute than to keep.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.run_file import load_run
 from models.human import sole_geometry
+from validation.store.folders import RUN_FILES
 from validation.store.record import StoredRecord
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
 
@@ -27,7 +29,10 @@ Array = NDArray[np.float64]
 
 RUN_FILE = "run.toml"
 MODEL_FILE = "model.xml"
+ENVIRONMENT_FILE = "environment.json"
 SUMMARY_FILE = "summary.json"
+RECORDING_FILE = "recording.rrd"
+REPORT_FILE = "report.html"
 
 
 @dataclass(frozen=True)
@@ -53,8 +58,13 @@ class SavedRun:
     summary: Mapping[str, Any]
 
     def plan(self) -> StepPlan | None:
-        """Evaluate the closed-form plan again, with feet; None if this version of the planner refuses it."""
+        """Evaluate the closed-form plan again, with feet.
+
+        None if another planner made the plan, or this version of ours refuses it.
+        """
         run = self.parameters
+        if "planner" in self.summary:
+            return None
         try:
             sole = sole_geometry(run.body.height)
             return plan_steps(run.gait, run.body.mass, run.foot, sole)
@@ -62,23 +72,27 @@ class SavedRun:
             return None
 
 
-def load_saved_run(directory: Path) -> SavedRun:
+def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
     """Read a run folder.
 
     Args:
         directory: folder with ``run.toml``, ``model.xml``, the record, the signals and the summary.
+        check: compare all files with the digests in the summary.
 
     Raises:
-        InputError: the folder or one of its files is missing or cannot be read.
+        InputError: the folder or one of its files is missing, damaged, or not what the run wrote.
     """
     directory = Path(directory)
     missing = [f for f in (RUN_FILE, MODEL_FILE, SIGNALS_FILE, SUMMARY_FILE) if not (directory / f).is_file()]
     if missing:
         raise InputError(f"{directory} has no {', '.join(missing)}; give the folder of a finished run.")
-    try:
-        summary = json.loads((directory / SUMMARY_FILE).read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise InputError(f"{directory / SUMMARY_FILE} is no JSON ({error}); run the gait again.") from error
+    summary = _load_summary(directory / SUMMARY_FILE)
+    if check:
+        written, found = summary["files"], digests(directory)
+        for name in written:
+            if found.get(name) != written[name]:
+                what = "has changed since the run was judged" if name in found else "is missing"
+                raise InputError(f"{directory / name} {what}; walk the gait again for a true verdict.")
     return SavedRun(
         directory=directory,
         parameters=load_run(directory / RUN_FILE, ()),
@@ -88,6 +102,31 @@ def load_saved_run(directory: Path) -> SavedRun:
         signals=load_signals(directory / SIGNALS_FILE),
         summary=summary,
     )
+
+
+def digests(directory: Path) -> dict[str, str]:
+    """SHA-256 of all files of a run, but for the summary and what is drawn from the others."""
+    found = {}
+    for path in sorted(directory.iterdir()):
+        if path.name in RUN_FILES - {SUMMARY_FILE, RECORDING_FILE, REPORT_FILE}:
+            with path.open("rb") as file:
+                found[path.name] = hashlib.file_digest(file, "sha256").hexdigest()
+    return found
+
+
+def _load_summary(path: Path) -> dict[str, Any]:
+    """Read ``summary.json``.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path} is no JSON ({error}); run the gait again.") from error
+    if not (isinstance(summary, dict) and isinstance(summary.get("files"), dict)):
+        raise InputError(f"{path} is damaged: it is no summary of a run; run the gait again.")
+    return summary
 
 
 def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:

@@ -127,7 +127,8 @@ def make_figures(
             check_output_file(out / file, force=force)
     paths: list[Path] = []
     numbers: dict[str, Any] = {}
-    with Walks(steps, stages) as walks, style():
+    walks = Walks(steps, stages)
+    with style():
         for name in wanted:
             stem, draw = FIGURES[name]
             figure, said = draw(walks)

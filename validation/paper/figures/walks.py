@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +17,8 @@ from ampm.planner.support import StepPlan
 from validation.judge.profiles import own_profile
 from validation.paper.figures.centroidal import Centroidal, LessPlan, of_motion
 from validation.progress import Progress
-from validation.run.validate import Options, Trial, validate
+from validation.run.trial import Trial
+from validation.run.walk import walk_planned
 from validation.trial.bridge import to_pinocchio
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
 
@@ -166,15 +164,6 @@ class Walks:
     def __init__(self, steps: int, stages: Progress | None = None) -> None:
         self.steps, self.stages = steps, stages or Progress()
         self._walks: dict[tuple[str, ...], Walk] = {}
-        self._folder = tempfile.TemporaryDirectory(prefix="ampm-figures-")
-
-    def __enter__(self) -> Walks:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._folder.cleanup()
 
     def plan(self, gait: str, settings: Sequence[str] = ()) -> PlannedWalk:
         """Plan a gait, and solve its motion, without walking it."""
@@ -199,8 +188,7 @@ class Walks:
         key = (gait, *settings, f"gait.steps={count}")
         if key not in self._walks:
             asked = load_request(gait, key[1:])
-            target = Path(self._folder.name) / f"{len(self._walks)}"
-            trial = validate(asked, target, Options(recording=False), stages=self.stages)
+            trial = walk_planned(plan_walk(asked, self.stages), progress=self.stages)
             outcome = trial.record.outcome
             if not outcome.completed:
                 raise SolverError(

@@ -268,10 +268,9 @@ def compare_pair(
         for label, source, folder in zip(labels, sources, folders, strict=True):
             if isinstance(source, Request):
                 target = folder or Path(place) / label
-                trial = validate(
-                    source, target, Options(force=force, recording=out is not None), stages=stages
-                )
-                if trial.summary["outcome"] == "interrupted":  # the other one is not wanted either
+                options = Options(force=force, recording=out is not None)
+                summary = validate(source, target, options, progress=stages)
+                if summary["outcome"] == "interrupted":  # the other one is not wanted either
                     raise KeyboardInterrupt
                 source = target
             sides.append(_side(label, source, stages))

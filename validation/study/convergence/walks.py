@@ -84,12 +84,12 @@ class LevelResult:
 
 def walk_level(run: RunParameters, name: str, profile: Profile) -> LevelResult:
     """Plan and walk one level; runs in a worker and returns numbers only."""
-    from validation.judge.examine import walk  # here and below, not above: simulator and Pinocchio
+    from validation.run.walk import walk_planned  # here and below, not above: simulator and Pinocchio
     from validation.trial.plan import plan_walk
 
     start = time.perf_counter()
     try:
-        result = walk(plan_walk(Request(name, run)), profile)
+        result = walk_planned(plan_walk(Request(name, run)), profile)
     except AmpmError as error:
         outcome = "refused" if isinstance(error, RefusedGait | InputError) else "infeasible"
         return LevelResult(outcome, str(error), {}, 0.0, time.perf_counter() - start, memory_peak())

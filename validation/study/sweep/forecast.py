@@ -246,7 +246,7 @@ def _time_walk(
         Wall-clock time of one run, None if none of them can be walked [s]; the refusals before it, in words.
     """
     # Here, not above: simulator and Pinocchio take a second to load.
-    from validation.judge.examine import walk
+    from validation.run.walk import walk_planned
     from validation.trial.plan import Request, plan_walk
     from validation.trial.tune import tune_walk
 
@@ -263,7 +263,7 @@ def _time_walk(
                 refused.append(str(error))
                 continue
             ready = time.perf_counter()
-            walk(planned, find_profile(definition.profile))
+            walk_planned(planned, find_profile(definition.profile))
             walked = time.perf_counter() - ready
             planning = (ready - start) / (len(refused) + 1)  # refusals take their time, too
             return share * planning + walked * definition.steps / steps, refused

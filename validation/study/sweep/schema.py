@@ -32,7 +32,7 @@ from validation.store.identity import code_hash, run_key
 from validation.store.machine import memory_peak
 
 if TYPE_CHECKING:
-    from validation.judge.examine import Walk
+    from validation.run.trial import Trial
 
 OUTCOMES = ("completed", "fell", "diverged", "infeasible", "refused", "crashed", "timed_out", "interrupted")
 """How a run can end. The first four are ends of a walk; the others never walked, or not to an end."""
@@ -213,7 +213,7 @@ def plan_columns(plan: AnyPlan, *, with_motion: bool) -> dict[str, Any]:
     return {**row, "plan_step_duration": constants.step_duration, "plan_duration": plan.duration}
 
 
-def walk_columns(walk: Walk) -> dict[str, Any]:
+def walk_columns(walk: Trial) -> dict[str, Any]:
     """Plan, motion, outcome, metrics and cost of a walk."""
     record, verdict, report = walk.record, walk.evaluation.verdict, walk.planned.motion.report
     outcome, margins = record.outcome, walk.evaluation.comparison.margins

@@ -42,7 +42,7 @@ from validation.study.sweep.schema import (
 from validation.study.sweep.store import RECORDINGS, disk_full, disk_is_full
 
 if TYPE_CHECKING:
-    from validation.judge.examine import Walk
+    from validation.run.trial import Trial
 
 MOTIONS_KEPT = 1500
 """Solved motions that the user's cache may hold; a sweep over gaits would fill the disk with them."""
@@ -99,7 +99,7 @@ class Task:
         return tidy({**first, **columns, **environment_columns(worker, self.attempt)})
 
 
-Trial = Callable[[Task, dict[str, float]], dict[str, Any]]
+Runner = Callable[[Task, dict[str, float]], dict[str, Any]]
 """From a task to columns; adds wall-clock times to the table that it is given, even if it raises."""
 
 
@@ -134,7 +134,7 @@ class Listener:
         interruption.check()
 
 
-def walk_task(task: Task, trial: Trial | None = None) -> TaskResult:
+def walk_task(task: Task, trial: Runner | None = None) -> TaskResult:
     """Walk one run on a worker: one at a time, guarded.
 
     Args:
@@ -157,7 +157,7 @@ def walk_task(task: Task, trial: Trial | None = None) -> TaskResult:
         return result
 
 
-def _perform(task: Task, trial: Trial) -> TaskResult:
+def _perform(task: Task, trial: Runner) -> TaskResult:
     """The row of a run, whatever becomes of it."""
     wall, cpu = time.perf_counter(), time.thread_time()
     timing: dict[str, float] = {}
@@ -179,7 +179,7 @@ def _perform(task: Task, trial: Trial) -> TaskResult:
 def _walk(task: Task, timing: dict[str, float]) -> dict[str, Any]:
     """Plan, walk and measure."""
     # Here, not above: the sweep's own process needs neither simulator nor body.
-    from validation.judge.examine import walk
+    from validation.run.walk import walk_planned
     from validation.trial.plan import Request, plan_walk
     from validation.trial.tune import tune_walk
 
@@ -191,7 +191,7 @@ def _walk(task: Task, timing: dict[str, float]) -> dict[str, Any]:
     finally:
         timing |= stages.timing() | {"cpu_planning": time.thread_time() - cpu}
     cpu = time.thread_time()
-    walked = walk(planned, find_profile(task.profile))
+    walked = walk_planned(planned, find_profile(task.profile))
     simulated = float(walked.record.time[-1])
     timing |= {
         **walked.seconds,
@@ -232,7 +232,7 @@ class _Clock(Progress):
 # ------------------------------------------------------------------------------ the run's folder
 
 
-def keep_run(walk: Walk, task: Task, timing: Mapping[str, float]) -> str:
+def keep_run(trial: Trial, task: Task, timing: Mapping[str, float]) -> str:
     """Write a run's folder as ``ampm validate`` does; an earlier one of that run is replaced.
 
     Returns:
@@ -245,7 +245,7 @@ def keep_run(walk: Walk, task: Task, timing: Mapping[str, float]) -> str:
     target = Path(task.folder) / relative
     try:
         with run_folder(target, force=True) as work:
-            _write(walk, work, task, timing)
+            _write(trial, work, task, timing)
             # Drawing needs the viewer's library and matplotlib, which a worker is better off without.
             done = subprocess.run(
                 [sys.executable, "-c", _DRAW, str(work)],
@@ -271,26 +271,20 @@ def keep_run(walk: Walk, task: Task, timing: Mapping[str, float]) -> str:
     return relative
 
 
-def _write(walk: Walk, work: Path, task: Task, timing: Mapping[str, float]) -> None:
+def _write(trial: Trial, work: Path, task: Task, timing: Mapping[str, float]) -> None:
     # Here, not above: only a kept run needs the writers.
-    from validation.run.files import write_inputs, write_observation, write_signals, write_summary
+    from validation.measure.instruments.model import load_instrument
+    from validation.run.trial import write_inputs, write_results
     from validation.store.record import save_record
 
-    planned, record, environment = walk.planned, walk.record, describe_environment()
-    write_inputs(work, planned.request.run, planned.body.model, environment)
-    save_record(record, work)
-    write_signals(work, walk.evaluation)
+    environment = describe_environment()
+    write_inputs(work, trial.planned, environment)
+    save_record(trial.record, work)
     stages = ("planning", "simulation", "measurement", "real_time_factor")
     shown = {key: timing[key] for key in stages if key in timing}
-    shown["simulated"] = float(record.time[-1] - record.time[0])
-    more = {}
-    if task.instrument is not None:
-        from validation.measure.instruments.model import load_instrument  # loads SciPy
-
-        more["instrument"] = write_observation(work, load_instrument(task.instrument), planned, record)
-    write_summary(
-        work, planned, walk.evaluation, name=task.name, timing=shown, environment=environment, more=more
-    )
+    shown["simulated"] = float(trial.record.time[-1] - trial.record.time[0])
+    instrument = None if task.instrument is None else load_instrument(task.instrument)
+    write_results(work, trial, environment, instrument, shown)
 
 
 # ------------------------------------------------------------------------------ the worker

@@ -1,0 +1,242 @@
+"""A walk that is judged: in memory, and what it leaves in its folder."""
+
+from __future__ import annotations
+
+import atexit
+import json
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ampm.run_file import dump_run
+from validation.judge.examine import Evaluation
+from validation.judge.signals import signals_table
+from validation.judge.verdict import build_summary
+from validation.store.environment import describe_environment
+from validation.store.folders import INSTRUMENT_FILE, run_folder
+from validation.store.json import json_ready
+from validation.store.machine import memory_peak
+from validation.store.record import save_record
+from validation.store.saved import ENVIRONMENT_FILE, MODEL_FILE, RUN_FILE, SUMMARY_FILE, digests
+from validation.store.signals import SIGNALS_FILE, save_signals
+from validation.trial.plan import PlannedWalk
+from validation.trial.record import SimulationRecord
+
+if TYPE_CHECKING:
+    from ampm.walk import WalkPlan
+    from validation.judge.compare import Comparison
+    from validation.judge.metrics import MetricValue
+    from validation.judge.uncertainty import Uncertainty
+    from validation.judge.verdict import Verdict
+    from validation.measure.instruments.model import Instrument
+    from validation.measure.measure import MeasuredGait
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One walk, judged.
+
+    Attributes:
+        planned: request, plan and body.
+        record: of the simulation.
+        evaluation: comparison, metrics and verdict.
+        seconds: wall-clock time of ``simulation``, ``measurement`` and, if it was planned here, ``planning``.
+        uncertainty: of the metrics, from a convergence study.
+        extra: entries of the summary beside the usual ones, such as the name of a controller.
+    """
+
+    planned: PlannedWalk
+    record: SimulationRecord
+    evaluation: Evaluation
+    seconds: Mapping[str, float]
+    uncertainty: Uncertainty | None = None
+    extra: Mapping[str, Any] = field(default_factory=dict)
+    _folders: list[Path] = field(default_factory=list, repr=False)
+
+    @property
+    def plan(self) -> WalkPlan:
+        """That was walked."""
+        return self.planned.plan
+
+    @property
+    def comparison(self) -> Comparison:
+        """Of measurement and plan."""
+        return self.evaluation.comparison
+
+    @property
+    def measured(self) -> MeasuredGait:
+        """The gait that the record shows, measured without sight of the plan."""
+        return self.evaluation.comparison.measured
+
+    @property
+    def metrics(self) -> Mapping[str, MetricValue]:
+        """Name to value of every metric of this walk, judged or not."""
+        return self.evaluation.metrics
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of the profile; ``verdict.passed`` is whether every tolerance is met."""
+        return self.evaluation.verdict
+
+    @property
+    def timing(self) -> dict[str, float]:
+        """Seconds of every stage, and the closed loop's speed as a multiple of real time."""
+        simulated = float(self.record.time[-1] - self.record.time[0])
+        factor = simulated / self.seconds["simulation"]
+        return {**self.seconds, "simulated": simulated, "real_time_factor": factor}
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """Contents of ``summary.json``, without what only a folder has."""
+        return results_of(self, describe_environment())
+
+    def save(
+        self,
+        folder: str | Path,
+        *,
+        force: bool = False,
+        recording: bool = True,
+        instrument: Instrument | None = None,
+    ) -> Path:
+        """Keep the trial in a folder, as ``ampm validate`` does.
+
+        Args:
+            folder: that is to hold it.
+            force: replace an earlier run there.
+            recording: write ``recording.rrd`` and ``report.html`` too.
+            instrument: shown beside the simulator's truth.
+
+        Returns:
+            The folder.
+
+        Raises:
+            InputError: the folder must not or cannot be written.
+        """
+        target = Path(folder)
+        with run_folder(target, force=force) as work:
+            environment = describe_environment()
+            write_inputs(work, self.planned, environment)
+            save_record(self.record, work)
+            write_results(work, self, environment, instrument)
+            if recording:
+                draw_run(work)
+        self._folders[:] = [target]
+        return target
+
+    def report(self) -> Path:
+        """Write ``report.html`` into the trial's folder, and return its path.
+
+        A trial that was not saved has a temporary folder, which vanishes with the process.
+        """
+        from validation.show.report import write_report  # here, not above: matplotlib takes long to load
+
+        return write_report(self._folder())
+
+    def view(self, *, web: bool = False) -> int:
+        """Open the recording in Rerun's viewer and wait until it is closed.
+
+        Args:
+            web: show it in a web browser instead of a window.
+
+        Returns:
+            The viewer's exit status.
+
+        Raises:
+            InputError: there is no display, or no viewer installed.
+        """
+        from validation.show.rerun.record import write_recording  # here, not above: rerun takes long to load
+        from validation.show.viewer import show_recording
+
+        return show_recording(write_recording(self._folder()), web=web)
+
+    def _folder(self) -> Path:
+        if not self._folders:
+            place = Path(tempfile.mkdtemp(prefix="ampm-trial-"))
+            atexit.register(shutil.rmtree, place, ignore_errors=True)
+            self.save(place, recording=False)
+        return self._folders[0]
+
+
+def write_inputs(folder: Path, planned: PlannedWalk, environment: Mapping[str, Any]) -> None:
+    """Write what a run starts from: parameters, model, environment."""
+    (folder / RUN_FILE).write_text(dump_run(planned.run), encoding="utf-8")
+    (folder / MODEL_FILE).write_text(planned.body.model.xml, encoding="utf-8")
+    _write_json(folder / ENVIRONMENT_FILE, environment)
+
+
+def write_results(
+    folder: Path,
+    trial: Trial,
+    environment: Mapping[str, Any],
+    instrument: Instrument | None = None,
+    timing: Mapping[str, float] | None = None,
+) -> dict[str, Any]:
+    """Write signals, what an instrument shows and, last, the summary with the digests of all other files.
+
+    Args:
+        folder: of the run; inputs and record are there already.
+        trial: the run.
+        environment: where it ran.
+        instrument: shown beside the simulator's truth.
+        timing: wall-clock times [s], those of the trial by default.
+
+    Returns:
+        The contents of ``summary.json``.
+    """
+    save_signals(signals_table(trial.comparison), folder / SIGNALS_FILE)
+    summary = results_of(trial, environment, timing)
+    if instrument is not None:
+        summary["instrument"] = _write_observation(folder, instrument, trial)
+    summary["files"] = digests(folder)
+    _write_json(folder / SUMMARY_FILE, summary)
+    return summary
+
+
+def results_of(
+    trial: Trial, environment: Mapping[str, Any], timing: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """Contents of ``summary.json`` that need no folder."""
+    standing, known = trial.comparison.standing, trial.uncertainty
+    return build_summary(
+        trial.comparison,
+        trial.verdict,
+        timing=trial.timing if timing is None else timing,
+        environment=environment,
+        extra={
+            "gait": trial.planned.name,
+            "motion": trial.plan.posture.report(),
+            "standing": None if standing is None else asdict(standing),
+            "memory_peak": {"value": memory_peak(), "unit": "MB"},
+            **({} if known is None else {"uncertainty": known.as_dict()}),
+            **trial.extra,
+        },
+    )
+
+
+def _write_observation(folder: Path, instrument: Instrument, trial: Trial) -> dict[str, Any]:
+    """The walk as an instrument shows it: readings into a file, errors for the summary."""
+    # Here, not above: only a run with an instrument pays for it.
+    from validation.measure.instruments.columns import observation_columns, observe_walk
+    from validation.store.tables import write_columns
+
+    seen = observe_walk(instrument, trial.planned, trial.record)
+    write_columns(observation_columns(seen), folder / INSTRUMENT_FILE)
+    return seen.as_dict()
+
+
+def _write_json(path: Path, value: Any) -> None:
+    path.write_text(json.dumps(json_ready(value), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def draw_run(folder: Path) -> None:
+    """Write recording and report of a run from its saved files."""
+    # Here, not above: importing the viewer's library is most of what the first recording costs.
+    from validation.show.report import write_report
+    from validation.show.rerun.record import write_recording
+
+    write_recording(folder)
+    write_report(folder)

@@ -1,0 +1,131 @@
+"""The trial of one gait: plan, walk, measure, compare, judge."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from ampm.parameters import RunParameters
+from validation.judge import profiles
+from validation.judge.examine import examine
+from validation.judge.profiles import DEFAULT, Profile
+from validation.progress import Progress, interruption
+from validation.run.trial import Trial
+from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk
+from validation.trial.record import SimulationRecord
+from validation.trial.simulate import simulate
+from validation.trial.tune import tune_walk
+
+if TYPE_CHECKING:
+    from ampm.planners import WalkRequest
+    from ampm.walk import ControllerFactory, Planner
+    from validation.judge.uncertainty import Uncertainty
+    from validation.trial.disturbances import Disturbance
+
+
+def walk(
+    run: RunParameters | str | Path = "normal",
+    *,
+    controller: ControllerFactory | None = None,
+    planner: Planner[WalkRequest] | None = None,
+    disturbances: Sequence[Disturbance] = (),
+    tune: bool = False,
+    profile: Profile | str | None = None,
+    uncertainty: Uncertainty | None = None,
+    name: str | None = None,
+    progress: Progress | None = None,
+) -> Trial:
+    """Plan a gait, walk it in MuJoCo, measure it and judge it; nothing is written.
+
+    Args:
+        run: parameters from :func:`ampm.load_run`, or a preset or TOML file.
+        controller: makes the controller from robot and run, a class for example; the built-in one by default.
+        planner: makes the plan, :class:`ampm.planners.AmpmPeriodic` by default.
+        disturbances: what pushes the body, such as :class:`validation.Push`.
+        tune: find the values that the gait leaves open, instead of taking defaults.
+        profile: tolerances, or the name of a profile; that of the preset by default.
+        uncertainty: numerical uncertainty of the metrics, from a convergence study.
+        name: of the gait, for reports; that of preset or file by default.
+        progress: where to report stages.
+
+    Raises:
+        InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
+    """
+    if isinstance(run, RunParameters):
+        request = Request(name or "walk", run)
+    else:
+        request = load_request(str(run))
+        request = Request(name or request.name, request.run)
+    if not isinstance(profile, Profile):
+        profile = profiles.own_profile(request.name) if profile is None else profiles.profile(profile)
+    seconds: dict[str, float] = {}
+    with timed(seconds, "planning"):
+        if tune:
+            request = tune_walk(request, progress).request
+        planned = plan_walk(request, progress, planner=planner)
+    return walk_planned(
+        planned,
+        profile,
+        controller=controller,
+        disturbances=disturbances,
+        uncertainty=uncertainty,
+        progress=progress,
+        seconds=seconds,
+    )
+
+
+def walk_planned(
+    planned: PlannedWalk,
+    profile: Profile = DEFAULT,
+    *,
+    controller: ControllerFactory | None = None,
+    disturbances: Sequence[Disturbance] = (),
+    uncertainty: Uncertainty | None = None,
+    progress: Progress | None = None,
+    seconds: Mapping[str, float] | None = None,
+    keep: Callable[[SimulationRecord], None] = lambda record: None,
+) -> Trial:
+    """Walk a plan and judge the walk.
+
+    Args:
+        planned: see :func:`validation.trial.plan.plan_walk`.
+        profile: tolerances.
+        controller: makes the controller from robot and run.
+        disturbances: what pushes the body.
+        uncertainty: numerical uncertainty of the metrics.
+        progress: where to report stages.
+        seconds: wall-clock time of earlier stages.
+        keep: is given the record before it is measured.
+    """
+    run, body, progress = planned.run, planned.body, progress or Progress()
+    taken = dict(seconds or {})
+    with timed(taken, "simulation"), progress.stage(f"{planned.name}: simulation", "steps") as stage:
+
+        def advance(done: int, total: int) -> None:
+            interruption.check()
+            stage.advance(done, total)
+
+        record = simulate(
+            planned.plan, run, body.model, controller=controller, disturbances=disturbances, progress=advance
+        )
+        keep(record)
+    with timed(taken, "measurement"), progress.stage(f"{planned.name}: measurement"):
+        evaluation = examine(planned, record, profile, uncertainty)
+    extra: dict[str, Any] = {}
+    if controller is not None:
+        extra["controller"] = getattr(controller, "__qualname__", repr(controller))
+    if disturbances:
+        extra["disturbances"] = [repr(item) for item in disturbances]
+    return Trial(planned, record, evaluation, MappingProxyType(taken), uncertainty, extra)
+
+
+@contextmanager
+def timed(seconds: dict[str, float], label: str) -> Iterator[None]:
+    """Note the wall-clock time of a stage [s]."""
+    start = time.perf_counter()
+    yield
+    seconds[label] = time.perf_counter() - start
