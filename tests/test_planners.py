@@ -13,7 +13,7 @@ from ampm.planners import AmpmPeriodic, PeriodicWalk, WalkRequest
 from tests.solved import COARSE, motion_of, walk_of
 from tests.test_disturbances import example
 from tests.test_motion import same
-from validation.judge.examine import walk
+from validation.run.walk import walk_planned
 from validation.trial.plan import load_request, plan_walk
 
 UprightWalk = example("constant_posture").UprightWalk
@@ -56,7 +56,7 @@ def test_a_constant_posture_begins_on_the_plan(request_of_walk):
 @pytest.mark.parametrize("steps", [4, pytest.param(30, marks=pytest.mark.slow)])
 def test_normal_walks_with_a_constant_posture(steps):
     settings = [f"gait.steps={steps}", "controller.trunk_gain=1"]
-    walked = walk(plan_walk(load_request("normal", settings), planner=UprightWalk()))
+    walked = walk_planned(plan_walk(load_request("normal", settings), planner=UprightWalk()))
     assert walked.record.outcome.completed, walked.record.outcome.cause
     metrics = walked.evaluation.metrics
     assert metrics["zmp_x_rmse"].value < 3.5e-3

@@ -396,7 +396,7 @@ def test_a_refusal_of_the_body_still_has_the_plan():
 
 def test_a_worker_loads_no_viewer_and_no_pictures():
     code = (
-        "import sys, validation.study.sweep.task, validation.trial.plan, validation.judge.examine; "
+        "import sys, validation.study.sweep.task, validation.trial.plan, validation.run.walk; "
         "print([name for name in ('rerun', 'matplotlib', 'typer') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
