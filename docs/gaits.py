@@ -1,23 +1,23 @@
-"""Walk the gaits of docs/gaits.md again and write their figures into it: ``python docs/gaits.py``.
+"""Walk the gaits of docs/gaits.md again: ``python docs/gaits.py`` writes docs/data/gaits.csv.
 
 Every row is one ``ampm validate ... --json``, about eight seconds; the two long walks take a minute each.
 """
 
 from __future__ import annotations
 
+import csv
 import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from pages import between
-
-PAGE = Path(__file__).with_suffix(".md")
+TABLE = Path(__file__).with_name("data") / "gaits.csv"
 PROFILE = "default"
-AGREEMENT = (
+COLUMNS = (
+    "steps",
     "gait",
     "ZMP RMSE x, y [mm]",
     "maximum x, y [mm]",
@@ -25,9 +25,6 @@ AGREEMENT = (
     "L RMSE x, y [N m s]",
     "both ZMPs [mm]",
     "verdict",
-)
-COST = (
-    "gait",
     "feedback on the ZMP x, y [mm]",
     "feedback on F x, y, z [% weight]",
     "torque [% of limit]",
@@ -41,32 +38,25 @@ ONE_BY_ONE += [("gait.c_s", value) for value in (0.8, 1.2, 1.4)]
 
 
 def main() -> None:
-    """Walk every gait and rewrite the tables of the page."""
-    page = PAGE.read_text(encoding="utf-8")
+    """Walk every gait and rewrite the table."""
     gaits: list[tuple[str, tuple[str, ...]]] = [("normal", ()), ("momentum", ()), ("flat", ())]
     gaits += [("normal", ("--set", f"{key}={value}")) for key, value in ONE_BY_ONE]
-    page = between(page, "thirty steps", _tables(gaits))
-    page = between(page, "two hundred steps", _tables([(gait, ("--steps", "200")) for gait, _ in gaits[:2]]))
-    PAGE.write_text(page, encoding="utf-8")
+    rows = [_row(30, gait, *arguments) for gait, arguments in gaits]
+    rows += [_row(200, gait) for gait, _ in gaits[:2]]
+    with TABLE.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
 
 
-def _tables(gaits: Sequence[tuple[str, tuple[str, ...]]]) -> str:
-    """Agreement and cost of every gait."""
-    agreement, cost = [AGREEMENT, ("---",) * len(AGREEMENT)], [COST, ("---",) * len(COST)]
-    for gait, arguments in gaits:
-        label = f"`{arguments[1] if arguments[:1] == ('--set',) else gait}`"
-        summary = _trial(gait, *arguments)
-        verdict = summary.get("verdict", "refused")
-        print(label, verdict, file=sys.stderr, flush=True)  # noqa: T201
-        if "error" in summary:
-            raise SystemExit(f"{label} was refused: {summary['error']['message']}")
-        completed = summary["outcome"] == "completed"
-        agreement.append(
-            (label, *_agreement(summary["metrics"]), verdict if completed else summary["outcome"])
-        )
-        cost.append((label, *_cost(summary)))
-    lines = [[f"| {' | '.join(row)} |" for row in table] for table in (agreement, cost)]
-    return "\n".join([*lines[0], "", *lines[1]])
+def _row(steps: int, gait: str, *arguments: str) -> tuple[str, ...]:
+    """Agreement and cost of a gait."""
+    label = arguments[1] if arguments else gait
+    summary = _trial(gait, *arguments, "--steps", str(steps))
+    if "error" in summary:
+        raise SystemExit(f"{label} was refused: {summary['error']['message']}")
+    completed = summary["outcome"] == "completed"
+    verdict = summary["verdict"] if completed else summary["outcome"]
+    print(label, verdict, file=sys.stderr, flush=True)  # noqa: T201
+    return str(steps), label, *_agreement(summary["metrics"]), verdict, *_cost(summary)
 
 
 def _agreement(metrics: Mapping[str, Any]) -> Iterator[str]:
