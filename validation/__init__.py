@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from validation.show.report import write_report as report
     from validation.show.viewer import show_recording as view
     from validation.store.saved import load_saved_run as load
+    from validation.study.sweep.run import sweep as sweep
     from validation.trial.disturbances import Push as Push
 
 _HOMES = {
@@ -30,12 +31,13 @@ _HOMES = {
     "register": "judge.metrics.register",
     "replay": "run.replay.replay",
     "report": "show.report.write_report",
+    "sweep": "study.sweep.run.sweep",
     "view": "show.viewer.show_recording",
     "walk": "run.walk.walk",
 }
 
 __all__ = [
-    "Metric", "Progress", "Push", "Trial", "load", "register", "replay", "report", "view", "walk",
+    "Metric", "Progress", "Push", "Trial", "load", "register", "replay", "report", "sweep", "view", "walk",
 ]  # fmt: skip
 
 

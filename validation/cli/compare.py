@@ -40,13 +40,15 @@ def compare(
     The default shows what continuity up to the acceleration buys: the paper's gait beside the plain inverted
     pendulum. No tolerances are judged: 0 means that both walked to the end.
     """
-    from validation.study.compare.run import Pair, compare_pair, write_pair
+    from validation.study.compare.run import Pair, compare_pair
 
     extra = [*(settings or ()), *([] if steps is None else [f"gait.steps={steps}"])]
     progress = Narrator()
     pair = compare_pair(a, b, extra, uncertainty=uncertainty or (), out=out, force=force, stages=progress)
     answer(pair, Pair.as_dict, print_pair, as_json=as_json)
     if out is not None:
+        from validation.study.compare.report import write_pair  # loads matplotlib
+
         write_pair(pair, out)
     return max(_STATUS.get(side.outcome, Status.NOT_COMPLETED) for side in (pair.a, pair.b))
 

@@ -63,6 +63,22 @@ def validate(
         ),
     ] = False,
     uncertainty: Uncertainty = None,
+    controller: Annotated[
+        str | None,
+        typer.Option("--controller", metavar="MODULE:CLASS", help="Walk under a controller of your own."),
+    ] = None,
+    planner: Annotated[
+        str | None,
+        typer.Option("--planner", metavar="MODULE:CLASS", help="Walk what a planner of your own plans."),
+    ] = None,
+    push: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--push",
+            metavar="SEGMENT,FX,FY,FZ,AT,DURATION",
+            help="Push a segment: force [N], begin and duration [s]; chest,50,0,0,2,0.1 say. Repeatable.",
+        ),
+    ] = None,
     instrument: Annotated[
         str | None,
         typer.Option(
@@ -78,6 +94,7 @@ def validate(
     real mass distribution, unilateral contact, friction and limited torque can realise the plan, how closely,
     and at what effort.
     """
+    from validation.cli.plugins import load_object, parse_push
     from validation.cli.summary_text import print_result
     from validation.judge import profiles
     from validation.judge.uncertainty import load_uncertainty, matching
@@ -96,7 +113,13 @@ def validate(
     if known and not tune:
         for request in requests:  # all of them before any walks
             matching(known, request)
-    options = run.Options(force=force, instrument=None if instrument is None else load_instrument(instrument))
+    options = run.Options(
+        force=force,
+        instrument=None if instrument is None else load_instrument(instrument),
+        controller=None if controller is None else load_object("--controller", controller),
+        planner=None if planner is None else load_object("--planner", planner)(),
+        disturbances=[parse_push(text) for text in push or ()],
+    )
     targets = run.targets(requests, out, force=force)
     narrator = Narrator()
     answers: list[dict[str, Any]] = []

@@ -118,6 +118,8 @@ def walk_planned(
     extra: dict[str, Any] = {}
     if controller is not None:
         extra["controller"] = getattr(controller, "__qualname__", repr(controller))
+    if planned.planner:
+        extra["planner"] = planned.planner
     if disturbances:
         extra["disturbances"] = [repr(item) for item in disturbances]
     return Trial(planned, record, evaluation, MappingProxyType(taken), uncertainty, extra)

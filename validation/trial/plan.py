@@ -61,11 +61,13 @@ class PlannedWalk:
         request: name and parameters.
         plan: COM, momentum, feet and posture.
         body: that walks.
+        planner: name of the class that made the plan, empty for the built-in one.
     """
 
     request: Request
     plan: WalkPlan
     body: Body
+    planner: str = ""
 
     @property
     def name(self) -> str:
@@ -171,10 +173,11 @@ def plan_walk(
 
     with progress.stage(f"{request.name}: body"):
         body = make_body(run)
+    name = "" if planner is None else type(planner).__name__
     planner = planner or AmpmPeriodic()
     with progress.stage(f"{request.name}: whole-body motion") as stage:
         plan = planner.plan(WalkRequest(run, body.robot, stage.note, motion_cache()))
-    return PlannedWalk(request, plan, body)
+    return PlannedWalk(request, plan, body, name)
 
 
 def motion_cache() -> Path | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,7 +15,20 @@ from numpy.typing import NDArray
 
 from validation.show import run_figures as figures
 from validation.show.page import render_page
-from validation.study.compare.run import EVEN, Pair, Side, facts, known, ratio, shown, verdicts
+from validation.store.folders import output_file
+from validation.study.compare.run import (
+    EVEN,
+    NUMBERS,
+    PICTURE,
+    REPORT,
+    Pair,
+    Side,
+    facts,
+    known,
+    ratio,
+    shown,
+    verdicts,
+)  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -31,6 +45,17 @@ _LIGHT: Mapping[str, str] = {
 """The page's light colours, for a picture in a file of its own."""
 _A, _B = figures.PLAN, figures.MEASURED
 _KINDS = ("single to double support", "double to single support")
+
+
+def write_pair(pair: Pair, out: Path) -> None:
+    """Write report, numbers and picture into a folder."""
+    with output_file(out / NUMBERS) as work:
+        text = json.dumps(pair.as_dict(), indent=2, allow_nan=False)
+        work.write_text(text + "\n", encoding="utf-8")
+    with output_file(out / PICTURE) as work:
+        draw_file(pair, work)
+    with output_file(out / REPORT) as work:
+        work.write_text(render(pair), encoding="utf-8")
 
 
 def render(pair: Pair) -> str:

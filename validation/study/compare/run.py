@@ -12,7 +12,6 @@ value of a walk is called better, however large the difference.
 
 from __future__ import annotations
 
-import json
 import math
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -34,7 +33,7 @@ from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching
 from validation.progress import Progress
 from validation.run.validate import Options, validate
 from validation.show.text import format_number
-from validation.store.folders import check_run_folder, check_target, output_file
+from validation.store.folders import check_run_folder, check_target
 from validation.store.json import json_ready
 from validation.store.saved import RUN_FILE, SavedRun, load_saved_run
 from validation.study.compare.metrics import (
@@ -237,8 +236,8 @@ def compare_pair(
         b: likewise.
         settings: ``key=value`` texts for the gaits that are to be walked.
         uncertainty: ``convergence.json`` of both gaits; without, no value of a walk is called better.
-        out: folder that keeps the runs that are walked, and that :func:`write_pair` will fill; None keeps
-            nothing.
+        out: folder that keeps the runs that are walked, and that
+            :func:`validation.study.compare.report.write_pair` will fill; None keeps nothing.
         force: replace an earlier comparison in ``out``.
         stages: where to report progress.
 
@@ -422,19 +421,6 @@ def _values(side: Side) -> dict[str, float]:
         **switch_figures(plan, side.saved.signals, record),
         **metric_values(side.saved.summary, record.mass * record.gravity),
     }
-
-
-def write_pair(pair: Pair, out: Path) -> None:
-    """Write report, numbers and picture into a folder."""
-    from validation.study.compare.report import draw_file, render
-
-    with output_file(out / NUMBERS) as work:
-        text = json.dumps(pair.as_dict(), indent=2, allow_nan=False)
-        work.write_text(text + "\n", encoding="utf-8")
-    with output_file(out / PICTURE) as work:
-        draw_file(pair, work)
-    with output_file(out / REPORT) as work:
-        work.write_text(render(pair), encoding="utf-8")
 
 
 def facts(pair: Pair) -> list[tuple[str, str, str]]:

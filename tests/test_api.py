@@ -1,0 +1,106 @@
+"""What a researcher writes: ``import ampm, validation as val``."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ampm
+import validation as val
+from ampm.control.controller import TrackingController
+from ampm.exceptions import InputError
+from ampm.planners import AmpmPeriodic
+from validation.cli.app import Status, call
+
+RUN: dict[str, dict[str, Any]] = {"gait": {"steps": 2}, "solver": {"ik_time_step": 0.01}}
+PUSH = val.Push("chest", (20.0, 0.0, 0.0), at=0.5, duration=0.1)
+
+
+class Weaker(TrackingController):
+    """A controller of a user's own."""
+
+    def update(self, state, touch, reference):
+        output = super().update(state, touch, reference)
+        return output._replace(torque=0.999 * output.torque)
+
+
+class Planner(AmpmPeriodic):
+    """A planner of a user's own."""
+
+
+@pytest.fixture(scope="module")
+def trial():
+    return val.walk(ampm.load_run("normal", **RUN), disturbances=[PUSH], name="pushed")
+
+
+def test_a_trial_in_memory(trial):
+    assert trial.verdict.passed is (trial.verdict.name == "pass")
+    assert 0 < trial.metrics["zmp_x_rmse"].value < 0.01
+    error = trial.measured.zmp - trial.plan.sample(trial.measured.time).zmp
+    assert error.shape == (trial.record.steps, 2)
+    assert trial.comparison.record is trial.record
+    assert trial.timing.keys() >= {"planning", "simulation", "measurement", "real_time_factor"}
+    assert trial.summary["gait"] == "pushed"
+
+
+def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path):
+    folder = trial.save(tmp_path / "run", recording=False)
+    with pytest.raises(InputError, match="--force"):
+        trial.save(folder)
+    saved = val.load(folder)
+    assert saved.summary["disturbances"] == [repr(PUSH)]
+    assert saved.summary["metrics"].keys() <= trial.metrics.keys()
+    np.testing.assert_array_equal(saved.record.torque, trial.record.torque)
+    assert val.replay(folder).identical
+    assert trial.report() == folder / "report.html"
+
+    out = tmp_path / "again"
+    settings = [f"--set={s}.{k}={v}" for s, table in RUN.items() for k, v in table.items()]
+    call(["validate", "normal", *settings, "--push", "chest,20,0,0,0.5,0.1", "--out", str(out)])
+    np.testing.assert_array_equal(val.load(out).record.torque, trial.record.torque)
+
+
+def test_a_trial_that_was_not_saved_has_its_report(trial):
+    page = replace(trial, _folders=[]).report()
+    assert page.stat().st_size > 50_000
+
+
+def test_a_controller_and_a_planner_of_ones_own(tmp_path, monkeypatch, capsys):
+    name = __name__.rpartition(".")[2]
+    monkeypatch.setitem(sys.modules, name, sys.modules[__name__])
+    options = ["--controller", f"{name}:Weaker", "--planner", f"{name}:Planner", "--out", str(tmp_path / "a")]
+    status = call(["validate", "normal", "--steps", "2", *options, "--json"])
+    summary = json.loads(capsys.readouterr().out)
+    assert status in (Status.PASS, Status.OUT_OF_TOLERANCE)
+    assert (summary["controller"], summary["planner"]) == ("Weaker", "Planner")
+    assert val.load(tmp_path / "a").plan() is None  # of another planner
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "words"),
+    [
+        ("--controller", "mine", "MODULE:CLASS"),
+        ("--controller", "no_such_module:A", "no_such_module"),
+        ("--planner", "json:Planner", "Planner"),
+        ("--push", "chest,1,2", "SEGMENT"),
+        ("--push", "chest,1,2,x,1,1", "SEGMENT"),
+    ],
+)
+def test_bad_options_are_refused_before_anything_walks(option, text, words, tmp_path, capsys):
+    assert call(["validate", "normal", option, text, "--out", str(tmp_path / "a")]) == Status.REFUSED
+    assert words in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_python_m_ampm_lists_the_keys(capsys):
+    assert call(["keys", "momentum", "--set", "gait.c_y=0.7", "--json"]) == Status.PASS
+    keys = {item["key"]: item for item in json.loads(capsys.readouterr().out)}
+    height = keys["gait.com_height"]
+    assert (height["unit"], height["bounds"], height["default"]) == ("m", "> 0, <= 100", 0.865)
+    assert keys["gait.c_y"]["value"] == 0.7
+    assert all(item["meaning"] for item in keys.values())
