@@ -1,24 +1,23 @@
-"""Write the table of columns into docs/sweeps.md: ``python docs/sweeps.py``."""
+"""Write the columns of a sweep's table into docs/data/sweep-columns.csv: ``python docs/sweeps.py``."""
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
-from validation.study.sweep.columns import COLUMNS
+from validation.study.sweep.schema import columns
 
-PAGE = Path(__file__).with_suffix(".md")
-MARKS = ("<!-- columns -->", "<!-- end of columns -->")
+FILE = Path(__file__).parent / "data" / "sweep-columns.csv"
 
 
-def table() -> str:
-    """One line per column."""
-    lines = ["| column | kind | unit | meaning |", "|---|---|---|---|"]
-    lines += [f"| `{item.name}` | {item.kind} | {item.unit} | {item.words} |" for item in COLUMNS]
-    return "\n".join(lines)
+def rows() -> list[tuple[str, str, str, str]]:
+    """Header, then name, kind, unit and meaning of every column."""
+    return [
+        ("column", "kind", "unit", "meaning"),
+        *((item.name, item.kind, item.unit, item.words) for item in columns()),
+    ]
 
 
 if __name__ == "__main__":
-    text = PAGE.read_text(encoding="utf-8")
-    head, _, rest = text.partition(MARKS[0])
-    _, _, tail = rest.partition(MARKS[1])
-    PAGE.write_text(f"{head}{MARKS[0]}\n\n{table()}\n\n{MARKS[1]}{tail}", encoding="utf-8")
+    with FILE.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows())

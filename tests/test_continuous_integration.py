@@ -22,7 +22,7 @@ from validation.study.sweep.sampling import cases
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 WORKFLOW = DOCS / "examples" / "gate.yml"
-PAGE = DOCS / "continuous-integration.md"
+PAGE = DOCS / "sweeps.md"
 
 
 def workflow() -> dict[Any, Any]:
@@ -60,17 +60,7 @@ def test_workflow_is_one():
     assert free == ["Check out the pull request, as merged", "See whether a walk can change"]
 
 
-def test_fragments_of_the_page_are_yaml():
-    text = PAGE.read_text(encoding="utf-8")
-    fragments = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
-    assert fragments
-    for fragment in fragments:
-        assert all("run" in step for step in yaml.safe_load(fragment))
-
-
-@pytest.mark.parametrize(
-    "source", [WORKFLOW, PAGE, DOCS / "sweep-report.md", DOCS / "examples" / "gate.toml"]
-)
+@pytest.mark.parametrize("source", [WORKFLOW, PAGE, DOCS / "examples" / "gate.toml"])
 def test_commands_exist(source):
     group = typer.main.get_group(app)
     context = typer.Context(group)

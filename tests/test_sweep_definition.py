@@ -50,7 +50,7 @@ def test_examples_load_and_read_back(path):
 
 
 def test_the_examples_in_the_docs_are_sweeps():
-    text = (DOCS / "sweeps-definition.md").read_text(encoding="utf-8")
+    text = (DOCS / "sweeps.md").read_text(encoding="utf-8")
     blocks = [part.split("```")[0] for part in text.split("```toml\n")[1:]]
     whole = [block for block in blocks if "[[vary]]" in block]
     assert whole

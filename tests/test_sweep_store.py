@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import errno
 import json
 import os
@@ -19,6 +20,7 @@ from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import columns, tidy
 from validation.study.sweep.table import read_sweep
 
+ROOT = Path(__file__).resolve().parents[1]
 DEFINITION = parse_sweep('[[vary]]\nmethod = "grid"\ngait.c_s = { from = 0.8, to = 1.2, count = 300 }\n')
 IDENTITY = {"definition": "a", "code": {"b": "c"}}
 
@@ -202,3 +204,9 @@ def test_the_key_of_a_run_is_of_what_is_not_at_its_default():
     assert len(set(keys)) == 3
     assert run_key({}) == keys[0]
     assert run_key({"gait.steps": 31}) == keys[1]
+
+
+def test_the_documentation_lists_every_column():
+    with (ROOT / "docs" / "data" / "sweep-columns.csv").open(encoding="utf-8", newline="") as file:
+        _, *listed = csv.reader(file)
+    assert listed == [[item.name, item.kind, item.unit, item.words] for item in columns()]
