@@ -1,9 +1,13 @@
 """AMPM: the gait planner of Kudoh & Komura (IROS 2003) and a controller that walks its plans.
 
 The package knows Pinocchio and OSQP, but no simulator: a body comes in as a description and a ready model.
+What is imported here needs neither.
 """
 
 from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import (
     AmpmError,
@@ -16,19 +20,64 @@ from ampm.exceptions import (
 from ampm.parameters import GaitParameters, RunParameters
 from ampm.run_file import dump_run, load_run, preset_names
 
+if TYPE_CHECKING:
+    from ampm.planner.centroidal import CentroidalPlan, Law
+    from ampm.planner.contacts import Contacts, Footstep, Phase
+    from ampm.planner.sampled import SampledLaw, sampled_contacts, sampled_plan
+    from ampm.walk import Controller, Planner, Posture, WalkPlan
+
 __version__ = "0.1.0"
+
+_MODULES = {
+    "ampm.planner.centroidal": ("CentroidalPlan", "Law"),
+    "ampm.planner.contacts": ("Contacts", "Footstep", "Phase"),
+    "ampm.planner.sampled": ("SampledLaw", "sampled_contacts", "sampled_plan"),
+    "ampm.walk": ("Controller", "Planner", "Posture", "WalkPlan"),
+}  # imported when they are first read: NumPy takes a tenth of a second that 'ampm --help' need not wait
+
+
+def plan(run: RunParameters) -> CentroidalPlan:
+    """Plan a run's gait in closed form, with the mass of its body.
+
+    Raises:
+        MathematicalRefusal: the closed form has no solution, or none that can be computed.
+    """
+    from ampm.planner.periodic import plan_gait  # here, not above: it needs NumPy
+
+    return plan_gait(run.gait, run.body.mass)
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(import_module(module), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
 
 __all__ = [
     "AmpmError",
     "BodilyRefusal",
+    "CentroidalPlan",
+    "Contacts",
+    "Controller",
+    "Footstep",
     "GaitParameters",
     "InputError",
+    "Law",
     "MathematicalRefusal",
+    "Phase",
+    "Planner",
+    "Posture",
     "RefusedGait",
     "RunParameters",
+    "SampledLaw",
     "SolverError",
+    "WalkPlan",
     "__version__",
     "dump_run",
     "load_run",
+    "plan",
     "preset_names",
+    "sampled_contacts",
+    "sampled_plan",
 ]

@@ -89,6 +89,12 @@ class Contacts:
         """Number of single supports."""
         return sum(phase.kind == "single_support" for phase in self.phases)
 
+    @cached_property
+    def step_ends(self) -> NDArray[np.float64]:
+        """End of every step: where the next single support begins, or the walk ends, shape (steps,) [s]."""
+        begins = [phase.start for phase in self.phases if phase.kind == "single_support"]
+        return _read_only([*begins[1:], self.duration])
+
     @property
     def step_length(self) -> float:
         """Distance along x of the first two footsteps that are stood on [m]."""

@@ -62,7 +62,9 @@ def stand(run: RunParameters, body_model: BodyModel, *, duration: float = DURATI
     start = q.copy()
     start[2] -= run.simulation.start_depth
     physics.place(start, np.zeros(robot.nv))
-    return ClosedLoop(physics, TrackingController(robot, run), references, run, duration, total, None).run()
+    return ClosedLoop(
+        physics, TrackingController(robot, run), references, run, np.array([duration]), total, None
+    ).run()
 
 
 def weigh(run: RunParameters, body_model: BodyModel, robot: Robot) -> StandingCheck:

@@ -154,8 +154,8 @@ def simulate(
             f"ask for 1 ... {planned} or raise gait.steps"
         )
     physics = Physics(body, run)
-    dt, step_duration = physics.time_step, plan.constants.step_duration
-    total = int(np.floor(steps * step_duration / dt + 1e-9))
+    dt, step_ends = physics.time_step, plan.contacts.step_ends[:steps]
+    total = int(np.floor(step_ends[-1] / dt + 1e-9))
     gains = run.controller
     timing = Timing(gains.touchdown_lead, gains.touchdown_window, (physics.substeps - 1) * dt)
     references = plan.table(np.arange(0, total, physics.substeps, dtype=np.float64) * dt, timing)
@@ -164,7 +164,7 @@ def simulate(
     q[2] -= run.simulation.start_depth  # the soles carry weight from the first instant
     physics.place(q, start.v)
     follower = (controller or TrackingController)(physics.robot, run)
-    loop = ClosedLoop(physics, follower, references, run, step_duration, total, progress, disturbances)
+    loop = ClosedLoop(physics, follower, references, run, step_ends, total, progress, disturbances)
     record = loop.run()
     metadata = {} if controller is None else {"controller": _name(controller)}
     if disturbances:
@@ -185,7 +185,7 @@ class ClosedLoop:
         controller: at its first tick.
         references: one for each control tick.
         run: parameters.
-        step_duration: of a walking step, to count those completed [s].
+        step_ends: when each step ends, to count those completed, shape (steps,) [s].
         total: simulation steps.
         progress: called with (simulation steps done, all) now and then.
         disturbances: what pushes the body.
@@ -197,7 +197,7 @@ class ClosedLoop:
         controller: Controller,
         references: Sequence[Reference],
         run: RunParameters,
-        step_duration: float,
+        step_ends: NDArray[np.float64],
         total: int,
         progress: Callable[[int, int], None] | None = None,
         disturbances: Sequence[Disturbance] = (),
@@ -206,7 +206,7 @@ class ClosedLoop:
         self.plant = Plant(physics.model, physics.data, physics.robot.description)
         self.physics, self.controller, self.references = physics, controller, references
         self.run_parameters = run
-        self.step_duration, self.total, self.progress = step_duration, total, progress
+        self.step_ends, self.total, self.progress = step_ends, total, progress
         points = physics.points
         self.log = RunLog.empty(total, physics.model, points.sites, points.soles, physics.substeps)
         self.normal_force = np.zeros(len(points.sites))
@@ -238,9 +238,9 @@ class ClosedLoop:
         self._finish(done)
         time = done * self.physics.time_step
         if end is None:
-            walked = round(self.total * self.physics.time_step / self.step_duration)
+            walked = len(self.step_ends)
             return self._record(done, Outcome(OutcomeName.COMPLETED, time, "", walked))
-        walked = int(np.floor(time / self.step_duration + 1e-6))
+        walked = int(np.searchsorted(self.step_ends, time + 1e-6))
         return self._record(done, Outcome(end.name, time, end.cause, walked))
 
     def _step(self, k: int) -> End | None:

@@ -1,0 +1,177 @@
+"""A plan from a table of COM and ZMP: of a preview controller, an MPC, another program, or a measurement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ampm.exceptions import InputError
+from ampm.parameters import GRAVITY
+from ampm.planner.centroidal import TIME_TOLERANCE, CentroidalPhase, CentroidalPlan, PlanConstants
+from ampm.planner.contacts import Contacts, Footstep, Phase, Side
+from ampm.planner.pendulum import LawState
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SampledLaw:
+    """One axis of a centroidal motion as samples: position and velocity cubic in between, the rest linear.
+
+    Attributes:
+        time: ascending, shape (N,) [s].
+        position: of the COM, shape (N,) [m].
+        velocity: shape (N,) [m/s].
+        acceleration: shape (N,) [m/s^2].
+        zmp: shape (N,) [m].
+        moment_arm: distance by which the force line misses the COM, shape (N,) [m].
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    zmp: Array
+    moment_arm: Array
+
+    def evaluate(self, time: Any) -> LawState:
+        """State at times since the first sample [s]; every field has the shape of the times."""
+        time = np.asarray(time, dtype=np.float64) + self.time[0]
+        i = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.time) - 2)
+        h = self.time[i + 1] - self.time[i]
+        u = (time - self.time[i]) / h
+
+        def linear(values: Array) -> Array:
+            return values[i] + u * (values[i + 1] - values[i])
+
+        rise = self.position[i + 1] - self.position[i]
+        left, right = h * self.velocity[i] - rise, rise - h * self.velocity[i + 1]
+        arm = self.moment_arm
+        whole = 0.5 * (arm[1:] + arm[:-1]) * np.diff(self.time)
+        before = np.concatenate([[0.0], np.cumsum(whole)])[i]
+        return LawState(
+            position=self.position[i] + u * (rise + (1.0 - u) * ((1.0 - u) * left + u * right)),
+            velocity=(
+                rise + (1.0 - 2.0 * u) * ((1.0 - u) * left + u * right) + u * (1.0 - u) * (right - left)
+            )
+            / h,
+            acceleration=linear(self.acceleration),
+            zmp=linear(self.zmp),
+            moment_arm=linear(arm),
+            moment_arm_integral=before + 0.5 * u * h * (arm[i] + linear(arm)),
+        )
+
+
+def sampled_plan(
+    time: ArrayLike,
+    com: ArrayLike,
+    zmp: ArrayLike,
+    contacts: Contacts,
+    *,
+    mass: float,
+    com_height: float,
+    acceleration: ArrayLike | None = None,
+    angular_momentum: tuple[float, float] = (0.0, 0.0),
+) -> CentroidalPlan:
+    """Make a plan of a table of COM and ZMP.
+
+    Args:
+        time: ascending from 0 to the end of the contacts, shape (N,) [s].
+        com: (x, y) of the COM in world, shape (N, 2) [m].
+        zmp: shape (N, 2) [m].
+        contacts: which foot stands where, and when.
+        mass: of the body [kg].
+        com_height: constant height of the COM, H [m].
+        acceleration: of the COM, shape (N, 2) [m/s^2]. Without it the ground force passes through the COM, so
+            that it is ``(g/H) (com - zmp)``; with it the force misses the COM by what the ZMP leaves.
+        angular_momentum: (L_x, L_y) about the COM at time 0 [N m s].
+
+    Raises:
+        InputError: shapes that do not fit, times that do not ascend or end too early, numbers that are none.
+    """
+    t, c, p = (np.array(values, dtype=np.float64) for values in (time, com, zmp))
+    rate = GRAVITY / com_height
+    a = rate * (c - p) if acceleration is None else np.array(acceleration, dtype=np.float64)
+    if t.ndim != 1 or len(t) < 3 or any(values.shape != (len(t), 2) for values in (c, p, a)):
+        raise InputError(
+            f"time has the shape {t.shape}, COM {c.shape}, ZMP {p.shape} and acceleration {a.shape}; give "
+            "(N,) and (N, 2), three samples or more."
+        )
+    if not all(np.isfinite(values).all() for values in (t, c, p, a)):
+        raise InputError("the table has entries that are no numbers; give finite ones.")
+    if (
+        abs(t[0]) > TIME_TOLERANCE
+        or not (np.diff(t) > 0.0).all()
+        or t[-1] < contacts.duration - TIME_TOLERANCE
+    ):
+        raise InputError(
+            f"the times {t[0]:g} ... {t[-1]:g} s must ascend from 0 to the end of the contacts, "
+            f"{contacts.duration:g} s; add samples or drop footsteps."
+        )
+    v = np.gradient(c, t, axis=0, edge_order=2)
+    arm = np.zeros_like(c) if acceleration is None else a / rate - c + p
+    x, y = (SampledLaw(t, c[:, k], v[:, k], a[:, k], p[:, k], arm[:, k]) for k in (0, 1))
+    phase = CentroidalPhase(0.0, contacts.duration, (0.0, 0.0), x, y, angular_momentum)
+    constants = _constants(x, y, contacts)
+    return CentroidalPlan(mass, GRAVITY, com_height, constants.mean_velocity, contacts, (phase,), constants)
+
+
+def _constants(x: SampledLaw, y: SampledLaw, contacts: Contacts) -> PlanConstants:
+    """Constants of the first single support and the double support after it."""
+    index = next(k for k, phase in enumerate(contacts.phases) if phase.kind == "single_support")
+    single, double = contacts.phases[index : index + 2]
+    times = np.array([single.start, double.start, double.start + double.duration])
+    com, zmp, arm = (np.diff(getattr(x.evaluate(times), name)) for name in ("position", "zmp", "moment_arm"))
+    lateral = y.evaluate(double.start)
+    here, there = contacts.placements[index, :, 1]
+    stance = here if single.right is None else there
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return PlanConstants(
+            l_s=float(0.5 * com[0]),
+            l_d=float(0.5 * com[1]),
+            inverse_a_s=float(zmp[0] / com[0]),
+            a_d=float(com[1] / zmp[1]),
+            c_d=float(1.0 + arm[1] / com[1]),
+            single_support_duration=single.duration,
+            double_support_duration=double.duration,
+            s=float(abs(lateral.position - stance)),
+            beta=float(abs(lateral.position - 0.5 * (here + there))),
+            lateral_switching_velocity=float(abs(lateral.velocity)),
+            mean_velocity=float(com.sum() / (single.duration + double.duration)),
+            angular_momentum_y_offset=0.0,
+        )
+
+
+def sampled_contacts(time: ArrayLike, stance: ArrayLike, left: ArrayLike, right: ArrayLike) -> Contacts:
+    """Contacts of a table such as ``ampm plan --samples`` writes.
+
+    The foot that swings first comes from as far behind the standing foot as it goes ahead of it.
+
+    Args:
+        time: ascending, shape (N,) [s]; the support changes at samples.
+        stance: ``left``, ``right`` or ``both``, shape (N,).
+        left: (x, y) of the left foot's footstep, of the next one while it swings, shape (N, 2) [m].
+        right: the same of the right foot, shape (N, 2) [m].
+    """
+    t, names = np.asarray(time, dtype=np.float64), np.asarray(stance)
+    places: dict[Side, Array] = {
+        "left": np.asarray(left, dtype=float),
+        "right": np.asarray(right, dtype=float),
+    }
+    starts = np.flatnonzero(np.r_[True, names[1:] != names[:-1]])
+    phases, footsteps = [], []
+    for first, start, end in zip(starts, t[starts], [*t[starts[1:]], t[-1]], strict=True):
+        standing: dict[Side, Footstep | None] = {}
+        for foot, place in places.items():
+            step = Footstep(foot, (float(place[first, 0]), float(place[first, 1]), 0.0))
+            stands = names[first] in (foot, "both")
+            standing[foot] = step if stands else None
+            if stands and step not in footsteps:
+                footsteps.append(step)
+        phases.append(Phase(float(start), float(end - start), standing["left"], standing["right"]))
+    here, ahead = footsteps[:2]
+    behind = (2.0 * here.position[0] - ahead.position[0], ahead.position[1], 0.0)
+    return Contacts((Footstep(ahead.foot, behind), *footsteps), tuple(phases))
