@@ -1,4 +1,4 @@
-"""Walk the comparisons of docs/continuity.md again and write their figures into it.
+"""Walk the comparisons of docs/continuity.md again; rewrite its table, its picture and data/continuity.csv.
 
     python docs/continuity.py
 Four times ``ampm compare`` with eight walks in all: about two minutes.
@@ -6,6 +6,7 @@ Four times ``ampm compare`` with eight walks in all: about two minutes.
 
 from __future__ import annotations
 
+import csv
 import sys
 import tempfile
 from pathlib import Path
@@ -19,6 +20,16 @@ from validation.study.compare.run import Pair, compare_pair, facts, shown
 
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "continuity.png"
+DATA = PAGE.parent / "data" / "continuity.csv"
+SHOWN = (
+    "mean speed", "COM acceleration", "ZMP", "without a grid (extrapolated)",
+    "COM acceleration, mean of 20 ms after less before: measured", "fastest change of the horizontal force",
+    "x, RMSE within 50 ms of a switch", "x, RMSE elsewhere", "y, RMSE within 50 ms of a switch",
+    "ZMP x, largest error", "fastest joint within 50 ms (median over switches)",
+    "RMS of all joints within 50 ms", "largest torque, of the motor's limit", "ZMP, RMS within 50 ms",
+    "mechanical cost of transport", "unsolved QPs",
+)  # fmt: skip
+"""On the page; the file has all quantities."""
 FASTER = "gait.switching_velocity=1.0808"
 """The plain pendulum slows down more over the foot: this v0 gives it the normal gait's mean speed."""
 RESTING = "gait.a_s=inf"
@@ -46,29 +57,30 @@ def main() -> None:
             ),
         ]
     draw_file(pairs[1], PICTURE)
-    page = PAGE.read_text(encoding="utf-8")
-    page = between(page, "figures", _table(pairs))
-    PAGE.write_text(page, encoding="utf-8")
+    header, rows = _rows(pairs)
+    with DATA.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows([header, *rows])
+    shown_rows = [row[1:] for row in rows if row[1] in SHOWN]
+    lines = [f"| {' | '.join(row)} |" for row in (header[1:], ("---",) * (len(header) - 1), *shown_rows)]
+    PAGE.write_text(between(PAGE.read_text(encoding="utf-8"), "values", "\n".join(lines)), encoding="utf-8")
 
 
 def _pair(a: str, b: str) -> Pair:
     return compare_pair(a, b, stages=Narrator())
 
 
-def _table(pairs: list[Pair]) -> str:
-    """All figures of all pairs, group by group."""
-    labels = [label for pair in pairs for label in (pair.a.label, pair.b.label)]
-    lines = [f"| | unit | {' | '.join(labels)} |", f"|---|---|{'---:|' * len(labels)}"]
-    for told in zip(*(facts(pair) for pair in pairs), strict=True):
-        lines.append(f"| {told[0][0]} | | {' | '.join(text for _, *both in told for text in both)} |")
-    group = ""
-    for rows in zip(*(pair.rows for pair in pairs), strict=True):
-        if rows[0].of.group != group:
-            group = rows[0].of.group
-            lines.append(f"| **{group}** |{' |' * (len(labels) + 1)}")
-        values = " | ".join(shown(value) for row in rows for value in (row.a, row.b))
-        lines.append(f"| {rows[0].of.label} | {rows[0].of.unit} | {values} |")
-    return "\n".join(lines)
+def _rows(pairs: list[Pair]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Header, and all facts and quantities of all pairs: group, name, unit, values."""
+    sides = [side for pair in pairs for side in (pair.a, pair.b)]
+    rows = [
+        ("gait", same[0][0], "", *(text for _, *both in same for text in both))
+        for same in zip(*(facts(pair) for pair in pairs), strict=True)
+    ]
+    for same in zip(*(pair.rows for pair in pairs), strict=True):
+        quantity = same[0].of
+        values = (shown(value) for row in same for value in (row.a, row.b))
+        rows.append((quantity.group, quantity.label, quantity.unit, *values))
+    return ("group", "quantity", "unit", *(side.label for side in sides)), rows
 
 
 if __name__ == "__main__":

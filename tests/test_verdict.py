@@ -28,7 +28,7 @@ from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, build_summary, judge
 from validation.trial.outcome import Outcome, OutcomeName
 
-DOCS = Path(__file__).parents[1] / "docs" / "tolerances.md"
+DOCS = Path(__file__).parents[1] / "docs" / "measurement.md"
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,70 @@
+"""Study the gaits of docs/uncertainty.md again; rewrite its table, its picture and data/uncertainty.csv.
+
+    python docs/uncertainty.py
+Each study is one ``ampm convergence GAIT``, half a minute on two idle cores.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from pages import between
+
+from validation.study.convergence.picture import draw
+from validation.study.convergence.result import Convergence
+from validation.study.convergence.run import study_gait
+from validation.study.convergence.text import summary_lines
+
+PAGE = Path(__file__).with_suffix(".md")
+PICTURE = PAGE.parent / "images" / "convergence.svg"
+DATA = PAGE.parent / "data" / "uncertainty.csv"
+GAITS = ("normal", "momentum")
+SHOWN = (
+    "zmp_x_rmse", "zmp_y_rmse", "zmp_x_maximum", "force_x_rmse", "angular_momentum_y_rmse",
+    "zmp_agreement_rmse",
+)  # fmt: skip
+"""On the page."""
+INTEGRALS = (
+    "zmp_x_single_support_rmse", "zmp_x_double_support_rmse", "energy_positive_work",
+    "energy_cost_of_transport", "effort_zmp_x",
+)  # fmt: skip
+"""In the file beside what is judged."""
+
+
+def main() -> None:
+    """Study every gait, and write what is said of it."""
+    page, rows = PAGE.read_text(encoding="utf-8"), []
+    for gait in GAITS:
+        found = study_gait(gait)
+        print(gait, found.verdict, found.verdict_reason, file=sys.stderr, flush=True)  # noqa: T201
+        page = between(page, gait, "\n".join(summary_lines(found, [found.metrics[name] for name in SHOWN])))
+        rows += _levels(found)
+        if gait == GAITS[0]:
+            draw(found, PICTURE)
+    PAGE.write_text(page, encoding="utf-8")
+    with DATA.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows(
+            [("gait", "study", "metric", "unit", "levels", "values", "orders", "u"), *rows]
+        )
+
+
+def _levels(found: Convergence) -> Iterator[tuple[str, ...]]:
+    """One line for every metric in every study, in SI units."""
+    items = [item for item in found.metrics.values() if item.tolerance is not None or item.name in INTEGRALS]
+    for study in found.studies:
+        for item in items:
+            orders, u = "", item.inputs.get(study.name, math.nan)
+            if study.numerical:
+                one = item.estimates[study.name]
+                orders, u = " ".join(f"{order:.2f}" for order in one.orders), one.uncertainty
+            levels = "; ".join(study.shown(value) for value in study.values)
+            values = " ".join(f"{value:.6g}" for value in item.levels[study.name])
+            yield found.request.name, study.name, item.name, item.unit, levels, values, orders, f"{u:.3g}"
+
+
+if __name__ == "__main__":  # the workers of the studies import this file
+    main()
