@@ -63,8 +63,8 @@ def look(
     tell = "const tell = (found) => parent.postMessage(JSON.stringify(found), '*');"
     text = page.read_text(encoding="utf-8")
     body, _, end = text.rpartition("</body>")
-    script = f"<script>{tell}(async () => {{{script}}})().catch((e) => tell({{error: `${{e}}`}}));"
-    script += "</script></body>"
+    failed = "(e) => { tell({ error: `${e}` }); throw e; }"
+    script = f"<script>{tell}(async () => {{{script}}})().catch({failed});</script></body>"
     probed.write_text(body + script + end, encoding="utf-8")
     frame.write_text(
         "<!doctype html><html><body><script>addEventListener('message', (event) => {"

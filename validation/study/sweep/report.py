@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,10 +23,9 @@ from validation.show.report import number, with_unit
 from validation.show.text import format_duration
 from validation.store.identity import parameter_values
 from validation.study.sweep import figures, store
-from validation.study.sweep.influence import LEAST_RUNS, Target, analyse, entangled
+from validation.study.sweep.influence import Target, analyse, entangled
 from validation.study.sweep.table import (
     BROKEN,
-    LOST,
     STATES,
     State,
     SweepTable,
@@ -75,14 +74,24 @@ def render(sweep: SweepTable) -> str:
     Returns:
         A complete HTML document; its only references are relative links to kept runs.
     """
-    targets = influences(sweep)
+    varied = {key: sweep.numbers(key) if sweep.is_number(key) else sweep.words(key) for key in sweep.varied}
+    targets = analyse(varied, targets_of(sweep)) if varied else []
     keys = by_strength(sweep.varied, targets)
     lost, furthest = worst_rows(sweep)
     repeat = Repeat.of(sweep)
     still, data = _map(sweep, keys, repeat, [*lost, *furthest])
-    refused = np.flatnonzero(sweep.is_state(State.REFUSED))
-    judged = [name for name in sweep.metrics if name in sweep.limits]
-    definition = sweep.metadata.get("definition")
+    kinds: dict[bool, tuple[str, list[Any]]] = {True: ("The instrument itself", []), False: ("", [])}
+    pictures = []
+    for name in (
+        name for name in sweep.metrics if name in sweep.limits and np.isfinite(sweep.shown(name)[0]).any()
+    ):
+        instrument = name in METRICS and METRICS[name].kind == "instrument"
+        kinds[instrument][1].append(metric_row(sweep, name))
+        if not instrument:
+            values, limit, unit = sweep.shown(name)
+            pictures.append(
+                figures.distribution(values, limit, unit.replace("body weight", "BW"), metric_label(name))
+            )
     return render_page(
         "sweep.html.j2",
         styles=["report.css", "sweep.css"],
@@ -91,60 +100,22 @@ def render(sweep: SweepTable) -> str:
         sweep=sweep,
         verdict=judge_sweep(sweep),
         counts=counted_states(sweep),
-        facts=facts(sweep),
-        warnings=warnings(sweep),
         still=still,
         data=data,
-        distributions=[
-            figures.distribution(*_bars(sweep, name), metric_label(name))
-            for name in judged
-            if not _is_instrument(name) and np.isfinite(sweep.shown(name)[0]).any()
+        pictures=pictures,
+        metrics=[kinds[False], kinds[True]],
+        worst=[
+            ("Did not complete, the earliest end first", run_rows(sweep, lost, repeat, keys)),
+            ("Out of tolerance, or closest to it", run_rows(sweep, furthest, repeat, keys)),
         ],
-        metrics=[
-            (
-                title,
-                [row for name in judged if _is_instrument(name) is own for row in _metric_row(sweep, name)],
-            )
-            for title, own in (("", False), ("The instrument itself", True))
-        ],
-        lost=run_rows(sweep, lost, repeat, keys),
-        lost_count=int(sweep.is_state(*LOST).sum()),
-        furthest=run_rows(sweep, furthest, repeat, keys),
-        over=bool((sweep.worst_used[furthest] > 1.0).any()),
-        kept=sum(bool(name) for name in sweep.words("recording")),
-        targets=[target for target in targets if target.influences],
-        unsaid=_grouped((t.silent, t.name) for t in targets if t.silent),
-        least_runs=LEAST_RUNS,
-        entangled=[(a, b, number(rho, 2)) for a, b, rho in entangled(_parameters(sweep))[:6]],
-        refusals=_counted(sweep, refused, lambda row: share(row, len(refused))),
-        refused_share=share(len(refused), len(sweep)),
-        broken=[
-            (state, *row)
-            for state in BROKEN
-            for row in _counted(sweep, np.flatnonzero(sweep.is_state(state)))
-        ],
-        varied=varied_rows(sweep),
-        timing=timing_rows(sweep),
-        environment=environment_rows(sweep),
-        definition=definition if isinstance(definition, str) else "",
-        fixed=[
-            (key, with_unit(value_text(sweep.table.column(key)[0].as_py()), sweep.unit(key)))
-            for key in sweep.parameters
-            if len(sweep) and key not in sweep.varied
-        ],
-        why=[
-            (metric_label(name), _limit_text(sweep, name), limit.reason)
-            for name, limit in sweep.limits.items()
-            if limit.reason
-        ],
+        targets=targets,
+        entangled=[(a, b, number(rho, 2)) for a, b, rho in entangled(varied)[:6]],
+        unwalked=unwalked_rows(sweep),
+        **{
+            make.__name__: make(sweep)
+            for make in (facts, warnings, varied_rows, fixed_rows, timing_rows, environment_rows, reason_rows)
+        },
     )
-
-
-def _grouped(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
-    found: dict[str, list[str]] = {}
-    for key, value in pairs:
-        found.setdefault(key, []).append(value)
-    return found
 
 
 def _map(sweep: SweepTable, keys: Sequence[str], repeat: Repeat, keep: list[int]) -> tuple[Markup, Markup]:
@@ -153,7 +124,7 @@ def _map(sweep: SweepTable, keys: Sequence[str], repeat: Repeat, keep: list[int]
         return Markup(), Markup()
     labels = {name: metric_label(name) for name in sweep.metrics if name in sweep.limits}
     axes = [figures.parameter_axis(sweep, key) for key in keys] + figures.metric_axes(sweep, labels)
-    data = figures.map_data(sweep, axes, links_of(sweep), (repeat.start, repeat.end), keep)
+    data = figures.map_data(sweep, axes, links_of(sweep), repeat, keep)
     text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     # "<" only as an escape: no text in the data can end the script element.
     return figures.still_map(data, "Outcome of runs over two parameters"), Markup(
@@ -173,25 +144,26 @@ class Repeat(NamedTuple):
     @classmethod
     def of(cls, sweep: SweepTable) -> Repeat:
         """Shortest command for the runs of a sweep: a preset, and what differs from it."""
-        values = {key: sweep.table.column(key)[0].as_py() for key in sweep.parameters} if len(sweep) else {}
-        shared = {key: v for key, v in values.items() if key not in sweep.varied and v is not None}
-        differing = {}
+        shared = {
+            key: sweep.table.column(key)[0].as_py()
+            for key in sweep.parameters
+            if len(sweep) and key not in sweep.varied
+        }
+        found: list[list[str]] = []
         for preset in PRESETS:
             base = parameter_values(load_run(preset))
-            differing[preset] = {key: value for key, value in shared.items() if base.get(key) != value}
-        preset, settings = min(differing.items(), key=lambda item: len(item[1]))
-        start = [f"ampm validate {preset}", *(setting(key, value) for key, value in settings.items())]
-        return cls(" ".join(start), f"--profile {sweep.profile}" if sweep.profile else "")
+            settings = [_setting(key, v) for key, v in shared.items() if v is not None and base.get(key) != v]
+            found.append([f"ampm validate {preset}", *settings])
+        shortest = min(found, key=len)
+        return cls(" ".join(shortest), f"--profile {sweep.profile}")
 
     def command(self, sweep: SweepTable, row: int) -> str:
         """The command for one run, with every digit."""
         varied = [(key, sweep.table.column(key)[row].as_py()) for key in sweep.varied]
-        words = [setting(key, value) for key, value in varied if value is not None]
-        return " ".join(filter(None, (self.start, *words, self.end)))
+        return " ".join([self.start, *(_setting(k, v) for k, v in varied if v is not None), self.end])
 
 
-def setting(key: str, value: Any) -> str:
-    """A parameter as the command line takes it, with every digit."""
+def _setting(key: str, value: Any) -> str:
     return shlex.join(["--set", f"{key}={value}"])
 
 
@@ -201,11 +173,10 @@ def value_text(value: Any) -> str:
 
 
 def worst_rows(sweep: SweepTable) -> tuple[list[int], list[int]]:
-    """The runs that a reader should look at first.
+    """The runs that a reader should look at first, which are those that a sweep keeps.
 
     Returns:
-        Rows that did not complete, the earliest end first, and of those that did the ones that used most of
-        a tolerance, the worst first.
+        Rows that did not complete, and of those that did the ones that used most of a tolerance.
     """
     lost = [row for row in sweep.worst if not sweep.measured[row]]
     furthest = [row for row in sweep.worst if sweep.measured[row]]
@@ -240,7 +211,6 @@ def run_rows(
             "parameters": [
                 (key, value_text(sweep.table.column(key)[row].as_py())) for key in keys[:MOST_SHOWN]
             ],
-            "more": max(len(keys) - MOST_SHOWN, 0),
             "repeat": repeat.command(sweep, row),
         }
         for row in rows
@@ -259,66 +229,46 @@ def _why(sweep: SweepTable, row: int) -> str:
     values, _, unit = sweep.shown(worst)
     over = sum(value > 1.0 for value in shares.values())
     more = f"; {over} of {len(shares)} over their limit" if over > 1 else ""
-    return f"{metric_label(worst)}: {amount(values[row], unit)}, limit {_limit_text(sweep, worst)}{more}"
+    return f"{metric_label(worst)}: {_amount(values[row], unit)}, limit {_limit(sweep, worst)}{more}"
 
 
 # --------------------------------------------------------------------------------------------- metrics
 
 
-def _is_instrument(metric: str) -> bool:
-    return metric in METRICS and METRICS[metric].kind == "instrument"
-
-
-def _bars(sweep: SweepTable, metric: str) -> tuple[figures.Array, float | None, str]:
-    values, limit, unit = sweep.shown(metric)
-    return values, limit, unit.replace("% of body weight", "% BW")
-
-
-def _metric_row(sweep: SweepTable, metric: str) -> list[dict[str, Any]]:
+def metric_row(sweep: SweepTable, metric: str) -> tuple[str, str, list[Row]]:
+    """Label of a metric, how many runs are over its tolerance, and names and values of the other cells."""
     values, _, unit = sweep.shown(metric)
     known = values[np.isfinite(values)]
-    if not known.size:
-        return []
     over = int((sweep.used(metric) > 1.0).sum())
     quantiles = {"median": 0.5, "95 % below": 0.95, "largest": 1.0}
-    numbers = [(name, amount(np.quantile(known, part), unit)) for name, part in quantiles.items()]
-    return [
-        {
-            "label": metric_label(metric),
-            "note": sweep.limits[metric].reason,
-            "over": f"{over:,} ({share(over, known.size)})" if over else "",
-            "numbers": [*numbers, ("tolerance", _limit_text(sweep, metric))],
-        }
-    ]
+    cells: list[Row] = [(name, _amount(np.quantile(known, part), unit)) for name, part in quantiles.items()]
+    counted = f"{over:,} ({share(over, known.size)})" if over else ""
+    return metric_label(metric), counted, [*cells, ("tolerance", _limit(sweep, metric))]
 
 
-def amount(value: float, unit: str) -> str:
+def _amount(value: float, unit: str) -> str:
     """A number and its unit; a whole number without one is a count and has no decimals."""
     count = not unit and float(value).is_integer() and abs(value) < 1e5
     return f"{value:.0f}" if count else with_unit(float(value), unit)
 
 
-def _limit_text(sweep: SweepTable, metric: str) -> str:
+def _limit(sweep: SweepTable, metric: str) -> str:
     _, limit, unit = sweep.shown(metric)
     if limit is None:
         return ""
     return with_unit(f"{limit:.6g}" if limit == 0.0 or 1e-3 <= limit < 1e5 else number(limit, 2), unit)
 
 
-# ---------------------------------------------------------------------------------- what drives what
+def reason_rows(sweep: SweepTable) -> list[Row]:
+    """Why the tolerances are what they are."""
+    return [(metric_label(name), _limit(sweep, name), limit.reason) for name, limit in sweep.limits.items()]
 
 
-def _parameters(sweep: SweepTable) -> dict[str, Any]:
-    return {k: sweep.numbers(k) if sweep.is_number(k) else np.array(sweep.words(k)) for k in sweep.varied}
-
-
-def influences(sweep: SweepTable) -> list[Target]:
-    """What drives refusal, failing once walking, and every metric that is more than rounding."""
-    known = ~sweep.is_state(*BROKEN)
-    refused = sweep.is_state(State.REFUSED)
-    failed = ~sweep.is_state(State.PASS)
-    events = {_REFUSED: (known, refused), _FAILS: (known & ~refused, failed)}
-    targets = {
+def targets_of(sweep: SweepTable) -> dict[str, figures.Array]:
+    """What may be driven: refusal, failing once walking, and every metric that is more than rounding."""
+    known, refused = ~sweep.is_state(*BROKEN), sweep.is_state(State.REFUSED)
+    events = {_REFUSED: (known, refused), _FAILS: (known & ~refused, ~sweep.is_state(State.PASS))}
+    found = {
         name: np.where(among, which, np.nan)
         for name, (among, which) in events.items()
         if 0 < which[among].sum() < among.sum()
@@ -326,16 +276,16 @@ def influences(sweep: SweepTable) -> list[Target]:
     for metric in sweep.metrics:
         used = sweep.used(metric)
         if metric in sweep.limits and np.isfinite(used).any() and np.nanmedian(used) >= IDLE:
-            targets[metric_label(metric)] = np.where(np.isfinite(used), used, np.nan)
-    return analyse(_parameters(sweep), targets) if sweep.varied else []
+            found[metric_label(metric)] = np.where(np.isfinite(used), used, np.nan)
+    return found
 
 
 def by_strength(keys: Sequence[str], targets: Sequence[Target]) -> list[str]:
     """Parameters by their strongest influence beyond chance, on outcomes before metrics."""
     score = {key: [0.0, 0.0] for key in keys}
     for target in targets:
+        place = target.name not in (_REFUSED, _FAILS)
         for item in target.drivers:
-            place = target.name not in (_REFUSED, _FAILS)
             score[item.parameter][place] = max(score[item.parameter][place], item.strength)
     return sorted(keys, key=lambda key: score[key], reverse=True)
 
@@ -343,17 +293,27 @@ def by_strength(keys: Sequence[str], targets: Sequence[Target]) -> list[str]:
 # ----------------------------------------------------------------------------------------- this sweep
 
 
-def _counted(sweep: SweepTable, rows: Any, share_of: Any = None) -> list[tuple[Any, ...]]:
-    """Reasons of some runs, most frequent first: reason, runs, an example's name and cause, share."""
+def unwalked_rows(sweep: SweepTable) -> list[dict[str, Any]]:
+    """Refusals, crashes, hangs and interruptions by reason, each with its first run as an example."""
     reasons, causes, names = (sweep.words(name) for name in ("reason", "cause", "name"))
-    first = {reasons[row]: row for row in reversed(rows.tolist())}
     found = []
-    for reason, count in Counter(reasons[row] for row in rows).most_common():
-        row = first[reason]
-        trace = f"{store.CRASHES}/{names[row]}.txt"
-        kept = sweep.directory is not None and "/" not in names[row] and (sweep.directory / trace).is_file()
-        found.append((reason.replace("_", " ") or "–", count, names[row], causes[row], trace if kept else "",
-                      share_of(count) if share_of else ""))  # fmt: skip
+    for state in (State.REFUSED, *BROKEN):
+        rows = np.flatnonzero(sweep.is_state(state)).tolist()
+        for reason, count in Counter(reasons[row] for row in rows).most_common():
+            row = next(row for row in rows if reasons[row] == reason)
+            trace = f"{store.CRASHES}/{names[row]}.txt"
+            kept = (
+                sweep.directory is not None and "/" not in names[row] and (sweep.directory / trace).is_file()
+            )
+            found.append(
+                {
+                    "state": state,
+                    "reason": reason.replace("_", " "),
+                    "runs": f"{count:,} ({share(count, len(sweep))})",
+                    "example": f"run {names[row]}: {causes[row] or 'no cause was kept'}",
+                    "traceback": trace if kept else "",
+                }
+            )
     return found
 
 
@@ -361,41 +321,36 @@ def varied_rows(sweep: SweepTable) -> list[Row]:
     """Parameters that vary: key, lowest and highest value, number of values, meaning."""
     found = []
     for key in sweep.varied:
-        known = (
-            sweep.numbers(key)[~np.isnan(sweep.numbers(key))] if sweep.is_number(key) else sweep.words(key)
-        )
-        values = np.unique(known)
+        values = np.unique(sweep.numbers(key) if sweep.is_number(key) else sweep.words(key))
         ends = [with_unit(value_text(value.item()), sweep.unit(key)) for value in (values[0], values[-1])]
-        if not sweep.is_number(key):
-            ends = [", ".join(values[:6]), ""]
         found.append((key, *ends, f"{len(values):,}", sweep.describe(key)))
     return found
+
+
+def fixed_rows(sweep: SweepTable) -> list[Row]:
+    """Parameters that all runs share, with their values."""
+    fixed = [key for key in sweep.parameters if len(sweep) and key not in sweep.varied]
+    return [
+        (key, with_unit(value_text(sweep.table.column(key)[0].as_py()), sweep.unit(key))) for key in fixed
+    ]
 
 
 def facts(sweep: SweepTable) -> list[tuple[str, str]]:
     """The few numbers beside the verdict."""
     of = f" of {sweep.planned:,}" if sweep.planned > len(sweep) else ""
-    rows = [("runs", f"{len(sweep):,}{of}")]
-    steps = np.unique(sweep.numbers("gait.steps"))
-    if len(steps) and np.isfinite(steps).all():
-        rows.append(("steps of a run", f"{steps[0]:.0f}" + (f" … {steps[-1]:.0f}" if len(steps) > 1 else "")))
-    rows.append(("parameters that vary", f"{len(sweep.varied)}"))
+    rows = [("runs", f"{len(sweep):,}{of}"), ("parameters that vary", f"{len(sweep.varied)}")]
     # A broken limit of 0 has no share; such runs are counted instead.
-    used = np.array([sweep.used(name) for name in sweep.metrics if name in sweep.limits]).reshape(
-        -1, len(sweep)
-    )
-    tightest = np.max(np.where(np.isfinite(used), used, -np.inf), axis=0, initial=-np.inf)
-    tightest, broken = tightest[np.isfinite(tightest)], np.isinf(used).any(axis=0)
+    used = np.array([np.full(len(sweep), np.nan), *(sweep.used(name) for name in sweep.limits)])
+    tightest = np.fmax.reduce(np.where(np.isinf(used), np.nan, used))
+    tightest, broken = tightest[np.isfinite(tightest)], int(np.isinf(used).any(axis=0).sum())
     if tightest.size:
-        above = " above 0" if broken.any() else ""
+        above = " above 0" if broken else ""
         rows.append(
             (f"of its tightest tolerance{above}, the median run uses", f"{100 * np.median(tightest):.0f} %")
         )
-    if broken.any():
-        rows.append(("over a limit of 0", f"{broken.sum():,} of {sweep.measured.sum():,}"))
-    total = float(np.nansum(sweep.numbers("timing_total")))
-    if total > 0.0:
-        rows.append(("computing time", format_duration(total)))
+    if broken:
+        rows.append(("over a limit of 0", f"{broken:,} of {sweep.measured.sum():,}"))
+    rows.append(("computing time", format_duration(float(np.nansum(sweep.numbers("timing_total"))))))
     return rows
 
 
@@ -403,14 +358,13 @@ def timing_rows(sweep: SweepTable) -> list[Row]:
     """Median and largest of every time, and the workers' memory."""
     rows: list[Row] = []
     times = [name for name in sweep.table.column_names if name.startswith("timing_")]
-    for name in (*times, "environment_memory_peak"):
+    for name in (*times, "environment_memory_peak", "environment_attempts"):
         values = sweep.numbers(name)[np.isfinite(sweep.numbers(name))]
         if values.size:
             middle, high = (with_unit(float(f(values)), sweep.unit(name)) for f in (np.median, np.max))
             rows.append((name.partition("_")[2].replace("_", " "), f"{middle}, up to {high}"))
-    rows.append(("workers", f"{len({name for name in sweep.words('environment_worker') if name})}"))
-    again = int((sweep.numbers("environment_attempts") > 1).sum())
-    return [*rows, ("runs begun more than once", f"{again:,}")] if again else rows
+    workers = {name for name in sweep.words("environment_worker") if name}
+    return [*rows, ("workers", f"{len(workers)}")]
 
 
 def environment_rows(sweep: SweepTable) -> list[Row]:
@@ -418,12 +372,11 @@ def environment_rows(sweep: SweepTable) -> list[Row]:
     rows: list[Row] = []
     for column in sweep.table.column_names:
         counted = Counter(word for word in sweep.words(column) if word).most_common()
-        if not column.startswith("environment_") or column in _PER_RUN or not counted:
-            continue
-        mixed = len(counted) > 1
-        text = ", ".join(f"{word} ({n:,} runs)" if mixed else word for word, n in counted[:6])
-        rows.append((column.removeprefix("environment_").removeprefix("version_").replace("_", " "),
-                     text + (", …" if len(counted) > 6 else ""), "mixed" if mixed else ""))  # fmt: skip
+        if column.startswith("environment_") and column not in _PER_RUN and counted:
+            mixed = len(counted) > 1
+            text = ", ".join(f"{word} ({n:,} runs)" if mixed else word for word, n in counted[:6])
+            label = column.removeprefix("environment_").removeprefix("version_").replace("_", " ")
+            rows.append((label, text, "mixed" if mixed else ""))
     times = sorted(word for word in sweep.words("environment_time") if word)
     return [*rows, ("walked from, to (UTC)", f"{times[0]}, {times[-1]}", "")] if times else rows
 
