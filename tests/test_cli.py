@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
@@ -300,6 +301,18 @@ def test_debug_shows_the_traceback(ampm, monkeypatch):
     answer = ampm("plan", "--debug")
     assert answer.status == Status.CRASH
     assert "Traceback" in answer.err
+
+
+def test_a_full_disk_is_a_sentence_of_its_own(ampm, monkeypatch):
+    def full(*_: object) -> None:
+        error = OSError(errno.ENOSPC, "No space left on device")
+        error.add_note("the record is in /elsewhere")
+        raise error
+
+    monkeypatch.setattr("validation.trial.plan.load_request", full)
+    answer = ampm("plan", "--json")
+    assert (answer.status, answer.json["error"]["kind"]) == (Status.STOPPED, "stopped")
+    assert "/elsewhere" in answer.err
 
 
 def test_interrupt_outside_a_simulation(ampm, monkeypatch):

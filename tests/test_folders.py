@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -135,3 +138,29 @@ def test_a_file_appears_whole(tmp_path):
         work.write_text("new")
     assert target.read_text() == "new"
     assert [path.name for path in tmp_path.iterdir()] == ["motion.parquet"]
+
+
+KILLED = """
+import os, sys
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from validation.store.folders import run_folder
+
+with run_folder(Path(sys.argv[1]), force=False) as folder:
+    (folder / sys.argv[2]).write_text("")
+    os.kill(os.getpid(), 9)
+"""
+
+
+@pytest.mark.parametrize(("file", "kept"), [("run.toml", False), ("joints.parquet", True)])
+def test_what_a_kill_leaves_goes_with_the_next_run_unless_it_is_a_record(tmp_path, target, file, kept):
+    subprocess.run([sys.executable, "-c", KILLED, str(target), file], check=False)
+    with run_folder(target, force=False) as folder:
+        fill(folder)
+        with run_folder(target, force=False) as other:  # one that is being written is left alone
+            assert folder.is_dir()
+            fill(other)
+        shutil.rmtree(target)
+    assert len(list(tmp_path.glob("*.partial-*"))) == kept

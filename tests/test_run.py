@@ -122,6 +122,41 @@ def test_replay_stops_at_the_first_difference_and_is_quiet(walked, tmp_path, cap
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
 
 
+def without_rows(path):
+    table = pq.read_table(path)
+    pq.write_table(table.slice(0, 100), path)
+
+
+def as_text(path):
+    table = pq.read_table(path)
+    pq.write_table(table.set_column(1, table.column_names[1], [["x"] * table.num_rows]), path)
+
+
+@pytest.mark.parametrize("command", ["report", "replay"])
+@pytest.mark.parametrize(
+    ("file", "damage"),
+    [
+        ("joints.parquet", without_rows),
+        ("joints.parquet", as_text),
+        ("joints.parquet", lambda path: path.write_bytes(path.read_bytes()[:-9])),
+        ("signals.parquet", without_rows),
+        ("run.toml", lambda path: path.write_text(path.read_text().replace("c_y = 1.0", "c_y = 0.9"))),
+        ("summary.json", lambda path: path.write_text("[]")),
+        ("states.parquet", lambda path: path.unlink()),
+    ],
+)
+def test_a_damaged_or_changed_folder_is_refused(walked, tmp_path, capsys, command, file, damage):
+    if command == "replay" and file in ("signals.parquet", "run.toml", "summary.json"):
+        pytest.skip("a replay does not read it")
+    copy = tmp_path / "copy"
+    shutil.copytree(walked[0], copy)
+    damage(copy / file)
+    assert call([command, str(copy)]) == Status.REFUSED
+    err = capsys.readouterr().err
+    assert file in err
+    assert err.count("\n") == 1
+
+
 def test_report_can_be_written_again(walked, tmp_path, capsys):
     copy = tmp_path / "copy"
     shutil.copytree(walked[0], copy)

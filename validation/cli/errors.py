@@ -13,6 +13,7 @@ import typer
 
 from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError
 from validation.cli.options import Status
+from validation.store.folders import disk_is_full
 from validation.study.sweep.exceptions import SweepStopped
 
 _TUNE = " Values that you did not give may be found by 'ampm tune', or by 'ampm validate --tune'."
@@ -59,6 +60,11 @@ def explain(error: BaseException) -> tuple[Status, str]:
         return Status.REFUSED, _sentence(str(error)) + ("" if tuned else _TUNE)
     if isinstance(error, AmpmError):
         return Status.REFUSED, _sentence(str(error))
+    if disk_is_full(error):
+        return Status.STOPPED, _sentence(
+            f"no room is left on the disk ({_one_line(str(error))}){_notes(error)}; free some, or give "
+            "a folder on another disk"
+        )
     if isinstance(error, OSError) and error.filename is not None:
         return Status.REFUSED, f"{error.filename}: {error.strerror}; give another file or folder."
     name = type(error).__name__

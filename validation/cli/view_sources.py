@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -109,7 +110,7 @@ def choose(targets: Sequence[Path], runs: str | None) -> tuple[list[Source], lis
 
 def _label(target: Path) -> str:
     """Name of a target: of its folder, or of the file if it has a name of its own."""
-    path = target.resolve()
+    path = Path(os.path.realpath(target))  # a loop of links is left as it is
     if path.is_dir():
         return path.name
     return path.parent.name if path.name == RECORDING_FILE else path.stem
@@ -127,7 +128,7 @@ def _labels(targets: Sequence[Path]) -> list[str]:
 
 
 def _folder(target: Path) -> Path:
-    path = target.resolve()
+    path = Path(os.path.realpath(target))  # a loop of links is left as it is
     return path if path.is_dir() or path.name != RECORDING_FILE else path.parent
 
 

@@ -7,6 +7,9 @@ partial folder stays with everything that was written until then.
 
 from __future__ import annotations
 
+import errno
+import fcntl
+import glob
 import os
 import shutil
 import tempfile
@@ -126,6 +129,7 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
         with _tidied(target):
             yield target
         return
+    _remove_leftovers(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         work = Path(tempfile.mkdtemp(prefix=f"{target.name}.partial-", dir=target.parent))
@@ -134,7 +138,7 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
         raise InputError(
             f"--out {target} cannot be created ({error.strerror}); give another folder."
         ) from error
-    with _tidied(work):
+    with _locked(work), _tidied(work):
         yield work
     check_run_folder(target, force=force)  # something may have appeared there in the meantime
     if target.exists():
@@ -144,6 +148,36 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
         shutil.rmtree(old)
     else:
         work.rename(target)
+
+
+@contextmanager
+def _locked(work: Path) -> Iterator[None]:
+    """Hold a lock on a folder, which ends with this process whatever ends it."""
+    handle = os.open(work, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _remove_leftovers(target: Path) -> None:
+    """Remove partial folders of a target that a killed process left, unless they hold a record."""
+    for work in target.parent.glob(f"{glob.escape(target.name)}.partial-*"):
+        handle = os.open(work, os.O_RDONLY)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if not (work / RECORDED).exists() and {path.name for path in work.iterdir()} <= RUN_FILES:
+                shutil.rmtree(work)
+        except OSError:  # somebody writes there
+            pass
+        finally:
+            os.close(handle)
+
+
+def disk_is_full(error: BaseException) -> bool:
+    """Whether an error says that there is no more room, on the disk or in the user's quota."""
+    return isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager

@@ -238,12 +238,17 @@ class StoredRecord:
     def __init__(self, directory: Path) -> None:
         self.directory = directory
         header = read_header(directory)
-        self._fields = _header_fields(header)
-        vars(self).update(self._fields)
-        self.steps = int(header["steps"])
         blocks: dict[str, RecordBlock] = {}
-        for block in record_blocks(header):
-            blocks.setdefault(block.field, block)
+        try:
+            self._fields = _header_fields(header)
+            self.steps = int(header["steps"])
+            for block in record_blocks(header):
+                blocks.setdefault(block.field, block)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"{directory / JOINTS_FILE} is damaged: its description is ({error}); walk the gait again."
+            ) from error
+        vars(self).update(self._fields)
         self._blocks = blocks
 
     def __getattr__(self, name: str) -> NDArray[Any]:
@@ -267,9 +272,13 @@ class StoredRecord:
         table = _read_table(path, block.columns) if table is None else table
         try:
             columns = [table.column(name).slice(0, block.rows).to_numpy() for name in block.columns]
+            array = np.stack(columns, axis=-1).reshape(block.rows, *block.tail)
         except KeyError as error:
             raise InputError(f"{path} lacks a column: {error.args[0]}") from None
-        array = np.stack(columns, axis=-1).reshape(block.rows, *block.tail)
+        except ValueError:
+            raise InputError(f"{path} is damaged: it lacks rows; walk the gait again.") from None
+        if array.dtype.kind not in "fiu":
+            raise InputError(f"{path} is damaged: {block.columns[0]} holds no numbers; walk the gait again.")
         array.setflags(write=False)
         return array
 
@@ -318,10 +327,16 @@ def read_header(directory: Path) -> dict[str, Any]:
         raise InputError(
             f"{directory / JOINTS_FILE} is no recorded run: it carries no description of the run"
         )
-    header: dict[str, Any] = json.loads(raw)
-    if header["format"] != _FORMAT:
+    try:
+        header: dict[str, Any] = json.loads(raw)
+        written = header["format"]
+    except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{directory} has record format {header['format']}, this version reads {_FORMAT}; "
+            f"{directory / JOINTS_FILE} is damaged: its description cannot be read; walk the gait again."
+        ) from error
+    if written != _FORMAT:
+        raise InputError(
+            f"{directory} has record format {written}, this version reads {_FORMAT}; "
             "simulate the run again or use the version that wrote it"
         )
     return header
