@@ -12,7 +12,7 @@ import pytest
 from ampm.body import feasibility, orbit, return_map
 from ampm.body.inverse_kinematics import Unreachable
 from ampm.body.motion import MotionReport
-from ampm.body.motion_cache import load_motion, motion_key
+from ampm.body.motion_cache import find_motion, motion_key
 from ampm.body.orbit import solve_motion
 from ampm.body.step_reference import step_reference
 from ampm.exceptions import BodilyRefusal, InputError
@@ -128,31 +128,23 @@ def test_report_is_about_this_motion(settings):
     assert MotionReport.from_dict(json.loads(json.dumps(report.as_dict()))) == report
 
 
-def test_l_z_is_held_at_zero_on_request_and_swings_about_it_otherwise():
-    held, free = motion_of(*GAITS["no yaw"]), motion_of(*GAITS["plain"])
+def test_constant_of_l_y_is_not_zero_and_depends_on_l_z_and_lean():
+    free, held, leaning = (motion_of(*GAITS[name]) for name in ("plain", "no yaw", "lean"))
     assert np.abs(held.angular_momentum_z).max() < 1e-9
     assert np.abs(free.angular_momentum_z).max() > 0.1
-    assert held.report.angular_momentum_y_offset != free.report.angular_momentum_y_offset
-
-
-def test_constant_of_l_y_is_not_zero_and_falls_with_the_lean():
-    upright = motion_of(*GAITS["plain"]).report.angular_momentum_y_offset
-    leaning = motion_of(*GAITS["lean"]).report.angular_momentum_y_offset
-    assert 0.1 < leaning < upright < 1.0
-    assert upright - leaning < 0.05
+    constant = free.report.angular_momentum_y_offset
+    assert held.report.angular_momentum_y_offset != constant
+    assert constant - 0.05 < leaning.report.angular_momentum_y_offset < constant
+    assert 0.15 < constant < 1.0
 
 
 # ---------------------------------------------------------------------- the grid
 
 
-def test_halving_the_grid_halves_the_largest_jump_of_acceleration():
+def test_halving_the_grid_halves_the_largest_jump_of_acceleration_and_moves_nothing_else():
     """So what is left at a switch is the grid's, and the accelerations themselves are continuous."""
     coarse, fine = motion_of(COARSE).report, motion_of("solver.ik_time_step=0.002").report
     assert 0.4 < fine.acceleration_jump / coarse.acceleration_jump < 0.6
-
-
-def test_result_does_not_hang_on_the_grid():
-    coarse, fine = motion_of(COARSE).report, motion_of("solver.ik_time_step=0.002").report
     assert fine.angular_momentum_y_offset == pytest.approx(coarse.angular_momentum_y_offset, abs=1e-3)
     assert fine.knee_minimum.value == pytest.approx(coarse.knee_minimum.value, abs=1e-3)
     np.testing.assert_allclose(fine.multipliers[:2], coarse.multipliers[:2], atol=2e-3)
@@ -261,14 +253,6 @@ def test_stiff_gains_search_on_a_finer_grid():
     assert offset == pytest.approx(motion_of(COARSE).report.angular_momentum_y_offset, abs=5e-3)
 
 
-def test_straight_knees_are_refused(monkeypatch):
-    monkeypatch.setattr(feasibility, "KNEE_MINIMUM", 3.0)
-    with pytest.raises(BodilyRefusal, match="knee straightens") as caught:
-        solve(COARSE)
-    assert caught.value.reason == "knee_too_straight"
-    assert caught.value.value < caught.value.limit == 3.0
-
-
 def test_joints_beyond_their_limits_are_refused():
     """A low COM asks more of the ankle than it can bend."""
     with pytest.raises(BodilyRefusal, match="would pass its limit") as caught:
@@ -315,12 +299,11 @@ def test_other_inputs_are_other_motions(cache, no_search, change):
         solve(COARSE, change, cache=cache)
 
 
-@pytest.mark.parametrize("damage", [b"", b"PK\\x03\\x04 rubbish"])
-def test_damaged_entry_is_solved_again_and_mended(cache, damage):
+def test_damaged_entry_is_solved_again_and_mended(cache):
     (entry,) = cache.iterdir()
-    entry.write_bytes(damage)
+    entry.write_bytes(b"PK\x03\x04 rubbish")
     assert same(solve(COARSE, cache=cache), motion_of(COARSE))
-    assert same(load_motion(entry, entry.stem.removeprefix("motion-")), motion_of(COARSE))
+    assert same(find_motion(cache, entry.stem.removeprefix("motion-")), motion_of(COARSE))
     assert list(cache.iterdir()) == [entry]
 
 

@@ -196,7 +196,7 @@ def test_motion_has_the_plans_com_force_zmp_and_momentum(walk):
 
 def test_zmp_of_a_body_that_stands_still_is_under_its_com(walk):
     sample = walk.motion.sample([0.3], walk.robot)
-    still = type(sample)(sample.q, np.zeros_like(sample.v), np.zeros_like(sample.acceleration), np.zeros(1))
+    still = sample._replace(v=0.0 * sample.v, acceleration=0.0 * sample.acceleration)
     found = of_motion(still, walk.robot, walk.plan)
     np.testing.assert_allclose(found.zmp, found.com[:, :2], atol=1e-9)
     np.testing.assert_allclose(found.force[0], [0, 0, walk.plan.mass * walk.plan.gravity], atol=1e-6)

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from ampm.body.step_reference import StepReference
     from ampm.parameters import RunParameters
 
+    Array = NDArray[np.float64]
+
 POSTURE_WEIGHTS = {
     "root_linear": 1e-3,
     "root_angular": 1.0,
@@ -73,11 +75,11 @@ class StepTrajectory:
         constraint_acceleration: largest residual of the acceleration constraints [m/s^2, rad/s^2].
     """
 
-    q: NDArray[np.float64]
-    v: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
-    trunk_pitch: NDArray[np.float64]
-    angular_momentum_z: NDArray[np.float64]
+    q: Array
+    v: Array
+    acceleration: Array
+    trunk_pitch: Array
+    angular_momentum_z: Array
     constraint_position: float
     constraint_velocity: float
     constraint_acceleration: float
@@ -155,9 +157,7 @@ class InverseKinematics:
 
     # ------------------------------------------------------------- one instant
 
-    def _factor(
-        self, jacobian: NDArray[np.float64], rows: NDArray[np.intp], time: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _factor(self, jacobian: Array, rows: NDArray[np.intp], time: float) -> tuple[Array, Array]:
         """Scaled rows J W^(-1/2) and the Cholesky factor of their Gram matrix.
 
         Raises:
@@ -170,9 +170,7 @@ class InverseKinematics:
             raise Unreachable(time, what, 0.0, 0.0, "1")
         return scaled, factor
 
-    def _position_error(
-        self, reference: StepReference, k: int, q: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _position_error(self, reference: StepReference, k: int, q: Array) -> Array:
         """Task errors of the configuration of the last Jacobian, in the order of ``position_rows``."""
         robot, error = self.robot, self._error
         error[:3] = reference.position[k, 0] - robot.data.com[0]
@@ -184,7 +182,7 @@ class InverseKinematics:
             error[18 + foot] = reference.toe[k, foot] - q[robot.toe_joints[foot] + 1]
         return error[self.position_rows]
 
-    def _miss(self, reference: StepReference, k: int, error: NDArray[np.float64]) -> Unreachable:
+    def _miss(self, reference: StepReference, k: int, error: Array) -> Unreachable:
         """What an error of the position rows at node k says."""
         com, left, right = (
             float(np.abs(error[part]).max()) for part in (slice(0, 3), slice(3, 9), slice(9, 15))
@@ -194,21 +192,15 @@ class InverseKinematics:
         what = f"the {side} leg does not reach from the hip to the planned foot (it misses by {size:.2g} m)"
         return Unreachable(float(reference.time[k]), what, size, 0.0, "m")
 
-    def _check_knees(self, reference: StepReference, k: int, q: NDArray[np.float64]) -> None:
+    def _check_knees(self, reference: StepReference, k: int, q: Array) -> None:
         for foot, joint in enumerate(self.robot.knee_joints):
             if q[joint + 1] < 0.0:
                 what = f"the {('left', 'right')[foot]} knee would bend backwards: the leg is too short"
                 raise Unreachable(float(reference.time[k]), what, float(q[joint + 1]), 0.0, "rad")
 
     def project(
-        self,
-        reference: StepReference,
-        k: int,
-        q: NDArray[np.float64],
-        v: NDArray[np.float64],
-        offset: float,
-        iterations: int = 25,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        self, reference: StepReference, k: int, q: Array, v: Array, offset: float, iterations: int = 25
+    ) -> tuple[Array, Array]:
         """Nearest state on the constraints at grid node k, by Newton in the metric of the posture weights.
 
         Raises:
@@ -234,7 +226,7 @@ class InverseKinematics:
         v = v + self._pull(scaled, factor, self._velocity_error(reference, k, terms.jacobian, v, offset))
         return q, v
 
-    def upright(self, reference: StepReference, k: int, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    def upright(self, reference: StepReference, k: int, q: Array) -> Array:
         """Configuration on the constraints at grid node k that is nearest to the upright posture.
 
         Raises:
@@ -253,26 +245,19 @@ class InverseKinematics:
                 break
         return self.project(reference, k, q, still, 0.0)[0]
 
-    def _pull(
-        self, scaled: NDArray[np.float64], factor: NDArray[np.float64], error: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _pull(self, scaled: Array, factor: Array, error: Array) -> Array:
         """Weighted least-norm change of the coordinates that cancels a task error."""
         multiplier, _ = lapack.dpotrs(factor, error, lower=1)
         return (scaled.T @ multiplier) / self._root_weight
 
     def _velocity_error(
-        self,
-        reference: StepReference,
-        k: int,
-        jacobian: NDArray[np.float64],
-        v: NDArray[np.float64],
-        offset: float,
-    ) -> NDArray[np.float64]:
+        self, reference: StepReference, k: int, jacobian: Array, v: Array, offset: float
+    ) -> Array:
         error = reference.velocity[k] - jacobian @ v
         error[4] += offset / self.robot.mass
         return error[self.rows]
 
-    def _posture(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _posture(self, q: Array, v: Array) -> Array:
         """Acceleration that the posture form wants: -k (q - q0) - d qd (Eq. 12, sign corrected)."""
         wanted = -self.damping * v
         wanted[:3] = 0.0
@@ -287,13 +272,7 @@ class InverseKinematics:
     # ---------------------------------------------------------------- one step
 
     def integrate(
-        self,
-        reference: StepReference,
-        q: NDArray[np.float64],
-        v: NDArray[np.float64],
-        offset: float,
-        *,
-        draft: bool = False,
+        self, reference: StepReference, q: Array, v: Array, offset: float, *, draft: bool = False
     ) -> StepTrajectory:
         """Integrate a step from a state that is projected on the constraints first.
 
@@ -361,13 +340,8 @@ class InverseKinematics:
         )
 
     def _correct(
-        self,
-        reference: StepReference,
-        k: int,
-        q: NDArray[np.float64],
-        v: NDArray[np.float64],
-        tolerance: float,
-    ) -> tuple[NDArray[np.float64], float]:
+        self, reference: StepReference, k: int, q: Array, v: Array, tolerance: float
+    ) -> tuple[Array, float]:
         """Take off what integration has drifted: one Newton step, more where it was coarse.
 
         Returns:
@@ -398,15 +372,15 @@ class InverseKinematics:
 
     def _accelerate(
         self,
-        scaled: NDArray[np.float64],
-        factor: NDArray[np.float64],
-        wanted: NDArray[np.float64],
-        q: NDArray[np.float64],
-        v: NDArray[np.float64],
+        scaled: Array,
+        factor: Array,
+        wanted: Array,
+        q: Array,
+        v: Array,
         time: float,
         *,
         draft: bool = False,
-    ) -> NDArray[np.float64]:
+    ) -> Array:
         """The QP of one instant, in u = W^(1/2) (qdd - posture) with orthonormal rows."""
         posture = self._posture(q, v)
         rhs = wanted - scaled @ (posture * self._root_weight)

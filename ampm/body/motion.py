@@ -15,11 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ampm.exceptions import InputError
+from ampm.walk import PostureState
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from ampm.body.robot import Robot
+
+    Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -88,27 +91,6 @@ MOTION_UNITS: Mapping[str, str] = {
 
 
 @dataclass(frozen=True)
-class MotionSample:
-    """The tiled motion at N times, in Pinocchio's coordinates.
-
-    Attributes:
-        q: shape (N, nq).
-        v: shape (N, nv), root velocity in root axes.
-        acceleration: shape (N, nv).
-        angular_momentum_z: about the COM, shape (N,) [N m s].
-    """
-
-    q: NDArray[np.float64]
-    v: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
-    angular_momentum_z: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        for value in vars(self).values():
-            value.setflags(write=False)
-
-
-@dataclass(frozen=True)
 class WholeBodyMotion:
     """One periodic step of a body: left stance, from the start of single support to the next one.
 
@@ -126,12 +108,12 @@ class WholeBodyMotion:
     """
 
     joint_names: tuple[str, ...]
-    time: NDArray[np.float64]
-    q: NDArray[np.float64]
-    v: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
-    trunk_pitch: NDArray[np.float64]
-    angular_momentum_z: NDArray[np.float64]
+    time: Array
+    q: Array
+    v: Array
+    acceleration: Array
+    trunk_pitch: Array
+    angular_momentum_z: Array
     step_length: float
     double_support_start: float
     report: MotionReport
@@ -147,16 +129,16 @@ class WholeBodyMotion:
         return float(self.time[-1])
 
     @cached_property
-    def _rates(self) -> NDArray[np.float64]:
+    def _rates(self) -> Array:
         """Time derivative of q at the grid's nodes, shape (n+1, nq)."""
-        return _configuration_rate(self.q, self.v)
+        return _immutable(_configuration_rate(self.q, self.v))
 
-    def sample(self, times: ArrayLike, robot: Robot) -> MotionSample:
+    def sample(self, times: ArrayLike, robot: Robot) -> PostureState:
         """Evaluate the tiled motion by cubic Hermite interpolation between grid nodes.
 
         Args:
             times: from the start of the first step on, shape (N,) [s].
-            robot: the body, for its mirror map.
+            robot: the body, for its mirror map and its trunk.
 
         Raises:
             InputError: a negative time.
@@ -180,11 +162,14 @@ class WholeBodyMotion:
         q[odd] = robot.mirror_q(q[odd])
         v[odd], acceleration[odd] = robot.mirror_v(v[odd]), robot.mirror_v(acceleration[odd])
         q[:, 0] += step * self.step_length
-        return MotionSample(q, v, acceleration, np.where(odd, -yaw, yaw))
+        state = PostureState(q, v, acceleration, robot.trunk_rotations(q), np.where(odd, -yaw, yaw))
+        for array in state:
+            array.setflags(write=False)
+        return state
 
-    def table(self) -> dict[str, NDArray[np.float64]]:
+    def table(self) -> dict[str, Array]:
         """Columns for a table: time, root pose and velocity, every joint's angle, velocity, acceleration."""
-        columns: dict[str, NDArray[np.float64]] = {"time": self.time}
+        columns: dict[str, Array] = {"time": self.time}
         for i, name in enumerate(("x", "y", "z")):
             columns[f"root_position_{name}"] = self.q[:, i]
         for i, name in enumerate(("x", "y", "z", "w")):
@@ -201,14 +186,14 @@ class WholeBodyMotion:
         return columns
 
 
-def _immutable(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _immutable(values: Array) -> Array:
     """A read-only copy: to freeze a view would leave the array behind it writable."""
     copy = values.copy()
     copy.setflags(write=False)
     return copy
 
 
-def _configuration_rate(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+def _configuration_rate(q: Array, v: Array) -> Array:
     """Time derivative of configurations (n, nq): root velocity in world, quaternion rate, joint rates."""
     rate = np.empty_like(q)
     vector, w = q[:, 3:6], q[:, 6:7]
@@ -223,13 +208,13 @@ def _configuration_rate(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArr
 
 
 def _hermite(
-    s: NDArray[np.float64],
-    h: NDArray[np.float64],
-    p0: NDArray[np.float64],
-    p1: NDArray[np.float64],
-    d0: NDArray[np.float64],
-    d1: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    s: Array,
+    h: Array,
+    p0: Array,
+    p1: Array,
+    d0: Array,
+    d1: Array,
+) -> Array:
     s2, s3 = s * s, s * s * s
     return (
         (2 * s3 - 3 * s2 + 1) * p0 + (s3 - 2 * s2 + s) * h * d0 + (3 * s2 - 2 * s3) * p1 + (s3 - s2) * h * d1

@@ -8,7 +8,7 @@ import os
 import tempfile
 import zipfile
 import zlib
-from dataclasses import asdict, fields
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +18,6 @@ import osqp
 import pinocchio as pin
 
 from ampm.body.motion import MotionReport, WholeBodyMotion
-from ampm.exceptions import InputError
 
 if TYPE_CHECKING:
     from ampm.body.robot import Robot
@@ -29,70 +28,48 @@ _DAMAGED = (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.B
 
 
 def find_motion(folder: Path, key: str) -> WholeBodyMotion | None:
-    """The motion kept under a key (:func:`motion_key`); None if there is none that can be read."""
+    """The motion kept under a key (:func:`motion_key`), to the last bit.
+
+    Returns:
+        None if there is no such file, or it cannot be read, is damaged, or was stored for other inputs: the
+        motion is then solved again and written over.
+    """
     try:
-        return load_motion(_path(folder, key), key)
-    except (OSError, InputError):
+        # Opened here: numpy leaves a damaged archive open.
+        with _path(folder, key).open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            meta = json.loads(str(stored["meta"]))
+            arrays = {name: stored[name] for name in stored.files if name != "meta"}
+        if meta.pop("key") != key:
+            return None
+        names = tuple(meta.pop("joint_names"))
+        report = MotionReport.from_dict(meta.pop("report"))
+        return WholeBodyMotion(joint_names=names, report=report, **meta, **arrays)
+    except (OSError, *_DAMAGED):
         return None
 
 
 def keep_motion(motion: WholeBodyMotion, folder: Path, key: str) -> None:
     """Store a motion; a folder that cannot be written costs time at the next call, nothing else."""
+    values = {field.name: getattr(motion, field.name) for field in fields(motion)}
+    arrays = {name: values.pop(name) for name in list(values) if isinstance(values[name], np.ndarray)}
+    meta = json.dumps(values | {"report": motion.report.as_dict(), "key": key})
+    partial = None
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        save_motion(motion, _path(folder, key), key)
-    except OSError:
-        return
+        # Written beside and renamed, so that no reader sees half a file, however many write at once.
+        handle, partial = tempfile.mkstemp(dir=folder, prefix=f"motion-{key}.", suffix=".partial")
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, allow_pickle=False, meta=np.array(meta), **arrays)
+        os.replace(partial, _path(folder, key))
+    except BaseException as error:
+        if partial is not None:
+            Path(partial).unlink(missing_ok=True)
+        if not isinstance(error, OSError):
+            raise
 
 
 def _path(folder: Path, key: str) -> Path:
     return folder / f"motion-{key}.npz"
-
-
-def save_motion(motion: WholeBodyMotion, path: Path, key: str = "") -> None:
-    """Write a motion as ``.npz`` that needs no pickle.
-
-    Raises:
-        OSError: the folder cannot be written.
-    """
-    values = {field.name: getattr(motion, field.name) for field in fields(motion)}
-    arrays = {name: values.pop(name) for name in list(values) if isinstance(values[name], np.ndarray)}
-    meta = json.dumps(values | {"report": asdict(motion.report), "key": key})
-    # Written beside and renamed, so that no reader sees half a file, however many write at once.
-    handle, partial = tempfile.mkstemp(dir=path.parent, prefix=f"{path.stem}.", suffix=".partial")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, allow_pickle=False, meta=np.array(meta), **arrays)
-        os.replace(partial, path)
-    except BaseException:
-        Path(partial).unlink(missing_ok=True)
-        raise
-
-
-def load_motion(path: Path, key: str = "") -> WholeBodyMotion:
-    """Read what :func:`save_motion` wrote under the same key, to the last bit.
-
-    Raises:
-        OSError: there is no such file, or it cannot be read.
-        InputError: it holds no motion, a damaged one, or that of another key.
-    """
-    try:
-        # Opened here: numpy leaves a damaged archive open.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            meta = json.loads(str(stored["meta"]))
-            arrays = {name: stored[name] for name in stored.files if name != "meta"}
-        if meta.pop("key") != key:
-            raise ValueError("it was stored for other inputs")
-        names = tuple(meta.pop("joint_names"))
-        report = MotionReport.from_dict(meta.pop("report"))
-        motion = WholeBodyMotion(joint_names=names, report=report, **meta, **arrays)
-        n, nu = len(motion.time), len(names)
-        shapes = [motion.q.shape, motion.v.shape, motion.acceleration.shape]
-        if shapes != [(n, nu + 7), (n, nu + 6), (n, nu + 6)]:
-            raise ValueError("arrays of unequal length")
-    except _DAMAGED as error:
-        raise InputError(f"{path} holds no such whole-body motion ({error}); delete it.") from error
-    return motion
 
 
 def motion_key(plan: StepPlan, run: RunParameters, robot: Robot) -> str:

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from ampm.parameters import RunParameters
     from ampm.planner.support import StepPlan
 
+    Array = NDArray[np.float64]
+
 TOLERANCE = 1e-9
 """Largest component of the mirrored return's residual [rad, m, rad/s, m/s]."""
 COARSE_STEP = 0.008
@@ -167,7 +169,7 @@ class _Search:
             The farthest solution, how much of the way it has come, and why no farther.
         """
         here = 0.0
-        before: tuple[float, NDArray[np.float64]] | None = None
+        before: tuple[float, Array] | None = None
         failed = Unreachable(0.0, "no stride is tried", 0.0, 0.0, "1")
 
         def attempt(there: float, _: float) -> bool:
@@ -260,7 +262,7 @@ class _Search:
         return max(float(np.abs(after - before).max()) for after, before in pairs)
 
 
-def _least(values: NDArray[np.float64], time: NDArray[np.float64], names: tuple[str, ...]) -> Extreme:
+def _least(values: Array, time: Array, names: tuple[str, ...]) -> Extreme:
     """Smallest of values, shape (n+1, k), of k names."""
     when, which = np.unravel_index(int(np.argmin(values)), values.shape)
     return Extreme(float(values[when, which]), float(time[when]), names[int(which)])

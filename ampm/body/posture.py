@@ -5,16 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import pinocchio as pin
-
-from ampm.walk import PostureState
-
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ampm.body.motion import WholeBodyMotion
     from ampm.body.robot import Robot
+    from ampm.walk import PostureState
 
 
 @dataclass(frozen=True)
@@ -39,16 +35,5 @@ class PeriodicPosture:
         return self.motion.report.as_dict()
 
     def sample(self, times: ArrayLike) -> PostureState:
-        """States at ``times``, shape (T,) [s]; every array with a leading axis of T.
-
-        Raises:
-            InputError: a negative time.
-        """
-        robot = self.robot
-        body = self.motion.sample(times, robot)
-        model, data = robot.model, robot.model.createData()
-        trunk = np.empty((len(body.q), 3, 3))
-        for k, configuration in enumerate(body.q):
-            pin.forwardKinematics(model, data, configuration)
-            trunk[k] = pin.updateFramePlacement(model, data, robot.trunk_frame).rotation
-        return PostureState(body.q, body.v, body.acceleration, trunk, body.angular_momentum_z)
+        """States at ``times``, shape (T,) [s]; see :meth:`WholeBodyMotion.sample`."""
+        return self.motion.sample(times, self.robot)

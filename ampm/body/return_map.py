@@ -19,6 +19,8 @@ from ampm.body.step_reference import StepReference
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    Array = NDArray[np.float64]
+
 MULTIPLIERS = 4
 """How many multipliers of the return map are reported."""
 
@@ -37,12 +39,7 @@ class StepMap:
     """
 
     def __init__(
-        self,
-        ik: InverseKinematics,
-        reference: StepReference,
-        origin: NDArray[np.float64],
-        step_length: float,
-        lean: float,
+        self, ik: InverseKinematics, reference: StepReference, origin: Array, step_length: float, lean: float
     ) -> None:
         self.ik, self.reference, self.origin = ik, reference, origin
         self.step_length, self.lean = step_length, lean
@@ -51,21 +48,21 @@ class StepMap:
         self.n = 2 * nv + 1
         self.scale = np.concatenate([np.ones(nv), np.full(nv, _VELOCITY_SCALE), [_OFFSET_SCALE]])
 
-    def encode(self, q: NDArray[np.float64], v: NDArray[np.float64], offset: float) -> NDArray[np.float64]:
+    def encode(self, q: Array, v: Array, offset: float) -> Array:
         """Unknowns of a start state and a constant of L_y [N m s]."""
         tangent = pin.difference(self.ik.robot.model, self.origin, q)
         return np.concatenate([tangent, v, [offset]]) * self.scale
 
-    def decode(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    def decode(self, z: Array) -> tuple[Array, Array, float]:
         """Start configuration, start velocity, constant of L_y [N m s]."""
         plain, nv = z / self.scale, self.ik.robot.nv
         return pin.integrate(self.ik.robot.model, self.origin, plain[:nv]), plain[nv:-1], float(plain[-1])
 
-    def offset(self, z: NDArray[np.float64]) -> float:
+    def offset(self, z: Array) -> float:
         """Constant of L_y [N m s]."""
         return float(z[-1] / self.scale[-1])
 
-    def step(self, z: NDArray[np.float64]) -> StepTrajectory:
+    def step(self, z: Array) -> StepTrajectory:
         """Integrate the step.
 
         Raises:
@@ -73,7 +70,7 @@ class StepMap:
         """
         return self.ik.integrate(self.reference, *self.decode(z), draft=self.draft)
 
-    def returned(self, trajectory: StepTrajectory, offset: float) -> NDArray[np.float64]:
+    def returned(self, trajectory: StepTrajectory, offset: float) -> Array:
         """Unknowns of the step's mirrored end."""
         robot = self.ik.robot
         q = robot.mirror_q(trajectory.q[-1])
@@ -85,17 +82,17 @@ class StepMap:
         time = self.reference.time
         return float(np.trapezoid(trajectory.trunk_pitch, time) / time[-1])
 
-    def residual(self, z: NDArray[np.float64], trajectory: StepTrajectory) -> NDArray[np.float64]:
+    def residual(self, z: Array, trajectory: StepTrajectory) -> Array:
         """Mirrored return minus start, and mean trunk pitch minus lean; scaled."""
         out = self.returned(trajectory, 0.0) - z
         out[-1] = self.mean_pitch(trajectory) - self.lean
         return out
 
-    def size(self, value: NDArray[np.float64]) -> float:
+    def size(self, value: Array) -> float:
         """Largest component of a residual [rad, m, rad/s, m/s]."""
         return float(np.abs(value / self.scale).max())
 
-    def guess(self) -> NDArray[np.float64]:
+    def guess(self) -> Array:
         """A few plain steps let the fast modes settle; the trunk's mean pitch, which is slow, is set by hand.
 
         Raises:
@@ -114,7 +111,7 @@ class StepMap:
         return z
 
 
-def standing(ik: InverseKinematics, reference: StepReference) -> NDArray[np.float64]:
+def standing(ik: InverseKinematics, reference: StepReference) -> Array:
     """Where unknowns are counted from: upright at the planned COM, knees bent, arms at rest."""
     robot = ik.robot
     q = pin.neutral(robot.model)
@@ -128,14 +125,14 @@ def standing(ik: InverseKinematics, reference: StepReference) -> NDArray[np.floa
 class Solution:
     """A fixed point of one map, and what Newton knew of the map there."""
 
-    z: NDArray[np.float64]
+    z: Array
     trajectory: StepTrajectory
     inverse: _BroydenInverse | None
 
 
 def newton(
     step_map: StepMap,
-    z: NDArray[np.float64],
+    z: Array,
     tolerance: float,
     inverse: _BroydenInverse | None = None,
     *,
@@ -199,9 +196,7 @@ def newton(
     return Solution(z, trajectory, inverse)
 
 
-def _approximate_inverse(
-    step_map: StepMap, z: NDArray[np.float64], value: NDArray[np.float64]
-) -> _BroydenInverse:
+def _approximate_inverse(step_map: StepMap, z: Array, value: Array) -> _BroydenInverse:
     """Inverse Jacobian from directional differences along a Krylov space grown from the residual.
 
     Raises:
@@ -265,20 +260,20 @@ def leading_multipliers(step_map: StepMap, solution: Solution) -> tuple[tuple[fl
 class _BroydenInverse:
     """Inverse of a Jacobian that is minus the identity off a small known space, with Broyden's updates."""
 
-    def __init__(self, basis: NDArray[np.float64], images: NDArray[np.float64]) -> None:
+    def __init__(self, basis: Array, images: Array) -> None:
         # J = -I + (images + basis) basis^T, inverted by Woodbury.
         self._U, self._V = images + basis, basis
         small = np.eye(basis.shape[1]) - self._V.T @ self._U
         self._core = np.linalg.solve(small, self._V.T)
-        self._updates: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        self._updates: list[tuple[Array, Array]] = []
 
-    def __call__(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, value: Array) -> Array:
         out = -(value + self._U @ (self._core @ value))
         for left, right in self._updates:
             out = out + left * (right @ out)
         return out
 
-    def update(self, step: NDArray[np.float64], change: NDArray[np.float64]) -> None:
+    def update(self, step: Array, change: Array) -> None:
         """Make the inverse map ``change`` to ``step``."""
         image = self(change)
         denominator = float(step @ image)

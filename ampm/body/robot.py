@@ -218,6 +218,14 @@ class Robot:
         """Pose of a sole frame after :meth:`jacobian`; call with 0 for left, 1 for right."""
         return pin.updateFramePlacement(self.model, self.data, self.sole_frames[foot])
 
+    def trunk_rotations(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Rotation of the trunk segment to world at configurations (T, nq), shape (T, 3, 3)."""
+        rotations, data = np.empty((len(q), 3, 3)), self.model.createData()
+        for k, configuration in enumerate(q):
+            pin.forwardKinematics(self.model, data, configuration)
+            rotations[k] = pin.updateFramePlacement(self.model, data, self.trunk_frame).rotation
+        return rotations
+
     def rotation_of(self, frame: int) -> NDArray[np.float64]:
         """Rotation matrix of a frame after :meth:`jacobian`, shape (3, 3)."""
         return np.asarray(pin.updateFramePlacement(self.model, self.data, frame).rotation)

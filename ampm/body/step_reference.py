@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
     from ampm.planner.support import StepPlan
 
+    Array = NDArray[np.float64]
+
 
 @dataclass(frozen=True)
 class StepReference:
@@ -29,19 +31,19 @@ class StepReference:
         toe: angles of left and right toe joint, shape (n+1, 2) [rad].
     """
 
-    time: NDArray[np.float64]
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
-    pitch: NDArray[np.float64]
-    toe: NDArray[np.float64]
+    time: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    pitch: Array
+    toe: Array
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
             value.setflags(write=False)
 
     @cached_property
-    def rotation(self) -> NDArray[np.float64]:
+    def rotation(self) -> Array:
         """Orientation of left and right sole, shape (n+1, 2, 3, 3)."""
         rotation = np.zeros((*self.pitch.shape, 3, 3))
         rotation[..., 0, 0] = rotation[..., 2, 2] = np.cos(self.pitch)
@@ -64,20 +66,20 @@ class StepReference:
         return replace(self, position=position, velocity=velocity, acceleration=acceleration)
 
 
-def step_grid(plan: StepPlan, largest_step: float) -> NDArray[np.float64]:
+def step_grid(plan: StepPlan, largest_step: float) -> Array:
     """Times of the first step, uniform within each phase, with a node on every switch [s]."""
     single, double = plan.constants.single_support_duration, plan.constants.double_support_duration
     n1, n2 = (max(2, int(np.ceil(duration / largest_step))) for duration in (single, double))
     return phase_grid(plan, n1, n2)
 
 
-def phase_grid(plan: StepPlan, n1: int, n2: int) -> NDArray[np.float64]:
+def phase_grid(plan: StepPlan, n1: int, n2: int) -> Array:
     """Times of the first step with n1 intervals in single and n2 in double support [s]."""
     single, double = plan.constants.single_support_duration, plan.constants.double_support_duration
     return np.concatenate([single * np.arange(n1) / n1, single + double * np.arange(n2 + 1) / n2])
 
 
-def step_reference(plan: StepPlan, time: NDArray[np.float64]) -> StepReference:
+def step_reference(plan: StepPlan, time: Array) -> StepReference:
     """Evaluate a plan and its feet as task references, without the plan's constant of L_y."""
     centroidal, feet = plan.centroidal, plan.feet.sample(time)
     if plan.constants.angular_momentum_y_offset:

@@ -13,9 +13,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ampm.body.motion import MotionSample
 from ampm.body.robot import Robot
 from ampm.planner.support import StepPlan
+from ampm.walk import PostureState
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ class Centroidal:
     angular_momentum: Array
 
 
-def of_motion(sample: MotionSample, robot: Robot, plan: StepPlan) -> Centroidal:
+def of_motion(sample: PostureState, robot: Robot, plan: StepPlan) -> Centroidal:
     """Evaluate a motion.
 
     Args:

@@ -9,11 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.body.motion import MotionSample, WholeBodyMotion
+from ampm.body.motion import WholeBodyMotion
 from ampm.body.robot import Robot
 from ampm.exceptions import SolverError
 from ampm.parameters import GaitParameters
 from ampm.planner.support import StepPlan
+from ampm.walk import PostureState
 from validation.judge.profiles import own_profile
 from validation.paper.figures.centroidal import Centroidal, LessPlan, of_motion
 from validation.progress import Progress
@@ -113,7 +114,7 @@ class Walk:
         return stack[..., 0] if values.ndim == 1 else stack
 
     @cached_property
-    def motion_sample(self) -> MotionSample:
+    def motion_sample(self) -> PostureState:
         """The body's planned motion over a stride."""
         return self.motion.sample(self.phase, self.robot)
 
