@@ -20,7 +20,7 @@ _FOLDERS = (
     *(f"validation/{name}" for name in ("trial", "measure", "judge", "study/sweep")),
 )
 """What a row is computed with; command line, reports and the like are not."""
-_SUFFIXES = (".py", ".toml", ".xml")
+_SUFFIXES = (".py", ".toml", ".xml", ".csv")
 _VERSIONS = ("mujoco", "dm-control", "pin", "osqp", "daqp", "numpy", "scipy")
 _DIGITS = 16
 

@@ -33,7 +33,6 @@ from validation.study.sweep.forecast import ACCEPTED, screen
 from validation.study.sweep.sampling import Cases, cases
 from validation.study.sweep.schema import (
     OUTCOMES,
-    columns,
     environment_columns,
     first_columns,
     refused_columns,
@@ -258,9 +257,7 @@ class _Jobs:
         """Row of a run without a plan, or with parameters beyond their bounds (``run`` is None)."""
         values = parameter_values(run or self.definition.run)
         if run is None:
-            kinds = {"real": float, "whole": int, "text": str, "flag": bool}
-            cast = {column.name: kinds[column.kind] for column in columns()}
-            values |= {key: cast[key](value) for key, value in self.runs.row(case).items()}
+            values |= self.runs.row(case)
         first = first_columns(case, self.runs.name(case), values)
         return tidy({**first, **refused_columns(error, run), **environment_columns()})
 

@@ -8,6 +8,7 @@ happened on the way. Metrics come from the registry (:mod:`validation.judge.metr
 
 from __future__ import annotations
 
+import csv
 import errno
 import math
 import re
@@ -15,6 +16,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -25,6 +27,7 @@ from ampm.parameters import RunParameters
 from ampm.planner.centroidal import PlanConstants
 from ampm.planner.periodic import plan_gait
 from ampm.planner.support import AnyPlan
+from ampm.run_file import describe_keys
 from validation.judge.metrics import METRICS
 from validation.measure.instruments.names import INSTRUMENT_COLUMNS
 from validation.store.environment import DISTRIBUTIONS, describe_environment
@@ -48,7 +51,7 @@ NOT_REPRODUCIBLE = ("timing_", "environment_")
 
 Kind = Literal["real", "whole", "text", "flag"]
 _TYPES = {"real": pa.float64(), "whole": pa.int64(), "text": pa.string(), "flag": pa.bool_()}
-_KINDS: Mapping[type, Kind] = {float: "real", int: "whole", bool: "flag"}
+_KINDS: Mapping[str, Kind] = {"float": "real", "int": "whole", "text": "text"}
 _CAUSE_LENGTH = 400
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
 _PATH = re.compile(r"(?<![\w.])(?:/[^\s/'\":,]+)+/([^\s/'\":,]+)")
@@ -71,113 +74,43 @@ class Column:
     words: str
 
 
-def _reals(*rows: tuple[str, str, str]) -> tuple[Column, ...]:
-    return tuple(Column(name, "real", unit, words) for name, unit, words in rows)
+@cache
+def _listed(place: str) -> tuple[Column, ...]:
+    """Columns of one part of the table, as ``columns.csv`` has them."""
+    with Path(__file__).with_name("columns.csv").open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row.pop("place") == place]
+    return tuple(Column(**row) for row in rows)  # type: ignore[arg-type]  # kinds are checked by the schema
 
 
-def _wholes(*rows: tuple[str, str]) -> tuple[Column, ...]:
-    return tuple(Column(name, "whole", "1", words) for name, words in rows)
-
-
-def _texts(*rows: tuple[str, str]) -> tuple[Column, ...]:
-    return tuple(Column(name, "text", "", words) for name, words in rows)
-
-
-_RUN = (
-    *_wholes(("run", "number of the run in the sweep, from 0")),
-    *_texts(
-        ("name", "the same, padded with zeros: name of the run's folder"),
-        (
-            "key",
-            "hash of the parameters that are not at their defaults: the same run in another sweep has it",
-        ),
-    ),
-)
-_PLAN = _reals(
-    *(
-        (f"plan_{item.name}", item.metadata["unit"], item.metadata["meaning"])
-        for item in fields(PlanConstants)
-    ),
-    ("plan_step_duration", "s", "duration of a step"),
-    ("plan_duration", "s", "duration of the planned walk"),
-    ("plan_zmp_margin", "m", "smallest distance of the planned ZMP from the edge of the planned support"),
-    ("plan_motion_residual", "1", "largest difference of the motion's mirrored return [m, rad, m/s, rad/s]"),
-    ("plan_motion_knee_minimum", "rad", "smallest knee flexion of the planned motion"),
-    ("plan_motion_joint_limit_margin", "rad", "smallest distance of the planned motion from a joint's limit"),
-    ("plan_motion_trunk_pitch", "rad", "mean pitch of the trunk in the planned motion"),
-)
-_WALK = (
-    *_texts(
-        ("outcome", ", ".join(OUTCOMES)),
-        ("reason", "of a refusal, its short name; of a crash, the error's type; else null"),
-        ("cause", "one sentence on why the run did not complete, else null"),
-        ("verdict", "pass, fail or not_measured; null for a run that did not walk"),
-        ("failed", "metrics out of tolerance, separated by commas; empty if none is"),
-    ),
-    *_wholes(("steps_completed", "whole steps walked; null for a run that did not walk")),
-    *_reals(("outcome_time", "s", "simulated time at the end of the walk")),
-    *_texts(
-        ("margin_torque_joint", "joint of margin_torque"),
-        ("margin_joint_name", "joint of margin_joint"),
-        ("recording", "folder of the run, relative to the sweep's; null if the run was not kept"),
-    ),
-    *_wholes(
-        ("qp_ticks", "control ticks"),
-        ("qp_limited", "control ticks whose QP needed torque or joint limits"),
-        ("qp_unsolved", "control ticks whose QP stayed unsolved"),
-        ("qp_iterations_maximum", "most iterations of a control tick's QP"),
-    ),
-)
-_TIMING = _reals(
-    ("timing_planning", "s", "wall clock of body, plan and whole-body motion"),
-    ("timing_motion", "s", "of which the whole-body motion"),
-    ("timing_simulation", "s", "wall clock of the closed loop"),
-    ("timing_measurement", "s", "wall clock of weighing, measurement, comparison, verdict"),
-    ("timing_recording", "s", "wall clock of writing the run's folder"),
-    ("timing_total", "s", "wall clock of the whole run on its worker"),
-    ("timing_cpu_planning", "s", "processor time of body, plan and whole-body motion"),
-    ("timing_cpu_walk", "s", "processor time of closed loop and measurement"),
-    ("timing_cpu_total", "s", "processor time of the whole run on its worker"),
-    ("timing_real_time_factor", "1", "simulated time over wall clock of the closed loop"),
-)
-_ENVIRONMENT = (
-    *_texts(
-        ("environment_time", "when the run ended (UTC, ISO 8601)"),
-        ("environment_worker", "worker that walked it; null if none had to"),
-    ),
-    *_wholes(("environment_attempts", "times it was begun; more than 1 if workers were lost")),
-    *_reals(("environment_memory_peak", "MB", "largest resident memory of the worker so far")),
-    *_texts(("environment_revision", "git commit of the code; null outside a checkout")),
-    Column("environment_modified", "flag", "", "whether tracked files differed from that commit"),
-    *_texts(
-        ("environment_code", "hash of the sources and versions that results can depend on"),
-        ("environment_python", "version of Python"),
-        *((f"environment_version_{name.replace('-', '_')}", f"version of {name}") for name in DISTRIBUTIONS),
-        ("environment_platform", "operating system and machine type"),
-        ("environment_processor", "processor"),
-    ),
-)
+def _parameters() -> Iterator[Column]:
+    for item in describe_keys():
+        kind = _KINDS[item.kind]
+        yield Column(item.key, kind, "" if kind == "text" else item.unit, item.meaning)
 
 
 @cache
-def _parameters() -> tuple[Column, ...]:
-    found = []
-    for section, model in RunParameters():
-        for name, field in type(model).model_fields.items():
-            kind = _KINDS.get(type(getattr(model, name)), "text")
-            extra = field.json_schema_extra
-            unit = str(extra.get("unit", "1")) if isinstance(extra, dict) else "1"
-            words = field.description or ""
-            found.append(Column(f"{section}.{name}", kind, "" if kind == "text" else unit, words))
-    return tuple(found)
+def _columns(metrics: tuple[tuple[str, str, str], ...]) -> tuple[Column, ...]:
+    constants = ((f"plan_{item.name}", item.metadata) for item in fields(PlanConstants))
+    return (
+        *_listed("run"),
+        *_parameters(),
+        *(Column(name, "real", data["unit"], data["meaning"]) for name, data in constants),
+        *_listed("plan"),
+        *_listed("walk"),
+        *(Column(name, "real", unit, words) for name, unit, words in metrics),
+        *(Column(name, "real", unit, words) for name, (unit, words) in INSTRUMENT_COLUMNS.items()),
+        *_listed("cost"),
+        *(Column(_version_column(name), "text", "", f"version of {name}") for name in DISTRIBUTIONS),
+    )
+
+
+def _version_column(distribution: str) -> str:
+    return f"environment_version_{distribution.replace('-', '_')}"
 
 
 def columns() -> tuple[Column, ...]:
     """All columns, in the order of the table; a metric that is registered later adds its own."""
-    metrics = ((item.column, item.unit, item.meaning) for item in METRICS.values())
-    instrument = ((name, unit, words) for name, (unit, words) in INSTRUMENT_COLUMNS.items())
-    parts = (_RUN, _parameters(), _PLAN, _WALK, _reals(*metrics), _reals(*instrument), _TIMING, _ENVIRONMENT)
-    return tuple(column for part in parts for column in part)
+    return _columns(tuple((item.column, item.unit, item.meaning) for item in METRICS.values()))
 
 
 def schema() -> pa.Schema:
@@ -304,7 +237,7 @@ def _constant_environment() -> Mapping[str, Any]:
     found = describe_environment()
     names = ("revision", "modified", "python", "platform", "processor")
     row = {f"environment_{name}": found[name] for name in names}
-    versions = {f"environment_version_{name.replace('-', '_')}": v for name, v in found["versions"].items()}
+    versions = {_version_column(name): version for name, version in found["versions"].items()}
     return {**row, **versions, "environment_code": code_hash()}
 
 
@@ -330,7 +263,7 @@ def tidy(row: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         KeyError: an entry has no column.
     """
-    names = schema().names
+    names = [item.name for item in columns()]
     if unknown := row.keys() - set(names):
         raise KeyError(f"no column for {', '.join(sorted(unknown))}")
     return {name: _plain(row.get(name)) for name in names}

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from ampm.exceptions import InputError
 from ampm.parameters import GRAVITY, RunParameters
 from validation.judge.metrics import BODY_WEIGHT, display_unit
+from validation.judge.profiles import Tolerance
 from validation.study.sweep import store
 from validation.study.sweep.schema import MACHINE_FAULTS
 
@@ -72,23 +73,6 @@ LOST = (State.FELL, State.DIVERGED, State.INFEASIBLE, State.NOT_MEASURED)
 """Walks without a verdict on their metrics."""
 BROKEN = (State.CRASHED, State.TIMED_OUT, State.INTERRUPTED)
 """No answer about the gait."""
-
-
-@dataclass(frozen=True)
-class Limit:
-    """A tolerance of the sweep's profile.
-
-    Attributes:
-        metric: name without prefix.
-        limit: largest value that passes, in ``unit``.
-        unit: SI unit, or ``body weight``.
-        reason: why this number.
-    """
-
-    metric: str
-    limit: float
-    unit: str
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -252,9 +236,9 @@ class SweepTable:
         return (*judged, *(name for name in present if name not in self.limits))
 
     @cached_property
-    def limits(self) -> Mapping[str, Limit]:
+    def limits(self) -> Mapping[str, Tolerance]:
         """Tolerances by metric, in the profile's order."""
-        return {name: Limit(name, **entry) for name, entry in self.metadata["tolerances"].items()}
+        return {name: Tolerance(name, **entry) for name, entry in self.metadata["tolerances"].items()}
 
     @cached_property
     def weight(self) -> Array:
