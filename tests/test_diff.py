@@ -15,8 +15,9 @@ from tests.sweep_table import make_table, replaced, write_sweep
 from tests.test_report import Page
 from validation.cli.app import call
 from validation.judge.uncertainty import Uncertainty
-from validation.study.sweep.diff import ABSOLUTE_FLOOR, diff_tables, join, read_tolerances
+from validation.study.sweep.diff import compare_sweeps, join, read_tolerances
 from validation.study.sweep.diff_text import describe_diff, write_page
+from validation.study.sweep.metric_change import ABSOLUTE_FLOOR
 from validation.study.sweep.table import METRIC, State, SweepTable
 
 EASY = {"gait.c_s": (0.8, 1.2), "gait.c_y": (0.5, 1.1), "body.height": (1.6, 1.8)}
@@ -47,7 +48,7 @@ def judged(table):
 
 
 def compared(a, b, **options):
-    return diff_tables(sweep_of(a, "A"), sweep_of(b, "B"), **options)
+    return compare_sweeps(sweep_of(a, "A"), sweep_of(b, "B"), **options)
 
 
 @pytest.fixture(scope="module")
@@ -308,9 +309,9 @@ def test_worse_metrics_are_measured_by_the_limit(base):
     grown[7] += 0.15 * 2.5e-3
     other = judged(with_metric(base, "zmp_x_rmse", grown))
     assert compared(base, other).regressions == ["1 with a metric worse beyond tolerance"]
-    assert not compared(base, other, allowed={"": 0.2}).regressions
-    assert not compared(base, other, allowed={"": 0.1, "zmp_x_rmse": 0.2}).regressions
-    assert compared(base, other, allowed={"": 0.2, "zmp_x_rmse": 0.0}).regressions
+    assert not compared(base, other, tolerances=["0.2"]).regressions
+    assert not compared(base, other, tolerances=["0.1", "zmp_x_rmse=0.2"]).regressions
+    assert compared(base, other, tolerances=["0.2", "zmp_x_rmse=0"]).regressions
     worst = by_name(compared(base, other))["zmp_x_rmse"]
     assert worst["worst"]["run"] == "0007"
     assert worst["worst"]["b"] - worst["worst"]["a"] == pytest.approx(0.15 * 2.5e-3)
@@ -336,7 +337,7 @@ def test_a_metric_that_was_lost_is_a_regression(base, value):
 
 def test_one_unsolved_qp_more_is_a_regression(base):
     other = judged(with_metric(base, "failed_qp", [1.0, *[0.0] * 59]))
-    diff = compared(base, other, allowed={"": 1e9})
+    diff = compared(base, other, tolerances=["1e9"])
     assert by_name(diff)["failed_qp"]["regressed"] == 1
     assert diff.regressions
 

@@ -1,11 +1,4 @@
-"""Two sweeps compared run by run: what got better, what got worse, and what is only noise.
-
-Two runs of one revision on one machine have the same bits, so there is no scatter to estimate. What remains
-between two revisions or machines that compute the same thing is rounding: perturbing the body's mass by 1e-15
-to 1e-12 of itself moves every metric of `normal` and `momentum` that is not rounding itself by less than 1e-9
-of its value. The default noise floor is a thousand times that. A convergence study gives a wider one: the
-numerical uncertainty of every metric, below which a difference says more of the time step than of the gait.
-"""
+"""Two sweeps compared run by run: what got better, what got worse, and what is only noise."""
 
 from __future__ import annotations
 
@@ -17,30 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import false_discovery_control, wilcoxon
+from scipy.stats import false_discovery_control
 
 from ampm.exceptions import InputError
 from validation.judge.uncertainty import Uncertainty, load_uncertainty
+from validation.study.sweep.metric_change import MetricChange, Rows, Runs
 from validation.study.sweep.table import METRIC, STATES, State, SweepTable, read_sweep
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-
-Runs = tuple[SweepTable, Rows]
-"""A sweep, and rows of it, shape (N,)."""
-
-RELATIVE_FLOOR = 1e-6
-"""Share of a metric's value below which a difference is rounding [1]."""
-ABSOLUTE_FLOOR: Mapping[str, float] = {"m": 1e-11, "N": 1e-8, "N m s": 1e-10, "1": 1e-12}
-"""The same in a metric's unit, for values near zero: ten times what rounding did to any metric."""
 TOLERANCE = 0.1
 """Share of its limit by which a metric may grow before that is a regression [1]."""
-SIGNIFICANCE = 0.05
-LEAST_PAIRS = 8
-"""Pairs below which no shift over all runs is claimed: of 8, chance alone moves all one way in 1 of 128."""
-
 KINDS: Mapping[str, str] = {
     "newly_failing": "newly failing",
     "worse_outcome": "with a worse outcome",
@@ -88,116 +66,6 @@ class Change:
     after: State
     metrics: tuple[str, ...]
     parameters: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class MetricChange:
-    """One metric of the N runs that both sweeps have; every array of shape (N,).
-
-    Attributes:
-        name: of the metric.
-        unit: SI unit of all values.
-        before, after: values in the first and in the second sweep.
-        completed: whether the run completed in both, with a finite value in the first sweep.
-        noise: what a difference must exceed to be one; infinite if the study has no bound.
-        noise_from: ``floating point`` or ``convergence study``.
-        allowed: growth that is no regression; NaN without a limit.
-        over_a, over_b: whether it is over its limit.
-    """
-
-    name: str
-    unit: str
-    before: Array
-    after: Array
-    completed: Mask
-    noise: Array
-    noise_from: str
-    allowed: Array
-    over_a: Mask
-    over_b: Mask
-
-    @property
-    def both(self) -> Mask:
-        """Runs with a finite value in both sweeps."""
-        return self.completed & np.isfinite(self.after)
-
-    @property
-    def growth(self) -> Array:
-        """Second minus first; zero where there is no value in both, infinite where the second lacks one."""
-        lost = np.where(self.completed, np.inf, 0.0)
-        return np.where(self.both, self.after - self.before, lost)
-
-    @property
-    def worse(self) -> Mask:
-        """Runs that grew by more than the noise, or lost their value."""
-        return self.growth > np.where(self.both, self.noise, 0.0)
-
-    @property
-    def better(self) -> Mask:
-        """Runs that fell by more than the noise."""
-        return -self.growth > self.noise
-
-    @property
-    def regressed(self) -> Mask:
-        """Runs that got worse by more than the tolerance, too, or lost their value."""
-        return self.worse & (self.growth > np.where(self.both, np.nan_to_num(self.allowed, nan=np.inf), 0.0))
-
-    def median(self, values: Array) -> float:
-        """Median over the runs with a value in both sweeps."""
-        return float(np.median(values[self.both])) if self.both.any() else math.nan
-
-    @property
-    def p_value(self) -> float:
-        """Probability of the differences by chance (Wilcoxon's signed-rank test); NaN with too few runs.
-
-        Differences within the noise count as none.
-        """
-        growth = np.where(self.worse | self.better, self.growth, 0.0)[self.both]
-        if len(growth) < LEAST_PAIRS:
-            return math.nan
-        return float(wilcoxon(growth, zero_method="zsplit").pvalue) if growth.any() else 1.0
-
-    def verdict(self, p: float) -> str:
-        """What is said of the shift over all runs: ``better``, ``worse``, ``same``, or ``too few`` to say.
-
-        Args:
-            p: of :attr:`p_value`, corrected for the number of metrics.
-        """
-        shift = self.median(self.growth)
-        if p < SIGNIFICANCE and abs(shift) > self.median(self.noise):
-            return "worse" if shift > 0.0 else "better"
-        return "too few" if math.isnan(p) else "same"
-
-    @classmethod
-    def of(cls, name: str, a: Runs, b: Runs, share: float, bound: float | None) -> MetricChange:
-        """Compare a metric.
-
-        Args:
-            name: of the metric.
-            a: first sweep and the rows to compare.
-            b: second sweep, likewise.
-            share: of its limit by which it may grow.
-            bound: numerical uncertainty, None without a study of it.
-        """
-        (first, rows_a), (second, rows_b) = a, b
-        unit = first.unit(METRIC + name)
-        before, after = first.numbers(METRIC + name)[rows_a], second.numbers(METRIC + name)[rows_b]
-        rounding = RELATIVE_FLOOR * np.fmax(np.abs(before), np.abs(after))
-        limit = second.limit_values(name)[rows_b]
-        limit = np.where(np.isnan(limit), first.limit_values(name)[rows_a], limit)
-        over_a, over_b = (np.nan_to_num(sweep.used(name)[rows]) > 1.0 for sweep, rows in (a, b))
-        return cls(
-            name=name,
-            unit=unit,
-            before=before,
-            after=after,
-            completed=first.measured[rows_a] & second.measured[rows_b] & np.isfinite(before),
-            noise=np.maximum(np.maximum(rounding, ABSOLUTE_FLOOR.get(unit, 0.0)), bound or 0.0),
-            noise_from="floating point" if bound is None else "convergence study",
-            allowed=share * limit,
-            over_a=over_a,
-            over_b=over_b,
-        )
 
 
 @dataclass(frozen=True)
@@ -288,11 +156,11 @@ def _others(sweep: SweepTable, rows: Rows) -> list[str]:
 
 
 def compare_sweeps(
-    a: Path | str,
-    b: Path | str,
+    a: Path | str | SweepTable,
+    b: Path | str | SweepTable,
     *,
     tolerances: Sequence[str] = (),
-    uncertainty: Path | None = None,
+    uncertainty: Path | Uncertainty | None = None,
     require_all: bool = False,
 ) -> SweepDiff:
     """Compare two sweeps, the first of which is the reference.
@@ -307,24 +175,11 @@ def compare_sweeps(
     Raises:
         InputError: no two sweeps, no run in common, or a tolerance that is none.
     """
-    first, second = read_sweep(a), read_sweep(b)
-    known = load_uncertainty(uncertainty) if uncertainty is not None else None
-    allowed = read_tolerances(tolerances, {*first.metrics, *second.metrics})
-    return diff_tables(first, second, allowed=allowed, uncertainty=known, require_all=require_all)
-
-
-def diff_tables(
-    a: SweepTable,
-    b: SweepTable,
-    *,
-    allowed: Mapping[str, float] | None = None,
-    uncertainty: Uncertainty | None = None,
-    require_all: bool = False,
-) -> SweepDiff:
-    """The same for tables that are read already; ``allowed`` as from :func:`read_tolerances`."""
+    a, b = (side if isinstance(side, SweepTable) else read_sweep(side) for side in (a, b))
+    known = load_uncertainty(uncertainty) if isinstance(uncertainty, Path) else uncertainty
+    bounds = known.bounds if known is not None else {}
+    allowed = read_tolerances(tolerances, {*a.metrics, *b.metrics})
     rows_a, rows_b, notes = join(a, b)
-    allowed = allowed if allowed is not None else {"": TOLERANCE}
-    bounds = uncertainty.bounds if uncertainty is not None else {}
     metrics = [
         MetricChange.of(name, (a, rows_a), (b, rows_b), allowed.get(name, allowed[""]), bounds.get(name))
         for name in a.metrics
@@ -333,16 +188,10 @@ def diff_tables(
     metrics = [item for item in metrics if item.completed.any()]
     p = np.array([item.p_value for item in metrics])
     p[~np.isnan(p)] = false_discovery_control(p[~np.isnan(p)]) if np.isfinite(p).any() else []
+    changes = _changes((a, rows_a), (b, rows_b), metrics)
+    notes += [*_notes(a, b), *_study_notes(known)]
     return SweepDiff(
-        a=a,
-        b=b,
-        rows_a=rows_a,
-        rows_b=rows_b,
-        changes=tuple(_changes((a, rows_a), (b, rows_b), metrics)),
-        metrics=tuple(metrics),
-        p_values=tuple(p.tolist()),
-        notes=(*notes, *_notes(a, b), *_study_notes(uncertainty)),
-        require_all=require_all,
+        a, b, rows_a, rows_b, tuple(changes), tuple(metrics), tuple(p.tolist()), tuple(notes), require_all
     )
 
 

@@ -16,7 +16,8 @@ from validation.judge.metrics import display_unit, metric_label
 from validation.show.page import render_page
 from validation.show.text import format_number, print_line, print_table
 from validation.store.folders import output_file
-from validation.study.sweep.diff import KINDS, SIGNIFICANCE, Change, MetricChange, SweepDiff, revision
+from validation.study.sweep.diff import KINDS, Change, SweepDiff, revision
+from validation.study.sweep.metric_change import SIGNIFICANCE, MetricChange
 from validation.study.sweep.report import value_text
 from validation.study.sweep.table import SweepTable
 
