@@ -15,8 +15,9 @@ from pages import between
 
 from ampm.run_file import dump_run, load_run
 from validation.cli.console import Narrator
+from validation.study.compare.pair import Pair, facts, shown
 from validation.study.compare.report import draw_file
-from validation.study.compare.run import Pair, compare_pair, facts, shown
+from validation.study.compare.run import compare_pair
 
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "continuity.png"

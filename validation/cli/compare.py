@@ -13,7 +13,7 @@ from validation.cli.options import Force, Json, Settings, Status, Steps, Uncerta
 from validation.show.text import print_line, print_table
 
 if TYPE_CHECKING:
-    from validation.study.compare.run import Pair
+    from validation.study.compare.pair import Pair
 
 app = typer.Typer()
 
@@ -40,12 +40,12 @@ def compare(
     The default shows what continuity up to the acceleration buys: the paper's gait beside the plain inverted
     pendulum. No tolerances are judged: 0 means that both walked to the end.
     """
-    from validation.study.compare.run import Pair, compare_pair
+    from validation.study.compare.run import compare_pair
 
     extra = [*(settings or ()), *([] if steps is None else [f"gait.steps={steps}"])]
     progress = Narrator()
     pair = compare_pair(a, b, extra, uncertainty=uncertainty or (), out=out, force=force, stages=progress)
-    answer(pair, Pair.as_dict, print_pair, as_json=as_json)
+    answer(pair, type(pair).as_dict, print_pair, as_json=as_json)
     if out is not None:
         from validation.study.compare.report import write_pair  # loads matplotlib
 
@@ -55,7 +55,7 @@ def compare(
 
 def print_pair(pair: Pair) -> None:
     """Print both sides for a reader."""
-    from validation.study.compare.run import facts, known, ratio, shown, verdicts
+    from validation.study.compare.pair import facts, known, ratio, shown, verdicts
 
     a, b = pair.a.label, pair.b.label
     columns = [("", "left"), (a, "right"), (b, "right")]
@@ -79,8 +79,7 @@ def print_pair(pair: Pair) -> None:
         ]
         print_table(group, columns, cells)
     for better, words in verdicts(pair):
-        count = sum(row.better == better for row in pair.rows)
-        print_line(f"{words} {count} of {len(pair.rows)} quantities")
+        print_line(f"{words} {pair.count(better)} of {len(pair.rows)} quantities")
     print_line(f"  {escape(known(pair))}")
     if unbounded := pair.unbounded():
         told = "; ".join(f"{row.of.group}, {row.of.label}: {ratio(row)}" for row in unbounded)

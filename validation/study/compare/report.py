@@ -16,19 +16,8 @@ from numpy.typing import NDArray
 from validation.show import run_figures as figures
 from validation.show.page import render_page
 from validation.store.folders import output_file
-from validation.study.compare.run import (
-    EVEN,
-    NUMBERS,
-    PICTURE,
-    REPORT,
-    Pair,
-    Side,
-    facts,
-    known,
-    ratio,
-    shown,
-    verdicts,
-)  # fmt: skip
+from validation.study.compare.pair import EVEN, Pair, Side, facts, known, ratio, shown, verdicts
+from validation.study.compare.run import NUMBERS, PICTURE, REPORT
 
 Array = NDArray[np.float64]
 
@@ -84,7 +73,7 @@ def render(pair: Pair) -> str:
         joints=Markup(joints),
         groups=groups,
         known=known(pair),
-        won=[(words, pair.won(better)) for better, words in verdicts(pair)],
+        counts=[f"{words} {pair.count(better)}" for better, words in verdicts(pair)],
     )
 
 

@@ -1,0 +1,231 @@
+"""Two walked gaits and what they are compared by.
+
+How far a measured value is from that of a vanishing time step only a convergence study says: without one no
+value of a walk is called better, however large the difference.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+from ampm.planner.support import StepPlan
+from validation.judge.uncertainty import Uncertainty
+from validation.show.text import format_number
+from validation.store.json import json_ready
+from validation.store.saved import SavedRun
+from validation.study.compare.metrics import Quantity
+
+EVEN = 1.25
+"""Ratio of two values within which neither side is called better."""
+
+
+@dataclass(frozen=True)
+class Joints:
+    """What the joints of the periodic motion do at a switch, on finer and finer grids.
+
+    Attributes:
+        grid: largest step of each grid, descending, shape (n,) [s].
+        jump: largest change of a joint's acceleration over the grid interval that ends at a switch, shape
+            (n,) [rad/s^2].
+        limit: what the two finest grids say is left without a grid [rad/s^2]: a jump that stays is the
+            motion's, one that vanishes was the grid's.
+        joint: the joint with the largest limit.
+    """
+
+    grid: tuple[float, ...]
+    jump: tuple[float, ...]
+    limit: float
+    joint: str
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two gaits, walked.
+
+    Attributes:
+        label: how tables call it.
+        saved: its run.
+        plan: in closed form.
+        joints: of its motion.
+        outcome: name of the outcome.
+    """
+
+    label: str
+    saved: SavedRun
+    plan: StepPlan
+    joints: Joints
+    outcome: str
+
+
+class Row(NamedTuple):
+    """One quantity of both sides.
+
+    Attributes:
+        of: the quantity.
+        a: value of the first side as shown, NaN if it has none.
+        b: of the second side.
+        u_a: numerical uncertainty of ``a``: 0 where nothing is walked, infinite without bound, NaN unknown.
+        u_b: of ``b``.
+    """
+
+    of: Quantity
+    a: float
+    b: float
+    u_a: float = math.nan
+    u_b: float = math.nan
+
+    @property
+    def ratio(self) -> float | None:
+        """Second over first value; None if one is missing, or noise."""
+        known = math.isfinite(self.a) and math.isfinite(self.b)
+        return self.b / self.a if known and min(self.a, self.b) >= self.of.least else None
+
+    @property
+    def better(self) -> str:
+        """``a``, ``b``, or ``even`` where they differ by less than :data:`EVEN`.
+
+        Empty where nothing can be said: a value is missing, its numerical uncertainty is not known, or the
+        difference is within that of both.
+        """
+        u = self.u_a + self.u_b
+        if not (math.isfinite(self.a) and math.isfinite(self.b) and math.isfinite(u)):
+            return ""
+        if u > 0.0 and abs(self.a - self.b) <= u:
+            return ""
+        ratio = max(self.b, self.of.least) / max(self.a, self.of.least)
+        return "a" if ratio > EVEN else "b" if ratio < 1.0 / EVEN else "even"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Both sides and all that they are compared by.
+
+    Attributes:
+        a: first side.
+        b: second side.
+        rows: quantities, group by group.
+        studies: convergence study of either side; None without.
+    """
+
+    a: Side
+    b: Side
+    rows: tuple[Row, ...]
+    studies: tuple[Uncertainty, Uncertainty] | None = None
+
+    @property
+    def groups(self) -> Mapping[str, list[Row]]:
+        """Rows by their heading."""
+        found: dict[str, list[Row]] = {}
+        for row in self.rows:
+            found.setdefault(row.of.group, []).append(row)
+        return found
+
+    @property
+    def parameters(self) -> dict[str, tuple[Any, Any]]:
+        """Key to the values of both sides, of every parameter in which they differ."""
+        one, two = (side.saved.parameters.model_dump() for side in (self.a, self.b))
+        return {
+            f"{section}.{key}": (value, two[section][key])
+            for section, entries in one.items()
+            for key, value in entries.items()
+            if value != two[section][key]
+        }
+
+    def count(self, better: str) -> int:
+        """Number of rows in which one side is better, neither is, or nothing is said."""
+        return sum(row.better == better for row in self.rows)
+
+    def unbounded(self, count: int = 5) -> list[Row]:
+        """Rows of the largest ratios among those of which nothing is said."""
+        open_rows = [row for row in self.rows if row.better == "" and row.ratio]
+        return sorted(open_rows, key=lambda row: -abs(math.log(row.ratio or 1.0)))[:count]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything, as plain data."""
+        sides = {
+            key: {
+                "name": side.label,
+                "outcome": side.outcome,
+                "steps_completed": side.saved.record.outcome.steps_completed,
+                "model": side.saved.parameters.gait.model,
+                "step_length": side.saved.parameters.gait.step_length,
+                "switching_velocity": side.saved.parameters.gait.switching_velocity,
+                "mean_velocity": side.plan.constants.mean_velocity,
+                "single_support_duration": side.plan.constants.single_support_duration,
+                "double_support_duration": side.plan.constants.double_support_duration,
+                "joint_acceleration_jump": asdict(side.joints),
+            }
+            for key, side in (("a", self.a), ("b", self.b))
+        }
+        values = {
+            row.of.name: {
+                **{key: getattr(row.of, key) for key in ("group", "label", "unit")},
+                **{key: getattr(row, key) for key in ("a", "b", "ratio", "better")},
+                "uncertainty": {"a": row.u_a, "b": row.u_b},
+            }
+            for row in self.rows
+        }
+        studies = None if self.studies is None else [study.as_dict() for study in self.studies]
+        rest = {"parameters": self.parameters, "uncertainty": studies, "figures": values}
+        return dict(json_ready({**sides, **rest}))
+
+
+def facts(pair: Pair) -> list[tuple[str, str, str]]:
+    """What both gaits are: name of the fact, first side, second side."""
+
+    def both(label: str, tell: Callable[[Side], str]) -> tuple[str, str, str]:
+        return label, tell(pair.a), tell(pair.b)
+
+    return [
+        both("outcome", lambda s: f"{s.outcome}, {s.saved.record.outcome.steps_completed} steps"),
+        both("model", lambda s: s.saved.parameters.gait.model),
+        both("step length", lambda s: f"{s.saved.parameters.gait.step_length:g} m"),
+        both("speed at a switch", lambda s: f"{s.saved.parameters.gait.switching_velocity:g} m/s"),
+        both("mean speed", lambda s: f"{s.plan.constants.mean_velocity:.3f} m/s"),
+        both("single support", lambda s: f"{s.plan.constants.single_support_duration:.3f} s"),
+        both("double support", lambda s: f"{s.plan.constants.double_support_duration:.3f} s"),
+        both("joint that jumps most", lambda s: s.joints.joint.replace("_", " ")),
+    ]
+
+
+def verdicts(pair: Pair) -> list[tuple[str, str]]:
+    """Values of :attr:`Row.better`, and the words for them."""
+    return [
+        ("a", f"{pair.a.label} is better in"),
+        ("even", "no difference in"),
+        ("b", f"{pair.b.label} is better in"),
+        ("", "nothing is said of"),
+    ]
+
+
+def known(pair: Pair) -> str:
+    """What a difference is held against, in a sentence or two."""
+    if pair.studies is None:
+        return (
+            "No convergence study was given (--uncertainty FILE, one per gait): of the walks no value is "
+            "called better, only of plan and motion, which are not simulated."
+        )
+    told = []
+    for side, study in zip((pair.a, pair.b), pair.studies, strict=True):
+        inside = " + ".join(study.studies) or "no numerical study"
+        lacking = f", not studied: {', '.join(study.not_studied)}" if study.not_studied else ""
+        told.append(f"of {side.label} ({inside}{lacking})")
+    return (
+        f"A difference within the sum of both numerical uncertainties, {' and '.join(told)}, is no result, "
+        "nor is one of a value whose uncertainty is not known."
+    )
+
+
+def shown(value: float) -> str:
+    """A value for a table: rounding errors are 0."""
+    return "0" if abs(value) < 1e-9 else format_number(value, 3)
+
+
+def ratio(row: Row) -> str:
+    """Second over first value, for a table."""
+    if row.ratio is None:
+        return ""
+    return "> 1000" if row.ratio > 1000.0 else "< 0.001" if row.ratio < 1e-3 else format_number(row.ratio, 3)
