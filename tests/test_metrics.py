@@ -63,7 +63,7 @@ def test_sweep_its_report_and_diff(metric, tmp_path, capsys):
 def test_convergence_and_comparison(metric, tmp_path, capsys):
     folder = str(make_run(tmp_path / "run"))
     assert call(["compare", folder, folder, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["figures"][metric.name]["label"] == LABEL
+    assert json.loads(capsys.readouterr().out)["quantities"][metric.name]["label"] == LABEL
     options = ["--steps", "2", "--levels", "3", "--study", "time_step", "--workers", "2", "--json"]
     call(["convergence", "flat", "--set", "solver.ik_time_step=0.004", *options])
     found = json.loads(capsys.readouterr().out)["metrics"][metric.name]

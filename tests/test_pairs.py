@@ -113,7 +113,7 @@ def study(parameters, u, **more):
     return Uncertainty("a", 6, "", values, parameters.model_dump(), studies=("time_step",))
 
 
-def test_figures_of_the_walks_are_better_only_beyond_the_studies_of_both(pair):
+def test_values_of_the_walks_are_better_only_beyond_the_studies_of_both(pair):
     assert pair.as_dict()["uncertainty"] is None
     assert {row.better for row in pair.rows if row.of.walked} == {""}
     both = [study(side.saved.parameters, 1e-3) for side in (pair.a, pair.b)]
@@ -132,11 +132,11 @@ def test_figures_of_the_walks_are_better_only_beyond_the_studies_of_both(pair):
 
 
 def test_no_ratio_is_one_of_rounding(pair):
-    figures = pair.as_dict()["figures"]
-    assert figures["plan_acceleration"]["ratio"] is None
-    assert figures["plan_acceleration"]["better"] == "a"
-    assert figures["zmp_x_near"]["ratio"] > 1.0
-    assert all(entry["ratio"] is None or entry["ratio"] < 1e6 for entry in figures.values())
+    values = pair.as_dict()["quantities"]
+    assert values["plan_acceleration"]["ratio"] is None
+    assert values["plan_acceleration"]["better"] == "a"
+    assert values["zmp_x_near"]["ratio"] > 1.0
+    assert all(entry["ratio"] is None or entry["ratio"] < 1e6 for entry in values.values())
 
 
 def test_a_study_of_neither_gait_is_refused_before_anything_walks(folders, tmp_path, capfd):
@@ -182,8 +182,8 @@ def test_a_comparison_of_folders_is_written_and_read_back(folders, tmp_path, cap
     answer = json.loads(capfd.readouterr().out)
     assert json.loads((out / NUMBERS).read_text(encoding="utf-8")) == answer
     assert answer["b"]["model"] == "ipm"
-    assert answer["figures"]["zmp_x_near"]["better"] == ""
-    assert answer["figures"]["plan_zmp"]["better"] == "a"
+    assert answer["quantities"]["zmp_x_near"]["better"] == ""
+    assert answer["quantities"]["plan_zmp"]["better"] == "a"
     assert {entry.name for entry in out.iterdir()} == {REPORT, NUMBERS, PICTURE}
     page = (out / REPORT).read_text(encoding="utf-8")
     assert "http" not in page.replace("http://www.w3.org", "")

@@ -134,7 +134,7 @@ def switch_values(walk: Comparison) -> dict[str, float]:
     """Quantities of :data:`SWITCH` in SI units."""
     table, record = signals_table(walk), walk.record
     signals = Signals({name: table.column(name).to_numpy() for name in table.column_names})
-    values, weight = switch_figures(walk.plan, signals, record), record.mass * record.gravity
+    values, weight = switch_quantities(walk.plan, signals, record), record.mass * record.gravity
     return {item.name: si_unit(item.unit, weight)[0] * values[item.name] for item in SWITCH}
 
 
@@ -171,7 +171,7 @@ def metric_values(summary: Mapping[str, Any], weight: float) -> dict[str, float]
     return found
 
 
-def switch_figures(
+def switch_quantities(
     plan: StepPlan, signals: Signals, record: SimulationRecord | StoredRecord, window: float = WINDOW
 ) -> dict[str, float]:
     """Quantities of :data:`SWITCH` in their shown units; NaN without a switch.

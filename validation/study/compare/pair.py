@@ -169,7 +169,7 @@ class Pair:
             for row in self.rows
         }
         studies = None if self.studies is None else [study.as_dict() for study in self.studies]
-        rest = {"parameters": self.parameters, "uncertainty": studies, "figures": values}
+        rest = {"parameters": self.parameters, "uncertainty": studies, "quantities": values}
         return dict(json_ready({**sides, **rest}))
 
 

@@ -35,7 +35,7 @@ from validation.study.compare.metrics import (
     metric_values,
     quantities,
     si_unit,
-    switch_figures,
+    switch_quantities,
 )
 from validation.study.compare.pair import Joints, Pair, Row, Side
 from validation.trial.plan import Request, load_request, make_body, motion_cache
@@ -241,6 +241,6 @@ def _values(side: Side) -> dict[str, float]:
         "plan_moment": residuals.moment * plan.centroidal.weight * height,
         "joint_limit": side.joints.limit,
         **{f"joint_{1e3 * h:g}ms": j for h, j in zip(side.joints.grid, side.joints.jump, strict=True)},
-        **switch_figures(plan, side.saved.signals, record),
+        **switch_quantities(plan, side.saved.signals, record),
         **metric_values(side.saved.summary, record.mass * record.gravity),
     }
