@@ -272,7 +272,6 @@ def test_every_definition_reads_back(listed, ends, count, scale, method, seed, f
         ('[sweep]\ngait = "nromal"', ["nromal", "normal"]),
         ('[sweep]\nprofile = "strct"\n' + GRID + "gait.c_y = [1.0]", ["strct", "strict"]),
         ('[sweep]\nrecordings = "some"\n' + GRID + "gait.c_y = [1.0]", ["some", "failures", "worst"]),
-        ('[sweep]\nrecordings = "none"\nworst = 3', ["sweep.worst", "recordings"]),
         ('[sweep]\ninstrument = "force-plat"\n', ["force-plat", "force-plate"]),
         ("[set]\ngait.c_x = 1\n", ["gait.c_x", "gait.c_y"]),
         ("[set]\ngait.c_y = [1, 2]\n", ["[set]", "gait.c_y", "number"]),

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal
 from pydantic import Field
 
 from ampm.exceptions import InputError
-from ampm.section import Real, Section, read_source
+from ampm.section import Real, Section, parameter, read_source
 
 PRESETS: dict[str, str] = {
     "force-plate": "a laboratory's force plates, one under every footstep",
@@ -25,44 +25,40 @@ PRESETS: dict[str, str] = {
 """Presets and what they are; each is ``validation/measure/instruments/presets/<name>.toml``."""
 
 
-def _field(default: Any, description: str, unit: str, **bounds: Any) -> Any:
-    return Field(default, description=description, json_schema_extra={"unit": unit}, **bounds)
-
-
 class Channel(Section):
     """Figures of one group of channels; ``u`` is its unit: N, N m, rad/s, m/s^2 or rad.
 
     Each channel of the group (left and right foot, x and y) has noise and bias of its own.
     """
 
-    noise: Real = _field(
+    noise: Real = parameter(
         0.0, "one-sided density of white noise ahead of the filter; RMS over a band of B Hz is noise sqrt(B)",
         "u/sqrt(Hz)", ge=0, le=1e6,
     )  # fmt: skip
-    bias: Real = _field(
+    bias: Real = parameter(
         0.0, "bound of a constant that is drawn evenly from -bias ... bias for every run", "u", ge=0, le=1e6
     )
-    offset: Real = _field(0.0, "constant that is always added", "u", ge=-1e6, le=1e6)
-    resolution: Real = _field(0.0, "step of the converter (LSB); 0 is endlessly fine", "u", ge=0, le=1e6)
-    range: float = _field(math.inf, "readings are cut off at plus and minus this", "u", gt=0)
+    offset: Real = parameter(0.0, "constant that is always added", "u", ge=-1e6, le=1e6)
+    resolution: Real = parameter(0.0, "step of the converter (LSB); 0 is endlessly fine", "u", ge=0, le=1e6)
+    range: float = parameter(math.inf, "readings are cut off at plus and minus this", "u", gt=0)
 
 
 class Acquisition(Section):
     """What every channel of an instrument passes: low-pass, sampling, delay."""
 
-    cutoff: Real | None = _field(
+    cutoff: Real | None = parameter(
         None, "-3 dB frequency of the causal Butterworth low-pass; without it there is none", "Hz",
         ge=0.01, le=1e6,
     )  # fmt: skip
-    order: int = _field(4, "order of the low-pass", "1", ge=1, le=10)
-    rate: Real | None = _field(
+    order: int = parameter(4, "order of the low-pass", "1", ge=1, le=10)
+    rate: Real | None = parameter(
         None,
         "samples per second, each held until the next; without it as many as steps",
         "Hz",
         gt=0,
         le=1e6,
     )
-    delay: Real = _field(0.0, "time from a sample to its arrival", "s", ge=0, le=10)
+    delay: Real = parameter(0.0, "time from a sample to its arrival", "s", ge=0, le=10)
 
 
 class Instrument(Section):
@@ -74,21 +70,21 @@ class Instrument(Section):
     """
 
     kind: str
-    name: str = _field("", "name for reports; by default that of the preset or file", "", max_length=60)
-    seed: int = _field(1, "seed of biases and noise, with the key of the run", "1", ge=0, le=2**63 - 1)
+    name: str = parameter("", "name for reports; by default that of the preset or file", "", max_length=60)
+    seed: int = parameter(1, "seed of biases and noise, with the key of the run", "1", ge=0, le=2**63 - 1)
     acquisition: Acquisition = Field(default_factory=Acquisition)
-    groups: ClassVar[Mapping[str, tuple[str, str]]] = {}
-    """Group of channels to its unit and meaning."""
+    groups: ClassVar[Mapping[str, str]] = {}
+    """Group of channels to its unit."""
 
 
 class _Wrench(Instrument):
     """Six axes under or in each foot."""
 
-    threshold: Real = _field(
+    threshold: Real = parameter(
         0.0, "a foot whose vertical force reads less than this counts as unloaded; 0 takes every reading",
         "N", ge=0, le=1e4,
     )  # fmt: skip
-    cross_talk: Real = _field(
+    cross_talk: Real = parameter(
         0.0, "bound of a channel's share of every other channel, drawn evenly, both relative to their ranges",
         "1", ge=0, le=0.5,
     )  # fmt: skip
@@ -96,11 +92,11 @@ class _Wrench(Instrument):
     force_z: Channel = Field(default_factory=Channel)
     moment_xy: Channel = Field(default_factory=Channel)
     moment_z: Channel = Field(default_factory=Channel)
-    groups: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "force_xy": ("N", "horizontal forces"),
-        "force_z": ("N", "vertical force"),
-        "moment_xy": ("N m", "moments about the horizontal axes"),
-        "moment_z": ("N m", "moment about the vertical axis"),
+    groups: ClassVar[Mapping[str, str]] = {
+        "force_xy": "N",
+        "force_z": "N",
+        "moment_xy": "N m",
+        "moment_z": "N m",
     }
 
 
@@ -114,42 +110,36 @@ class FootForceTorque(_Wrench):
     """A force/torque sensor at each ankle's centre, fixed to the foot."""
 
     kind: Literal["foot-ft"]
-    compensation: Literal["none", "weight", "inertia"] = _field(
+    compensation: Literal["none", "weight", "inertia"] = parameter(
         "inertia",
         "what the user takes off for the part of the foot below the sensor: nothing, its weight, or its "
         "weight and inertial forces exactly",
         "1",
     )
-    pose: Literal["true", "encoders"] = _field(
+    pose: Literal["true", "encoders"] = parameter(
         "true",
         "pose of the sensor that the user takes: the true one, or the pelvis's true pose and the leg's joint "
         "encoders",
         "1",
     )
     encoder: Channel = Field(default_factory=Channel)
-    groups: ClassVar[Mapping[str, tuple[str, str]]] = {
-        **_Wrench.groups,
-        "encoder": ("rad", "angles of the leg's joints"),
-    }
+    groups: ClassVar[Mapping[str, str]] = {**_Wrench.groups, "encoder": "rad"}
 
 
 class Imu(Instrument):
     """An inertial measurement unit."""
 
     kind: Literal["imu"]
-    mount: Literal["pelvis", "chest"] = _field(
+    mount: Literal["pelvis", "chest"] = parameter(
         "pelvis", "where it sits: origin of the pelvis, or the model's own sensor site", "1"
     )
-    tilt: Real = _field(
+    tilt: Real = parameter(
         0.0, "bound of the constant roll and pitch error of the orientation estimate, drawn evenly", "rad",
         ge=0, le=1,
     )  # fmt: skip
     gyroscope: Channel = Field(default_factory=Channel)
     accelerometer: Channel = Field(default_factory=Channel)
-    groups: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "gyroscope": ("rad/s", "angular velocity"),
-        "accelerometer": ("m/s^2", "specific force"),
-    }
+    groups: ClassVar[Mapping[str, str]] = {"gyroscope": "rad/s", "accelerometer": "m/s^2"}
 
 
 KINDS: dict[str, type[Instrument]] = {"force-plate": ForcePlate, "foot-ft": FootForceTorque, "imu": Imu}
@@ -187,7 +177,7 @@ def make_instrument(table: Mapping[str, Any], name: str = "") -> Instrument:
     for group, values in table.items():
         field = KINDS[kind].model_fields.get(group)
         if isinstance(values, dict) and field is not None and isinstance(field.annotation, type):
-            unit = KINDS[kind].groups.get(group, ("", ""))[0]
+            unit = KINDS[kind].groups.get(group, "")
             try:
                 parts[group] = field.annotation(**values)
             except InputError as error:

@@ -37,7 +37,7 @@ from pydantic import Field, TypeAdapter, ValidationError, field_validator, model
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters, key_info, keys
 from ampm.run_file import PRESETS, load_run
-from ampm.section import Real, Section, input_error, parse_toml, read_toml, unknown
+from ampm.section import Real, Section, input_error, parameter, parse_toml, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
 
 Value = float | int | str
@@ -233,18 +233,14 @@ def _check_distinct(items: Sequence[Hashable], place: str) -> None:
 # ------------------------------------------------------------------- definition
 
 
-def _field(default: Any, description: str, unit: str = "1", **bounds: Any) -> Any:
-    return Field(default, description=description, json_schema_extra={"unit": unit}, **bounds)
-
-
 class Limits(Section):
     """What ends a run that would not end. Simulated time and solver iterations are keys of the run itself."""
 
     section: ClassVar[str] = "limits"
 
-    wall_clock: Real = _field(
+    wall_clock: Real = parameter(
         600.0,
-        "wall-clock time of one run after which it counts as hung (timed_out) and is run again on resume",
+        "wall-clock time after which a run counts as hung (timed_out); resume walks it again",
         "s",
         gt=0,
     )
@@ -259,17 +255,17 @@ class SweepDefinition(Section):
 
     section: ClassVar[str] = "sweep"
 
-    name: str = _field("sweep", "name of the sweep, for report and table", min_length=1)
-    gait: str = _field("normal", "preset, or TOML file relative to the sweep's", min_length=1)
-    steps: int = _field(30, "steps of every run", ge=1, le=100_000)
-    tune: bool = _field(False, "make the free choices of every run before it walks, as ampm tune does")
-    seed: int = _field(1, "of the sampled blocks", ge=0, le=2**63 - 1)
-    profile: str = _field("default", "tolerance profile that judges the runs")
-    recordings: Literal["none", "failures", "worst", "all"] = _field(
-        "worst", "which runs keep a recording: none, failures, worst or all"
+    name: str = Field("sweep", description="name of the sweep, for report and table", min_length=1)
+    gait: str = Field("normal", description="preset, or TOML file relative to the sweep's", min_length=1)
+    steps: int = Field(30, description="steps of every run", ge=1, le=100_000)
+    tune: bool = Field(False, description="make the free choices of every run first, as ampm tune does")
+    seed: int = Field(1, description="of the sampled blocks", ge=0, le=2**63 - 1)
+    profile: str = Field("default", description="tolerance profile that judges the runs")
+    recordings: Literal["none", "failures", "worst", "all"] = Field(
+        "worst", description="which runs keep a recording"
     )
-    worst: int = _field(5, "how many runs keep one with recordings = worst", ge=1, le=10_000)
-    instrument: str | None = _field(None, "model of the sensors that measure beside the simulator's truth")
+    worst: int = Field(5, description="how many runs keep one if recordings = worst", ge=1, le=10_000)
+    instrument: str | None = Field(None, description="model of the sensors that measure beside the truth")
     limits: Limits = Field(default_factory=Limits)
     set: Mapping[str, Value] = Field(default_factory=dict)
     vary: tuple[AnyBlock, ...] = ()
@@ -289,19 +285,9 @@ class SweepDefinition(Section):
         """Varied keys, in the order of the blocks."""
         return tuple(key for block in self.vary for key in block.keys)
 
-    @field_validator("profile")
-    @classmethod
-    def _check_profile(cls, name: str) -> str:
-        find_profile(name)
-        return name
-
     @model_validator(mode="after")
     def _check(self) -> SweepDefinition:
-        if "worst" in self.model_fields_set and self.recordings != "worst":
-            raise InputError(
-                f'sweep.worst = {self.worst} needs recordings = "worst"; leave it out.',
-                key="sweep.worst",
-            )
+        find_profile(self.profile)
         if not self.vary:
             raise InputError(
                 "the sweep varies nothing; add a [[vary]] block, for example with "
@@ -319,9 +305,7 @@ class SweepDefinition(Section):
         if total > MOST_CASES:
             raise InputError(
                 f"the sweep would have {total:,} runs, more than {MOST_CASES:,}; lower a count, or vary "
-                "several keys in one sobol block instead of crossing them.",
-                value=total,
-                limit=MOST_CASES,
+                "several keys in one sobol block instead of crossing them."
             )
         _ = self.run  # what all runs share must be possible
         return self
@@ -370,9 +354,7 @@ def parse_sweep(text: str, *, name: str = "sweep", folder: Path | None = None) -
 def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinition:
     for word, value in table.items():
         if word in RunParameters.model_fields:
-            raise InputError(
-                f"[{word}] is no table of a sweep; put what all runs share under [set].", key=word
-            )
+            raise InputError(f"[{word}] is no table of a sweep; put its keys under [set].", key=word)
         if word not in _TABLES:
             raise unknown(word, _TABLES)
         is_list = isinstance(value, list) and all(isinstance(item, dict) for item in value)
@@ -419,8 +401,6 @@ _HEAD = tuple(name for name in SweepDefinition.model_fields if name not in _TABL
 def dump_sweep(definition: SweepDefinition) -> str:
     """TOML text that :func:`parse_sweep` reads back as an equal definition, without any other file."""
     head = definition.model_dump(include=set(_HEAD), exclude_none=True)
-    if definition.recordings != "worst" or "worst" not in definition.model_fields_set:
-        del head["worst"]
     vary = []
     for block in definition.vary:
         words = block.model_dump(by_alias=True, exclude_none=True)
