@@ -43,7 +43,9 @@ def sampled(lines, method="sobol", count=8, seed=1):
 def test_examples_load_and_read_back(path):
     definition = load_sweep(path)
     assert definition.name == path.stem
-    assert parse_sweep(dump_sweep(definition)) == definition
+    again = parse_sweep(dump_sweep(definition))
+    assert again == definition
+    assert ("worst" in again.model_fields_set) == ("worst" in definition.model_fields_set)
     drawn = cases(definition)
     for case in (0, len(drawn) - 1):
         assert isinstance(drawn.run(case), RunParameters)

@@ -240,7 +240,7 @@ class Limits(Section):
 
     wall_clock: Real = parameter(
         600.0,
-        "wall-clock time after which a run counts as hung (timed_out); resume walks it again",
+        "time after which a run counts as hung (timed_out); resume walks it again",
         "s",
         gt=0,
     )
@@ -401,6 +401,8 @@ _HEAD = tuple(name for name in SweepDefinition.model_fields if name not in _TABL
 def dump_sweep(definition: SweepDefinition) -> str:
     """TOML text that :func:`parse_sweep` reads back as an equal definition, without any other file."""
     head = definition.model_dump(include=set(_HEAD), exclude_none=True)
+    if "worst" not in definition.model_fields_set:  # then only runs that did not pass count as worst
+        del head["worst"]
     vary = []
     for block in definition.vary:
         words = block.model_dump(by_alias=True, exclude_none=True)
