@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +25,8 @@ from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
 from ampm.parameters import FootParameters
 from ampm.planner.contacts import Contacts
+
+Array = NDArray[np.float64]
 
 HEEL, BALL, TIP = 0, 1, 2
 """Columns of :attr:`FootSample.contact`."""
@@ -52,17 +55,17 @@ class FootSample:
         sole_points: heel left/right, ball left/right, tip left/right, shape (N, 6, 3) [m].
     """
 
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
-    pitch: NDArray[np.float64]
-    pitch_velocity: NDArray[np.float64]
-    pitch_acceleration: NDArray[np.float64]
-    toe: NDArray[np.float64]
-    toe_velocity: NDArray[np.float64]
-    toe_acceleration: NDArray[np.float64]
+    position: Array
+    velocity: Array
+    acceleration: Array
+    pitch: Array
+    pitch_velocity: Array
+    pitch_acceleration: Array
+    toe: Array
+    toe_velocity: Array
+    toe_acceleration: Array
     contact: NDArray[np.bool_]
-    sole_points: NDArray[np.float64]
+    sole_points: Array
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
@@ -82,11 +85,11 @@ class FootPath:
         contact: heel, ball, tip in contact, shape (K, 3), bool.
     """
 
-    start: NDArray[np.float64]
+    start: Array
     pivot: NDArray[np.int8]
-    path: NDArray[np.float64]
-    pitch: NDArray[np.float64]
-    toe: NDArray[np.float64]
+    path: Array
+    pitch: Array
+    toe: Array
     contact: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
@@ -118,7 +121,7 @@ class FeetPlan:
         return _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
 
 
-def quintic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> NDArray[np.float64]:
+def quintic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> Array:
     """Quintics through (position, velocity, acceleration) at both ends.
 
     Args:
@@ -143,7 +146,7 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> NDArray[np
     return out
 
 
-def cubic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> NDArray[np.float64]:
+def cubic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> Array:
     """Cubics through (position, velocity) at both ends, as :func:`quintic` has its coefficients.
 
     Args:
@@ -165,9 +168,7 @@ def cubic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> NDArray[np.f
     return out
 
 
-def _evaluate(
-    coefficients: NDArray[np.float64], t: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _evaluate(coefficients: Array, t: Array) -> tuple[Array, Array, Array]:
     """Value and two derivatives of polynomials (..., K) at times broadcast against their leading axes."""
     value = np.zeros(np.broadcast_shapes(coefficients.shape[:-1], t.shape))
     first = np.zeros_like(value)
@@ -179,7 +180,7 @@ def _evaluate(
     return value, first, second
 
 
-def _sample_path(path: FootPath, sole: SoleGeometry, t: NDArray[np.float64]) -> FootSample:
+def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
     index = np.clip(np.searchsorted(path.start, t + 1e-12, side="right") - 1, 0, len(path.start) - 1)
     local = t - path.start[index]
     pivot, pivot_velocity, pivot_acceleration = _evaluate(path.path[index], local[:, None])
@@ -210,9 +211,8 @@ def _sample_path(path: FootPath, sole: SoleGeometry, t: NDArray[np.float64]) -> 
     )
 
 
-def _sole_points(
-    sole: SoleGeometry, position: NDArray[np.float64], pitch: NDArray[np.float64], toe: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _sole_points(sole: SoleGeometry, position: Array, pitch: Array, toe: Array) -> Array:
+    """Heel left/right, ball left/right, tip left/right, shape (N, 6, 3) [m]."""
     points = np.empty((len(position), 6, 3))
     c, s = np.cos(pitch), np.sin(pitch)
     ct, st = np.cos(pitch + toe), np.sin(pitch + toe)
@@ -223,14 +223,26 @@ def _sole_points(
         if group == TIP:
             dx, dz = dx + toes * ct, dz - toes * st
         for side, sign in enumerate((1.0, -1.0)):
-            points[:, 2 * group + side, 0] = position[:, 0] + dx
-            points[:, 2 * group + side, 1] = position[:, 1] + sign * half_width
-            points[:, 2 * group + side, 2] = position[:, 2] + dz
+            offset = np.stack([dx, np.full_like(dx, sign * half_width), dz], axis=1)
+            points[:, 2 * group + side] = position + offset
     return points
 
 
-@dataclass
-class _Segment:
+class KeyFrame(NamedTuple):
+    """State of a foot where one part of its stride ends and the next begins: value, rate, acceleration.
+
+    Attributes:
+        pitch: of the foot segment, shape (3,) [rad, rad/s, rad/s^2].
+        toe: angle of the toe joint, shape (3,) [rad, rad/s, rad/s^2].
+        ball: x, y, z of the ball in each of n steps, shape (3, 3, n) [m, m/s, m/s^2].
+    """
+
+    pitch: Array
+    toe: Array
+    ball: Array
+
+
+class _Segment(NamedTuple):
     """One segment of the stride in each of n steps; what is left out rests: no motion, flat, straight toe.
 
     Attributes:
@@ -242,12 +254,12 @@ class _Segment:
         toe: shape (n, 6).
     """
 
-    start: NDArray[np.float64]
+    start: Array
     pivot: int
     contact: tuple[bool, bool, bool]
-    path: NDArray[np.float64]
-    pitch: NDArray[np.float64] | None = None
-    toe: NDArray[np.float64] | None = None
+    path: Array
+    pitch: Array | None = None
+    toe: Array | None = None
 
 
 def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift_speed: float) -> FeetPlan:
@@ -306,12 +318,12 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift
 def _stride(
     foot: FootParameters,
     sole: SoleGeometry,
-    start: NDArray[np.float64],
-    single: NDArray[np.float64],
-    double: NDArray[np.float64],
-    behind: NDArray[np.float64],
-    here: NDArray[np.float64],
-    ahead: NDArray[np.float64],
+    start: Array,
+    single: Array,
+    double: Array,
+    behind: Array,
+    here: Array,
+    ahead: Array,
     lift_speed: float,
 ) -> tuple[list[_Segment], list[_Segment]]:
     """Segments of the foot that stands, and of the one that swings from ``behind`` to ``ahead``.
@@ -319,40 +331,24 @@ def _stride(
     The times have the shape (n,) [s], the placements (n, 3) [m].
     """
     roll, paper = foot.schedule == "roll", foot.swing == "paper"
-    lift = (foot.toe_off_angle, foot.toe_off_rate) if roll else (0.0, 0.0)
-    land = (-foot.heel_strike_angle, 0.0 if paper else foot.heel_strike_rate) if roll else (0.0, 0.0)
-    rise, straighten, down = (
-        double + foot.heel_rise_lead,
-        foot.toe_return * single,
-        foot.full_contact * double,
-    )
-    # The ball leaves its place from rest; it arrives turning about the heel that has just landed.
-    x, rate = sole.ball_x - sole.heel_x, land[1]
-    c, s = math.cos(land[0]), math.sin(land[0])
-    # Rows: heel rise, pitch in the swing, the ball's x, y, z in the swing, toe joint, roll down.
-    begin, end = np.zeros((2, 3, 7, len(start)))
-    end[:2, 0] = begin[:2, 1] = np.array(lift)[:, None]
-    end[:2, 1] = begin[:2, 6] = np.array(land)[:, None]
-    begin[:2, 5] = -begin[:2, 1]
-    begin[0, 2], begin[0, 3] = behind[:, 0] + sole.ball_x, behind[:, 1]
-    end[0, 2], end[0, 3], end[0, 4] = ahead[:, 0] + sole.heel_x + x * c, ahead[:, 1], -x * s
-    end[1, 2], end[1, 4] = -x * s * rate, -x * c * rate
-    end[2, 2], end[2, 4] = -x * c * rate**2, x * s * rate**2
-    if paper:
-        begin[1, 2] = lift_speed
+    rise, straighten = double + foot.heel_rise_lead, foot.toe_return * single
+    down = foot.full_contact * double
+    toe_off, landing = _key_frames(foot, sole, behind, ahead, lift_speed)
     connect = cubic if paper else quintic
-    curves = connect(begin, end, np.stack([rise, single, single, single, single, straighten, down]))
-    pitch_up, pitch, toe, pitch_down = curves[0], curves[1], curves[5], curves[6]
-
+    flat_foot, straight_toe = np.zeros(3), np.zeros(3)
+    pitch_up = connect(flat_foot, toe_off.pitch, rise)
+    pitch = connect(toe_off.pitch, landing.pitch, single)
+    pitch_down = connect(landing.pitch, flat_foot, down)
+    toe = connect(toe_off.toe, straight_toe, straighten)
     path = np.zeros((len(start), 3, _ORDER + 1))
-    path[:, :, :_ORDER] = curves[2:5].swapaxes(0, 1)
+    path[:, :, :_ORDER] = connect(toe_off.ball, landing.ball, single).swapaxes(0, 1)
     pieces = _paper_swing(path, single, foot.swing_height) if paper else [(0.0, path)]
     if not paper:
         lift_shape = _LIFT / single[:, None] ** np.arange(_ORDER + 1)
         path[:, 0] -= (foot.swing_lag * (ahead[:, 0] - behind[:, 0]))[:, None] * lift_shape
         path[:, 2] += foot.swing_height * lift_shape
 
-    def resting(at: NDArray[np.float64], pivot_x: float) -> NDArray[np.float64]:
+    def resting(at: Array, pivot_x: float) -> Array:
         still = np.zeros((len(start), 3, _ORDER + 1))
         still[:, 0, 0], still[:, 1, 0] = at[:, 0] + pivot_x, at[:, 1]
         return still
@@ -390,9 +386,31 @@ def _stride(
     return stance, swing
 
 
-def _paper_swing(
-    path: NDArray[np.float64], single: NDArray[np.float64], height: float
-) -> list[tuple[float, NDArray[np.float64]]]:
+def _key_frames(
+    foot: FootParameters, sole: SoleGeometry, behind: Array, ahead: Array, lift_speed: float
+) -> tuple[KeyFrame, KeyFrame]:
+    """Toe off and initial contact; at heel rise and full contact the foot is flat and at rest."""
+    lift = land = (0.0, 0.0)
+    paper = foot.swing == "paper"
+    if foot.schedule == "roll":
+        lift = (foot.toe_off_angle, foot.toe_off_rate)
+        land = (-foot.heel_strike_angle, 0.0 if paper else foot.heel_strike_rate)
+    toe_off, landing = np.zeros((2, 3, 3, len(behind)))
+    # The ball leaves its place from rest.
+    toe_off[0, 0], toe_off[0, 1] = behind[:, 0] + sole.ball_x, behind[:, 1]
+    if paper:
+        toe_off[1, 0] = lift_speed
+    # It arrives turning about the heel that has just landed.
+    x, rate = sole.ball_x - sole.heel_x, land[1]
+    c, s = math.cos(land[0]), math.sin(land[0])
+    landing[0, 0], landing[0, 1], landing[0, 2] = ahead[:, 0] + sole.heel_x + x * c, ahead[:, 1], -x * s
+    landing[1, 0], landing[1, 2] = -x * s * rate, -x * c * rate
+    landing[2, 0], landing[2, 2] = -x * c * rate**2, x * s * rate**2
+    angle = np.array([*lift, 0.0])
+    return KeyFrame(angle, -angle, toe_off), KeyFrame(np.array([*land, 0.0]), np.zeros(3), landing)
+
+
+def _paper_swing(path: Array, single: Array, height: float) -> list[tuple[float, Array]]:
     """The swing's two pieces: a clamped cubic spline through one more key-frame, ``height`` up at mid swing.
 
     Args:
@@ -419,7 +437,7 @@ def _foot_path(stance: list[_Segment], swing: list[_Segment], stands: NDArray[np
     order = np.argsort(start, kind="stable")
     still = np.zeros((len(stands), _ORDER))
 
-    def gather(values: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    def gather(values: list[Array]) -> Array:
         return np.concatenate([v[steps] for v, (_, steps) in zip(values, parts, strict=True)])[order]
 
     lengths = [int(np.count_nonzero(steps)) for _, steps in parts]
@@ -433,7 +451,7 @@ def _foot_path(stance: list[_Segment], swing: list[_Segment], stands: NDArray[np
     )
 
 
-def _shift(coefficients: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float64]:
+def _shift(coefficients: Array, by: Array) -> Array:
     """Coefficients of p(t + by) from those of p(t), by Taylor expansion (repeated Horner).
 
     Args:
