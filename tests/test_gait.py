@@ -1,7 +1,6 @@
 """The plan as a whole: golden values, continuity, an independent integration, refusals, property tests."""
 
 import math
-import time
 from dataclasses import fields, replace
 from typing import Any
 
@@ -222,7 +221,8 @@ def force_law_integration(parameters, steps):
     p, m = parameters, 60.0
     half = p.step_length / 2
     l_s, l_d = half * p.single_support_ratio, half * (1 - p.single_support_ratio)
-    a_d, c_d = l_d / (half - l_s / p.a_s), (half - p.c_s * l_s) / l_d
+    plain = p.model == "ipm"
+    a_d, c_d = (1.0, 1.0) if plain else (l_d / (half - l_s / p.a_s), (half - p.c_s * l_s) / l_d)
     constants = plan_gait(p, MASS).constants  # beta and v have no simpler definition than the root itself
     beta, s = constants.beta, constants.s
     w = p.step_width / 2
@@ -241,7 +241,7 @@ def force_law_integration(parameters, steps):
         middle = (k + 0.5) * p.step_length
 
         def laws(x, y):
-            zmp = np.array([middle + (x - middle) / a_d, (beta + s) / beta * y])
+            zmp = np.array([middle + (x - middle) / a_d, y if plain else (beta + s) / beta * y])
             force_y = p.c_y * (y - zmp[1])  # over m g / H
             return zmp, np.array([middle + c_d * (x - middle), zmp[1] + force_y])
 
@@ -279,7 +279,13 @@ def force_law_integration(parameters, steps):
     return switches, pieces
 
 
-@pytest.mark.parametrize("parameters", [GOLDEN, changed(c_s=0.9, c_y=1.2, a_s=2.5, switching_velocity=1.3)])
+IPM = GaitParameters(model="ipm", com_height=0.88, a_s=math.inf, steps=4)
+PLAIN_SLOPES = {"model": "ipm", "a_s": math.inf, "c_s": 1.0, "c_y": 1.0}
+
+
+@pytest.mark.parametrize(
+    "parameters", [GOLDEN, changed(c_s=0.9, c_y=1.2, a_s=2.5, switching_velocity=1.3), IPM]
+)
 def test_an_independent_integration_of_force_and_zmp_laws(parameters):
     steps = 3
     plan = plan_gait(parameters, MASS)
@@ -341,18 +347,7 @@ def test_dcm_and_mass(plan):
     np.testing.assert_array_equal(heavy.com, s.com)
 
 
-def test_planning_takes_less_than_a_millisecond():
-    def once():
-        start = time.process_time()
-        plan_gait(GaitParameters(steps=30), MASS)
-        return time.process_time() - start
-
-    assert min(once() for _ in range(50)) < 1e-3
-
-
 # --- the plain inverted pendulum ---
-
-IPM = GaitParameters(model="ipm", com_height=0.88, a_s=math.inf, steps=4)
 
 
 def test_the_plain_pendulum_states_its_jumps_and_is_not_refused_for_them():
@@ -386,39 +381,6 @@ def test_the_plain_pendulum_has_no_moment_and_its_force_line_passes_through_the_
     np.testing.assert_allclose(s.com_velocity[double, 0], 1.0, rtol=1e-14)
 
 
-def test_the_plain_pendulum_against_an_independent_integration():
-    plan, rate = plan_gait(IPM, MASS), G / 0.88
-    c, steps = plan.constants, 4
-    state = np.array([-c.l_s, c.beta, 1.0, c.lateral_switching_velocity])
-    now = 0.0
-    for k in range(steps):
-        foot = np.array([0.6 * k, 0.09 * (-1) ** k])
-
-        def pendulum(t, u, foot=foot):
-            return [u[2], u[3], *(rate * (u[:2] - foot))]
-
-        def passed(t, u, foot=foot):
-            return u[0] - foot[0] - c.l_s
-
-        passed.terminal = True  # type: ignore[attr-defined]
-        found = solve_ivp(
-            pendulum, (now, now + 2.0), state, method="DOP853", rtol=1e-12, atol=1e-13, events=passed,
-            dense_output=True,
-        )  # fmt: skip
-        t = np.linspace(now, found.t_events[0][0] - 1e-9, 30)
-        s = plan.sample(t)
-        np.testing.assert_allclose(
-            np.hstack([s.com[:, :2], s.com_velocity[:, :2]]), found.sol(t).T, atol=5e-8
-        )
-        now, state = found.t_events[0][0], found.y_events[0][0]
-        assert now == pytest.approx(plan.contacts.switch_times[2 * k], abs=1e-9)
-        drift = 2.0 * c.l_d / 1.0
-        state = np.array([*(state[:2] + drift * state[2:]), *state[2:]])
-        now += drift
-        np.testing.assert_allclose(state[:2], [0.6 * (k + 1) - c.l_s, c.beta * (-1) ** (k + 1)], atol=2e-8)
-    assert now == pytest.approx(plan.duration)
-
-
 def test_the_single_support_of_both_models_is_one_where_the_zmp_rests():
     """The AMPM with a_s = inf and c = 1 is the same pendulum; only its double support joins on."""
     plain, smooth = plan_gait(IPM, MASS), plan_gait(IPM.model_copy(update={"model": "ampm"}), MASS)
@@ -427,54 +389,38 @@ def test_the_single_support_of_both_models_is_one_where_the_zmp_rests():
     assert plain.constants.single_support_duration == smooth.constants.single_support_duration
 
 
-@pytest.mark.parametrize(("key", "value"), [("a_s", 2.63), ("c_s", 1.2), ("c_y", 0.4)])
-def test_the_plain_pendulum_refuses_slopes_that_it_has_not(key, value):
-    with pytest.raises(MathematicalRefusal, match=rf"gait\.{key} = {value}.*set gait\.{key} to") as caught:
-        plan_gait(IPM.model_copy(update={key: value}), MASS)
-    assert caught.value.reason == "not_the_plain_pendulum"
-
-
 # --- refusals ---
 
 
 @pytest.mark.parametrize(
-    ("values", "reason", "limit", "words"),
+    ("values", "reason", "value", "limit", "way_out"),
     [
-        (
-            {"switching_velocity": 0.3},
-            "switching_velocity_too_low",
-            0.68339,
-            ["0.3 m/s", "0.683", "raise gait.swi"],
-        ),
-        (
-            {"switching_velocity": 0.69},
-            "mid_stance_too_slow",
-            0.138,
-            ["0.138 m/s", "20%", "0.683", "0.6975 m/s"],
-        ),
-        ({"a_s": 0.5}, "single_support_not_driven", 0.0, ["c_s - 1/gait.a_s = -0.8", "0.8333"]),
-        ({"a_s": 1 / 1.2}, "single_support_not_driven", 0.0, ["c_s"]),
-        ({"c_s": -1.0}, "single_support_not_driven", 0.0, ["raise gait.c_s above 0.25"]),
-        ({"c_y": 0.0}, "c_y_not_positive", 0.0, ["gait.c_y = 0 "]),
-        ({"c_y": -0.5}, "c_y_not_positive", 0.0, ["gait.c_y = -0.5"]),
+        ({"switching_velocity": 0.3}, "switching_velocity_too_low", 0.3, 0.68339, "0.6975 m/s"),
+        ({"switching_velocity": 0.69}, "mid_stance_too_slow", 0.09522, 0.138, "0.6975 m/s"),
+        ({"a_s": 0.5}, "single_support_not_driven", -0.8, 0.0, "gait.a_s above 0.8333"),
+        ({"a_s": 1 / 1.2}, "single_support_not_driven", 0.0, 0.0, "gait.c_s above 1.2 or"),
+        ({"c_s": -1.0}, "single_support_not_driven", -1.25, 0.0, "gait.c_s above 0.25"),
+        ({"c_y": 0.0}, "c_y_not_positive", 0.0, 0.0, "0.4"),
+        ({"c_y": -0.5}, "c_y_not_positive", -0.5, 0.0, "0.4"),
         (
             {"c_s": 0.251, "c_y": 100.0, "switching_velocity": 0.024},
-            "single_support_too_long",
-            600.0,
-            ["lateral pendulum"],
+            "single_support_too_long", 1021.2, 600.0, "lower gait.c_y",
         ),
-        ({"c_y": 5e-324}, "ill_conditioned", 1e-9, ["jump"]),
+        ({"c_y": 5e-324}, "ill_conditioned", math.inf, 1e-9, "gait.c_y"),
+        ({**PLAIN_SLOPES, "a_s": 2.63}, "not_the_plain_pendulum", 2.63, math.inf, "gait.a_s to inf"),
+        ({**PLAIN_SLOPES, "c_s": 1.2}, "not_the_plain_pendulum", 1.2, 1.0, "gait.c_s to 1"),
+        ({**PLAIN_SLOPES, "c_y": 0.6}, "not_the_plain_pendulum", 0.6, 1.0, "gait.c_y to 1"),
     ],
-)
-def test_a_mathematical_refusal_names_value_limit_and_way_out(values, reason, limit, words):
+)  # fmt: skip
+def test_a_refusal_names_value_limit_and_way_out(values, reason, value, limit, way_out):
     with pytest.raises(MathematicalRefusal) as caught:
         plan_gait(changed(**values), MASS)
     refusal = caught.value
     assert refusal.reason == reason
-    assert refusal.limit == pytest.approx(limit, rel=1e-4)
+    assert (refusal.value, refusal.limit) == pytest.approx((value, limit), rel=1e-3)
+    assert way_out in refusal.way_out
     assert refusal.way_out in str(refusal)
-    for word in words:
-        assert word in str(refusal)
+    assert f"{value:.4g}"[:4] in str(refusal)
 
 
 def test_the_least_speed_is_the_least_speed():
@@ -496,56 +442,32 @@ def test_a_mass_that_is_no_mass(mass):
         plan_gait(GOLDEN, mass=mass)
 
 
+def gaits(height, length, speed, ratio, a_s, c_s, c_y, width, steps, **fixed):
+    """Gaits with parameters between bounds, ``a_s`` infinite as well."""
+    return st.builds(
+        GaitParameters,
+        com_height=st.floats(*height),
+        step_length=st.floats(*length),
+        switching_velocity=st.floats(*speed),
+        single_support_ratio=st.floats(*ratio),
+        a_s=st.one_of(st.just(math.inf), st.floats(*a_s)),
+        c_s=st.floats(*c_s),
+        c_y=st.floats(*c_y),
+        step_width=st.floats(*width),
+        steps=st.integers(1, steps),
+        **fixed,
+    )
+
+
 # Well beyond anything that walks: every draw is a valid plan or a named refusal.
-WIDE = st.builds(
-    GaitParameters,
-    com_height=st.floats(0.05, 10.0),
-    step_length=st.floats(1e-3, 5.0),
-    switching_velocity=st.floats(1e-3, 10.0),
-    single_support_ratio=st.floats(1e-3, 1 - 1e-3),
-    a_s=st.one_of(st.just(math.inf), st.floats(0.01, 1e6)),
-    c_s=st.floats(-5.0, 20.0),
-    c_y=st.floats(-1.0, 20.0),
-    step_width=st.floats(1e-3, 5.0),
-    steps=st.integers(1, 40),
+WIDE = gaits((0.05, 10), (1e-3, 5), (1e-3, 10), (1e-3, 0.999), (0.01, 1e6), (-5, 20), (-1, 20), (1e-3, 5), 40)
+WALKABLE = gaits(
+    (0.5, 1.2), (0.1, 0.9), (0.3, 2.5), (0.3, 0.95), (2, 20), (0.7, 2), (0.01, 1.5), (0.05, 0.4), 12
 )
-WALKABLE = st.builds(
-    GaitParameters,
-    com_height=st.floats(0.5, 1.2),
-    step_length=st.floats(0.1, 0.9),
-    switching_velocity=st.floats(0.3, 2.5),
-    single_support_ratio=st.floats(0.3, 0.95),
-    a_s=st.one_of(st.just(math.inf), st.floats(2.0, 20.0)),
-    c_s=st.floats(0.7, 2.0),
-    c_y=st.floats(0.01, 1.5),
-    step_width=st.floats(0.05, 0.4),
-    steps=st.integers(1, 12),
-)
-EDGE = st.builds(
-    GaitParameters,
-    com_height=st.floats(1e-300, 100.0, exclude_min=True),
-    step_length=st.floats(1e-300, 100.0, exclude_min=True),
-    switching_velocity=st.floats(1e-300, 100.0, exclude_min=True),
-    single_support_ratio=st.floats(0, 1, exclude_min=True, exclude_max=True),
-    a_s=st.floats(0, exclude_min=True),
-    c_s=st.floats(-100, 100),
-    c_y=st.floats(-100, 100),
-    step_width=st.floats(1e-300, 100.0, exclude_min=True),
-    steps=st.integers(1, 5),
-)
-
-
-PLAIN = st.builds(
-    GaitParameters,
-    model=st.just("ipm"),
-    com_height=st.floats(1e-300, 100.0, exclude_min=True),
-    step_length=st.floats(1e-300, 100.0, exclude_min=True),
-    switching_velocity=st.floats(1e-300, 100.0, exclude_min=True),
-    single_support_ratio=st.floats(0, 1, exclude_min=True, exclude_max=True),
-    a_s=st.just(math.inf),
-    step_width=st.floats(1e-300, 100.0, exclude_min=True),
-    steps=st.integers(1, 5),
-)
+TINY = math.nextafter(1e-300, 1.0)
+NUMBERS = ((TINY, 100), (TINY, 100), (TINY, 100), (5e-324, math.nextafter(1.0, 0.0)))
+EDGE = gaits(*NUMBERS, (5e-324, None), (-100, 100), (-100, 100), (TINY, 100), 5)
+PLAIN = gaits(*NUMBERS, (math.inf, math.inf), (1, 1), (1, 1), (TINY, 100), 5, model=st.just("ipm"))
 
 
 def check_plan_or_refusal(parameters):
@@ -608,22 +530,11 @@ def check_plan(plan):
     return plan
 
 
-@given(parameters=WIDE)
+@pytest.mark.parametrize("parameters", [WIDE, EDGE, PLAIN], ids=["wide", "edge", "plain"])
+@given(data=st.data())
 @settings(max_examples=150, deadline=None)
-def test_a_wide_space_of_parameters(parameters):
-    check_plan_or_refusal(parameters)
-
-
-@given(parameters=EDGE)
-@settings(max_examples=150, deadline=None)
-def test_the_edges_of_what_parameters_allow(parameters):
-    check_plan_or_refusal(parameters)
-
-
-@given(parameters=PLAIN)
-@settings(max_examples=100, deadline=None)
-def test_the_edges_of_the_plain_pendulum(parameters):
-    check_plan_or_refusal(parameters)
+def test_any_gait_has_a_plan_or_a_reason(parameters, data):
+    check_plan_or_refusal(data.draw(parameters))
 
 
 @given(parameters=WALKABLE)

@@ -1,6 +1,7 @@
 """Parameters: bounds, messages, presets, and a file that gives back the same bits."""
 
 import math
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -8,7 +9,7 @@ from hypothesis import strategies as st
 
 from ampm.exceptions import InputError
 from ampm.parameters import ContactParameters, GaitParameters, RunParameters, keys
-from ampm.run_file import dump_run, load_run, preset_names
+from ampm.run_file import describe_keys, dump_run, load_run, preset_names
 
 
 def read_back(run, path):
@@ -89,12 +90,13 @@ def test_a_partial_file_leaves_the_rest_at_its_default(tmp_path):
     assert load_run(str(path), ["body.mass=70"]).body.mass == 70.0
 
 
-def test_every_key_has_a_meaning_and_a_unit():
-    for key in keys():
-        section, name = key.split(".")
-        field = getattr(RunParameters(), section).__class__.model_fields[name]
-        assert field.description, key
-        assert field.json_schema_extra["unit"], key
+def test_every_key_is_described():
+    found = {info.key: info for info in describe_keys()}
+    assert tuple(found) == keys()
+    assert all(info.meaning and info.unit for info in found.values())
+    step, schedule = found["gait.step_length"], found["foot.schedule"]
+    assert (step.unit, step.default, step.kind, step.range) == ("m", 0.6, "float", "> 0, <= 100")
+    assert (schedule.kind, schedule.range, found["gait.steps"].kind) == ("text", "flat | roll", "int")
 
 
 def test_parameters_are_frozen():
@@ -103,95 +105,121 @@ def test_parameters_are_frozen():
         run.gait.step_length = 1.0  # type: ignore[misc]
 
 
+STEP = "gait.step_length"
+
+
 @pytest.mark.parametrize(
-    ("override", "words"),
+    ("setting", "key", "details"),
     [
-        ("gait.stp_length=1", ["gait.stp_length", "did you mean 'gait.step_length'"]),
-        ("step_length=1", ["'step_length'", "did you mean 'gait.step_length'"]),
-        ("gate.c_s=1", ["'gate.c_s'", "did you mean 'gait.c_s'"]),
-        ("gait.step_length=-1", ["gait.step_length = -1 m", "greater than 0 m", "default is 0.6 m"]),
-        ("gait.step_length=0", ["gait.step_length = 0 m", "greater than 0 m"]),
-        ("gait.step_length=nan", ["gait.step_length = nan", "must be"]),
-        ("gait.switching_velocity=inf", ["gait.switching_velocity = inf", "must be"]),
-        ("gait.c_y=nan", ["gait.c_y = nan", "finite number"]),
-        ("gait.c_y=inf", ["gait.c_y = inf", "must be"]),
-        ("gait.a_s=nan", ["gait.a_s = nan", "must be"]),
-        ("gait.a_s=-3", ["gait.a_s = -3", "greater than 0"]),
-        ("gait.single_support_ratio=1", ["gait.single_support_ratio = 1", "less than 1"]),
-        ("gait.steps=0", ["gait.steps = 0", "at least 1"]),
-        ("gait.steps=2.5", ["gait.steps = 2.5", "whole number"]),
-        ("gait.com_height=tall", ["gait.com_height = 'tall'", "must be a number"]),
-        ("gait.com_height=true", ["gait.com_height = True", "must be a number"]),
-        ("foot.schedule=rol", ["foot.schedule = 'rol'", "'flat' or 'roll'"]),
-        ("body.mass=-60", ["body.mass = -60 kg", "at least 1 kg"]),
-        ("gait", ["'gait'", "key=value"]),
-        ("gait=3", ["unknown key 'gait'"]),
-        ("=3", ["without a key before ="]),
-        ("gait.C_S=1", ["did you mean 'gait.c_s'"]),
-        ("GAIT.STEPS=1", ["did you mean 'gait.steps'"]),
+        ("gait.stp_length=1", "gait.stp_length", {"nearest": STEP}),
+        ("step_length=1", "step_length", {"nearest": STEP}),
+        ("gate.c_s=1", "gate.c_s", {"nearest": "gait.c_s"}),
+        ("gait.C_S=1", "gait.C_S", {"nearest": "gait.c_s"}),
+        ("GAIT.STEPS=1", "GAIT.STEPS", {"nearest": "gait.steps"}),
+        ("gait.time_step=1", "gait.time_step", {"nearest": "simulation.time_step"}),
+        ("gait.xyzzy=1", "gait.xyzzy", {"way_out": "'ampm keys' lists all."}),
+        ("gait=3", "gait", {}),
+        (
+            "gait.step_length=-1",
+            STEP,
+            {"limit": "must be greater than 0 m", "way_out": "the default is 0.6 m"},
+        ),
+        ("gait.step_length=0", STEP, {"value": 0, "limit": "must be greater than 0 m"}),
+        ("gait.step_length=nan", STEP, {"limit": "must be a finite number"}),
+        ("gait.switching_velocity=inf", "gait.switching_velocity", {"limit": "must be a finite number"}),
+        ("gait.a_s=nan", "gait.a_s", {}),
+        ("gait.a_s=-3", "gait.a_s", {"limit": "must be greater than 0"}),
+        ("gait.single_support_ratio=1", "gait.single_support_ratio", {"limit": "must be less than 1"}),
+        ("gait.steps=0", "gait.steps", {"limit": "must be at least 1"}),
+        ("gait.steps=2.5", "gait.steps", {"value": 2.5, "limit": "must be a whole number"}),
+        ("gait.steps=1" + 400 * "0", "gait.steps", {"limit": "must be at most 100000"}),
+        ("gait.com_height=tall", "gait.com_height", {"value": "tall", "limit": "must be a number"}),
+        ("gait.com_height=true", "gait.com_height", {"limit": "must be a number"}),
+        ("gait.com_height=1" + 400 * "0", "gait.com_height", {"limit": "must be a number"}),
+        ("foot.schedule=rol", "foot.schedule", {"limit": "must be one of 'flat' or 'roll'"}),
+        ("body.mass=1e-12", "body.mass", {"limit": "must be at least 1 kg"}),
+        ("contact.time_constant=0.0039", "contact.time_constant", {"value": 0.0039}),
+        ("simulation.time_step=0.008", "contact.time_constant", {}),
+        ("contact.impedance_min=0.96", "contact.impedance_min", {"way_out": "exchange them"}),
+        ("gait", None, {"value": "gait", "way_out": "write for example gait.c_s=1.2"}),
+        ("=3", None, {"value": "=3", "way_out": "write for example gait.c_s=1.2"}),
     ],
 )
-def test_a_bad_override_names_key_value_limit_and_way_out(override, words):
+def test_a_bad_setting_is_known_to_programs(setting, key, details):
     with pytest.raises(InputError) as caught:
-        load_run("normal", [override])
-    for word in words:
-        assert word in str(caught.value)
+        load_run("normal", [setting])
+    found = caught.value.details
+    assert found.get("key") == key
+    assert {name: found[name] for name in details} == details
+    assert (key or found["value"]) in str(caught.value)
+
+
+def test_a_bad_value_in_words():
+    with pytest.raises(InputError) as caught:
+        load_run("normal", ["gait.step_length=-1"])
+    assert str(caught.value) == (
+        "gait.step_length = -1 m must be greater than 0 m; the default is 0.6 m. Meaning: distance of "
+        "successive footprints of opposite feet along x (2 (l_s + l_d))."
+    )
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[gait]\nc_s = \n", ["no valid TOML", "line 2"]),
-        ("[gait]\ncs = 1\n", ["'gait.cs'", "did you mean 'gait.c_s'"]),
-        ("[gaits]\nc_s = 1\n", ["'gaits'", "did you mean"]),
-        ("[gate]\nc_s = 1\n", ["section 'gate'", "did you mean 'gait'"]),
-        ("gait = 3\n", ["gait = 3", "[gait]"]),
+        ("[gait]\nc_s = \n", "line 2"),
+        ("[gait]\ncs = 1\n", "did you mean 'gait.c_s'"),
+        ("[gate]\nc_s = 1\n", "unknown section 'gate'; did you mean 'gait'"),
+        ("gait = 3\n", r"write \[gait\]"),
+        ("a = " + 100_000 * "[", "nested too deeply"),
+        ("[gait]\nsteps = " + 5000 * "9", "no valid TOML"),
+        ("[gait]\nc_s = " + 300 * "[" + 300 * "]", "must be a number"),
     ],
 )
 def test_a_bad_file_says_where(text, words, tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=words):
+        load_run(path, ["gait.c_y=1"])
+
+
+def test_a_file_that_is_none(tmp_path, monkeypatch):
+    for source, words in (
+        ("norml", r"did you mean 'normal'\?.*normal, momentum, flat, roll"),
+        (tmp_path / "none.toml", "neither a preset nor a file"),
+        (tmp_path, "cannot be read"),
+    ):
+        with pytest.raises(InputError, match=words):
+            load_run(source)
+    path = tmp_path / "large.toml"
+    path.write_text("[gait]\nsteps = 4\n", encoding="utf-8")
+    monkeypatch.setattr("ampm.section.LARGEST_FILE", 10)
+    with pytest.raises(InputError, match="more than 10"):
         load_run(path)
-    for word in words:
-        assert word in str(caught.value)
 
 
-def test_an_error_tells_a_program_what_it_knows():
-    with pytest.raises(InputError) as caught:
-        load_run("normal", ["gait.step_length=-1"])
-    assert caught.value.details["key"] == "gait.step_length"
-    assert caught.value.details["value"] == -1
-    assert caught.value.details["limit"] == "must be greater than 0 m"
-    assert "0.6 m" in caught.value.details["way_out"]
-    with pytest.raises(InputError) as caught:
-        load_run("normal", ["gait.C_S=1"])
-    assert caught.value.details["nearest"] == "gait.c_s"
+def test_settings_are_texts_or_keywords():
+    texts = load_run("momentum", ["gait.c_y=0.6", "foot.schedule=flat", "gait.steps=10"])
+    assert texts == load_run("momentum", gait={"c_y": 0.6, "steps": 10.0}, foot={"schedule": "flat"})
+    assert load_run("momentum", ["gait.c_y=1"], gait={"c_y": 0.6}).gait.c_y == 0.6
+    bad: list[dict[str, Any]] = [{"gait": {"cy": 1.0}}, {"gate": {}}, {"gait": 3}]
+    for wrong in bad:
+        with pytest.raises(InputError):
+            load_run("momentum", **wrong)
 
 
-def test_an_override_of_a_section_that_is_no_table(tmp_path):
-    path = tmp_path / "bad.toml"
-    path.write_text("gait = 3\n", encoding="utf-8")
-    with pytest.raises(InputError, match="no section"):
-        load_run(path, ["gait.c_s=1"])
-
-
-def test_an_unknown_preset_names_the_nearest():
-    with pytest.raises(InputError, match=r"did you mean 'normal'\?.*normal, momentum, flat, roll"):
-        load_run("norml")
-
-
-def test_a_file_that_cannot_be_read(tmp_path):
-    with pytest.raises(InputError, match="neither a preset nor a file"):
-        load_run(tmp_path / "none.toml")
-    with pytest.raises(InputError, match="cannot be read"):
-        load_run(tmp_path)
+def test_a_whole_number_may_have_a_point_and_a_file_a_byte_order_mark(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_bytes(b"\xef\xbb\xbf[gait]\nsteps = 4.0\n")
+    steps = load_run(path).gait.steps
+    assert (steps, type(steps)) == (4, int)
 
 
 def test_constructing_a_section_raises_the_same_error():
-    with pytest.raises(InputError, match=r"gait\.step_length = -1 m"):
-        GaitParameters(step_length=-1.0)
-    with pytest.raises(InputError, match=r"did you mean 'gait\.steps'"):
-        GaitParameters(stepps=3)  # type: ignore[call-arg]
-    with pytest.raises(InputError, match=r"did you mean 'gait\.c_y'"):
-        RunParameters().replace({"gait.cy": 1.0})
+    misspelt: dict[str, Any] = {"stepps": 3}
+    for make, nearest in (
+        (lambda: GaitParameters(**misspelt), "gait.steps"),
+        (lambda: RunParameters().replace({"gait.cy": 1.0}), "gait.c_y"),
+    ):
+        with pytest.raises(InputError) as caught:
+            make()
+        assert caught.value.details["nearest"] == nearest
