@@ -49,7 +49,7 @@ def test_rows_are_kept_one_per_run_and_the_last_counts(tmp_path):
             first.append([row(run, "timed_out", timing_total=float(run))])
         first.append([])
     with opened(folder) as again:
-        assert again.identity() == IDENTITY
+        assert read_sweep(folder).metadata["identity"] == IDENTITY
         again.append([row(1, "fell"), row(6)])
         ongoing = read_sweep(folder)  # while it is written
         assert not ongoing.complete
@@ -137,8 +137,8 @@ def test_a_damaged_file_is_named(tmp_path, name, damage):
     damage(folder / name)
     with pytest.raises(InputError, match=rf"{name} (cannot be used|is no Parquet)"):
         read_sweep(folder)
-    with pytest.raises(InputError, match=name), store.Store(folder) as sweep:
-        sweep.identity()
+    with pytest.raises(InputError, match=name), opened(folder) as sweep:
+        sweep.rows()
 
 
 def test_a_database_cut_short_is_named(tmp_path):

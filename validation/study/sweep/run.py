@@ -39,7 +39,17 @@ from validation.study.sweep.schema import (
     reproducible_columns,
     tidy,
 )
-from validation.study.sweep.store import CRASHES, DEFINITION, LOCK, RECORDINGS, SUMMARY, Store, is_sweep
+from validation.study.sweep.store import (
+    CRASHES,
+    DEFINITION,
+    LOCK,
+    RECORDINGS,
+    REPORT,
+    SUMMARY,
+    Store,
+    is_sweep,
+    read_rows,
+)
 from validation.study.sweep.table import STATES, State, SweepTable, read_sweep, wrap_table
 from validation.study.sweep.task import Listener, Task
 
@@ -173,11 +183,12 @@ def _check_identity(store: Store, definition: SweepDefinition, *, force: bool) -
     Raises:
         InputError: the rows are of another sweep, of other code, or do not say.
     """
-    before, now = store.identity(), _identity(definition)
-    if before is None:
+    rows, now = read_rows(store.folder)[0], _identity(definition)
+    if rows is None:
         return True
+    before = wrap_table(rows, store.folder).metadata.get("identity") or {}
     kept, new = before.get("settings"), now["settings"]
-    if not (isinstance(kept, dict) and isinstance(before.get("code"), dict)):
+    if kept is None or "code" not in before:
         raise InputError(
             f"the rows in {store.folder} do not say which definition and code made them; give another folder."
         )
@@ -386,7 +397,7 @@ def _keep_worst(jobs: _Jobs, store: Store, pool: Pool, progress: Progress) -> No
     chosen = [row for row in found.worst if "worst" in definition.model_fields_set or not passed[row]]
     runs, names = found.table["run"].to_pylist(), found.words("name")
     kept = {runs[row]: f"{RECORDINGS}/{names[row]}" for row in chosen[: definition.worst]}
-    wanted = [run for run, name in kept.items() if not (store.folder / name).is_dir()]
+    wanted = [run for run, name in kept.items() if not (store.folder / name / REPORT).is_file()]
     if wanted:
         again = Listener()
         # Without a guard on the clock: they have come to their end before.

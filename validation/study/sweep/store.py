@@ -138,18 +138,6 @@ class Store:
     ) -> None:
         self._exit.close()
 
-    def identity(self) -> dict[str, Any] | None:
-        """Identity of the sweep that has rows here; None if there are none."""
-        with _errors(self.folder):
-            if _exists(self._rows):
-                metadata = _metadata(self._rows)
-            elif (self.folder / RESULTS).is_file():
-                metadata = json.loads(read_table(self.folder / RESULTS).schema.metadata[TABLE_METADATA])
-            else:
-                return None
-        found = metadata.get("identity")
-        return found if isinstance(found, dict) else {}
-
     def begin(self, definition: SweepDefinition, identity: Mapping[str, Any]) -> None:
         """Prepare for rows of this sweep; those of an earlier call stay.
 
@@ -238,11 +226,6 @@ def _exists(rows: sqlite3.Connection) -> bool:
     return rows.execute("SELECT 1 FROM sqlite_master WHERE name = 'rows'").fetchone() is not None
 
 
-def _metadata(rows: sqlite3.Connection) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(rows.execute("SELECT metadata FROM sweep").fetchone()[0])
-    return found
-
-
 def _insert(rows: sqlite3.Connection, values: Sequence[Mapping[str, Any]]) -> None:
     """Rows as JSON, which keeps every bit of a number; what is undefined is left out."""
     rows.executemany(
@@ -259,7 +242,8 @@ def _table(rows: sqlite3.Connection) -> pa.Table:
     found = rows.execute("SELECT row FROM rows ORDER BY run")
     batches = []
     try:
-        metadata = {TABLE_METADATA: json.dumps(_metadata(rows)).encode()}
+        (text,) = rows.execute("SELECT metadata FROM sweep").fetchone()
+        metadata = {TABLE_METADATA: text.encode()}
         while part := found.fetchmany(_BATCH):
             values = [json.loads(text) for (text,) in part]
             batches.append(pa.RecordBatch.from_pylist(values, schema=schema()))

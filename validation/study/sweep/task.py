@@ -27,8 +27,6 @@ from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.judge.profiles import profile as find_profile
 from validation.progress import Progress, Stage, interruption
-from validation.store.environment import describe_environment
-from validation.store.folders import run_folder
 from validation.store.identity import code, code_hash, parameter_values
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import (
@@ -48,11 +46,7 @@ MOTIONS_KEPT = 1500
 """Solved motions that the user's cache may hold; a sweep over gaits would fill the disk with them."""
 _TRIM_EVERY = 100
 
-_DRAW = (
-    "import sys; from pathlib import Path; from validation.show.report import write_report; "
-    "from validation.show.rerun.record import write_recording; folder = Path(sys.argv[1]); "
-    "write_recording(folder); write_report(folder)"
-)
+_DRAW = "import sys, pathlib, validation.run.trial as run; run.draw_run(pathlib.Path(sys.argv[1]))"
 _FULL = re.compile(
     r"no space left|no room is left|quota exceeded|file too large|(?:errno|os error|OSError) (?:27|28|122)\b",
     re.IGNORECASE,
@@ -191,13 +185,9 @@ def _walk(task: Task, timing: dict[str, float]) -> dict[str, Any]:
     finally:
         timing |= stages.timing() | {"cpu_planning": time.thread_time() - cpu}
     cpu = time.thread_time()
-    walked = walk_planned(planned, find_profile(task.profile))
-    simulated = float(walked.record.time[-1])
-    timing |= {
-        **walked.seconds,
-        "cpu_walk": time.thread_time() - cpu,
-        "real_time_factor": simulated / walked.seconds["simulation"],
-    }
+    walked = walk_planned(planned, find_profile(task.profile), seconds={"planning": timing["planning"]})
+    timing |= {**walked.timing, "cpu_walk": time.thread_time() - cpu}
+    del timing["simulated"]  # outcome_time has it
     row = parameter_values(planned.run) | walk_columns(walked)
     if task.instrument is not None:
         from validation.measure.instruments.columns import instrument_columns  # loads SciPy
@@ -205,7 +195,7 @@ def _walk(task: Task, timing: dict[str, float]) -> dict[str, Any]:
         row |= instrument_columns(walked.planned, walked.record, task.instrument)
     if task.keep == "all" or (task.keep == "failures" and row["verdict"] != "pass"):
         start = time.perf_counter()
-        row["recording"] = keep_run(walked, task, timing)
+        row["recording"] = keep_run(walked, task)
         timing["recording"] = time.perf_counter() - start
     return row
 
@@ -232,7 +222,7 @@ class _Clock(Progress):
 # ------------------------------------------------------------------------------ the run's folder
 
 
-def keep_run(trial: Trial, task: Task, timing: Mapping[str, float]) -> str:
+def keep_run(trial: Trial, task: Task) -> str:
     """Write a run's folder as ``ampm validate`` does; an earlier one of that run is replaced.
 
     Returns:
@@ -241,19 +231,16 @@ def keep_run(trial: Trial, task: Task, timing: Mapping[str, float]) -> str:
     Raises:
         SweepStopped: it cannot be written.
     """
+    from validation.measure.instruments.model import load_instrument  # loads SciPy
+
     relative = f"{RECORDINGS}/{task.name}"
     target = Path(task.folder) / relative
+    instrument = None if task.instrument is None else load_instrument(task.instrument)
     try:
-        with run_folder(target, force=True) as work:
-            _write(trial, work, task, timing)
-            # Drawing needs the viewer's library and matplotlib, which a worker is better off without.
-            done = subprocess.run(
-                [sys.executable, "-c", _DRAW, str(work)],
-                capture_output=True,
-                encoding="utf-8",
-                errors="replace",
-                check=False,
-            )
+        trial.save(target, force=True, recording=False, instrument=instrument)
+        # Drawing needs the viewer's library and matplotlib, which a worker is better off without.
+        command = [sys.executable, "-c", _DRAW, str(target)]
+        done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", check=False)
     except OSError as error:
         if disk_is_full(error):
             raise disk_full(target, error.strerror) from error
@@ -269,22 +256,6 @@ def keep_run(trial: Trial, task: Task, timing: Mapping[str, float]) -> str:
             raise disk_full(target, last)
         raise SweepStopped(f"recording and report of {target} could not be drawn ({last})", "mend that")
     return relative
-
-
-def _write(trial: Trial, work: Path, task: Task, timing: Mapping[str, float]) -> None:
-    # Here, not above: only a kept run needs the writers.
-    from validation.measure.instruments.model import load_instrument
-    from validation.run.trial import write_inputs, write_results
-    from validation.store.record import save_record
-
-    environment = describe_environment()
-    write_inputs(work, trial.planned, environment)
-    save_record(trial.record, work)
-    stages = ("planning", "simulation", "measurement", "real_time_factor")
-    shown = {key: timing[key] for key in stages if key in timing}
-    shown["simulated"] = float(trial.record.time[-1] - trial.record.time[0])
-    instrument = None if task.instrument is None else load_instrument(task.instrument)
-    write_results(work, trial, environment, instrument, shown)
 
 
 # ------------------------------------------------------------------------------ the worker

@@ -69,8 +69,7 @@ _PATIENCE = 20.0  # time in which a nanny brings its worker up again [s]
 _VAIN = 4  # times that all workers may be replaced without one of them coming up
 _CLOSE_TIME = 10.0
 _WAIT = 0.5
-_FILL = 0.2  # time that rows without a walk may take before finished ones are looked after [s]
-_BATCH = 1000
+_BATCH = 100  # rows without a walk that are made before finished walks are looked after
 _LATE = 60.0  # time after which a guard has failed [s]
 _GATHER = 20.0
 
@@ -322,7 +321,7 @@ class Execution:
                 more = self._fill()
                 self._take(0.0 if more else _WAIT)
                 self._check_clocks()
-                if self._rows and (time.monotonic() > self._oldest + FLUSH or len(self._rows) >= _BATCH):
+                if self._rows and (time.monotonic() > self._oldest + FLUSH or len(self._rows) >= 10 * _BATCH):
                     self._flush()
                 self._pool.check()
                 self._listener.tick(self._pool.size())
@@ -334,14 +333,13 @@ class Execution:
         self._flush()
 
     def _fill(self) -> bool:
-        """Send out a run for every free worker; rows without a walk are taken for a moment only.
+        """Send out a run for every free worker.
 
         Returns:
             Whether there is more to do at once.
         """
         if self._pool.client.status != "running":  # the connection is lost, and sought again
             return False
-        end = time.monotonic() + _FILL
         while len(self._flying) < self._pool.size():
             # A run that was lost with its worker comes last, so that it holds up nothing else.
             item = None if self._exhausted else next(self._todo, None)
@@ -357,7 +355,7 @@ class Execution:
                 future.add_done_callback(self._done.put)
             else:
                 self._keep(item)
-                if time.monotonic() > end or len(self._rows) >= _BATCH:
+                if len(self._rows) % _BATCH == 0:
                     return True
         return False
 
