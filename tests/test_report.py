@@ -16,6 +16,7 @@ from tests.saved_run import make_run
 from validation.judge.metrics import metric_label
 from validation.show import run_figures as figures
 from validation.show.report import REPORT_FILE, number, render, with_unit, write_report
+from validation.show.style import decimate
 from validation.store.saved import load_saved_run
 from validation.store.signals import column_of
 from validation.trial.outcome import Outcome, OutcomeName
@@ -181,7 +182,7 @@ def test_strides_are_two_steps_each_and_leave_out_the_first(run_dir):
 )
 def test_thinning_keeps_the_extremes(values, buckets):
     value = np.array(values)
-    time, thin = figures.decimate(np.arange(len(value), dtype=float), value, buckets)
+    time, thin = decimate(np.arange(len(value), dtype=float), value, buckets)
     assert len(time) == len(thin)
     assert len(thin) <= max(2 * buckets, 1)
     assert np.all(np.diff(time) > 0)

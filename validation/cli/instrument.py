@@ -82,6 +82,7 @@ def write_files(seen: Observation, plot: Path | None, out: Path | None, *, force
     """Write the files of a request; an earlier picture is replaced, as it can be drawn again at once."""
     from validation.measure.instruments.columns import observation_columns
     from validation.show.instrument import draw
+    from validation.show.style import file_style
     from validation.store.folders import output_file
     from validation.store.tables import write_columns
 
@@ -89,7 +90,7 @@ def write_files(seen: Observation, plot: Path | None, out: Path | None, *, force
         with output_file(out, force=force) as work:
             write_columns(observation_columns(seen), work)
     if plot is not None:
-        with output_file(plot) as work:
+        with output_file(plot) as work, file_style():
             draw(seen).savefig(work, dpi=130)
     return [path for path in (out, plot) if path is not None]
 

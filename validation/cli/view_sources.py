@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ampm.exceptions import InputError
+from validation.store.saved import RECORDING_FILE
 
 if TYPE_CHECKING:
     from validation.study.sweep.table import SweepTable
 
-RECORDING_FILE = "recording.rrd"
 SWEEP_FILE = "sweep.toml"
 
 

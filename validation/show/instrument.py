@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 import pyarrow.parquet as pq
-from markupsafe import Markup
 
 from validation.measure.instruments.names import CAUSES, RUN, WINDOWS
 from validation.show import run_figures as figures
+from validation.show import style
+from validation.show.style import Picture
 from validation.store.folders import INSTRUMENT_FILE
 
 if TYPE_CHECKING:
@@ -29,12 +29,6 @@ _MEANINGS = {
     "foot-ft": "A model of force/torque sensors in the ankles reads what the feet pass on to the legs.",
     "imu": "A model of an IMU; its ZMP is that of a point mass at the true COM which accelerates as the IMU.",
 }
-
-
-@dataclass(frozen=True)
-class _Picture:
-    svg: Markup
-    caption: str
 
 
 def instrument_section(saved: SavedRun) -> dict[str, Any]:
@@ -56,7 +50,7 @@ def instrument_section(saved: SavedRun) -> dict[str, Any]:
     }
 
 
-def _pictures(saved: SavedRun) -> list[_Picture]:
+def _pictures(saved: SavedRun) -> list[Picture]:
     path = saved.directory / INSTRUMENT_FILE
     if not path.is_file() or len(saved.signals) < 2:
         return []
@@ -64,7 +58,7 @@ def _pictures(saved: SavedRun) -> list[_Picture]:
     names = [f"{name}_{axis}" for axis in axes for name in ("true_zmp", "instrument_zmp")]
     table = pq.read_table(path, columns=[*names, *(f"instrument_zmp_compensated_{axis}" for axis in axes)])
     pictures = []
-    with figures.style():
+    with style.style():
         for axis in axes:
             true = table[f"true_zmp_{axis}"].to_numpy()
             errors = {
@@ -73,7 +67,7 @@ def _pictures(saved: SavedRun) -> list[_Picture]:
             }
             figure = _errors(saved, errors, f"ZMP {axis}: instrument \u2212 truth")
             label = f"Error that the instrument adds to the ZMP in {axis}"
-            pictures.append(_Picture(Markup(figures.to_svg(figure, f"instrument-{axis}", label)), ""))
+            pictures.append(style.picture(figure, f"instrument-{axis}", label))
     return pictures
 
 
@@ -81,10 +75,10 @@ def _errors(saved: SavedRun, errors: dict[str, Any], title: str) -> Figure:
     """Errors over one stride from the middle of the walk."""
     signals = saved.signals
     window = figures.middle(signals)
-    figure, (axis,) = figures.new_figure(2.4)
+    figure, (axis,) = style.new_figure(2.4)
     figures.shade_double_support(axis, signals, window)
-    axis.axhline(0.0, color=figures.FAINT, linewidth=0.7)
-    for (label, values), color in zip(errors.items(), (figures.MEASURED, figures.PLAN), strict=True):
+    axis.axhline(0.0, color=style.FAINT, linewidth=0.7)
+    for (label, values), color in zip(errors.items(), (style.MEASURED, style.PLAN), strict=True):
         rows = slice(window.first, min(window.last, len(values)))
         axis.plot(signals.time[rows], np.asarray(values)[rows], color=color, linewidth=0.9, label=label)
     axis.set_ylabel("[mm]")
@@ -161,10 +155,6 @@ def draw(seen: Observation, *, steps_shown: float = 2.4) -> Figure:
         size = [1e3 * seen.causes[cause][RUN].rmse[column] for cause in causes]
         bars.barh([CAUSES[cause].partition(",")[0] for cause in causes], np.nan_to_num(size), color="0.55")
         bars.set(xlabel=f"RMS error in {axis} by one cause alone [mm]")
-        bars.tick_params(axis="y", labelsize=8)
-        for each in (upper, lower, bars):
-            each.grid(alpha=0.3)
-            each.spines[["top", "right"]].set_visible(False)
-    axes[0, 0].legend(loc="upper left", fontsize=8)
+        style.legend(upper)
     figure.suptitle(f"{seen.instrument.name}: the ZMP that it shows")
     return figure

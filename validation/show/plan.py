@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from ampm.planner.support import AnyPlan, StepPlan
+from validation.show.style import file_style, legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _SHOWN_STEPS = 4  # a periodic gait repeats itself every two
 _POINTS = 1200
-_X, _Y, _ZMP = "#1f77b4", "#d62728", "#2ca02c"
+_X, _Y, _Z, _ZMP = "#1f77b4", "#d62728", "#5b6270", "#2ca02c"
 
 
 def plot_plan(plan: AnyPlan, path: Path, *, title: str) -> None:
@@ -37,57 +37,55 @@ def plot_plan(plan: AnyPlan, path: Path, *, title: str) -> None:
     duration = min(plan.duration, _SHOWN_STEPS * plan.constants.step_duration)
     times = np.linspace(0.0, duration, _POINTS)
     sample = plan.sample(times)
-    # Figures are made without pyplot: no global state, no display, safe in any thread.
-    figure = Figure(figsize=(14, 13), layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(title)
-    axes = figure.subplot_mosaic(
-        [
-            ["x", "y"],
-            ["velocity", "acceleration"],
-            ["force", "moment"],
-            ["momentum", "margin"],
-            ["top", "top"],
-        ],
-        height_ratios=[1, 1, 1, 1, 1.3],
-    )
-    _draw_times(axes, plan, sample)
-    _draw_margin(axes["margin"], plan, times)
-    for name, axis in axes.items():
-        if name != "top":
-            axis.set_xlabel("time [s]")
-            axis.set_xlim(0, duration)
-            axis.grid(alpha=0.3)
-            _shade_double_support(axis, plan, duration)
-    _draw_top(axes["top"], plan, sample, times)
-    figure.savefig(path, dpi=110)
+    with file_style():
+        # Made without pyplot: no global state, no display, safe in any thread.
+        figure = Figure(figsize=(14, 13), layout="constrained")
+        figure.suptitle(title)
+        axes = figure.subplot_mosaic(
+            [
+                ["x", "y"],
+                ["velocity", "acceleration"],
+                ["force", "moment"],
+                ["momentum", "margin"],
+                ["top", "top"],
+            ],
+            height_ratios=[1, 1, 1, 1, 1.3],
+        )
+        _draw_times(axes, plan, sample)
+        _draw_margin(axes["margin"], plan, times)
+        for name, axis in axes.items():
+            if name != "top":
+                axis.set_xlabel("time [s]")
+                axis.set_xlim(0, duration)
+                _shade_double_support(axis, plan, duration)
+        _draw_top(axes["top"], plan, sample, times)
+        for axis in axes.values():
+            legend(axis)
+        figure.savefig(path, dpi=110)
 
 
 def _draw_times(axes: dict[str, Axes], plan: AnyPlan, sample: PlanSample) -> None:
     time = sample.time
     for name, index in (("x", 0), ("y", 1)):
-        axis = axes[name]
-        axis.plot(time, sample.com[:, index], color=_X, label="COM")
-        axis.plot(time, sample.dcm[:, index], color="0.6", lw=1, label="DCM")
-        axis.plot(time, sample.zmp[:, index], color=_ZMP, label="ZMP")
-        axis.set_ylabel(f"{name} [m]")
-        axis.legend(loc="upper left", fontsize="small")
+        for label, values, colour in (
+            ("COM", sample.com, _X),
+            ("DCM", sample.dcm, _Z),
+            ("ZMP", sample.zmp, _ZMP),
+        ):
+            axes[name].plot(time, values[:, index], color=colour, label=label)
+        axes[name].set_ylabel(f"{name} [m]")
+    weight = plan.mass * plan.gravity
     pairs: tuple[tuple[str, NDArray[np.float64], str], ...] = (
         ("velocity", sample.com_velocity[:, :2], "COM velocity [m/s]"),
         ("acceleration", sample.com_acceleration[:, :2], "COM acceleration [m/s²]"),
+        ("force", 100 * sample.force / weight, "ground force\n[% of body weight]"),
         ("moment", sample.moment, "moment about the\nCOM [N m]"),
         ("momentum", sample.angular_momentum, "angular momentum about\nthe COM [N m s]"),
     )
     for name, values, label in pairs:
-        for index, (letter, colour) in enumerate((("x", _X), ("y", _Y))):
-            axes[name].plot(time, values[:, index], color=colour, label=letter)
+        for column, letter, colour in zip(values.T, "xyz", (_X, _Y, _Z), strict=False):
+            axes[name].plot(time, column, color=colour, label=letter)
         axes[name].set_ylabel(label)
-        axes[name].legend(loc="upper left", fontsize="small")
-    weight = plan.mass * plan.gravity
-    for index, (letter, colour) in enumerate((("x", _X), ("y", _Y), ("z", "0.3"))):
-        axes["force"].plot(time, 100 * sample.force[:, index] / weight, color=colour, label=letter)
-    axes["force"].set_ylabel("ground force\n[% body weight]")
-    axes["force"].legend(loc="center left", fontsize="small")
 
 
 def _draw_margin(axis: Axes, plan: AnyPlan, times: NDArray[np.float64]) -> None:
@@ -121,9 +119,7 @@ def _draw_top(axis: Axes, plan: AnyPlan, sample: PlanSample, times: NDArray[np.f
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("x, forward [m]")
     axis.set_ylabel("y, left [m]")
-    axis.set_title("from above: footprints (+), support polygons (shaded)", fontsize="medium")
-    axis.legend(loc="upper right", fontsize="small")
-    axis.grid(alpha=0.3)
+    axis.set_title("from above: footprints (+), support polygons (shaded)")
 
 
 def _shade_double_support(axis: Axes, plan: AnyPlan, duration: float) -> None:

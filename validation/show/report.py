@@ -12,42 +12,29 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from ampm.body.motion import MOTION_UNITS
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan
-from validation.judge.metrics import METRICS, metric_label
-from validation.show import run_figures as figures
+from ampm.run_file import describe_keys
+from validation.judge.metrics import METRICS, display_unit, metric_label
+from validation.show.instrument import instrument_section
 from validation.show.page import render_page
-from validation.show.run_figures import Curve, Window
-from validation.store.saved import SavedRun, load_saved_run, run_events
+from validation.show.report_pictures import pictures_of
+from validation.show.run_figures import CAUSES
+from validation.show.style import style
+from validation.store.saved import REPORT_FILE, SavedRun, load_saved_run, run_events
 from validation.trial.outcome import OutcomeName
 
-REPORT_FILE = "report.html"
 BODY_WEIGHT = "% BW"
 """Percent of body weight, as tables have room for it."""
 
 
+_SHARES = ("margin_torque", "margin_saturated")
+"""Metrics that are shown as percentages."""
+
 _LOST = (OutcomeName.FELL, OutcomeName.DIVERGED, OutcomeName.INFEASIBLE)
 """Outcomes that are failures without a look at any figure."""
-
-
-@dataclass(frozen=True)
-class Picture:
-    """One figure of the page.
-
-    Attributes:
-        svg: markup.
-        caption: what to look at.
-        wide: whether it spans the page.
-    """
-
-    svg: Markup
-    caption: str
-    wide: bool = False
 
 
 @dataclass(frozen=True)
@@ -114,19 +101,16 @@ def _context(saved: SavedRun) -> dict[str, Any]:
     outcome = saved.record.outcome
     verdict = str(summary.get("verdict", "not_measured"))
     gait = str(summary.get("gait", "gait"))
+    lost = outcome.name in _LOST
     headline = {"pass": "pass", "fail": "out of tolerance"}.get(verdict, verdict.replace("_", " "))
     if not outcome.completed:
         headline = f"{outcome.name}, {headline}"
-    with figures.style():
-        pictures = _pictures(saved, plan) if len(saved.signals) > 1 else {}
+    with style():
+        pictures = pictures_of(saved, plan) if len(saved.signals) > 1 else {}
     return {
         "gait": gait,
         "verdict": verdict,
-        "verdict_class": "fail"
-        if outcome.name in _LOST
-        else verdict
-        if verdict in ("pass", "fail")
-        else "open",
+        "verdict_class": "fail" if lost else verdict if verdict in ("pass", "fail") else "open",
         "headline": headline,
         "reason": _readable(str(summary.get("reason", "")), summary),
         "outcome_sentence": outcome.name.sentence,
@@ -140,7 +124,7 @@ def _context(saved: SavedRun) -> dict[str, Any]:
         "windows": _window_table(summary),
         "split": _split_rows(summary),
         "solver": _solver_rows(summary),
-        "instrument": _instrument(saved),
+        "instrument": instrument_section(saved) if saved.summary.get("instrument") else None,
         "motion": _plain_rows(summary.get("motion")),
         "parameters": _parameters(saved.parameters),
         "environment": _plain_rows(summary.get("environment")),
@@ -150,20 +134,11 @@ def _context(saved: SavedRun) -> dict[str, Any]:
     }
 
 
-def _instrument(saved: SavedRun) -> dict[str, Any] | None:
-    """What an instrument shows, if the run was looked at with one."""
-    if saved.summary.get("instrument") is None:
-        return None
-    from validation.show.instrument import instrument_section
-
-    return instrument_section(saved)
-
-
 # --------------------------------------------------------------------------------------------- figures
 
 
 def number(value: Any, digits: int = 3) -> str:
-    """Write a figure for people: ``digits`` significant ones, a dash for what is absent."""
+    """Write a number for people: ``digits`` significant ones, a dash for what is absent."""
     if value is None or (isinstance(value, float) and not np.isfinite(value)):
         return "–"
     if isinstance(value, bool):
@@ -183,7 +158,7 @@ def number(value: Any, digits: int = 3) -> str:
 
 
 def with_unit(value: Any, unit: str, digits: int = 3) -> str:
-    """A figure and its unit, with a space that does not break."""
+    """A number and its unit, with a space that does not break."""
     text = number(value, digits)
     unit = BODY_WEIGHT if unit == "% of body weight" else unit
     return text if text == "–" or unit in ("", "1") else f"{text} {unit}".replace(" ", "\u00a0")
@@ -284,65 +259,38 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> list[tuple[str, str]]:
     return facts
 
 
-def _extreme(entry: Any, scale: float, unit: str) -> tuple[str, str]:
-    """Value, and where and when, of an entry of the margins."""
-    if not isinstance(entry, Mapping):
-        return with_unit(None if entry is None else scale * entry, unit), ""
-    value, time = entry.get("value"), entry.get("time")
-    note = str(entry.get("where") or "").replace("_", " ")
-    if time is not None:
-        note = f"{note} at {time:.2f} s".strip()
-    return with_unit(None if value is None else scale * value, unit), note
-
-
 def _cost(saved: SavedRun) -> list[Row]:
     """What the agreement cost: feedback, torque, friction, and what was left of every margin."""
-    summary = saved.summary
-    effort, margins = summary.get("effort", {}), summary.get("margins", {})
-    energy = summary.get("energy", {})
     weight = saved.record.mass * saved.record.gravity
-    rows: list[Row] = []
-
-    def components(label: str, values: Any, scale: float, unit: str, note: str = "") -> None:
-        if values:
-            *first, last = (None if value is None else scale * value for value in values)
-            texts = [*(number(value) for value in first), with_unit(last, unit)]
-            rows.append(Row(label, ", ".join(texts), note=note))
-
-    components("feedback on the ZMP x, y, RMS", effort.get("zmp"), 1e3, "mm", "commanded minus planned")
-    components("feedback on the force x, y, z, RMS", effort.get("force"), 100 / weight, BODY_WEIGHT)
-    components("feedback on the momentum x, y, RMS", effort.get("angular_momentum"), 1.0, "N m s")
-
-    def extreme(key: str, label: str, scale: float, unit: str, limit: float | None = None) -> None:
-        if key not in margins:
-            return
-        entry = margins[key]
-        value, note = _extreme(entry, scale, unit)
-        raw = entry.get("value") if isinstance(entry, Mapping) else entry
-        share = raw / limit if raw is not None and limit else None
-        shown = _limit(scale * limit, unit) if limit else ""
-        rows.append(Row(label, value, shown, share, None if share is None else share <= 1.0, note))
-
-    extreme("torque", "largest torque, of the motor's limit", 100.0, "%", 1.0)
-    extreme("saturated", "time with a saturated motor", 100.0, "%")
-    available = margins.get("friction_available")
-    extreme("friction", "friction used by a loaded foot", 1.0, "1", available)
-    extreme("measured_polygon", "measured ZMP within the loaded sole", 1e3, "mm")
-    extreme("plan_polygon", "planned ZMP within the planned support", 1e3, "mm")
-    extreme("joint", "joint closest to its limit", 1.0, "rad")
-    extreme("knee", "least knee flexion", 1.0, "rad")
-    extreme("slip", "longest slip of a stance foot", 1e3, "mm")
-    extreme("penetration", "deepest penetration of a sole", 1e3, "mm")
-    if energy.get("cost_of_transport") is not None:
+    available = saved.summary.get("margins", {}).get("friction_available")
+    limits = {"margin_torque": 1.0, "margin_friction": available}
+    rows = []
+    for metric in METRICS.values():
+        name = metric.name.partition("_")[2]
+        entry = saved.summary.get(metric.section, {}).get(name)
+        if metric.section == "effort":  # components lie in one list
+            vector, _, axis = name.rpartition("_")
+            entry = saved.summary.get("effort", {}).get(vector, ())["xyz".index(axis)]
+        if metric.section not in ("effort", "margins", "energy") or entry is None:
+            continue
+        scale, unit = (100.0, "%") if metric.name in _SHARES else display_unit(metric.unit, weight)
+        value, note = entry, ""
+        if isinstance(entry, Mapping):
+            value, time = entry.get("value"), entry.get("time")
+            note = str(entry.get("where") or "").replace("_", " ")
+            note = note if time is None else f"{note} at {time:.2f} s".strip()
+        limit = limits.get(metric.name)
+        share = value / limit if value is not None and limit else None
         rows.append(
             Row(
-                "mechanical cost of transport",
-                number(energy["cost_of_transport"]),
-                note="positive work over weight and way",
+                label=metric.label,
+                value=with_unit(None if value is None else scale * value, unit),
+                limit=_limit(scale * limit, unit) if limit else "",
+                share=share,
+                passed=None if share is None else share <= 1.0,
+                note=note,
             )
         )
-    if energy.get("mean_power") is not None:
-        rows.append(Row("mean positive power", with_unit(energy["mean_power"], "W")))
     return rows
 
 
@@ -406,7 +354,7 @@ def _split_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Cause, RMS x, y [mm], share of the squared error x, y [%]."""
     split = summary.get("zmp_error_split", {})
     rows = []
-    for part, label in figures.CAUSES.items():
+    for part, label in CAUSES.items():
         if part in split.get("rmse", {}):
             rms = [number(_times(v, 1e3)) for v in split["rmse"][part]]
             share = [number(_times(v, 100.0), 2) for v in split["share"][part]]
@@ -474,133 +422,17 @@ def _item(value: Any) -> str:
 
 def _parameters(run: RunParameters) -> list[dict[str, Any]]:
     """Every parameter with value, unit and meaning, by section."""
-    sections = []
-    for section in type(run).model_fields:
-        model = getattr(run, section)
-        rows = []
-        for key, field in type(model).model_fields.items():
-            extra = field.json_schema_extra
-            unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
-            value = getattr(model, key)
-            text = f"{value:.10g}" if isinstance(value, float) else str(value)
-            rows.append((f"{section}.{key}", text, "" if unit == "1" else unit, field.description or ""))
-        sections.append({"name": section, "rows": rows})
-    return sections
+    values = run.model_dump()
+    sections: dict[str, list[tuple[str, str, str, str]]] = {}
+    for info in describe_keys():
+        section, key = info.key.split(".")
+        value = values[section][key]
+        text = f"{value:.10g}" if isinstance(value, float) else str(value)
+        unit = "" if info.unit == "1" else info.unit
+        sections.setdefault(section, []).append((info.key, text, unit, info.meaning))
+    return [{"name": name, "rows": rows} for name, rows in sections.items()]
 
 
 def _events(saved: SavedRun) -> list[tuple[str, str]]:
     """What happened, apart from footfalls."""
     return [(f"{time:.3f} s", text) for time, level, text in sorted(run_events(saved)) if level != "DEBUG"]
-
-
-# -------------------------------------------------------------------------------------------- pictures
-
-
-def _pictures(saved: SavedRun, plan: StepPlan | None) -> dict[str, list[Picture]]:
-    """All figures, by section of the page."""
-    signals, summary = saved.signals, saved.summary
-    weight = saved.record.mass * saved.record.gravity
-    counter = iter(range(1000))
-
-    def picture(figure: Figure, label: str, caption: str = "", *, wide: bool = False) -> Picture:
-        return Picture(Markup(figures.to_svg(figure, f"f{next(counter)}", label)), caption, wide)
-
-    def tolerances(name: str) -> dict[str, float | None]:
-        found = {}
-        for figure in ("rmse", "maximum"):
-            metric = summary.get("metrics", {}).get(f"{name}_{figure}", {})
-            found[f"tolerance_{figure}"] = (metric.get("display") or metric).get("tolerance")
-        return found
-
-    def tracking(curve: Curve, caption: str = "", **options: Any) -> Picture:
-        options |= tolerances(curve.name)
-        figure = figures.tracking(signals, curve, **options)
-        return picture(
-            figure, f"{curve.title}: plan, command and measurement over one stride, and the error", caption
-        )
-
-    def feet(axis: str) -> Any:
-        def draw(axes: Axes, window: Window) -> None:
-            for foot, color in (("left", figures.LEFT), ("right", figures.RIGHT)):
-                part = signals[f"{foot}_force_{axis}"][window.rows]
-                axes.plot(signals.time[window.rows], part, color=color, linewidth=0.9, label=foot)
-
-        return draw
-
-    zmp_note = (
-        "Green band: plus and minus the tolerance of the RMSE. Dashed, where the axis reaches so far: the "
-        "largest error allowed."
-    )
-    pictures = {
-        "zmp": [
-            tracking(Curve("zmp_x", "ZMP x about the planned COM", "mm", 1e3, about="plan_com_x"), zmp_note),
-            tracking(Curve("zmp_y", "ZMP y", "mm", 1e3)),
-        ],
-        "split": [
-            picture(figures.zmp_error_split(signals, axis), f"Causes of the ZMP error in {axis}, stacked")
-            for axis in "xy"
-        ],
-        "above": [
-            picture(
-                figures.top_view(saved, plan), "ZMP and COM over the footprints, seen from above",
-                "Four steps from the middle of the run.", wide=True,
-            )
-        ],
-        "force": [
-            tracking(
-                Curve(
-                    f"force_{axis}", f"Ground force {axis}", "N",
-                    residual_unit=BODY_WEIGHT, residual_scale=100.0 / weight,
-                ),
-                extra=feet(axis),
-            )
-            for axis in "xyz"
-        ],
-        "contact": [
-            picture(figures.contact_timeline(saved, plan), "Contact of heel, ball and tip of both feet")
-        ],
-        "momentum": [
-            tracking(Curve(f"angular_momentum_{axis}", f"Angular momentum {axis} about the COM", "N m s"))
-            for axis in "xy"
-        ],
-        "com": [],
-        "cost": [],
-        "first": [picture(figures.opening(signals, axis), f"ZMP {axis} of the first steps") for axis in "xy"],
-    }  # fmt: skip
-    if np.isfinite(signals["motion_angular_momentum_z"]).any():
-        yaw = Curve("angular_momentum_z", "Angular momentum z about the COM", "N m s")
-        pictures["momentum"].append(
-            tracking(
-                yaw,
-                "AMPM does not plan it; the reference is the whole-body motion.",
-                reference=("motion", "motion"),
-            )
-        )
-    error = 1e3 * (signals.vector("measured_com") - signals.vector("plan_com"))
-    pictures["com"].append(
-        picture(
-            figures.residuals(signals, dict(zip("xyz", error.T, strict=True)), "mm", "COM error"),
-            "COM error in x, y and z",
-        )
-    )
-    both = 1e3 * (signals.vector("measured_zmp_momentum", "xy") - signals.vector("measured_zmp", "xy"))
-    pictures["check"] = [
-        picture(
-            figures.residuals(
-                signals, dict(zip("xy", both.T, strict=True)), "mm", "ZMP by momentum − ZMP by contact"
-            ),
-            "Difference of the two measured ZMPs",
-        )
-    ]
-    feedback = 1e3 * (signals.vector("command_zmp", "xy") - signals.vector("plan_zmp", "xy"))
-    pictures["cost"] = [
-        picture(figures.torque_use(saved), "Torque of the busiest motors"),
-        picture(figures.qp_statistics(saved), "Time and residual of the QP"),
-        picture(
-            figures.residuals(
-                signals, dict(zip("xy", feedback.T, strict=True)), "mm", "Feedback: commanded − planned ZMP"
-            ),
-            "Commanded minus planned ZMP",
-        ),
-    ]
-    return pictures

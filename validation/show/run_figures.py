@@ -1,51 +1,43 @@
-"""Plots of a saved run, as vector graphics that follow the page's light or dark colours.
-
-Every function takes what the run folder holds and returns a matplotlib figure, drawn within :func:`style`;
-:func:`to_svg` turns it into an inline SVG whose colours are CSS variables. Nothing here opens a window.
+"""Plots of a saved run. Every function takes what the run folder holds and returns a matplotlib figure, drawn
+within :func:`validation.show.style.style`.
 """
 
 from __future__ import annotations
 
-import io
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ampm.description import SoleGeometry
+from ampm.planner.contacts import Footstep
 from ampm.planner.support import StepPlan
-from validation.show.style import figure_style
+from validation.show.style import (
+    BAD,
+    COMMAND,
+    FAINT,
+    GOOD,
+    INK,
+    LEFT,
+    MEASURED,
+    PARTS,
+    PLAN,
+    RIGHT,
+    SHADE,
+    WIDTH,
+    decimate,
+    legend,
+    new_figure,
+)  # fmt: skip
 from validation.store.saved import SavedRun
 from validation.store.signals import Signals
 
 Array = NDArray[np.float64]
-
-# Stand-ins that no other colour equals; `to_svg` replaces each by the CSS variable of its name.
-INK, FAINT, GRID, SHADE = "#010101", "#010102", "#010103", "#010104"
-PLAN, COMMAND, MEASURED = "#010105", "#010106", "#010107"
-LEFT, RIGHT, GOOD, BAD = "#010108", "#010109", "#01010a", "#01010b"
-PARTS = ("#01010c", "#01010d", "#01010e", "#01010f")
-_VARIABLES: Mapping[str, str] = {
-    INK: "ink", FAINT: "faint", GRID: "grid", SHADE: "shade", PLAN: "plan", COMMAND: "command",
-    MEASURED: "measured", LEFT: "left", RIGHT: "right", GOOD: "good", BAD: "bad",
-    **{color: f"part-{index + 1}" for index, color in enumerate(PARTS)},
-}  # fmt: skip
-
-WIDTH = 5.2
-"""Width of an ordinary figure [in]: 500 px, so that its 9 pt text stays readable on a telephone."""
-
-_STYLE: Any = figure_style(INK, FAINT, GRID) | {
-    "svg.fonttype": "none",
-    "axes.titlesize": 9,
-    "lines.linewidth": 1.3,
-}
 
 CAUSES: Mapping[str, str] = {
     "com_position": "COM position",
@@ -56,106 +48,7 @@ CAUSES: Mapping[str, str] = {
 }
 """Parts of the ZMP error, by their names in the signals."""
 
-_BUCKETS = 420
-"""Buckets over a whole run: each keeps its smallest and largest sample, so no spike is lost."""
-
-
-def style() -> Any:
-    """Context in which every figure is drawn and written: matplotlib reads its settings at each call."""
-    return mpl.rc_context(_STYLE)
-
-
-def new_figure(
-    height: float,
-    rows: int = 1,
-    *,
-    width: float = WIDTH,
-    left: float = 0.62,
-    top: float = 0.42,
-    gap: float = 0.3,
-    ratios: Sequence[float] | None = None,
-) -> tuple[Figure, list[Axes]]:
-    """Make a figure of ``rows`` axes over each other.
-
-    Margins are given, not searched for: matplotlib's automatic layout takes longer than all the drawing.
-
-    Args:
-        height: of the figure [in].
-        rows: number of axes.
-        width: of the figure [in].
-        left: room for the labels of the vertical axis [in].
-        top: room for title and legend [in].
-        gap: between two axes [in].
-        ratios: relative heights of the axes.
-    """
-    figure = Figure(figsize=(width, height))
-    inner = (height - top - 0.42 - gap * (rows - 1)) / rows
-    axes = figure.subplots(rows, 1, squeeze=False, height_ratios=ratios)[:, 0]
-    figure.subplots_adjust(
-        left=left / width, right=1.0 - 0.12 / width, bottom=0.42 / height, top=1.0 - top / height,
-        hspace=gap / inner,
-    )  # fmt: skip
-    figure.patch.set_alpha(0.0)
-    for axis in axes:
-        axis.patch.set_alpha(0.0)
-        axis.yaxis.set_label_coords(-(left - 0.14) / (width - left - 0.12), 0.5)
-    return figure, list(axes)
-
-
-def to_svg(figure: Figure, name: str, label: str) -> str:
-    """Render a figure for inlining in HTML.
-
-    Args:
-        figure: the figure.
-        name: unique in the page; prefixes every id.
-        label: what the picture shows, for those who cannot see it.
-    """
-    buffer = io.StringIO()
-    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
-    text = buffer.getvalue()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
-    text = re.sub(r'\bid="', f'id="{name}-', text)
-    text = text.replace("url(#", f"url(#{name}-").replace('xlink:href="#', f'xlink:href="#{name}-')
-    for color, variable in _VARIABLES.items():
-        text = text.replace(color, f"var(--{variable})")
-    # The page's own type; matplotlib lists every font of the family it was configured with.
-    text = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1", text)
-    escaped = label.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
-    width, height = (72 * size for size in figure.get_size_inches())
-    head = (
-        f'<svg role="img" aria-label="{escaped}" viewBox="0 0 {width:g} {height:g}" '
-        'xmlns:xlink="http://www.w3.org/1999/xlink" xmlns="http://www.w3.org/2000/svg">'
-    )
-    return re.sub(r"\s*\n\s*", "\n", head + text[text.index(">") + 1 :])
-
-
 # ---------------------------------------------------------------------------------------- preparation
-
-
-def decimate(time: Array, value: Array, buckets: int = _BUCKETS) -> tuple[Array, Array]:
-    """Thin a curve for drawing without losing its extremes.
-
-    Args:
-        time: shape (N,).
-        value: shape (N,); NaN where undefined.
-        buckets: each yields its smallest and its largest sample.
-
-    Returns:
-        Times and values, at most ``2 * buckets`` of each.
-    """
-    count = len(time)
-    if count <= 2 * buckets:
-        return time, value
-    picked: list[int] = []
-    for rows in np.array_split(np.arange(count), buckets):
-        part = value[rows]
-        if np.isnan(part).all():
-            picked.append(int(rows[0]))
-            continue
-        picked += sorted({int(rows[np.nanargmin(part)]), int(rows[np.nanargmax(part)])})
-    return time[picked], value[picked]
 
 
 @dataclass(frozen=True)
@@ -291,7 +184,7 @@ def tracking(
     upper.set_ylabel(f"[{curve.unit}]")
     upper.margins(x=0)
     upper.set_title(curve.title)
-    _legend(upper)
+    legend(upper)
 
     scale = curve.scale if curve.residual_scale is None else curve.residual_scale
     unit = curve.unit if curve.residual_unit is None else curve.residual_unit
@@ -302,18 +195,6 @@ def tracking(
     lower.margins(x=0)
     _first_step_line(lower, signals)
     return figure
-
-
-def _legend(axis: Axes, columns: int = 5) -> None:
-    """Legend over the axes, beside nothing: curves fill the axes themselves."""
-    handles, labels = axis.get_legend_handles_labels()
-    if labels:
-        axis.legend(
-            handles, labels, loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, borderaxespad=0.1,
-            handlelength=1.2, columnspacing=1.0, handletextpad=0.4, borderpad=0.1,
-        )  # fmt: skip
-        lines = -(-len(labels) // columns)
-        axis.set_title(axis.get_title(loc="left"), pad=6 + 13 * lines)
 
 
 def _band(axis: Axes, rmse: float | None, maximum: float | None) -> None:
@@ -359,7 +240,7 @@ def residuals(
     axis.set_title(title)
     axis.margins(x=0)
     _first_step_line(axis, signals)
-    _legend(axis)
+    legend(axis)
     return figure
 
 
@@ -382,14 +263,9 @@ def top_view(saved: SavedRun, plan: StepPlan | None, steps: int = 4) -> Figure:
     inner = (width - left - 0.12) * 2 * side / (high - low)
     figure, (axis,) = new_figure(inner + top + 0.42, width=width, left=left, top=top)
     if plan is not None and len(com):
-        sole = plan.feet.sole
-        x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
-        half = np.array([sole.heel_half_width, sole.ball_half_width, sole.tip_half_width])
-        outline = np.column_stack([np.r_[x, x[::-1], x[0]], np.r_[half, -half[::-1], half[0]]])
         for step in plan.contacts.footsteps:
             if com[0, 0] - 0.5 < step.position[0] < com[-1, 0] + 0.5:
-                c, s = np.cos(step.heading), np.sin(step.heading)
-                foot = outline @ np.array([[c, s], [-s, c]]) + np.asarray(step.position[:2])
+                foot = footprint(plan.feet.sole, step)
                 axis.fill(*foot.T, color=SHADE, linewidth=0)
                 axis.plot(*foot.T, color=LEFT if step.foot == "left" else RIGHT, linewidth=0.9)
     for kind, color, width in (("plan", PLAN, 2.4), ("command", COMMAND, 1.0), ("measured", MEASURED, 1.0)):
@@ -404,8 +280,17 @@ def top_view(saved: SavedRun, plan: StepPlan | None, steps: int = 4) -> Figure:
     axis.set_ylim(-side, side)
     axis.set_xlabel("x, forward [m]")
     axis.set_ylabel("y, left [m]")
-    _legend(axis)
+    legend(axis)
     return figure
+
+
+def footprint(sole: SoleGeometry, step: Footstep) -> Array:
+    """Closed outline of a sole where a footstep is, shape (7, 2) [m]."""
+    x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
+    half = np.array([sole.heel_half_width, sole.ball_half_width, sole.tip_half_width])
+    outline = np.column_stack([np.r_[x, x[::-1], x[0]], np.r_[half, -half[::-1], half[0]]])
+    c, s = np.cos(step.heading), np.sin(step.heading)
+    return outline @ np.array([[c, s], [-s, c]]) + np.asarray(step.position[:2])
 
 
 def contact_timeline(saved: SavedRun, plan: StepPlan | None) -> Figure:
@@ -468,7 +353,7 @@ def torque_use(saved: SavedRun, count: int = 16) -> Figure:
     axis.grid(False, axis="y")
     axis.set_xlabel("torque [% of the motor's limit]")
     axis.set_title("The busiest motors")
-    _legend(axis)
+    legend(axis)
     return figure
 
 
@@ -503,7 +388,7 @@ def qp_statistics(saved: SavedRun) -> Figure:
     lower.set_xlabel("time [s]")
     lower.set_ylabel("residual [1]")
     lower.margins(x=0)
-    _legend(lower)
+    legend(lower)
     return figure
 
 
@@ -527,7 +412,7 @@ def zmp_error_split(signals: Signals, axis: str) -> Figure:
     axes.set_ylabel("[mm]")
     axes.set_xlabel("time [s]")
     axes.margins(x=0)
-    _legend(axes, 3)
+    legend(axes, 3)
     return figure
 
 
@@ -554,5 +439,5 @@ def opening(signals: Signals, axis: str) -> Figure:
     lower.set_xlabel("time [s]")
     for panel in (upper, lower):
         panel.margins(x=0)
-    _legend(upper)
+    legend(upper)
     return figure

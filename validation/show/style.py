@@ -1,8 +1,22 @@
-"""The look that the figures of reports and of the paper share, whatever their colours."""
+"""The look of all figures: of pages, whose colours follow the page, and of picture files."""
 
 from __future__ import annotations
 
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
 
 
 def figure_style(ink: str, faint: str, grid: str) -> dict[str, Any]:
@@ -41,3 +55,161 @@ def figure_style(ink: str, faint: str, grid: str) -> dict[str, Any]:
         "lines.solid_joinstyle": "round",
         "path.simplify_threshold": 0.3,
     }
+
+
+# Stand-ins that no other colour equals; `to_svg` replaces each by the CSS variable of its name.
+INK, FAINT, GRID, SHADE = "#010101", "#010102", "#010103", "#010104"
+PLAN, COMMAND, MEASURED = "#010105", "#010106", "#010107"
+LEFT, RIGHT, GOOD, BAD = "#010108", "#010109", "#01010a", "#01010b"
+PARTS = ("#01010c", "#01010d", "#01010e", "#01010f")
+_VARIABLES: Mapping[str, str] = {
+    INK: "ink", FAINT: "faint", GRID: "grid", SHADE: "shade", PLAN: "plan", COMMAND: "command",
+    MEASURED: "measured", LEFT: "left", RIGHT: "right", GOOD: "good", BAD: "bad",
+    **{color: f"part-{index + 1}" for index, color in enumerate(PARTS)},
+}  # fmt: skip
+
+WIDTH = 5.2
+"""Width of an ordinary figure [in]: 500 px, so that its 9 pt text stays readable on a telephone."""
+
+_STYLE: Any = figure_style(INK, FAINT, GRID) | {
+    "svg.fonttype": "none",
+    "axes.titlesize": 9,
+    "lines.linewidth": 1.3,
+}
+
+_FILE_STYLE: Any = figure_style("#1b1e24", "#5b6270", "#dfe3ea")
+
+_BUCKETS = 420
+"""Buckets over a whole run: each keeps its smallest and largest sample, so no spike is lost."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One figure of a page.
+
+    Attributes:
+        svg: markup.
+        caption: what to look at.
+        wide: whether it spans the page.
+    """
+
+    svg: Markup
+    caption: str = ""
+    wide: bool = False
+
+
+def picture(figure: Figure, name: str, label: str, caption: str = "", *, wide: bool = False) -> Picture:
+    """A figure for a page; see :func:`to_svg`."""
+    return Picture(Markup(to_svg(figure, name, label)), caption, wide)
+
+
+def style() -> Any:
+    """Context in which figures for pages are drawn and written."""
+    return mpl.rc_context(_STYLE)
+
+
+def new_figure(
+    height: float,
+    rows: int = 1,
+    *,
+    width: float = WIDTH,
+    left: float = 0.62,
+    top: float = 0.42,
+    gap: float = 0.3,
+    ratios: Sequence[float] | None = None,
+) -> tuple[Figure, list[Axes]]:
+    """Make a figure of ``rows`` axes over each other.
+
+    Margins are given, not searched for: matplotlib's automatic layout takes longer than all the drawing.
+
+    Args:
+        height: of the figure [in].
+        rows: number of axes.
+        width: of the figure [in].
+        left: room for the labels of the vertical axis [in].
+        top: room for title and legend [in].
+        gap: between two axes [in].
+        ratios: relative heights of the axes.
+    """
+    figure = Figure(figsize=(width, height))
+    inner = (height - top - 0.42 - gap * (rows - 1)) / rows
+    axes = figure.subplots(rows, 1, squeeze=False, height_ratios=ratios)[:, 0]
+    figure.subplots_adjust(
+        left=left / width, right=1.0 - 0.12 / width, bottom=0.42 / height, top=1.0 - top / height,
+        hspace=gap / inner,
+    )  # fmt: skip
+    figure.patch.set_alpha(0.0)
+    for axis in axes:
+        axis.patch.set_alpha(0.0)
+        axis.yaxis.set_label_coords(-(left - 0.14) / (width - left - 0.12), 0.5)
+    return figure, list(axes)
+
+
+def to_svg(figure: Figure, name: str, label: str) -> str:
+    """Render a figure for inlining in HTML.
+
+    Args:
+        figure: the figure.
+        name: unique in the page; prefixes every id.
+        label: what the picture shows, for those who cannot see it.
+    """
+    buffer = io.StringIO()
+    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = text.replace("url(#", f"url(#{name}-").replace('xlink:href="#', f'xlink:href="#{name}-')
+    for color, variable in _VARIABLES.items():
+        text = text.replace(color, f"var(--{variable})")
+    # The page's own type; matplotlib lists every font of the family it was configured with.
+    text = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1", text)
+    escaped = label.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    width, height = (72 * size for size in figure.get_size_inches())
+    head = (
+        f'<svg role="img" aria-label="{escaped}" viewBox="0 0 {width:g} {height:g}" '
+        'xmlns:xlink="http://www.w3.org/1999/xlink" xmlns="http://www.w3.org/2000/svg">'
+    )
+    return re.sub(r"\s*\n\s*", "\n", head + text[text.index(">") + 1 :])
+
+
+def file_style() -> Any:
+    """Context in which figures for picture files are drawn and written."""
+    return mpl.rc_context(_FILE_STYLE)
+
+
+def decimate(time: Array, value: Array, buckets: int = _BUCKETS) -> tuple[Array, Array]:
+    """Thin a curve for drawing without losing its extremes.
+
+    Args:
+        time: shape (N,).
+        value: shape (N,); NaN where undefined.
+        buckets: each yields its smallest and its largest sample.
+
+    Returns:
+        Times and values, at most ``2 * buckets`` of each.
+    """
+    count = len(time)
+    if count <= 2 * buckets:
+        return time, value
+    picked: list[int] = []
+    for rows in np.array_split(np.arange(count), buckets):
+        part = value[rows]
+        if np.isnan(part).all():
+            picked.append(int(rows[0]))
+            continue
+        picked += sorted({int(rows[np.nanargmin(part)]), int(rows[np.nanargmax(part)])})
+    return time[picked], value[picked]
+
+
+def legend(axis: Axes, columns: int = 5) -> None:
+    """Legend over the axes, beside nothing: curves fill the axes themselves."""
+    handles, labels = axis.get_legend_handles_labels()
+    if labels:
+        axis.legend(
+            handles, labels, loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, borderaxespad=0.1,
+            handlelength=1.2, columnspacing=1.0, handletextpad=0.4, borderpad=0.1,
+        )  # fmt: skip
+        lines = -(-len(labels) // columns)
+        axis.set_title(axis.get_title(loc="left"), pad=6 + 13 * lines)

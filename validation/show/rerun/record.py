@@ -34,11 +34,11 @@ from validation.show.rerun.views import (
     run_blueprint,
     verdict_markdown,
 )
+from validation.show.run_figures import footprint
+from validation.store.saved import RECORDING_FILE as RECORDING_FILE
 from validation.store.saved import SavedRun, load_saved_run, run_events
 
 Array = NDArray[np.float64]
-
-RECORDING_FILE = "recording.rrd"
 
 PICTURE_RATE = 100.0
 """Pictures of the body per second [Hz]: beyond what an eye or a screen follows."""
@@ -346,17 +346,9 @@ def _log_polygon(log: _Log, plan: StepPlan, times: Array) -> None:
 
 def _footprints(plan: StepPlan) -> rr.LineStrips3D:
     """Outlines of all planned footsteps."""
-    sole = plan.feet.sole
-    x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
-    half = np.array([sole.heel_half_width, sole.ball_half_width, sole.tip_half_width])
-    outline = np.column_stack([np.r_[x, x[::-1], x[0]], np.r_[half, -half[::-1], half[0]]])
-    strips, colors = [], []
-    for step in plan.contacts.footsteps:
-        c, s = np.cos(step.heading), np.sin(step.heading)
-        xy = outline @ np.array([[c, s], [-s, c]]) + np.asarray(step.position[:2])
-        strips.append(_on_floor(xy) - np.array([0.0, 0.0, 0.001]))
-        colors.append(FAINT)
-    return rr.LineStrips3D(strips, colors=colors, radii=0.002)
+    steps = plan.contacts.footsteps
+    outlines = [_on_floor(footprint(plan.feet.sole, step)) - np.array([0.0, 0.0, 0.001]) for step in steps]
+    return rr.LineStrips3D(outlines, colors=[FAINT] * len(steps), radii=0.002)
 
 
 # ------------------------------------------------------------------------------------------ time series

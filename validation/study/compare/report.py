@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from validation.show import run_figures as figures
+from validation.show import style as figures
 from validation.show.page import render_page
 from validation.store.folders import output_file
 from validation.study.compare.pair import EVEN, Pair, Side, facts, known, ratio, shown, verdicts
