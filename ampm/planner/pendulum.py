@@ -15,7 +15,7 @@ support, and ``a = c = 1`` in a double support at constant velocity. Its phases 
 derivative.
 
 Everything here is a pure function of numbers or arrays; nothing is sampled or integrated numerically.
-See ``docs/theory.md`` for the derivation and for the errata of the printed paper.
+See ``docs/theory.md`` for the derivation, ``docs/errata.md`` for the errata of the printed paper.
 """
 
 from __future__ import annotations

@@ -89,7 +89,7 @@ class Row:
         printed: the statement as printed.
         corrected: the form that holds; empty if it is the printed one, or if there is none.
         checks: evidence; none if the statement cannot be tested.
-        errata: numbers of ``docs/theory.md``.
+        errata: numbers of ``docs/errata.md``.
         why: what a reader must know beside the evidence.
         failure: what a failed check of the printed form makes of the statement.
     """
