@@ -35,7 +35,7 @@ _SWEEPS = 12  # points at which one search may ask for a Jacobian
 
 
 @dataclass
-class Trial:
+class Candidate:
     """One choice that was evaluated.
 
     Attributes:
@@ -55,7 +55,7 @@ class Trial:
     why: Unreachable | None = None
 
     @property
-    def whole(self) -> bool:
+    def has_orbit(self) -> bool:
         """Whether all limits have a value."""
         return self.orbit is not None
 
@@ -65,7 +65,7 @@ class Trial:
 
     def worst(self) -> float:
         """Least normalised margin; minus infinity where there is no periodic step."""
-        return min(self.margins().values()) if self.whole else -math.inf
+        return min(self.margins().values()) if self.has_orbit else -math.inf
 
 
 class ChoiceSearch:
@@ -79,7 +79,7 @@ class ChoiceSearch:
         say: called with a line of text now and then.
 
     Attributes:
-        trials: all choices that were evaluated.
+        candidates: all choices that were evaluated.
         near: the one from whose orbit others are sought.
     """
 
@@ -93,9 +93,9 @@ class ChoiceSearch:
     ) -> None:
         self.space, self.base, self.orbits, self.robot, self.say = space, base, orbits, robot, say
         self.guess = np.clip([base[name] for name in space.names], space.lower, space.upper)
-        self.trials: list[Trial] = []
-        self.near: Trial | None = None
-        self._kept: dict[bytes, Trial] = {}
+        self.candidates: list[Candidate] = []
+        self.near: Candidate | None = None
+        self._kept: dict[bytes, Candidate] = {}
         # Choice to the change of the orbit per unit of it, as far as it is known.
         self._influence: dict[str, Array] = {}
 
@@ -105,39 +105,43 @@ class ChoiceSearch:
         other._influence = self._influence
         return other
 
-    def best_whole(self) -> Trial | None:
-        """The trial with the widest least margin, of those that have a periodic step."""
-        return max((trial for trial in self.trials if trial.whole), key=Trial.worst, default=None)
+    def best_with_orbit(self) -> Candidate | None:
+        """The candidate with the widest least margin, of those that have a periodic step."""
+        return max(
+            (candidate for candidate in self.candidates if candidate.has_orbit),
+            key=Candidate.worst,
+            default=None,
+        )
 
-    def look(self, x: Array, near: Trial | None, *, again: bool = False) -> Trial:
+    def evaluate(self, x: Array, near: Candidate | None, *, again: bool = False) -> Candidate:
         """Evaluate one choice, from the orbit of another; ``again`` if that may lead where others did not."""
         key = x.tobytes()
-        if key in self._kept and not (again and not self._kept[key].whole):
+        if key in self._kept and not (again and not self._kept[key].has_orbit):
             return self._kept[key]
-        trial = self._evaluated(Trial(np.array(x), self.space.run), near)
-        self._kept[key] = trial
-        self.trials.append(trial)
-        return trial
+        candidate = self._judged(Candidate(np.array(x), self.space.run), near)
+        self._kept[key] = candidate
+        self.candidates.append(candidate)
+        return candidate
 
-    def _evaluated(self, trial: Trial, near: Trial | None) -> Trial:
+    def _judged(self, candidate: Candidate, near: Candidate | None) -> Candidate:
         space = self.space
         try:
-            run = space.parameters(space.values(trial.x, self.base))
+            run = space.parameters(space.values(candidate.x, self.base))
             gait = run.gait.model_copy(update={"steps": 2})
             plan = plan_steps(gait, run.body.mass, run.foot, space.sole)
         except (RefusedGait, InputError):  # what is named may not fit what is tried
-            return trial
-        trial.run, trial.plan = run, plan
-        trial.values = plan_margins(plan, run, space.description)
+            return candidate
+        candidate.run, candidate.plan = run, plan
+        candidate.values = plan_margins(plan, run, space.description)
         try:
-            trial.orbit = self._orbit(trial.x, plan, run.body.lean, near)
+            candidate.orbit = self._orbit(candidate.x, plan, run.body.lean, near)
         except Unreachable as error:
-            trial.why = error
+            candidate.why = error
         else:
-            trial.values |= orbit_margins(trial.orbit, plan, self.robot)
-        return trial
+            candidate.values |= orbit_margins(candidate.orbit, plan, self.robot)
+        return candidate
 
-    def _orbit(self, x: Array, plan: StepPlan, lean: float, near: Trial | None) -> RoughOrbit:
+    def _orbit(self, x: Array, plan: StepPlan, lean: float, near: Candidate | None) -> RoughOrbit:
         """The orbit of a choice, from where the choices' known influence puts it, or else from the neighbour.
 
         Raises:
@@ -154,7 +158,7 @@ class ChoiceSearch:
 
     def minimise(
         self, start: Array, *, wanted: float = 1.0, pull: float = _PULL, sweeps: int = _SWEEPS
-    ) -> Trial:
+    ) -> Candidate:
         """Least squares from a start that has an orbit.
 
         Args:
@@ -164,32 +168,32 @@ class ChoiceSearch:
             sweeps: points at which a Jacobian may be computed.
 
         Returns:
-            The trial with the least residuals.
+            The candidate with the least residuals.
         """
         space = self.space
 
-        def residuals(trial: Trial) -> Array:
-            margins = trial.margins()
+        def residuals(candidate: Candidate) -> Array:
+            margins = candidate.margins()
             missing = [_missing(margins[name], wanted) if name in margins else _FAILED for name in LIMITS]
-            least = 0.0 if trial.whole else 0.5 * _FAILED
-            away = pull * (trial.x - self.guess) / space.slack
+            least = 0.0 if candidate.has_orbit else 0.5 * _FAILED
+            away = pull * (candidate.x - self.guess) / space.slack
             return np.concatenate([np.maximum(missing, least), away])
 
         def jacobian(x: Array) -> Array:
-            here = self.look(x, self.near)
-            if here.whole:
+            here = self.evaluate(x, self.near)
+            if here.has_orbit:
                 self.near = here
             if here.worst() >= ENOUGH * wanted:
                 raise _Ended(here)
             if self.orbits.spent:
-                raise _Ended(max(self.trials, key=Trial.worst))
+                raise _Ended(max(self.candidates, key=Candidate.worst))
             columns = self._differences(here, residuals)
-            self.say(f"worst margin {here.worst():.2f} after {len(self.trials)} choices")
+            self.say(f"worst margin {here.worst():.2f} after {len(self.candidates)} choices")
             return columns
 
         try:
             found = least_squares(
-                lambda x: residuals(self.look(x, self.near)),
+                lambda x: residuals(self.evaluate(x, self.near)),
                 np.clip(start, space.lower + 1e-9, space.upper - 1e-9),
                 jac=jacobian,
                 bounds=(space.lower, space.upper),
@@ -201,10 +205,10 @@ class ChoiceSearch:
                 max_nfev=sweeps,
             )
         except _Ended as end:
-            return end.trial
-        return self.look(found.x, self.near)
+            return end.candidate
+        return self.evaluate(found.x, self.near)
 
-    def _differences(self, here: Trial, residuals: Callable[[Trial], Array]) -> Array:
+    def _differences(self, here: Candidate, residuals: Callable[[Candidate], Array]) -> Array:
         """Jacobian of the residuals by differences; learns the choices' influence on the orbit."""
         space, x, base = self.space, here.x, residuals(here)
         jacobian = np.zeros((len(base), len(x)))
@@ -215,12 +219,12 @@ class ChoiceSearch:
                 moved[j] += sign * step
                 if not space.lower[j] <= moved[j] <= space.upper[j]:
                     continue
-                trial = self.look(moved, self.near)
-                if trial.orbit is not None and here.orbit is not None:
-                    shift = self.orbits.difference(here.orbit, trial.orbit)
+                candidate = self.evaluate(moved, self.near)
+                if candidate.orbit is not None and here.orbit is not None:
+                    shift = self.orbits.difference(here.orbit, candidate.orbit)
                     self._influence[name] = shift / (sign * step)
-                if trial.whole == here.whole:
-                    jacobian[:, j] = (residuals(trial) - base) / (sign * step)
+                if candidate.has_orbit == here.has_orbit:
+                    jacobian[:, j] = (residuals(candidate) - base) / (sign * step)
                     break
         return jacobian
 
@@ -228,9 +232,9 @@ class ChoiceSearch:
 class _Ended(Exception):
     """The search may end: every margin is wide enough, or the budget is spent."""
 
-    def __init__(self, trial: Trial) -> None:
+    def __init__(self, candidate: Candidate) -> None:
         super().__init__()
-        self.trial = trial
+        self.candidate = candidate
 
 
 def _missing(margin: float, wanted: float) -> float:

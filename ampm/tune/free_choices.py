@@ -257,7 +257,7 @@ class FreeChoices:
             margin = float(plan.zmp_margin(times[double]).min())
             if margin > best:
                 best, found = margin, trial
-            if margin >= LIMITS["zmp_double"].comfort:
+            if margin >= LIMITS["zmp_double"].target:
                 break
         return found
 
@@ -281,7 +281,7 @@ class FreeChoices:
         Raises:
             MathematicalRefusal: it does not, whatever is chosen.
         """
-        wanted, limit = LIMITS["mid_stance"].comfort, LIMITS["mid_stance"].bound
+        wanted, limit = LIMITS["mid_stance"].target, LIMITS["mid_stance"].bound
         gait, ratio, roll = self.run.gait, choice["ratio"], choice["roll"]
         best, at = -math.inf, dict(choice)
         ratios = np.linspace(ratio, _RANGE["ratio"].lower, 25) if "ratio" in self.names else [ratio]

@@ -44,26 +44,26 @@ class Limit:
 
     Attributes:
         what: what is measured.
-        unit: of value, bound and comfort.
+        unit: of value, bound and target.
         bound: what may not be passed.
-        comfort: target of a search; beyond ``bound`` on the allowed side.
+        target: target of a search; beyond ``bound`` on the allowed side.
         reason: short name for tables.
     """
 
     what: str
     unit: str
     bound: float
-    comfort: float
+    target: float
     reason: str
 
     def margin(self, value: float) -> float:
         """Normalised margin: 0 at the bound, 1 at the target, negative beyond the bound [1]."""
-        return (value - self.bound) / (self.comfort - self.bound)
+        return (value - self.bound) / (self.target - self.bound)
 
     @property
     def rule(self) -> str:
         """The bound in words, with its unit."""
-        side = "at most" if self.comfort < self.bound else "at least"
+        side = "at most" if self.target < self.bound else "at least"
         return f"{side} {self.quantity(self.bound, 3)}"
 
     def quantity(self, value: float, digits: int) -> str:

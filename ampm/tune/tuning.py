@@ -27,7 +27,7 @@ from ampm.parameters import GaitParameters, RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.planners import AmpmPeriodic, PeriodicWalk, WalkRequest
 from ampm.tune.certificate import Certificate, Untunable, way_out
-from ampm.tune.choice_search import ENOUGH, ChoiceSearch, Trial
+from ampm.tune.choice_search import ENOUGH, Candidate, ChoiceSearch
 from ampm.tune.free_choices import FreeChoices, named_keys
 from ampm.tune.gait_limits import LIMITS, orbit_margins, plan_margins
 from ampm.tune.rough_orbits import RoughOrbits
@@ -76,13 +76,13 @@ class _Way:
     Attributes:
         share: of the way [1].
         search: at that place.
-        trial: the choice there.
+        candidate: the choice there.
         why: what ended the way.
     """
 
     share: float
     search: ChoiceSearch
-    trial: Trial
+    candidate: Candidate
     why: Unreachable | None = None
 
 
@@ -163,7 +163,9 @@ def _twists(space: FreeChoices, robot: Robot, say: Say) -> bool:
     return start is not None and start.margins()["twist"] < ENOUGH
 
 
-def _best(space: FreeChoices, robot: Robot, say: Say, *, patient: bool = False) -> tuple[ChoiceSearch, Trial]:
+def _best(
+    space: FreeChoices, robot: Robot, say: Say, *, patient: bool = False
+) -> tuple[ChoiceSearch, Candidate]:
     """The best choice, with the search that found it.
 
     Args:
@@ -188,10 +190,10 @@ def _best(space: FreeChoices, robot: Robot, say: Say, *, patient: bool = False) 
             if way is not None and (farthest is None or way.share > farthest.share):
                 farthest = way
             if way is not None and way.share == 1.0:
-                broken = way.trial.worst() < 0.0
+                broken = way.candidate.worst() < 0.0
                 break
     if best is None or best.worst() < 0.0:
-        best = search.best_whole() or best
+        best = search.best_with_orbit() or best
     if best is None or best.worst() < 0.0:
         raise _refusal(search, best, farthest)
     return search, best
@@ -233,15 +235,15 @@ def _approach(easy: GaitParameters, search: ChoiceSearch, say: Say, *, careful: 
             except RefusedGait:
                 base = dict(search.base)
             local = search.elsewhere(place, base)
-        trial = _moved_on(local, way.trial)
-        say(f"{there:.0%} of the way: {'a periodic step' if trial.whole else trial.why or 'no plan'}")
-        if not trial.whole or (careful and stride > _LONG_STRIDE and trial.worst() < _HOPELESS):
-            way.why = trial.why or way.why
+        candidate = _moved_on(local, way.candidate)
+        say(f"{there:.0%} of the way: {candidate.why or 'done'}")
+        if not candidate.has_orbit or (careful and stride > _LONG_STRIDE and candidate.worst() < _HOPELESS):
+            way.why = candidate.why or way.why
             return False
-        local.near = trial
-        best = _minimise(local, trial) if there == 1.0 else local.minimise(trial.x, sweeps=4)
+        local.near = candidate
+        best = _minimise(local, candidate) if there == 1.0 else local.minimise(candidate.x, sweeps=4)
         if there < 1.0 and best.worst() < 0.0:
-            best = _minimise(local, trial)
+            best = _minimise(local, candidate)
         way = _Way(there, local, best)
         hopeless = best.worst() < _HOPELESS
         return True
@@ -250,46 +252,47 @@ def _approach(easy: GaitParameters, search: ChoiceSearch, say: Say, *, careful: 
     return way
 
 
-def _moved_on(search: ChoiceSearch, last: Trial) -> Trial:
+def _moved_on(search: ChoiceSearch, last: Candidate) -> Candidate:
     """The last choice on the way, at the next place; its COM lowered if the legs do not reach otherwise."""
     x = last.x
-    trial = search.look(x, last, again=True)
-    if trial.plan is None:
+    candidate = search.evaluate(x, last, again=True)
+    if candidate.plan is None:
         try:
             x = search.space.passing(x)
         except RefusedGait:
-            return trial
-        trial = search.look(x, last, again=True)
+            return candidate
+        candidate = search.evaluate(x, last, again=True)
     if "height" in search.space.names:
         for drop in _DROPS[1:3]:
-            if trial.whole:
+            if candidate.has_orbit:
                 break
-            trial = search.look(search.space.lowered(x, drop), last, again=True)
-    return trial
+            candidate = search.evaluate(search.space.lowered(x, drop), last, again=True)
+    return candidate
 
 
-def _first_orbit(search: ChoiceSearch) -> Trial | None:
+def _first_orbit(search: ChoiceSearch) -> Candidate | None:
     """The guess, its COM lowered until there is a periodic step."""
     for drop in _DROPS if "height" in search.space.names else _DROPS[:1]:
-        trial = search.look(search.space.lowered(search.guess, drop) if drop else search.guess.copy(), None)
-        if trial.whole:
-            search.near = trial
-            return trial
+        x = search.space.lowered(search.guess, drop) if drop else search.guess.copy()
+        candidate = search.evaluate(x, None)
+        if candidate.has_orbit:
+            search.near = candidate
+            return candidate
     return None
 
 
-def _minimise(search: ChoiceSearch, start: Trial) -> Trial:
+def _minimise(search: ChoiceSearch, start: Candidate) -> Candidate:
     """Minimise with target margins; if a hard limit is still broken, retry with small margins."""
     best = search.minimise(start.x)
     if best.worst() < 0.0:
-        search.near = best if best.whole else search.near
-        harder = search.minimise(best.x if best.whole else start.x, wanted=0.15, pull=0.02)
+        search.near = best if best.has_orbit else search.near
+        harder = search.minimise(best.x if best.has_orbit else start.x, wanted=0.15, pull=0.02)
         if harder.worst() > best.worst():
             best = harder
-    return (search.best_whole() or best) if best.worst() < 0.0 else best
+    return (search.best_with_orbit() or best) if best.worst() < 0.0 else best
 
 
-def _confirmed(search: ChoiceSearch, best: Trial, cache: Path | None) -> Tuned:
+def _confirmed(search: ChoiceSearch, best: Candidate, cache: Path | None) -> Tuned:
     """The choice with its plan over all steps and its motion on the fine grid.
 
     Raises:
@@ -300,13 +303,13 @@ def _confirmed(search: ChoiceSearch, best: Trial, cache: Path | None) -> Tuned:
         plan = AmpmPeriodic().plan(WalkRequest(run, robot, cache=cache))
     except BodilyRefusal as error:
         found = space.found(run)
-        what = f"{str(error).partition(';')[0]} ({len(search.trials)} choices tried)"
+        what = f"{str(error).partition(';')[0]} ({len(search.candidates)} choices tried)"
         certificate = Certificate(
-            error.reason, what, error.value, error.limit, error.unit, len(search.trials), _numbers(found)
+            error.reason, what, error.value, error.limit, error.unit, len(search.candidates), _numbers(found)
         )
         message = "the best choice just fails"
         raise Untunable(message, certificate, reason=error.reason, way_out=error.way_out) from error
-    return _tuned(plan, run, space, best.values, len(search.trials))
+    return _tuned(plan, run, space, best.values, len(search.candidates))
 
 
 def _defaults(space: FreeChoices, robot: Robot, cache: Path | None) -> Tuned | None:
@@ -335,13 +338,13 @@ def _numbers(found: Mapping[str, float | str]) -> Mapping[str, float]:
     return MappingProxyType({key: float(value) for key, value in found.items() if isinstance(value, float)})
 
 
-def _refusal(search: ChoiceSearch, best: Trial | None, farthest: _Way | None) -> Untunable:
+def _refusal(search: ChoiceSearch, best: Candidate | None, farthest: _Way | None) -> Untunable:
     """The limit that stayed broken in the best of all choices, or where the way to the gait ended."""
-    space, tried = search.space, len(search.trials)
+    space, tried = search.space, len(search.candidates)
     where = beyond = ""
     if best is None and farthest is not None:
-        best, gait = farthest.trial, farthest.search.space.run.gait
-        tried += len(farthest.search.trials)
+        best, gait = farthest.candidate, farthest.search.space.run.gait
+        tried += len(farthest.search.candidates)
         where = (
             f"the search came {farthest.share:.0%} of the way from an easy gait, to step "
             f"{gait.step_length:.3g} m, v0 {gait.switching_velocity:.3g} m/s, c_s {gait.c_s:.3g}, "
@@ -349,7 +352,7 @@ def _refusal(search: ChoiceSearch, best: Trial | None, farthest: _Way | None) ->
         )
         beyond = "" if farthest.why is None else str(farthest.why)
     name = reason = "no_periodic_motion"
-    if best is not None and best.whole:
+    if best is not None and best.has_orbit:
         margins = best.margins()
         tightest = min(margins, key=lambda key: margins[key])
         limit = LIMITS[tightest]
@@ -359,7 +362,8 @@ def _refusal(search: ChoiceSearch, best: Trial | None, farthest: _Way | None) ->
         elif farthest is not None:
             what, value, bound, unit = "the last periodic step is found", farthest.share, 1.0, "1"
     else:
-        best = next((trial for trial in reversed(search.trials) if trial.why is not None), search.trials[-1])
+        failed = [candidate for candidate in search.candidates if candidate.why is not None]
+        best = (failed or search.candidates)[-1]
         what, value, bound, unit = "the formula has no solution", 0.0, 0.0, "1"
         if best.why is not None:
             what, value, bound, unit = str(best.why), best.why.value, best.why.limit, best.why.unit

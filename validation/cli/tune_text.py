@@ -43,7 +43,7 @@ def describe_tuned(walk: TunedWalk) -> dict[str, Any]:
                 "value": value,
                 "unit": LIMITS[name].unit,
                 "bound": LIMITS[name].bound,
-                "comfort": LIMITS[name].comfort,
+                "target": LIMITS[name].target,
                 "margin": LIMITS[name].margin(value),
             }
             for name, value in tuned.margins.items()
