@@ -12,6 +12,7 @@ from ampm.exceptions import InputError
 from tests.walk import MASS, perfect_walk, with_state
 from validation.judge.compare import compare, statistics_table
 from validation.judge.errors import PARTS, RUN, WINDOWS
+from validation.judge.margins import Extreme
 from validation.judge.metrics import evaluate
 from validation.judge.signals import signals_table
 from validation.store.signals import COLUMNS, column_of, load_signals, save_signals
@@ -24,9 +25,26 @@ def walk():
     return perfect_walk()
 
 
-def test_a_perfect_walk_has_no_error(walk):
+def recorded(walk, **change):
+    """Comparison with something else in the record."""
     plan, record, measured = walk
-    comparison = compare(plan, record, measured)
+    return compare(plan, replace(record, **change), measured)
+
+
+def measuring(walk, **change):
+    """Comparison with something else in the measurement."""
+    plan, record, measured = walk
+    return compare(plan, record, replace(measured, **change))
+
+
+def moving(walk, **change):
+    """Comparison with another state."""
+    plan, record, measured = walk
+    return compare(plan, record, with_state(plan, measured, **change))
+
+
+def test_a_perfect_walk_has_no_error(walk):
+    comparison = compare(*walk)
     for name, signal in comparison.signals.items():
         for window in WINDOWS:
             statistics = signal.windows[window]
@@ -39,41 +57,28 @@ def test_a_perfect_walk_has_no_error(walk):
 
 
 def test_windows_divide_the_run_and_leave_out_only_the_first_step(walk):
-    plan, record, measured = walk
-    comparison = compare(plan, record, measured)
-    rows = comparison.rows
-    step = plan.constants.step_duration
+    plan, _, measured = walk
+    rows, step = compare(*walk).rows, plan.constants.step_duration
     np.testing.assert_array_equal(rows[RUN], measured.time >= step - 1e-9)
     assert (rows[RUN] ^ rows["first_step"]).all()
-    planned = rows["single_support"].astype(int) + rows["double_support"]
-    contact = sum(
-        rows[name].astype(int)
-        for name in ("measured_single_support", "measured_double_support", "measured_flight")
-    )
-    np.testing.assert_array_equal(planned, rows[RUN])
-    np.testing.assert_array_equal(contact, rows[RUN])
-    assert rows["single_support"].sum() == pytest.approx(
-        rows[RUN].sum() * plan.constants.single_support_duration / step, rel=0.02
-    )
+    for prefix, names in (("", WINDOWS[2:4]), ("measured_", WINDOWS[4:])):
+        assert all(name.startswith(prefix) for name in names)
+        np.testing.assert_array_equal(sum(rows[name].astype(int) for name in names), rows[RUN])
+    share = plan.constants.single_support_duration / step
+    assert rows["single_support"].sum() == pytest.approx(rows[RUN].sum() * share, rel=0.02)
 
 
 def test_a_constant_error_is_bias_and_normalised(walk):
-    plan, record, measured = walk
-    off = with_state(plan, measured, com_shift=(0.002, -0.001, 0.0))
-    comparison = compare(plan, record, off)
+    comparison = moving(walk, com_shift=(0.002, -0.001, 0.0))
     zmp_x = comparison.signals["zmp_x"].run
-    assert zmp_x.rmse == pytest.approx(0.002)
-    assert zmp_x.maximum == pytest.approx(0.002)
-    assert zmp_x.bias == pytest.approx(0.002)
+    assert (zmp_x.rmse, zmp_x.maximum, zmp_x.bias) == (pytest.approx(0.002),) * 3
     assert comparison.signals["zmp_y"].run.bias == pytest.approx(-0.001)
     table = statistics_table(comparison)["zmp_x"][RUN]
-    length = comparison.scales["foot_length"]
-    assert table["rmse_per_foot_length"] == pytest.approx(0.002 / length)
+    assert table["rmse_per_foot_length"] == pytest.approx(0.002 / comparison.scales["foot_length"])
 
 
 def test_scales_are_what_they_are_called(walk):
-    plan, record, measured = walk
-    scales = compare(plan, record, measured).scales
+    plan, scales = walk[0], compare(*walk).scales
     height = plan.centroidal.com_height
     assert scales["body_weight"] == pytest.approx(WEIGHT)
     assert scales["foot_length"] == pytest.approx(plan.feet.sole.length)
@@ -82,23 +87,16 @@ def test_scales_are_what_they_are_called(walk):
 
 
 def test_r2_is_null_with_a_reason_where_the_plan_does_not_vary(walk):
-    plan, record, measured = walk
-    signals = compare(plan, record, measured).signals
+    plan, _, measured = walk
+    signals = compare(*walk).signals
     for name in ("force_z", "com_z"):
         assert signals[name].run.r2 is None
         assert "does not vary" in str(signals[name].run.r2_reason)
-    assert signals["zmp_x"].run.r2 == pytest.approx(1.0)
-    assert signals["zmp_x"].run.r2_reason is None
+    assert (signals["zmp_x"].run.r2, signals["zmp_x"].run.r2_reason) == (pytest.approx(1.0), None)
     assert signals["zmp_x"].windows["measured_flight"].r2_reason == "no instant"
-
-
-def test_r2_of_an_error_as_large_as_the_signal_is_zero(walk):
-    plan, record, measured = walk
-    mean = plan.sample(measured.time).force[measured.time >= plan.constants.step_duration, 0].mean()
-    force = measured.force.copy()
-    force[:, 0] = mean
-    comparison = compare(plan, record, replace(measured, force=force))
-    assert comparison.signals["force_x"].run.r2 == pytest.approx(0.0)
+    force = measured.force.copy()  # an error as large as the signal
+    force[:, 0] = plan.sample(measured.time).force[measured.time >= plan.constants.step_duration, 0].mean()
+    assert measuring(walk, force=force).signals["force_x"].run.r2 == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize(
@@ -113,8 +111,7 @@ def test_r2_of_an_error_as_large_as_the_signal_is_zero(walk):
     ],
 )
 def test_each_cause_lands_in_its_own_part(walk, change, part):
-    plan, record, measured = walk
-    split = compare(plan, record, with_state(plan, measured, **change)).zmp_split
+    split = moving(walk, **change).zmp_split
     assert split.residual < 1e-12
     for name in PARTS:
         largest = np.abs(split.parts[name]).max()
@@ -123,34 +120,30 @@ def test_each_cause_lands_in_its_own_part(walk, change, part):
 
 
 def test_the_split_is_exact_for_large_and_mixed_errors(walk):
-    plan, record, measured = walk
-    rng = np.random.default_rng(4)
-    k = measured.time.size
-    off = with_state(
-        plan,
-        measured,
+    rng, k = np.random.default_rng(4), walk[2].time.size
+    comparison = moving(
+        walk,
         com_shift=rng.normal(0.0, 0.05, (k, 3)),
         force_shift=rng.normal(0.0, 80.0, (k, 3)),
         moment_shift=rng.normal(0.0, 30.0, (k, 3)),
         instrument=rng.normal(0.0, 0.01, (k, 2)),
     )
-    comparison = compare(plan, record, off)
     split = comparison.zmp_split
     assert split.residual < 1e-12
-    total = sum(split.parts.values())
-    np.testing.assert_allclose(total, off.zmp - plan.sample(off.time).zmp, atol=1e-12)
+    error = comparison.measured.zmp - comparison.sample.zmp
+    np.testing.assert_allclose(sum(split.parts.values()), error, atol=1e-12)
     np.testing.assert_allclose(np.sum(list(split.share.values()), axis=0), 1.0)
     assert comparison.signals["zmp_x"].run.rmse > 0.02
 
 
 def test_an_instant_without_support_is_counted_not_dropped_silently(walk):
-    plan, record, measured = walk
-    zmp, other = measured.zmp.copy(), measured.zmp_momentum.copy()
+    zmp, other = walk[2].zmp.copy(), walk[2].zmp_momentum.copy()
     zmp[-5:], other[-5:] = np.nan, np.nan
-    comparison = compare(plan, record, replace(measured, zmp=zmp, zmp_momentum=other))
+    comparison = measuring(walk, zmp=zmp, zmp_momentum=other)
     assert comparison.signals["zmp_x"].run.unmeasured == 5
     assert evaluate(comparison)["unsupported_instants"].value == 5
     assert comparison.zmp_split.residual < 1e-12
+    assert signals_table(comparison).column("measured_zmp_x").null_count == 5
 
 
 def test_effort_is_command_minus_plan_after_the_first_step(walk):
@@ -160,8 +153,7 @@ def test_effort_is_command_minus_plan_after_the_first_step(walk):
     force[~first] += [6.0, -3.0, 12.0]
     force[first] += 100.0
     momentum[:, 0] += 0.25
-    changed = replace(record, command_force=force, command_angular_momentum=momentum)
-    comparison = compare(plan, changed, measured)
+    comparison = recorded(walk, command_force=force, command_angular_momentum=momentum)
     np.testing.assert_allclose(comparison.effort.force, [6.0, 3.0, 12.0])
     np.testing.assert_allclose(comparison.effort.com_acceleration, np.array([6.0, 3.0, 12.0]) / MASS)
     np.testing.assert_allclose(comparison.effort.angular_momentum, [0.25, 0.0], atol=1e-12)
@@ -174,28 +166,26 @@ def test_margins_name_where_and_when(walk):
     torque[300, 1] = -0.8 * record.torque_limit[1]
     torque[400, 0] = record.torque_limit[0]
     q[250, -1] = record.joint_range[1, 1] - 0.05
-    changed = replace(record, torque=torque, q=q)
-    margins = compare(plan, changed, measured).margins
-    assert (margins.torque.value, margins.torque.where) == (1.0, "knee")
-    assert margins.torque.time == record.time[400]
+    margins = recorded(walk, torque=torque, q=q).margins
+    assert (margins.torque.value, margins.torque.where, margins.torque.time) == (
+        1.0,
+        "knee",
+        record.time[400],
+    )
     assert margins.torque_by_joint == {"knee": 1.0, "hip": pytest.approx(0.8)}
     assert margins.saturated == pytest.approx(1.0 / record.steps)
-    assert margins.joint.value == pytest.approx(0.05)
-    assert (margins.joint.where, margins.joint.time) == ("hip", record.time[250])
+    assert margins.joint == Extreme(pytest.approx(0.05), record.time[250], "hip")
     planned = plan.least_zmp_margin(measured.time[-1])
     assert (margins.plan_polygon.value, margins.plan_polygon.time) == planned
     assert planned[0] <= plan.zmp_margin(measured.time).min()
 
 
 def test_friction_counts_loaded_feet_only(walk):
-    plan, record, measured = walk
-    foot = np.zeros_like(measured.foot_force)
-    foot[:, 0] = [30.0, 40.0, 500.0]
-    foot[:, 1] = [9.0, 0.0, 10.0]
-    margins = compare(plan, record, replace(measured, foot_force=foot)).margins
-    assert margins.friction.value == pytest.approx(0.1)
-    assert margins.friction.where == "left"
-    assert margins.friction_available == record.friction
+    foot = np.zeros_like(walk[2].foot_force)
+    foot[:, 0], foot[:, 1] = [30.0, 40.0, 500.0], [9.0, 0.0, 10.0]
+    margins = measuring(walk, foot_force=foot).margins
+    assert (margins.friction.value, margins.friction.where) == (pytest.approx(0.1), "left")
+    assert margins.friction_available == walk[1].friction
 
 
 def test_work_of_a_constant_torque(walk):
@@ -203,7 +193,7 @@ def test_work_of_a_constant_torque(walk):
     torque, qd = np.zeros_like(record.torque), np.zeros_like(record.qd)
     torque[:, 0], qd[:, -2] = 2.0, 3.0
     torque[:, 1], qd[:, -1] = 1.0, -1.0
-    spent = compare(plan, replace(record, torque=torque, qd=qd), measured).energy
+    spent = recorded(walk, torque=torque, qd=qd).energy
     seconds = (measured.time >= plan.constants.step_duration - 1e-9).sum() * record.time_step
     assert spent.positive_work == pytest.approx(6.0 * seconds)
     assert spent.negative_work == pytest.approx(-1.0 * seconds)
@@ -211,34 +201,30 @@ def test_work_of_a_constant_torque(walk):
 
 
 def test_the_posture_gives_the_reference_of_yaw_momentum_only(walk):
-    plan, record, measured = walk
-    off = measured.angular_momentum + np.array([0.0, 0.0, 0.2])
-    signals = compare(plan, record, replace(measured, angular_momentum=off)).signals
+    off = walk[2].angular_momentum + np.array([0.0, 0.0, 0.2])
+    signals = measuring(walk, angular_momentum=off).signals
     assert signals["angular_momentum_z"].reference == "motion"
     assert signals["angular_momentum_z"].run.bias == pytest.approx(0.2)
     assert signals["angular_momentum_x"].reference == "plan"
 
 
 def test_a_run_longer_than_its_plan_is_refused(walk):
-    plan, record, measured = walk
     with pytest.raises(InputError, match="compare the run with the plan that was walked"):
-        compare(plan, record, replace(measured, time=measured.time + 1.0))
+        measuring(walk, time=walk[2].time + 1.0)
 
 
-def test_a_run_of_no_step_and_of_less_than_a_step_is_compared_as_far_as_it_went():
-    for steps in (0, 40):
-        plan, record, measured = perfect_walk(count=steps)
-        comparison = compare(plan, record, measured)
-        assert comparison.signals["zmp_x"].run.count == 0
-        assert np.isnan(evaluate(comparison)["zmp_x_rmse"].value)
-        assert comparison.rows["first_step"].sum() == steps
-        assert signals_table(comparison).num_rows == steps
+@pytest.mark.parametrize("steps", [0, 40])
+def test_a_run_of_less_than_a_step_is_compared_as_far_as_it_went(steps):
+    comparison = compare(*perfect_walk(count=steps))
+    assert comparison.signals["zmp_x"].run.count == 0
+    assert np.isnan(evaluate(comparison)["zmp_x_rmse"].value)
+    assert comparison.rows["first_step"].sum() == steps
+    assert signals_table(comparison).num_rows == steps
 
 
 def test_signals_are_read_back_with_units_and_frames(walk, tmp_path):
     plan, record, measured = walk
-    comparison = compare(plan, record, measured)
-    table = signals_table(comparison)
+    table = signals_table(compare(*walk))
     assert {column_of(name) for name in table.column_names} == set(COLUMNS)
     assert table.column("plan_angular_momentum_z").null_count == record.steps
     save_signals(table, tmp_path / "signals.parquet")
@@ -254,11 +240,3 @@ def test_signals_are_read_back_with_units_and_frames(walk, tmp_path):
     np.testing.assert_array_equal(arrays["plan_force_x"], plan.sample(measured.time).force[:, 0])
     parts = sum(arrays[f"zmp_error_{part}_y"] for part in PARTS)
     np.testing.assert_allclose(parts, arrays["measured_zmp_y"] - arrays["plan_zmp_y"], atol=1e-9)
-
-
-def test_signals_of_an_unsupported_instant_are_null(walk):
-    plan, record, measured = walk
-    zmp = measured.zmp.copy()
-    zmp[3] = np.nan
-    table = signals_table(compare(plan, record, replace(measured, zmp=zmp)))
-    assert table.column("measured_zmp_x").null_count == 1

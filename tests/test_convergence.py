@@ -17,7 +17,7 @@ from validation.cli.app import Status, call
 from validation.cli.convergence import print_convergence
 from validation.cli.summary_text import print_result
 from validation.judge.compare import compare
-from validation.judge.metrics import evaluate
+from validation.judge.metrics import Metric, evaluate, register, unregister
 from validation.judge.profiles import DEFAULT, STRICT
 from validation.judge.uncertainty import FILE, Uncertainty, load_uncertainty, matching
 from validation.judge.verdict import VerdictName, build_summary, judge
@@ -71,13 +71,10 @@ def test_an_exact_qp_solver_has_no_tolerance_to_study():
     assert "qp_tolerance" not in names
 
 
-def test_contacts_that_mujoco_would_not_walk_as_asked_are_left_out_or_said():
+def test_contacts_that_mujoco_would_not_walk_as_requested_are_left_out():
     short = load_run("normal", ["contact.time_constant=0.005"])
     stiffness = next(study for study in studies(short) if study.name == "contact_stiffness")
     assert min(stiffness.values) == 0.005  # 3.5 ms is below twice the step of 2 ms
-    shorter = load_run("normal", ["contact.time_constant=0.003"])
-    assert "raises it to 4 ms" in studies(shorter, ["time_step"])[0].caution
-    assert studies(load_run("normal"), ["time_step"])[0].caution == ""
 
 
 @pytest.mark.parametrize(("names", "levels"), [(["step"], 4), ([], 2), ([], 7)])
@@ -455,11 +452,14 @@ def test_the_exit_status_follows_the_verdict_and_the_table_is_printed_before_it_
 
 @pytest.fixture(scope="module")
 def real(tmp_path_factory):
-    """Two steps of the easy gait at 2, 1, 0.5 ms, in two processes."""
+    """Two steps of the easy gait at 2, 1, 0.5 ms, in two processes that have to learn of a metric."""
+    compute = lambda walk: float(walk.measured.com[walk.inside, 2].mean())  # noqa: E731  # goes to them by value
+    register(Metric("com_height", "m", "mean height", "mean height of the COM", "walk", compute))
     out = tmp_path_factory.mktemp("real") / "study"
     options = convergence.Options(steps=2, levels=3, only=("time_step",), workers=2, out=out)
     found = convergence.study_gait("flat", ["solver.ik_time_step=0.004"], options)
     convergence.write(found, out)
+    unregister("com_height")
     return found, out
 
 

@@ -1,4 +1,7 @@
-"""A metric of one entry appears in profile, verdict, report, sweep, diff and convergence by itself."""
+"""A metric of one entry appears in profile, verdict, report, sweep, diff and comparison by itself.
+
+That it appears in a convergence study, too, is in test_convergence.
+"""
 
 from __future__ import annotations
 
@@ -60,12 +63,7 @@ def test_sweep_its_report_and_diff(metric, tmp_path, capsys):
     assert (found["unit"], found["worse"]) == ("m", 0)
 
 
-def test_convergence_and_comparison(metric, tmp_path, capsys):
+def test_comparison(metric, tmp_path, capsys):
     folder = str(make_run(tmp_path / "run"))
     assert call(["compare", folder, folder, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["quantities"][metric.name]["label"] == LABEL
-    options = ["--steps", "2", "--levels", "3", "--study", "time_step", "--workers", "2", "--json"]
-    call(["convergence", "flat", "--set", "solver.ik_time_step=0.004", *options])
-    found = json.loads(capsys.readouterr().out)["metrics"][metric.name]
-    assert all(0.8 < value < 1.0 for value in found["by_study"]["time_step"]["values"])
-    assert found["tolerance"] == 2.0

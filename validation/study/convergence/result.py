@@ -217,8 +217,7 @@ def _metric(
         values = tuple(_value(walks[level], name) for level in study.levels)
         levels[study.name] = values
         if study.numerical:
-            forbidden = never or study.caution
-            estimates[study.name] = estimate(values, study.topic.ratio, forbidden=forbidden)
+            estimates[study.name] = estimate(values, study.topic.ratio, forbidden=never)
         else:
             inputs[study.name] = input_uncertainty(values, study.own)
     head = estimates.get(TIME_STEP) or next(iter(estimates.values()), None)
@@ -301,8 +300,6 @@ def _verdict(
 def _notes(found: Sequence[Study], walks: Mapping[Level, LevelResult]) -> tuple[str, ...]:
     notes = []
     for study in found:
-        if study.caution:
-            notes.append(f"{study.name}: {study.caution}.")
         for level, value in zip(study.levels, study.values, strict=True):
             walk, where = walks[level], f"{study.name}, {study.shown(value)}"
             if not walk.completed:

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
 LEVELS = 4
 """Of a numerical study, by default: two triplets, the least that can confirm an order."""
-_REFSAFE = 2.0  # MuJoCo raises a contact's time constant to this many time steps
 
 Level = tuple[str, float]
 """Key and value; the run's own parameters are :data:`OWN`."""
@@ -81,13 +80,11 @@ class Study:
         values: of the key; of a numerical study from the own value down, of an input study ascending in
             stiffness.
         own: index of the run's own value.
-        caution: why its levels are no sequence that has a limit, empty if they are.
     """
 
     topic: Topic
     values: tuple[float, ...]
     own: int
-    caution: str = ""
 
     @property
     def name(self) -> str:
@@ -122,7 +119,6 @@ class Study:
             "values": list(self.values),
             "own": self.own,
             "ratio": topic.ratio or None,
-            "caution": self.caution or None,
         }
 
 
@@ -154,7 +150,7 @@ def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVE
         if topic.kind == "numerical":
             # Rounded, so that a tenth of 5e-5 is written as 5e-6.
             values = tuple(float(f"{own / topic.ratio**level:.15g}") for level in range(levels))
-            found.append(Study(topic, values, 0, _caution(run, topic)))
+            found.append(Study(topic, values, 0))
         else:
             values = tuple(own * factor for factor in topic.factors)
             kept = tuple(value for value in values if value == own or _allowed(run, topic, value))
@@ -188,21 +184,10 @@ def _applies(topic: Topic, qp: str) -> bool:
     return topic.name != "qp_tolerance" or qp == "osqp"
 
 
-def _caution(run: RunParameters, topic: Topic) -> str:
-    """Whether MuJoCo would walk another model on a coarse level than on a fine one."""
-    constant, step = run.contact.time_constant, run.simulation.time_step
-    if topic.name != "time_step" or constant >= _REFSAFE * step:
-        return ""
-    return (
-        f"contact.time_constant = {1e3 * constant:g} ms is below twice the time step, and MuJoCo raises it "
-        f"to {1e3 * _REFSAFE * step:g} ms there: the levels are of different contacts"
-    )
-
-
 def _allowed(run: RunParameters, topic: Topic, value: float) -> bool:
-    """Whether a level is within the parameter's bounds, and walked as it says."""
+    """Whether a level is within the parameter's bounds."""
     try:
         run.replace({topic.key: value})
     except InputError:
         return False
-    return topic.key != "contact.time_constant" or value >= _REFSAFE * run.simulation.time_step
+    return True
