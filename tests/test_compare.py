@@ -174,7 +174,8 @@ def test_margins_name_where_and_when(walk):
     )
     assert margins.torque_by_joint == {"knee": 1.0, "hip": pytest.approx(0.8)}
     assert margins.saturated == pytest.approx(1.0 / record.steps)
-    assert margins.joint == Extreme(pytest.approx(0.05), record.time[250], "hip")
+    assert margins.joint.value == pytest.approx(0.05)
+    assert (margins.joint.where, margins.joint.time) == ("hip", record.time[250])
     planned = plan.least_zmp_margin(measured.time[-1])
     assert (margins.plan_polygon.value, margins.plan_polygon.time) == planned
     assert planned[0] <= plan.zmp_margin(measured.time).min()
