@@ -12,7 +12,6 @@ from ampm.exceptions import InputError
 from tests.walk import MASS, perfect_walk, with_state
 from validation.judge.compare import compare, statistics_table
 from validation.judge.errors import PARTS, RUN, WINDOWS
-from validation.judge.margins import Extreme
 from validation.judge.metrics import evaluate
 from validation.judge.signals import signals_table
 from validation.store.signals import COLUMNS, column_of, load_signals, save_signals
