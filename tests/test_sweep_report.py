@@ -153,7 +153,7 @@ def test_data_say_what_the_table_says(folder, html):
         expected = 100.0 * sweep.worst_used, 100.0, "%"
         if axis["key"] != "used":
             expected = sweep.shown(axis["key"].removeprefix("metric:"))
-        assert (axis["limit"], axis["unit"]) == expected[1:]
+        assert (axis["limit"], axis["unit"]) == (expected[1], expected[2].replace("body weight", "BW"))
         assert values == pytest.approx(expected[0][rows], rel=1e-3, nan_ok=True)
 
 

@@ -36,34 +36,40 @@ const countsOf = (x, y) => {
   const up = data.cells[`${x.field},${y.field}`], list = up ?? data.cells[`${y.field},${x.field}`];
   return list?.map(([a, b, passed, all]) => {
     const [x0, y0] = up ? [a, b] : [b, a];
-    return { x0, x01: x0 + x.step, y0, y01: y0 + y.step, passed, all, value: passed / all };
+    return { x0, x01: x0 + x.step, y0, y01: y0 + y.step, pass: passed, all, outcome: "", value: passed / all };
   });
 };
+const rate = { key: "rate", field: "pass", label: "share that passes (cells)", unit: "", parameter: false, limit: null };
 const cells = (x, y, colour) => {
-  const exact = !colour && countsOf(x, y);
+  const exact = colour === rate && countsOf(x, y), cell = ["x0", "x01", "y0", "y01"];
   const bin = (a, name) => a.levels ? { calculate: `datum.${a.field}`, as: name } : { bin: { maxbins: 16 }, field: a.field, as: [name, `${name}1`] };
   const side = (a, name) => a.levels
     ? { [name]: { ...a[name][name], field: `${name}0` } }
     : { [name]: { field: `${name}0`, bin: "binned", type: "quantitative", title: a[name][name].title, scale: { zero: false, nice: false } }, [`${name}2`]: { field: `${name}01` } };
   const middle = (a, name) => a.levels ? side(a, name) : { [name]: { ...side(a, name)[name], field: `${name}m`, bin: undefined } };
-  const value = { op: "mean", field: (colour ?? { field: "pass" }).field, as: "value" };
-  const rate = { field: "value", type: "quantitative", scale: { scheme: "cividis", domain: [0, 1] }, legend: { title: "share that passes", format: ".0%" } };
-  const tooltip = [{ field: "passed", title: "pass" }, { field: "all", title: "runs with an answer" },
-    colour ? { field: "value", title: `mean ${colour.label}`, format: ".3~g" } : { field: "value", title: "share", format: ".1%" }];
+  const sum = (...names) => names.map((name) => ({ op: "sum", field: name, as: name }));
+  const scale = { scheme: "cividis", domain: [0, 1] }, { color } = data.spec.layer[0].encoding;
+  const filled = !colour ? color : colour !== rate ? colourOf(colour, "value")
+    : { field: "value", type: "quantitative", scale, legend: { title: "share of the runs with an answer that pass", format: ".0%" } };
+  const tooltip = [{ field: "pass" }, { field: "all", title: "runs with an answer" }, { field: "outcome", title: "most" },
+    ...(colour ? [{ field: "value", title: `mean ${colour.label}`, format: ".3~g" }] : [])];
+  const sides = { ...side(x, "x"), ...side(y, "y") }, centre = { ...middle(x, "x"), ...middle(y, "y"), text: { field: "share" } };
   return {
     ...data.spec,
     data: { values: exact || runs },
     transform: [
       ...(exact ? [] : [
-        bin(x, "x0"), bin(y, "y0"), { filter: "isValid(datum.x0) && isValid(datum.y0) && isValid(datum.pass)" },
-        { aggregate: [{ op: "count", as: "all" }, { op: "sum", field: "pass", as: "passed" }, value], groupby: ["x0", "x01", "y0", "y01"] }]),
-      { calculate: "datum.passed + '/' + datum.all", as: "share" },
+        bin(x, "x0"), bin(y, "y0"), { filter: "isValid(datum.x0) && isValid(datum.y0)" },
+        { aggregate: [{ op: "count", as: "n" }, { op: "valid", field: "pass", as: "all" }, ...sum("pass"),
+          { op: "sum", field: (colour ?? rate).field, as: "sum" }, { op: "valid", field: (colour ?? rate).field, as: "valid" }], groupby: [...cell, "outcome"] },
+        { aggregate: [{ op: "argmax", field: "n", as: "most" }, ...sum("all", "pass", "sum", "valid")], groupby: cell },
+        { calculate: "datum.most.outcome", as: "outcome" }, { calculate: "datum.valid ? datum.sum / datum.valid : null", as: "value" }]),
+      { calculate: "datum.pass + '/' + datum.all", as: "share" },
       { calculate: "(+datum.x0 + +datum.x01) / 2", as: "xm" }, { calculate: "(+datum.y0 + +datum.y01) / 2", as: "ym" }],
     layer: [
-      { mark: { type: "rect", stroke: "var(--card)", strokeWidth: 1 },
-        encoding: { ...side(x, "x"), ...side(y, "y"), tooltip, color: colour ? colourOf(colour, "value") : rate } },
-      { mark: "text", encoding: { ...middle(x, "x"), ...middle(y, "y"), text: { field: "share" }, color: {
-        condition: { test: colour ? `datum.value < ${.5 * (colour.limit ?? 0)}` : "datum.value < .5", value: "#fff" }, value: "#000" } } },
+      { mark: { type: "rect", invalid: "show", stroke: "var(--card)", strokeWidth: 1 }, encoding: { ...sides, tooltip, color: filled } },
+      ...(colour ? [] : [{ mark: { type: "text", stroke: "var(--card)", strokeWidth: 3 }, encoding: centre }]), // a halo
+      { mark: "text", encoding: colour ? { ...centre, color: { condition: { test: `datum.value < ${.5 * (colour.limit ?? 1)}`, value: "#fff" }, value: "#000" } } : centre },
     ],
   };
 };
@@ -103,7 +109,9 @@ const patch = (vega) => {
 };
 let view = null;
 const draw = async () => {
-  const [x, y, colour] = [axisOf("x"), axisOf("y"), axisOf("colour")], inCells = $("view").value === "cells";
+  const [x, y] = [axisOf("x"), axisOf("y")], colour = $("colour").value === rate.key ? rate : axisOf("colour");
+  if (colour === rate) $("view").value = "cells";
+  const inCells = $("view").value === "cells";
   const spec = (inCells ? cells : points)(x, y, colour), width = $("plot").clientWidth;
   spec.config = { ...spec.config, legend: { ...spec.config.legend, columns: Math.max(2, Math.floor(width / 125)) } };
   spec.height = Math.max(300, Math.min(470, .58 * width));
@@ -112,8 +120,8 @@ const draw = async () => {
   ({ view } = await vegaEmbed($("plot"), spec, { actions: false, renderer: "svg", tooltip: { theme: "page", formatTooltip }, patch }));
   if (inCells) view.addEventListener("click", (_, item) => { if (item?.datum?.share) showCell(item.datum, x, y); });
   else view.addSignalListener("pick", (_, { row }) => { if (row) show(runs.find((r) => r.row === row[0])); });
-  $("note").textContent = runs.length < data.total && !(inCells && !colour && countsOf(x, y))
-    ? `${runs.length.toLocaleString("en")} of ${data.total.toLocaleString("en")} runs: rare outcomes first, the others drawn at random. Cells of two parameters count all.` : "";
+  $("note").textContent = runs.length < data.total && !(colour === rate && countsOf(x, y))
+    ? `${runs.length.toLocaleString("en")} of ${data.total.toLocaleString("en")} runs: rare outcomes first, the others drawn at random. The share that passes counts all, in cells of two parameters.` : "";
 };
 const options = (part, label, list) => {
   const group = Object.assign(document.createElement("optgroup"), { label });
@@ -121,11 +129,13 @@ const options = (part, label, list) => {
   if (list.length) $(part).append(group);
 };
 for (const part of ["x", "y"]) { options(part, "parameters", parameters); options(part, "metrics", metrics); }
+options("colour", "cells", [rate]);
 options("colour", "metrics", metrics);
 $("y").value = (axes[1] ?? axes[0]).key;
 const suit = () => { $("view").value = axisOf("x").levels && axisOf("y").levels || runs.length < data.total ? "cells" : "points"; };
 for (const part of ["x", "y", "colour", "view"]) $(part).addEventListener("change", () => { if (part === "x" || part === "y") suit(); draw(); });
 suit();
+if (runs.length < data.total) $("colour").value = rate.key;
 root.hidden = false;
 document.getElementById("map-still").hidden = true;
 draw();

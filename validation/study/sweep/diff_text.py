@@ -27,7 +27,7 @@ COLUMNS = (
     *("unit", "shift", "p", "noise", "worst"),
 )
 NOTE = (
-    "better, worse: runs that differ by more than the noise, which is rounding or the numerical uncertainty "
+    "Better, worse: runs that differ by more than the noise, which is rounding or the numerical uncertainty "
     "of a convergence study. Beyond: grown by more than the tolerance, too. p: Wilcoxon's signed-rank test, "
     f"corrected for the number of metrics; at p < {SIGNIFICANCE:g} and a shift beyond the noise all "
     "runs together are called better or worse."
@@ -135,7 +135,7 @@ def metric_cells(diff: SweepDiff) -> list[list[str]]:
                 item["verdict"],
                 *(f"{item[key]:,}" for key in ("better", "worse", "regressed")),
                 *(format_number(scale * median[side]) for side in "ab"),
-                unit,
+                unit.replace(" ", "\u00a0"),
                 f"{scale * median['shift']:+.2g}" if median["shift"] else "0",
                 format_number(item["p"], 2),
                 "no bound" if math.isinf(noise) else format_number(scale * noise, 2),
@@ -182,7 +182,7 @@ def write_page(diff: SweepDiff, path: Path, *, force: bool) -> None:
         sides=[_side(diff.a), _side(diff.b)],
         columns=_columns(*COLUMNS),
         metrics=metric_cells(diff),
-        note=NOTE.capitalize(),
+        note=NOTE,
         changes=[
             (title, [(change, change_cells(change)) for change in changes[:_SHOWN_IN_PAGE]])
             for title, changes in _groups(diff)
