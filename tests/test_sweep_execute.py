@@ -23,7 +23,7 @@ from validation.cli import app as cli
 from validation.judge.metrics import Metric, register, unregister
 from validation.progress import Progress, Stage
 from validation.store import identity
-from validation.study.sweep import report, schema, task, workers
+from validation.study.sweep import execution, report, schema, store, task, workers
 from validation.study.sweep import run as sweep_run
 from validation.study.sweep.design import parse_sweep
 from validation.study.sweep.exceptions import SweepStopped
@@ -44,7 +44,7 @@ gait.switching_velocity = [0.3, 0.7, -1.0]
 """
 
 
-class Direct(workers.Execution):
+class Direct(execution.Execution):
     """Walks in this process, and not really."""
 
     sent: list[int] = []
@@ -79,8 +79,8 @@ def direct(monkeypatch: pytest.MonkeyPatch) -> type[Direct]:
     monkeypatch.setattr(Direct, "sent", [])
     monkeypatch.setattr(Direct, "outcome", {})
     monkeypatch.setattr(report, "write_sweep_report", lambda folder: (folder / "report.html").touch())
-    pool = SimpleNamespace(execute=lambda *args: Direct(cast(Any, None), *args).run())
-    monkeypatch.setattr(workers, "local_pool", lambda count: nullcontext(pool))
+    monkeypatch.setattr(workers, "local_pool", lambda count: nullcontext())
+    monkeypatch.setattr(execution, "Execution", Direct)
     return Direct
 
 
@@ -270,7 +270,7 @@ def test_other_code_is_mixed_only_by_force(direct, file, tmp_path, monkeypatch, 
     direct.outcome = {4: KeyboardInterrupt()}
     assert call(file, out) == 130
     newer = {**identity.code(), "mujoco": "9.9.9"}
-    monkeypatch.setattr(sweep_run, "code", lambda: newer)
+    monkeypatch.setattr(store, "code", lambda: newer)
     direct.outcome = {}
     assert call(file, out, "--resume") == 2
     assert "-> 9.9.9" in capsys.readouterr().err

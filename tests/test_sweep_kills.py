@@ -22,6 +22,7 @@ from ampm.parameters import RunParameters
 from tests.sweep_work import act
 from validation.study.sweep import workers
 from validation.study.sweep.exceptions import SweepStopped
+from validation.study.sweep.execution import Execution
 from validation.study.sweep.schema import reproducible_columns
 from validation.study.sweep.table import read_sweep
 from validation.study.sweep.task import Listener, Task, blas_threads
@@ -196,7 +197,7 @@ def test_whatever_a_run_does_it_gets_its_row(tmp_path):
 
     listener = Listener()
     with workers.local_pool(2) as pool:
-        workers.Execution(pool, tasks(), listener, act).run()
+        Execution(pool, tasks(), listener, act).run()
     found = {row["run"]: row for row in listener.rows}
     assert len(listener.rows) == len(found) == len(acts)
     ends = {name: (found[i]["outcome"], found[i]["reason"]) for i, name in enumerate(acts)}
@@ -231,7 +232,7 @@ def test_workers_that_die_at_their_start_end_the_sweep(monkeypatch):
     listener = Listener()
     task = Task(0, "0", RunParameters(), "fine")
     with workers.local_pool(2) as pool, pytest.raises(SweepStopped, match="no worker process comes up"):
-        workers.Execution(pool, iter([task]), listener, act).run()
+        Execution(pool, iter([task]), listener, act).run()
 
 
 SCRIPT = """

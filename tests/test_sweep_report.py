@@ -28,7 +28,8 @@ from validation.study.sweep.report import (
     worst_rows,
     write_sweep_report,
 )
-from validation.study.sweep.table import BROKEN, STATES, State, SweepTable, judge_sweep, read_sweep, share
+from validation.study.sweep.table import BROKEN, STATES, State, SweepTable, read_sweep
+from validation.study.sweep.tally import judge_sweep, share
 
 GRID: dict[str, list[Any]] = {
     "gait.c_s": [0.6, 1.0, 1.4],

@@ -26,6 +26,8 @@ from rich.progress import (
 from validation.progress import Progress, Stage, interruption
 from validation.store.json import json_ready
 
+_LINE_EVERY = 30.0  # [s]
+
 
 class _Bar(Stage):
     def __init__(self, bar: bars.Progress, task: TaskID, label: str) -> None:
@@ -36,6 +38,23 @@ class _Bar(Stage):
 
     def note(self, text: str) -> None:
         self.bar.update(self.task, description=f"{self.label} ({text})")
+
+
+class _Lines(Stage):
+    """Where there is no terminal: a line now and then."""
+
+    def __init__(self, console: Console, label: str) -> None:
+        self.console, self.label = console, label
+        self.printed, self.done = time.monotonic(), ""
+
+    def advance(self, done: int, total: int) -> None:
+        self.done = f"{done} of {total}"
+
+    def note(self, text: str) -> None:
+        if time.monotonic() - self.printed > _LINE_EVERY:
+            self.printed = time.monotonic()
+            words = ", ".join(part for part in (self.done, text) if part)
+            self.console.print(f"{self.label}: {words}", markup=False)
 
 
 class Narrator(Progress):
@@ -50,7 +69,7 @@ class Narrator(Progress):
         interruption.check()
         start = time.perf_counter()
         if not self.console.is_terminal:
-            yield Stage()
+            yield _Lines(self.console, label)
         else:
             count = (MofNCompleteColumn(), TextColumn("{task.fields[unit]}")) if unit else ()
             columns = (

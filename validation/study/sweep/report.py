@@ -24,16 +24,8 @@ from validation.show.text import format_duration
 from validation.store.identity import parameter_values
 from validation.study.sweep import figures, store
 from validation.study.sweep.influence import Target, analyse, entangled
-from validation.study.sweep.table import (
-    BROKEN,
-    STATES,
-    State,
-    SweepTable,
-    counted_states,
-    judge_sweep,
-    read_sweep,
-    share,
-)
+from validation.study.sweep.table import BROKEN, STATES, State, SweepTable, read_sweep
+from validation.study.sweep.tally import counted_states, judge_sweep, share
 
 REPORT_FILE = store.REPORT
 WORST = 10

@@ -6,7 +6,6 @@ import json
 import shutil
 import tempfile
 import time
-import tomllib
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -23,12 +22,11 @@ from ampm.parameters import RunParameters
 from ampm.planner.periodic import plan_gait
 from validation.progress import Progress, Stage, interruption
 from validation.show.text import format_duration
-from validation.store.environment import describe_environment
 from validation.store.folders import check_target
-from validation.store.identity import code, code_hash, parameter_values
+from validation.store.identity import code_hash, parameter_values
 from validation.store.json import json_ready
 from validation.store.machine import cores
-from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep
+from validation.study.sweep.design import SweepDefinition, load_sweep
 from validation.study.sweep.forecast import ACCEPTED, screen
 from validation.study.sweep.sampling import Cases, cases
 from validation.study.sweep.schema import (
@@ -47,8 +45,8 @@ from validation.study.sweep.store import (
     REPORT,
     SUMMARY,
     Store,
+    check_identity,
     is_sweep,
-    read_rows,
 )
 from validation.study.sweep.table import STATES, State, SweepTable, read_sweep, wrap_table
 from validation.study.sweep.task import Listener, Task
@@ -120,9 +118,9 @@ def sweep(
         with pool(1):  # first of all: a scheduler that does not answer leaves no folder behind
             pass
     with Store(out) as store:
-        if _check_identity(store, definition, force=force) and resume:
+        if check_identity(out, definition, force=force) and resume:
             progress.say(f"nothing to resume in {out}; starting the sweep")
-        store.begin(definition, _identity(definition))
+        store.begin(definition)
         jobs = _Jobs(definition, cases(definition), out.resolve())
         _walk_missing(jobs, store, pool, retry, progress)
         if definition.recordings == "worst":
@@ -149,67 +147,11 @@ def _pool(
     return remote_pool(scheduler, progress.say) if scheduler else local_pool(min(workers or cores(), walks))
 
 
-# ------------------------------------------------------------------------------ identity
+def _execute(pool: Pool, walks: int, todo: Iterator[dict[str, Any] | Task], listener: Listener) -> None:
+    from validation.study.sweep.execution import Execution  # loads dask
 
-
-def _identity(definition: SweepDefinition) -> dict[str, Any]:
-    """What must not change on resume; name and wall-clock guard of the definition are free to."""
-    settings = _flat(tomllib.loads(dump_sweep(definition)))
-    del settings["sweep.name"], settings["limits.wall_clock"]
-    if definition.instrument is not None:
-        from validation.measure.instruments.model import load_instrument  # loads all that measures
-
-        settings["sweep.instrument"] = repr(load_instrument(definition.instrument))  # a file may change
-    return {"settings": settings, "code": code(), "revision": describe_environment()["revision"]}
-
-
-def _flat(value: Any, place: str = "") -> dict[str, str]:
-    """Settings of nested tables: place to value, as texts."""
-    if isinstance(value, Mapping):
-        items = [(f"{place}.{key}" if place else str(key), item) for key, item in value.items()]
-    elif place == "vary":
-        items = [(f"[[vary]] {number}", item) for number, item in enumerate(value, start=1)]
-    else:
-        return {place: repr(value)}
-    return {key: text for inner, item in items for key, text in _flat(item, inner).items()}
-
-
-def _check_identity(store: Store, definition: SweepDefinition, *, force: bool) -> bool:
-    """Refuse to mix the rows of a folder with those of another definition, or of other code unless forced.
-
-    Returns:
-        Whether there are no rows to mix with.
-
-    Raises:
-        InputError: the rows are of another sweep, of other code, or do not say.
-    """
-    rows, now = read_rows(store.folder)[0], _identity(definition)
-    if rows is None:
-        return True
-    before = wrap_table(rows, store.folder).metadata.get("identity") or {}
-    kept, new = before.get("settings"), now["settings"]
-    if kept is None or "code" not in before:
-        raise InputError(
-            f"the rows in {store.folder} do not say which definition and code made them; give another folder."
-        )
-    if list(kept.items()) != list(new.items()):  # the order of the keys numbers the runs
-        place = next((key for key in {**new, **kept} if kept.get(key) != new.get(key)), "order of keys")
-        raise InputError(
-            f"--out {store.folder} holds another sweep than this file defines: {place} is "
-            f"{kept.get(place, 'another')} in the folder and {new.get(place, 'another')} in the file; give "
-            "another folder, or that definition."
-        )
-    changed = [
-        f"{name} {before['code'].get(name)} -> {value}"
-        for name, value in now["code"].items()
-        if before["code"].get(name) != value
-    ]
-    if changed and not force:
-        raise InputError(
-            f"the rows in {store.folder} come from other code ({', '.join(changed)}), and results may "
-            "differ; go back to it, give another folder, or --force to mix them (environment_code tells)."
-        )
-    return False
+    with pool(walks) as workers:
+        Execution(workers, todo, listener).run()
 
 
 # ------------------------------------------------------------------------------ walking
@@ -288,8 +230,7 @@ def _walk_missing(jobs: _Jobs, store: Store, pool: Pool, retry: Sequence[str], p
     with progress.stage("sweep", "runs") as stage:
         listener = _Keeper(store, stage, progress, len(jobs.runs), walks, counts)
         if walks:
-            with pool(walks) as workers:
-                workers.execute(todo, listener)
+            _execute(pool, walks, todo, listener)
         else:
             listener.keep_all(todo)
     progress.say(f"sweep: {listener.done} of {len(jobs.runs)} runs, {listener.text()}")
@@ -402,8 +343,8 @@ def _keep_worst(jobs: _Jobs, store: Store, pool: Pool, progress: Progress) -> No
         again = Listener()
         # Without a guard on the clock: they have come to their end before.
         tasks = (jobs.task(run, keep="all", wall_clock=None) for run in wanted)
-        with progress.stage(f"recordings of the worst runs ({len(wanted)})"), pool(len(wanted)) as workers:
-            workers.execute(tasks, again)
+        with progress.stage(f"recordings of the worst runs ({len(wanted)})"):
+            _execute(pool, len(wanted), tasks, again)
         interruption.check()
         for row in again.rows:
             before = found.table.slice(runs.index(row["run"]), 1).to_pylist()[0]

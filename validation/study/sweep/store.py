@@ -13,6 +13,7 @@ import json
 import os
 import shutil
 import sqlite3
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
@@ -24,6 +25,8 @@ import pyarrow.parquet as pq
 
 from ampm.exceptions import InputError
 from validation.judge.profiles import profile as find_profile
+from validation.store.environment import describe_environment
+from validation.store.identity import code
 from validation.study.sweep.design import SweepDefinition, dump_sweep
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import columns, schema
@@ -54,7 +57,7 @@ def disk_is_full(error: BaseException) -> bool:
     return isinstance(error, OSError) and error.errno in _FULL
 
 
-def table_metadata(definition: SweepDefinition, identity: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
     """Description of a table, JSON-ready.
 
     ``definition`` (TOML), ``name``, ``seed``, ``steps``, ``runs``, ``varied`` (keys), ``profile``,
@@ -75,7 +78,7 @@ def table_metadata(definition: SweepDefinition, identity: Mapping[str, Any] | No
             for item in profile.tolerances
         },
         "columns": {item.name: {"unit": item.unit, "words": item.words} for item in columns()},
-        "identity": dict(identity or {}),
+        "identity": _identity(definition),
     }
 
 
@@ -112,6 +115,72 @@ def read_rows(folder: Path) -> tuple[pa.Table | None, bool]:
     return (read_table(folder / RESULTS), True) if (folder / RESULTS).is_file() else (None, False)
 
 
+# ------------------------------------------------------------------------------ identity
+
+
+def _identity(definition: SweepDefinition) -> dict[str, Any]:
+    """What must not change on resume; name and wall-clock guard of the definition are free to."""
+    settings = _flat(tomllib.loads(dump_sweep(definition)))
+    del settings["sweep.name"], settings["limits.wall_clock"]
+    if definition.instrument is not None:
+        from validation.measure.instruments.model import load_instrument  # loads all that measures
+
+        settings["sweep.instrument"] = repr(load_instrument(definition.instrument))  # a file may change
+    return {"settings": settings, "code": code(), "revision": describe_environment()["revision"]}
+
+
+def _flat(value: Any, place: str = "") -> dict[str, str]:
+    """Settings of nested tables: place to value, as texts."""
+    if isinstance(value, Mapping):
+        items = [(f"{place}.{key}" if place else str(key), item) for key, item in value.items()]
+    elif place == "vary":
+        items = [(f"[[vary]] {number}", item) for number, item in enumerate(value, start=1)]
+    else:
+        return {place: repr(value)}
+    return {key: text for inner, item in items for key, text in _flat(item, inner).items()}
+
+
+def check_identity(folder: Path, definition: SweepDefinition, *, force: bool) -> bool:
+    """Refuse to mix the rows of a folder with those of another definition, or of other code unless forced.
+
+    Returns:
+        Whether there are no rows to mix with.
+
+    Raises:
+        InputError: the rows are of another sweep, of other code, or do not say.
+    """
+    rows, now = read_rows(folder)[0], _identity(definition)
+    if rows is None:
+        return True
+    before = json.loads(rows.schema.metadata[TABLE_METADATA]).get("identity") or {}
+    kept, new = before.get("settings"), now["settings"]
+    if kept is None or "code" not in before:
+        raise InputError(
+            f"the rows in {folder} do not say which definition and code made them; give another folder."
+        )
+    if list(kept.items()) != list(new.items()):  # the order of the keys numbers the runs
+        place = next((key for key in {**new, **kept} if kept.get(key) != new.get(key)), "order of keys")
+        raise InputError(
+            f"--out {folder} holds another sweep than this file defines: {place} is "
+            f"{kept.get(place, 'another')} in the folder and {new.get(place, 'another')} in the file; give "
+            "another folder, or that definition."
+        )
+    changed = [
+        f"{name} {before['code'].get(name)} -> {value}"
+        for name, value in now["code"].items()
+        if before["code"].get(name) != value
+    ]
+    if changed and not force:
+        raise InputError(
+            f"the rows in {folder} come from other code ({', '.join(changed)}), and results may "
+            "differ; go back to it, give another folder, or --force to mix them (environment_code tells)."
+        )
+    return False
+
+
+# ------------------------------------------------------------------------------ writing
+
+
 class Store:
     """Writes a sweep's folder, which is locked against a second program while this is open.
 
@@ -138,14 +207,14 @@ class Store:
     ) -> None:
         self._exit.close()
 
-    def begin(self, definition: SweepDefinition, identity: Mapping[str, Any]) -> None:
+    def begin(self, definition: SweepDefinition) -> None:
         """Prepare for rows of this sweep; those of an earlier call stay.
 
         Raises:
             SweepStopped: the disk is full.
         """
         _remove_partial(self.folder)
-        metadata = table_metadata(definition, identity)
+        metadata = table_metadata(definition)
         self.write_text(DEFINITION, metadata["definition"])
         with _errors(self.folder), self._rows as rows:
             rows.execute("BEGIN IMMEDIATE")
