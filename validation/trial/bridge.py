@@ -198,24 +198,14 @@ def _rotate(quaternion_wxyz: Array, vector: Array, *, inverse: bool = False) -> 
     return result
 
 
-def _check(positions: ArrayLike, *rates: ArrayLike) -> tuple[Array, ...]:
-    q = np.asarray(positions, dtype=float)
-    others = [np.asarray(rate, dtype=float) for rate in rates]
-    for other in others:
-        if q.ndim == 0 or q.shape[-1] < 7 or other.shape != (*q.shape[:-1], q.shape[-1] - 1):
-            raise InputError(
-                f"A state with positions of shape {q.shape} and rates of shape {other.shape} is no free-root"
-                " state; the last axes must be nq >= 7 and nq - 1."
-            )
-    return (q, *others)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    result = np.empty(a.shape)
-    result[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    result[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    result[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return result
+def _check(positions: ArrayLike, rates: ArrayLike) -> tuple[Array, Array]:
+    q, v = np.asarray(positions, dtype=float), np.asarray(rates, dtype=float)
+    if q.ndim == 0 or q.shape[-1] < 7 or v.shape != (*q.shape[:-1], q.shape[-1] - 1):
+        raise InputError(
+            f"A state with positions of shape {q.shape} and rates of shape {v.shape} is no free-root state; "
+            "the last axes must be nq >= 7 and nq - 1."
+        )
+    return q, v
 
 
 def to_pinocchio(qpos: ArrayLike, qvel: ArrayLike) -> tuple[Array, Array]:
@@ -245,36 +235,3 @@ def to_mujoco(q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
     qpos[..., 4:7], qpos[..., 3] = q[..., 3:6], q[..., 6]
     qvel[..., :3] = _rotate(qpos[..., 3:7], v[..., :3])
     return qpos, qvel
-
-
-def acceleration_to_pinocchio(qpos: ArrayLike, qvel: ArrayLike, qacc: ArrayLike) -> Array:
-    """Convert accelerations of a free-root body from MuJoCo to Pinocchio.
-
-    Pinocchio's root acceleration is spatial: a root that turns at constant world velocity has ``-omega x v``.
-
-    Args:
-        qpos: MuJoCo positions (..., nq).
-        qvel: MuJoCo velocities (..., nv).
-        qacc: MuJoCo accelerations (..., nv).
-
-    Returns:
-        Pinocchio acceleration (..., nv).
-
-    Raises:
-        InputError: if the shapes do not belong together.
-    """
-    qpos, qvel, qacc = _check(qpos, qvel, qacc)
-    a = qacc.copy()
-    quaternion = qpos[..., 3:7]
-    local = _rotate(quaternion, qvel[..., :3], inverse=True)
-    a[..., :3] = _rotate(quaternion, qacc[..., :3], inverse=True) - _cross(qvel[..., 3:6], local)
-    return a
-
-
-def acceleration_to_mujoco(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-    """Convert accelerations from Pinocchio to MuJoCo, at a Pinocchio state (q, v); inverse of the above."""
-    q, v, a = _check(q, v, a)
-    qacc = a.copy()
-    quaternion = q[..., [6, 3, 4, 5]]
-    qacc[..., :3] = _rotate(quaternion, a[..., :3] + _cross(v[..., 3:6], v[..., :3]))
-    return qacc
