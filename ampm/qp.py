@@ -164,7 +164,7 @@ class OsqpBackend:
             KeyboardInterrupt: the user interrupted the solve.
         """
         start = time.perf_counter()
-        if (lower > upper).any():  # OSQP would keep the last bounds and solve with those
+        if np.logical_or.reduce(lower > upper):  # OSQP would keep the last bounds and solve with those
             gap = float((lower - upper).max())
             return QPSolution(
                 np.full(len(q), np.nan), QPStatus.INFEASIBLE, gap, 0, time.perf_counter() - start
@@ -174,7 +174,8 @@ class OsqpBackend:
             solver = self._solver = self._setup(P, q, A, lower, upper)
         else:
             solver.update_data_vec(q=q, l=np.maximum(lower, -_INFINITY), u=np.minimum(upper, _INFINITY))
-            solver.update_data_mat(P_x=self._P.values(P), P_i=None, A_x=self._A.values(A), A_i=None)
+            P_x, A_x = P.reshape(-1).take(self._P.gather), A.reshape(-1).take(self._A.gather)
+            solver.update_data_mat(P_x=P_x, P_i=None, A_x=A_x, A_i=None)
         solver.solve()
         x = np.array(solver.solution.x, dtype=np.float64)
         seconds = time.perf_counter() - start

@@ -11,7 +11,7 @@ heel, ball, tip.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, overload
 
@@ -36,21 +36,53 @@ class FeetState(NamedTuple):
     """Both feet at one instant; T instants have a leading axis.
 
     Attributes:
-        position, velocity, acceleration: of the soles' reference points, shape (2, 3) [m, m/s, m/s^2].
-        rotation: of the soles to world, shape (2, 3, 3).
-        angular_velocity, angular_acceleration: shape (2, 3) [rad/s, rad/s^2].
-        toe, toe_velocity, toe_acceleration: of the toe joints, shape (2,) [rad, rad/s, rad/s^2].
+        values: position, velocity and acceleration of the sole's reference point (9), rotation of the sole to
+            world by rows (9), angular velocity and acceleration (6), angle, velocity and acceleration of the
+            toe joint (3); shape (2, 27) [m, rad, s]. One row, so that a tick unpacks it at once.
     """
 
-    position: Array
-    velocity: Array
-    acceleration: Array
-    rotation: Array
-    angular_velocity: Array
-    angular_acceleration: Array
-    toe: Array
-    toe_velocity: Array
-    toe_acceleration: Array
+    values: Array
+
+    @classmethod
+    def of(cls, linear: Array, rotation: Array, angular: Array, toe: Array) -> FeetState:
+        """From its parts, shapes (..., 2, 3, 3), (..., 2, 3, 3), (..., 2, 2, 3), (..., 2, 3)."""
+        parts = linear, rotation, angular, toe
+        return cls(np.concatenate([part.reshape(*toe.shape[:-1], -1) for part in parts], axis=-1))
+
+    @property
+    def position(self) -> Array:
+        """Of the soles' reference points, shape (2, 3) [m]."""
+        return self.values[..., 0:3]
+
+    @property
+    def velocity(self) -> Array:
+        """Shape (2, 3) [m/s]."""
+        return self.values[..., 3:6]
+
+    @property
+    def acceleration(self) -> Array:
+        """Shape (2, 3) [m/s^2]."""
+        return self.values[..., 6:9]
+
+    @property
+    def rotation(self) -> Array:
+        """Of the soles to world, shape (2, 3, 3)."""
+        return self.values[..., 9:18].reshape(*self.values.shape[:-1], 3, 3)
+
+    @property
+    def angular_velocity(self) -> Array:
+        """Shape (2, 3) [rad/s]."""
+        return self.values[..., 18:21]
+
+    @property
+    def angular_acceleration(self) -> Array:
+        """Shape (2, 3) [rad/s^2]."""
+        return self.values[..., 21:24]
+
+    @property
+    def toe(self) -> Array:
+        """Angle, velocity and acceleration of the toe joints, shape (2, 3) [rad, rad/s, rad/s^2]."""
+        return self.values[..., 24:27]
 
 
 class ContactState(NamedTuple):
@@ -89,9 +121,7 @@ class Reference(NamedTuple):
 
     Attributes:
         time: [s].
-        com, com_velocity, com_acceleration: shape (3,) [m, m/s, m/s^2].
-        angular_momentum: about the COM; x and y are the plan's, z the posture's, shape (3,) [N m s].
-        moment: its rate, shape (3,) [N m].
+        centre: rows com, com_velocity, com_acceleration, angular_momentum, moment, shape (5, 3).
         right_load: share of the weight planned on the right foot [1].
         feet: pose and motion of both feet.
         contacts: which groups carry load.
@@ -99,15 +129,36 @@ class Reference(NamedTuple):
     """
 
     time: Scalar
-    com: Array
-    com_velocity: Array
-    com_acceleration: Array
-    angular_momentum: Array
-    moment: Array
+    centre: Array
     right_load: Scalar
     feet: FeetState
     contacts: ContactState
     posture: PostureState
+
+    @property
+    def com(self) -> Array:
+        """Centre of mass, shape (3,) [m]."""
+        return self.centre[..., 0, :]
+
+    @property
+    def com_velocity(self) -> Array:
+        """Shape (3,) [m/s]."""
+        return self.centre[..., 1, :]
+
+    @property
+    def com_acceleration(self) -> Array:
+        """Shape (3,) [m/s^2]."""
+        return self.centre[..., 2, :]
+
+    @property
+    def angular_momentum(self) -> Array:
+        """About the COM; x and y are the plan's, z the posture's, shape (3,) [N m s]."""
+        return self.centre[..., 3, :]
+
+    @property
+    def moment(self) -> Array:
+        """Rate of the angular momentum, shape (3,) [N m]."""
+        return self.centre[..., 4, :]
 
 
 class Timing(NamedTuple):
@@ -138,13 +189,12 @@ class ReferenceTable(Sequence[Reference]):
 
     def __init__(self, rows: Reference) -> None:
         self.rows = rows
-        self._plain: tuple[Any, ...] = rows[:-3]
-        for part in (self._plain, *rows[-3:]):
-            for array in part:
-                array.setflags(write=False)
+        self._arrays: tuple[Any, ...] = (*rows[:-3], *rows.feet, *rows.contacts, *rows.posture)
+        for array in self._arrays:
+            array.setflags(write=False)
 
     def __len__(self) -> int:
-        return len(self.rows.com)
+        return len(self.rows.centre)
 
     @overload
     def __getitem__(self, k: int) -> Reference: ...
@@ -152,16 +202,28 @@ class ReferenceTable(Sequence[Reference]):
     def __getitem__(self, k: slice) -> ReferenceTable: ...
     def __getitem__(self, k: int | slice) -> Reference | ReferenceTable:
         """The reference at tick k, in views of the table's arrays."""
-        rows = self.rows
-        row = Reference._make(
-            (
-                *[array[k] for array in self._plain],
-                FeetState._make([array[k] for array in rows.feet]),
-                ContactState._make([array[k] for array in rows.contacts]),
-                PostureState._make([array[k] for array in rows.posture]),
-            )
-        )
+        row = _nested(tuple([array[k] for array in self._arrays]))
         return ReferenceTable(row) if isinstance(k, slice) else row
+
+    def __iter__(self) -> Iterator[Reference]:
+        """The references one after another, several times faster than by index."""
+        return map(_nested, zip(*self._arrays, strict=True))
+
+
+_PLAIN = len(Reference._fields) - 3  # what is nested comes last
+_FEET = _PLAIN + len(FeetState._fields)
+_CONTACTS = _FEET + len(ContactState._fields)
+
+
+def _nested(parts: tuple[Any, ...]) -> Reference:
+    """A reference from its arrays in order."""
+    new = tuple.__new__  # in every tick: without the checks of a named tuple's own constructor
+    nested = (
+        new(FeetState, parts[_PLAIN:_FEET]),
+        new(ContactState, parts[_FEET:_CONTACTS]),
+        new(PostureState, parts[_CONTACTS:]),
+    )
+    return new(Reference, parts[:_PLAIN] + nested)
 
 
 class Posture(Protocol):
@@ -241,11 +303,16 @@ class WalkPlan(StepPlan):
         return ReferenceTable(
             Reference(
                 time=times,
-                com=sample.com,
-                com_velocity=sample.com_velocity,
-                com_acceleration=held.com_acceleration,
-                angular_momentum=np.hstack([sample.angular_momentum, momentum_z[:, None]]),
-                moment=np.hstack([held.moment, yaw_moment[:, None]]),
+                centre=np.stack(
+                    [
+                        sample.com,
+                        sample.com_velocity,
+                        held.com_acceleration,
+                        np.hstack([sample.angular_momentum, momentum_z[:, None]]),
+                        np.hstack([held.moment, yaw_moment[:, None]]),
+                    ],
+                    axis=1,
+                ),
                 right_load=_right_load(sample),
                 feet=_feet_state(feet, held_feet),
                 contacts=ContactState(within(timing.lead), within(timing.early), _until_lift(times, contact)),
@@ -255,21 +322,17 @@ class WalkPlan(StepPlan):
 
 
 class Boundary(NamedTuple):
-    """Where a plan begins or ends: an instant of another plan, or a measured state.
+    """Where a plan begins: an instant of another plan, or a measured state.
 
     Attributes:
         time: [s].
-        com, com_velocity, com_acceleration: shape (3,) [m, m/s, m/s^2].
-        angular_momentum: about the COM, shape (3,) [N m s].
+        centre: rows com, com_velocity, com_acceleration, angular_momentum, moment, shape (5, 3).
         feet: pose and motion of both feet.
         contact: groups in contact, shape (2, 3), bool.
     """
 
     time: float
-    com: Array
-    com_velocity: Array
-    com_acceleration: Array
-    angular_momentum: Array
+    centre: Array
     feet: FeetState
     contact: Flags
 
@@ -389,16 +452,13 @@ def _feet_state(feet: tuple[FootSample, FootSample], held: tuple[FootSample, Foo
     rotation[..., 0, 2] = np.sin(pitch)
     rotation[..., 2, 0] = -rotation[..., 0, 2]
     rotation[..., 1, 1] = 1.0
-    return FeetState(
-        position=_both(feet, "position"),
-        velocity=_both(feet, "velocity"),
-        acceleration=_both(held, "acceleration"),
-        rotation=rotation,
-        angular_velocity=about_y(_both(feet, "pitch_velocity")),
-        angular_acceleration=about_y(_both(held, "pitch_acceleration")),
-        toe=_both(feet, "toe"),
-        toe_velocity=_both(feet, "toe_velocity"),
-        toe_acceleration=_both(held, "toe_acceleration"),
+    return FeetState.of(
+        np.stack([_both(feet, "position"), _both(feet, "velocity"), _both(held, "acceleration")], axis=2),
+        rotation,
+        np.stack(
+            [about_y(_both(feet, "pitch_velocity")), about_y(_both(held, "pitch_acceleration"))], axis=2
+        ),
+        np.stack([_both(feet, "toe"), _both(feet, "toe_velocity"), _both(held, "toe_acceleration")], axis=2),
     )
 
 

@@ -228,20 +228,19 @@ class _Ticks:
 
 def time_parts(watch: Stopwatch, controller: TrackingController) -> None:
     """Count a controller's methods as the parts of its tick; its own lines are assembly."""
-    c = controller
-    watch.time("references", c.momentum, "wanted")
-    watch.time("references", c.posture, "wanted")
-    watch.time("references", c.feet, "wanted")
-    watch.time("references", c.gate, "update")
-    watch.time("terms", c.robot, "jacobian", "drift")
-    watch.time("terms", c.points, "update")
-    watch.time("assembly", c.forces, "update")
-    watch.time("assembly", c.condensed, "build")
-    watch.time("assembly", c, "update")
-    watch.time("solve", c.condensed, "solve")
-    watch.time("solve", c, "_solve_limited")
-    watch.time("torque", c.dynamics, "torque")
-    watch.time("torque", c.limits, "broken")
+    tracker = controller.tracker
+    watch.time("references", controller.stabilizer, "command")
+    for task in (*tracker.feet, tracker.toes, tracker.posture):
+        watch.time("references", task, "at")
+    watch.time("references", tracker.gate, "update")
+    watch.time("terms", controller.robot, "kinematics")
+    watch.time("assembly", tracker.forces, "update")
+    watch.time("assembly", tracker.condensed, "build")
+    watch.time("assembly", controller, "update")
+    watch.time("solve", tracker.condensed, "solve")
+    watch.time("solve", tracker, "_solve_limited")
+    watch.time("torque", tracker, "_torque")
+    watch.time("torque", tracker.limits, "broken")
 
 
 def _speed(period: float, spans: NDArray[np.float64]) -> float:

@@ -11,9 +11,12 @@ import pytest
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.body.robot import TASK_ROWS, Robot
+from ampm.control.contact_gate import ContactGate
 from ampm.control.controller import TrackingController
-from ampm.control.joint_limits import JointLimits
-from ampm.control.wrench_qp import ANGULAR, STANCE, SWING, YAW_COST
+from ampm.control.forces import ANGULAR
+from ampm.control.limited_qp import JointLimits
+from ampm.control.tasks import STANCE, SWING
+from ampm.control.wrench_qp import YAW_COST, Rows
 from ampm.parameters import ControllerParameters
 from ampm.planners import periodic_walk
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, State, Timing, Touch
@@ -66,7 +69,7 @@ def dynamics(it, q, v, output):
     model, data = robot.model, robot.model.createData()
     mass = pin.crba(model, data, q)
     mass = np.triu(mass) + np.triu(mass, 1).T
-    total = mass @ it.acceleration + pin.nle(model, data, q, v)
+    total = mass @ it.tracker.acceleration + pin.nle(model, data, q, v)
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
     for frame, force in zip(robot.point_frames, output.point_force, strict=True):
@@ -123,22 +126,18 @@ def test_condensed_answer_is_that_of_the_whole_problem(time):
     """Accelerations of the forces found, and the price of yaw, by a dense KKT system of all accelerations."""
     it, q, v, _ = tick(time, shift=0.005)
     robot, g = it.robot, it.robot.gravity
-    robot.jacobian(q, v)
-    terms = robot.drift(q, v)
+    tracker, terms = it.tracker, robot.kinematics(q, v)
     weights = robot.by_group(POSTURE_WEIGHTS)
     ref = reference(time)
     stands = ref.contacts.planned.any(axis=1)
     soft = np.concatenate([np.repeat(np.where(stands, STANCE, SWING), 6), np.full(2, 1e-12)])
     rows = terms.jacobian * np.repeat([1.0, ANGULAR, 1.0], [3, 3, TASK_ROWS - 6])[:, None]
-    wanted, _ = it.feet.wanted(
-        ref.feet,
-        q,
-        (terms.jacobian @ v)[6:].tolist(),
-        ref.contacts.planned.tolist(),
-        ref.contacts.due.tolist(),
-    )
+    contact = ContactGate(robot, 1.0, 1.0).update(ref.contacts, touch(time).contact)
+    feet = ref.feet.values.tolist()
+    tasks = [tracker.fall.task, *(task.at(terms, feet[i], contact) for i, task in enumerate(tracker.feet))]
+    wanted = np.concatenate([part for part, _ in [*tasks, tracker.toes.at(terms, feet)]])
     rhs = np.repeat([1.0, ANGULAR, 1.0], [3, 3, TASK_ROWS - 6]) * (wanted - terms.drift) / g
-    posture = it.posture.wanted(ref.posture, q, v) / np.sqrt(weights)
+    posture = tracker.posture.at(terms, ref.posture) / np.sqrt(weights)
 
     def accelerations(wrench):
         """Closest to posture and foot tasks of all those that a net wrench gives."""
@@ -150,19 +149,19 @@ def test_condensed_answer_is_that_of_the_whole_problem(time):
         lost = alpha - posture, rows[6:] @ alpha - rhs[6:]
         return alpha, 0.5 * (weights * lost[0] ** 2).sum() + 0.5 * (lost[1] ** 2 / soft).sum()
 
-    wrench = it.forces.wrench @ it.phi
-    np.testing.assert_allclose(it.acceleration / g, accelerations(wrench)[0], atol=2e-4)
+    wrench = tracker.forces.wrench @ tracker.phi
+    np.testing.assert_allclose(tracker.acceleration / g, accelerations(wrench)[0], atol=2e-4)
     # The price of yaw that the QP was told of: curvature and gradient of the cost left over.
     unit = np.eye(6)[5]
     (_, up), (_, mid), (_, down) = (accelerations(s * unit) for s in (1.0, 0.0, -1.0))
-    row = it.forces.wrench[5, [6, 7, 8, 15, 16, 17]]
+    row = tracker.forces.wrench[5, [6, 7, 8, 15, 16, 17]]
     tangent = np.ix_([6, 7, 8, 15, 16, 17], [6, 7, 8, 15, 16, 17])
-    block = it.condensed.P[tangent] - 0.15 * np.eye(6)
+    block = tracker.condensed.P[tangent] - 0.15 * np.eye(6)
     np.testing.assert_allclose(
         block, YAW_COST * (up - 2 * mid + down) * np.outer(row, row), rtol=1e-3, atol=1e-9
     )
     np.testing.assert_allclose(
-        it.condensed.q[[6, 7, 8, 15, 16, 17]], YAW_COST * 0.5 * (up - down) * row, rtol=2e-3, atol=1e-7
+        tracker.condensed.q[[6, 7, 8, 15, 16, 17]], YAW_COST * 0.5 * (up - down) * row, rtol=2e-3, atol=1e-7
     )
 
 
@@ -196,9 +195,8 @@ def test_a_tilted_trunk_asks_for_angular_momentum_against_the_tilt(axis, row, si
     world[row] = 0.01
     turn[3:6] = pin.Quaternion(q[3:7]).matrix().T @ world
     tilted = pin.integrate(it.robot.model, q, turn)
-    it.robot.jacobian(tilted, reference(0.3).posture.v)
-    it.points.update(it.robot.terms.com)
-    _, wanted = it.momentum.wanted(reference(0.3), it.robot.terms.com.tolist(), [0.0] * 6)
+    body = it.robot.kinematics(tilted, reference(0.3).posture.v)
+    wanted = it.stabilizer.command(body, reference(0.3)).angular_momentum
     gain = walk_of(COARSE).run.controller.trunk_gain
     change = np.zeros(3)
     change[row] = sign * gain * 0.01
@@ -222,11 +220,12 @@ def test_with_less_torque_the_limits_are_kept_and_the_dynamics_too(time, solver)
 
 def test_torque_map_is_affine_and_exact():
     it, q, v, _ = tick(0.62)
-    torque_map, bias = it.dynamics.torque_map(q, v)
+    tracker, body = it.tracker, it.robot.kinematics(q, v)
+    torque_map, bias = tracker._torque_map(body, tracker.forces)
     rng = np.random.default_rng(0)
     for _ in range(3):
         alpha, phi = rng.normal(size=40), rng.normal(size=18)
-        direct = it.dynamics.torque(q, v, alpha, phi)
+        direct = tracker._torque(body, tracker.forces, alpha, phi)
         np.testing.assert_allclose(torque_map @ np.concatenate([alpha, phi]) + bias, direct, atol=1e-9)
 
 
@@ -266,12 +265,13 @@ def test_a_state_that_is_no_number_gives_no_torque_and_is_told():
 
 def test_dependent_rows_let_the_last_tick_go_on(monkeypatch):
     it, q, v, before = tick(0.3)
-    phi, acceleration = it.phi.copy(), it.acceleration.copy()
-    monkeypatch.setattr(it, "_eliminate", lambda rows: None)
+    tracker = it.tracker
+    phi, acceleration = tracker.phi.copy(), tracker.acceleration.copy()
+    monkeypatch.setattr(Rows, "eliminate", lambda rows: None)
     output = it.update(State(0.302, q, v), touch(0.3), reference(0.3, 1))
     assert output.status == UNSOLVED
-    np.testing.assert_allclose(it.phi, phi, atol=1e-12)
-    np.testing.assert_allclose(it.acceleration, acceleration)
+    np.testing.assert_allclose(tracker.phi, phi, atol=1e-12)
+    np.testing.assert_allclose(tracker.acceleration, acceleration)
     np.testing.assert_allclose(output.torque, before.torque, atol=1e-6)
 
 

@@ -41,13 +41,13 @@ def posture(ik, q, v):
 def task(ik, reference, k, q, v):
     """Jacobian and right-hand side of the constraints at a node."""
     jacobian = ik.robot.jacobian(q, v).jacobian.copy()
-    return jacobian[ik.rows], (reference.acceleration[k] - ik.robot.drift(q, v).drift)[ik.rows]
+    return jacobian[ik.rows], (reference.acceleration[k] - ik.robot.drift(q, v))[ik.rows]
 
 
 def accelerate(ik, reference, k, q, v, *, draft=False):
     jacobian = ik.robot.jacobian(q, v).jacobian
     scaled, factor = ik._factor(jacobian, ik.rows, 0.0)
-    wanted = (reference.acceleration[k] - ik.robot.drift(q, v).drift)[ik.rows]
+    wanted = (reference.acceleration[k] - ik.robot.drift(q, v))[ik.rows]
     return ik._accelerate(scaled, factor, wanted, q, v, 0.0, draft=draft)
 
 

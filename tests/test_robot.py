@@ -83,31 +83,39 @@ def test_drift_is_the_jacobians_rate_times_velocity(robot, seed):
         return robot.jacobian(moved, v).jacobian @ v
 
     wanted = (rows(1) - rows(-1)) / (2 * h)
-    robot.jacobian(q, v)
-    np.testing.assert_allclose(robot.drift(q, v).drift, wanted, atol=2e-6)
+    np.testing.assert_allclose(robot.drift(q, v), wanted, atol=2e-6)
 
 
 def test_drift_of_the_feet_at_a_velocity_of_their_own(robot):
     q, v = state(robot, 0)
     other = state(robot, 1)[1]
-    robot.jacobian(q, other)
-    feet = robot.drift(q, other).drift[6:].copy()
-    robot.jacobian(q, v)
-    own = robot.drift(q, v).drift[:6].copy()
-    robot.jacobian(q, v)
-    mixed = robot.drift(q, v, other).drift
-    np.testing.assert_allclose(mixed, np.concatenate([own, feet]), atol=1e-12)
+    mixed = np.concatenate([robot.drift(q, v)[:6], robot.drift(q, other)[6:]])
+    np.testing.assert_allclose(robot.drift(q, v, other), mixed, atol=1e-12)
+    body = robot.kinematics(q, v, other)
+    np.testing.assert_array_equal(body.drift, robot.drift(q, v, other))
+    np.testing.assert_allclose(body.rates, body.jacobian @ other, atol=1e-12)
 
 
-def test_sole_pose_and_rotations(robot):
+def test_kinematics_are_those_of_the_frames(robot):
     q, v = state(robot, 2)
-    robot.jacobian(q, v)
-    _, soles, _ = task_position(robot, q)
+    body = robot.kinematics(q, v)
+    robot.kinematics(*state(robot, 3))  # which must not write into the first
+    com, soles, _ = task_position(robot, q)
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
     for foot in (LEFT, RIGHT):
-        np.testing.assert_allclose(robot.sole_pose(foot).homogeneous, soles[foot].homogeneous, atol=1e-12)
-        np.testing.assert_allclose(
-            robot.rotation_of(robot.sole_frames[foot]), soles[foot].rotation, atol=1e-12
-        )
+        np.testing.assert_allclose(body.soles[foot], soles[foot].homogeneous, atol=1e-12)
+        np.testing.assert_allclose(body.sole_arm[foot], soles[foot].translation - com, atol=1e-12)
+        frames = np.array(robot.point_frames)[robot.point_foot == foot]
+        points = np.array([data.oMf[int(frame)].translation for frame in frames])
+        np.testing.assert_allclose(body.arm[foot], points - com, atol=1e-12)
+        toe = data.oMf[robot.toe_frames[foot]]
+        lever = np.cross(toe.rotation[:, 1], points[4:] - toe.translation)
+        np.testing.assert_allclose(body.toe_lever[foot], lever, atol=1e-12)
+    np.testing.assert_allclose(body.trunk, data.oMf[robot.trunk_frame].rotation, atol=1e-12)
+    robot.jacobian(q, v)
+    np.testing.assert_allclose(robot.sole_pose(LEFT).homogeneous, soles[LEFT].homogeneous, atol=1e-12)
+    np.testing.assert_allclose(robot.rotation_of(robot.trunk_frame), body.trunk, atol=1e-12)
 
 
 def test_groups_of_joints_cover_every_hinge_once(robot):

@@ -310,7 +310,7 @@ class InverseKinematics:
                 velocity_error = self._velocity_error(reference, k, jacobian, v, offset)
                 worst_velocity = max(worst_velocity, float(np.abs(velocity_error).max()))
                 v = v + self._pull(scaled, factor, velocity_error)
-            wanted = reference.acceleration[k] - robot.drift(q, v).drift
+            wanted = reference.acceleration[k] - robot.drift(q, v)
             acceleration = self._accelerate(
                 scaled, factor, wanted[self.rows], q, v, float(time[k]), draft=draft
             )

@@ -5,8 +5,7 @@ The ``pin.Model`` is handed in ready made; nothing here knows which simulator it
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -19,27 +18,59 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    Array = NDArray[np.float64]
+
 LEFT, RIGHT = 0, 1
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 FOOT_ROWS = 6
 TASK_ROWS = 6 + 2 * FOOT_ROWS + 2
 """com 3, angular momentum 3, left foot 6 (linear, angular), right foot 6, toes 2."""
+POINTS, SOLES = 6, 4
+"""Points of one sole. The first of them, heel and ball, sit on the foot segment, the tips on the toes."""
 
 
-@dataclass
-class TaskTerms:
-    """Task Jacobian and drift of one state; the arrays are overwritten by the next call.
+class TaskTerms(NamedTuple):
+    """Task Jacobian of one state.
 
     Attributes:
         jacobian: rows com velocity [m/s], angular momentum about the COM / mass [m^2/s], left foot, right
             foot (linear then angular, world axes), toe joints; shape (20, nv).
-        drift: ``d(jacobian)/dt v``, shape (20,).
         com: COM in world, shape (3,) [m].
     """
 
-    jacobian: NDArray[np.float64]
-    drift: NDArray[np.float64]
-    com: NDArray[np.float64]
+    jacobian: Array
+    com: Array
+
+
+class Kinematics(NamedTuple):
+    """One state of a body, and all that its tasks and contact forces need of it; axes of the world.
+
+    Attributes:
+        q, v: Pinocchio configuration and velocity, shapes (nq,), (nv,).
+        now: velocity at the instant of ``q``, shape (nv,).
+        jacobian: of the tasks, see :class:`TaskTerms`, shape (20, nv).
+        rates: ``jacobian @ now``, 20 plain numbers.
+        drift: ``d(jacobian)/dt v``, the feet's rows with ``now``, shape (20,).
+        com: shape (3,) [m].
+        trunk: rotation of the trunk segment, plain numbers of shape (3, 3).
+        soles: homogeneous placements of both soles, plain numbers of shape (2, 4, 4) [m].
+        sole_arm: their reference points about the COM, plain numbers of shape (2, 3) [m].
+        arm: sole points about the COM, shape (2, 6, 3) [m].
+        toe_lever: moment about the toe joint per force at each tip, shape (2, 2, 3) [m].
+    """
+
+    q: Array
+    v: Array
+    now: Array
+    jacobian: Array
+    rates: list[float]
+    drift: Array
+    com: Array
+    trunk: list[list[float]]
+    soles: tuple[list[list[float]], list[list[float]]]
+    sole_arm: list[list[float]]
+    arm: Array
+    toe_lever: Array
 
 
 class Robot:
@@ -75,18 +106,18 @@ class Robot:
         self.point_foot = np.array([foot for foot, _, _ in points])
         self.point_group = np.array([SOLE_POINT_GROUPS.index(group) for _, group, _ in points])
         self._mirror_index, self._mirror_sign = self._mirror_map()
-        # One set of arrays for all calls; whoever keeps a view of them reads the latest state.
-        self.terms = TaskTerms(
-            jacobian=np.zeros((TASK_ROWS, self.nv)), drift=np.zeros(TASK_ROWS), com=np.zeros(3)
-        )
+        self._constant_rows = np.zeros((TASK_ROWS, self.nv))
         for row, joint in enumerate(self.toe_joints):
-            self.terms.jacobian[TASK_ROWS - 2 + row, joint] = 1.0
+            self._constant_rows[TASK_ROWS - 2 + row, joint] = 1.0
         self._zero = np.zeros(self.nv)
         # Views of Pinocchio's own memory, which its algorithms write in place: reading them anew costs more
         # than the arithmetic.
-        self.placements = self.data.oMf
+        feet = zip(self.sole_frames, self.toe_frames, strict=True)
+        self._foot_placements = [self.data.oMf[frame] for pair in feet for frame in pair]
+        self._trunk = self.data.oMf[self.trunk_frame].rotation
         self._momentum_map, self._com = self.data.Ag, self.data.com[0]
         self._momentum_rate = self.data.dhg.vector
+        self._local_points, self._frames = self._points_in_frames(), np.empty((4, 4, 4))
 
     # ------------------------------------------------------------------ names
 
@@ -108,7 +139,7 @@ class Robot:
             indices.append(self.model.joints[self.model.getJointId(name)].idx_v)
         return np.array(indices, dtype=np.intp)
 
-    def by_group(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+    def by_group(self, values: Mapping[str, float]) -> Array:
         """One value per velocity, shape (nv,), from one per group of coordinates.
 
         Args:
@@ -128,23 +159,23 @@ class Robot:
         return tuple(self.model.names[2:])
 
     @property
-    def lower(self) -> NDArray[np.float64]:
+    def lower(self) -> Array:
         """Lower joint limits, shape (nu,) [rad]."""
         return np.asarray(self.model.lowerPositionLimit[7:])
 
     @property
-    def upper(self) -> NDArray[np.float64]:
+    def upper(self) -> Array:
         """Upper joint limits, shape (nu,) [rad]."""
         return np.asarray(self.model.upperPositionLimit[7:])
 
     @property
-    def torque_limit(self) -> NDArray[np.float64]:
+    def torque_limit(self) -> Array:
         """Largest torque of every hinge, shape (nu,) [N m]."""
         return np.asarray(self.model.effortLimit[6:])
 
     # ----------------------------------------------------------------- mirror
 
-    def _mirror_map(self) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    def _mirror_map(self) -> tuple[NDArray[np.intp], Array]:
         index, sign = np.zeros(self.nu, dtype=np.intp), np.zeros(self.nu)
         for joint, other, s in self.description.mirror:
             to = self.velocity_indices((joint,))[0] - 6
@@ -152,11 +183,11 @@ class Robot:
             sign[to] = s
         return index, sign
 
-    def mirror_joints(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def mirror_joints(self, values: Array) -> Array:
         """Reflect joint values (..., nu) in the sagittal plane."""
         return values[..., self._mirror_index] * self._mirror_sign
 
-    def mirror_q(self, q: NDArray[np.float64], advance: float = 0.0) -> NDArray[np.float64]:
+    def mirror_q(self, q: Array, advance: float = 0.0) -> Array:
         """Reflect configurations (..., nq) in the plane y = 0 and move them by ``advance`` along x [m]."""
         out = np.empty_like(q)
         out[..., 0] = q[..., 0] + advance
@@ -169,7 +200,7 @@ class Robot:
         out[..., 7:] = self.mirror_joints(q[..., 7:])
         return out
 
-    def mirror_v(self, v: NDArray[np.float64]) -> NDArray[np.float64]:
+    def mirror_v(self, v: Array) -> Array:
         """Reflect velocities or accelerations (..., nv), root part in the root's own axes."""
         out = np.empty_like(v)
         out[..., :6] = v[..., :6] * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
@@ -178,47 +209,100 @@ class Robot:
 
     # ------------------------------------------------------------------ terms
 
-    def jacobian(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> TaskTerms:
-        """Kinematics and task Jacobian at (q, v); the drift is left as it was.
+    def _points_in_frames(self) -> Array:
+        """What is fixed to left sole, left toes, right sole and right toes, homogeneous, shape (4, 4, 4).
+
+        Soles: heel and ball points. Toes: tip points, and of each the direction ``e_y x point``, which turned
+        to world is the toe joint's moment per force at that point.
+        """
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, pin.neutral(self.model))
+        local = np.zeros((4, 4, 4))
+        for index, (frame, foot) in enumerate(zip(self.point_frames, self.point_foot, strict=True)):
+            point = index % POINTS
+            tip = point >= SOLES
+            base = self.toe_frames[foot] if tip else self.sole_frames[foot]
+            x, y, z = data.oMf[base].actInv(data.oMf[frame].translation)
+            local[2 * foot + tip, point % SOLES] = x, y, z, 1.0
+            if tip:
+                local[2 * foot + 1, 2 + point % SOLES] = z, 0.0, -x, 0.0
+        return local
+
+    def kinematics(self, q: Array, v: Array, now: Array | None = None) -> Kinematics:
+        """All terms of one state.
+
+        Args:
+            q: Pinocchio configuration, shape (nq,).
+            v: Pinocchio velocity, shape (nv,).
+            now: velocity at the instant of ``q``, if ``v`` is older, shape (nv,).
+        """
+        now = v if now is None else now
+        jacobian, com = self._jacobian(q, v), self._com.copy()
+        drift = self.drift(q, v, now)
+        pin.updateFramePlacements(self.model, self.data)
+        frames = self._frames
+        for index, placement in enumerate(self._foot_placements):
+            frames[index] = placement.homogeneous
+        left, _, right, _ = frames.tolist()
+        frames[:, :3, 3] -= com
+        points = (self._local_points @ frames.transpose(0, 2, 1)).reshape(2, 8, 4)
+        return Kinematics(
+            q,
+            v,
+            now,
+            jacobian,
+            (jacobian @ now).tolist(),
+            drift,
+            com,
+            self._trunk.tolist(),
+            (left, right),
+            frames[::2, :3, 3].tolist(),
+            points[:, :POINTS, :3],
+            points[:, POINTS:, :3],
+        )
+
+    def jacobian(self, q: Array, v: Array) -> TaskTerms:
+        """Task Jacobian at (q, v).
 
         Args:
             q: Pinocchio configuration, shape (nq,).
             v: Pinocchio velocity, shape (nv,).
         """
-        model, data, terms = self.model, self.data, self.terms
+        return TaskTerms(self._jacobian(q, v), self._com.copy())
+
+    def _jacobian(self, q: Array, v: Array) -> Array:
+        model, data = self.model, self.data
         pin.ccrba(model, data, q, v)  # fills the joint Jacobians as well
-        jacobian = terms.jacobian
+        jacobian = self._constant_rows.copy()
         np.multiply(self._momentum_map, 1.0 / self.mass, out=jacobian[:6])
         for foot, frame in enumerate(self.sole_frames):
             jacobian[6 + 6 * foot : 12 + 6 * foot] = pin.getFrameJacobian(model, data, frame, _ALIGNED)
-        terms.com[:] = self._com
-        return terms
+        return jacobian
 
-    def drift(
-        self, q: NDArray[np.float64], v: NDArray[np.float64], feet_v: NDArray[np.float64] | None = None
-    ) -> TaskTerms:
-        """Add ``d(jacobian)/dt v`` at (q, v) to the terms of the last :meth:`jacobian` call.
+    def drift(self, q: Array, v: Array, feet_v: Array | None = None) -> Array:
+        """``d(jacobian)/dt v`` at (q, v), shape (20,).
 
         Args:
-            q: configuration of that call, shape (nq,).
+            q: Pinocchio configuration, shape (nq,).
             v: velocity for the momentum rows, shape (nv,).
             feet_v: velocity for the feet's rows, ``v`` by default, shape (nv,).
         """
-        model, data, terms = self.model, self.data, self.terms
+        model, data = self.model, self.data
+        drift = np.zeros(TASK_ROWS)
         pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero)
-        np.multiply(self._momentum_rate, 1.0 / self.mass, out=terms.drift[:6])
+        np.multiply(self._momentum_rate, 1.0 / self.mass, out=drift[:6])
         if feet_v is not None:
             pin.forwardKinematics(model, data, q, feet_v, self._zero)
         for foot, frame in enumerate(self.sole_frames):
             a = pin.getFrameClassicalAcceleration(model, data, frame, _ALIGNED)
-            terms.drift[6 + 6 * foot : 12 + 6 * foot] = a.vector
-        return terms
+            drift[6 + 6 * foot : 12 + 6 * foot] = a.vector
+        return drift
 
     def sole_pose(self, foot: int) -> pin.SE3:
         """Pose of a sole frame after :meth:`jacobian`; call with 0 for left, 1 for right."""
         return pin.updateFramePlacement(self.model, self.data, self.sole_frames[foot])
 
-    def trunk_rotations(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    def trunk_rotations(self, q: Array) -> Array:
         """Rotation of the trunk segment to world at configurations (T, nq), shape (T, 3, 3)."""
         rotations, data = np.empty((len(q), 3, 3)), self.model.createData()
         for k, configuration in enumerate(q):
@@ -226,6 +310,6 @@ class Robot:
             rotations[k] = pin.updateFramePlacement(self.model, data, self.trunk_frame).rotation
         return rotations
 
-    def rotation_of(self, frame: int) -> NDArray[np.float64]:
+    def rotation_of(self, frame: int) -> Array:
         """Rotation matrix of a frame after :meth:`jacobian`, shape (3, 3)."""
         return np.asarray(pin.updateFramePlacement(self.model, self.data, frame).rotation)

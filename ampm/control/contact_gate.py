@@ -9,17 +9,44 @@ were taken away.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+
+from ampm.control.forces import Openings
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.body.robot import Robot
+    from ampm.walk import ContactState
+
+HEEL, BALL, TIP = 0, 1, 2
+"""Groups of a foot's points."""
+
+Groups = list[list[bool]]
 
 
-_BALL, _TIP = 1, 2
+class Contact(NamedTuple):
+    """What may carry force at one tick; lists by foot and group.
+
+    Attributes:
+        planned: planned in contact.
+        due: planned in contact now or shortly.
+        touching: touches at this tick.
+        touched: has touched down since its contact was due.
+        opening: how far it has opened since its touch-down, 0 ... 1.
+        landing: whether any group touches that has not fully opened.
+        openings: force limits of the points, which also close before lift-off.
+    """
+
+    planned: Groups
+    due: Groups
+    touching: Groups
+    touched: Groups
+    opening: list[list[float]]
+    landing: bool
+    openings: Openings
 
 
 class ContactGate:
@@ -36,61 +63,44 @@ class ContactGate:
         self._slots = 3 * robot.point_foot + robot.point_group
         self._groups = self._slots.tolist()
         self._limits: list[float] = []
-        self._limit = np.ones(len(self._groups))
-        self.opening = [[1.0] * 3 for _ in range(2)]
-        """How far each foot's groups have opened since their touch-down, 0 ... 1."""
-        self.touching = [[True] * 3 for _ in range(2)]
-        """Which groups of each foot touch at this tick."""
-        self.touched = [[True] * 3 for _ in range(2)]
-        """Which of them have touched down since their contact was due."""
-        self._started = False
-        self.landing = False
-        """Whether any group touches that has not fully opened."""
+        self._last: Contact | None = None
 
-    def update(
-        self,
-        planned: list[list[bool]],
-        due: list[list[bool]],
-        until_lift: list[list[float]],
-        sensed: NDArray[np.bool_],
-    ) -> NDArray[np.float64]:
+    def update(self, reference: ContactState, sensed: NDArray[np.bool_]) -> Contact:
         """Advance one tick, in plain numbers: six of them are too few for arrays to be worth their while.
 
         Args:
-            planned: contact groups of each foot in contact.
-            due: groups in contact now or shortly.
-            until_lift: time to their planned lift-off [s].
+            reference: planned contact.
             sensed: points in contact, shape (P,).
-
-        Returns:
-            Share of the full force limit of every point, 0 ... 1, shape (P,): the same array as long as it
-            has not changed.
         """
-        if not self._started:  # a run starts standing on whatever is planned
-            self._started = True
-            self.opening = [[float(group) for group in foot] for foot in planned]
-            self.touched = [list(foot) for foot in planned]
+        planned, due, until_lift = [part.tolist() for part in reference]
+        last = self._last
+        if last is None:  # a run starts standing on whatever is planned
+            opening, touched = [[float(group) for group in foot] for foot in planned], planned
+        else:
+            opening, touched = last.opening, last.touched
         touches = [False] * 6
         for slot, sensed_now in zip(self._groups, sensed.tolist(), strict=True):
             if sensed_now:
                 touches[slot] = True
-        self.touching = [touches[:3], touches[3:]]
-        self.landing = False
-        limits = []
+        touching = [touches[:3], touches[3:]]
+        landing, limits, rate, ramp = False, [], self._rate, self._ramp
+        holding, opened = [[False] * 3, [False] * 3], [[0.0] * 3, [0.0] * 3]
         for foot in (0, 1):
-            opening, touched, touching = self.opening[foot], self.touched[foot], self.touching[foot]
-            due_now, until = due[foot], until_lift[foot]
-            for group in (0, 1, 2):
-                held = due_now[group] and (touched[group] or touching[group])
-                if group == _TIP:  # a loaded tip would keep the ball off the floor
-                    held = held and touched[_BALL]
-                touched[group] = held
-                share = min(opening[group] + self._rate, 1.0) if held else 0.0
-                opening[group] = share
-                if share < 1.0 and touching[group]:
-                    self.landing = True
-                limits.append(min(share, until[group] / self._ramp))
-        if limits != self._limits:
-            self._limits = limits
-            self._limit = np.array(limits)[self._slots]
-        return self._limit
+            holds, shares, until = holding[foot], opened[foot], until_lift[foot]
+            due_now, has_touched, touches_now = due[foot], touched[foot], touching[foot]
+            before = opening[foot]
+            for group in (HEEL, BALL, TIP):
+                held = due_now[group] and (has_touched[group] or touches_now[group])
+                if group == TIP:  # a loaded tip would keep the ball off the floor
+                    held = held and holds[BALL]
+                holds[group] = held
+                share = shares[group] = min(before[group] + rate, 1.0) if held else 0.0
+                if share < 1.0 and touches_now[group]:
+                    landing = True
+                limits.append(min(share, until[group] / ramp))
+        if last is not None and limits == self._limits:
+            openings = last.openings
+        else:
+            self._limits, openings = limits, Openings.of(np.array(limits)[self._slots])
+        self._last = Contact(planned, due, touching, holding, opened, landing, openings)
+        return self._last

@@ -1,65 +1,40 @@
-"""Torque-level tracking of a planned gait: state and sensed contact in, joint torques out.
+"""Torque-level tracking of a planned walk: state, sensed contact and reference in, joint torques out.
 
-Every tick the controller asks for a momentum rate (the plan's, plus COM and angular momentum feedback), feet
-and posture accelerations, finds contact forces and accelerations by the QP of
-:mod:`ampm.control.wrench_qp`, and
-turns them into torques by inverse dynamics. It never sees the simulator.
+Every tick the stabiliser asks for a momentum rate (the plan's, plus COM and angular momentum feedback). The
+tracker adds accelerations of feet and posture, finds contact forces and accelerations by the QP of
+:mod:`ampm.control.wrench_qp`, and turns them into torques by inverse dynamics. It never sees the simulator.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import lapack
+import pinocchio as pin
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
-from ampm.body.robot import TASK_ROWS
-from ampm.control.body_tasks import MomentumTask, PostureTask
-from ampm.control.contact_gate import ContactGate
-from ampm.control.foot_tasks import FootTasks
-from ampm.control.inverse_dynamics import InverseDynamics
-from ampm.control.joint_limits import JointLimits
-from ampm.control.sole_points import SolePoints
-from ampm.control.wrench_qp import (
-    ANGULAR,
-    FORCES,
-    POINTS,
-    CondensedForm,
-    ForceMap,
-    LimitedForm,
-    without_closed,
-)
+from ampm.body.robot import LEFT, RIGHT, TASK_ROWS
+from ampm.control.contact_gate import Contact, ContactGate
+from ampm.control.forces import ANGULAR, FORCES, ForceMap, without_closed
+from ampm.control.limited_qp import JointLimits, LimitedForm
+from ampm.control.stabilizer import Stabilizer, WrenchCommand
+from ampm.control.tasks import FootTask, FreeFall, PostureTask, Task, ToeTask
+from ampm.control.wrench_qp import L_Z, CondensedForm, Rows
 from ampm.qp import QPSettings, QPSolution, QPStatus
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.body.robot import Robot
+    from ampm.body.robot import Kinematics, Robot
     from ampm.parameters import RunParameters
     from ampm.walk import Reference, State, Touch
 
+    Array = NDArray[np.float64]
+
 _ROW_SCALE = np.concatenate([np.ones(3), np.full(3, ANGULAR), np.ones(TASK_ROWS - 6)])
-_L_Z = 5
 _NO_ANSWER = QPSolution(np.full(FORCES, np.nan), QPStatus.UNSOLVED, math.inf, 0, 0.0)
-
-
-class _Rows(NamedTuple):
-    """The task rows ``B alpha = rhs`` of one tick, in units of the QP.
-
-    Attributes:
-        scaled: B in the metric of the posture, shape (20, nv).
-        rhs: wanted accelerations less drift; the first six without contact forces, shape (20,).
-        softness: shape (20,).
-        posture: wanted accelerations in the metric of the posture, shape (nv,) [g].
-    """
-
-    scaled: NDArray[np.float64]
-    rhs: NDArray[np.float64]
-    softness: NDArray[np.float64]
-    posture: NDArray[np.float64]
 
 
 class TrackingController:
@@ -68,52 +43,12 @@ class TrackingController:
     Args:
         robot: the body, as the controller knows it.
         run: gains, friction, solver.
-
-    Attributes:
-        acceleration: what the last tick decided on, shape (nv,) [m/s^2, rad/s^2].
-        phi: its contact forces, in the unknowns of :class:`~ampm.control.wrench_qp.ForceMap`,
-            shape (18,) [m g].
     """
 
     def __init__(self, robot: Robot, run: RunParameters) -> None:
         self.robot = robot
-        gains = run.controller
-        self._g, self._weight = robot.gravity, robot.mass * robot.gravity
-        weights = robot.by_group(POSTURE_WEIGHTS)
-        self._root_weight = np.sqrt(weights)
-        self._row_scale = _ROW_SCALE[:, None] / self._root_weight
-        self._to_rows = _ROW_SCALE / self._g
-        self._to_wrench = [1.0 / self._weight] * 3 + [ANGULAR / self._weight] * 3
-
-        self.gate = ContactGate(robot, 1.0 / gains.frequency, gains.contact_ramp)
-        self.points = SolePoints(robot)
-        self.forces = ForceMap()
-        self.momentum = MomentumTask(robot, gains)
-        self.posture = PostureTask(gains, self._root_weight / self._g)
-        self.feet = FootTasks(robot, gains, self.gate, self.points)
-        self.dynamics = InverseDynamics(robot, self.points, self.forces)
-        self.limits = JointLimits(robot)
-        self._torque_limit = robot.torque_limit
-
-        settings = QPSettings(tolerance=run.solver.tolerance, max_iterations=run.solver.max_iterations)
-        self.condensed = CondensedForm(run.solver.qp, settings, gains.friction)
-        limit_settings = QPSettings(  # a problem of mixed scales, solved in few ticks: it is equilibrated
-            tolerance=2.0 * run.solver.tolerance,
-            max_iterations=4 * run.solver.max_iterations,
-            rho=0.1,
-            alpha=1.6,
-            scaling=10,
-        )
-        self.limited = LimitedForm(run.solver.qp, limit_settings, robot.nv, weights, self.condensed)
-
-        self.acceleration: NDArray[np.float64] | None = None
-        self.phi = np.zeros(FORCES)
-        self._landing_scale = gains.landing_share / self._weight
-        self._no_force = np.zeros(2 * POINTS)
-        self._right_sides = np.eye(TASK_ROWS, 7, order="F")  # LAPACK's own order
-        self._load = np.ones(7)  # net wrench, and one for the tasks' own share
-
-    # ------------------------------------------------------------------- tick
+        self.stabilizer = Stabilizer(robot, run.controller)
+        self.tracker = Tracker(robot, run)
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One control tick.
@@ -123,64 +58,111 @@ class TrackingController:
             touch: what the soles sense.
             reference: what is planned at this instant.
         """
-        robot, sensed = self.robot, touch.contact
-        _, q, v, lag = state
-        last = reference.posture.acceleration if self.acceleration is None else self.acceleration
-        robot.jacobian(q, v)
-        now = v + lag * last  # the velocity at the instant of q
-        terms = robot.drift(q, v, now)
-        rates, com = (terms.jacobian @ now).tolist(), terms.com.tolist()
-        contact, due, until_lift = (part.tolist() for part in reference.contacts)
-        opening = self.gate.update(contact, due, until_lift, sensed)
-        self.points.update(terms.com)
-        self.forces.update(self.points.arm, opening, self.points.toe_lever)
+        last = self.tracker.acceleration
+        last = reference.posture.acceleration if last is None else last
+        body = self.robot.kinematics(state.q, state.v, state.v + state.velocity_lag * last)
+        command = self.stabilizer.command(body, reference)
+        return self.tracker.track(body, command, touch, reference)
 
-        wrench, angular_momentum = self.momentum.wanted(reference, com, rates)
-        posture = self.posture.wanted(reference.posture, q, now)
-        wanted, softness = self.feet.wanted(reference.feet, q, rates[6:], contact, due)
-        rows = _Rows(
-            terms.jacobian * self._row_scale, self._to_rows * (wanted - terms.drift), softness, posture
+
+class Tracker:
+    """Joint torques that give a wrench and follow feet and posture.
+
+    Args:
+        robot: the body, as the controller knows it.
+        run: gains, friction, solver.
+
+    Attributes:
+        acceleration: what the last tick decided on, shape (nv,) [m/s^2, rad/s^2]; None before the first.
+        phi: its contact forces, in the unknowns of :mod:`ampm.control.forces`, shape (18,) [m g].
+    """
+
+    def __init__(self, robot: Robot, run: RunParameters) -> None:
+        self.robot, gains, solver = robot, run.controller, run.solver
+        self._g, self._weight = robot.gravity, robot.mass * robot.gravity
+        weights = robot.by_group(POSTURE_WEIGHTS)
+        self._root_weight = np.sqrt(weights)
+        self._row_scale = _ROW_SCALE[:, None] / self._root_weight
+        self._to_rows = _ROW_SCALE / self._g
+        self._to_wrench = [1.0 / self._weight] * 3 + [ANGULAR / self._weight] * 3
+        self._torque_limit = robot.torque_limit
+        self._landing_scale = gains.landing_share / self._weight
+
+        self.gate = ContactGate(robot, 1.0 / gains.frequency, gains.contact_ramp)
+        self.forces = ForceMap()
+        self.fall = FreeFall(robot)
+        self.feet = [FootTask(foot, gains) for foot in (LEFT, RIGHT)]
+        self.toes = ToeTask(robot, gains)
+        self.posture = PostureTask(gains, self._root_weight / self._g)
+        self.limits = JointLimits(robot)
+        settings = QPSettings(tolerance=solver.tolerance, max_iterations=solver.max_iterations)
+        self.condensed = CondensedForm(solver.qp, settings, gains.friction)
+        limit_settings = QPSettings(  # a problem of mixed scales, solved in few ticks: it is equilibrated
+            tolerance=2.0 * solver.tolerance,
+            max_iterations=4 * solver.max_iterations,
+            rho=0.1,
+            alpha=1.6,
+            scaling=10,
         )
-        columns = self._eliminate(rows)
-        if columns is None:  # rows that depend on each other, or are no numbers: the last tick goes on
-            alpha, phi = last / self._g, without_closed(self.phi, opening)
+        self.limited = LimitedForm(solver.qp, limit_settings, weights, TASK_ROWS, self.condensed)
+
+        self._softness: dict[tuple[float, ...], Array] = {}
+        self.acceleration: Array | None = None
+        self.phi = np.zeros(FORCES)
+        self._load = np.ones(7)  # net wrench, and one for the rows themselves
+
+    def track(
+        self, body: Kinematics, command: WrenchCommand, touch: Touch, reference: Reference
+    ) -> ControlOutput:
+        """One tick: contact, tasks, forces, accelerations, torques."""
+        contact = self.gate.update(reference.contacts, touch.contact)
+        forces = self.forces
+        forces.update(body, contact.openings)
+        feet = reference.feet.values.tolist()
+        left, right = self.feet
+        tasks = [
+            self.fall.task,
+            left.at(body, feet[LEFT], contact),
+            right.at(body, feet[RIGHT], contact),
+            self.toes.at(body, feet),
+        ]
+        rows = self._stack(body, tasks, self.posture.at(body, reference.posture))
+        columns = rows.eliminate()
+        if columns is None:  # rows that depend on each other, or are no numbers
+            alpha, phi, torque = self._go_on(body, forces, contact, reference)
             solution, status = _NO_ANSWER, UNSOLVED
-            torque = self.dynamics.torque(q, v, alpha, phi)
-            if not np.isfinite(torque).all():
-                torque = np.zeros(robot.nu)
         else:
             self.condensed.build(
-                self.forces.wrench,
-                [scale * part for scale, part in zip(self._to_wrench, wrench, strict=True)],
-                opening,
-                self._landing_force(sensed, touch.normal_force),
+                forces.wrench,
+                [scale * part for scale, part in zip(self._to_wrench, command.wrench, strict=True)],
+                contact.openings,
+                self._landing_force(contact, touch),
                 float(reference.right_load),
-                float(columns[_L_Z, _L_Z]),
-                float(columns[_L_Z, 6]),
+                columns.item(L_Z, L_Z),
+                columns.item(L_Z, 6),
             )
             solution = self.condensed.solve()
-            status = SOLVED if solution.solved else UNSOLVED
-            phi = solution.x[:FORCES]
-            if not (solution.solved or _usable(solution)):
-                phi = without_closed(self.phi, opening)  # the accelerations still follow the dynamics
-            self._load[:6] = self.forces.wrench @ phi
-            alpha = (posture + (columns @ self._load) @ rows.scaled) / self._root_weight
-            torque = self.dynamics.torque(q, v, alpha, phi)
-            if self.limits.broken(q, v, alpha, torque):
-                limited = self._solve_limited(q, v, rows)
+            solved, phi = solution.solved, solution.x[:FORCES]
+            status = SOLVED if solved else UNSOLVED
+            if not (solved or _usable(solution)):  # the accelerations still follow the dynamics
+                phi = without_closed(self.phi, contact.openings.limit)
+            self._load[:6] = forces.wrench @ phi
+            alpha = (rows.posture + (columns @ self._load) @ rows.scaled) / self._root_weight
+            torque = self._torque(body, forces, alpha, phi)
+            if self.limits.broken(body.q, body.v, alpha, torque):
+                limited = self._solve_limited(body, forces, rows)
                 if limited.solved:
-                    alpha, phi = limited.x[: robot.nv], limited.x[robot.nv : robot.nv + FORCES]
-                    torque = self.dynamics.torque(q, v, alpha, phi)
+                    alpha, phi = np.split(limited.x, [self.robot.nv, self.robot.nv + FORCES])[:2]
+                    torque = self._torque(body, forces, alpha, phi)
                 status = max(status, LIMITED if limited.solved else UNSOLVED)
                 solution = _both(solution, limited)
-        self.phi = phi
-        self.acceleration = self._g * alpha
+        self.phi, self.acceleration = phi, self._g * alpha
         return ControlOutput(
             torque=np.minimum(np.maximum(torque, -self._torque_limit), self._torque_limit),
-            force=np.array(wrench[:3]),
-            zmp=_zmp(com, wrench),
-            angular_momentum=np.array(angular_momentum),
-            point_force=self._weight * self.forces.point_forces(phi).reshape(-1, 3),
+            force=np.array(command.wrench[:3]),
+            zmp=command.zmp,
+            angular_momentum=np.array(command.angular_momentum),
+            point_force=self._weight * forces.point_forces(phi).reshape(-1, 3),
             status=status,
             residual=solution.residual,
             iterations=solution.iterations,
@@ -189,44 +171,70 @@ class TrackingController:
 
     # ------------------------------------------------------------------ parts
 
-    def _eliminate(self, rows: _Rows) -> NDArray[np.float64] | None:
-        """Solve ``(B W^-1 B' + softness) y = r`` for unit net wrenches and for the tasks' own share.
+    def _stack(self, body: Kinematics, tasks: list[Task], posture: Array) -> Rows:
+        """Tasks in the order of the Jacobian's rows, in units of the QP."""
+        wanted: list[float] = []
+        kinds: tuple[float, ...] = ()
+        for part, kind in tasks:
+            wanted += part
+            kinds += (kind,)
+        softness = self._softness.get(kinds)
+        if softness is None:
+            softness = np.concatenate([np.full(len(part), kind) for part, kind in tasks])
+            self._softness[kinds] = softness
+        return Rows(
+            body.jacobian * self._row_scale,
+            self._to_rows * (np.array(wanted) - body.drift),
+            softness,
+            posture,
+        )
 
-        Returns:
-            Seven columns y, shape (20, 7), or None if the rows depend on each other. The accelerations of a
-            net wrench w are ``W^-1/2 (posture + scaled' y (w, 1))``.
-        """
-        gram = rows.scaled @ rows.scaled.T
-        gram.reshape(-1)[:: TASK_ROWS + 1] += rows.softness
-        right = self._right_sides.copy(order="F")
-        right[:, 6] = rows.rhs - rows.scaled @ rows.posture
-        _, columns, info = lapack.dposv(gram.T, right, lower=1, overwrite_a=1, overwrite_b=1)
-        # The last number depends on all others: it is not finite if any of them is not.
-        return columns if info == 0 and math.isfinite(columns.item(-1)) else None
+    def _go_on(
+        self, body: Kinematics, forces: ForceMap, contact: Contact, reference: Reference
+    ) -> tuple[Array, Array, Array]:
+        """Accelerations [g] and forces [m g] of the last tick, and their torques [N m]."""
+        last = reference.posture.acceleration if self.acceleration is None else self.acceleration
+        alpha, phi = last / self._g, without_closed(self.phi, contact.openings.limit)
+        torque = self._torque(body, forces, alpha, phi)
+        return alpha, phi, torque if np.isfinite(torque).all() else np.zeros(self.robot.nu)
 
-    def _landing_force(
-        self, sensed: NDArray[np.bool_], normal_force: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _landing_force(self, contact: Contact, touch: Touch) -> Array | None:
         """Force that points of a landing line already carry, whatever is asked of them, shape (P,) [m g].
 
         The floor pushes as the foot arrives. Told of it, the QP shifts the other foot's load instead of
         letting the ZMP jump.
         """
-        gate = self.gate
-        if not gate.landing:
-            return self._no_force
-        share = np.array(gate.opening)[self.robot.point_foot, self.robot.point_group]
-        return normal_force * (sensed & (share < 1.0)) * self._landing_scale
+        if not contact.landing:
+            return None
+        share = np.array(contact.opening)[self.robot.point_foot, self.robot.point_group]
+        return touch.normal_force * (touch.contact & (share < 1.0)) * self._landing_scale
 
-    def _solve_limited(self, q: NDArray[np.float64], v: NDArray[np.float64], rows: _Rows) -> QPSolution:
+    def _torque(self, body: Kinematics, forces: ForceMap, alpha: Array, phi: Array) -> Array:
+        """Joint torques ``M qdd + h - J' f`` of accelerations [g] and force unknowns [m g], (nu,) [N m]."""
+        robot = self.robot
+        total = pin.rnea(robot.model, robot.data, body.q, body.v, self._g * alpha)
+        total -= (self._weight * _loads(body, forces, phi)) @ body.jacobian[6:]
+        return total[6:]
+
+    def _torque_map(self, body: Kinematics, forces: ForceMap) -> tuple[Array, Array]:
+        """Torques as ``map @ (alpha, phi) + bias``, shapes (nu, nv + 18) and (nu,) [N m]."""
+        robot = self.robot
+        mass = pin.crba(robot.model, robot.data, body.q)
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        bias = pin.nle(robot.model, robot.data, body.q, body.v)
+        loads = np.array([_loads(body, forces, unit) for unit in np.eye(FORCES)])
+        by_force = -self._weight * (loads @ body.jacobian[6:]).T
+        return np.hstack([self._g * mass[6:], by_force[6:]]), bias[6:]
+
+    def _solve_limited(self, body: Kinematics, forces: ForceMap, rows: Rows) -> QPSolution:
         """The whole problem again, with the limits of torque and joint range as constraints."""
-        torque_map, bias = self.dynamics.torque_map(q, v)
-        low, high = self.limits.acceleration_bounds(q, v)
+        torque_map, bias = self._torque_map(body, forces)
+        low, high = self.limits.acceleration_bounds(body.q, body.v)
         limit = self._torque_limit
         return self.limited.solve(
             rows.scaled * self._root_weight,
             rows.rhs,
-            self.forces.wrench,
+            forces.wrench,
             rows.softness[6:],
             rows.posture / self._root_weight,
             torque_map / limit[:, None],
@@ -234,6 +242,32 @@ class TrackingController:
             low,
             high,
         )
+
+
+def _loads(body: Kinematics, forces: ForceMap, phi: Array) -> Array:
+    """Force and moment about the sole of each foot, and the toe moments, shape (14,) [m g, m g m]."""
+    left, right = forces.foot_wrenches(phi).tolist()
+    (lx, ly, lz), (rx, ry, rz) = body.sole_arm  # moments: from about the COM to about the soles
+    fx, fy, fz, mx, my, mz, left_toe = left
+    gx, gy, gz, nx, ny, nz, right_toe = right
+    return np.array(
+        [
+            fx,
+            fy,
+            fz,
+            mx / ANGULAR - ly * fz + lz * fy,
+            my / ANGULAR - lz * fx + lx * fz,
+            mz / ANGULAR - lx * fy + ly * fx,
+            gx,
+            gy,
+            gz,
+            nx / ANGULAR - ry * gz + rz * gy,
+            ny / ANGULAR - rz * gx + rx * gz,
+            nz / ANGULAR - rx * gy + ry * gx,
+            left_toe,
+            right_toe,
+        ]
+    )
 
 
 def _usable(solution: QPSolution) -> bool:
@@ -250,10 +284,3 @@ def _both(first: QPSolution, second: QPSolution) -> QPSolution:
         first.iterations + second.iterations,
         first.seconds + second.seconds,
     )
-
-
-def _zmp(com: list[float], wrench: list[float]) -> NDArray[np.float64]:
-    """ZMP on the floor of a wrench about the COM, shape (2,) [m]."""
-    x, y, z = com
-    fx, fy, fz, mx, my, _ = wrench
-    return np.array([x - (z * fx + my) / fz, y - (z * fy - mx) / fz])

@@ -17,7 +17,8 @@ from ampm.body.feasibility import (
     joint_groups,
     leg_extension,
 )
-from ampm.control.wrench_qp import TWIST_ARM, TWIST_FRICTION
+from ampm.control.forces import TWIST_ARM
+from ampm.control.wrench_qp import TWIST_FRICTION
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.feet import HEEL
 from ampm.planner.periodic import LEAST_MID_STANCE_SHARE

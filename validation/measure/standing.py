@@ -7,6 +7,7 @@ are not the run's but the default ones: how fast a body comes to rest is not wha
 
 from __future__ import annotations
 
+from itertools import repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -58,7 +59,7 @@ def stand(run: RunParameters, body_model: BodyModel, *, duration: float = DURATI
     feet = 0.5 * run.gait.step_width * np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
     q = _posture(robot, run, com, feet)
     total = round(duration / physics.time_step)
-    references = [_still(robot, q, com, feet)] * -(-total // physics.substeps)
+    references = repeat(_still(robot, q, com, feet))
     start = q.copy()
     start[2] -= run.simulation.start_depth
     physics.place(start, np.zeros(robot.nv))
@@ -121,17 +122,13 @@ def _still(
 ) -> Reference:
     """A reference that stays where it is."""
     robot.jacobian(q, np.zeros(robot.nv))
-    still, none, pair = np.zeros(3), np.zeros((2, 3)), np.zeros(2)
-    contact = np.ones((2, 3), dtype=bool)
+    centre, linear, contact = np.zeros((5, 3)), np.zeros((2, 3, 3)), np.ones((2, 3), dtype=bool)
+    centre[0], linear[:, 0] = com, feet
     return Reference(
         time=0.0,
-        com=com,
-        com_velocity=still,
-        com_acceleration=still,
-        angular_momentum=still,
-        moment=still,
+        centre=centre,
         right_load=0.5,
-        feet=FeetState(feet, none, none, np.stack([np.eye(3)] * 2), none, none, pair, pair, pair),
+        feet=FeetState.of(linear, np.stack([np.eye(3)] * 2), np.zeros((2, 2, 3)), np.zeros((2, 3))),
         contacts=ContactState(contact, contact, np.full((2, 3), np.inf)),
         posture=PostureState(
             q,

@@ -182,7 +182,7 @@ class RunLog:
     def keep_command(self, k: int, output: ControlOutput, reference: Reference) -> None:
         """Copy what the tick at step k decided; it holds until the next one."""
         held, tick = slice(k, k + self.substeps), k // self.substeps
-        self.command_com[held] = reference.com
+        self.command_com[held] = reference.centre[0]
         self.command_zmp[held] = _UNKNOWN if output.zmp is None else output.zmp
         self.command_force[held] = _UNKNOWN if output.force is None else output.force
         momentum, forces = output.angular_momentum, output.point_force

@@ -8,7 +8,7 @@ motion.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -77,6 +77,8 @@ class Physics:
             soles=tuple(int(self.model.site(leg.sole_frame).id) for leg in description.legs),
         )
         self.q, self.v = np.zeros(self.robot.nq), np.zeros(self.robot.nv)
+        self._order = np.arange(self.robot.nq)
+        self._order[3:7] = _XYZW
         # Views of MuJoCo's own memory.
         root = self.model.body(description.root_segment).id
         self._root_rotation = self.data.xmat[root].reshape(3, 3)
@@ -91,8 +93,7 @@ class Physics:
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """State in Pinocchio's coordinates after ``mj_step1``; the next call overwrites the arrays."""
         qpos, qvel, q, v = self.data.qpos, self.data.qvel, self.q, self.v
-        q[:] = qpos
-        q[3:7] = qpos[_XYZW]
+        qpos.take(self._order, out=q, mode="clip")
         v[:] = qvel
         v[:3] = qvel[:3].dot(self._root_rotation)  # world to root axes
         return q, v
@@ -195,7 +196,7 @@ class ClosedLoop:
         self,
         physics: Physics,
         controller: Controller,
-        references: Sequence[Reference],
+        references: Iterable[Reference],
         run: RunParameters,
         step_ends: NDArray[np.float64],
         total: int,
@@ -204,7 +205,7 @@ class ClosedLoop:
     ) -> None:
         self.disturbances = disturbances
         self.plant = Plant(physics.model, physics.data, physics.robot.description)
-        self.physics, self.controller, self.references = physics, controller, references
+        self.physics, self.controller, self.references = physics, controller, iter(references)
         self.run_parameters = run
         self.step_ends, self.total, self.progress = step_ends, total, progress
         points = physics.points
@@ -272,13 +273,13 @@ class ClosedLoop:
     def _tick(self, k: int, time: float, point: NDArray[np.intp]) -> End | None:
         """One control tick; whether the walk is over."""
         physics = self.physics
-        reference = self.references[k // physics.substeps]
+        reference = next(self.references)
         state = State(time, *physics.state(), 0.5 * physics.time_step)
         touch = Touch(physics.sensed(point), self.normal_force)
         output = self.controller.update(state, touch, reference)
         self.log.keep_command(k, output, reference)
         physics.data.ctrl[:] = output.torque
-        self.planned = reference.com.tolist(), reference.posture.trunk[:, 2].tolist()
+        self.planned = reference.centre[0].tolist(), reference.posture.trunk[:, 2].tolist()
         return self.watch.look(
             time,
             physics.com(),

@@ -27,6 +27,7 @@ FALL_TILT = math.radians(60.0)
 """The body has fallen when its trunk leans farther than this from the planned motion's [rad]."""
 
 _FALL_COSINE = math.cos(FALL_TILT)
+_UPRIGHT = math.cos(0.9 * math.radians(10.0))  # clear of the first sign of a lean
 
 BLOW_UP = 20.0
 """Speed of the COM [m/s] that only numbers reach: a fall from standing height ends at 4 m/s."""
@@ -99,10 +100,14 @@ class Watch:
         Returns:
             None while the walk goes on.
         """
+        speed = self._speed(time, com)
+        close = math.dist(com, planned) <= FIRST_SIGN and _dot(trunk, planned_trunk) >= _UPRIGHT
+        if close and status == SOLVED and not self._first_sign and speed <= BLOW_UP:
+            self._unsolved_since = None
+            return None
         error = com[0] - planned[0], com[1] - planned[1], com[2] - planned[2]
         distance = math.hypot(*error)
         lean = math.atan2(math.hypot(*cross(trunk, planned_trunk)), _dot(trunk, planned_trunk))
-        speed = self._speed(time, com)
         if not math.isfinite(distance + lean):
             return self._end(OutcomeName.DIVERGED, f"the state was no longer finite at {time:.3f} s")
         if speed > BLOW_UP:

@@ -189,7 +189,7 @@ class BodyEvidence:
         """``J qdd + dJ/dt qd`` against differences of velocities."""
         q, v, a = self.middle
         jacobian = self.robot.jacobian(q, v).jacobian[:PAPER_ROWS] @ a
-        by_jacobian = jacobian + self.robot.drift(q, v).drift[:PAPER_ROWS]
+        by_jacobian = jacobian + self.robot.drift(q, v)[:PAPER_ROWS]
         before, after = (
             self.robot.jacobian(*state).jacobian[:PAPER_ROWS] @ state[1]
             for state in (self._nearby(-_DIFFERENCE), self._nearby(_DIFFERENCE))
@@ -253,7 +253,7 @@ class BodyEvidence:
             ).acceleration
             jump = after - before
         else:
-            jump = np.zeros(len(self.robot.jacobian(self.motion.q[0], self.motion.v[0]).drift))
+            jump = np.zeros(len(self.robot.jacobian(self.motion.q[0], self.motion.v[0]).jacobian))
             jump[12] = foot_jump  # right foot, x
         jacobian = self.robot.jacobian(self.motion.q[0], self.motion.v[0]).jacobian[ik.rows]
         scaled = jacobian / ik.weights
