@@ -5,17 +5,16 @@ Keys are namespaced (``gait.step_length``); :mod:`ampm.run_file` reads and write
 
 from __future__ import annotations
 
-import math
 import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, Literal, get_args, get_origin
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from ampm.exceptions import InputError
-from ampm.section import Real, RealOrInf, Section, Whole, check_table, parameter, unit_of, unknown
+from ampm.section import Real, RealOrInf, Section, Whole, check_table, parameter, unknown
 
 GRAVITY = 9.81
 """Gravitational acceleration of the paper [m/s^2]."""
@@ -343,7 +342,7 @@ def assign(table: dict[str, Any], key: str, value: Any) -> None:
     table[section] = {**check_table(section, table.get(section, {})), name: value}
 
 
-_SECTIONS: Mapping[str, type[Section]] = {
+SECTIONS: Mapping[str, type[Section]] = {
     section.section: section
     for section in (
         GaitParameters,
@@ -360,104 +359,12 @@ _SECTIONS: Mapping[str, type[Section]] = {
 @cache
 def keys() -> tuple[str, ...]:
     """All namespaced keys, in the order of the file."""
-    return tuple(f"{name}.{key}" for name, section in _SECTIONS.items() for key in section.model_fields)
+    return tuple(f"{name}.{key}" for name, section in SECTIONS.items() for key in section.model_fields)
 
 
 def unknown_key(key: str) -> InputError:
     """Error about a key that no run has."""
     return unknown(key, keys())
-
-
-@dataclass(frozen=True)
-class KeyInfo:
-    """One key of a run.
-
-    Attributes:
-        key: namespaced name.
-        meaning: in words.
-        unit: SI unit, ``"1"`` if it has none.
-        default: its value where nobody names it.
-        kind: type of its values.
-        options: values of a text, empty for numbers.
-        bounds: limits by comparison (``gt``, ``ge``, ``lt``, ``le``), those that there are.
-        finite: whether infinity is refused.
-    """
-
-    key: str
-    meaning: str
-    unit: str
-    default: float | int | str
-    kind: Literal["float", "int", "text"]
-    options: tuple[str, ...]
-    bounds: Mapping[str, float]
-    finite: bool
-
-    @property
-    def range(self) -> str:
-        """Bounds or options in words."""
-        signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
-        bounds = [f"{signs[name]} {limit:g}" for name, limit in self.bounds.items()]
-        return ", ".join(bounds) or " | ".join(self.options)
-
-    def inside(self, values: Any) -> Any:
-        """Which numbers of an array are within the bounds, same shape."""
-        good = values == values  # no NaN
-        if self.finite:
-            good &= abs(values) < math.inf
-        for comparison, limit in self.bounds.items():
-            good &= getattr(operator, comparison)(values, limit)
-        return good
-
-    def convert(self, value: Any) -> float | int | str:
-        """A value of TOML as this key has it, within its bounds or not.
-
-        Raises:
-            InputError: another type, not a number, or none of the options.
-        """
-        is_number = isinstance(value, float) or (type(value) is int and abs(value) <= _LARGEST_INTEGER)
-        if self.kind == "text":
-            good, wanted = value in self.options, f"one of {', '.join(self.options)}"
-        elif self.kind == "int":
-            good, wanted = is_number and value % 1 == 0, "a whole number"
-        else:
-            good, wanted = is_number and not math.isnan(value), "a number"
-        if not good:
-            limit = f"must be {wanted}"
-            raise InputError(f"{self.key} = {value!r} {limit}.", key=self.key, value=value, limit=limit)
-        return {"text": str, "int": int, "float": float}[self.kind](value)
-
-
-_LARGEST_INTEGER = 2**53  # whole numbers beyond are not exact as floats
-
-
-@cache
-def key_info(key: str) -> KeyInfo:
-    """What is known of a key, from the field of its section.
-
-    Raises:
-        InputError: there is none of this name; the nearest is named.
-    """
-    if key not in keys():
-        raise unknown_key(key)
-    section, _, name = key.partition(".")
-    field = _SECTIONS[section].model_fields[name]
-    options = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
-    bounds = {
-        name: getattr(item, name)
-        for item in field.metadata
-        for name in ("gt", "ge", "lt", "le")
-        if getattr(item, name, None) is not None
-    }
-    return KeyInfo(
-        key=key,
-        meaning=str(field.description),
-        unit=unit_of(field),
-        default=field.default,
-        kind="text" if options else "int" if field.annotation is int else "float",
-        options=options,
-        bounds=bounds,
-        finite=any(getattr(item, "allow_inf_nan", None) is False for item in field.metadata),
-    )
 
 
 def steps_per_tick(frequency: float, time_step: float) -> int:

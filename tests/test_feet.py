@@ -13,7 +13,8 @@ from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
 from ampm.parameters import FootParameters
 from ampm.planner.contacts import Contacts, Footstep
-from ampm.planner.feet import BALL, HEEL, TIP, FootSample, cubic, plan_feet, quintic
+from ampm.planner.feet import BALL, HEEL, TIP, FootSample
+from ampm.planner.stride import cubic, plan_feet, quintic
 from ampm.planner.support import plan_steps
 from ampm.run_file import load_run, preset_names
 from models.human import sole_geometry

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ampm.exceptions import BodilyRefusal, InputError, MathematicalRefusal
-from ampm.parameters import key_info, keys, steps_per_tick
+from ampm.parameters import keys, steps_per_tick
 from ampm.planner.periodic import plan_gait
-from ampm.run_file import load_run
+from ampm.run_file import key_info, load_run
 from validation.cli.app import call
 from validation.store.json import json_ready
 from validation.study.sweep import forecast as forecasting

@@ -13,7 +13,8 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import FootParameters, GaitParameters
-from ampm.planner.periodic import CONTINUOUS, REASONS, RESIDUAL_LIMIT, Gaits, plan_gait, screen
+from ampm.planner.periodic import CONTINUOUS, plan_gait
+from ampm.planner.rules import REASONS, RESIDUAL_LIMIT, Gaits, screen
 from ampm.planner.support import plan_steps
 
 G, MASS = 9.81, 60.0

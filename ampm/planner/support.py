@@ -12,8 +12,9 @@ from ampm.geometry import convex_hull, polygon_margin
 from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPlan, PlanConstants, PlanResiduals, PlanSample
 from ampm.planner.contacts import Contacts
-from ampm.planner.feet import FeetPlan, plan_feet
+from ampm.planner.feet import FeetPlan
 from ampm.planner.periodic import plan_gait
+from ampm.planner.stride import plan_feet
 
 Array = NDArray[np.float64]
 

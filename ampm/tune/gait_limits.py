@@ -21,7 +21,7 @@ from ampm.control.forces import TWIST_ARM
 from ampm.control.wrench_qp import TWIST_FRICTION
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.feet import HEEL
-from ampm.planner.periodic import LEAST_MID_STANCE_SHARE
+from ampm.planner.rules import LEAST_MID_STANCE_SHARE
 from ampm.planner.support import AnyPlan, StepPlan
 from ampm.tune.step_torques import step_torques
 

@@ -19,8 +19,8 @@ import pyarrow.parquet as pq
 
 import ampm
 import validation as val
-from ampm.planner.feet import plan_feet
 from ampm.planner.sampled import sampled_contacts, sampled_plan
+from ampm.planner.stride import plan_feet
 from ampm.planners import AmpmPeriodic, WalkRequest
 from ampm.walk import Boundary, WalkPlan
 

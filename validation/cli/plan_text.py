@@ -12,10 +12,11 @@ import numpy as np
 
 from ampm.body.motion import MOTION_UNITS
 from ampm.exceptions import InputError
-from ampm.parameters import RunParameters, key_info, keys
+from ampm.parameters import RunParameters, keys
 from ampm.planner.centroidal import PlanConstants
 from ampm.planner.periodic import plan_gait
 from ampm.planner.support import AnyPlan
+from ampm.run_file import key_info
 from validation.show.text import format_number, print_line, print_table
 from validation.store.folders import output_file
 from validation.store.tables import check_suffix, plan_table, sample_times, write_columns

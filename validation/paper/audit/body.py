@@ -14,7 +14,7 @@ from scipy.linalg import null_space
 
 from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.body.step_reference import step_grid, step_reference
-from ampm.planner.feet import plan_feet
+from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:

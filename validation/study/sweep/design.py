@@ -35,8 +35,8 @@ import tomli_w
 from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
 
 from ampm.exceptions import InputError
-from ampm.parameters import RunParameters, key_info, keys
-from ampm.run_file import PRESETS, load_run
+from ampm.parameters import RunParameters, keys
+from ampm.run_file import PRESETS, key_info, load_run
 from ampm.section import Real, Section, input_error, parameter, parse_toml, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
 

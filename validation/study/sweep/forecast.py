@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ampm.exceptions import InputError, RefusedGait
-from ampm.parameters import RELATIONS, key_info, steps_per_tick
-from ampm.planner import periodic
+from ampm.parameters import RELATIONS, steps_per_tick
+from ampm.planner import rules
+from ampm.planner.periodic import plan_gait
+from ampm.run_file import key_info
 from validation.judge.profiles import profile as find_profile
 from validation.progress import Progress
 from validation.study.sweep.design import STEPS_KEY, SweepDefinition
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 
     from ampm.parameters import RunParameters
 
-REASONS = (*periodic.REASONS, "bad_parameter")
+REASONS = (*rules.REASONS, "bad_parameter")
 """What :func:`screen` finds of a run; its numbers are places in here."""
 ACCEPTED, BAD = 0, len(REASONS) - 1
 CHECKED = 128
@@ -35,7 +37,7 @@ TIMED_STEPS = 10
 """Steps of the walk that is timed, at most."""
 
 _TIMED = 8  # gaits that are tried until one of them can be walked and timed
-_GAIT = tuple(field.name for field in fields(periodic.Gaits))
+_GAIT = tuple(field.name for field in fields(rules.Gaits))
 _CHUNK = 16_384  # runs at a time: their arrays stay in the processor's cache
 _CHECKED_KEYS = ("gait.", "body.", "foot.", "controller.frequency", "simulation.time_step")
 
@@ -181,7 +183,7 @@ def screen(cases: Cases) -> NDArray[np.int8]:
         if not cases.definition.tune:
             left = np.flatnonzero(part == ACCEPTED)
             columns = (cases.column(f"gait.{name}", numbers[left]) for name in _GAIT)
-            part[left] = periodic.screen(periodic.Gaits(*columns))
+            part[left] = rules.screen(rules.Gaits(*columns))
     return code
 
 
@@ -196,7 +198,7 @@ def _refusal(cases: Cases, case: int, *, with_body: bool = False) -> InputError 
     try:
         run = cases.run(case)
         steps_per_tick(run.controller.frequency, run.simulation.time_step)
-        periodic.plan_gait(run.gait, run.body.mass)
+        plan_gait(run.gait, run.body.mass)
         if with_body:
             _check_body(run)
     except (InputError, RefusedGait) as error:

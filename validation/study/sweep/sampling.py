@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ampm.exceptions import InputError
-from ampm.parameters import KeyInfo, RunParameters, key_info
+from ampm.parameters import RunParameters
+from ampm.run_file import KeyInfo, key_info
 from validation.study.sweep.design import Grid, Range, Sampled, SweepDefinition, Value
 
 if TYPE_CHECKING:
