@@ -104,7 +104,7 @@ def test_every_judged_metric_stands_in_the_page(run_dir, page):
 
 def test_cost_and_plain_statement_stand_beside_the_agreement(page):
     for phrase in (
-        "Agreement", "Cost", "What this trial says, and what it does not", "not a prophecy",
+        "Agreement", "Cost", "What this trial shows, and what it does not", "agreement alone proves nothing",
         "feedback on the ZMP",
         "largest torque", "friction used", "The first step", "Zero moment point", "Ground reaction force",
         "Angular momentum about the COM", "COM error", "Causes of the ZMP error",

@@ -167,7 +167,7 @@ def replay(directory: RunFolder) -> int:
     from validation.run.replay import replay as step_again
 
     narrator = Narrator()
-    result = step_again(directory, stages=narrator)
+    result = step_again(directory, progress=narrator)
     if result.note:
         narrator.say(result.note)
     print_line(str(result))

@@ -59,22 +59,23 @@ class Replay:
         )
 
 
-def replay(directory: Path, *, stages: Progress | None = None) -> Replay:
+def replay(directory: str | Path, *, progress: Progress | None = None) -> Replay:
     """Replay a run folder.
 
     Args:
         directory: holds ``model.xml`` and the record.
-        stages: where to report progress.
+        progress: where to report stages.
 
     Raises:
         InputError: a file is missing, damaged, or does not belong to the others.
     """
+    directory = Path(directory)
     if not directory.is_dir():
         raise InputError(f"there is no folder {directory}; give the folder of a run.")
     record = load_record(directory)
     model = _load_model(directory / MODEL_FILE, record)
     note = _note(directory / ENVIRONMENT_FILE)
-    with (stages or Progress()).stage("replay", "steps") as stage:
+    with (progress or Progress()).stage("replay", "steps") as stage:
         q, qd = step_again(model, record, stage.advance)
     return compare(record, q, qd, note)
 

@@ -273,7 +273,11 @@ def _cost(saved: SavedRun) -> list[Row]:
             entry = saved.summary.get("effort", {}).get(vector, ())["xyz".index(axis)]
         if metric.section not in ("effort", "margins", "energy") or entry is None:
             continue
-        scale, unit = (100.0, "%") if metric.name in _SHARES else display_unit(metric.unit, weight)
+        scale, unit = display_unit(metric.unit, weight)
+        if metric.name in _SHARES:
+            scale, unit = 100.0, "%"
+        elif metric.section == "energy":  # a way of metres
+            scale, unit = 1.0, metric.unit
         value, note = entry, ""
         if isinstance(entry, Mapping):
             value, time = entry.get("value"), entry.get("time")
