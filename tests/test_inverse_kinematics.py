@@ -12,6 +12,7 @@ from scipy.linalg import null_space
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS, InverseKinematics, Unreachable
 from ampm.body.orbit import COARSE_STEP
 from ampm.body.step_reference import step_grid, step_reference
+from ampm.planners import periodic_walk
 from tests.solved import COARSE, motion_of, walk_of
 
 NODES = (0, 40, 90, 120, 150)
@@ -116,6 +117,8 @@ def test_closed_form_is_the_qps_minimiser_where_no_limit_binds(solved):
 def test_cost_is_strictly_convex_where_the_printed_one_is_not(solved):
     """E18: the printed cost weighs loins and chest; more directions than these are free."""
     ik, reference, motion = solved
+    assert set(np.unique(ik.weights)) == set(POSTURE_WEIGHTS.values())
+    assert (ik.weights > 0.0).all()
     jacobian, _ = task(ik, reference, 0, motion.q[0], motion.v[0])
     free = null_space(jacobian)
     assert free.shape[1] == ik.robot.nv - len(ik.rows)
@@ -125,12 +128,6 @@ def test_cost_is_strictly_convex_where_the_printed_one_is_not(solved):
     printed[ik.robot.trunk_joints] = 1.0
     theirs = np.linalg.eigvalsh(free.T @ (printed[:, None] * free))
     assert np.count_nonzero(theirs < 1e-12) == free.shape[1] - len(ik.robot.trunk_joints)
-
-
-def test_weights_cover_every_coordinate(solved):
-    ik = solved[0]
-    assert (ik.weights > 0.0).all()
-    assert set(np.unique(ik.weights)) == set(POSTURE_WEIGHTS.values())
 
 
 # ------------------------------------------------------------- states and steps
@@ -153,8 +150,11 @@ def task_errors(ik, reference, k, q, v, offset):
     return np.abs(np.concatenate(position)).max(), np.abs(velocity[ik.rows]).max()
 
 
-def test_projection_meets_all_constraints(solved):
+def test_projection_meets_all_constraints_and_leaves_alone_what_does(solved):
     ik, reference, motion = solved
+    q, v = ik.project(reference, 0, motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset)
+    np.testing.assert_allclose(q, motion.q[0], atol=1e-11)
+    np.testing.assert_allclose(v, motion.v[0], atol=1e-10)
     rng = np.random.default_rng(0)
     for node in NODES:
         q = pin.integrate(ik.robot.model, motion.q[node], 0.05 * rng.normal(size=ik.robot.nv))
@@ -162,13 +162,6 @@ def test_projection_meets_all_constraints(solved):
         position, velocity = task_errors(ik, reference, node, q, v, 0.4)
         assert position < 1e-11
         assert velocity < 1e-11
-
-
-def test_projection_leaves_a_state_on_the_constraints_alone(solved):
-    ik, reference, motion = solved
-    q, v = ik.project(reference, 0, motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset)
-    np.testing.assert_allclose(q, motion.q[0], atol=1e-11)
-    np.testing.assert_allclose(v, motion.v[0], atol=1e-10)
 
 
 def test_integration_keeps_to_the_constraints(solved):
@@ -262,9 +255,17 @@ def test_reference_holds_the_plan_and_its_derivatives():
 def test_easing_lowers_the_com_and_takes_momentum_off():
     _, plan, _ = walk_of("gait.c_y=0.7")
     full = step_reference(plan, step_grid(plan, 0.01))
-    eased = full.eased(0.03, 0.5)
+    eased, same = full.eased(0.03, 0.5), full.eased(0.0, 1.0)
     np.testing.assert_allclose(full.position[:, 0, 2] - eased.position[:, 0, 2], 0.03, atol=1e-15)
     np.testing.assert_array_equal(eased.acceleration[:, 3:6], 0.5 * full.acceleration[:, 3:6])
     np.testing.assert_array_equal(eased.velocity[:, 6:], full.velocity[:, 6:])
-    same = full.eased(0.0, 1.0)
     np.testing.assert_array_equal(same.position, full.position)
+
+
+def test_a_reference_is_without_the_plan_s_constant_of_l_y():
+    walk = walk_of("gait.c_y=0.7")
+    time = step_grid(walk.plan, 0.01)
+    complete = periodic_walk(walk.plan, motion_of(COARSE), walk.robot)
+    assert complete.constants.angular_momentum_y_offset > 0.1
+    reference = step_reference(complete, time)
+    np.testing.assert_array_equal(reference.velocity, step_reference(walk.plan, time).velocity)

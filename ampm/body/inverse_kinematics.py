@@ -119,12 +119,10 @@ class InverseKinematics:
 
     def __init__(self, robot: Robot, run: RunParameters) -> None:
         self.robot = robot
-        self.stiffness = run.body.posture_stiffness
-        self.damping = run.body.posture_damping
-        self.zero_yaw_momentum = run.body.angular_momentum_z == "zero"
+        self.stiffness, self.damping = run.body.posture_stiffness, run.body.posture_damping
         rows = np.arange(TASK_ROWS)
         self.position_rows = np.delete(rows, [3, 4, 5])  # a configuration has no angular momentum
-        self.rows = rows if self.zero_yaw_momentum else np.delete(rows, _L_Z)
+        self.rows = rows if run.body.angular_momentum_z == "zero" else np.delete(rows, _L_Z)
         self.weights = robot.by_group(POSTURE_WEIGHTS)
         self._root_weight = np.sqrt(self.weights)
         self.rest = np.zeros(robot.nu)
@@ -289,11 +287,7 @@ class InverseKinematics:
         self.integrations += 1
         robot, time = self.robot, reference.time
         n = len(time) - 1
-        qs, vs, accelerations = (
-            np.empty((n + 1, robot.nq)),
-            np.empty((n + 1, robot.nv)),
-            np.empty((n + 1, robot.nv)),
-        )
+        qs, (vs, accelerations) = np.empty((n + 1, robot.nq)), np.empty((2, n + 1, robot.nv))
         pitch, yaw_momentum = np.empty(n + 1), np.empty(n + 1)
         worst_position = worst_velocity = worst_acceleration = 0.0
         q, v = self.project(reference, 0, q, v, offset)

@@ -169,14 +169,12 @@ class WholeBodyMotion:
 
     def table(self) -> dict[str, Array]:
         """Columns for a table: time, root pose and velocity, every joint's angle, velocity, acceleration."""
-        columns: dict[str, Array] = {"time": self.time}
-        for i, name in enumerate(("x", "y", "z")):
-            columns[f"root_position_{name}"] = self.q[:, i]
-        for i, name in enumerate(("x", "y", "z", "w")):
-            columns[f"root_quaternion_{name}"] = self.q[:, 3 + i]
-        for i, name in enumerate(("x", "y", "z")):
-            columns[f"root_linear_velocity_local_{name}"] = self.v[:, i]
-            columns[f"root_angular_velocity_local_{name}"] = self.v[:, 3 + i]
+        columns = {"time": self.time}
+        columns |= {f"root_position_{axis}": self.q[:, i] for i, axis in enumerate("xyz")}
+        columns |= {f"root_quaternion_{axis}": self.q[:, 3 + i] for i, axis in enumerate("xyzw")}
+        for i, axis in enumerate("xyz"):
+            columns[f"root_linear_velocity_local_{axis}"] = self.v[:, i]
+            columns[f"root_angular_velocity_local_{axis}"] = self.v[:, 3 + i]
         for i, name in enumerate(self.joint_names):
             columns[f"q_{name}"] = self.q[:, 7 + i]
             columns[f"qd_{name}"] = self.v[:, 6 + i]

@@ -21,7 +21,7 @@ from ampm.body.feasibility import LESS, check_motion
 from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory, Unreachable
 from ampm.body.motion import Extreme, MotionReport, WholeBodyMotion
 from ampm.body.motion_cache import find_motion, keep_motion, motion_key
-from ampm.body.return_map import Solution, StepMap, leading_multipliers, newton, standing
+from ampm.body.return_map import Orbit, StepMap, leading_multipliers, newton, standing
 from ampm.body.step_reference import StepReference, step_grid, step_reference
 from ampm.exceptions import BodilyRefusal, InputError
 
@@ -65,7 +65,7 @@ def solve_motion(
         run: posture gains, lean, the choice for L_z, the grid.
         robot: the body.
         progress: called with a line of text after every Newton step.
-        cache: folder that keeps solutions by their inputs; None keeps nothing.
+        cache: folder that keeps orbits by their inputs; None keeps nothing.
 
     Returns:
         One step whose mirrored end is its start.
@@ -118,14 +118,14 @@ class _Search:
         rough = self._rough()
         fine = self._map(self.fine)
         try:
-            solution = newton(fine, rough.z, TOLERANCE, rough.inverse, say=self._say)
+            orbit = newton(fine, rough.z, TOLERANCE, rough.inverse, say=self._say)
             fine.draft = False  # the step that is handed out has every acceleration from OSQP
-            solution = newton(fine, solution.z, TOLERANCE, solution.inverse, say=self._say)
+            orbit = newton(fine, orbit.z, TOLERANCE, orbit.inverse, say=self._say)
         except Unreachable as error:
             raise self._refusal(error) from error
-        return self._motion(fine, solution)
+        return self._motion(fine, orbit)
 
-    def _rough(self) -> Solution:
+    def _rough(self) -> Orbit:
         """Orbit on the coarse grid: from a standing start, else along a path from an easier one.
 
         Raises:
@@ -141,57 +141,57 @@ class _Search:
         for drop in _DROPS:
             eased = self._map(self.coarse.eased(drop, 0.0))
             try:
-                solution = newton(eased, eased.guess(), RUNG_TOLERANCE, say=self._say)
+                orbit = newton(eased, eased.guess(), RUNG_TOLERANCE, say=self._say)
             except Unreachable:
                 continue
             if spins:
-                solution, way, cause = self._follow(solution, (drop, 0.0), (drop, 1.0))
+                orbit, way, cause = self._follow(orbit, (drop, 0.0), (drop, 1.0))
                 if way < 1.0:  # lower still, there may be room for all of it
                     refusal = self._refusal(cause, share=way)
                     continue
-            solution, way, cause = self._follow(solution, (drop, 1.0), (0.0, 1.0))
+            orbit, way, cause = self._follow(orbit, (drop, 1.0), (0.0, 1.0))
             if way < 1.0:
                 raise self._refusal(cause, drop=drop * (1.0 - way))
-            return solution
+            return orbit
         raise refusal from failed
 
     def _follow(
-        self, solution: Solution, begin: tuple[float, float], end: tuple[float, float]
-    ) -> tuple[Solution, float, Unreachable]:
+        self, orbit: Orbit, begin: tuple[float, float], end: tuple[float, float]
+    ) -> tuple[Orbit, float, Unreachable]:
         """Follow the orbit from one easing of the reference towards another.
 
         Args:
-            solution: at ``begin``.
+            orbit: at ``begin``.
             begin: COM's drop [m] and share of the angular momentum.
             end: the same.
 
         Returns:
-            The farthest solution, how much of the way it has come, and why no farther.
+            The farthest orbit, how much of the way it has come, and why no farther.
         """
         here = 0.0
         before: tuple[float, Array] | None = None
         failed = Unreachable(0.0, "no stride is tried", 0.0, 0.0, "1")
 
         def attempt(there: float, _: float) -> bool:
-            nonlocal solution, here, before, failed
-            guess = solution.z
+            nonlocal orbit, here, before, failed
+            guess = orbit.z
             if before is not None:  # along the chord
                 guess = guess + (guess - before[1]) * ((there - here) / (here - before[0]))
             drop, share = ((1.0 - there) * a + there * b for a, b in zip(begin, end, strict=True))
             eased = self._map(self.coarse.eased(drop, share))
             self._say(f"{there:.0%} of the way")
             try:
-                found = newton(eased, guess, RUNG_TOLERANCE, solution.inverse, rebuilds=2)
+                found = newton(eased, guess, RUNG_TOLERANCE, orbit.inverse, rebuilds=2)
             except Unreachable as error:
                 failed = error
                 if self.ik.integrations > _BUDGET:
                     raise EndOfWay from None
                 return False
-            before, solution, here = (here, solution.z), found, there
+            before, orbit, here = (here, orbit.z), found, there
             return True
 
         way = follow(attempt, _STRIDES)
-        return solution, way, failed
+        return orbit, way, failed
 
     def _refusal(self, cause: Unreachable, *, drop: float = 0.0, share: float = 1.0) -> BodilyRefusal:
         """Why there is no orbit; ``drop`` and ``share`` say how near the search came."""
@@ -219,12 +219,12 @@ class _Search:
 
     # --------------------------------------------------------------- result
 
-    def _motion(self, fine: StepMap, solution: Solution) -> WholeBodyMotion:
-        robot, trajectory, time = self.robot, solution.trajectory, np.array(fine.reference.time)
-        offset = fine.offset(solution.z)
+    def _motion(self, fine: StepMap, orbit: Orbit) -> WholeBodyMotion:
+        robot, trajectory, time = self.robot, orbit.trajectory, np.array(fine.reference.time)
+        offset = orbit.offset
         value = fine.returned(trajectory, offset) - fine.encode(trajectory.q[0], trajectory.v[0], offset)
         fine.draft = True
-        multipliers = leading_multipliers(fine, solution)
+        multipliers = leading_multipliers(fine, orbit)
         angles, knee_joints = trajectory.q[:, 7:], robot.knee_joints - 6
         margins = np.minimum(angles - robot.lower, robot.upper - angles)
         single = self.plan.constants.single_support_duration

@@ -122,11 +122,21 @@ def standing(ik: InverseKinematics, reference: StepReference) -> Array:
 
 
 @dataclass
-class Solution:
-    """A fixed point of one map, and what Newton knew of the map there."""
+class Orbit:
+    """A periodic step: a fixed point of one map.
 
+    Attributes:
+        reference: tasks of the body, on the grid.
+        z: unknowns of the map, see :class:`StepMap`.
+        trajectory: the step.
+        offset: constant of L_y [N m s].
+        inverse: what Newton knew of the map, for the next search nearby.
+    """
+
+    reference: StepReference
     z: Array
     trajectory: StepTrajectory
+    offset: float
     inverse: _BroydenInverse | None
 
 
@@ -138,7 +148,7 @@ def newton(
     *,
     rebuilds: int = 8,
     say: Callable[[str], None] | None = None,
-) -> Solution:
+) -> Orbit:
     """Fixed point of a map near ``z``.
 
     Args:
@@ -193,7 +203,7 @@ def newton(
         else:
             inverse = None
         z, trajectory, value, best = trial, moved, new, size
-    return Solution(z, trajectory, inverse)
+    return Orbit(step_map.reference, z, trajectory, step_map.offset(z), inverse)
 
 
 def _approximate_inverse(step_map: StepMap, z: Array, value: Array) -> _BroydenInverse:
@@ -226,12 +236,11 @@ def _approximate_inverse(step_map: StepMap, z: Array, value: Array) -> _BroydenI
     return _BroydenInverse(basis[:used].T, images[:used].T)
 
 
-def leading_multipliers(step_map: StepMap, solution: Solution) -> tuple[tuple[float, float], ...]:
+def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, float], ...]:
     """Leading eigenvalues of the return map at a fixed constant of L_y: Arnoldi from a fixed start vector."""
     most, n = 12, step_map.n - 1
-    z = solution.z
-    offset = step_map.offset(z)
-    base = step_map.returned(solution.trajectory, offset)
+    z, offset = orbit.z, orbit.offset
+    base = step_map.returned(orbit.trajectory, offset)
     basis, hessenberg = np.zeros((most + 1, n)), np.zeros((most + 1, most))
     start = np.random.default_rng(0).normal(size=n)
     basis[0] = start / np.linalg.norm(start)

@@ -19,10 +19,11 @@ from ampm.tune.gait_limits import LIMITS, orbit_margins, plan_margins
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ampm.body.return_map import Orbit
     from ampm.body.robot import Robot
     from ampm.parameters import RunParameters
     from ampm.tune.free_choices import FreeChoices
-    from ampm.tune.rough_orbits import RoughOrbit, RoughOrbits
+    from ampm.tune.rough_orbits import RoughOrbits
 
     Array = NDArray[np.float64]
 
@@ -51,7 +52,7 @@ class Candidate:
     run: RunParameters
     plan: StepPlan | None = None
     values: dict[str, float] = field(default_factory=dict)
-    orbit: RoughOrbit | None = None
+    orbit: Orbit | None = None
     why: Unreachable | None = None
 
     @property
@@ -141,7 +142,7 @@ class ChoiceSearch:
             candidate.values |= orbit_margins(candidate.orbit, plan, self.robot)
         return candidate
 
-    def _orbit(self, x: Array, plan: StepPlan, lean: float, near: Candidate | None) -> RoughOrbit:
+    def _orbit(self, x: Array, plan: StepPlan, lean: float, near: Candidate | None) -> Orbit:
         """The orbit of a choice, from where the choices' known influence puts it, or else from the neighbour.
 
         Raises:

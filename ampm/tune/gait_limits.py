@@ -28,9 +28,9 @@ from ampm.tune.step_torques import step_torques
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ampm.body.return_map import Orbit
     from ampm.body.robot import Robot
     from ampm.description import BodyDescription
-    from ampm.tune.rough_orbits import RoughOrbit
 
     Array = NDArray[np.float64]
 
@@ -152,7 +152,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
     }
 
 
-def orbit_margins(orbit: RoughOrbit, plan: StepPlan, robot: Robot) -> dict[str, float]:
+def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, float]:
     """What the periodic step says, by name in :data:`LIMITS`, in its unit."""
     angles = orbit.trajectory.q[:, 7:]
     margin = np.minimum(angles - robot.lower, robot.upper - angles).min(axis=0)

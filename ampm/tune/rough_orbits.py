@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
-from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory
+from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.body.orbit import RUNG_TOLERANCE
-from ampm.body.return_map import StepMap, newton, standing
+from ampm.body.return_map import Orbit, StepMap, newton, standing
 from ampm.body.step_reference import StepReference, phase_grid, step_reference
 
 if TYPE_CHECKING:
@@ -21,23 +20,6 @@ if TYPE_CHECKING:
     from ampm.body.robot import Robot
     from ampm.parameters import RunParameters
     from ampm.planner.support import StepPlan
-
-
-@dataclass(frozen=True)
-class RoughOrbit:
-    """A periodic step on a coarse grid: enough for a search over many plans, not to be walked.
-
-    Attributes:
-        reference: tasks of the body, on the grid.
-        trajectory: the step.
-        offset: constant of L_y [N m s].
-        known: what Newton knew of the map, for the next search nearby.
-    """
-
-    reference: StepReference
-    trajectory: StepTrajectory
-    offset: float
-    known: Any
 
 
 class RoughOrbits:
@@ -67,7 +49,7 @@ class RoughOrbits:
         """Whether the budget is used up: a limit to a search that knows no clock."""
         return self.evaluations >= self.budget
 
-    def difference(self, a: RoughOrbit, b: RoughOrbit) -> NDArray[np.float64]:
+    def difference(self, a: Orbit, b: Orbit) -> NDArray[np.float64]:
         """What leads from one orbit to another.
 
         Returns:
@@ -81,10 +63,10 @@ class RoughOrbits:
         self,
         plan: StepPlan,
         lean: float,
-        near: RoughOrbit | None = None,
+        near: Orbit | None = None,
         shift: NDArray[np.float64] | None = None,
         motion: WholeBodyMotion | None = None,
-    ) -> RoughOrbit:
+    ) -> Orbit:
         """The periodic step of a plan.
 
         Args:
@@ -99,7 +81,7 @@ class RoughOrbits:
         """
         reference = step_reference(plan, phase_grid(plan, *self.nodes))
         step_map = StepMap(self.ik, reference, standing(self.ik, reference), plan.contacts.step_length, lean)
-        known = None
+        inverse = None
         if motion is not None:
             z = step_map.encode(motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset)
         elif near is None:
@@ -110,12 +92,11 @@ class RoughOrbits:
                 nv = self.robot.nv
                 q = pin.integrate(self.robot.model, q, shift[:nv])
                 v, offset = v + shift[nv:-1], offset + shift[-1]
-            z, known = step_map.encode(q, v, offset), near.known
-        found = newton(step_map, z, RUNG_TOLERANCE, known, rebuilds=2 if near else 4)
-        return RoughOrbit(reference, found.trajectory, step_map.offset(found.z), found.inverse)
+            z, inverse = step_map.encode(q, v, offset), near.inverse
+        return newton(step_map, z, RUNG_TOLERANCE, inverse, rebuilds=2 if near else 4)
 
 
-def _moved(orbit: RoughOrbit, reference: StepReference) -> NDArray[np.float64]:
+def _moved(orbit: Orbit, reference: StepReference) -> NDArray[np.float64]:
     """Start configuration of an orbit, moved to where another reference has its COM."""
     q = orbit.trajectory.q[0].copy()
     q[:3] += reference.position[0, 0] - orbit.reference.position[0, 0]

@@ -11,15 +11,15 @@ import pinocchio as pin
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ampm.body.return_map import Orbit
     from ampm.body.robot import Robot
     from ampm.planner.feet import FootSample
     from ampm.planner.support import StepPlan
-    from ampm.tune.rough_orbits import RoughOrbit
 
     Array = NDArray[np.float64]
 
 
-def step_torques(orbit: RoughOrbit, plan: StepPlan, robot: Robot) -> tuple[Array, Array]:
+def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Array]:
     """Joint torques of a periodic step, and how hard it twists on the floor.
 
     In single support the force is known from the motion; in double support it is shared by the lateral place
