@@ -55,7 +55,8 @@ class Metric:
         meaning: one phrase for the description of a table's column.
         kind: what it judges: the ``walk``, the ``instrument`` that measures it (its exact value is zero), or
             its ``cost``.
-        compute: value in ``unit``; NaN if it could not be measured, None if the walk has no such metric.
+        compute: value in ``unit``; NaN if it could not be measured, None if the walk has no such metric. Of a
+            registered metric it is not called where the window has no instant.
         tolerances: name of a profile to the largest value that passes; see
             :class:`validation.judge.profiles.Profile` for profiles that are not named.
         tolerance_unit: of ``tolerances``: ``unit`` by default, or :data:`BODY_WEIGHT`.
@@ -168,18 +169,38 @@ def evaluate(walk: Comparison, metrics: Iterable[Metric] | None = None) -> dict[
     first = replace(walk, window=FIRST_STEP)
     found = {}
     for metric in METRICS.values() if metrics is None else metrics:
-        value = metric.compute(walk)
+        value = _compute(metric, walk)
         if value is None:
             continue
-        value = float(value)
-        start = metric.compute(first) if metric.by_window else None
+        start = _compute(metric, first) if metric.by_window else None
         found[metric.name] = MetricValue(
             value=value,
             unit=metric.unit,
             normalised=MappingProxyType({name: value / walk.scales[name] for name in metric.scales}),
-            first_step=None if start is None or math.isnan(start) else float(start),
+            first_step=None if start is None or math.isnan(start) else start,
         )
     return found
+
+
+def _compute(metric: Metric, walk: Comparison) -> float | None:
+    """Value of one metric.
+
+    Raises:
+        InputError: a registered metric fails.
+    """
+    own = metric.name in _ADDED
+    if own and not walk.inside.any():
+        return math.nan
+    try:
+        value = metric.compute(walk)
+        return None if value is None else float(value)
+    except Exception as error:
+        if not own:
+            raise
+        raise InputError(
+            f"metric '{metric.name}' cannot be computed ({type(error).__name__}: {error}); correct its "
+            "'compute', or unregister it."
+        ) from error
 
 
 def metric_label(name: str) -> str:

@@ -35,20 +35,16 @@ class MetricResult:
 
     Attributes:
         name: metric.
-        value: measured value in ``unit``, NaN if there is none.
-        unit: SI unit.
-        tolerance: largest value that passes, in ``unit``; None if the profile has none.
+        of: its value, in SI units, NaN if there is none.
+        tolerance: largest value that passes, in SI units; None if the profile has none.
         passed: None where nothing is judged, or nothing can be said.
         margin: share of the tolerance that is left, 1 - value / tolerance; negative if failed, None where
             ``passed`` is. Where the tolerance is zero, 1 if met and -infinity if not.
         reason: of the tolerance, empty if there is none.
-        display_value, display_tolerance: the same two numbers in ``display_unit``.
+        factor: from SI to ``display_unit``.
         display_unit: what tables show: mm, % of body weight, N m s.
-        normalised: value over foot length, body weight and the like [1].
-        first_step: the same figure for the first step, in ``unit``, None if it has none.
-        uncertainty: numerical uncertainty of the value in ``unit``, infinite if it has no bound; None if none
+        uncertainty: numerical uncertainty of the value in SI units, infinite if it has no bound; None if none
             was given.
-        display_uncertainty: the same in ``display_unit``.
         undecided: whether the value is closer to the tolerance than its uncertainty, or a study that belongs
             to it was not made.
         not_studied: studies without which the uncertainty is not known; ``uncertainty`` is then what the
@@ -56,21 +52,61 @@ class MetricResult:
     """
 
     name: str
-    value: float
-    unit: str
+    of: MetricValue
     tolerance: float | None
     passed: bool | None
     margin: float | None
     reason: str
-    display_value: float
-    display_tolerance: float | None
+    factor: float
     display_unit: str
-    normalised: Mapping[str, float]
-    first_step: float | None
-    uncertainty: float | None = None
-    display_uncertainty: float | None = None
-    undecided: bool = False
-    not_studied: tuple[str, ...] = ()
+    uncertainty: float | None
+    undecided: bool
+    not_studied: tuple[str, ...]
+
+    @property
+    def value(self) -> float:
+        """Measured value, in SI units."""
+        return self.of.value
+
+    def displayed(self, number: float | None) -> float | None:
+        """Value, tolerance or uncertainty in ``display_unit``."""
+        return None if number is None else number * self.factor
+
+    def __str__(self) -> str:
+        """The value, its uncertainty if it is known, and its unit, if it has one."""
+        known = self.displayed(self.uncertainty)
+        spread = "" if known is None else f" ± {'≥ ' if self.not_studied else ''}{known:.2g}"
+        if self.not_studied and known is None:
+            spread = " ± not studied"
+        return f"{self.displayed(self.value):.3g}{spread} {self.display_unit}".rstrip()
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``summary.json``."""
+        display: dict[str, Any] = {
+            "value": self.displayed(self.value),
+            "unit": self.display_unit,
+            "tolerance": self.displayed(self.tolerance),
+        }
+        entry: dict[str, Any] = {
+            "value": self.value,
+            "unit": self.of.unit,
+            "tolerance": self.tolerance,
+            "pass": self.passed,
+            "margin": self.margin,
+            "first_step": self.of.first_step,
+            "normalised": dict(self.of.normalised),
+            "display": display,
+            "reason": self.reason or None,
+        }
+        if self.uncertainty is not None or self.not_studied:
+            entry["undecided"] = self.undecided
+            for place, known in ((entry, self.uncertainty), (display, self.displayed(self.uncertainty))):
+                place["uncertainty"] = "inf" if known == math.inf else known  # JSON has no infinity
+        if self.not_studied:  # what the other studies leave is no uncertainty of the value
+            entry["not_studied"] = list(self.not_studied)
+            for place in (entry, display):
+                place["uncertainty_at_least"], place["uncertainty"] = place["uncertainty"], None
+        return entry
 
 
 @dataclass(frozen=True)
@@ -109,12 +145,6 @@ class Verdict:
     def undecided(self) -> tuple[MetricResult, ...]:
         """Metrics closer to their tolerance than their numerical uncertainty."""
         return tuple(item for item in self.metrics if item.undecided)
-
-    @property
-    def tightest(self) -> MetricResult | None:
-        """The judged metric with the least margin."""
-        judged = [item for item in self.judged if item.margin is not None]
-        return min(judged, key=lambda item: item.margin or 0.0, default=None)
 
 
 def judge(
@@ -172,7 +202,7 @@ def judge(
         worst = min(failed, key=lambda item: item.margin or 0.0)
         reason = (
             f"{len(failed)} of {len(limits)} tolerances not met; the furthest is {worst.name}: "
-            f"{_shown(worst)}, limit {worst.display_tolerance:.3g}."
+            f"{worst}, limit {worst.displayed(worst.tolerance):.3g}."
         )
         if undecided:
             reason += f" {len(undecided)} undecided: {_why(undecided)}."
@@ -184,8 +214,8 @@ def judge(
         least = max(undecided, key=lambda item: (item.uncertainty or 0.0) / (item.tolerance or math.inf))
         reason = f"{len(undecided)} of {len(limits)} tolerances undecided, {_why(undecided)}"
         if least.uncertainty is not None:
-            reason += f"; the least certain is {least.name}: {_shown(least)}"
-            reason += f", limit {least.display_tolerance:.3g}"
+            reason += f"; the least certain is {least.name}: {least}"
+            reason += f", limit {least.displayed(least.tolerance):.3g}"
         reason += "."
     else:
         name = VerdictName.PASS
@@ -193,7 +223,7 @@ def judge(
         tight = min(judged, key=lambda item: item.margin or 0.0)
         reason = (
             f"All {len(limits)} tolerances met; the tightest is {tight.name}: "
-            f"{_shown(tight)}, limit {tight.display_tolerance:.3g}."
+            f"{tight}, limit {tight.displayed(tight.tolerance):.3g}."
         )
     return Verdict(name, profile.name, reason, results)
 
@@ -223,7 +253,7 @@ def build_summary(
         "reason": verdict.reason,
         "profile": verdict.profile,
         "end": {"time": record.outcome.time, "cause": record.outcome.cause},
-        "metrics": {item.name: _metric_entry(item) for item in verdict.metrics},
+        "metrics": {item.name: item.as_dict() for item in verdict.metrics},
         "timing": dict(timing or {}),
         "statistics": statistics_table(comparison),
         "zmp_error_split": {
@@ -288,23 +318,9 @@ def _result(
             margin = 1.0 - metric.value / limit
         else:
             margin = 1.0 if passed else -math.inf
+    reason = tolerance.reason if tolerance is not None else ""
     return MetricResult(
-        name=name,
-        value=metric.value,
-        unit=metric.unit,
-        tolerance=limit,
-        passed=passed,
-        margin=margin,
-        reason=tolerance.reason if tolerance is not None else "",
-        display_value=metric.value * factor,
-        display_tolerance=None if limit is None else limit * factor,
-        display_unit=unit,
-        normalised=metric.normalised,
-        first_step=metric.first_step,
-        uncertainty=uncertainty,
-        display_uncertainty=None if uncertainty is None else uncertainty * factor,
-        undecided=undecided,
-        not_studied=not_studied,
+        name, metric, limit, passed, margin, reason, factor, unit, uncertainty, undecided, not_studied
     )
 
 
@@ -314,44 +330,6 @@ def _why(undecided: Sequence[MetricResult]) -> str:
     if lacking:
         return f"their numerical uncertainty is not known (not studied: {', '.join(lacking)})"
     return "closer to the limit than the numerical uncertainty"
-
-
-def _shown(item: MetricResult) -> str:
-    """A value, its uncertainty if it is known, and its unit, if it has one."""
-    known = item.display_uncertainty
-    spread = "" if known is None else f" ± {'≥ ' if item.not_studied else ''}{known:.2g}"
-    if item.not_studied and known is None:
-        spread = " ± not studied"
-    return f"{item.display_value:.3g}{spread} {item.display_unit}".rstrip()
-
-
-def _metric_entry(item: MetricResult) -> dict[str, Any]:
-    entry: dict[str, Any] = {
-        "value": item.value,
-        "unit": item.unit,
-        "tolerance": item.tolerance,
-        "pass": item.passed,
-        "margin": item.margin,
-        "first_step": item.first_step,
-        "normalised": dict(item.normalised),
-        "display": {
-            "value": item.display_value,
-            "unit": item.display_unit,
-            "tolerance": item.display_tolerance,
-        },
-        "reason": item.reason or None,
-    }
-    if item.uncertainty is not None:  # JSON has no infinity: as everywhere in the project, a word
-        entry["uncertainty"] = item.uncertainty if math.isfinite(item.uncertainty) else "inf"
-        entry["undecided"] = item.undecided
-        shown = item.display_uncertainty
-        entry["display"]["uncertainty"] = shown if shown is None or math.isfinite(shown) else "inf"
-    if item.not_studied:  # what the other studies leave is no uncertainty of the value
-        entry["undecided"], entry["not_studied"] = item.undecided, list(item.not_studied)
-        for place in (entry, entry["display"]):
-            place["uncertainty_at_least"] = place.get("uncertainty")
-            place["uncertainty"] = None
-    return entry
 
 
 def _maximum(values: Any) -> float:
