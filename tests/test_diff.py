@@ -47,6 +47,17 @@ def judged(table):
     return replaced(table, "verdict", verdicts)
 
 
+def changed(table, name, factor=1.0, plus=0.0):
+    return judged(with_metric(table, name, metric(table, name) * factor + plus))
+
+
+def ended(table, outcome, verdict):
+    """The first run ended otherwise."""
+    for column, first in (("outcome", outcome), ("verdict", verdict)):
+        table = replaced(table, column, [first, *table.column(column).to_pylist()[1:]])
+    return table
+
+
 def compared(a, b, **options):
     return compare_sweeps(sweep_of(a, "A"), sweep_of(b, "B"), **options)
 
@@ -66,17 +77,12 @@ def by_name(diff):
 def test_runs_are_joined_by_key_in_any_order(base):
     other = base.take(np.random.default_rng(1).permutation(60))
     other = replaced(other, "run", list(range(60)))
+    other = replaced(other, "environment_revision", ["f" * 40] * 60)  # plays no part
     rows_a, rows_b, notes = join(sweep_of(base), sweep_of(other))
     keys = base.column("key").to_pylist(), other.column("key").to_pylist()
     assert len(rows_a) == 60
     assert [keys[0][i] for i in rows_a] == [keys[1][i] for i in rows_b]
     assert notes == []
-
-
-def test_revision_plays_no_part(base):
-    diff = compared(base, replaced(base, "environment_revision", ["f" * 40] * 60))
-    assert not diff.regressions
-    assert diff.sentence == "No difference beyond noise in 60 matched runs."
 
 
 def test_missing_and_new(base):
@@ -102,12 +108,8 @@ def test_the_answer_says_what_is_missing(base, a, b, said):
     diff = compared(base.slice(0, a), base.slice(0, b))
     assert diff.sentence == f"No difference beyond noise in {min(a, b)} matched runs{said}"
     assert bool(diff.lacking) == (said != ".")
-
-
-def test_a_regression_says_what_is_missing_too(base):
-    worse = replaced(base, "outcome", ["fell", *["completed"] * 59])
-    worse = replaced(worse, "verdict", ["not_measured", *base.column("verdict").to_pylist()[1:]])
-    assert "missing in B, which is not finished" in compared(base, worse.slice(0, 25)).sentence
+    fell = compared(base.slice(0, a), ended(base, "fell", "not_measured").slice(0, b)).sentence
+    assert fell == f"Regression in {min(a, b)} matched runs: 1 newly failing{said}"
 
 
 def test_an_incomplete_page_is_not_green(base, tmp_path, capsys):
@@ -191,7 +193,7 @@ def test_near_zero_the_floor_is_absolute(base):
 
 
 def test_a_small_but_real_growth_is_worse_and_no_regression(base):
-    diff = compared(base, judged(with_metric(base, "zmp_x_rmse", metric(base, "zmp_x_rmse") * 1.01)))
+    diff = compared(base, changed(base, "zmp_x_rmse", 1.01))
     found = by_name(diff)["zmp_x_rmse"]
     assert (found["worse"], found["better"], found["regressed"]) == (60, 0, 0)
     assert found["verdict"] == "worse"
@@ -203,11 +205,9 @@ def test_a_small_but_real_growth_is_worse_and_no_regression(base):
 
 def test_no_difference_below_the_uncertainty_is_a_result(base):
     study = Uncertainty("normal", 6, "", {"zmp_x_rmse": 0.3e-3, "zmp_y_rmse": float("inf")}, {})
-    values = metric(base, "zmp_x_rmse")
     for growth, worse in ((0.29e-3, 0), (0.31e-3, 60)):
-        other = with_metric(base, "zmp_x_rmse", values + growth)
-        other = with_metric(other, "zmp_y_rmse", metric(base, "zmp_y_rmse") * 3)
-        diff = compared(base, judged(other), uncertainty=study)
+        other = changed(changed(base, "zmp_x_rmse", plus=growth), "zmp_y_rmse", 3)
+        diff = compared(base, other, uncertainty=study)
         found = by_name(diff)
         assert found["zmp_x_rmse"]["worse"] == worse
         assert found["zmp_x_rmse"]["noise"]["from"] == "convergence study"
@@ -220,20 +220,12 @@ def test_no_difference_below_the_uncertainty_is_a_result(base):
 
 def test_the_note_names_the_studies_and_what_lacks_one_is_no_difference(base):
     whole = Uncertainty("normal", 6, "", {"zmp_x_rmse": 1e-9}, {}, studies=("time_step", "ik_grid"))
-    other = judged(with_metric(base, "zmp_x_rmse", metric(base, "zmp_x_rmse") + 1e-3))
+    other = changed(base, "zmp_x_rmse", plus=1e-3)
     assert any(
         "(time_step + ik_grid) of normal" in note for note in compared(base, other, uncertainty=whole).notes
     )
-    part = Uncertainty(
-        "normal",
-        6,
-        "",
-        {"zmp_x_rmse": 1e-9},
-        {},
-        ("ik_grid",),
-        ("time_step",),
-        {"zmp_x_rmse": ("time_step",)},
-    )
+    lacking = {"zmp_x_rmse": ("time_step",)}
+    part = Uncertainty("normal", 6, "", {"zmp_x_rmse": 1e-9}, {}, ("ik_grid",), ("time_step",), lacking)
     diff = compared(base, other, uncertainty=part)
     assert any(note.startswith("not studied: time_step;") for note in diff.notes)
     assert by_name(diff)["zmp_x_rmse"]["worse"] == 0
@@ -241,9 +233,7 @@ def test_the_note_names_the_studies_and_what_lacks_one_is_no_difference(base):
 
 
 def test_a_step_across_the_limit_below_the_noise_is_no_failure(base):
-    limit = 2.5e-3
-    close = judged(with_metric(base, "zmp_x_rmse", [limit * (1 - 1e-8)] * 60))
-    over = judged(with_metric(base, "zmp_x_rmse", [limit * (1 + 1e-8)] * 60))
+    close, over = (changed(base, "zmp_x_rmse", 0.0, 2.5e-3 * (1 + sign * 1e-8)) for sign in (-1, 1))
     diff = compared(close, over)
     assert not diff.regressions
     assert len(diff.of_kind("verdict_only")) == sum(v == "pass" for v in close.column("verdict").to_pylist())
@@ -253,7 +243,7 @@ def test_a_step_across_the_limit_below_the_noise_is_no_failure(base):
 # ------------------------------------------------------------------------------------------ changes
 
 
-def test_a_verdict_without_figures_is_believed(base):
+def test_a_verdict_without_metrics_is_believed(base):
     verdicts = base.column("verdict").to_pylist()
     row = verdicts.index("pass")
     other = replaced(base, "verdict", [*verdicts[:row], "fail", *verdicts[row + 1 :]])
@@ -293,14 +283,10 @@ def test_newly_failing_and_newly_passing(base):
     ],
 )
 def test_outcomes(base, before, after, kind):
-    def having(state):
-        table = replaced(base, "outcome", [state[0], *base.column("outcome").to_pylist()[1:]])
-        return replaced(table, "verdict", [state[1], *base.column("verdict").to_pylist()[1:]])
-
-    diff = compared(having(before), having(after))
+    diff = compared(ended(base, *before), ended(base, *after))
     assert [change.kind for change in diff.changes] == [kind]
     assert bool(diff.regressions) == (kind in ("newly_failing", "worse_outcome"))
-    assert not compared(having(before), having(before)).changes
+    assert not compared(ended(base, *before), ended(base, *before)).changes
 
 
 def test_worse_metrics_are_measured_by_the_limit(base):
@@ -344,15 +330,15 @@ def test_one_unsolved_qp_more_is_a_regression(base):
 
 def test_no_shift_is_claimed_of_few_or_of_scatter(base):
     few = base.slice(0, 6)
-    diff = compared(few, with_metric(few, "zmp_x_rmse", metric(few, "zmp_x_rmse") * 1.01))
+    diff = compared(few, changed(few, "zmp_x_rmse", 1.01))
     assert by_name(diff)["zmp_x_rmse"]["worse"] == 6
     assert by_name(diff)["zmp_x_rmse"]["verdict"] == "too few"
     assert np.isnan(by_name(diff)["zmp_x_rmse"]["p"])
     eight = base.slice(0, 8)
-    diff = compared(eight, with_metric(eight, "zmp_x_rmse", metric(eight, "zmp_x_rmse") * 1.01))
+    diff = compared(eight, changed(eight, "zmp_x_rmse", 1.01))
     assert by_name(diff)["zmp_x_rmse"]["p"] == pytest.approx(17 * 2 / 2**8)  # all one way, one metric of 17
     noise = np.random.default_rng(1).normal(1.0, 0.01, 60)
-    diff = compared(base, with_metric(base, "zmp_x_rmse", metric(base, "zmp_x_rmse") * noise))
+    diff = compared(base, changed(base, "zmp_x_rmse", noise))
     assert by_name(diff)["zmp_x_rmse"]["verdict"] == "same"
 
 
