@@ -5,7 +5,6 @@ The errors are simple functions of the parameters, so a test knows which paramet
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,9 +16,10 @@ import pyarrow.parquet as pq
 import tomli_w
 from scipy.stats import qmc
 
-from ampm.parameters import GRAVITY, RunParameters, keys
+from ampm.parameters import GRAVITY, RunParameters
 from validation.judge.metrics import BODY_WEIGHT
 from validation.judge.profiles import profile
+from validation.store.identity import parameter_values, run_key
 from validation.study.sweep.design import parse_sweep
 from validation.study.sweep.schema import schema
 from validation.study.sweep.store import TABLE_METADATA, table_metadata
@@ -82,22 +82,17 @@ def make_table(
     else:
         sample = qmc.LatinHypercube(len(vary), rng=rng).random(count)
         varied = {key: low + (high - low) * sample[:, i] for i, (key, (low, high)) in enumerate(vary.items())}
-    defaults = RunParameters()
+    parameters = {key: [value] * count for key, value in parameter_values(RunParameters()).items()}
+    parameters |= {"gait.steps": [6] * count} | {key: values.tolist() for key, values in varied.items()}
     columns: dict[str, Any] = {
         "run": np.arange(count, dtype=np.int64),
         "name": [f"{i:0{max(4, len(str(count)))}d}" for i in range(count)],
+        "key": [
+            run_key(dict(zip(parameters, row, strict=True))) for row in zip(*parameters.values(), strict=True)
+        ],
+        **parameters,
     }
-    for key in keys():
-        section, _, leaf = key.partition(".")
-        value = getattr(getattr(defaults, section), leaf)
-        given = varied.get(key)
-        columns[key] = [value] * count if given is None else given.tolist()
-    columns["gait.steps"] = [6] * count
     at = {key: np.asarray(columns[key], dtype=float) for key in RANGES}
-    columns["key"] = [
-        hashlib.sha256(json.dumps([columns[key][i] for key in keys()]).encode()).hexdigest()[:32]
-        for i in range(count)
-    ]
     v0, length = at["gait.switching_velocity"], at["gait.step_length"]
     c_s, c_y = at["gait.c_s"], at["gait.c_y"]
     columns["plan_mean_velocity"] = 0.98 * v0
@@ -123,11 +118,8 @@ def make_table(
             hit = alive & ~fell & (wild > low) & (wild <= high)
             outcome[hit], cause[hit] = name, f"the run {name}"
         crashed = alive & ~fell & (wild > 0.997)
-        outcome[crashed], reason[crashed], cause[crashed] = (
-            "crashed",
-            "RuntimeError",
-            "a worker's </script> broke",
-        )
+        outcome[crashed], reason[crashed] = "crashed", "RuntimeError"
+        cause[crashed] = "a worker's </script> broke"
         late = alive & ~fell & (wild > 0.994) & (wild <= 0.997)
         outcome[late], reason[late], cause[late] = "timed_out", None, "no answer for 600 s"
     walked = np.isin(outcome, ["completed", "fell", "diverged", "infeasible"])
@@ -173,31 +165,22 @@ def make_table(
     columns["energy_cost_of_transport"] = np.where(walked, 0.3 + 0.2 * (v0 - 0.9) ** 2, np.nan)
     columns["timing_simulation"] = np.where(walked, rng.normal(0.8, 0.05, count), np.nan)
     columns["timing_total"] = np.where(walked, rng.normal(1.4, 0.05, count), 0.01)
-    columns["environment_revision"] = ["0123456789abcdef0123456789abcdef01234567"] * count
-    columns["environment_modified"] = [False] * count
-    columns["environment_code"] = ["c0de"] * count
-    columns["environment_python"] = ["3.11.7"] * count
-    columns["environment_version_mujoco"] = ["3.17.0"] * count
-    columns["environment_version_numpy"] = ["2.4.6"] * count
-    columns["environment_processor"] = ["A processor"] * count
+    constant = {"revision": "0123456789" * 4, "modified": False, "code": "c0de", "python": "3.11.7"}
+    constant |= {"version_mujoco": "3.17.0", "version_numpy": "2.4.6", "processor": "A processor"}
+    columns |= {f"environment_{name}": [value] * count for name, value in constant.items()}
     columns["environment_worker"] = [f"worker-{i % 2}" for i in range(count)]
     columns["environment_memory_peak"] = rng.normal(300.0, 10.0, count)
     for name, given in (environment or {}).items():
         columns[name] = [given] * count if np.isscalar(given) else list(given)
     bad = (outcome != "completed") & walked | (verdict == "fail")
-    kept = np.flatnonzero(bad)[:20] if recordings else np.array([], dtype=int)
-    columns["recording"] = [
-        f"recordings/{columns['name'][i]}" if i in set(kept.tolist()) else None for i in range(count)
-    ]
-    types = {field.name: field.type for field in schema()}
-    unknown = columns.keys() - types.keys()
-    if unknown:
+    kept = set(np.flatnonzero(bad)[:20].tolist()) if recordings else set()
+    columns["recording"] = [f"recordings/{columns['name'][i]}" if i in kept else None for i in range(count)]
+    fields = {field.name: field.type for field in schema()}
+    if unknown := columns.keys() - fields.keys():
         raise KeyError(f"no column of a sweep: {sorted(unknown)}")
     arrays = {
-        name: pa.array(columns[name], type=kind, from_pandas=True)
-        if name in columns
-        else pa.nulls(count, kind)
-        for name, kind in types.items()
+        name: pa.array(columns.get(name, [None] * count), type=kind, from_pandas=True)
+        for name, kind in fields.items()
     }
     text = definition_text(count, vary, grid, profile_name)
     metadata = json.dumps(table_metadata(parse_sweep(text))).encode()
