@@ -130,6 +130,16 @@ class ContactParameters(Section):
     impratio: Real = parameter(10.0, "ratio of frictional to normal impedance", "1", gt=0, le=1000)
 
 
+def _stiffness(default: float, description: str) -> Any:
+    """A gain from a position to an acceleration."""
+    return parameter(default, description, "1/s^2", ge=0, le=1e5)
+
+
+def _damping(default: float, description: str) -> Any:
+    """A gain from a velocity to an acceleration."""
+    return parameter(default, description, "1/s", ge=0, le=1e4)
+
+
 class ControllerParameters(Section):
     """The torque-level tracking controller."""
 
@@ -137,11 +147,9 @@ class ControllerParameters(Section):
 
     frequency: Real = parameter(500.0, "control ticks per second", "Hz", gt=0, le=10_000)
     friction: Real = parameter(0.6, "friction that the controller allows itself", "1", gt=0, le=10)
-    com_stiffness: Real = parameter(
-        60.0, "feedback from COM position to its acceleration", "1/s^2", ge=0, le=1e5
-    )
-    com_damping: Real = parameter(15.0, "feedback from COM velocity to its acceleration", "1/s", ge=0, le=1e4)
-    momentum_gain: Real = parameter(15.0, "feedback from angular momentum to its rate", "1/s", ge=0, le=1e4)
+    com_stiffness: Real = _stiffness(60.0, "feedback from COM position to its acceleration")
+    com_damping: Real = _damping(15.0, "feedback from COM velocity to its acceleration")
+    momentum_gain: Real = _damping(15.0, "feedback from angular momentum to its rate")
     trunk_gain: Real = parameter(
         3.0,
         "slow feedback from trunk pitch and roll to the commanded angular momentum",
@@ -149,38 +157,18 @@ class ControllerParameters(Section):
         ge=0,
         le=1e3,
     )
-    posture_stiffness: Real = parameter(
-        900.0, "feedback from posture to its acceleration", "1/s^2", ge=0, le=1e5
+    posture_stiffness: Real = _stiffness(900.0, "feedback from posture to its acceleration")
+    posture_damping: Real = _damping(60.0, "feedback from posture rate to its acceleration")
+    swing_stiffness: Real = _stiffness(400.0, "feedback from the swing foot's pose to its acceleration")
+    swing_damping: Real = _damping(40.0, "feedback from the swing foot's velocity to its acceleration")
+    stance_damping: Real = _damping(50.0, "feedback from the stance foot's velocity to its acceleration")
+    roll_stiffness: Real = _stiffness(
+        1500.0, "feedback from the pose of a foot that rolls on heel or toes to its rotation"
     )
-    posture_damping: Real = parameter(
-        60.0, "feedback from posture rate to its acceleration", "1/s", ge=0, le=1e4
+    roll_damping: Real = _damping(
+        80.0, "feedback from the rate of a foot that rolls on heel or toes to its rotation"
     )
-    swing_stiffness: Real = parameter(
-        400.0, "feedback from the swing foot's pose to its acceleration", "1/s^2", ge=0, le=1e5
-    )
-    swing_damping: Real = parameter(
-        40.0, "feedback from the swing foot's velocity to its acceleration", "1/s", ge=0, le=1e4
-    )
-    stance_damping: Real = parameter(
-        50.0, "feedback from the stance foot's velocity to its acceleration", "1/s", ge=0, le=1e4
-    )
-    roll_stiffness: Real = parameter(
-        1500.0,
-        "feedback from the pose of a foot that rolls on heel or toes to its rotation",
-        "1/s^2",
-        ge=0,
-        le=1e5,
-    )
-    roll_damping: Real = parameter(
-        80.0,
-        "feedback from the rate of a foot that rolls on heel or toes to its rotation",
-        "1/s",
-        ge=0,
-        le=1e4,
-    )
-    touchdown_damping: Real = parameter(
-        200.0, "how fast a late foot takes up the touch-down velocity", "1/s", ge=0, le=1e4
-    )
+    touchdown_damping: Real = _damping(200.0, "how fast a late foot takes up the touch-down velocity")
     contact_ramp: Real = parameter(
         0.04,
         "time in which a point's force limit opens after touch-down and closes before lift-off",
