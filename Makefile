@@ -24,10 +24,10 @@ export OPENBLAS_NUM_THREADS ?= 1
 help:  ## List the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## */  make \1\t/' | expand -t 18
 
-validate: $(INSTALLED)  ## Plan, walk and judge both gaits of the paper (GAITS=... ARGS=... to change it)
+validate: $(INSTALLED)  ## Plan, walk and judge normal and momentum (GAITS=... ARGS=... to change it)
 	@$(BIN)/ampm validate $(GAITS) $(ARGS)
 
-test: $(INSTALLED_TEST) lint types  ## Lint, types, and every test that is not marked slow
+test: $(INSTALLED_TEST) lint types docs  ## Lint, types, documentation, and every test that is not marked slow
 	@$(BIN)/pytest -n $(JOBS) $(ARGS)
 
 lint: $(INSTALLED_TEST)  ## ruff: rules and formatting
@@ -41,9 +41,8 @@ bench: $(INSTALLED_TEST)  ## Time the planner, the controller and the simulation
 	@$(PIP_INSTALL) -e '.[bench]'
 	@$(BIN)/python -m benchmarks $(ARGS)
 
-docs: $(INSTALLED)  ## Build the documentation as web pages in build/site
-	@$(PIP_INSTALL) -e '.[docs]'
-	@$(BIN)/mkdocs build --strict
+docs: $(INSTALLED_TEST)  ## Build the documentation as web pages in build/site
+	@$(BIN)/mkdocs build --strict --quiet
 
 install: $(INSTALLED)  ## Only create .venv and install
 

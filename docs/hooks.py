@@ -16,7 +16,8 @@ ROLE = re.compile(r":(?:class|func|meth|mod|data|attr|exc):<code>~?(?:[\w.]*\.)?
 def on_files(files: Files, config: Any) -> Files:
     """Add the pages that are not in the folder."""
     front = ROOT.joinpath("README.md").read_text(encoding="utf-8")
-    files.append(File.generated(config, "index.md", content=front.replace("](docs/", "](")))
+    front = re.sub(r"\[([^\]]+)\]\((?:LICENSE|CITATION\.cff)\)", r"\1", front.replace("](docs/", "]("))
+    files.append(File.generated(config, "index.md", content=front))
     for package in PACKAGES:
         parts = [f"# API: `{package}`\n"]
         for path in sorted((ROOT / package).rglob("*.py")):

@@ -1,0 +1,90 @@
+"""The examples of README.md and docs/ are run: Python by default, whole command lines in the slow run.
+
+A block of TOML or Python whose first line is a comment with a file's name is written to that file. All blocks
+of a page share one folder and one namespace, in their order.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from validation.cli.app import app
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+FILE = re.compile(r"# ([\w.-]+\.(?:toml|py))\b")
+PLACEHOLDER = re.compile(r"\b[A-Z]{1,}\b")
+"""Stands for a name in a command: such a command is parsed, not run."""
+
+
+def blocks(page: Path) -> list[tuple[str, str]]:
+    return BLOCK.findall(page.read_text(encoding="utf-8"))
+
+
+def commands(page: Path) -> list[str]:
+    """Command lines of the page that call ``ampm``, without their comments."""
+    lines = [line for language, text in blocks(page) if language == "sh" for line in text.splitlines()]
+    return [line.partition(" #")[0].strip() for line in lines if line.startswith("ampm ")]
+
+
+def write_files(page: Path, folder: Path) -> None:
+    for _, text in blocks(page):
+        if found := FILE.match(text):
+            folder.joinpath(found[1]).write_text(text, encoding="utf-8")
+
+
+def run(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MUJOCO_GL": "disable"}
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+WITH_PYTHON = [page for page in PAGES if any(language == "python" for language, _ in blocks(page))]
+WITH_COMMANDS = [page for page in PAGES if commands(page)]
+
+
+@pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.stem)
+def test_python_runs(page, tmp_path):
+    write_files(page, tmp_path)
+    script = "\n".join(
+        text for language, text in blocks(page) if language == "python" and not FILE.match(text)
+    )
+    answer = run(tmp_path, sys.executable, "-c", script)
+    assert answer.returncode == 0, answer.stderr
+    tests = sorted(tmp_path.glob("test_*.py"))
+    if tests:
+        answer = run(
+            tmp_path, sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *map(str, tests)
+        )
+        assert answer.returncode == 0, answer.stdout
+
+
+@pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: page.stem)
+def test_commands_parse(page):
+    group: Any = typer.main.get_command(app)
+    for line in commands(page):
+        name, *arguments = shlex.split(line.partition("|")[0])[1:]
+        command = group.get_command(None, name)
+        assert command is not None, line
+        command.make_context(name, arguments)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: page.stem)
+def test_commands_run(page, tmp_path):
+    """Each ends with a verdict, never with bad input or a crash."""
+    write_files(page, tmp_path)
+    for line in commands(page):
+        if not PLACEHOLDER.search(line) and not line.startswith("ampm view"):
+            command = line.replace("ampm", f"{sys.executable} -m ampm", 1)
+            answer = run(tmp_path, "sh", "-c", command)
+            assert answer.returncode in (0, 1), f"{line}\n{answer.stderr}"
