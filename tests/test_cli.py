@@ -53,25 +53,15 @@ def ampm(capsys):
 
 
 def test_plan_json_has_the_contract(ampm):
-    answer = ampm("plan", "normal", "--no-body", "--json")
+    answer = ampm("plan", "normal", "--no-body", "--json", "--set", "gait.a_s=inf", "--set", "body.mass=61")
     assert answer.status == Status.PASS
     assert set(CONSTANTS) <= answer.json.keys()
     assert answer.json["parameters"]["gait"]["step_length"] == 0.6
-    assert answer.json["angular_momentum_y_offset"] == 0.0
-    assert max(answer.json["residuals"].values()) <= 1e-9
-
-
-def test_plan_takes_settings(ampm):
-    answer = ampm("plan", "--no-body", "--json", "--set", "gait.a_s=inf", "--set", "body.mass=60")
     assert answer.json["inverse_a_s"] == 0.0
     assert answer.json["parameters"]["gait"]["a_s"] == "inf"
-    assert answer.json["parameters"]["body"]["mass"] == 60.0
-
-
-def test_plan_without_json_is_for_readers(ampm):
-    answer = ampm("plan", "normal", "--no-body")
-    assert "single_support_duration" in answer.out
-    assert "largest jump" in answer.out
+    assert answer.json["parameters"]["body"]["mass"] == 61.0
+    assert answer.json["angular_momentum_y_offset"] == 0.0
+    assert max(answer.json["residuals"].values()) <= 1e-9
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
@@ -107,6 +97,12 @@ def test_csv_keeps_every_bit(ampm, tmp_path):
     lines = [line.split(",") for line in (tmp_path / "plan.csv").read_text().splitlines()]
     column = lines[0].index("com_x")
     np.testing.assert_array_equal(table["com_x"].to_numpy(), [float(line[column]) for line in lines[1:]])
+
+
+def test_plan_without_json_is_for_readers(ampm):
+    answer = ampm("plan", "normal", "--no-body")
+    assert "single_support_duration" in answer.out
+    assert "largest jump" in answer.out
 
 
 def test_plot_is_a_picture(ampm, tmp_path):
@@ -166,52 +162,39 @@ def test_refusal_in_json_is_an_object_alone(ampm):
     assert error["way_out"] in error["message"]
 
 
-def test_usage_error_in_json(ampm):
-    answer = ampm("plan", "--json", "--bogus")
-    assert answer.status == Status.REFUSED
-    assert answer.json["error"]["kind"] == "input"
-
-
-def test_bodily_refusal(ampm):
+def test_bodily_refusal_points_to_tuning(ampm):
     answer = ampm("plan", "--json", "--set", "gait.step_width=0.02")
     assert answer.status == Status.REFUSED
+    assert "--tune" in answer.err
     assert answer.json["error"]["kind"] == "bodily"
     assert answer.json["error"]["reason"] == "soles_overlap"
 
 
-def test_broken_toml(ampm, tmp_path):
+def test_own_gait_from_a_file(ampm, tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text("[gait\n")
     answer = ampm("plan", path, "--no-body")
     assert answer.status == Status.REFUSED
     assert "TOML" in answer.err
-
-
-def test_own_gait_from_a_file(ampm, tmp_path):
-    path = tmp_path / "mine.toml"
     path.write_text("[gait]\nstep_length = 0.5\n")
     answer = ampm("plan", path, "--no-body", "--json")
     assert answer.json["gait"] == "mine"
     assert answer.json["parameters"]["gait"]["step_length"] == 0.5
 
 
-def test_same_gait_twice_is_refused(ampm, tmp_path):
-    answer = ampm("validate", "normal", "normal", "--out", tmp_path / "out")
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["normal", "normal"], "'normal'"),
+        (["normal", "--profile", "lenient"], "strict"),
+        (["normal", "--qp", "magic"], "osqp"),
+    ],
+)
+def test_bad_options_are_refused_before_any_walk(ampm, tmp_path, arguments, words):
+    answer = ampm("validate", *arguments, "--out", tmp_path / "out")
     assert answer.status == Status.REFUSED
-    assert "'normal'" in answer.err
-
-
-def test_unknown_profile_names_the_known_ones(ampm, tmp_path):
-    answer = ampm("validate", "normal", "--profile", "lenient", "--out", tmp_path / "out")
-    assert answer.status == Status.REFUSED
-    assert "strict" in answer.err
+    assert words in answer.err
     assert not (tmp_path / "out").exists()
-
-
-def test_unknown_qp_solver(ampm, tmp_path):
-    answer = ampm("validate", "normal", "--qp", "magic", "--out", tmp_path / "out")
-    assert answer.status == Status.REFUSED
-    assert "osqp" in answer.err
 
 
 def test_mathematical_refusal_comes_before_any_walk(ampm, tmp_path):
@@ -279,11 +262,21 @@ def test_every_complaint_is_a_sentence(ampm, arguments, end):
 # ------------------------------------------------------------ our crash
 
 
-def test_crash_is_one_sentence_and_keeps_its_traceback(ampm, monkeypatch):
-    def broken(*_: object) -> None:
-        raise ZeroDivisionError("by zero")
+@pytest.fixture
+def failing(monkeypatch):
+    """Let planning raise an error."""
 
-    monkeypatch.setattr("validation.trial.plan.load_request", broken)
+    def fail(error: BaseException) -> None:
+        def broken(*_: object) -> None:
+            raise error
+
+        monkeypatch.setattr("validation.trial.plan.load_request", broken)
+
+    return fail
+
+
+def test_crash_is_one_sentence_and_keeps_its_traceback(ampm, failing):
+    failing(ZeroDivisionError("by zero"))
     answer = ampm("plan", "--json")
     assert answer.status == Status.CRASH
     assert answer.json["error"]["kind"] == "crash"
@@ -293,33 +286,24 @@ def test_crash_is_one_sentence_and_keeps_its_traceback(ampm, monkeypatch):
     kept.unlink()
 
 
-def test_debug_shows_the_traceback(ampm, monkeypatch):
-    def broken(*_: object) -> None:
-        raise ZeroDivisionError("by zero")
-
-    monkeypatch.setattr("validation.trial.plan.load_request", broken)
+def test_debug_shows_the_traceback(ampm, failing):
+    failing(ZeroDivisionError("by zero"))
     answer = ampm("plan", "--debug")
     assert answer.status == Status.CRASH
     assert "Traceback" in answer.err
 
 
-def test_a_full_disk_is_a_sentence_of_its_own(ampm, monkeypatch):
-    def full(*_: object) -> None:
-        error = OSError(errno.ENOSPC, "No space left on device")
-        error.add_note("the record is in /elsewhere")
-        raise error
-
-    monkeypatch.setattr("validation.trial.plan.load_request", full)
+def test_a_full_disk_is_a_sentence_of_its_own(ampm, failing):
+    error = OSError(errno.ENOSPC, "No space left on device")
+    error.add_note("the record is in /elsewhere")
+    failing(error)
     answer = ampm("plan", "--json")
     assert (answer.status, answer.json["error"]["kind"]) == (Status.STOPPED, "stopped")
     assert "/elsewhere" in answer.err
 
 
-def test_interrupt_outside_a_simulation(ampm, monkeypatch):
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("validation.trial.plan.load_request", interrupted)
+def test_interrupt_outside_a_simulation(ampm, failing):
+    failing(KeyboardInterrupt())
     assert ampm("plan").status == Status.INTERRUPTED
 
 
@@ -340,6 +324,7 @@ def test_a_folder_that_does_not_exist_is_not_created(ampm, option, tmp_path, mon
 
 
 def test_bad_input_in_json_has_its_parts(ampm):
+    assert ampm("plan", "--json", "--bogus").json["error"]["kind"] == "input"
     error = ampm("plan", "--json", "--set", "body.mass=-60").json["error"]
     assert (error["kind"], error["key"], error["value"]) == ("input", "body.mass", -60)
     assert error["limit"] == "must be at least 1 kg"

@@ -16,12 +16,20 @@ from ampm.run_file import dump_run
 from validation.judge.examine import Evaluation
 from validation.judge.signals import signals_table
 from validation.judge.verdict import build_summary
+from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.store.folders import INSTRUMENT_FILE, run_folder
 from validation.store.json import json_ready
 from validation.store.machine import memory_peak
 from validation.store.record import save_record
-from validation.store.saved import ENVIRONMENT_FILE, MODEL_FILE, RUN_FILE, SUMMARY_FILE, digests
+from validation.store.saved import (
+    ENVIRONMENT_FILE,
+    MODEL_FILE,
+    RUN_FILE,
+    SUMMARY_FILE,
+    digests,
+    load_saved_run,
+)  # fmt: skip
 from validation.store.signals import SIGNALS_FILE, save_signals
 from validation.trial.plan import PlannedWalk
 from validation.trial.record import SimulationRecord
@@ -232,11 +240,17 @@ def _write_json(path: Path, value: Any) -> None:
     path.write_text(json.dumps(json_ready(value), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def draw_run(folder: Path) -> None:
-    """Write recording and report of a run from its saved files."""
-    # Here, not above: importing the viewer's library is most of what the first recording costs.
-    from validation.show.report import write_report
-    from validation.show.rerun.record import write_recording
+def draw_run(folder: Path, name: str = "", progress: Progress | None = None) -> None:
+    """Write recording and report of a run that was just written into its folder."""
+    progress = progress or Progress()
+    with progress.stage(f"{name}: recording"):
+        # In here: importing the viewer's library is most of what the first recording costs.
+        from validation.show.rerun.record import record_run
 
-    write_recording(folder)
-    write_report(folder)
+        saved = load_saved_run(folder, check=False)
+        record_run(saved)
+    saved.record.forget()
+    with progress.stage(f"{name}: report"):
+        from validation.show.report import report_run  # matplotlib takes long to load
+
+        report_run(saved)

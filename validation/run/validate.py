@@ -19,7 +19,7 @@ from ampm.exceptions import InputError
 from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.progress import Progress, interruption
-from validation.run.trial import write_inputs, write_results
+from validation.run.trial import draw_run, write_inputs, write_results
 from validation.run.walk import timed, walk_planned
 from validation.store.environment import describe_environment
 from validation.store.folders import check_run_folder, run_folder
@@ -169,18 +169,7 @@ def _save_record(
 def _draw(folder: Path, target: Path, name: str, progress: Progress) -> BaseException | None:
     """Write recording and report from the saved files; what goes wrong must not cost the run its folder."""
     try:
-        with progress.stage(f"{name}: recording"):
-            # In here: importing the viewer's library is most of what the first recording costs.
-            from validation.show.rerun.record import record_run
-            from validation.store.saved import load_saved_run
-
-            saved = load_saved_run(folder)
-            record_run(saved)
-        saved.record.forget()
-        with progress.stage(f"{name}: report"):
-            from validation.show.report import report_run  # matplotlib takes long to load
-
-            report_run(saved)
+        draw_run(folder, name, progress)
         interruption.check()
     except (Exception, KeyboardInterrupt) as error:
         error.add_note(f"the run itself is complete in {target}, and 'ampm report' draws it again")

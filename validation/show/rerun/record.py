@@ -50,6 +50,16 @@ FORCE_SCALE = 1.0 / 500.0
 """Length of a force arrow [m/N]: the weight of a person reaches from the floor past the COM, so that one sees
 whether the line of the force meets it."""
 
+_GEOM = mujoco.mjtGeom
+_SHAPES: dict[int, Any] = {
+    int(_GEOM.mjGEOM_CAPSULE): rr.Capsules3D,
+    int(_GEOM.mjGEOM_CYLINDER): rr.Cylinders3D,
+    int(_GEOM.mjGEOM_BOX): rr.Boxes3D,
+    int(_GEOM.mjGEOM_ELLIPSOID): rr.Ellipsoids3D,
+    int(_GEOM.mjGEOM_SPHERE): rr.Ellipsoids3D,
+}
+"""How a kind of MuJoCo's geoms is drawn."""
+
 _LEAST_SHAPE = 0.005
 """Radius from which a shape of the body is drawn [m]."""
 
@@ -180,27 +190,17 @@ def _log_body(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None:
         size = model.geom_size[drawn[mine]]
         color = [_shape_color(model.geom_rgba[geom]) for geom in drawn[mine]]
         place = position[:, mine]
-        shape: Any
         looks: dict[str, Any] = {"colors": color, "fill_mode": rr.components.FillMode.Solid}
-        if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        shape: Any = _SHAPES.get(kind)
+        if shape is None:
+            continue  # planes and meshes: the floor is the grid
+        if shape in (rr.Capsules3D, rr.Cylinders3D):
+            looks |= {"lengths": 2 * size[:, 1], "radii": size[:, 0]}
+        else:
+            looks["half_sizes"] = np.repeat(size[:, :1], 3, axis=1) if kind == _GEOM.mjGEOM_SPHERE else size
+        if shape is rr.Capsules3D:
             # MuJoCo centres a capsule, Rerun starts it at its lower hemisphere's centre.
             place = place - rotation[:, mine][..., 2::3] * size[:, 1:2]
-            shape = rr.Capsules3D
-            looks |= {"lengths": 2 * size[:, 1], "radii": size[:, 0]}
-        elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-            shape = rr.Cylinders3D
-            looks |= {"lengths": 2 * size[:, 1], "radii": size[:, 0]}
-        elif kind == mujoco.mjtGeom.mjGEOM_BOX:
-            shape = rr.Boxes3D
-            looks["half_sizes"] = size
-        elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-            shape = rr.Ellipsoids3D
-            looks["half_sizes"] = size
-        elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-            shape = rr.Ellipsoids3D
-            looks["half_sizes"] = np.repeat(size[:, :1], 3, axis=1)
-        else:
-            continue  # planes and meshes: the floor is the grid
         entity = f"world/body/{mujoco.mjtGeom(kind).name.removeprefix('mjGEOM_').lower()}"
         log.static(entity, shape.from_fields(**looks))
         if not len(frames):
