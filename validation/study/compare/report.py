@@ -52,7 +52,6 @@ def render(pair: Pair) -> str:
     a, b = pair.a.label, pair.b.label
     with figures.style():
         switches = figures.to_svg(draw_switches(pair), "s", f"{a} and {b} about the switches")
-        joints = figures.to_svg(_draw_joints(pair), "j", f"Joint accelerations of {a} and {b} on finer grids")
     names = {"a": a, "b": b, "even": "–", "": ""}
     groups = {
         group: [
@@ -70,7 +69,6 @@ def render(pair: Pair) -> str:
         facts=facts(pair),
         parameters=pair.parameters,
         switches=Markup(switches),
-        joints=Markup(joints),
         groups=groups,
         known=known(pair),
         counts=[f"{words} {pair.count(better)}" for better, words in verdicts(pair)],
@@ -175,21 +173,3 @@ def _draw(
         axis.plot(
             shown_time, np.median(planned[about], axis=0), color=colour, linewidth=1.1, linestyle=(0, (4, 2))
         )
-
-
-def _draw_joints(pair: Pair) -> Figure:
-    """Largest change of a joint acceleration at a switch against the grid's step."""
-    figure, (axis,) = figures.new_figure(2.6)
-    for side, colour in ((pair.a, _A), (pair.b, _B)):
-        steps = 1e3 * np.array(side.joints.grid)
-        axis.plot(steps, side.joints.jump, "o-", color=colour, label=side.label, markersize=4)
-        axis.axhline(side.joints.limit, color=colour, linewidth=0.8, linestyle=":")
-    axis.set_xscale("log")
-    axis.set_yscale("log")
-    axis.set_xticks(steps, [f"{step:g}" for step in steps])
-    axis.minorticks_off()
-    axis.set_xlabel("step of the grid [ms]")
-    axis.set_ylabel("[rad/s²]")
-    axis.set_title("Joint accelerations at a switch (dotted: without a grid)")
-    axis.legend(loc="best")
-    return figure
