@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     Rows = NDArray[np.bool_]
 
 RUN = "run"
-"""The window of every headline figure: the whole run without the first step."""
+"""The window that is judged: the whole run without the first step."""
 FIRST_STEP = "first_step"
 WINDOWS = (
     RUN,
@@ -110,7 +110,7 @@ class Statistics:
         rmse: root mean square error [unit of the signal].
         maximum: largest absolute error.
         bias: mean error.
-        r2: 1 - sum(error^2) / sum((reference - mean reference)^2); None where that says nothing.
+        r2: 1 - sum(error^2) / sum((reference - mean reference)^2); None where the reference does not vary.
         r2_reason: why ``r2`` is None.
     """
 

@@ -16,7 +16,7 @@ here, so that one :func:`register` is all that a new metric takes::
         )
     )
 
-Call it before the walk; worker processes of sweeps and studies are told.
+Call it before the walk. Worker processes of sweeps and studies get it, too.
 """
 
 from __future__ import annotations

@@ -89,11 +89,11 @@ WIDE = Profile(
 PROFILES: Mapping[str, Profile] = MappingProxyType({item.name: item for item in (DEFAULT, STRICT, WIDE)})
 
 OWN: Mapping[str, str] = MappingProxyType({"roll-0.1": "wide", "pitch": "wide"})
-"""Presets that are judged by another profile than `default` unless one is asked for."""
+"""Presets that are judged by another profile than `default` unless one is given."""
 
 
 def own_profile(gait: str) -> Profile:
-    """Profile of a gait unless another one is asked for."""
+    """Profile of a gait unless another one is given."""
     return PROFILES[OWN.get(gait, DEFAULT.name)]
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class VerdictName(StrEnum):
-    """What a verdict says."""
+    """Result of a verdict."""
 
     PASS = "pass"
     FAIL = "fail"
@@ -111,7 +111,7 @@ class MetricResult:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a profile says of a run.
+    """Metrics of a run held against a profile.
 
     Attributes:
         name: pass only if every tolerance was judged and met; undecided if all that can be said are passes,

@@ -161,7 +161,7 @@ def quantities(weight: float) -> Iterator[Quantity]:
 
 
 def metric_values(summary: Mapping[str, Any], weight: float) -> dict[str, float]:
-    """What ``summary.json`` says of the compared metrics, as shown."""
+    """Values of the compared metrics in ``summary.json``, as shown."""
     found = {}
     for metric, _ in compared_metrics():
         section = summary.get(metric.section or "metrics", {})

@@ -176,8 +176,8 @@ class Pair:
 def facts(pair: Pair) -> list[tuple[str, str, str]]:
     """What both gaits are: name of the fact, first side, second side."""
 
-    def both(label: str, tell: Callable[[Side], str]) -> tuple[str, str, str]:
-        return label, tell(pair.a), tell(pair.b)
+    def both(label: str, describe: Callable[[Side], str]) -> tuple[str, str, str]:
+        return label, describe(pair.a), describe(pair.b)
 
     return [
         both("outcome", lambda s: f"{s.outcome}, {s.saved.record.outcome.steps_completed} steps"),
@@ -208,13 +208,13 @@ def known(pair: Pair) -> str:
             "No convergence study was given (--uncertainty FILE, one per gait): of the walks no value is "
             "called better, only of plan and motion, which are not simulated."
         )
-    told = []
+    parts = []
     for side, study in zip((pair.a, pair.b), pair.studies, strict=True):
         inside = " + ".join(study.studies) or "no numerical study"
         lacking = f", not studied: {', '.join(study.not_studied)}" if study.not_studied else ""
-        told.append(f"of {side.label} ({inside}{lacking})")
+        parts.append(f"of {side.label} ({inside}{lacking})")
     return (
-        f"A difference within the sum of both numerical uncertainties, {' and '.join(told)}, is no result, "
+        f"A difference within the sum of both numerical uncertainties, {' and '.join(parts)}, is no result, "
         "nor is one of a value whose uncertainty is not known."
     )
 

@@ -1,10 +1,8 @@
 """Two gaits side by side: what continuity at the switches buys, and where it buys nothing.
 
-Both sides are walked (or loaded) and asked the same questions about the instants at which support changes:
-what does the plan demand there, what do the joints of the whole-body motion have to do as its grid is
-refined, what does the measured ground force do, how far is the ZMP off, how fast do torques change, how much
-feedback is needed. Metrics of the whole run stand beside them, so that a gain at the switches is seen against
-the rest.
+Both sides are walked or loaded. At the instants at which support changes they are compared by jumps of the
+plan, jumps of joint accelerations on finer grids, measured ground force, ZMP error, torque rates, feedback.
+Metrics of the whole run stand beside these.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Observed order of accuracy and numerical uncertainty of one figure on a sequence of levels.
+"""Observed order of accuracy and numerical uncertainty of one metric on a sequence of levels.
 
 A level is a step of a grid or a tolerance; from one to the next it shrinks by a constant ratio ``r``. With
-the last three levels h3 > h2 > h1 = h3 / r^2 and a figure ``f = f_exact + C h^p``,
+the last three levels h3 > h2 > h1 = h3 / r^2 and a metric ``f = f_exact + C h^p``,
 
     p = ln[(f3 - f2) / (f2 - f1)] / ln r                  observed order of accuracy
     f_exact ~ f1 + (f1 - f2) / (r^p - 1)                  Richardson extrapolation
@@ -50,7 +50,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a sequence of levels says of one figure.
+    """Order and uncertainty that a sequence of levels gives one metric.
 
     Attributes:
         kind: asymptotic; no asymptotic range; constant, where the levels differ by rounding alone; unknown,
@@ -59,7 +59,7 @@ class Estimate:
             do not converge monotonically.
         order: that of the finest triplet, None outside the asymptotic range.
         extrapolated: value at step zero, None outside the asymptotic range.
-        uncertainty: expanded numerical uncertainty of the first level's value, about 95 %, in the figure's
+        uncertainty: expanded numerical uncertainty of the first level's value, about 95 %, in the metric's
             unit: the limit of vanishing steps is taken to be within value ± uncertainty. Infinite if a level
             has no value, NaN if the first one has none.
         finest: the same of the last level's value.
@@ -104,10 +104,10 @@ def estimate(levels: Iterable[float], ratio: float, *, forbidden: str = "") -> E
     """Classify a sequence and bound the error of its first value.
 
     Args:
-        levels: values of one figure, coarse to fine, the first at the run's own parameters; NaN for a level
+        levels: values of one metric, coarse to fine, the first at the run's own parameters; NaN for a level
             that has none.
         ratio: of neighbouring steps, above 1.
-        forbidden: why the figure must not be extrapolated whatever the values are, empty if it may be.
+        forbidden: why the metric must not be extrapolated whatever the values are, empty if it may be.
 
     Raises:
         ValueError: fewer than two levels, or a ratio that is not above 1.
@@ -158,25 +158,25 @@ def _doubt(values: Sequence[float], orders: Sequence[float]) -> str:
         return "the values do not approach a limit from one side"
     if before <= 0.0 and last <= 0.0:
         return "the differences grow as the step shrinks"
-    told = f"{before:.2f}, then {last:.2f}"
+    pair = f"{before:.2f}, then {last:.2f}"
     if not all(ORDERS[0] <= order <= ORDERS[1] for order in (before, last)):
-        return f"the observed orders, {told}, are not those of a method of order {FORMAL_ORDER:g}"
+        return f"the observed orders, {pair}, are not those of a method of order {FORMAL_ORDER:g}"
     if abs(before - last) > AGREEMENT:
-        return f"the observed orders, {told}, do not agree"
+        return f"the observed orders, {pair}, do not agree"
     return ""
 
 
 def input_uncertainty(values: Sequence[float], own: int) -> float:
-    """How far a figure moves when a model parameter does: the largest deviation from its own value.
+    """How far a metric moves when a model parameter does: the largest deviation from its own value.
 
-    A derivative would say less: parameters that were chosen to make a figure small have none there.
+    A derivative would say less: parameters that were chosen to make a metric small have none there.
 
     Args:
         values: at every value of the parameter; NaN where the walk did not complete.
         own: index of the run's own value.
 
     Returns:
-        In the figure's unit; infinite if a value is missing, NaN if the own one is.
+        In the metric's unit; infinite if a value is missing, NaN if the own one is.
     """
     reference = float(values[own])
     if math.isnan(reference):

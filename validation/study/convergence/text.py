@@ -68,12 +68,12 @@ def markdown(result: Convergence) -> str:
     ]
     for study in result.studies:
         walks = [result.walks[level] for level in study.levels]
-        told = ", ".join(
+        text = ", ".join(
             f"{study.shown(value)} {walk.outcome} ({walk.seconds:.1f} s, {format_number(walk.memory)} MB)"
             for value, walk in zip(study.values, walks, strict=True)
         )
         table = levels_table(study, list(result.metrics.values()))
-        lines += ["", f"## {study.name}: {study.topic.title}", "", *table, "", f"Walks: {told}."]
+        lines += ["", f"## {study.name}: {study.topic.title}", "", *table, "", f"Walks: {text}."]
     lines += ["", "## Why", "", "| metric | |", "|---|---|"]
     lines += [f"| `{item.name}` | {item.reason} |" for item in result.metrics.values()]
     return "\n".join(lines) + "\n"
@@ -132,8 +132,8 @@ def _order(item: MetricStudy) -> tuple[str, str]:
 
 def _orders(found: Estimate) -> str:
     """Observed orders of all triplets; bold where they confirm one another."""
-    told = ", ".join("–" if math.isnan(order) else f"{order:.2f}" for order in found.orders)
-    return f"**{told}**" if found.asymptotic else told
+    text = ", ".join("–" if math.isnan(order) else f"{order:.2f}" for order in found.orders)
+    return f"**{text}**" if found.asymptotic else text
 
 
 def _shown(item: MetricStudy, value: float, digits: int = 3) -> str:
