@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.body.return_map import Orbit
-    from ampm.body.robot import Robot
     from ampm.parameters import RunParameters
     from ampm.tune.free_choices import FreeChoices
     from ampm.tune.rough_orbits import RoughOrbits
@@ -75,8 +74,7 @@ class ChoiceSearch:
     Args:
         space: the free choices.
         base: the guess, for what is not free, and to stay near to.
-        orbits: solver of periodic steps.
-        robot: the body.
+        orbits: solver of periodic steps of the body.
         say: called with a line of text now and then.
 
     Attributes:
@@ -85,14 +83,9 @@ class ChoiceSearch:
     """
 
     def __init__(
-        self,
-        space: FreeChoices,
-        base: Mapping[str, float],
-        orbits: RoughOrbits,
-        robot: Robot,
-        say: Callable[[str], None],
+        self, space: FreeChoices, base: Mapping[str, float], orbits: RoughOrbits, say: Callable[[str], None]
     ) -> None:
-        self.space, self.base, self.orbits, self.robot, self.say = space, base, orbits, robot, say
+        self.space, self.base, self.orbits, self.say = space, base, orbits, say
         self.guess = np.clip([base[name] for name in space.names], space.lower, space.upper)
         self.candidates: list[Candidate] = []
         self.near: Candidate | None = None
@@ -102,17 +95,14 @@ class ChoiceSearch:
 
     def elsewhere(self, space: FreeChoices, base: Mapping[str, float]) -> ChoiceSearch:
         """A search over another space that shares orbits and what is known of the choices' influence."""
-        other = ChoiceSearch(space, base, self.orbits, self.robot, self.say)
+        other = ChoiceSearch(space, base, self.orbits, self.say)
         other._influence = self._influence
         return other
 
     def best_with_orbit(self) -> Candidate | None:
         """The candidate with the widest least margin, of those that have a periodic step."""
-        return max(
-            (candidate for candidate in self.candidates if candidate.has_orbit),
-            key=Candidate.worst,
-            default=None,
-        )
+        walked = [candidate for candidate in self.candidates if candidate.has_orbit]
+        return max(walked, key=Candidate.worst, default=None)
 
     def evaluate(self, x: Array, near: Candidate | None, *, again: bool = False) -> Candidate:
         """Evaluate one choice, from the orbit of another; ``again`` if that may lead where others did not."""
@@ -139,7 +129,7 @@ class ChoiceSearch:
         except Unreachable as error:
             candidate.why = error
         else:
-            candidate.values |= orbit_margins(candidate.orbit, plan, self.robot)
+            candidate.values |= orbit_margins(candidate.orbit, plan, self.orbits.robot)
         return candidate
 
     def _orbit(self, x: Array, plan: StepPlan, lean: float, near: Candidate | None) -> Orbit:

@@ -158,7 +158,7 @@ def _searched(space: FreeChoices, robot: Robot, say: Say, cache: Path | None) ->
 
 def _twists(space: FreeChoices, robot: Robot, say: Say) -> bool:
     """Whether the guess already twists harder on the floor than its target."""
-    search = ChoiceSearch(space, space.guess(), RoughOrbits(robot, space.run, _NODES), robot, say)
+    search = ChoiceSearch(space, space.guess(), RoughOrbits(robot, space.run, _NODES), say)
     start = _first_orbit(search)
     return start is not None and start.margins()["twist"] < ENOUGH
 
@@ -179,14 +179,14 @@ def _best(
     """
     guess = space.guess()
     orbits = RoughOrbits(robot, space.run, _NODES, budget=_BUDGET * (1 + patient))
-    search = ChoiceSearch(space, guess, orbits, robot, say)
+    search = ChoiceSearch(space, guess, orbits, say)
     start = _first_orbit(search)
     best = _minimise(search, start) if start is not None else None
     farthest: _Way | None = None
     broken = best is None or best.worst() < 0.0
     for careful in (False, True)[: 1 + patient]:  # long strides first, which may lose the better orbit
         for easy in space.easy() if broken else ():
-            way = _approach(easy, search, say, careful=careful)
+            way = _approach(easy, search, careful=careful)
             if way is not None and (farthest is None or way.share > farthest.share):
                 farthest = way
             if way is not None and way.share == 1.0:
@@ -199,13 +199,12 @@ def _best(
     return search, best
 
 
-def _approach(easy: GaitParameters, search: ChoiceSearch, say: Say, *, careful: bool = False) -> _Way | None:
+def _approach(easy: GaitParameters, search: ChoiceSearch, *, careful: bool = False) -> _Way | None:
     """Come from an easy neighbour: tune it, move a little towards the gait, tune again, and so on.
 
     Args:
         easy: where to begin.
         search: of the gait that is asked for.
-        say: called with a line of text now and then.
         careful: take a long stride back that leads to far broken limits.
 
     Returns:
@@ -236,7 +235,7 @@ def _approach(easy: GaitParameters, search: ChoiceSearch, say: Say, *, careful: 
                 base = dict(search.base)
             local = search.elsewhere(place, base)
         candidate = _moved_on(local, way.candidate)
-        say(f"{there:.0%} of the way: {candidate.why or 'done'}")
+        search.say(f"{there:.0%} of the way: {candidate.why or 'done'}")
         if not candidate.has_orbit or (careful and stride > _LONG_STRIDE and candidate.worst() < _HOPELESS):
             way.why = candidate.why or way.why
             return False
@@ -298,17 +297,15 @@ def _confirmed(search: ChoiceSearch, best: Candidate, cache: Path | None) -> Tun
     Raises:
         Untunable: what the search's grid just passed, the fine one does not.
     """
-    space, robot, run = search.space, search.robot, best.run
+    space, run = search.space, best.run
     try:
-        plan = AmpmPeriodic().plan(WalkRequest(run, robot, cache=cache))
+        plan = AmpmPeriodic().plan(WalkRequest(run, search.orbits.robot, cache=cache))
     except BodilyRefusal as error:
-        found = space.found(run)
-        what = f"{str(error).partition(';')[0]} ({len(search.candidates)} choices tried)"
-        certificate = Certificate(
-            error.reason, what, error.value, error.limit, error.unit, len(search.candidates), _numbers(found)
-        )
-        message = "the best choice just fails"
-        raise Untunable(message, certificate, reason=error.reason, way_out=error.way_out) from error
+        reason, tried, choice = error.reason, len(search.candidates), _numbers(space.found(run))
+        what = f"{str(error).partition(';')[0]} ({tried} choices tried)"
+        certificate = Certificate(reason, what, error.value, error.limit, error.unit, tried, choice)
+        fault = "the best choice just fails"
+        raise Untunable(fault, certificate, reason=reason, way_out=error.way_out) from error
     return _tuned(plan, run, space, best.values, len(search.candidates))
 
 
