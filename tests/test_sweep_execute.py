@@ -328,6 +328,8 @@ def test_the_worst_runs_are_walked_again_for_their_folders(direct, file, tmp_pat
     found = read_sweep(out)
     assert found.words("recording") == [f"recordings/{run}" if run in kept else "" for run in range(9)]
     assert found.worst[:3] == [4, 7, 1]
+    assert call(file, out, "--resume") == 3  # no report is there: they are walked for it again
+    assert direct.sent == [1, 4, 7, *kept, *kept]
     assert "gave another" not in capsys.readouterr().err
 
 

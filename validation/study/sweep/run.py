@@ -307,10 +307,6 @@ class _Keeper(Listener):
         self._stage.advance(self.done, self._total)
         self._stage.note(self.text())
 
-    def say(self, text: str) -> None:
-        """Tell the user."""
-        self._progress.say(text)
-
     def text(self) -> str:
         """Counts, rate and time left."""
         parts = [f"{number} {state.label}" for state in State if (number := self._counts[state])]
@@ -348,10 +344,10 @@ def _keep_worst(jobs: _Jobs, store: Store, pool: Pool, progress: Progress) -> No
         interruption.check()
         for row in again.rows:
             before = found.table.slice(runs.index(row["run"]), 1).to_pylist()[0]
-            differing = [name for name in reproducible_columns() if row[name] != before[name]]
-            if differing != ["recording"]:
+            compared = (name for name in reproducible_columns() if name != "recording")
+            if differing := next((name for name in compared if row[name] != before[name]), None):
                 progress.say(
-                    f"ampm: run {row['name']} gave another {differing[0]} when it was walked again for its "
+                    f"ampm: run {row['name']} gave another {differing} when it was walked again for its "
                     "recording; the table keeps the first"
                 )
     changed = [
