@@ -147,7 +147,7 @@ def test_data_say_what_the_table_says(folder, html):
         expected = 100.0 * sweep.worst_used, 100.0, "%"
         if axis["key"] != "used":
             expected = sweep.shown(axis["key"].removeprefix("metric:"))
-        assert (axis["limit"], axis["unit"]) == (expected[1], expected[2].replace("body weight", "BW"))
+        assert (axis["limit"], axis["unit"]) == (expected[1], expected[2].replace("of body weight", "BW"))
         assert values == pytest.approx(expected[0][rows], rel=1e-3, nan_ok=True)
 
 
@@ -403,8 +403,10 @@ await choose({ view: "cells" });
 await click(plot.querySelector(".mark-rect.role-mark path"));
 const cell = part("picked").textContent;
 part("picked").querySelector("button")?.click();
+const again = part("picked").textContent;
+plot.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight" }));
 tell({ live: !live.hidden, still: document.getElementById("map-still").hidden, keys, picked, tip, cell,
-  hidden, again: part("picked").textContent, least: Math.min(...Object.values(marks)), marks,
+  hidden, again, key: part("picked").textContent, least: Math.min(...Object.values(marks)), marks,
   width: innerWidth, scroll: document.documentElement.scrollWidth,
   dark: matchMedia("(prefers-color-scheme: dark)").matches,
   fetched: performance.getEntriesByType("resource").map((entry) => entry.name).filter((n) => /^http/.test(n)),
@@ -431,6 +433,7 @@ def test_page_lives(html, tmp_path, size, dark):
     assert told["hidden"] > 0
     assert re.match(r"\d+/\d+ pass", told["cell"])
     assert re.search(r"run \d{4}: \w+", told["again"])
+    assert re.search(r"run \d{4}: \w+", told["key"])
     assert told["fetched"] == []
     assert told["scroll"] <= told["width"]  # nothing sticks out sideways
     assert told["dark"] is dark

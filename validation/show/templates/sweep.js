@@ -69,7 +69,7 @@ const cells = (x, y, colour) => {
     layer: [
       { mark: { type: "rect", invalid: "show", stroke: "var(--card)", strokeWidth: 1 }, encoding: { ...sides, tooltip, color: filled } },
       ...(colour ? [] : [{ mark: { type: "text", stroke: "var(--card)", strokeWidth: 3 }, encoding: centre }]), // a halo
-      { mark: "text", encoding: colour ? { ...centre, color: { condition: { test: `datum.value < ${.5 * (colour.limit ?? 1)}`, value: "#fff" }, value: "#000" } } : centre },
+      { mark: "text", encoding: colour ? { ...centre, color: { condition: { test: `isValid(datum.value) && datum.value < ${.5 * (colour.limit ?? 1)}`, value: "#fff" }, value: "#000" } } : centre },
     ],
   };
 };
@@ -92,11 +92,21 @@ const show = (run) => {
 const inside = (axis, value, low, high) => axis.levels ? value === low : value >= low && value <= high;
 const showCell = (cell, x, y) => {
   const found = runs.filter((r) => inside(x, r[x.field], cell.x0, cell.x01) && inside(y, r[y.field], cell.y0, cell.y01)).reverse();
+  if (found.length === 1) return show(found[0]);
   const row = element("p", `${cell.share} pass: `);
   for (const run of found.slice(0, 24)) row.append(Object.assign(element("button", `${run.run} ${run.outcome}`), { type: "button", onclick: () => show(run) }), " ");
   if (found.length > 24) row.append(`and ${found.length - 24} more`);
   $("picked").replaceChildren(row);
 };
+
+let shown = -1; // by the keyboard
+$("plot").addEventListener("keydown", (event) => {
+  const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+  if (!step) return;
+  event.preventDefault();
+  shown = (Math.max(shown, step < 0 ? 0 : -1) + step + runs.length) % runs.length;
+  show(runs[shown]);
+});
 
 // ---------------------------------------------------------------- choices
 const formatTooltip = (found, clean) => Object.entries(found).filter(([, value]) => value !== "")

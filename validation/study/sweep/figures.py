@@ -66,7 +66,7 @@ _CONFIG: Spec = {
         **_TEXT,
         "orient": "bottom",
         "title": None,
-        "titleLimit": 330,
+        "titleLimit": 600,
         "labelFontSize": 13,
         "symbolSize": 90,
         "columns": 7,
@@ -138,7 +138,7 @@ def metric_axes(sweep: SweepTable, labels: Mapping[str, str]) -> list[Axis]:
     found = [Axis("used", "largest share of a tolerance", "%", 100.0 * sweep.worst_used, limit=100.0)]
     for metric, label in labels.items():
         values, limit, unit = sweep.shown(metric)
-        unit = unit.replace("body weight", "BW")
+        unit = unit.replace("of body weight", "BW")
         found.append(Axis(f"metric:{metric}", label, unit, values, limit=limit))
     return [axis for axis in found if np.isfinite(axis.values).any()]
 

@@ -82,7 +82,7 @@ def render(sweep: SweepTable) -> str:
         if not instrument:
             values, limit, unit = sweep.shown(name)
             pictures.append(
-                figures.distribution(values, limit, unit.replace("body weight", "BW"), metric_label(name))
+                figures.distribution(values, limit, unit.replace("of body weight", "BW"), metric_label(name))
             )
     return render_page(
         "sweep.html.j2",
