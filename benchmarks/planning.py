@@ -14,7 +14,6 @@ from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
 from ampm.body.step_reference import StepReference, step_grid, step_reference
 from ampm.parameters import RunParameters
-from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.periodic import plan_gait
 from ampm.planner.support import StepPlan, plan_steps
 from benchmarks.clock import Statistics, least, repeat
@@ -27,65 +26,26 @@ STEPS = 5
 """How often a step of the inverse kinematics is integrated."""
 
 
-class PlanBenchmark:
-    """Planning of one gait.
-
-    Args:
-        run: the gait.
-        body: supplies the sole.
-    """
-
-    def __init__(self, run: RunParameters, body: Body) -> None:
-        self.run, self.sole = run, body.model.description.sole
-
-    def pure(self) -> CentroidalPlan:
-        """The closed form alone."""
-        return plan_gait(self.run.gait, self.run.body.mass)
-
-    def with_feet(self) -> StepPlan:
-        """The closed form and the feet's motion."""
-        return plan_steps(self.run.gait, self.run.body.mass, self.run.foot, self.sole)
-
-    def time_pure(self) -> Statistics:
-        """Time of :meth:`pure` [s]."""
-        return repeat(self.pure, PLANS)
-
-    def time_with_feet(self) -> Statistics:
-        """Time of :meth:`with_feet` [s]."""
-        return repeat(self.with_feet, PLANS)
+def time_plan(run: RunParameters, body: Body) -> tuple[Statistics, Statistics]:
+    """Time of one plan: the closed form alone, and with the feet's motion [s]."""
+    gait, mass, sole = run.gait, run.body.mass, body.model.description.sole
+    return repeat(lambda: plan_gait(gait, mass), PLANS), repeat(
+        lambda: plan_steps(gait, mass, run.foot, sole), PLANS
+    )
 
 
-class MotionBenchmark:
-    """The periodic motion of one gait, and a tick of the inverse kinematics within it.
+def time_motion(run: RunParameters, robot: Robot, plan: StepPlan) -> tuple[WholeBodyMotion, Statistics]:
+    """The periodic motion, and the time of the whole search for it, without a cache [s]."""
+    start = time.perf_counter()
+    motion = solve_motion(plan, run, robot, cache=None)
+    return motion, Statistics.of([time.perf_counter() - start])
 
-    Args:
-        run: posture and grid.
-        robot: the body.
-        plan: with feet.
-    """
 
-    def __init__(self, run: RunParameters, robot: Robot, plan: StepPlan) -> None:
-        self.run, self.robot, self.plan = run, robot, plan
-        self._motion: WholeBodyMotion | None = None
-
-    @property
-    def motion(self) -> WholeBodyMotion:
-        """The periodic motion; solved by the first who asks."""
-        if self._motion is None:
-            self._motion = solve_motion(self.plan, self.run, self.robot, cache=None)
-        return self._motion
-
-    def time_orbit(self) -> Statistics:
-        """Time of the whole search for the periodic motion, without a cache [s]."""
-        start = time.perf_counter()
-        self._motion = solve_motion(self.plan, self.run, self.robot, cache=None)
-        return Statistics.of([time.perf_counter() - start])
-
-    def time_tick(self) -> Statistics:
-        """Time of one tick: drift correction, QP and integration over one interval of the grid [s]."""
-        kinematics = _TimedKinematics(self.robot, self.run)
-        reference = step_reference(self.plan, step_grid(self.plan, self.run.solver.ik_time_step))
-        return Statistics.of(least([kinematics.ticks(reference, self.motion) for _ in range(STEPS)]))
+def time_ik_tick(run: RunParameters, robot: Robot, plan: StepPlan, motion: WholeBodyMotion) -> Statistics:
+    """Time of one tick: drift correction, QP and integration over one interval of the grid [s]."""
+    kinematics = _TimedKinematics(robot, run)
+    reference = step_reference(plan, step_grid(plan, run.solver.ik_time_step))
+    return Statistics.of(least([kinematics.ticks(reference, motion) for _ in range(STEPS)]))
 
 
 class _TimedKinematics(InverseKinematics):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from validation.progress import Progress, Stage
+from validation.store.machine import memory_peak
 
 MOST_SHARE = 0.10
 """Share of a run's time that a recording may cost."""
@@ -126,7 +126,7 @@ def _trial(run_file: Path, target: Path) -> dict[str, float]:
         **{stage: stages.seconds[stage] for stage in ("measurement", "recording", "report")},
         "simulated": timing["simulated"],
         "size": (target / "recording.rrd").stat().st_size,
-        "memory_peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6,  # Linux counts in KiB
+        "memory_peak": memory_peak() or float("nan"),
     }
 
 

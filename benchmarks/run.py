@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import os
-import resource
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from ampm.body.feasibility import check_body
+from ampm.planner.support import plan_steps
 from ampm.planners import periodic_walk
 from ampm.qp import BACKENDS
 from ampm.run_file import dump_run
 from benchmarks.clock import Statistics
-from benchmarks.planning import MotionBenchmark, PlanBenchmark
+from benchmarks.planning import time_ik_tick, time_motion, time_plan
 from benchmarks.recording import RecordingCost, time_recording
 from benchmarks.walking import WalkBenchmark, WalkTiming
 from validation.progress import Progress
 from validation.store.environment import describe_environment
-from validation.trial.plan import Request, load_request, make_body
+from validation.store.machine import memory_peak
+from validation.trial.plan import load_request, make_body
 
 DEFAULT_STEPS = 30
 DEFAULT_WALKS = 3
@@ -55,31 +56,17 @@ class BenchmarkResult:
     ik_tick: Statistics
     walks: dict[str, WalkTiming]
     recording: RecordingCost
-    memory_peak: float
+    memory_peak: float | None
     threads: dict[str, str | None]
     load: float
     environment: dict[str, Any]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        return {
-            "gait": self.gait,
-            "settings": list(self.settings),
-            "steps": self.steps,
-            "unit": "s",
-            "once": {
-                "plan": self.plan.as_dict(),
-                "plan_with_feet": self.plan_with_feet.as_dict(),
-                "orbit": self.orbit.as_dict(),
-                "ik_tick": self.ik_tick.as_dict(),
-            },
-            "walks": {name: walk.as_dict() for name, walk in self.walks.items()},
-            "recording": self.recording.as_dict(),
-            "memory_peak": {"value": self.memory_peak, "unit": "MB"},
-            "threads": self.threads,
-            "load": self.load,
-            "environment": self.environment,
-        }
+        """Plain values for JSON, times in s."""
+        plain = asdict(self)
+        plain["walks"] = {name: walk.as_dict() for name, walk in self.walks.items()}
+        plain["recording"] = self.recording.as_dict()
+        return {"unit": "s", **plain}
 
 
 def run_benchmarks(
@@ -106,22 +93,23 @@ def run_benchmarks(
     """
     stages = stages or Progress()
     load = os.getloadavg()[0]
-    asked = {solver: _request(gait, settings, steps, solver) for solver in solvers}
-    run = next(iter(asked.values())).run
+    requests = {
+        solver: load_request(gait, [*settings, f"gait.steps={steps}", f"solver.qp={solver}"])
+        for solver in solvers
+    }
+    name, run = (first := next(iter(requests.values()))).name, first.run
     with stages.stage("body"):
         body = make_body(run)
-    planning = PlanBenchmark(run, body)
     with stages.stage("plan"):
-        plan_times = planning.time_pure(), planning.time_with_feet()
-    plan = planning.with_feet()
+        pure, with_feet = time_plan(run, body)
+    plan = plan_steps(run.gait, run.body.mass, run.foot, body.model.description.sole)
     check_body(plan, body.model.description)
-    motion = MotionBenchmark(run, body.robot, plan)
     with stages.stage("periodic motion"):
-        orbit = motion.time_orbit()
+        motion, orbit = time_motion(run, body.robot, plan)
     with stages.stage("inverse kinematics"):
-        ik_tick = motion.time_tick()
-    whole, timed = periodic_walk(plan, motion.motion, body.robot), {}
-    for solver, item in asked.items():
+        ik_tick = time_ik_tick(run, body.robot, plan, motion)
+    whole, timed = periodic_walk(plan, motion, body.robot), {}
+    for solver, item in requests.items():
         walk = WalkBenchmark(whole, item.run, body.model, steps=steps, walks=walks)
         with stages.stage(f"{2 * walks} walks with {solver.upper()}", "steps") as stage:
             timed[solver] = walk.time_all(stage.advance)
@@ -130,21 +118,17 @@ def run_benchmarks(
         run_file.write_text(dump_run(run), encoding="utf-8")
         recording = time_recording(run_file, rounds=walks)
     return BenchmarkResult(
-        gait=next(iter(asked.values())).name,
+        gait=name,
         settings=tuple(settings),
         steps=steps,
-        plan=plan_times[0],
-        plan_with_feet=plan_times[1],
+        plan=pure,
+        plan_with_feet=with_feet,
         orbit=orbit,
         ik_tick=ik_tick,
         walks=timed,
         recording=recording,
-        memory_peak=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6,  # Linux counts in KiB
+        memory_peak=memory_peak(),
         threads={name: os.environ.get(name) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")},
         load=load,
         environment=describe_environment(),
     )
-
-
-def _request(gait: str, settings: Sequence[str], steps: int, solver: str) -> Request:
-    return load_request(gait, [*settings, f"gait.steps={steps}", f"solver.qp={solver}"])

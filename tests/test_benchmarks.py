@@ -7,12 +7,12 @@ import json
 import numpy as np
 import pytest
 
-from ampm.exceptions import InputError
 from benchmarks import cli, table
 from benchmarks.clock import Statistics, Stopwatch, least, repeat
 from benchmarks.run import BenchmarkResult, run_benchmarks
 from benchmarks.walking import PARTS
 from validation.cli.app import Status
+from validation.show.text import format_duration
 
 STEPS = 2
 
@@ -24,15 +24,10 @@ def result() -> BenchmarkResult:
 
 def test_everything_is_measured_for_both_solvers(result):
     found = result.as_dict()
-    assert set(found) == {
-        *("gait", "settings", "steps", "unit", "once", "walks"),
-        *("recording", "memory_peak", "threads", "load", "environment"),
-    }
-    assert set(found["once"]) == {"plan", "plan_with_feet", "orbit", "ik_tick"}
     assert set(found["walks"]) == {"osqp", "daqp"}
-    assert found["memory_peak"]["value"] > 50.0
+    assert found["memory_peak"] > 50.0
     assert found["environment"]["processor"]
-    for once in found["once"].values():
+    for once in (found[name] for name in ("plan", "plan_with_feet", "orbit", "ik_tick")):
         assert 0.0 < once["median"] <= once["p99"] <= once["maximum"]
         assert once["count"] >= 1
 
@@ -69,28 +64,19 @@ def test_the_parts_of_a_tick_are_all_there(result, solver):
 def test_the_table_shows_every_row(result, capsys):
     table.print_result(result)
     shown = capsys.readouterr().out
-    for row in table.rows(result):
-        assert row.name in shown
+    for name, *_ in table.rows(result):
+        assert name in shown
     assert f"| **walk with OSQP, {STEPS} steps** |" in table.markdown(result)
 
 
 def test_the_table_of_the_documentation_is_replaced(result, tmp_path):
     document = tmp_path / "benchmarks.md"
-    document.write_text(f"before\n{table.BEGIN}\nold\n{table.END}\nafter\n", encoding="utf-8")
-    table.update_document(result, document)
-    table.update_document(result, document)
-    text = document.read_text(encoding="utf-8")
-    assert text.startswith(f"before\n{table.BEGIN}\n\n| ")
-    assert text.endswith(f"\n\n{table.END}\nafter\n")
-    assert "old" not in text
-    document.write_text("no marks", encoding="utf-8")
-    with pytest.raises(InputError, match="no marks"):
+    document.write_bytes(table.DOCUMENT.read_bytes())
+    for _ in range(2):
         table.update_document(result, document)
-
-
-def test_the_documentation_has_the_marks():
-    text = table.DOCUMENT.read_text(encoding="utf-8")
-    assert text.count(table.BEGIN) == text.count(table.END) == 1
+    text = document.read_text(encoding="utf-8")
+    assert table.markdown(result) in text
+    assert text.splitlines()[0] == table.DOCUMENT.read_text(encoding="utf-8").splitlines()[0]
 
 
 @pytest.mark.parametrize("to", ["file", "stdout"])
@@ -170,7 +156,11 @@ def test_statistics():
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(2.5, "2.5 s"), (0.0123, "12.3 ms"), (123.4e-6, "123 µs"), (5.43e-6, "5.4 µs"), (float("nan"), "-")],
-)
+    [
+        (float("nan"), "-"), (0.0, "0 µs"), (5.43e-6, "5.43 µs"), (123.4e-6, "123 µs"), (0.0123, "12.3 ms"),
+        (2.5, "2.5 s"), (89, "89 s"), (90, "2 min"), (3599, "60 min"), (5400, "1 h 30 min"), (7200, "2 h"),
+        (1e6, "11.6 days"),
+    ],
+)  # fmt: skip
 def test_durations_have_a_unit_that_suits_them(seconds, text):
-    assert table.duration(seconds) == text
+    assert format_duration(seconds) == text

@@ -66,9 +66,12 @@ def replace_between(page: str, name: str, text: str) -> str:
 
 
 def format_duration(seconds: float) -> str:
-    """A time in words: ``12 s``, ``45 min``, ``3 h 20 min``, ``11.6 days``."""
-    if seconds < 90:
-        return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
+    """A time in words: ``250 µs``, ``12 s``, ``45 min``, ``3 h 20 min``, ``11.6 days``; a dash for NaN."""
+    if math.isnan(seconds):
+        return "-"
+    for unit, size, most in (("µs", 1e-6, 1000), ("ms", 1e-3, 1000), ("s", 1.0, 90)):
+        if seconds < most * size:
+            return f"{seconds / size:.3g} {unit}"
     hours, minutes = divmod(round(seconds / 60), 60)
     if seconds < 5400:
         return f"{60 * hours + minutes} min"
