@@ -145,7 +145,7 @@ class ControllerParameters(Section):
 
     section: ClassVar[str] = "controller"
 
-    frequency: Real = parameter(500.0, "control ticks per second", "Hz", gt=0, le=10_000)
+    frequency: Real = parameter(500.0, "control ticks per second", "Hz", ge=20, le=10_000)
     friction: Real = parameter(0.6, "friction that the controller allows itself", "1", gt=0, le=10)
     com_stiffness: Real = _stiffness(60.0, "feedback from COM position to its acceleration")
     com_damping: Real = _damping(15.0, "feedback from COM velocity to its acceleration")

@@ -8,8 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from ampm.control import wrench_qp
-from ampm.exceptions import InputError
+from ampm.control import limited_qp, wrench_qp
+from ampm.control.controller import Tracker
+from ampm.exceptions import InputError, SolverError
 from ampm.planners import periodic_walk
 from ampm.qp import QPSolution, QPStatus, make_backend
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
@@ -90,7 +91,8 @@ def spoil(monkeypatch):
             backend = make_backend(*arguments)
             return Spoilt(backend, how, ticks) if len(made) - 1 == which else backend
 
-        monkeypatch.setattr(wrench_qp, "make_backend", make)
+        for form in (wrench_qp, limited_qp):
+            monkeypatch.setattr(form, "make_backend", make)
 
     return install
 
@@ -427,3 +429,24 @@ def test_interrupt_at_the_very_end_keeps_the_whole_walk():
     assert record.steps == plain().steps
     assert record.outcome.steps_completed == STEPS - 1 or record.outcome.steps_completed == STEPS
     np.testing.assert_array_equal(record.q, plain().q)
+
+
+def test_a_fall_between_control_ticks_is_noticed():
+    record = walk("controller.frequency=20")
+    assert record.outcome.name == OutcomeName.FELL
+    assert record.steps % 25 > 1  # neither at a tick nor at the step after it
+
+
+def test_a_qp_that_the_solver_refuses_ends_the_walk_and_keeps_its_record(monkeypatch):
+    def refuse(self, body, command, touch, reference):
+        if reference.time > 0.1:
+            raise SolverError("not convex")
+        return track(self, body, command, touch, reference)
+
+    track = Tracker.track
+    monkeypatch.setattr(Tracker, "track", refuse)
+    record = walk()
+    assert record.outcome.name == OutcomeName.INFEASIBLE
+    assert "not convex" in record.outcome.cause
+    assert (record.steps, record.outcome.time) == (51, pytest.approx(0.102))
+    assert replays(record, body_of())
