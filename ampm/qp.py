@@ -22,6 +22,8 @@ from ampm.exceptions import InputError, SolverError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    Array = NDArray[np.float64]
+
 BACKENDS = ("osqp", "daqp")
 """Names that :func:`make_backend` knows."""
 
@@ -56,7 +58,7 @@ class QPSolution(NamedTuple):
         seconds: wall-clock time of update and solve [s]; for statistics only.
     """
 
-    x: NDArray[np.float64]
+    x: Array
     status: QPStatus
     residual: float
     iterations: int
@@ -94,14 +96,7 @@ class QPSettings:
 class QPBackend(Protocol):
     """What controller and inverse kinematics need of a solver."""
 
-    def solve(
-        self,
-        P: NDArray[np.float64],
-        q: NDArray[np.float64],
-        A: NDArray[np.float64],
-        lower: NDArray[np.float64],
-        upper: NDArray[np.float64],
-    ) -> QPSolution:
+    def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
         """Solve with new numbers.
 
         Args:
@@ -124,11 +119,11 @@ class Pattern:
         self.rows, self.columns = rows, columns
         self.indptr = np.concatenate([[0], np.cumsum(mask.sum(axis=0))]).astype(np.int32)
 
-    def values(self, dense: NDArray[np.float64]) -> NDArray[np.float64]:
+    def values(self, dense: Array) -> Array:
         """CSC values of ``dense`` (C-contiguous, same shape as the mask)."""
         return dense.reshape(-1).take(self.gather)
 
-    def matrix(self, dense: NDArray[np.float64]) -> sparse.csc_matrix:
+    def matrix(self, dense: Array) -> sparse.csc_matrix:
         """The sparse matrix itself, explicit zeros kept."""
         return sparse.csc_matrix(
             (self.values(dense), self.rows.astype(np.int32), self.indptr), shape=self.shape
@@ -149,14 +144,7 @@ class OsqpBackend:
         self._settings = settings
         self._solver: Any = None
 
-    def solve(
-        self,
-        P: NDArray[np.float64],
-        q: NDArray[np.float64],
-        A: NDArray[np.float64],
-        lower: NDArray[np.float64],
-        upper: NDArray[np.float64],
-    ) -> QPSolution:
+    def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
         """See :class:`QPBackend`; warm-started from the last answer.
 
         Raises:
@@ -194,14 +182,7 @@ class OsqpBackend:
             raise KeyboardInterrupt  # OSQP catches the signal for itself
         return QPSolution(x, status, residual, int(info.iter), seconds)
 
-    def _setup(
-        self,
-        P: NDArray[np.float64],
-        q: NDArray[np.float64],
-        A: NDArray[np.float64],
-        lower: NDArray[np.float64],
-        upper: NDArray[np.float64],
-    ) -> Any:
+    def _setup(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> Any:
         """A workspace: OSQP's compiled solver, without the wrapper that takes longer than a small solve."""
         s = self._settings
         solver = osqp.OSQP(algebra="builtin")
@@ -254,14 +235,7 @@ class DaqpBackend:
         self._daqp = daqp
         self._sense = np.zeros(rows, dtype=np.int32)
 
-    def solve(
-        self,
-        P: NDArray[np.float64],
-        q: NDArray[np.float64],
-        A: NDArray[np.float64],
-        lower: NDArray[np.float64],
-        upper: NDArray[np.float64],
-    ) -> QPSolution:
+    def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
         """See :class:`QPBackend`; cold-started every time."""
         start = time.perf_counter()
         up, low = np.minimum(upper, 1e30), np.maximum(lower, -1e30)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -17,7 +16,6 @@ from ampm.control.forces import ANGULAR
 from ampm.control.limited_qp import JointLimits
 from ampm.control.tasks import STANCE, SWING
 from ampm.control.wrench_qp import YAW_COST, Rows
-from ampm.parameters import ControllerParameters
 from ampm.planners import periodic_walk
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, State, Timing, Touch
 from tests.solved import COARSE, motion_of, walk_of
@@ -283,12 +281,3 @@ def test_ticks_do_not_depend_on_what_was_kept_of_earlier_outputs():
     it.update(moved, Touch(np.ones(12, bool), np.ones(12)), reference(0.3, 1))
     for part, copy in zip(output[:5], kept, strict=True):
         np.testing.assert_array_equal(part, copy)
-
-
-def test_documented_gains_are_the_defaults():
-    page = Path(__file__).parents[1].joinpath("docs", "controller.md").read_text(encoding="utf-8")
-    table = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| `")]
-    found = {row[0].strip("`"): (row[1], row[2]) for row in table}
-    for name, field in ControllerParameters.model_fields.items():
-        assert isinstance(field.json_schema_extra, dict)
-        assert found[name] == (f"{field.default:g}", field.json_schema_extra["unit"])

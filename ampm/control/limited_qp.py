@@ -41,12 +41,7 @@ class LimitedForm:
     """Cost of leaving posture, feet and toes; the momentum's is one, so it comes first here too."""
 
     def __init__(
-        self,
-        backend: str,
-        settings: QPSettings,
-        weights: Array,
-        rows: int,
-        condensed: CondensedForm,
+        self, backend: str, settings: QPSettings, weights: Array, rows: int, condensed: CondensedForm
     ) -> None:
         nv = len(weights)
         self.nv, self.nu = nv, nv - 6
