@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, overload
 
 import numpy as np
@@ -189,8 +190,7 @@ class ReferenceTable(Sequence[Reference]):
 
     def __init__(self, rows: Reference) -> None:
         self.rows = rows
-        self._arrays: tuple[Any, ...] = (*rows[:-3], *rows.feet, *rows.contacts, *rows.posture)
-        for array in self._arrays:
+        for array in (*rows[:-3], *rows.feet, *rows.contacts, *rows.posture):
             array.setflags(write=False)
 
     def __len__(self) -> int:
@@ -202,28 +202,25 @@ class ReferenceTable(Sequence[Reference]):
     def __getitem__(self, k: slice) -> ReferenceTable: ...
     def __getitem__(self, k: int | slice) -> Reference | ReferenceTable:
         """The reference at tick k, in views of the table's arrays."""
-        row = _nested(tuple([array[k] for array in self._arrays]))
+        *plain, feet, contacts, posture = self.rows
+        row = Reference._make(
+            (
+                *[array[k] for array in plain],
+                FeetState._make(array[k] for array in feet),
+                ContactState._make(array[k] for array in contacts),
+                PostureState._make(array[k] for array in posture),
+            )
+        )
         return ReferenceTable(row) if isinstance(k, slice) else row
 
     def __iter__(self) -> Iterator[Reference]:
         """The references one after another, several times faster than by index."""
-        return map(_nested, zip(*self._arrays, strict=True))
-
-
-_PLAIN = len(Reference._fields) - 3  # what is nested comes last
-_FEET = _PLAIN + len(FeetState._fields)
-_CONTACTS = _FEET + len(ContactState._fields)
-
-
-def _nested(parts: tuple[Any, ...]) -> Reference:
-    """A reference from its arrays in order."""
-    new = tuple.__new__  # in every tick: without the checks of a named tuple's own constructor
-    nested = (
-        new(FeetState, parts[_PLAIN:_FEET]),
-        new(ContactState, parts[_FEET:_CONTACTS]),
-        new(PostureState, parts[_CONTACTS:]),
-    )
-    return new(Reference, parts[:_PLAIN] + nested)
+        new = tuple.__new__  # a named tuple's own constructor costs more than the rest
+        *plain, feet, contacts, posture = self.rows
+        nested = [
+            map(partial(new, type(part)), zip(*part, strict=True)) for part in (feet, contacts, posture)
+        ]
+        return map(partial(new, Reference), zip(*plain, *nested, strict=True))
 
 
 class Posture(Protocol):

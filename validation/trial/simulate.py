@@ -117,7 +117,7 @@ class Physics:
         if not self.data.ncon:
             return _NO_POINTS
         # MuJoCo sorts the two geoms of a contact by type: the floor, a plane, comes first.
-        return self.points.of_geom[self.data.contact.geom[:, 1]]
+        return self.points.of_geom.take(self.data.contact.geom[:, 1])
 
 
 def simulate(
