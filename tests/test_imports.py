@@ -105,6 +105,10 @@ def test_the_planner_needs_no_body_library():
     assert not loaded & {"pinocchio", "osqp", "daqp", "scipy", "mujoco"}
 
 
+def test_the_command_line_starts_without_numbers():
+    assert not loaded_by("import validation.cli.app") & {"numpy", "mujoco", "pinocchio", "pyarrow", "rerun"}
+
+
 @pytest.mark.parametrize(
     ("package", "forbidden"),
     [

@@ -153,9 +153,16 @@ def test_an_existing_file_is_kept(walks, tmp_path, capsys):
 def test_what_is_no_recording_is_refused(walks, tmp_path, capsys):
     bad = tmp_path / "bad.rrd"
     bad.write_bytes(b"RRF2 and nothing else")
-    assert save(walks["one"], bad, "--save", tmp_path / "x.rrd") == Status.REFUSED
-    assert "cannot be read as a recording" in capsys.readouterr().err
-    assert not (tmp_path / "x.rrd").exists()
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+    for targets, words in (
+        ([walks["one"], bad], "cannot be read as a recording"),
+        ([bad], "cannot be read as a recording"),
+        ([loop, loop], "there is no recording"),
+    ):
+        assert save(*targets, "--save", tmp_path / "x.rrd") == Status.REFUSED
+        assert words in capsys.readouterr().err
+        assert not (tmp_path / "x.rrd").exists()
     assert save(*[walks["one"]] * 7, "--save", tmp_path / "x.rrd") == Status.REFUSED
     assert save(walks["one"], "--runs", "1") == Status.REFUSED
     assert "sweep" in capsys.readouterr().err

@@ -6,17 +6,19 @@ import shutil
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ampm.exceptions import InputError
 from validation.cli.console import Narrator
 from validation.cli.options import Status
-from validation.cli.view_sources import Source, choose
 from validation.progress import Progress, interruption
 from validation.show.viewer import show_recording, viewer_command
 from validation.store.folders import check_output_file, output_file
+
+if TYPE_CHECKING:
+    from validation.cli.view_sources import Source
 
 app = typer.Typer()
 
@@ -45,6 +47,8 @@ def view(
     of two revisions, lie over each other in colours of their own; of different gaits they stand beside each
     other.
     """
+    from validation.cli.view_sources import choose  # loads all that reads a run
+
     narrator = Narrator()
     if save is not None:
         if save.suffix != ".rrd":
