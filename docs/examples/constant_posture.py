@@ -1,6 +1,6 @@
 """A posture and a planner of one's own: upright and unmoving, instead of the periodic whole-body motion.
 
-planned = plan_walk(request, planner=UprightWalk())
+trial = val.walk(run, planner=UprightWalk())
 
 The plan has no constant of L_y, and no motion is solved. The controller's trunk feedback keeps the trunk
 upright by a little more or less angular momentum than planned. ``normal`` walks 30 steps so: the RMSE of the
