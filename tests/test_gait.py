@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import cumulative_simpson, solve_ivp
+from scipy.integrate import solve_ivp
 
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import FootParameters, GaitParameters
+from ampm.planner.contacts import Contacts, Footstep, Phase
 from ampm.planner.periodic import CONTINUOUS, plan_gait
 from ampm.planner.rules import REASONS, RESIDUAL_LIMIT, Gaits, screen
 from ampm.planner.support import plan_steps
@@ -140,6 +141,22 @@ def test_placements_in_force(plan):
     np.testing.assert_allclose(sample.right_placement, [[0.6, -0.09]] * 3, atol=1e-12)
 
 
+def test_contacts_of_a_walk_that_starts_and_stops():
+    left, right = Footstep("left", (0.0, 0.1, 0.0)), Footstep("right", (0.0, -0.1, 0.0))
+    ahead, beside = Footstep("left", (0.4, 0.1, 0.0)), Footstep("right", (0.4, -0.1, 0.0))
+    stands: list[tuple[float, Footstep | None, Footstep | None]] = [
+        (1.0, left, right), (0.5, None, right), (0.2, ahead, right), (0.5, ahead, None), (1.0, ahead, beside),
+    ]  # fmt: skip
+    starts = np.cumsum([0.0, *(duration for duration, *_ in stands)])
+    phases = tuple(Phase(start, *stand) for start, stand in zip(starts, stands, strict=False))
+    contacts = Contacts((left, right, ahead, beside), phases)
+    assert [phase.stance for phase in phases] == ["both", "right", "both", "left", "both"]
+    assert (contacts.steps, contacts.duration) == (2, pytest.approx(3.2))
+    np.testing.assert_allclose(contacts.step_ends, [1.7, 3.2])
+    places = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.0], [0.4, 0.4], [0.4, 0.4]])
+    np.testing.assert_allclose(contacts.placements[:, :, 0], places)
+
+
 def test_times_in_any_order_and_read_only(plan):
     times = np.random.default_rng(1).uniform(0.0, plan.duration, 50)
     sample = plan.sample(times)
@@ -174,23 +191,10 @@ def test_residuals_compare_neighbouring_phases(plan):
 
 
 def test_everything_is_continuous_across_switches(plan):
-    before, after = (
-        plan.sample(plan.contacts.switch_times - 1e-7),
-        plan.sample(plan.contacts.switch_times + 1e-7),
-    )
-    for name in (
-        "com",
-        "com_velocity",
-        "com_acceleration",
-        "dcm",
-        "zmp",
-        "force",
-        "moment",
-        "angular_momentum",
-    ):
+    before, after = (plan.sample(plan.contacts.switch_times + shift) for shift in (-1e-7, 1e-7))
+    for name in "com com_velocity com_acceleration dcm zmp force moment angular_momentum".split():
         a, b = getattr(before, name), getattr(after, name)
-        scale = max(1.0, float(np.abs(a).max()))
-        np.testing.assert_allclose(a, b, atol=2e-5 * scale, err_msg=name)
+        np.testing.assert_allclose(a, b, atol=2e-5 * max(1.0, float(np.abs(a).max())), err_msg=name)
 
 
 def test_the_two_identities_hold_at_every_instant(plan):
@@ -301,13 +305,6 @@ def test_an_independent_integration_of_force_and_zmp_laws(parameters):
         np.testing.assert_allclose(s.com[:, :2], np.stack([x, y], axis=1), atol=2e-8)
         np.testing.assert_allclose(s.com_velocity[:, :2], np.stack([vx, vy], axis=1), atol=1e-7)
         np.testing.assert_allclose(s.angular_momentum - start, np.stack([lx, ly], axis=1), atol=1e-5)
-
-
-def test_angular_momentum_is_the_integral_of_the_moment(plan):
-    t = np.linspace(0.0, plan.constants.single_support_duration, 2001)
-    s = plan.sample(t)
-    expected = cumulative_simpson(s.moment, x=t, axis=0, initial=0.0)
-    np.testing.assert_allclose(s.angular_momentum - s.angular_momentum[0], expected, atol=1e-9)
 
 
 def test_angular_momentum_x_is_mirror_antisymmetric(plan):
@@ -575,21 +572,6 @@ def test_the_support_polygon_of_flat_feet():
     # In single support the nearest edge is the heel, the toe or a side.
     middle = plan.zmp_margin(plan.constants.single_support_duration / 2)[0]
     assert 0.03 < middle < 0.04
-
-
-@pytest.mark.parametrize("schedule", ["flat", "roll"])
-def test_e17_the_feet_do_not_jump_into_their_swing(schedule):
-    plan = plan_steps(GaitParameters(steps=4), MASS, FootParameters(schedule=schedule), SOLE)
-    for before, after in zip(
-        plan.feet.sample(plan.contacts.switch_times - 1e-6),
-        plan.feet.sample(plan.contacts.switch_times + 1e-6),
-        strict=True,
-    ):
-        np.testing.assert_allclose(after.velocity, before.velocity, atol=1e-3)
-        np.testing.assert_allclose(after.acceleration, before.acceleration, atol=1e-1)
-    printed = plan.constants.l_s / plan.constants.single_support_duration  # from a resting foot
-    left, _ = plan.feet.sample(plan.constants.step_duration + 1e-6)
-    assert abs(printed - left.velocity[0, 0]) > 0.1
 
 
 @pytest.mark.parametrize("schedule", ["flat", "roll"])

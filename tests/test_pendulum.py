@@ -107,17 +107,6 @@ def test_the_root_of_double_support_vectorises():
     np.testing.assert_allclose(rho.ravel(), one_by_one, rtol=2e-15)
 
 
-def test_golden_constants(sagittal, frontal):
-    assert (sagittal.l_s, sagittal.l_d) == pytest.approx((0.21, 0.09))
-    assert sagittal.c_d == pytest.approx(0.5333333333333333, abs=1e-12)
-    assert 1.0 / sagittal.a_d == pytest.approx(2.75, abs=1e-12)
-    assert sagittal.single.duration == pytest.approx(0.5134552944, abs=1e-10)
-    assert sagittal.double.duration == pytest.approx(0.1692542239, abs=1e-10)
-    assert frontal.beta == pytest.approx(0.01129385512, abs=1e-11)
-    assert frontal.s == pytest.approx(0.07870614488, abs=1e-11)
-    assert frontal.velocity == pytest.approx(0.1182626956, abs=1e-10)
-
-
 def test_the_middle_form_is_the_papers_form(sagittal, frontal):
     t = np.linspace(0.0, sagittal.single.duration, 50)
     t_s = sagittal_time_constant(H, 1.2 - 0.25, G)

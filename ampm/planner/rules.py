@@ -68,8 +68,6 @@ class Gaits:
         """Whether it is the plain inverted pendulum."""
         return np.asarray(self.model == "ipm")
 
-    any = True
-
     @cached_property
     def inverse_a_s(self) -> Array:
         """``1/a_s`` [1]."""
@@ -184,7 +182,7 @@ class Rule:
         limit: a number or an attribute of :class:`Gaits`.
         unit: SI unit of value and limit.
         message, way_out: sentence about gait ``g``, ``value`` and ``limit``, as templates.
-        applies: attribute of :class:`Gaits` that says to which gaits the rule applies.
+        applies: attribute of :class:`Gaits` that says to which gaits the rule applies; None for all.
     """
 
     reason: str
@@ -194,15 +192,15 @@ class Rule:
     unit: str
     message: str
     way_out: str
-    applies: str = "any"
+    applies: str | None = None
 
     def _limit(self, gaits: Gaits) -> Any:
         return getattr(gaits, self.limit) if isinstance(self.limit, str) else self.limit
 
     def refused(self, gaits: Gaits) -> NDArray[np.bool_]:
         """Which gaits break the rule."""
-        passes = self.passes(getattr(gaits, self.value), self._limit(gaits))
-        return getattr(gaits, self.applies) & ~np.asarray(passes)
+        broken = ~np.asarray(self.passes(getattr(gaits, self.value), self._limit(gaits)))
+        return broken if self.applies is None else broken & getattr(gaits, self.applies)
 
     def refusal(self, gait: Gaits) -> MathematicalRefusal:
         """What is said of one gait that breaks the rule."""
