@@ -14,7 +14,8 @@ import pytest
 import validation.measure.measure as module
 from ampm.exceptions import InputError
 from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, pinocchio_model, simulate, swinging, to_pinocchio
-from validation.measure.measure import measure, standing_check, without_point
+from tests.walk import without_point
+from validation.measure.measure import measure, standing_check
 
 WEIGHT = (MASS + ARM_MASS) * GRAVITY
 
@@ -83,7 +84,6 @@ def test_contact_zmp_of_hand_made_forces(swing):
     np.testing.assert_allclose(made.zmp[:, 0], (0.3 * 90 - 0.1 * 30) / 120)
     np.testing.assert_allclose(made.zmp[:, 1], (0.2 * 90 + (-0.4 + 0.01 * 5 / 30) * 30) / 120)
     np.testing.assert_allclose(made.foot_force[:, 1], np.tile([0.0, 5.0, 30.0], (record.steps, 1)))
-    np.testing.assert_allclose(made.foot_zmp[:, 0], np.tile([0.3, 0.2], (record.steps, 1)))
 
 
 def test_the_two_zmps_agree_while_the_zmp_moves_by_centimetres(swing):

@@ -11,7 +11,8 @@ from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal
 from ampm.parameters import RunParameters
 from models.human import build
-from validation.measure.measure import measure, standing_check, without_point
+from tests.walk import without_point
+from validation.measure.measure import measure, standing_check
 from validation.measure.standing import SETTLE, stand, weigh
 from validation.trial.bridge import pinocchio_model, to_pinocchio
 from validation.trial.record import SimulationRecord

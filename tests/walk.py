@@ -143,3 +143,17 @@ def with_state(plan, measured, com_shift=0.0, force_shift=0.0, moment_shift=0.0,
         zmp_momentum=zmp,
         zmp=zmp + instrument,
     )
+
+
+def without_point(record: SimulationRecord, index: int | None = None) -> SimulationRecord:
+    """The same run with one sole point missing from the force log: a broken instrument for the negative test.
+
+    Args:
+        record: the run.
+        index: the point to leave out; by default the one that carried the most.
+    """
+    if index is None:
+        index = int(np.argmax(record.point_force[:, :, 2].sum(axis=0)))
+    force = record.point_force.copy()
+    force[:, index] = 0.0
+    return replace(record, point_force=force)

@@ -3,13 +3,13 @@
 The ZMP is measured twice. Once as the centre of pressure of the logged contact forces; once from the rates of
 linear and angular momentum, which Pinocchio computes from the recorded ``q`` and ``qd`` only. The second uses
 no force and no acceleration of the simulator, so that the two can disagree, and do as soon as one contact is
-missing from the log (:func:`without_point`).
+missing from the log.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -137,11 +137,6 @@ class MeasuredGait:
     def weight(self) -> float:
         """Body weight m g [N]."""
         return self.mass * self.gravity
-
-    @property
-    def foot_zmp(self) -> Array:
-        """Centre of pressure of each foot, NaN while unloaded, shape (K, 2, 2) [m]."""
-        return centre_of_pressure(self.foot_force, self.foot_torque, LEAST_SUPPORT * self.weight)
 
 
 @dataclass(frozen=True)
@@ -271,20 +266,6 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
         time_step=dt,
         self_checks=checks,
     )
-
-
-def without_point(record: SimulationRecord, index: int | None = None) -> SimulationRecord:
-    """The same run with one sole point missing from the force log: a broken instrument for the negative test.
-
-    Args:
-        record: the run.
-        index: the point to leave out; by default the one that carried the most.
-    """
-    if index is None:
-        index = int(np.argmax(record.point_force[:, :, 2].sum(axis=0)))
-    force = record.point_force.copy()
-    force[:, index] = 0.0
-    return replace(record, point_force=force)
 
 
 def standing_check(measured: MeasuredGait, *, settle: float = 0.0) -> StandingCheck:

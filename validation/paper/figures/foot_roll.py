@@ -40,7 +40,6 @@ FORMS: Mapping[str, tuple[str, ...]] = {"quintic": (), "paper": ("foot.swing=pap
 """Forms of the swing and the settings that give them."""
 
 _COLORS = {"quintic": MOTION, "paper": MEASURED}
-_PITCH_POINTS = 400
 
 
 def figure_7(walks: Walks) -> tuple[Figure, dict[str, Any]]:
