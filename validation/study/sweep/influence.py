@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 from scipy.stats import false_discovery_control, kruskal, spearmanr
 
 Array = NDArray[np.float64]
+Parameters = Mapping[str, Sequence[object] | NDArray[np.generic]]
+"""Values by key, each of length N: numbers, or words (a parameter without order)."""
 
 LEAST_RUNS = 30
 """Runs below which nothing is said."""
@@ -95,15 +97,11 @@ class Target:
         return tuple(sorted((i for i in self.influences if i.clear), key=lambda item: -item.strength))
 
 
-def analyse(
-    parameters: Mapping[str, Sequence[object] | NDArray[np.generic]],
-    targets: Mapping[str, Array],
-    seed: int = 1,
-) -> list[Target]:
+def analyse(parameters: Parameters, targets: Mapping[str, Array], seed: int = 1) -> list[Target]:
     """Say what drives each of several metrics.
 
     Args:
-        parameters: values by key, each of length N: numbers, or words (a parameter without order).
+        parameters: of N runs.
         targets: values by name of the metric, each of shape (N,); NaN where the run has none.
         seed: of the draw.
     """
@@ -114,24 +112,15 @@ def analyse(
     known = ~np.isnan(p)
     if known.any():
         p[known] = false_discovery_control(p[known])
-    corrected = iter(p.reshape(-1, 2).tolist())
-    return [
-        replace(
-            item,
-            influences=tuple(
-                replace(i, p_rho=a, p_share=b) for i, (a, b) in zip(item.influences, corrected, strict=False)
-            ),
-        )
-        for item in found
-    ]
+    corrected = iter(p.tolist())
+
+    def correct(item: Influence) -> Influence:
+        return replace(item, p_rho=next(corrected), p_share=next(corrected))
+
+    return [replace(item, influences=tuple(map(correct, item.influences))) for item in found]
 
 
-def _target(
-    parameters: Mapping[str, Sequence[object] | NDArray[np.generic]],
-    name: str,
-    values: Array,
-    rng: np.random.Generator,
-) -> Target:
+def _target(parameters: Parameters, name: str, values: Array, rng: np.random.Generator) -> Target:
     rows = np.flatnonzero(np.isfinite(values))
     if len(rows) < LEAST_RUNS:
         return Target(name, len(rows), silent=f"{len(rows)} runs are too few; {LEAST_RUNS} needed")
@@ -166,13 +155,11 @@ def _influence(key: str, values: NDArray[np.generic], y: Array) -> Influence:
     )
 
 
-def entangled(
-    parameters: Mapping[str, Sequence[object] | NDArray[np.generic]], limit: float = 0.5
-) -> list[tuple[str, str, float]]:
+def entangled(parameters: Parameters, limit: float = 0.5) -> list[tuple[str, str, float]]:
     """Pairs of parameters that vary together, whose effects a sweep therefore cannot tell apart.
 
     Args:
-        parameters: values by key, each of length N.
+        parameters: of N runs.
         limit: of the magnitude of the rank correlation [1].
 
     Returns:
