@@ -66,14 +66,6 @@ def test_jacobian_gives_task_velocities(robot, seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_com_rows_are_the_coms_rate(robot, seed):
-    q, v = state(robot, seed)
-    h = 1e-6
-    low, high = (task_position(robot, pin.integrate(robot.model, q, s * h * v))[0] for s in (-1, 1))
-    np.testing.assert_allclose(robot.jacobian(q, v).jacobian[:3] @ v, (high - low) / (2 * h), atol=1e-7)
-
-
-@pytest.mark.parametrize("seed", SEEDS)
 def test_drift_is_the_jacobians_rate_times_velocity(robot, seed):
     q, v = state(robot, seed)
     h = 1e-6

@@ -333,16 +333,6 @@ def physics(monkeypatch):
     return caught
 
 
-def test_a_body_shoved_off_its_feet_fell(physics):
-    def shove(done, _):
-        if done == 100:
-            physics[0].data.qvel[1] += 2.0
-
-    record = walk("solver.qp=daqp", progress=shove)
-    assert record.outcome.name == OutcomeName.FELL
-    assert 0.2 < record.outcome.time < 1.2
-
-
 @pytest.mark.parametrize("force", [1e15, np.inf, np.nan])
 def test_numbers_that_blow_up_diverged_and_the_record_ends_before(physics, force):
     def blow(done, _):

@@ -6,8 +6,7 @@ The controller takes no part: what is shown is that the record holds all that th
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.store.record import JOINTS_FILE, load_record, record_columns
 from validation.trial.record import SimulationRecord
+from validation.trial.simulate import quiet_mujoco
 
 MODEL_FILE = "model.xml"
 ENVIRONMENT_FILE = "environment.json"
@@ -103,7 +103,7 @@ def step_again(
     q[0], qd[0] = data.qpos, data.qvel
     pushed = [model.body(name).id for name in record.external_segments]
     pushes = np.concatenate([record.external_force, record.external_moment], axis=2)
-    with _quiet_mujoco():
+    with quiet_mujoco():
         for k in range(record.steps):
             data.ctrl[:] = record.torque[k]
             data.xfrc_applied[pushed] = pushes[k]
@@ -119,16 +119,6 @@ def step_again(
 def _same_bits(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
     """Bit patterns, not values: -0 is not 0, and a NaN is itself."""
     return a.tobytes() == b.tobytes()
-
-
-@contextmanager
-def _quiet_mujoco() -> Iterator[None]:
-    """Keep MuJoCo from printing and from writing MUJOCO_LOG.TXT: a difference says what went wrong."""
-    mujoco.set_mju_user_warning(lambda _: None)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(None)
 
 
 def compare(

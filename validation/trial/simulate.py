@@ -218,7 +218,7 @@ class ClosedLoop:
         """Step to the end, whatever it is; an interrupt ends the run, not the record."""
         done, end = 0, None
         try:
-            with _quiet_mujoco():
+            with quiet_mujoco():
                 for k in range(self.total):
                     if self.progress is not None and k % _PROGRESS_STEPS == 0:
                         self.progress(k, self.total)
@@ -332,8 +332,8 @@ class ClosedLoop:
 
 
 @contextlib.contextmanager
-def _quiet_mujoco() -> Iterator[None]:
-    """Keep MuJoCo from writing MUJOCO_LOG.TXT into the working folder; outcomes tell of its warnings."""
+def quiet_mujoco() -> Iterator[None]:
+    """Keep MuJoCo from printing and from writing MUJOCO_LOG.TXT into the working folder."""
     mujoco.set_mju_user_warning(lambda _: None)
     try:
         yield
