@@ -16,7 +16,7 @@ from ampm.planner.periodic import plan_gait
 from ampm.run_file import load_run
 from validation.cli.app import Status, call
 from validation.paper.audit import audit
-from validation.paper.audit.rows import Check, Row, Verdict, against, claim, symbolic, zero
+from validation.paper.audit.rows import Check, Evidence, Ledger, Row, Verdict, assemble
 from validation.paper.audit.table import FILE_WIDTH, describe, errata_table, print_rows, summary, write_csv
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -135,42 +135,59 @@ def test_the_spline_jumps_as_scipy_says(rows):
 # ------------------------------------------------------------------ the parts
 
 
-def row_with(*checks, **others):
-    return Row("2", "Eq. 1", "a = b", checks=checks, **others)
+def row_with(checks=None, **others):
+    return Row("2", "Eq. 1", "a = b", checks=(checks or Evidence()).checks, **others)
 
 
-def test_verdicts_follow_from_checks():
-    good, bad = zero("printed", "jump", 0.0, "m"), zero("printed", "jump", 0.1, "m")
-    mended = zero("corrected", "jump", 1e-14, "m")
-    assert row_with().verdict is Verdict.UNTESTED
-    assert row_with(good).verdict is Verdict.HOLDS
-    assert row_with(good, bad, mended).verdict is Verdict.ERRATUM
-    assert row_with(bad, failure=Verdict.CONTRADICTED).verdict is Verdict.CONTRADICTED
-    assert row_with(against("two places")).verdict is Verdict.ERRATUM
+def jump(printed=None, corrected=None):
+    return Evidence().zero("jump", "m", printed, corrected)
+
+
+@pytest.mark.parametrize(
+    ("checks", "verdict"),
+    [
+        (None, Verdict.UNTESTED),
+        (jump(0.0), Verdict.HOLDS),
+        (jump(0.0).zero("jump", "m", 0.1, 1e-14), Verdict.ERRATUM),
+        (Evidence().against("two places"), Verdict.ERRATUM),
+    ],
+)
+def test_verdicts_follow_from_checks(checks, verdict):
+    assert row_with(checks).verdict is verdict
+    assert row_with(jump(0.1), failure=Verdict.CONTRADICTED).verdict is Verdict.CONTRADICTED
 
 
 def test_rows_that_do_not_agree_with_themselves():
-    bad, mended = zero("printed", "jump", 0.1, "m"), zero("corrected", "jump", 0.0, "m")
     whole = {"corrected": "a = c", "errata": ("E1",)}
-    assert row_with(bad, mended, **whole).consistent
-    assert not row_with(bad, mended).consistent  # an erratum without its correction
-    assert not row_with(bad, **whole).consistent  # nobody has checked the correction
-    assert not row_with(bad, zero("corrected", "jump", 0.1, "m"), **whole).consistent
+    assert row_with(jump(0.1, 0.0), **whole).consistent
+    assert not row_with(jump(0.1, 0.0)).consistent  # an erratum without its correction
+    assert not row_with(jump(0.1), **whole).consistent  # nobody has checked the correction
+    assert not row_with(jump(0.1, 0.1), **whole).consistent
     assert not row_with().consistent  # not tested, and no word why
     assert row_with(why="A drawing.").consistent
 
 
 def test_checks_show_what_matters():
     a, b = sp.symbols("a b")
-    residual = symbolic("printed", "difference", [(a + b) ** 2 - a**2 - 2 * a * b])
-    assert not residual.passed
-    assert residual.shown() == "b^2"
-    assert symbolic("printed", "difference", sp.sin(a) ** 2 + sp.cos(a) ** 2 - 1).shown() == "0"
-    assert zero("printed", "jump", 1e-14, "m").shown() == "0 m"
-    assert zero("printed", "jump", 0.123456, "m").shown() == "0.1235 m"
-    assert not zero("printed", "jump", float("nan"), "m").passed
-    assert claim("printed", "rate", 1.5, "1", True).shown() == "1.5"
+    checks = Evidence().symbolic("difference", [(a + b) ** 2 - a**2 - 2 * a * b])
+    checks.symbolic("difference", sp.sin(a) ** 2 + sp.cos(a) ** 2 - 1)
+    checks.zero("jump", "m", 1e-14).zero("jump", "m", 0.123456).zero("jump", "m", float("nan"))
+    checks.sign("positive", "rate", "1", 1.5).sign("negative", "rate", "1", 1.5)
+    assert [check.shown() for check in checks.checks] == [
+        "b^2", "0", "0 m", "0.1235 m", "nan m", "1.5", "1.5"
+    ]  # fmt: skip
+    assert [check.passed for check in checks.checks] == [False, True, True, False, False, True, False]
     assert Check("printed", "text", "words", None, "", False).shown() == ""
+
+
+def test_a_statement_is_checked_once_and_must_be_listed():
+    ledger = Ledger()
+    ledger("2", "Eq. 1")
+    with pytest.raises(ValueError, match="two sets"):
+        ledger("2", "Eq. 1")
+    ledger("9", "Eq. 99")
+    with pytest.raises(ValueError, match="Eq"):
+        assemble(ledger)
 
 
 # ------------------------------------------------------- page, table, command
@@ -226,12 +243,7 @@ def test_the_command_prints_the_table(rows, capsys):
 
 
 def test_a_correction_that_fails_is_told(monkeypatch, capsys):
-    broken = row_with(
-        zero("printed", "jump", 0.1, "m"),
-        zero("corrected", "jump", 0.1, "m"),
-        corrected="a = c",
-        errata=("E1",),
-    )
+    broken = row_with(jump(0.1, 0.1), corrected="a = c", errata=("E1",))
     monkeypatch.setattr("validation.paper.audit.audit", lambda _: (broken,))
     assert call(["audit"]) == Status.OUT_OF_TOLERANCE
     assert "Eq. 1" in capsys.readouterr().err

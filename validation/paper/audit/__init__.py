@@ -49,13 +49,13 @@ def audit(stages: Progress | None = None) -> tuple[Row, ...]:
         section_4,
     )
     from validation.paper.audit.case import Case
-    from validation.paper.audit.rows import Evidence, assemble
+    from validation.paper.audit.rows import Ledger, assemble
 
     stages = stages or Progress()
     case = Case()
-    evidence: list[Evidence] = []
+    ledger = Ledger()
     for module in (section_1, section_2, section_2_1, section_2_2, section_2_3, section_3, section_4):
         name = module.__name__.rpartition("section_")[2].replace("_", ".")
         with stages.stage(f"section {name}"):
-            evidence.extend(module.rows(case))
-    return assemble(evidence)
+            module.check(case, ledger)
+    return assemble(ledger)

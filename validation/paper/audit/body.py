@@ -70,6 +70,11 @@ class BodyEvidence:
         """Its periodic step."""
         return self.planned.motion
 
+    @property
+    def constant(self) -> float:
+        """Constant of L_y that closes its posture [N m s]."""
+        return self.motion.report.angular_momentum_y_offset
+
     @cached_property
     def robot(self) -> Robot:
         """The body."""

@@ -100,6 +100,16 @@ class Numbers:
         step = self.constants.step_duration
         return self.plan.sample(np.linspace(0.0, 2.0 * step, 2 * SAMPLES_PER_STEP - 1))
 
+    @property
+    def lift_speed(self) -> float:
+        """Forward speed that section 2.3 gives a foot at lift-off, l_s over T_ss [m/s]."""
+        return self.constants.l_s / self.t_ss
+
+    @property
+    def largest_jump(self) -> float:
+        """Largest jump of the COM's acceleration over all switches [m/s^2]."""
+        return self.plan.residuals().acceleration * self.plan.gravity
+
     def momentum_peak_to_peak(self, axis: int) -> float:
         """Peak to peak of L_x (0) or L_y (1) over a stride [N m s]."""
         return float(np.ptp(self.stride.angular_momentum[:, axis]))
@@ -122,12 +132,12 @@ class Case:
     @cached_property
     def momentum(self) -> Numbers:
         """The plan of ``momentum``, without a body: mean L_y zero."""
-        return self._preset("momentum")
+        return self._numbers("momentum", "momentum")
 
     @cached_property
     def ipm(self) -> Numbers:
         """The plan of ``ipm``, the plain inverted pendulum with the normal gait's steps."""
-        return self._preset("ipm")
+        return self._numbers("ipm", "ipm")
 
     def outcome(self, name: str, steps: int) -> Outcome:
         """How a preset's walk in physics ends.
@@ -138,9 +148,6 @@ class Case:
         """
         planned = plan_walk(load_request(name, (f"gait.steps={steps}",)))
         return simulate(planned.plan, planned.run, planned.body.model, steps=steps).outcome
-
-    def _preset(self, name: str) -> Numbers:
-        return self._numbers(name, name)
 
     def varied(self, **gait: float) -> Numbers:
         """The plan of ``normal`` with some of its gait changed, without a body."""

@@ -8,16 +8,20 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib import resources
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import sympy as sp
 
 ROUNDING = 1e-9
 """A number counts as zero below this share of its scale."""
+
+
+Form = Literal["printed", "corrected"]
+"""Which form of a statement is checked."""
 
 
 class Verdict(StrEnum):
@@ -45,7 +49,7 @@ class Check:
         rounding: the number stands for zero, but for rounding.
     """
 
-    form: Literal["printed", "corrected"]
+    form: Form
     kind: Literal["symbolic", "numeric", "text"]
     quantity: str
     value: float | str | None
@@ -65,18 +69,116 @@ class Check:
 
 
 class Evidence:
-    """Checks of one statement.
+    """Checks of one statement. A method adds one check for each form whose value it is given.
 
     Args:
-        section: of the paper.
-        place: of the statement, as in ``statements.toml``.
-        checks: at least one.
         why: what a reader must know beside the checks, where it holds computed numbers; else it stands with
             the statement.
     """
 
-    def __init__(self, section: str, place: str, *checks: Check, why: str = "") -> None:
-        self.key, self.checks, self.why = (section, place), checks, why
+    def __init__(self, why: str = "") -> None:
+        self.why = why
+        self._checks: list[Check] = []
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """All checks, those of the printed form first."""
+        return tuple(sorted(self._checks, key=lambda check: check.form == "corrected"))
+
+    def symbolic(self, quantity: str, printed: Any = None, corrected: Any = None) -> Self:
+        """Add residuals that must vanish for all values of their symbols.
+
+        Args:
+            quantity: what they are, in words.
+            printed: sympy expression of the printed form, or several that must all vanish.
+            corrected: likewise of the corrected form.
+        """
+        for form, residual in _given(printed, corrected):
+            parts = residual if isinstance(residual, Sequence) else (residual,)
+            left = [part for part in (sp.simplify(sp.sympify(item)) for item in parts) if part != 0]
+            text = "; ".join(_shortest(part) for part in left) or "0"
+            self._checks.append(Check(form, "symbolic", quantity, text, "", not left))
+        return self
+
+    def zero(
+        self, quantity: str, unit: str, printed: float | None = None, corrected: float | None = None, *,
+        gait: str = "normal", scale: float = 1.0, rounding: float = ROUNDING,
+    ) -> Self:  # fmt: skip
+        """Add numbers that must vanish: jumps, or mismatches of two ways to the same quantity.
+
+        Args:
+            quantity: what they are, in words.
+            unit: SI unit.
+            printed: number of the printed form, in ``unit``.
+            corrected: likewise of the corrected form.
+            gait: on which gait they were computed.
+            scale: size of the quantities that were subtracted, in ``unit``.
+            rounding: share of the scale below which a number is zero.
+        """
+        for form, value in _given(printed, corrected):
+            passed = math.isfinite(value) and abs(value) <= rounding * scale
+            self._checks.append(
+                Check(
+                    form, "numeric", quantity, float(value), unit, bool(passed), gait, rounding=bool(passed)
+                )
+            )
+        return self
+
+    def sign(
+        self, wanted: Literal["positive", "negative"], quantity: str, unit: str,
+        printed: float | None = None, corrected: float | None = None, *, gait: str = "normal",
+    ) -> Self:  # fmt: skip
+        """Add numbers that must have a sign; arguments as of :meth:`zero`."""
+        for form, value in _given(printed, corrected):
+            passed = value > 0.0 if wanted == "positive" else value < 0.0
+            self.claim(form, f"{quantity}, to be {wanted}", passed, value, unit, gait)
+        return self
+
+    def claim(
+        self, form: Form, quantity: str, passed: bool, value: float | str | None = None, unit: str = "",
+        gait: str = "normal",
+    ) -> Self:  # fmt: skip
+        """Add a value that must have some property, which ``quantity`` names."""
+        number = float(value) if isinstance(value, int | float) else value
+        self._checks.append(Check(form, "numeric", quantity, number, unit, bool(passed), gait))
+        return self
+
+    def expression(self, form: Form, quantity: str, expression: Any, passed: bool) -> Self:
+        """Add a symbolic expression that must have some property, which ``quantity`` names."""
+        self._checks.append(Check(form, "symbolic", quantity, readable(expression), "", bool(passed)))
+        return self
+
+    def against(self, quantity: str) -> Self:
+        """Add two places of the paper that say different things."""
+        self._checks.append(Check("printed", "text", quantity, None, "", False))
+        return self
+
+
+def _given(printed: Any, corrected: Any) -> list[tuple[Form, Any]]:
+    forms: tuple[tuple[Form, Any], ...] = (("printed", printed), ("corrected", corrected))
+    return [(form, value) for form, value in forms if value is not None]
+
+
+class Ledger:
+    """Evidence of all statements, by section and place: ``row("2.1", "Eq. 4").symbolic(...)``."""
+
+    def __init__(self) -> None:
+        self.evidence: dict[tuple[str, str], Evidence] = {}
+
+    def __call__(self, section: str, place: str, why: str = "") -> Evidence:
+        """Begin the checks of a statement.
+
+        Args:
+            section: of the paper.
+            place: of the statement, as in ``statements.toml``.
+            why: as in :class:`Evidence`.
+
+        Raises:
+            ValueError: the statement has its checks already.
+        """
+        if (section, place) in self.evidence:
+            raise ValueError(f"two sets of checks for section {section}, {place}")
+        return self.evidence.setdefault((section, place), Evidence(why))
 
 
 @dataclass(frozen=True)
@@ -148,17 +250,13 @@ class Row:
         }
 
 
-def assemble(evidence: Iterable[Evidence]) -> tuple[Row, ...]:
+def assemble(ledger: Ledger) -> tuple[Row, ...]:
     """Rows in the order of the paper: every statement with its checks.
 
     Raises:
-        ValueError: checks of a statement that is not listed, or of one statement twice.
+        ValueError: checks of a statement that is not listed.
     """
-    found: dict[tuple[str, str], Evidence] = {}
-    for item in evidence:
-        if item.key in found:
-            raise ValueError(f"two sets of checks for {item.key}")
-        found[item.key] = item
+    found = dict(ledger.evidence)
     rows = []
     text = resources.files(__package__).joinpath("statements.toml").read_text(encoding="utf-8")
     for statement in tomllib.loads(text)["statement"]:
@@ -173,71 +271,9 @@ def assemble(evidence: Iterable[Evidence]) -> tuple[Row, ...]:
     return tuple(rows)
 
 
-def symbolic(form: Literal["printed", "corrected"], quantity: str, residual: Any) -> Check:
-    """A residual that must vanish for all values of its symbols.
-
-    Args:
-        form: what it is the residual of.
-        quantity: what it is, in words.
-        residual: sympy expression, or several that must all vanish.
-    """
-    parts = residual if isinstance(residual, Sequence) else (residual,)
-    left = [part for part in (sp.simplify(sp.sympify(item)) for item in parts) if part != 0]
-    text = "; ".join(_shortest(part) for part in left) or "0"
-    return Check(form, "symbolic", quantity, text, "", not left)
-
-
 def _shortest(expression: sp.Expr) -> str:
     forms = (expression, sp.factor(expression), sp.expand(expression))
     return min((readable(form) for form in forms), key=len)
-
-
-def zero(
-    form: Literal["printed", "corrected"],
-    quantity: str,
-    value: float,
-    unit: str,
-    gait: str = "normal",
-    *,
-    scale: float = 1.0,
-    rounding: float = ROUNDING,
-) -> Check:
-    """A number that must vanish: a jump, or the mismatch of two ways to the same quantity.
-
-    Args:
-        form: what the number is about.
-        quantity: what it is, in words.
-        value: in ``unit``.
-        unit: SI unit.
-        gait: on which gait it was computed.
-        scale: size of the quantities that were subtracted, in ``unit``.
-        rounding: share of the scale below which the number is zero.
-    """
-    passed = math.isfinite(value) and abs(value) <= rounding * scale
-    return Check(form, "numeric", quantity, float(value), unit, passed, gait, rounding=passed)
-
-
-def claim(
-    form: Literal["printed", "corrected"],
-    quantity: str,
-    value: float | str | None,
-    unit: str,
-    passed: bool,
-    gait: str = "normal",
-) -> Check:
-    """A number that must have some property, which ``quantity`` names."""
-    number = float(value) if isinstance(value, int | float) else value
-    return Check(form, "numeric", quantity, number, unit, bool(passed), gait)
-
-
-def property_of(form: Literal["printed", "corrected"], quantity: str, expression: Any, passed: bool) -> Check:
-    """A symbolic expression that must have some property, which ``quantity`` names."""
-    return Check(form, "symbolic", quantity, readable(expression), "", bool(passed))
-
-
-def against(quantity: str) -> Check:
-    """Two places of the paper that say different things."""
-    return Check("printed", "text", quantity, None, "", False)
 
 
 def readable(expression: Any) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import sympy as sp
 
 from validation.paper.audit.case import Case
 from validation.paper.audit.mechanics import H, acceleration_towards, g, m, moment_y
-from validation.paper.audit.rows import Check, Evidence, against, claim, symbolic, zero
+from validation.paper.audit.rows import Evidence, Ledger
 from validation.paper.audit.section_2_3 import SWITCH, cubic_jump
 
 if TYPE_CHECKING:
@@ -29,251 +28,110 @@ C_S_LONGER = 1.15
 """With the longer step it gives less angular momentum than the last c_s with the demo's."""
 
 
-def rows(case: Case) -> Iterator[Evidence]:
+def check(case: Case, row: Ledger) -> None:
     """Section 3, from top to bottom."""
-    yield from _normal(case)
-    yield from _figure_11(case)
-    yield from _figure_12(case)
+    _normal(case, row)
+    _figure_11(case, row)
+    _trunk_roll(case, row)
+    _figure_12(case, row)
 
 
-def _normal(case: Case) -> Iterator[Evidence]:
+def _normal(case: Case, row: Ledger) -> None:
     normal, body = case.normal, case.body
     force = m * acceleration_towards(a * x, c * x)
     turned = moment_y(a * x, x, acceleration_towards(a * x, c * x))
-    yield Evidence(
-        "3",
-        "order",
-        symbolic(
-            "printed",
-            "x - (H F_x + M_y)/F_z - a x: the ZMP from COG, force and moment",
-            x - (H * force + turned) / (m * g) - a * x,
-        ),
+    row("3", "order").symbolic(
+        "x - (H F_x + M_y)/F_z - a x: the ZMP from COG, force and moment",
+        x - (H * force + turned) / (m * g) - a * x,
     )
-    yield Evidence(
-        "3",
-        "control",
-        *(
-            claim(
-                "printed",
-                f"{name} peak to peak at {key} = {far:g} less that at {near:g}, to be positive",
-                change,
-                "N m s",
-                change > 0.0,
-            )
-            for name, axis, key, far, near in (("L_x", 0, "c_y", 0.1, 1.0), ("L_y", 1, "c_s", 1.2, 1.0))
-            for change in (
-                case.varied(**{key: far}).momentum_peak_to_peak(axis)
-                - case.varied(**{key: near}).momentum_peak_to_peak(axis),
-            )
-        ),
-    )
-    residuals = normal.plan.residuals()
-    yield Evidence(
-        "3",
-        "Fig. 8",
-        zero("printed", "step length of the preset less 0.6 m", normal.gait.step_length - 0.6, "m"),
-        zero(
-            "printed",
-            "speed at the start of single support less 1 m/s",
-            normal.plan.sample(0.0).com_velocity[0, 0] - 1.0,
-            "m/s",
-        ),
-        zero(
-            "printed",
-            "largest difference of the body's mirrored return",
-            body.motion.report.residual,
-            "rad",
-        ),
-    )
-    yield Evidence(
-        "3",
-        "Fig. 9",
-        zero(
-            "printed",
-            "largest jump over all switches, both axes",
-            residuals.acceleration * normal.plan.gravity,
-            "m/s^2",
-        ),
-    )
-    yield Evidence(
-        "3",
-        "Fig. 10",
-        zero(
-            "printed",
-            "jump at lift-off with the swing foot of section 2.3",
-            body.joint_jump(cubic_jump(case)),
-            "rad/s^2",
-        ),
-        zero(
-            "corrected",
-            "jump at lift-off with the feet here",
-            body.joint_jump(None),
-            "rad/s^2",
-            scale=10.0,
-            rounding=SWITCH,
-        ),
-    )
-    yield Evidence(
-        "3",
-        "figure numbers",
-        against("Figure 3 is the AMPM's sketch; the captions of Figs. 10 and 12 say what they show"),
+    control = row("3", "control")
+    for name, axis, key, far, near in (("L_x", 0, "c_y", 0.1, 1.0), ("L_y", 1, "c_s", 1.2, 1.0)):
+        sizes = [case.varied(**{key: value}).momentum_peak_to_peak(axis) for value in (far, near)]
+        what = f"{name} peak to peak at {key} = {far:g} less that at {near:g}"
+        control.sign("positive", what, "N m s", sizes[0] - sizes[1])
+    demo, speed = row("3", "Fig. 8"), normal.plan.sample(0.0).com_velocity[0, 0]
+    demo.zero("step length of the preset less 0.6 m", "m", normal.gait.step_length - 0.6)
+    demo.zero("speed at the start of single support less 1 m/s", "m/s", speed - 1.0)
+    demo.zero("largest difference of the body's mirrored return", "rad", body.motion.report.residual)
+    row("3", "Fig. 9").zero("largest jump over all switches, both axes", "m/s^2", normal.largest_jump)
+    joints, jump = row("3", "Fig. 10"), body.joint_jump(cubic_jump(case))
+    joints.zero("jump at lift-off with the swing foot of section 2.3", "rad/s^2", jump)
+    jump, what = body.joint_jump(None), "jump at lift-off with the feet here"
+    joints.zero(what, "rad/s^2", corrected=jump, scale=10.0, rounding=SWITCH)
+    row("3", "figure numbers").against(
+        "Figure 3 is the AMPM's sketch; the captions of Figs. 10 and 12 say what they show"
     )
 
 
-def _figure_11(case: Case) -> Iterator[Evidence]:
+def _figure_11(case: Case, row: Ledger) -> None:
     plans = [case.varied(c_y=value) for value in C_Y]
     sizes = [plan.momentum_peak_to_peak(0) for plan in plans]
-    checks: list[Check] = [
-        claim(
-            "printed",
-            "L_x peak to peak at c_y 0.7 less that at 0.1, to be positive",
-            sizes[2] - sizes[0],
-            "N m s",
-            sizes[2] > sizes[0],
-        )
-    ]
-    checks += [
-        claim(
-            "corrected",
-            f"L_x peak to peak at c_y = {value:g}, less than at any smaller c_y",
-            size,
-            "N m s",
-            all(size < other for other in sizes[:i]),
-        )
-        for i, (value, size) in enumerate(zip(C_Y, sizes, strict=True))
-    ]
-    yield Evidence("3", "Fig. 11, direction", *checks)
+    direction, change = row("3", "Fig. 11, direction"), sizes[2] - sizes[0]
+    direction.sign("positive", "L_x peak to peak at c_y 0.7 less that at 0.1", "N m s", change)
+    for i, (value, size) in enumerate(zip(C_Y, sizes, strict=True)):
+        what = f"L_x peak to peak at c_y = {value:g}, less than at any smaller c_y"
+        direction.claim("corrected", what, all(size < other for other in sizes[:i]), size, "N m s")
     across = [plan.momentum_peak_to_peak(1) for plan in plans]
     scale = plans[0].plan.mass * plans[0].gait.com_height
-    yield Evidence(
-        "3",
-        "Fig. 11, axis",
-        zero(
-            "printed",
-            "change of L_y's peak to peak less that of L_x, c_y 1 to 0.1",
-            abs(across[0] - across[-1]) - abs(sizes[0] - sizes[-1]),
-            "N m s",
-            scale=scale,
-        ),
-        zero(
-            "corrected",
-            "change of L_y, the other horizontal axis, c_y 1 to 0.1",
-            across[0] - across[-1],
-            "N m s",
-            scale=scale,
-        ),
-    )
-    yield _trunk_roll(case)
+    axis = row("3", "Fig. 11, axis")
+    apart = abs(across[0] - across[-1]) - abs(sizes[0] - sizes[-1])
+    axis.zero("change of L_y's peak to peak less that of L_x, c_y 1 to 0.1", "N m s", apart, scale=scale)
+    what, apart = "change of L_y, the other horizontal axis, c_y 1 to 0.1", across[0] - across[-1]
+    axis.zero(what, "N m s", corrected=apart, scale=scale)
 
 
-def _trunk_roll(case: Case) -> Evidence:
-    found = {value: case.walked(c_y=value) for value in C_Y_TRUNK}
-    rolls = {value: walked.trunk_roll for value, walked in found.items() if walked is not None}
-    checks: tuple[Check, ...] = ()
-    if len(rolls) == len(C_Y_TRUNK):
-
-        def more(form: Literal["printed", "corrected"], far: float, near: float) -> Check:
-            change = rolls[far] - rolls[near]
-            what = f"trunk roll, peak to peak, at c_y = {far:g} less that at {near:g}, to be positive"
-            return claim(form, what, change, "rad", change > 0.0)
-
-        low, some, still, none, beyond = C_Y_TRUNK
-        checks = (
-            more("printed", low, some),
-            more("printed", some, none),
-            more("printed", still, none),
-            more("corrected", low, some),
-            more("corrected", some, still),
-            more("corrected", none, still),
-            more("corrected", beyond, none),
-        )
+def _trunk_roll(case: Case, row: Ledger) -> None:
     moment = case.varied(c_y=C_Y_STILLEST).momentum_peak_to_peak(0)
-    return Evidence(
-        "3",
-        "Fig. 11, trunk",
-        *checks,
-        why="A smaller c_y is a larger moment, and between Fig. 11's own two values the sentence is right. "
+    why = (
+        "A smaller c_y is a larger moment, and between Fig. 11's own two values the sentence is right. "
         f"But at c_y = {C_Y_STILLEST:g} there is a moment (L_x {moment:.3g} N m s peak to peak), and the "
         "trunk swings less than with none: the swinging legs alone have angular momentum, which the trunk "
-        "must balance at c_y = 1. The frontal twin of E32. In the inverse kinematics.",
+        "must balance at c_y = 1. The frontal twin of E32. In the inverse kinematics."
     )
+    trunk = row("3", "Fig. 11, trunk", why)
+    found = {value: case.walked(c_y=value) for value in C_Y_TRUNK}
+    rolls = {value: walked.trunk_roll for value, walked in found.items() if walked is not None}
+    if len(rolls) < len(C_Y_TRUNK):
+        return
+    low, some, still, none, beyond = C_Y_TRUNK
+    what = "trunk roll, peak to peak, at c_y = {:g} less that at {:g}"
+    for far, near in ((low, some), (some, none), (still, none)):
+        trunk.sign("positive", what.format(far, near), "rad", rolls[far] - rolls[near])
+    for far, near in ((low, some), (some, still), (none, still), (beyond, none)):
+        trunk.sign("positive", what.format(far, near), "rad", corrected=rolls[far] - rolls[near])
 
 
-def _figure_12(case: Case) -> Iterator[Evidence]:
+def _figure_12(case: Case, row: Ledger) -> None:
     plans = [case.varied(c_s=value) for value in C_S]
-    yield Evidence(
-        "3",
-        "Fig. 12",
-        *(
-            claim(
-                "printed",
-                f"L_y peak to peak at c_s = {plan.gait.c_s:g}, more than at c_s = 1",
-                plan.momentum_peak_to_peak(1),
-                "N m s",
-                plan.momentum_peak_to_peak(1) > plans[1].momentum_peak_to_peak(1),
-            )
-            for plan in plans
-            if plan.gait.c_s != 1.0
-        ),
-    )
-    low, even, high = (case.walked(c_s=value) for value in C_S)
-    swings: tuple[Check, ...] = ()
-    if low is not None and even is not None and high is not None:
-        swings = (
-            claim(
-                "printed",
-                f"trunk pitch, peak to peak, at c_s = {C_S[0]:g} less that at 1, to be positive",
-                low.trunk_pitch - even.trunk_pitch,
-                "rad",
-                low.trunk_pitch > even.trunk_pitch,
-            ),
-            claim(
-                "corrected",
-                f"trunk pitch, peak to peak, at c_s = {C_S[2]:g} less that at 1, to be positive",
-                high.trunk_pitch - even.trunk_pitch,
-                "rad",
-                high.trunk_pitch > even.trunk_pitch,
-            ),
-        )
-    yield Evidence("3", "Fig. 12, trunk", *swings)
-    yield _large_steps(case, high)
+    momentum = row("3", "Fig. 12")
+    low, even, high = (plan.momentum_peak_to_peak(1) for plan in plans)
+    for c_s, size in ((C_S[0], low), (C_S[2], high)):
+        what = f"L_y peak to peak at c_s = {c_s:g}, more than at c_s = 1"
+        momentum.claim("printed", what, size > even, size, "N m s")
+    bodies = [case.walked(c_s=value) for value in C_S]
+    pitches = [walked.trunk_pitch for walked in bodies if walked is not None]
+    trunk = row("3", "Fig. 12, trunk")
+    if len(pitches) == len(C_S):
+        what = "trunk pitch, peak to peak, at c_s = {:g} less that at 1"
+        trunk.sign("positive", what.format(C_S[0]), "rad", pitches[0] - pitches[1])
+        trunk.sign("positive", what.format(C_S[2]), "rad", corrected=pitches[2] - pitches[1])
+    _large_steps(case, bodies[2], row("3", "Fig. 12, large steps"))
 
 
-def _large_steps(case: Case, high: BodyEvidence | None) -> Evidence:
+def _large_steps(case: Case, high: BodyEvidence | None, large: Evidence) -> None:
     """Whether longer steps prevent the swing; ``high`` is the demo's step at the last c_s."""
     long = case.walked(c_s=C_S[2], step_length=LONGER)
     less = case.walked(c_s=C_S_LONGER, step_length=LONGER)
-    checks: tuple[Check, ...] = ()
-    if high is not None and long is not None and less is not None:
-        step = high.planned.run.gait.step_length
-        saved = case.varied(c_s=C_S_LONGER, step_length=LONGER).momentum_peak_to_peak(1)
-        saved -= case.varied(c_s=C_S[2]).momentum_peak_to_peak(1)
-        calmer = case.walked(c_s=C_S[1], step_length=step)
-        where = f"{LONGER:g} m less that at {step:g} m"
-        checks = (
-            claim(
-                "printed",
-                f"trunk pitch, peak to peak, at steps of {where}, c_s = {C_S[2]:g}, to be negative",
-                long.trunk_pitch - high.trunk_pitch,
-                "rad",
-                long.trunk_pitch < high.trunk_pitch,
-            ),
-            claim(
-                "printed",
-                f"the same, c_s = {C_S_LONGER:g} at the longer step: L_y {-saved:.2g} N m s less",
-                less.trunk_pitch - high.trunk_pitch,
-                "rad",
-                less.trunk_pitch < high.trunk_pitch,
-            ),
-        )
-        if calmer is not None:
-            checks += (
-                claim(
-                    "corrected",
-                    f"trunk pitch, peak to peak, at c_s = {C_S[1]:g} less that at {C_S[2]:g}, to be negative",
-                    calmer.trunk_pitch - high.trunk_pitch,
-                    "rad",
-                    calmer.trunk_pitch < high.trunk_pitch,
-                ),
-            )
-    return Evidence("3", "Fig. 12, large steps", *checks)
+    if high is None or long is None or less is None:
+        return
+    step, pitch = high.planned.run.gait.step_length, high.trunk_pitch
+    saved = case.varied(c_s=C_S_LONGER, step_length=LONGER).momentum_peak_to_peak(1)
+    saved -= case.varied(c_s=C_S[2]).momentum_peak_to_peak(1)
+    what = f"trunk pitch, peak to peak, at steps of {LONGER:g} m less that at {step:g} m, c_s = {C_S[2]:g}"
+    large.sign("negative", what, "rad", long.trunk_pitch - pitch)
+    what = f"the same, c_s = {C_S_LONGER:g} at the longer step: L_y {-saved:.2g} N m s less"
+    large.sign("negative", what, "rad", less.trunk_pitch - pitch)
+    calmer = case.walked(c_s=C_S[1], step_length=step)
+    if calmer is not None:
+        what = f"trunk pitch, peak to peak, at c_s = {C_S[1]:g} less that at {C_S[2]:g}"
+        large.sign("negative", what, "rad", corrected=calmer.trunk_pitch - pitch)
