@@ -432,7 +432,6 @@ def test_uncertainty_file(folders, tmp_path, capsys):
         (["--tolerance", "nan"], "is no number"),
         (["--tolerance", "zmp=0.1"], "neither sweep has a metric 'zmp'"),
         (["--uncertainty", "absent.json"], "cannot be read"),
-        (["--out", "page.txt"], "is no page"),
     ],
 )
 def test_bad_input(folders, extra, message, capsys):

@@ -15,8 +15,9 @@ from ampm.exceptions import InputError
 from tests.saved_run import make_run
 from validation.judge.metrics import metric_label
 from validation.show import run_figures as figures
-from validation.show.report import REPORT_FILE, number, render, with_unit, write_report
+from validation.show.report import REPORT_FILE, render, write_report
 from validation.show.style import decimate
+from validation.show.text import number, with_unit
 from validation.store.saved import load_saved_run
 from validation.store.signals import column_of
 from validation.trial.outcome import Outcome, OutcomeName

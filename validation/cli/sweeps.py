@@ -175,7 +175,6 @@ def diff(
     from validation.study.sweep.diff import compare_sweeps
 
     if out is not None:
-        diff_text.check_page(out)
         check_output_file(out, force=force)
     found = compare_sweeps(a, b, tolerances=tolerance or (), uncertainty=uncertainty, require_all=require_all)
     if out is not None:

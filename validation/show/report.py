@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ampm.body.motion import MOTION_UNITS
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan
@@ -23,12 +21,9 @@ from validation.show.page import render_page
 from validation.show.report_pictures import pictures_of
 from validation.show.run_figures import CAUSES
 from validation.show.style import style
+from validation.show.text import BODY_WEIGHT, number, with_unit
 from validation.store.saved import REPORT_FILE, SavedRun, load_saved_run, run_events
 from validation.trial.outcome import OutcomeName
-
-BODY_WEIGHT = "% BW"
-"""Percent of body weight, as tables have room for it."""
-
 
 _SHARES = ("margin_torque", "margin_saturated")
 """Metrics that are shown as percentages."""
@@ -135,33 +130,6 @@ def _context(saved: SavedRun) -> dict[str, Any]:
 
 
 # --------------------------------------------------------------------------------------------- figures
-
-
-def number(value: Any, digits: int = 3) -> str:
-    """Write a number for people: ``digits`` significant ones, a dash for what is absent."""
-    if value is None or (isinstance(value, float) and not np.isfinite(value)):
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, int):
-        return f"{value}"
-    if isinstance(value, float):
-        if value == 0.0:
-            return "0"
-        if abs(value) < 1e-3 or abs(value) >= 1e5:
-            mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
-            power = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-            return f"{mantissa}·10{power}".replace("-", "−")
-        decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value)))))
-        return f"{value:.{decimals}f}".replace("-", "−")
-    return str(value)
-
-
-def with_unit(value: Any, unit: str, digits: int = 3) -> str:
-    """A number and its unit, with a space that does not break."""
-    text = number(value, digits)
-    unit = BODY_WEIGHT if unit == "% of body weight" else unit
-    return text if text == "–" or unit in ("", "1") else f"{text} {unit}".replace(" ", "\u00a0")
 
 
 def _readable(sentence: str, summary: Mapping[str, Any]) -> str:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
+BODY_WEIGHT = "% BW"
+"""Percent of body weight, as tables have room for it."""
 _FILE_WIDTH = 160
 """Columns of a table that is written to a file or a pipe."""
 
@@ -44,6 +47,33 @@ def format_number(value: float | None, digits: int = 4) -> str:
     if value is None or math.isnan(value):
         return "-"
     return f"{value:.{digits}g}"
+
+
+def number(value: Any, digits: int = 3) -> str:
+    """Write a number for people: ``digits`` significant ones, a dash for what is absent."""
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value}"
+    if isinstance(value, float):
+        if value == 0.0:
+            return "0"
+        if abs(value) < 1e-3 or abs(value) >= 1e5:
+            mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+            power = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+            return f"{mantissa}·10{power}".replace("-", "−")
+        decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+        return f"{value:.{decimals}f}".replace("-", "−")
+    return str(value)
+
+
+def with_unit(value: Any, unit: str, digits: int = 3) -> str:
+    """A number and its unit, with a space that does not break."""
+    text = number(value, digits)
+    unit = BODY_WEIGHT if unit == "% of body weight" else unit
+    return text if text == "–" or unit in ("", "1") else f"{text} {unit}".replace(" ", "\u00a0")
 
 
 def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -1,37 +1,46 @@
-"""A comparison of two sweeps as JSON, as tables on the terminal, and as a page."""
+"""A comparison of two sweeps as JSON, and as tables: on the terminal, and in a page."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.markup import escape
 
-from ampm.exceptions import InputError
 from validation.judge.metrics import display_unit, metric_label
 from validation.show.page import render_page
 from validation.show.text import format_number, print_line, print_table
 from validation.store.folders import output_file
-from validation.study.sweep.diff import KINDS, Change, SweepDiff, revision
-from validation.study.sweep.metric_change import SIGNIFICANCE, MetricChange
+from validation.study.sweep.diff import KINDS, SweepDiff, revision
+from validation.study.sweep.metric_change import MetricChange
 from validation.study.sweep.report import value_text
-from validation.study.sweep.table import SweepTable
+from validation.study.sweep.table import State, SweepTable
 
 _SHOWN, _SHOWN_IN_PAGE = 12, 100
-COLUMNS = (
-    *("metric", "all runs", "better", "worse", "beyond", "median A", "median B"),
-    *("unit", "shift", "p", "noise", "worst"),
+_RIGHT = frozenset(["runs", "better", "worse", "beyond", "shift", "p", "noise"]) | {"median A", "median B"}
+_COLOURS = {"worse": "red", "better": "green"}
+_NOTE = (
+    "Better, worse: runs that differ by more than the noise. Beyond: grown by more than the tolerance, too. "
+    "p: Wilcoxon's signed-rank test, corrected for the number of metrics."
 )
-NOTE = (
-    "Better, worse: runs that differ by more than the noise, which is rounding or the numerical uncertainty "
-    "of a convergence study. Beyond: grown by more than the tolerance, too. p: Wilcoxon's signed-rank test, "
-    f"corrected for the number of metrics; at p < {SIGNIFICANCE:g} and a shift beyond the noise all "
-    "runs together are called better or worse."
-)
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table of a comparison.
+
+    Attributes:
+        title: line above.
+        columns: names.
+        rows: cells; a :class:`State` is one with a colour of its own.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: list[list[str]]
 
 
 def describe_diff(diff: SweepDiff) -> dict[str, Any]:
@@ -90,6 +99,54 @@ def _describe(diff: SweepDiff, item: MetricChange, p: float) -> dict[str, Any]:
     }
 
 
+def tables(diff: SweepDiff, most: int) -> list[Table]:
+    """Outcomes, metrics, and runs that changed.
+
+    Args:
+        diff: the comparison.
+        most: rows of a table of runs.
+    """
+    metrics = ("metric", "all runs", "better", "worse", "beyond", "median A", "median B")
+    found = [
+        Table("outcomes", ("in A", "in B", "runs"), [[a, b, f"{n:,}"] for a, b, n in diff.transitions]),
+        Table(
+            "metrics of the runs that completed in both",
+            (*metrics, "unit", "shift", "p", "noise", "worst"),
+            [_metric_cells(name, item) for name, item in describe_diff(diff)["metrics"].items()],
+        ),
+    ]
+    for kind, title in KINDS.items():
+        changes = diff.of_kind(kind)
+        rows: list[list[str]] = []
+        for change in changes[:most]:
+            name = change.a if change.a == change.b else f"{change.a} / {change.b}"
+            values = ", ".join(f"{key} {value_text(value)}" for key, value in change.parameters.items())
+            grown = "; ".join(map(metric_label, change.metrics))
+            rows.append([name, change.before, change.after, grown, values])
+        if len(changes) > most:
+            rows.append([f"and {len(changes) - most:,} more", "", "", "", ""])
+        columns = ("run", "in A", "in B", "metrics", "parameters")
+        found.append(Table(f"{len(changes):,} {title}", columns, rows))
+    return [table for table in found if table.rows]
+
+
+def _metric_cells(name: str, item: dict[str, Any]) -> list[str]:
+    scale, unit = display_unit(item["unit"], math.nan) if item["unit"] != "N" else (1.0, "N")
+    median, worst, noise = item["median"], item["worst"], item["noise"]["value"]
+    a, b = (format_number(scale * worst[side], 3) if worst else "" for side in "ab")
+    return [
+        metric_label(name),
+        item["verdict"],
+        *(f"{item[key]:,}" for key in ("better", "worse", "regressed")),
+        *(format_number(scale * median[side]) for side in "ab"),
+        unit.replace(" ", "\u00a0"),
+        f"{scale * median['shift']:+.2g}" if median["shift"] else "0",
+        format_number(item["p"], 2),
+        "no bound" if math.isinf(noise) else format_number(scale * noise, 2),
+        f"{worst['run']}: {a} → {b}" if worst else "",
+    ]
+
+
 def print_diff(diff: SweepDiff) -> None:
     """Print a comparison for people."""
     for letter, side in (("A", _side(diff.a)), ("B", _side(diff.b))):
@@ -97,76 +154,16 @@ def print_diff(diff: SweepDiff) -> None:
         print_line(escape(f"{letter}: {side['source']}, {side['runs']:,} runs{at}"))
     for note in diff.notes:
         print_line(escape(f"note: {note}"))
-    rows = [(a.label, b.label, f"{n:,}", "" if a is b else "changed") for a, b, n in diff.transitions]
-    print_table("outcomes", _columns("in A", "in B", "runs", ""), rows)
-    cells = [[escape(cell) for cell in row] for row in metric_cells(diff)]
-    moved = [row for row in cells if row[2] != "0" or row[3] != "0"]
-    for row in moved:
-        row[1] = {"worse": "[red]worse[/]", "better": "[green]better[/]"}.get(row[1], row[1])
-        row[4] = row[4] if row[4] == "0" else f"[red]{row[4]}[/]"
-    if moved:
-        print_table("metrics of the runs that completed in both", _columns(*COLUMNS), moved)
-        print_line(f"[dim]{NOTE}[/]")
-    if len(moved) < len(cells):
-        print_line(f"metrics that are the same in every pair, but for noise: {len(cells) - len(moved)}")
-    for title, changes in _groups(diff):
-        shown = [[escape(cell) for cell in change_cells(change)] for change in changes[:_SHOWN]]
-        rest = [[f"and {len(changes) - _SHOWN:,} more", "", "", "", ""]] if len(changes) > _SHOWN else []
-        print_table(title, _columns("run", "in A", "in B", "metrics", "parameters"), [*shown, *rest])
+    for table in tables(diff, _SHOWN):
+        columns = [(name, "right" if name in _RIGHT else "left") for name in table.columns]
+        print_table(table.title, columns, [[_marked(cell) for cell in row] for row in table.rows])
     style = "bold red" if diff.regressions else "bold yellow" if diff.lacking else "bold green"
     print_line(f"[{style}]{escape(diff.sentence)}[/]")
 
 
-def _columns(*names: str) -> list[tuple[str, str]]:
-    left = ("metric", "all runs", "unit", "worst", "run", "in A", "in B", "metrics", "parameters", "")
-    return [(name, "left" if name in left else "right") for name in names]
-
-
-def metric_cells(diff: SweepDiff) -> list[list[str]]:
-    """Rows of the table of metrics, with :data:`COLUMNS`."""
-    found = []
-    for name, item in describe_diff(diff)["metrics"].items():
-        scale, unit = display_unit(item["unit"], math.nan) if item["unit"] != "N" else (1.0, "N")
-        median, worst, noise = item["median"], item["worst"], item["noise"]["value"]
-        a, b = (format_number(scale * worst[side], 3) if worst else "" for side in "ab")
-        found.append(
-            [
-                metric_label(name),
-                item["verdict"],
-                *(f"{item[key]:,}" for key in ("better", "worse", "regressed")),
-                *(format_number(scale * median[side]) for side in "ab"),
-                unit.replace(" ", "\u00a0"),
-                f"{scale * median['shift']:+.2g}" if median["shift"] else "0",
-                format_number(item["p"], 2),
-                "no bound" if math.isinf(noise) else format_number(scale * noise, 2),
-                f"{worst['run']}: {a} → {b}" if worst else "",
-            ]
-        )
-    return found
-
-
-def change_cells(change: Change) -> list[str]:
-    """Row of a table of runs: name, state before and after, metrics, parameters."""
-    words = "; ".join(metric_label(name) for name in change.metrics[:3])
-    more = f"; and {len(change.metrics) - 3} more" if len(change.metrics) > 3 else ""
-    values = ", ".join(f"{key} {value_text(value)}" for key, value in change.parameters.items())
-    name = change.a if change.a == change.b else f"{change.a} / {change.b}"
-    return [name, change.before.label, change.after.label, words + more, values]
-
-
-def _groups(diff: SweepDiff) -> list[tuple[str, Sequence[Change]]]:
-    found = {title: diff.of_kind(kind) for kind, title in KINDS.items()}
-    return [(f"{len(changes):,} {title}", changes) for title, changes in found.items() if changes]
-
-
-def check_page(path: Path) -> None:
-    """Refuse a name that is no page's.
-
-    Raises:
-        InputError: it does not end in ``.html``.
-    """
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"--out {path} is no page; give a name that ends in .html.")
+def _marked(cell: str) -> str:
+    text = escape(cell.label if isinstance(cell, State) else cell)
+    return f"[{_COLOURS[text]}]{text}[/]" if text in _COLOURS else text
 
 
 def write_page(diff: SweepDiff, path: Path, *, force: bool) -> None:
@@ -180,13 +177,9 @@ def write_page(diff: SweepDiff, path: Path, *, force: bool) -> None:
         styles=["report.css", "sweep.css"],
         diff=diff,
         sides=[_side(diff.a), _side(diff.b)],
-        columns=_columns(*COLUMNS),
-        metrics=metric_cells(diff),
-        note=NOTE,
-        changes=[
-            (title, [(change, change_cells(change)) for change in changes[:_SHOWN_IN_PAGE]])
-            for title, changes in _groups(diff)
-        ],
+        tables=tables(diff, _SHOWN_IN_PAGE),
+        right=_RIGHT,
+        note=_NOTE,
     )
     with output_file(path, force=force) as work:
         work.write_text(text, encoding="utf-8")

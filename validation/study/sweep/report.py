@@ -19,8 +19,7 @@ from markupsafe import Markup
 from ampm.run_file import PRESETS, load_run
 from validation.judge.metrics import METRICS, metric_label
 from validation.show.page import render_page
-from validation.show.report import number, with_unit
-from validation.show.text import format_duration
+from validation.show.text import format_duration, number, with_unit
 from validation.store.identity import parameter_values
 from validation.study.sweep import figures, store
 from validation.study.sweep.influence import Target, analyse, entangled
