@@ -17,7 +17,7 @@ from pages import between
 from validation.study.convergence.picture import draw
 from validation.study.convergence.result import Convergence
 from validation.study.convergence.run import study_gait
-from validation.study.convergence.text import summary_lines
+from validation.study.convergence.text import summary_table
 
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "convergence.svg"
@@ -40,8 +40,8 @@ def main() -> None:
     page, rows = PAGE.read_text(encoding="utf-8"), []
     for gait in GAITS:
         found = study_gait(gait)
-        print(gait, found.verdict, found.verdict_reason, file=sys.stderr, flush=True)  # noqa: T201
-        page = between(page, gait, "\n".join(summary_lines(found, [found.metrics[name] for name in SHOWN])))
+        print(gait, found.verdict.name, found.verdict.reason, file=sys.stderr, flush=True)  # noqa: T201
+        page = between(page, gait, summary_table(found, [found.metrics[name] for name in SHOWN]))
         rows += _levels(found)
         if gait == GAITS[0]:
             draw(found, PICTURE)
@@ -63,7 +63,7 @@ def _levels(found: Convergence) -> Iterator[tuple[str, ...]]:
                 orders, u = " ".join(f"{order:.2f}" for order in one.orders), one.uncertainty
             levels = "; ".join(study.shown(value) for value in study.values)
             values = " ".join(f"{value:.6g}" for value in item.levels[study.name])
-            yield found.request.name, study.name, item.name, item.unit, levels, values, orders, f"{u:.3g}"
+            yield found.request.name, study.name, item.name, item.of.unit, levels, values, orders, f"{u:.3g}"
 
 
 if __name__ == "__main__":  # the workers of the studies import this file

@@ -124,7 +124,7 @@ def make_run(
         comparison, verdict,
         timing={"simulation": 2.5, "times_real_time": 8.0},
         environment=describe_environment(),
-        extra={"gait": "normal", "motion": {"angular_momentum_y_offset": 0.406, "residual": 3e-11}},
+        gait="normal", motion={"angular_momentum_y_offset": 0.406, "residual": 3e-11},
     )  # fmt: skip
     summary["files"] = digests(directory)
     (directory / "summary.json").write_text(json.dumps(summary), encoding="utf-8")

@@ -169,7 +169,7 @@ def test_summary_is_plain_json_with_the_entries_of_the_contract(walk):
     comparison = compared(walk, com_shift=(0.003, 0.0, 0.0))
     known = {"zmp_x_rmse": 0.0003, "zmp_y_rmse": 1e-5, "zmp_x_maximum": math.inf}
     verdict = verdict_of(comparison, DEFAULT, known)
-    summary = build_summary(comparison, verdict, timing={"simulation": 1.5}, extra={"gait": "x"})
+    summary = build_summary(comparison, verdict, timing={"simulation": 1.5}, gait="x")
     again = json.loads(json.dumps(summary, allow_nan=False))
     assert again == summary
     assert (summary["outcome"], summary["verdict"], summary["steps_completed"]) == ("completed", "fail", 4)

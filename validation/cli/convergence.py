@@ -64,20 +64,28 @@ def convergence(
     order, extrapolated value and numerical uncertainty, or "no asymptotic range"; 'ampm validate
     --uncertainty' quotes the uncertainty in its verdict.
     """
-    from validation.study.convergence.run import FILES, Options, study_gait, write
+    from validation.study.convergence.run import FILES, study_gait, write
 
-    options = Options(
-        steps=steps, levels=levels, only=only or (), profile=profile, workers=workers, out=out, force=force
-    )
     progress = Narrator()
-    result = study_gait(gait, settings or (), options, progress=progress)
+    result = study_gait(
+        gait,
+        settings or (),
+        steps=steps,
+        levels=levels,
+        only=only or (),
+        profile=profile,
+        workers=workers,
+        out=out,
+        force=force,
+        progress=progress,
+    )
     answer(result, type(result).as_dict, print_convergence, as_json=as_json)
     if out is not None:
         write(result, out)
         progress.wrote(*(out / name for name in FILES))
     if not result.completed:
         return Status.NOT_COMPLETED
-    return Status.PASS if result.verdict == "pass" else Status.OUT_OF_TOLERANCE
+    return Status.PASS if result.verdict.passed else Status.OUT_OF_TOLERANCE
 
 
 _COLOURS = {"pass": "green", "FAIL": "red", "fail": "red", "": "default"}
@@ -87,7 +95,7 @@ def print_convergence(result: Convergence) -> None:
     """Print what the studies found: metrics with their uncertainty, and the verdict on them."""
     from validation.study.convergence.text import cells, header, legend, shortlist
 
-    name, verdict = result.request.name, str(result.verdict)
+    name, verdict = result.request.name, result.verdict
     left = ("metric", "unit", "verdict", "observed order")
     rows = []
     for item in shortlist(result):
@@ -96,13 +104,13 @@ def print_convergence(result: Convergence) -> None:
         rows.append(row)
     print_table(
         f"{name}: value ± numerical uncertainty, {result.request.run.gait.steps} steps "
-        f"(profile {result.profile.name})",
+        f"(profile {verdict.profile})",
         [(text, "left" if text in left else "right") for text in header(result)],
         rows,
     )
     print_line(f"  {legend(result)}")
     for note in result.notes:
         print_line(f"  note: {escape(note)}")
-    colour = _COLOURS.get(verdict, "yellow")
-    word = verdict.replace("_", " ").upper()
-    print_line(f"[bold {colour}]{name}: {word}[/]  {escape(result.verdict_reason)}")
+    colour = _COLOURS.get(verdict.name, "yellow")
+    word = verdict.name.replace("_", " ").upper()
+    print_line(f"[bold {colour}]{name}: {word}[/]  {escape(verdict.reason)}")

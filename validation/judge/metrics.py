@@ -108,7 +108,7 @@ class MetricValue:
 
     value: float
     unit: str
-    normalised: Mapping[str, float]
+    normalised: Mapping[str, float] = field(default_factory=dict)
     first_step: float | None = None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,14 +9,17 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from pydantic import BaseModel, NonNegativeFloat, ValidationError
+
 from ampm.exceptions import InputError
+from validation.store.json import json_ready
 
 if TYPE_CHECKING:
     from validation.trial.plan import Request
 
 FILE = "convergence.json"
-_FREE = ("gait.steps",)
-"""Keys in which a study and a run may differ: the gait is periodic."""
+_FREE = "gait.steps"
+"""Key in which a study and a run may differ: the gait is periodic."""
 
 
 @dataclass(frozen=True)
@@ -52,23 +54,35 @@ class Uncertainty:
 
     def difference(self, request: Request) -> str:
         """First key in which a run is not the one that was studied, with both values; empty if it is."""
-        own = request.run.model_dump()
-        for section, entries in self.parameters.items():
+        own = json_ready(request.run.model_dump())
+        for section, entries in json_ready(self.parameters).items():
             for key, value in entries.items():
                 here = own.get(section, {}).get(key)
-                if f"{section}.{key}" not in _FREE and _number(value) != here:
+                if f"{section}.{key}" != _FREE and value != here:
                     return f"{section}.{key} = {value}, and here {here}"
         return ""
 
     def as_dict(self) -> dict[str, Any]:
-        """For ``summary.json``."""
-        return {
-            "gait": self.gait,
-            "steps": self.steps,
-            "run": self.run,
-            "studies": list(self.studies),
-            "not_studied": list(self.not_studied),
-        }
+        """Which study it is, for ``summary.json``."""
+        return {key: getattr(self, key) for key in ("gait", "steps", "run", "studies", "not_studied")}
+
+
+class _Metric(BaseModel):
+    """What is read of a metric in the file; other keys are not looked at, here and below."""
+
+    uncertainty_at_least: NonNegativeFloat | None
+    not_studied: tuple[str, ...]
+
+
+class _File(BaseModel):
+    gait: str
+    steps: int
+    run: str
+    levels: dict[str, Any]  # a run's summary.json has metrics too, and no levels
+    metrics: dict[str, _Metric]
+    parameters: dict[str, dict[str, Any]]
+    uncertainty_of: tuple[str, ...]
+    not_studied: tuple[str, ...]
 
 
 def load_uncertainty(path: Path) -> Uncertainty:
@@ -82,63 +96,38 @@ def load_uncertainty(path: Path) -> Uncertainty:
     """
     file = path / FILE if path.is_dir() else path
     try:
-        table = json.loads(file.read_text(encoding="utf-8"))
+        table = _File.model_validate_json(file.read_bytes())
     except OSError as error:
         raise InputError(
             f"--uncertainty {file} cannot be read ({error.strerror}); give the {FILE} of 'ampm convergence'."
         ) from None
-    except ValueError as error:
-        raise InputError(f"--uncertainty {file} is no JSON ({error}); give a {FILE}.") from None
-    if not _is_study(table):
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
         raise InputError(
-            f"--uncertainty {file} is no convergence study; give the {FILE} that 'ampm convergence --out' "
-            "writes."
-        )
-    if not table["metrics"]:
+            f"--uncertainty {file} is no convergence study ({where}{': ' if where else ''}{first['msg']}); "
+            f"give the {FILE} that 'ampm convergence --out' writes."
+        ) from None
+    if not table.metrics:
         raise InputError(f"--uncertainty {file} holds no metrics: its walk did not complete; study again.")
-    values, incomplete = {}, {}
-    for name, entry in table["metrics"].items():
-        if lacking := tuple(entry["not_studied"]):
-            incomplete[name] = lacking
-        raw = entry["uncertainty_at_least"]
-        if raw is None:
-            if lacking:
-                continue  # a sum over no study is no zero
-            raw = "inf"  # not measured in the study: nothing bounds it
-        value = _number(raw)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0.0:
-            raise InputError(
-                f"--uncertainty {file}: metrics.{name}.uncertainty_at_least = {raw!r} is no number of at "
-                "least 0; correct it, or study the gait again."
-            )
-        values[name] = float(value)
+    # What was not measured in the study is bounded by nothing, and a sum over no study is no zero.
+    values = {
+        name: math.inf if item.uncertainty_at_least is None else item.uncertainty_at_least
+        for name, item in table.metrics.items()
+        if item.uncertainty_at_least is not None or not item.not_studied
+    }
     return Uncertainty(
-        gait=table["gait"],
-        steps=table["steps"],
-        run=table["run"],
+        gait=table.gait,
+        steps=table.steps,
+        run=table.run,
         values=MappingProxyType(values),
-        parameters=MappingProxyType(table["parameters"]),
-        studies=tuple(table["uncertainty_of"]),
-        not_studied=tuple(table["not_studied"]),
-        incomplete=MappingProxyType(incomplete),
+        parameters=MappingProxyType(table.parameters),
+        studies=table.uncertainty_of,
+        not_studied=table.not_studied,
+        incomplete=MappingProxyType(
+            {name: item.not_studied for name, item in table.metrics.items() if item.not_studied}
+        ),
     )
-
-
-def _is_study(table: Any) -> bool:
-    """Whether it is a ``convergence.json``: a run's ``summary.json`` has metrics too, and no levels."""
-    kinds = {
-        "gait": str, "steps": int, "run": str, "levels": dict, "metrics": dict, "parameters": dict,
-        "uncertainty_of": list, "not_studied": list,
-    }  # fmt: skip
-    if not isinstance(table, dict) or not all(isinstance(table.get(key), kinds[key]) for key in kinds):
-        return False
-    entries = table["metrics"].values()
-    return all(
-        isinstance(entry, dict)
-        and "uncertainty_at_least" in entry
-        and isinstance(entry.get("not_studied"), list)
-        for entry in entries
-    ) and all(isinstance(section, dict) for section in table["parameters"].values())
 
 
 def matching(known: Sequence[Uncertainty], request: Request) -> Uncertainty:
@@ -147,18 +136,11 @@ def matching(known: Sequence[Uncertainty], request: Request) -> Uncertainty:
     Raises:
         InputError: none of them is.
     """
-    differences = []
-    for item in known:
-        difference = item.difference(request)
-        if not difference:
-            return item
-        differences.append(f"{item.gait} ({difference})")
+    differences = [item.difference(request) for item in known]
+    if "" in differences:
+        return known[differences.index("")]
+    listed = "; ".join(f"{item.gait} ({text})" for item, text in zip(known, differences, strict=True))
     raise InputError(
-        f"--uncertainty: no study is of {request.name}, they are of {'; '.join(differences)}; run "
-        f"'ampm convergence' with the gait and the --set of this run, and give its {FILE}."
+        f"--uncertainty: no study is of {request.name}, they are of {listed}; run 'ampm convergence' with "
+        f"the gait and the --set of this run, and give its {FILE}."
     )
-
-
-def _number(value: Any) -> Any:
-    """JSON has no infinity; the project writes it as a word."""
-    return math.inf if value == "inf" else value

@@ -1,10 +1,10 @@
-"""Pass, fail or not measured: a comparison held against a tolerance profile, and the summary of a run."""
+"""Pass, fail or not measured: metrics held against a tolerance profile, and the summary of a run."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from validation.store.json import json_ready
 if TYPE_CHECKING:
     from validation.judge.metrics import MetricValue
     from validation.judge.uncertainty import Uncertainty
+    from validation.trial.record import SimulationRecord
 
 
 class VerdictName(StrEnum):
@@ -44,7 +45,7 @@ class MetricResult:
         factor: from SI to ``display_unit``.
         display_unit: what tables show: mm, % of body weight, N m s.
         uncertainty: numerical uncertainty of the value in SI units, infinite if it has no bound; None if none
-            was given.
+            is known.
         undecided: whether the value is closer to the tolerance than its uncertainty, or a study that belongs
             to it was not made.
         not_studied: studies without which the uncertainty is not known; ``uncertainty`` is then what the
@@ -72,13 +73,18 @@ class MetricResult:
         """Value, tolerance or uncertainty in ``display_unit``."""
         return None if number is None else number * self.factor
 
+    @property
+    def quoted(self) -> str:
+        """The value, and its uncertainty if it is known, in ``display_unit``."""
+        value = "-" if math.isnan(self.value) else f"{self.value * self.factor:.3g}"
+        if self.uncertainty is None:
+            return f"{value} ± not studied" if self.not_studied else value
+        known = "∞" if math.isinf(self.uncertainty) else f"{self.uncertainty * self.factor:.2g}"
+        return f"{value} ± {'≥ ' if self.not_studied else ''}{known}"
+
     def __str__(self) -> str:
-        """The value, its uncertainty if it is known, and its unit, if it has one."""
-        known = self.displayed(self.uncertainty)
-        spread = "" if known is None else f" ± {'≥ ' if self.not_studied else ''}{known:.2g}"
-        if self.not_studied and known is None:
-            spread = " ± not studied"
-        return f"{self.displayed(self.value):.3g}{spread} {self.display_unit}".rstrip()
+        """The quoted value and its unit, if it has one."""
+        return f"{self.quoted} {self.display_unit}".rstrip()
 
     def as_dict(self) -> dict[str, Any]:
         """For ``summary.json``."""
@@ -94,18 +100,20 @@ class MetricResult:
             "pass": self.passed,
             "margin": self.margin,
             "first_step": self.of.first_step,
-            "normalised": dict(self.of.normalised),
+            "normalised": self.of.normalised,
             "display": display,
             "reason": self.reason or None,
         }
-        if self.uncertainty is not None or self.not_studied:
-            entry["undecided"] = self.undecided
-            for place, known in ((entry, self.uncertainty), (display, self.displayed(self.uncertainty))):
-                place["uncertainty"] = "inf" if known == math.inf else known  # JSON has no infinity
-        if self.not_studied:  # what the other studies leave is no uncertainty of the value
-            entry["not_studied"] = list(self.not_studied)
-            for place in (entry, display):
-                place["uncertainty_at_least"], place["uncertainty"] = place["uncertainty"], None
+        if self.uncertainty is None and not self.not_studied:
+            return entry
+        entry["undecided"] = self.undecided
+        for place, known in ((entry, self.uncertainty), (display, self.displayed(self.uncertainty))):
+            known = json_ready(known)  # an infinite one is the word "inf"
+            place["uncertainty"] = known
+            if self.not_studied:  # what the other studies leave is no uncertainty of the value
+                place |= {"uncertainty": None, "uncertainty_at_least": known}
+        if self.not_studied:
+            entry["not_studied"] = self.not_studied
         return entry
 
 
@@ -153,188 +161,158 @@ def judge(
     profile: Profile,
     uncertainty: Uncertainty | None = None,
 ) -> Verdict:
-    """Hold the metrics of a walk against a profile.
+    """Hold the metrics of a walk against a profile; see :func:`judge_values`."""
+    outcome, ended = comparison.record.outcome, ""
+    if not outcome.completed:
+        ended = f"{outcome.name.sentence[:-1]}, at {outcome.time:.3f} s"
+        ended += f": {outcome.cause.rstrip('.')}." if outcome.cause else "."
+    return judge_values(metrics, profile, comparison.scales["body_weight"], uncertainty, ended=ended)
+
+
+def judge_values(
+    metrics: Mapping[str, MetricValue],
+    profile: Profile,
+    weight: float,
+    uncertainty: Uncertainty | None = None,
+    *,
+    ended: str = "",
+) -> Verdict:
+    """Hold metrics against a profile.
 
     A walk that did not complete has no verdict on tolerances: its metrics would be of a walk that did not
     happen. They are reported all the same, unjudged.
 
     Args:
-        comparison: of the walk with its plan.
-        metrics: of that walk.
+        metrics: name to value.
         profile: tolerances.
+        weight: of the body [N].
         uncertainty: numerical uncertainty of the metrics. A metric whose distance to its tolerance is below
             it is undecided: neither met nor missed. So is one that lacks a study, whatever its value. A
             metric that is not named is judged by its value.
+        ended: how the walk ended, a sentence; empty if it completed.
     """
-    outcome = comparison.record.outcome
-    known: Mapping[str, float] = {} if uncertainty is None else uncertainty.values
-    lacking: Mapping[str, tuple[str, ...]] = {} if uncertainty is None else uncertainty.incomplete
     limits = {item.metric: item for item in profile.tolerances}
-    weight = comparison.scales["body_weight"]
-    names = [name for name in limits if name in metrics]
-    names += [
-        name
-        for name in metrics
-        if name not in limits and not METRICS[name].section  # its section of the summary has it
-    ]
+    names = [name for name in limits if name in metrics] + [name for name in metrics if name not in limits]
     results = tuple(
-        _result(
-            name,
-            metrics[name],
-            limits.get(name),
-            weight,
-            known.get(name),
-            lacking.get(name, ()),
-            judged=outcome.completed,
-        )
+        _result(name, metrics[name], limits.get(name), weight, uncertainty, judged=not ended)
         for name in names
     )
-    missing = [name for name in limits if name not in metrics]
-    missing += [item.name for item in results if item.tolerance is not None and math.isnan(item.value)]
-    failed = [item for item in results if item.passed is False]
-    undecided = [item for item in results if item.undecided]
-    if not outcome.completed:
-        name = VerdictName.NOT_MEASURED
-        reason = f"{outcome.name.sentence[:-1]}, at {outcome.time:.3f} s"
-        reason += f": {outcome.cause.rstrip('.')}." if outcome.cause else "."
-    elif failed:
-        name = VerdictName.FAIL
-        worst = min(failed, key=lambda item: item.margin or 0.0)
-        reason = (
-            f"{len(failed)} of {len(limits)} tolerances not met; the furthest is {worst.name}: "
-            f"{worst}, limit {worst.displayed(worst.tolerance):.3g}."
-        )
-        if undecided:
-            reason += f" {len(undecided)} undecided: {_why(undecided)}."
-    elif missing:
-        name = VerdictName.NOT_MEASURED
-        reason = f"No figure for {', '.join(missing)}: a run must last longer than its first step."
-    elif undecided:
-        name = VerdictName.UNDECIDED
-        least = max(undecided, key=lambda item: (item.uncertainty or 0.0) / (item.tolerance or math.inf))
-        reason = f"{len(undecided)} of {len(limits)} tolerances undecided, {_why(undecided)}"
-        if least.uncertainty is not None:
-            reason += f"; the least certain is {least.name}: {least}"
-            reason += f", limit {least.displayed(least.tolerance):.3g}"
-        reason += "."
-    else:
-        name = VerdictName.PASS
-        judged = [item for item in results if item.margin is not None and item.tolerance]
-        tight = min(judged, key=lambda item: item.margin or 0.0)
-        reason = (
-            f"All {len(limits)} tolerances met; the tightest is {tight.name}: "
-            f"{tight}, limit {tight.displayed(tight.tolerance):.3g}."
-        )
+    missing = [name for name in limits if name not in metrics or math.isnan(metrics[name].value)]
+    name, reason = (VerdictName.NOT_MEASURED, ended) if ended else _conclude(results, missing, len(limits))
     return Verdict(name, profile.name, reason, results)
 
 
-def build_summary(
-    comparison: Comparison,
-    verdict: Verdict,
+def _result(
+    name: str,
+    of: MetricValue,
+    tolerance: Tolerance | None,
+    weight: float,
+    uncertainty: Uncertainty | None,
     *,
-    timing: Mapping[str, Any] | None = None,
-    environment: Mapping[str, Any] | None = None,
-    extra: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
+    judged: bool,
+) -> MetricResult:
+    known = None if uncertainty is None else uncertainty.values.get(name)
+    lacking = () if uncertainty is None else uncertainty.incomplete.get(name, ())
+    limit = passed = margin = None
+    undecided = False
+    if tolerance is not None:
+        limit = tolerance.limit * (weight if tolerance.unit == BODY_WEIGHT else 1.0)
+        if judged and not math.isnan(of.value):
+            undecided = bool(lacking) or (known is not None and abs(limit - of.value) < known)
+            passed = None if undecided else of.value <= limit
+    if limit is not None and passed is not None:
+        margin = 1.0 - of.value / limit if limit > 0.0 else 1.0 if passed else -math.inf
+    reason = "" if tolerance is None else tolerance.reason
+    factor, unit = display_unit(of.unit, weight)
+    return MetricResult(name, of, limit, passed, margin, reason, factor, unit, known, undecided, lacking)
+
+
+def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int) -> tuple[VerdictName, str]:
+    """Verdict and its reason."""
+
+    def against(item: MetricResult) -> str:
+        return f"{item.name}: {item}, limit {item.displayed(item.tolerance):.3g}"
+
+    failed = [item for item in results if item.passed is False]
+    undecided = [item for item in results if item.undecided]
+    lacking = dict.fromkeys(study for item in undecided for study in item.not_studied)
+    why = "closer to the limit than the numerical uncertainty"
+    if lacking:
+        why = f"their numerical uncertainty is not known (not studied: {', '.join(lacking)})"
+    if failed:
+        worst = min(failed, key=lambda item: item.margin or 0.0)
+        reason = f"{len(failed)} of {limits} tolerances not met; the furthest is {against(worst)}."
+        return VerdictName.FAIL, reason + (f" {len(undecided)} undecided: {why}." if undecided else "")
+    if missing:
+        reason = f"No figure for {', '.join(missing)}: a run must last longer than its first step."
+        return VerdictName.NOT_MEASURED, reason
+    if undecided:
+        least = max(undecided, key=lambda item: (item.uncertainty or 0.0) / (item.tolerance or math.inf))
+        reason = f"{len(undecided)} of {limits} tolerances undecided, {why}"
+        if least.uncertainty is not None:
+            reason += f"; the least certain is {against(least)}"
+        return VerdictName.UNDECIDED, f"{reason}."
+    tight = min((item for item in results if item.tolerance), key=lambda item: item.margin or 0.0)
+    return VerdictName.PASS, f"All {limits} tolerances met; the tightest is {against(tight)}."
+
+
+def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> dict[str, Any]:
     """Contents of ``summary.json``: plain JSON values in SI units, None for what is undefined.
 
     Args:
         comparison: of the walk with its plan.
         verdict: of a profile.
-        timing: wall-clock times [s] and what follows from them.
-        environment: versions and platform.
-        extra: further top-level entries, such as the gait's name or the motion's residuals.
+        entries: further top-level entries, such as ``timing`` [s], ``environment`` or the gait's name.
     """
-    record, status = comparison.record, comparison.record.qp_status
+    outcome, split = comparison.record.outcome, comparison.zmp_split
     summary = {
-        "outcome": str(record.outcome.name),
-        "verdict": str(verdict.name),
-        "steps_completed": record.outcome.steps_completed,
+        "outcome": outcome.name,
+        "verdict": verdict.name,
+        "steps_completed": outcome.steps_completed,
         "reason": verdict.reason,
         "profile": verdict.profile,
-        "end": {"time": record.outcome.time, "cause": record.outcome.cause},
-        "metrics": {item.name: item.as_dict() for item in verdict.metrics},
-        "timing": dict(timing or {}),
+        "end": {"time": outcome.time, "cause": outcome.cause},
+        "metrics": {
+            item.name: item.as_dict()
+            for item in verdict.metrics
+            if not METRICS[item.name].section  # its section has it
+        },
+        "timing": {},
         "statistics": statistics_table(comparison),
         "zmp_error_split": {
-            "residual": comparison.zmp_split.residual,
-            "rmse": {name: list(pair) for name, pair in comparison.zmp_split.rmse.items()},
-            "share": {name: list(pair) for name, pair in comparison.zmp_split.share.items()},
+            "residual": split.residual,
+            "rmse": split.rmse,
+            "share": split.share,
             "unit": "m",
         },
-        "effort": asdict(comparison.effort),
-        "effort_first_step": asdict(comparison.effort_first_step),
-        "margins": asdict(comparison.margins),
-        "energy": asdict(comparison.energy),
-        "self_checks": asdict(comparison.measured.self_checks),
-        "solver": {
-            "ticks": int(status.size),
-            "solved": int(np.count_nonzero(status == 0)),
-            "solved_with_limits": int(np.count_nonzero(status == 1)),
-            "unsolved": int(np.count_nonzero(status == 2)),
-            "residual_maximum": _maximum(record.qp_residual),
-            "iterations_median": _quantile(record.qp_iterations, 0.5),
-            "iterations_maximum": _maximum(record.qp_iterations),
-            "time_median": _quantile(record.qp_time, 0.5),
-            "time_p99": _quantile(record.qp_time, 0.99),
-        },
-        "scales": dict(comparison.scales),
-        "environment": dict(environment or {}),
-        **(extra or {}),
+        "effort": comparison.effort,
+        "effort_first_step": comparison.effort_first_step,
+        "margins": comparison.margins,
+        "energy": comparison.energy,
+        "self_checks": comparison.measured.self_checks,
+        "solver": _solver(comparison.record),
+        "scales": comparison.scales,
+        "environment": {},
+        **entries,
     }
     return dict(json_ready(summary, infinity=None))
 
 
-def is_undecided(value: float, tolerance: float, uncertainty: float | None) -> bool:
-    """Whether the value is closer to its tolerance than its uncertainty; all in one unit."""
-    return uncertainty is not None and abs(tolerance - value) < uncertainty
+def _solver(record: SimulationRecord) -> dict[str, Any]:
+    """How the controller's QPs were solved, NaN without a tick."""
 
+    def quantile(values: Any, share: float) -> float:
+        return float(np.quantile(values, share)) if values.size else math.nan
 
-def _result(
-    name: str,
-    metric: MetricValue,
-    tolerance: Tolerance | None,
-    weight: float,
-    uncertainty: float | None,
-    not_studied: tuple[str, ...],
-    *,
-    judged: bool,
-) -> MetricResult:
-    factor, unit = display_unit(metric.unit, weight)
-    if uncertainty is not None and math.isnan(uncertainty):
-        uncertainty = None
-    limit: float | None = None
-    if tolerance is not None:
-        limit = tolerance.limit * (weight if tolerance.unit == BODY_WEIGHT else 1.0)
-    passed: bool | None = None
-    margin: float | None = None
-    comparable = limit is not None and judged and not math.isnan(metric.value)
-    undecided = comparable and (
-        bool(not_studied) or (limit is not None and is_undecided(metric.value, limit, uncertainty))
-    )
-    if limit is not None and comparable and not undecided:
-        passed = metric.value <= limit
-        if limit > 0.0:
-            margin = 1.0 - metric.value / limit
-        else:
-            margin = 1.0 if passed else -math.inf
-    reason = tolerance.reason if tolerance is not None else ""
-    return MetricResult(
-        name, metric, limit, passed, margin, reason, factor, unit, uncertainty, undecided, not_studied
-    )
-
-
-def _why(undecided: Sequence[MetricResult]) -> str:
-    """Why nothing can be said of these."""
-    lacking = dict.fromkeys(name for item in undecided for name in item.not_studied)
-    if lacking:
-        return f"their numerical uncertainty is not known (not studied: {', '.join(lacking)})"
-    return "closer to the limit than the numerical uncertainty"
-
-
-def _maximum(values: Any) -> float:
-    return float(values.max()) if values.size else math.nan
-
-
-def _quantile(values: Any, share: float) -> float:
-    return float(np.quantile(values, share)) if values.size else math.nan
+    status = record.qp_status
+    return {
+        "ticks": status.size,
+        "solved": np.count_nonzero(status == 0),
+        "solved_with_limits": np.count_nonzero(status == 1),
+        "unsolved": np.count_nonzero(status == 2),
+        "residual_maximum": quantile(record.qp_residual, 1.0),
+        "iterations_median": quantile(record.qp_iterations, 0.5),
+        "iterations_maximum": quantile(record.qp_iterations, 1.0),
+        "time_median": quantile(record.qp_time, 0.5),
+        "time_p99": quantile(record.qp_time, 0.99),
+    }

@@ -7,7 +7,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -214,14 +214,12 @@ def results_of(
         trial.verdict,
         timing=trial.timing if timing is None else timing,
         environment=environment,
-        extra={
-            "gait": trial.planned.name,
-            "motion": trial.plan.posture.report(),
-            "standing": None if standing is None else asdict(standing),
-            "memory_peak": {"value": memory_peak(), "unit": "MB"},
-            **({} if known is None else {"uncertainty": known.as_dict()}),
-            **trial.extra,
-        },
+        gait=trial.planned.name,
+        motion=trial.plan.posture.report(),
+        standing=standing,
+        memory_peak={"value": memory_peak(), "unit": "MB"},
+        **({} if known is None else {"uncertainty": known.as_dict()}),
+        **trial.extra,
     )
 
 

@@ -4,27 +4,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 
 def json_ready(value: Any, *, infinity: str | None = "inf") -> Any:
     """Copy of a nested value in which every number is one that JSON has.
 
-    NaN becomes None, numpy numbers become Python's.
+    NaN becomes None, numpy numbers become Python's, a dataclass becomes its fields by name.
 
     Args:
-        value: mappings, sequences, arrays, numbers and texts.
+        value: mappings, sequences, dataclasses, arrays, numbers and texts.
         infinity: what stands for an infinite number, with ``-`` before it for a negative one. ``"inf"`` is
             what ``--set`` reads back; None gives None.
     """
     if isinstance(value, Mapping):
         return {str(key): json_ready(item, infinity=infinity) for key, item in value.items()}
-    if isinstance(value, str) or value is None or isinstance(value, bool | int):
+    if isinstance(value, str):
+        return str(value)  # also of an enumeration
+    if value is None or isinstance(value, bool | int):
         return value
     if isinstance(value, float):
         if math.isfinite(value):
             return float(value)
         return None if math.isnan(value) or infinity is None else infinity if value > 0 else f"-{infinity}"
+    if is_dataclass(value) and not isinstance(value, type):
+        entries = {item.name: getattr(value, item.name) for item in fields(value)}
+        return json_ready(entries, infinity=infinity)
     if hasattr(value, "tolist"):  # numpy scalar or array
         return json_ready(value.tolist(), infinity=infinity)
     if isinstance(value, Sequence):

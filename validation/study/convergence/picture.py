@@ -10,7 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator
+from matplotlib.ticker import NullLocator
 
 from validation.show.style import figure_style
 from validation.study.convergence.result import Convergence, MetricStudy
@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 _LEAST = 1e-9  # relative change below which it is the arithmetic's
 _LEFT_OUT = ("com_agreement_maximum", "angular_momentum_agreement_maximum", "standing_weight_error")
 """Rounding, on whatever level."""
+_STYLES = {
+    "o-": "asymptotic range: distance to the\nextrapolated value",
+    "o--": "no asymptotic range: change to the\nnext finer level",
+    "s-": "model parameter: a sensitivity,\nno convergence",
+}
 
 
 def draw(result: Convergence, path: Path) -> None:
@@ -33,7 +38,7 @@ def draw(result: Convergence, path: Path) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    items = [
+    drawn = [
         item
         for item in result.metrics.values()
         if item.tolerance is not None and not item.exact and item.name not in _LEFT_OUT
@@ -47,15 +52,11 @@ def draw(result: Convergence, path: Path) -> None:
         figure.suptitle(f"{result.request.name}: what the numbers depend on, {steps} steps a level")
         grid = list(figure.subplots(rows, 2, squeeze=False).flat)
         for axes, study in zip(grid, result.studies, strict=False):
-            _draw_study(axes, study, items)
+            _draw_study(axes, study, drawn)
         legend = grid[len(result.studies)]
-        for label, style in (
-            ("asymptotic range: distance to the\nextrapolated value", "o-"),
-            ("no asymptotic range: change to the\nnext finer level", "o--"),
-            ("model parameter: a sensitivity,\nno convergence", "s-"),
-        ):
+        for style, label in _STYLES.items():
             legend.plot([], [], style, color="0.3", mfc="none" if style == "o--" else "0.3", label=label)
-        for number, item in enumerate(items):
+        for number, item in enumerate(drawn):
             legend.plot([], [], color=_colour(number), label=item.name)
         legend.legend(loc="center", ncols=2, labelspacing=0.8)
         for axes in grid[len(result.studies) :]:
@@ -96,10 +97,8 @@ def _draw_study(axes: Axes, study: Study, items: Sequence[MetricStudy]) -> None:
     axes.set_title(study.name)
     axes.set_xlabel(f"{study.topic.title} [{unit or '1'}]")
     axes.set_ylabel(f"{'error' if study.numerical else 'value'}, over the gait's own value [1]")
-    axes.xaxis.set_major_locator(FixedLocator(list(at)))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.set_xticklabels([f"{value:.3g}" for value in at])
+    axes.set_xticks(at, [f"{value:.3g}" for value in at])
 
 
 def _colour(number: int) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from ampm.exceptions import InputError
@@ -16,7 +15,7 @@ from validation.store.folders import check_target, output_file
 from validation.store.json import json_ready
 from validation.store.machine import cores
 from validation.study.convergence.result import Convergence, combine
-from validation.study.convergence.studies import LEVELS, runs_of, studies
+from validation.study.convergence.studies import LEVELS, studies
 from validation.study.convergence.text import markdown
 from validation.study.convergence.walks import Runner, walk_level, walk_levels
 from validation.trial.plan import load_request, plan_walk
@@ -28,34 +27,17 @@ PICTURES = ("convergence.svg", "convergence.png")
 FILES = (FILE, MARKDOWN, *PICTURES)
 
 
-@dataclass(frozen=True)
-class Options:
-    """How a gait is studied.
-
-    Attributes:
-        steps: walked at every level.
-        levels: of every numerical study.
-        only: studies, all by default.
-        profile: name of the tolerance profile.
-        workers: processes, None for one a core.
-        out: folder that :func:`write` will fill, None for none; it is checked before the first walk.
-        force: replace an earlier study there.
-    """
-
-    steps: int = STEPS
-    levels: int = LEVELS
-    only: Sequence[str] = ()
-    profile: str = "default"
-    workers: int | None = None
-    out: Path | None = None
-    force: bool = False
-
-
 def study_gait(
     gait: str,
     settings: Sequence[str] = (),
-    options: Options | None = None,
     *,
+    steps: int = STEPS,
+    levels: int = LEVELS,
+    only: Sequence[str] = (),
+    profile: str = "default",
+    workers: int | None = None,
+    out: Path | None = None,
+    force: bool = False,
     progress: Progress | None = None,
     runner: Runner = walk_level,
 ) -> Convergence:
@@ -64,34 +46,36 @@ def study_gait(
     Args:
         gait: preset or TOML file.
         settings: ``key=value`` texts.
-        options: how.
+        steps: walked at every level.
+        levels: of every numerical study.
+        only: studies, all by default.
+        profile: name of the tolerance profile.
+        workers: processes, None for one a core.
+        out: folder that :func:`write` will fill, None for none; it is checked before the first walk.
+        force: replace an earlier study there.
         progress: where to report it.
         runner: what walks one level.
 
     Raises:
         InputError, RefusedGait: the request cannot be met.
     """
-    options = options or Options()
-    if options.steps < 2:
-        raise InputError(
-            f"--steps {options.steps}: the first step is in no metric; walk 2 at least.", value=options.steps
-        )
-    workers = options.workers if options.workers is not None else cores()
+    if steps < 2:
+        raise InputError(f"--steps {steps}: the first step is in no metric; walk 2 at least.", value=steps)
+    workers = cores() if workers is None else workers
     if workers < 1:
         raise InputError(f"--workers {workers}: at least one process has to walk.", value=workers)
-    profile = profiles.profile(options.profile)
-    if options.out is not None:
-        check_target(options.out, FILES, force=options.force, what="convergence study")
-    request = load_request(gait, [*settings, f"gait.steps={options.steps}"])
-    found = studies(request.run, options.only, levels=options.levels)
+    limits = profiles.profile(profile)
+    if out is not None:
+        check_target(out, FILES, force=force, what="convergence study")
+    request = load_request(gait, [*settings, f"gait.steps={steps}"])
+    found = studies(request.run, only, levels=levels)
     # Halving the time step does not mend a control period that is no multiple of it.
     steps_per_tick(request.run.controller.frequency, request.run.simulation.time_step)
     if runner is walk_level:  # refusals come before any worker starts, and the motion is in the cache
         plan_walk(request, progress)
-    walks = walk_levels(
-        runs_of(request.run, found), request.name, profile, workers=workers, progress=progress, runner=runner
-    )
-    return combine(request, profile, found, walks)
+    runs = [request.run, *(run for study in found for run in study.runs)]
+    walks = walk_levels(runs, request.name, workers=workers, progress=progress, runner=runner)
+    return combine(request, limits, found, walks)
 
 
 def write(result: Convergence, out: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, NamedTuple
 
 from ampm.exceptions import InputError
 
@@ -15,58 +15,44 @@ if TYPE_CHECKING:
 LEVELS = 4
 """Of a numerical study, by default: two triplets, the least that can confirm an order."""
 
-Level = tuple[str, float]
-"""Key and value; the run's own parameters are :data:`OWN`."""
-OWN: Level = ("", 0.0)
 
-
-@dataclass(frozen=True)
-class Topic:
-    """One thing that can be varied.
+class Topic(NamedTuple):
+    """One thing that can be varied: a step or tolerance whose limit is zero, or a parameter of the model.
 
     Attributes:
         name: of the study.
-        kind: ``numerical``: a step or tolerance whose limit is zero; ``input``: a parameter of the model.
         key: of the run.
         unit: SI unit of its values.
         title: in words.
-        shown: factor and unit for people.
-        ratio: of neighbouring levels of a numerical study.
-        factors: on the own value, of an input study, the own one among them.
+        ratio: of neighbouring levels of a numerical study, 0 of a parameter of the model.
+        factors: on the own value, of a parameter of the model, the own one among them.
     """
 
     name: str
-    kind: Literal["numerical", "input"]
     key: str
     unit: str
     title: str
-    shown: tuple[float, str]
     ratio: float = 0.0
     factors: tuple[float, ...] = ()
 
+    @property
+    def shown(self) -> tuple[float, str]:
+        """Factor and unit for people."""
+        return {"s": (1e3, "ms"), "m": (1e3, "mm")}.get(self.unit, (1.0, ""))
+
 
 _ROOT = math.sqrt(0.5)
-_MS = (1e3, "ms")
-TOPICS: Mapping[str, Topic] = {
-    item.name: item
-    for item in (
-        Topic("time_step", "numerical", "simulation.time_step", "s", "time step of the physics", _MS, 2.0),
-        Topic("ik_grid", "numerical", "solver.ik_time_step", "s", "grid of the inverse kinematics", _MS, 2.0),
-        Topic(
-            "qp_tolerance", "numerical", "solver.tolerance", "1", "tolerance of the controller's QP",
-            (1.0, ""), 10.0,
-        ),
-        # The stiffness of MuJoCo's contact goes with the square of the inverse time constant.
-        Topic(
-            "contact_stiffness", "input", "contact.time_constant", "s", "contact half and twice as stiff",
-            _MS, factors=(1.0 / _ROOT, 1.0, _ROOT),
-        ),
-        Topic(
-            "contact_depth", "input", "contact.impedance_width", "m",
-            "contact that hardens over twice and half the depth", (1e3, "mm"), factors=(2.0, 1.0, 0.5),
-        ),
-    )
-}  # fmt: skip
+_TOPICS = (
+    Topic("time_step", "simulation.time_step", "s", "time step of the physics", 2.0),
+    Topic("ik_grid", "solver.ik_time_step", "s", "grid of the inverse kinematics", 2.0),
+    Topic("qp_tolerance", "solver.tolerance", "1", "tolerance of the controller's QP", 10.0),
+    # The stiffness of MuJoCo's contact goes with the square of the inverse time constant.
+    Topic("contact_stiffness", "contact.time_constant", "s", "contact half and twice as stiff",
+          factors=(1.0 / _ROOT, 1.0, _ROOT)),
+    Topic("contact_depth", "contact.impedance_width", "m",
+          "contact that hardens over twice and half the depth", factors=(2.0, 1.0, 0.5)),
+)  # fmt: skip
+TOPICS: Mapping[str, Topic] = {item.name: item for item in _TOPICS}
 """All studies. Contact parameters are of the model: none of their values is nearer to a limit than another,
 so what they give is a sensitivity, an input uncertainty, and no convergence."""
 
@@ -77,13 +63,15 @@ class Study:
 
     Attributes:
         topic: what is varied.
-        values: of the key; of a numerical study from the own value down, of an input study ascending in
-            stiffness.
+        values: of the key; of a numerical study from the own value down, of a parameter of the model
+            ascending in stiffness.
+        runs: complete parameters of every value; all studies share the run's own.
         own: index of the run's own value.
     """
 
     topic: Topic
     values: tuple[float, ...]
+    runs: tuple[RunParameters, ...]
     own: int
 
     @property
@@ -94,32 +82,12 @@ class Study:
     @property
     def numerical(self) -> bool:
         """Whether its levels approach a limit."""
-        return self.topic.kind == "numerical"
-
-    @property
-    def levels(self) -> tuple[Level, ...]:
-        """The walk of every value: all studies share the one at the run's own parameters."""
-        return tuple(
-            OWN if index == self.own else (self.topic.key, value) for index, value in enumerate(self.values)
-        )
+        return self.topic.ratio > 0.0
 
     def shown(self, value: float) -> str:
         """A value for people, with its unit."""
         factor, unit = self.topic.shown
         return f"{factor * value:.4g} {unit}".rstrip()
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        topic = self.topic
-        return {
-            "kind": topic.kind,
-            "title": topic.title,
-            "key": topic.key,
-            "unit": topic.unit,
-            "values": list(self.values),
-            "own": self.own,
-            "ratio": topic.ratio or None,
-        }
 
 
 def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVELS) -> list[Study]:
@@ -147,15 +115,14 @@ def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVE
             continue
         section, _, leaf = topic.key.partition(".")
         own = float(getattr(getattr(run, section), leaf))
-        if topic.kind == "numerical":
-            # Rounded, so that a tenth of 5e-5 is written as 5e-6.
-            values = tuple(float(f"{own / topic.ratio**level:.15g}") for level in range(levels))
-            found.append(Study(topic, values, 0))
-        else:
-            values = tuple(own * factor for factor in topic.factors)
-            kept = tuple(value for value in values if value == own or _allowed(run, topic, value))
-            found.append(Study(topic, kept, kept.index(own)))
-    return [study for study in found if len(study.values) > 1]
+        # Rounded, so that a tenth of 5e-5 is written as 5e-6.
+        finer = [float(f"{own / topic.ratio**level:.15g}") for level in range(1, levels) if topic.ratio]
+        values = [own, *finer] if topic.ratio else [own * factor for factor in topic.factors]
+        runs = {value: run if value == own else _varied(run, topic, value) for value in values}
+        kept = {value: changed for value, changed in runs.items() if changed is not None}
+        if len(kept) > 1:
+            found.append(Study(topic, tuple(kept), tuple(kept.values()), list(kept).index(own)))
+    return found
 
 
 def numerical_studies(qp: str) -> tuple[str, ...]:
@@ -164,19 +131,7 @@ def numerical_studies(qp: str) -> tuple[str, ...]:
     Args:
         qp: the run's QP solver.
     """
-    return tuple(item.name for item in TOPICS.values() if item.kind == "numerical" and _applies(item, qp))
-
-
-def runs_of(run: RunParameters, found: Sequence[Study]) -> dict[Level, RunParameters]:
-    """Every walk that the studies need, once, the costliest first."""
-    levels = dict.fromkeys(level for study in found for level in study.levels if level != OWN)
-    runs = {OWN: run} | {(key, value): run.replace({key: value}) for key, value in levels}
-
-    def cost(item: tuple[Level, RunParameters]) -> float:
-        return 1.0 / item[1].simulation.time_step + 1.0 / item[1].solver.ik_time_step
-
-    # The finest steps last longest: begun first, they leave no worker idle at the end.
-    return dict(sorted(runs.items(), key=cost, reverse=True))
+    return tuple(item.name for item in TOPICS.values() if item.ratio and _applies(item, qp))
 
 
 def _applies(topic: Topic, qp: str) -> bool:
@@ -184,10 +139,11 @@ def _applies(topic: Topic, qp: str) -> bool:
     return topic.name != "qp_tolerance" or qp == "osqp"
 
 
-def _allowed(run: RunParameters, topic: Topic, value: float) -> bool:
-    """Whether a level is within the parameter's bounds."""
+def _varied(run: RunParameters, topic: Topic, value: float) -> RunParameters | None:
+    """The run at another level; None where a parameter of the model would leave its bounds."""
     try:
-        run.replace({topic.key: value})
+        return run.replace({topic.key: value})
     except InputError:
-        return False
-    return True
+        if topic.ratio:
+            raise
+        return None

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
-from validation.show.text import format_number
-from validation.study.convergence.order import NO_RANGE, Estimate, Kind
+from validation.show.text import format_number, markdown_table
+from validation.study.convergence.order import Estimate
 from validation.study.convergence.result import Convergence, MetricStudy
 from validation.study.convergence.studies import Study
 
@@ -21,113 +21,83 @@ def shortlist(result: Convergence) -> list[MetricStudy]:
 
 def header(result: Convergence) -> tuple[str, ...]:
     """Of the columns of :func:`cells`."""
-    numerical = [study for study in result.studies if study.numerical]
-    finest = numerical[0].shown(numerical[0].values[-1]) if numerical else "last"
+    finest = [study.shown(study.values[-1]) for study in result.studies if study.numerical]
     return (
-        "metric", "value ± u_num", "limit", "unit", "verdict", f"at {finest}", "observed order",
-        "extrapolated", "± u_input",
+        "metric", "value ± u_num", "limit", "unit", "verdict", f"at {finest[0] if finest else 'last'}",
+        "observed order", "extrapolated", "± u_input",
     )  # fmt: skip
 
 
 def cells(item: MetricStudy) -> tuple[str, ...]:
-    """A metric's value, uncertainty, limit, order and extrapolated value."""
+    """A metric's value, uncertainty, limit, order and extrapolated value, or plainly that there is none."""
     word = "undecided" if item.undecided else {True: "pass", False: "FAIL", None: ""}[item.passed]
-    order, extrapolated = _order(item)
     last = _shown(item, item.levels[next(iter(item.estimates))][-1]) if item.estimates else ""
     given = "" if item.input_uncertainty is None else _shown(item, item.input_uncertainty, 2)
     limit = "" if item.tolerance is None else _shown(item, item.tolerance)
-    return item.name, _quoted(item), limit, _unit(item), word, last, order, extrapolated, given
+    head, order, extrapolated = item.headline, "", ""
+    if item.exact:
+        order = "exact"
+    elif head is not None:
+        order = str(head.kind) if head.order is None else f"{head.order:.2f}"
+        if head.extrapolated is not None:  # what is smaller than its own uncertainty has no digits to show
+            small = abs(head.extrapolated) < head.finest
+            extrapolated = "0" if small else _shown(item, head.extrapolated)
+    return item.name, item.quoted, limit, _unit(item), word, last, order, extrapolated, given
 
 
 def legend(result: Convergence) -> str:
     """What the uncertainties are of."""
+    known = result.uncertainty
     inputs = [study.name for study in result.studies if not study.numerical]
-    parts = [f"u_num of {' + '.join(result.inside)}"] if result.inside else []
-    if result.not_studied:
-        parts.append(f"not studied: {', '.join(result.not_studied)}, so u_num is not known")
-        if result.inside:
-            parts.append("≥ is what the others leave")
+    parts = [f"u_num of {' + '.join(known.studies)}"] if known.studies else []
+    if known.not_studied:
+        parts.append(f"not studied: {', '.join(known.not_studied)}, so u_num is not known")
+        parts += ["≥ is what the others leave"] if known.studies else []
     parts += [f"u_input of {', '.join(inputs)}, not in the verdict"] if inputs else []
     return "; ".join(parts) + "; a value closer to its limit than u_num is undecided"
 
 
 def markdown(result: Convergence) -> str:
     """All metrics as Markdown: verdict, every metric, and the levels of every study."""
-    run = result.request.run
-    lines = [
+    run, verdict, items = result.request.run, result.verdict, list(result.metrics.values())
+    parts = [
         f"# Convergence of {result.request.name}",
-        "",
         f"{run.gait.steps} steps a level, control at {run.controller.frequency:g} Hz, profile "
-        f"{result.profile.name}: **{str(result.verdict).replace('_', ' ')}**. {result.verdict_reason}",
-        "",
-        *(f"- {note}" for note in result.notes),
-        *([""] if result.notes else []),
-        *summary_lines(result),
-        "",
+        f"{verdict.profile}: **{verdict.name.replace('_', ' ')}**. {verdict.reason}",
+        *(["\n".join(f"- {note}" for note in result.notes)] if result.notes else []),
+        summary_table(result, items),
         f"{legend(result)}.",
     ]
     for study in result.studies:
-        walks = [result.walks[level] for level in study.levels]
+        walks = [result.walks[run] for run in study.runs]
         text = ", ".join(
             f"{study.shown(value)} {walk.outcome} ({walk.seconds:.1f} s, {format_number(walk.memory)} MB)"
             for value, walk in zip(study.values, walks, strict=True)
         )
-        table = levels_table(study, list(result.metrics.values()))
-        lines += ["", f"## {study.name}: {study.topic.title}", "", *table, "", f"Walks: {text}."]
-    lines += ["", "## Why", "", "| metric | |", "|---|---|"]
-    lines += [f"| `{item.name}` | {item.reason} |" for item in result.metrics.values()]
-    return "\n".join(lines) + "\n"
+        parts += [f"## {study.name}: {study.topic.title}", _levels_table(study, items), f"Walks: {text}."]
+    why = markdown_table(("metric", ""), [(f"`{item.name}`", item.found) for item in items])
+    return "\n\n".join([*parts, "## Why", why]) + "\n"
 
 
-def summary_lines(result: Convergence, items: Sequence[MetricStudy] | None = None) -> Iterator[str]:
-    """The main table: value, uncertainty, limit, order, extrapolated value."""
-    yield _line(header(result))
-    yield "|---" * len(header(result)) + "|"
-    for item in items or result.metrics.values():
-        name, *rest = cells(item)
-        yield _line((f"`{name}`", *rest))
+def summary_table(result: Convergence, items: Sequence[MetricStudy]) -> str:
+    """Value, uncertainty, limit, order and extrapolated value of some metrics, as Markdown."""
+    rows = ((f"`{name}`", *rest) for name, *rest in map(cells, items))
+    return markdown_table(header(result), list(rows))
 
 
-def levels_table(study: Study, items: Sequence[MetricStudy]) -> Iterator[str]:
+def _levels_table(study: Study, items: Sequence[MetricStudy]) -> str:
     """Every level's value of some metrics, with what follows from them."""
     last = ("observed orders", "u") if study.numerical else ("largest deviation",)
-    head = ("metric", "unit", *(study.shown(value) for value in study.values), *last)
-    yield _line(head)
-    yield "|---" * len(head) + "|"
+    rows = []
     for item in items:
-        values = (_shown(item, value) for value in item.levels[study.name])
+        values = [_shown(item, value) for value in item.levels[study.name]]
         if study.numerical:
-            found = item.estimates[study.name]
-            ends: tuple[str, ...] = (_orders(found), _shown(item, found.uncertainty, 2))
+            one = item.estimates[study.name]
+            values += [_orders(one), _shown(item, one.uncertainty, 2)]
         else:
-            ends = (_shown(item, item.inputs[study.name], 2),)
-        yield _line((f"`{item.name}`", _unit(item), *values, *ends))
-
-
-def _line(texts: Sequence[str]) -> str:
-    return f"| {' | '.join(texts)} |"
-
-
-def _quoted(item: MetricStudy) -> str:
-    """A value and its numerical uncertainty, in the unit for people."""
-    if not item.not_studied:
-        return f"{_shown(item, item.value)} ± {_shown(item, item.uncertainty, 2)}"
-    known = "not studied" if math.isnan(item.at_least) else f"≥ {_shown(item, item.at_least, 2)}"
-    return f"{_shown(item, item.value)} ± {known}"
-
-
-def _order(item: MetricStudy) -> tuple[str, str]:
-    """Observed order and extrapolated value, or plainly that there is none."""
-    head = item.headline
-    if item.exact:
-        return "exact", ""
-    if head is None:
-        return "", ""
-    if head.order is None or head.extrapolated is None:
-        return (NO_RANGE if head.kind is Kind.NO_RANGE else str(head.kind)), ""
-    # What is smaller than its own uncertainty has no digits to show.
-    small = abs(head.extrapolated) < head.finest
-    return f"{head.order:.2f}", "0" if small else _shown(item, head.extrapolated)
+            values.append(_shown(item, item.inputs[study.name], 2))
+        rows.append((f"`{item.name}`", _unit(item), *values))
+    return markdown_table(("metric", "unit", *map(study.shown, study.values), *last), rows)
 
 
 def _orders(found: Estimate) -> str:

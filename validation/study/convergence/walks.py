@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,13 +14,11 @@ from validation.judge.metrics import METRICS, dump_added, evaluate, load_added
 from validation.progress import Progress
 from validation.store.machine import memory_peak, one_blas_thread
 from validation.study.compare.metrics import SWITCH_UNITS, switch_values
-from validation.study.convergence.studies import Level
 from validation.trial.plan import Request
 
 if TYPE_CHECKING:
     from ampm.parameters import RunParameters
     from validation.judge.compare import Comparison
-    from validation.judge.profiles import Profile
 
 _PHASE_SIGNALS = {"zmp_x": "m", "zmp_y": "m", "force_x": "N", "force_y": "N", "force_z": "N"}
 _PHASES = ("single_support", "double_support")
@@ -28,14 +26,7 @@ _SWITCH_EXTREMES = ("_peak", "_maximum", "_force_rate", "_vertical_force")
 
 
 class Followed(NamedTuple):
-    """What a study has to know of a quantity.
-
-    Attributes:
-        unit: SI unit.
-        nature: as of a metric.
-        self_check: whether it measures the error of the instrument: its dependence on the time step is what
-            it measures, and no uncertainty of it.
-    """
+    """SI unit of a quantity, its nature and whether it is a self-check, all as of a metric."""
 
     unit: str
     nature: str = "mean"
@@ -61,20 +52,20 @@ class LevelResult:
     """The walk of one level.
 
     Attributes:
-        outcome: of the walk, or ``refused``.
+        outcome: of the walk, or ``refused``, or ``infeasible``.
         cause: of an early end, empty if there is none.
-        values: what is followed, in SI units; empty if nothing was walked.
-        weight: of the body [N].
         seconds: wall-clock time.
         memory: largest resident memory of the process so far [MB], None where that is not known.
+        values: what is followed, in SI units; empty if nothing was walked.
+        weight: of the body [N].
     """
 
     outcome: str
     cause: str
-    values: Mapping[str, float]
-    weight: float
     seconds: float
     memory: float | None
+    values: Mapping[str, float]
+    weight: float
 
     @property
     def completed(self) -> bool:
@@ -82,26 +73,23 @@ class LevelResult:
         return self.outcome == "completed"
 
 
-def walk_level(run: RunParameters, name: str, profile: Profile) -> LevelResult:
+def walk_level(run: RunParameters, name: str) -> LevelResult:
     """Plan and walk one level; runs in a worker and returns numbers only."""
     from validation.run.walk import walk_planned  # here and below, not above: simulator and Pinocchio
     from validation.trial.plan import plan_walk
 
     start = time.perf_counter()
+    values: Mapping[str, float] = {}
+    weight = 0.0
     try:
-        result = walk_planned(plan_walk(Request(name, run)), profile)
+        result = walk_planned(plan_walk(Request(name, run)))
+        comparison, end = result.evaluation.comparison, result.record.outcome
+        outcome, cause = str(end.name), end.cause
+        values, weight = values_of(comparison), comparison.scales["body_weight"]
     except AmpmError as error:
         outcome = "refused" if isinstance(error, RefusedGait | InputError) else "infeasible"
-        return LevelResult(outcome, str(error), {}, 0.0, time.perf_counter() - start, memory_peak())
-    comparison, end = result.evaluation.comparison, result.record.outcome
-    return LevelResult(
-        outcome=str(end.name),
-        cause=end.cause,
-        values=values_of(comparison),
-        weight=comparison.scales["body_weight"],
-        seconds=time.perf_counter() - start,
-        memory=memory_peak(),
-    )
+        cause = str(error)
+    return LevelResult(outcome, cause, time.perf_counter() - start, memory_peak(), values, weight)
 
 
 def values_of(comparison: Comparison) -> dict[str, float]:
@@ -116,48 +104,50 @@ def values_of(comparison: Comparison) -> dict[str, float]:
     return values
 
 
-Runner = Callable[["RunParameters", str, "Profile"], LevelResult]
+Runner = Callable[["RunParameters", str], LevelResult]
 """What walks one level; tests put their own in its place."""
 
 
 def walk_levels(
-    runs: Mapping[Level, RunParameters],
+    runs: Iterable[RunParameters],
     name: str,
-    profile: Profile,
     *,
     workers: int = 2,
     progress: Progress | None = None,
     runner: Runner = walk_level,
-) -> dict[Level, LevelResult]:
-    """Walk every level.
+) -> dict[RunParameters, LevelResult]:
+    """Walk every level once.
 
     Args:
-        runs: level to its complete parameters.
+        runs: complete parameters of every level.
         name: of the gait.
-        profile: of the tolerances.
         workers: processes; one walks in this very process.
         progress: where to report it.
         runner: what walks one level; with more than one worker, it must be importable.
     """
-    done: dict[Level, LevelResult] = {}
+    # The finest steps last longest: begun first, they leave no worker idle at the end.
+    order = sorted(
+        dict.fromkeys(runs), key=lambda run: -1.0 / run.simulation.time_step - 1.0 / run.solver.ik_time_step
+    )
+    done: dict[RunParameters, LevelResult] = {}
     with (progress or Progress()).stage(f"{name}: convergence", "walks") as stage:
         if workers == 1:
-            for key, run in runs.items():
-                done[key] = runner(run, name, profile)
-                stage.advance(len(done), len(runs))
+            for run in order:
+                done[run] = runner(run, name)
+                stage.advance(len(done), len(order))
             return done
         one_blas_thread()
         # Workers are started afresh: a fork would share the state of compiled libraries.
         context = multiprocessing.get_context("spawn")
         others = set(multiprocessing.active_children())
         with ProcessPoolExecutor(
-            min(workers, len(runs)), context, initializer=load_added, initargs=(dump_added(),)
+            min(workers, len(order)), context, initializer=load_added, initargs=(dump_added(),)
         ) as pool:
-            tasks = {pool.submit(runner, run, name, profile): key for key, run in runs.items()}
+            tasks = {pool.submit(runner, run, name): run for run in order}
             try:
                 for task in as_completed(tasks):
                     done[tasks[task]] = task.result()
-                    stage.advance(len(done), len(runs))
+                    stage.advance(len(done), len(order))
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 for worker in set(multiprocessing.active_children()) - others:
