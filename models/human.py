@@ -8,7 +8,7 @@ only the floor.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -29,6 +29,9 @@ GRAVITY = 9.81
 SOLE_POINT_RADIUS = 0.001
 """Radius of the spheres that touch the floor [m]."""
 SIDES = ("left", "right")
+
+Vector = tuple[float, float, float]
+Colour = tuple[float, float, float, float]
 
 _AXES = {"roll": (1, 0, 0), "pitch": (0, 1, 0), "yaw": (0, 0, 1)}
 _INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast")
@@ -87,18 +90,11 @@ class _Inertial:
         """What is left when ``part`` is cut off."""
         mass = self.mass - part.mass
         com = (self.mass * self.com - part.mass * part.com) / mass
-        rest = _Inertial(part.mass, part.com, part.inertia)
-        inertia = self.about(com) - rest.about(com)
-        return _Inertial(mass, com, inertia)
+        return _Inertial(mass, com, self.about(com) - part.about(com))
 
 
 def _inertial(
-    segment: table.Segment,
-    body_mass: float,
-    length: float,
-    com: tuple[float, float, float],
-    *,
-    forward: bool = False,
+    segment: table.Segment, body_mass: float, length: float, com: Vector, *, forward: bool = False
 ) -> _Inertial:
     """Inertial of a table row for a segment of ``length`` [m] with its centre of mass at ``com`` [m].
 
@@ -110,9 +106,7 @@ def _inertial(
     return _Inertial(mass, np.array(com), mass * np.diag(np.square(radii)))
 
 
-def _box_inertial(
-    mass: float, com: tuple[float, float, float], size: tuple[float, float, float]
-) -> _Inertial:
+def _box_inertial(mass: float, com: Vector, size: Vector) -> _Inertial:
     """Inertial of a homogeneous box with the edge lengths ``size`` [m]."""
     x, y, z = size
     inertia = mass / 12.0 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y])
@@ -164,90 +158,53 @@ class _Builder:
         self.joints: list[str] = []
         self.groups: dict[str, tuple[str, ...]] = {}
         # De Leva's trunk, set upon Winter's hip, would make the body 1.6 % too tall.
-        trunk = (
-            table.HEAD.length
-            + table.UPPER_TRUNK.length
-            + table.MIDDLE_TRUNK.length
-            + table.LOWER_TRUNK.length
-        )
+        rows = (table.HEAD, table.UPPER_TRUNK, table.MIDDLE_TRUNK, table.LOWER_TRUNK)
+        trunk = sum(row.length for row in rows)
         self.trunk_scale = (1.0 - table.HIP_HEIGHT) / trunk * self.height
         self._options(contact, simulation)
 
     def _options(self, contact: ContactParameters, simulation: SimulationParameters) -> None:
         root = self.root
-        root.compiler.angle = "radian"
-        root.compiler.autolimits = True
-        root.compiler.inertiafromgeom = False
-        root.compiler.balanceinertia = False
-        root.option.timestep = simulation.time_step
-        root.option.integrator = simulation.integrator
-        root.option.gravity = (0, 0, -GRAVITY)
-        root.option.cone = "elliptic"
-        root.option.impratio = contact.impratio
-        root.option.solver = "Newton"
+        root.compiler.set_attributes(
+            angle="radian", autolimits=True, inertiafromgeom=False, balanceinertia=False
+        )
         # The forces are what is measured: solve for them as far as doubles allow; Newton needs a few steps.
-        root.option.iterations = 100
-        root.option.tolerance = 1e-12
-        root.option.ls_iterations = 50
-        root.option.ls_tolerance = 1e-3
-        root.statistic.extent = 2.0
-        root.statistic.center = (0, 0, 0.5 * self.height)
+        root.option.set_attributes(
+            timestep=simulation.time_step, integrator=simulation.integrator, gravity=(0, 0, -GRAVITY),
+            cone="elliptic", impratio=contact.impratio, solver="Newton", iterations=100, tolerance=1e-12,
+            ls_iterations=50, ls_tolerance=1e-3,
+        )  # fmt: skip
+        root.statistic.set_attributes(extent=2.0, center=(0, 0, 0.5 * self.height))
         root.visual.map.znear = 0.01
         root.visual.quality.shadowsize = 4096
-        root.visual.headlight.ambient = (0.35, 0.35, 0.35)
-        root.visual.headlight.diffuse = (0.55, 0.55, 0.55)
-        getattr(root.visual, "global").offwidth = 1920
-        getattr(root.visual, "global").offheight = 1080
+        root.visual.headlight.set_attributes(ambient=(0.35, 0.35, 0.35), diffuse=(0.55, 0.55, 0.55))
+        getattr(root.visual, "global").set_attributes(offwidth=1920, offheight=1080)
 
-        root.default.geom.contype = 0
-        root.default.geom.conaffinity = 0
-        root.default.geom.mass = 0
-        root.default.geom.group = 1
-        root.default.site.size = (0.004,)
-        root.default.site.group = 4
-        touching = root.default.add("default", dclass="contact")
-        touching.geom.condim = 3
-        touching.geom.friction = (contact.friction, 0.005, 0.0001)
-        touching.geom.solref = (contact.time_constant, contact.damping_ratio)
-        touching.geom.solimp = (contact.impedance_min, contact.impedance_max, contact.impedance_width, 0.5, 2)
-        touching.geom.group = 0
+        root.default.geom.set_attributes(contype=0, conaffinity=0, mass=0, group=1)
+        root.default.site.set_attributes(size=(0.004,), group=4)
+        root.default.add("default", dclass="contact").geom.set_attributes(
+            condim=3,
+            friction=(contact.friction, 0.005, 0.0001),
+            solref=(contact.time_constant, contact.damping_ratio),
+            solimp=(contact.impedance_min, contact.impedance_max, contact.impedance_width, 0.5, 2),
+            group=0,
+        )
 
-        root.asset.add(
-            "texture",
-            name="sky",
-            type="skybox",
-            builtin="gradient",
-            rgb1=(0.93, 0.95, 0.97),
-            rgb2=(0.6, 0.7, 0.8),
-            width=256,
-            height=256,
-        )
-        root.asset.add(
-            "texture",
-            name="floor",
-            type="2d",
-            builtin="checker",
-            rgb1=(0.78, 0.80, 0.82),
-            rgb2=(0.70, 0.72, 0.75),
-            width=256,
-            height=256,
-        )
+        for name, kind, pattern, first, second in (
+            ("sky", "skybox", "gradient", (0.93, 0.95, 0.97), (0.6, 0.7, 0.8)),
+            ("floor", "2d", "checker", (0.78, 0.80, 0.82), (0.70, 0.72, 0.75)),
+        ):
+            colours = {"rgb1": first, "rgb2": second}
+            root.asset.add("texture", name=name, type=kind, builtin=pattern, width=256, height=256, **colours)
         # One square is 0.5 m: the pattern repeats every metre.
         root.asset.add("material", name="floor", texture="floor", texrepeat=(1, 1), texuniform=True)
-        world = root.worldbody
         # The floor offers contact and the points accept it, so that two points never touch each other.
-        world.add(
-            "geom",
-            name="floor",
-            dclass="contact",
-            type="plane",
-            size=(0, 0, 1),
-            material="floor",
-            contype=1,
+        root.worldbody.add(
+            "geom", name="floor", dclass="contact", type="plane", size=(0, 0, 1), material="floor", contype=1,
             conaffinity=0,
-        )
+        )  # fmt: skip
 
-    def _body(self, parent: Any, name: str, pos: tuple[float, float, float], inertial: _Inertial) -> Any:
+    def _body(self, parent: Any, name: str, pos: Vector, inertial: _Inertial) -> Any:
         body = parent.add("body", name=name, pos=pos)
         values: dict[str, Any] = {"mass": inertial.mass, "pos": inertial.com}
         i = inertial.inertia
@@ -258,6 +215,16 @@ class _Builder:
         body.add("inertial", **values)
         return body
 
+    def _segment(
+        self, parent: Any, name: str, pos: Vector, row: table.Segment, length: float, *, upward: bool = False
+    ) -> Any:
+        """Add a segment of one table row; rows run downward, the frames of the trunk are at the lower end."""
+        return self._body(parent, name, pos, self._inertial(row, length, upward=upward))
+
+    def _inertial(self, row: table.Segment, length: float, *, upward: bool = False) -> _Inertial:
+        com = (1 - row.com) * length if upward else -row.com * length
+        return _inertial(row, self.table_mass, length, (0, 0, com))
+
     def _hinges(self, body: Any, prefix: str, kinds: tuple[str, ...]) -> tuple[str, ...]:
         names = tuple(f"{prefix}_{kind}" for kind in kinds)
         for name, kind in zip(names, kinds, strict=True):
@@ -265,27 +232,17 @@ class _Builder:
         self.joints.extend(names)
         return names
 
-    def _capsule(
-        self,
-        body: Any,
-        start: tuple[float, float, float],
-        end: tuple[float, float, float],
-        radius: float,
-        rgba: tuple[float, ...],
-    ) -> None:
+    def _capsule(self, body: Any, start: Vector, end: Vector, radius: float, rgba: Colour) -> None:
         body.add("geom", type="capsule", fromto=(*start, *end), size=(radius,), rgba=rgba)
 
-    def _limb(self, body: Any, length: float, radius: float, rgba: tuple[float, ...]) -> None:
+    def _limb(self, body: Any, length: float, radius: float, rgba: Colour) -> None:
         self._capsule(body, (0, 0, 0), (0, 0, -length), radius, rgba)
 
-    def _ellipsoid(
-        self,
-        body: Any,
-        pos: tuple[float, float, float],
-        size: tuple[float, float, float],
-        rgba: tuple[float, ...],
-    ) -> None:
-        body.add("geom", type="ellipsoid", pos=pos, size=size, rgba=rgba)
+    def _shape(self, body: Any, kind: str, pos: Any, size: Vector, rgba: Colour) -> None:
+        body.add("geom", type=kind, pos=pos, size=size, rgba=rgba)
+
+    def _ellipsoid(self, body: Any, pos: Any, size: Vector, rgba: Colour) -> None:
+        self._shape(body, "ellipsoid", pos, size, rgba)
 
     def build(self) -> BodyModel:
         thorax, shoulder_z = self._trunk()
@@ -296,16 +253,11 @@ class _Builder:
             (name, _torque_share(name) * self.mass * GRAVITY * self.height) for name in self._chain_order()
         )
         for name, limit in limits:
+            both = (-limit, limit)
             self.root.actuator.add(
-                "motor",
-                name=name,
-                joint=name,
-                gear=(1,),
-                ctrllimited=True,
-                ctrlrange=(-limit, limit),
-                forcelimited=True,
-                forcerange=(-limit, limit),
-            )
+                "motor", name=name, joint=name, gear=(1,), ctrllimited=True, ctrlrange=both,
+                forcelimited=True, forcerange=both,
+            )  # fmt: skip
         description = BodyDescription(
             name="human",
             height=self.height,
@@ -332,64 +284,36 @@ class _Builder:
 
     def _chain_order(self) -> list[str]:
         """Hinges in MuJoCo's joint order, which is depth first."""
-        return [
-            joint.name
-            for joint in self.root.find_all("joint", exclude_attachments=True)
-            if joint.tag == "joint"
-        ]
+        joints = self.root.find_all("joint", exclude_attachments=True)
+        return [joint.name for joint in joints if joint.tag == "joint"]
 
     def _trunk(self) -> tuple[Any, float]:
         h, scale = self.height, self.trunk_scale
         lower, middle = table.LOWER_TRUNK.length * scale, table.MIDDLE_TRUNK.length * scale
         upper, head = table.UPPER_TRUNK.length * scale, table.HEAD.length * scale
-        # Table rows run downward from the upper endpoint; segment frames are at the lower one.
-        pelvis = self._body(
-            self.root.worldbody,
-            "pelvis",
-            (0, 0, table.HIP_HEIGHT * h),
-            _inertial(table.LOWER_TRUNK, self.table_mass, lower, (0, 0, (1 - table.LOWER_TRUNK.com) * lower)),
-        )
+        hips = (0, 0, table.HIP_HEIGHT * h)
+        pelvis = self._segment(self.root.worldbody, "pelvis", hips, table.LOWER_TRUNK, lower, upward=True)
         pelvis.add("freejoint", name="root")
         # A lamp that goes along: a fixed sun casts grainy shadows on an endless floor.
         pelvis.add(
-            "light",
-            name="lamp",
-            mode="trackcom",
-            pos=(1.2, -1.6, 3.2),
-            dir=(-0.33, 0.42, -1),
-            cutoff=75,
-            exponent=0,
-            castshadow=True,
-            diffuse=(0.5, 0.5, 0.5),
-            specular=(0.1, 0.1, 0.1),
-        )
-        for name, mode, pos, xyaxes in (
-            ("side", "trackcom", (0.0, -3.2, 0.1), (1, 0, 0, 0, 0.03, 1)),
-            ("front", "trackcom", (3.2, 0.0, 0.1), (0, 1, 0, -0.03, 0, 1)),
-            ("oblique", "trackcom", (2.3, -2.3, 0.5), (0.707, 0.707, 0, -0.13, 0.13, 1)),
+            "light", name="lamp", mode="trackcom", pos=(1.2, -1.6, 3.2), dir=(-0.33, 0.42, -1), cutoff=75,
+            exponent=0, castshadow=True, diffuse=(0.5, 0.5, 0.5), specular=(0.1, 0.1, 0.1),
+        )  # fmt: skip
+        for name, pos, xyaxes in (
+            ("side", (0.0, -3.2, 0.1), (1, 0, 0, 0, 0.03, 1)),
+            ("front", (3.2, 0.0, 0.1), (0, 1, 0, -0.03, 0, 1)),
+            ("oblique", (2.3, -2.3, 0.5), (0.707, 0.707, 0, -0.13, 0.13, 1)),
         ):
-            pelvis.add("camera", name=name, mode=mode, pos=pos, xyaxes=xyaxes)
+            pelvis.add("camera", name=name, mode="trackcom", pos=pos, xyaxes=xyaxes)
         self._ellipsoid(pelvis, (0, 0, 0.035 * h), (0.068 * h, 0.099 * h, 0.062 * h), _TROUSERS)
 
-        abdomen = self._body(
-            pelvis,
-            "abdomen",
-            (0, 0, lower),
-            _inertial(
-                table.MIDDLE_TRUNK, self.table_mass, middle, (0, 0, (1 - table.MIDDLE_TRUNK.com) * middle)
-            ),
-        )
+        abdomen = self._segment(pelvis, "abdomen", (0, 0, lower), table.MIDDLE_TRUNK, middle, upward=True)
         self.groups["waist"] = self._hinges(abdomen, "waist", _TRUNK_JOINTS)
         self._ellipsoid(abdomen, (0, 0, 0.45 * middle), (0.062 * h, 0.088 * h, 0.105 * h), _SHIRT)
 
-        thorax = self._body(
-            abdomen,
-            "thorax",
-            (0, 0, middle),
-            _inertial(
-                table.UPPER_TRUNK, self.table_mass, upper, (0, 0, (1 - table.UPPER_TRUNK.com) * upper)
-            ).plus(_inertial(table.HEAD, self.table_mass, head, (0, 0, upper + (1 - table.HEAD.com) * head))),
-        )
+        skull = _inertial(table.HEAD, self.table_mass, head, (0, 0, upper + (1 - table.HEAD.com) * head))
+        both = self._inertial(table.UPPER_TRUNK, upper, upward=True).plus(skull)
+        thorax = self._body(abdomen, "thorax", (0, 0, middle), both)
         self.groups["chest"] = self._hinges(thorax, "chest", _TRUNK_JOINTS)
         self._ellipsoid(thorax, (0, 0, 0.40 * upper), (0.068 * h, 0.102 * h, 0.112 * h), _SHIRT)
         shoulder_z = table.SHOULDER_HEIGHT * h - table.HIP_HEIGHT * h - lower - middle
@@ -399,13 +323,8 @@ class _Builder:
         self._ellipsoid(
             thorax, (0.012 * h, 0, upper + 0.53 * head), (0.054 * h, 0.045 * h, 0.47 * head), _SKIN
         )
-        thorax.add(
-            "geom",
-            type="ellipsoid",
-            pos=(0.064 * h, 0, upper + 0.46 * head),
-            size=(0.010 * h, 0.007 * h, 0.013 * h),
-            rgba=_SKIN,
-        )
+        nose = (0.064 * h, 0, upper + 0.46 * head)
+        self._ellipsoid(thorax, nose, (0.010 * h, 0.007 * h, 0.013 * h), _SKIN)
         thorax.add("site", name="imu", pos=(0, 0, 0.5 * upper))
         self.pelvis = pelvis
         return thorax, shoulder_z
@@ -417,24 +336,15 @@ class _Builder:
         shank_length = (table.KNEE_HEIGHT - table.ANKLE_HEIGHT) * h
         rgba = _LEFT_SHADE if side == "left" else _TROUSERS
 
-        thigh = self._body(
-            self.pelvis,
-            f"{side}_thigh",
-            (0, sign * table.HIP_HALF_WIDTH * h, 0),
-            _inertial(table.THIGH, self.table_mass, thigh_length, (0, 0, -table.THIGH.com * thigh_length)),
-        )
+        socket = (0, sign * table.HIP_HALF_WIDTH * h, 0)
+        thigh = self._segment(self.pelvis, f"{side}_thigh", socket, table.THIGH, thigh_length)
         hip = self._hinges(thigh, f"{side}_hip", _HIP_JOINTS)
         self._limb(thigh, thigh_length, 0.035 * h, rgba)
         self._ellipsoid(
             thigh, (0, 0, -0.36 * thigh_length), (0.051 * h, 0.048 * h, 0.46 * thigh_length), rgba
         )
 
-        shank = self._body(
-            thigh,
-            f"{side}_shank",
-            (0, 0, -thigh_length),
-            _inertial(table.SHANK, self.table_mass, shank_length, (0, 0, -table.SHANK.com * shank_length)),
-        )
+        shank = self._segment(thigh, f"{side}_shank", (0, 0, -thigh_length), table.SHANK, shank_length)
         (knee,) = self._hinges(shank, f"{side}_knee", ("pitch",))
         self._limb(shank, 0.97 * shank_length, 0.023 * h, rgba)
         belly = (-0.010 * h, 0, -0.30 * shank_length)
@@ -452,20 +362,12 @@ class _Builder:
         foot.add("site", name=f"{side}_sole", pos=-to_ankle)
         back, front = sole.heel_x - 0.004 * h, sole.ball_x
         thickness = table.TOE_THICKNESS * h
-        foot.add(
-            "geom",
-            type="box",
-            pos=np.array([0.5 * (back + front), 0, 0.5 * thickness + 0.001]) - to_ankle,
-            size=(0.5 * (front - back), 0.9 * sole.ball_half_width, 0.5 * thickness),
-            rgba=_SHOE,
-        )
-        foot.add(
-            "geom",
-            type="ellipsoid",
-            pos=np.array([0.35 * front + 0.65 * back, 0, 0.55 * sole.ankle_height]) - to_ankle,
-            size=(0.46 * (front - back), 0.8 * sole.ball_half_width, 0.46 * sole.ankle_height),
-            rgba=_SHOE,
-        )
+        pos = np.array([0.5 * (back + front), 0, 0.5 * thickness + 0.001]) - to_ankle
+        size = (0.5 * (front - back), 0.9 * sole.ball_half_width, 0.5 * thickness)
+        self._shape(foot, "box", pos, size, _SHOE)
+        pos = np.array([0.35 * front + 0.65 * back, 0, 0.55 * sole.ankle_height]) - to_ankle
+        size = (0.46 * (front - back), 0.8 * sole.ball_half_width, 0.46 * sole.ankle_height)
+        self._ellipsoid(foot, pos, size, _SHOE)
 
         to_toe = np.array([sole.ball_x, 0.0, 0.0])
         toe = self._body(
@@ -477,13 +379,8 @@ class _Builder:
         (toe_joint,) = self._hinges(toe, f"{side}_toe", ("pitch",))
         toe.add("site", name=f"{side}_toe_axis")
         length = sole.tip_x - sole.ball_x + 0.003 * h
-        toe.add(
-            "geom",
-            type="box",
-            pos=(0.5 * length, 0, 0.5 * thickness + 0.001),
-            size=(0.5 * length, 0.9 * sole.ball_half_width, 0.5 * thickness),
-            rgba=_TOE_CAP,
-        )
+        size = (0.5 * length, 0.9 * sole.ball_half_width, 0.5 * thickness)
+        self._shape(toe, "box", (0.5 * length, 0, 0.5 * thickness + 0.001), size, _TOE_CAP)
 
         xs = {"heel": sole.heel_x, "ball": sole.ball_x, "tip": sole.tip_x}
         widths = {"heel": sole.heel_half_width, "ball": sole.ball_half_width, "tip": sole.tip_half_width}
@@ -496,16 +393,10 @@ class _Builder:
                 body.add("site", name=name, pos=pos)
                 # The sphere stands on the site, so the point that touches the floor is the site.
                 body.add(
-                    "geom",
-                    name=name,
-                    dclass="contact",
-                    type="sphere",
-                    size=(SOLE_POINT_RADIUS,),
-                    pos=pos + np.array([0, 0, SOLE_POINT_RADIUS]),
-                    contype=0,
-                    conaffinity=1,
+                    "geom", name=name, dclass="contact", type="sphere", size=(SOLE_POINT_RADIUS,),
+                    pos=pos + np.array([0, 0, SOLE_POINT_RADIUS]), contype=0, conaffinity=1,
                     rgba=(0.1, 0.1, 0.1, 1),
-                )
+                )  # fmt: skip
                 points.append(name)
         return LegDescription(
             hip=(hip[0], hip[1], hip[2]),
@@ -546,40 +437,22 @@ class _Builder:
         sign = 1.0 if side == "left" else -1.0
         upper_length, fore_length = table.UPPER_ARM.length * h, table.FOREARM.length * h
         hand_length = table.HAND.length * h
-        upper = self._body(
-            thorax,
-            f"{side}_upper_arm",
-            (0, sign * table.SHOULDER_HALF_WIDTH * h, shoulder_z),
-            _inertial(
-                table.UPPER_ARM, self.table_mass, upper_length, (0, 0, -table.UPPER_ARM.com * upper_length)
-            ),
-        )
+        shoulder = (0, sign * table.SHOULDER_HALF_WIDTH * h, shoulder_z)
+        upper = self._segment(thorax, f"{side}_upper_arm", shoulder, table.UPPER_ARM, upper_length)
         joints = list(self._hinges(upper, f"{side}_shoulder", _SHOULDER_JOINTS))
         self._capsule(upper, (0, 0, -0.3 * upper_length), (0, 0, -upper_length), 0.023 * h, _SKIN)
         self._ellipsoid(
             upper, (0, 0, -0.26 * upper_length), (0.034 * h, 0.032 * h, 0.40 * upper_length), _SHIRT
         )
-        fore = self._body(
-            upper,
-            f"{side}_forearm",
-            (0, 0, -upper_length),
-            _inertial(table.FOREARM, self.table_mass, fore_length, (0, 0, -table.FOREARM.com * fore_length)),
-        )
+        fore = self._segment(upper, f"{side}_forearm", (0, 0, -upper_length), table.FOREARM, fore_length)
         joints += self._hinges(fore, f"{side}_elbow", ("pitch", "yaw"))
         self._limb(fore, 0.98 * fore_length, 0.017 * h, _SKIN)
         self._ellipsoid(fore, (0, 0, -0.28 * fore_length), (0.025 * h, 0.024 * h, 0.34 * fore_length), _SKIN)
         # The row's radii belong to a hand whose palm faces forward; here it faces the thigh, so the fore-aft
         # and left-right radii change places.
         sagittal, transverse, longitudinal = table.HAND.radii
-        hand_row = table.Segment(
-            table.HAND.mass, table.HAND.length, table.HAND.com, (transverse, sagittal, longitudinal)
-        )
-        hand = self._body(
-            fore,
-            f"{side}_hand",
-            (0, 0, -fore_length),
-            _inertial(hand_row, self.table_mass, hand_length, (0, 0, -table.HAND.com * hand_length)),
-        )
+        hand_row = replace(table.HAND, radii=(transverse, sagittal, longitudinal))
+        hand = self._segment(fore, f"{side}_hand", (0, 0, -fore_length), hand_row, hand_length)
         joints += self._hinges(hand, f"{side}_wrist", ("pitch", "roll"))
         self._ellipsoid(hand, (0, 0, -0.9 * hand_length), (0.024 * h, 0.009 * h, 0.054 * h), _SKIN)
         return tuple(joints)

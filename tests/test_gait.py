@@ -20,26 +20,10 @@ from ampm.planner.support import plan_steps
 
 G, MASS = 9.81, 60.0
 GOLDEN = GaitParameters(
-    com_height=0.88,
-    step_length=0.6,
-    single_support_ratio=0.7,
-    switching_velocity=1.0,
-    a_s=4.0,
-    c_s=1.2,
-    c_y=0.6,
-    step_width=0.18,
-    steps=6,
-)
-SOLE = SoleGeometry(
-    heel_x=-0.107,
-    ball_x=0.083,
-    tip_x=0.151,
-    heel_half_width=0.03,
-    ball_half_width=0.04,
-    tip_half_width=0.035,
-    ankle_x=-0.042,
-    ankle_height=0.066,
-)
+    com_height=0.88, step_length=0.6, single_support_ratio=0.7, switching_velocity=1.0, a_s=4.0, c_s=1.2,
+    c_y=0.6, step_width=0.18, steps=6,
+)  # fmt: skip
+SOLE = SoleGeometry(-0.107, 0.083, 0.151, 0.03, 0.04, 0.035, -0.042, 0.066)
 
 
 def changed(**values):
@@ -86,7 +70,7 @@ def peak_to_peak_of_lx(parameters):
     return np.ptp(plan.sample(starts).angular_momentum[:, 0])
 
 
-def test_golden_angular_momentum(plan):
+def test_golden_angular_momentum():
     assert peak_to_peak_of_lx(GOLDEN) == pytest.approx(9.939015536, abs=1e-8)
 
 
@@ -167,15 +151,16 @@ def test_times_in_any_order_and_read_only(plan):
     assert len(plan.sample([])) == 0
 
 
-@pytest.mark.parametrize("bad", [-1e-6, 1e9, math.nan, math.inf])
-def test_times_outside_are_refused(plan, bad):
-    with pytest.raises(InputError, match="outside the plan"):
-        plan.sample([0.1, bad])
-
-
-def test_times_of_two_dimensions_are_refused(plan):
-    with pytest.raises(InputError, match="shape"):
-        plan.sample(np.zeros((2, 2)))
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [
+        *(([0.1, bad], "outside the plan") for bad in (-1e-6, 1e9, math.nan, math.inf)),
+        (np.zeros((2, 2)), "shape"),
+    ],
+)
+def test_times_that_are_refused(plan, times, words):
+    with pytest.raises(InputError, match=words):
+        plan.sample(times)
 
 
 # --- laws ---
@@ -269,15 +254,9 @@ def force_law_integration(parameters, steps):
 
             passed.terminal = True  # type: ignore[attr-defined]
             found = solve_ivp(
-                derivative,
-                (now, now + 2.0),
-                state,
-                method="DOP853",
-                rtol=1e-12,
-                atol=1e-13,
-                events=passed,
+                derivative, (now, now + 2.0), state, method="DOP853", rtol=1e-12, atol=1e-13, events=passed,
                 dense_output=True,
-            )
+            )  # fmt: skip
             now, state = found.t_events[0][0], found.y_events[0][0]
             switches.append(now)
             pieces.append(found.sol)
@@ -309,7 +288,7 @@ def test_an_independent_integration_of_force_and_zmp_laws(parameters):
 
 def test_angular_momentum_x_is_mirror_antisymmetric(plan):
     t = np.linspace(0.0, plan.constants.step_duration * 0.999, 100)
-    now, later = plan.sample(t), plan.sample(t + plan.constants.step_duration)
+    now, later = (plan.sample(t + shift) for shift in (0.0, plan.constants.step_duration))
     np.testing.assert_allclose(later.angular_momentum[:, 0], -now.angular_momentum[:, 0], atol=1e-10)
     np.testing.assert_allclose(later.angular_momentum[:, 1], now.angular_momentum[:, 1], atol=1e-10)
 
@@ -354,13 +333,9 @@ def test_the_plain_pendulum_states_its_jumps_and_is_not_refused_for_them():
     assert max(r.position, r.velocity, r.moment, r.angular_momentum) <= 1e-14
     # Along x the ZMP jumps from the foot to below the COM and the acceleration from g l_s/H to nothing.
     assert (r.zmp, r.acceleration) == pytest.approx((c.l_s / 0.88, c.l_s / 0.88), rel=1e-12)
-    before, after = (
-        plan.sample(plan.contacts.switch_times[0] - 1e-9),
-        plan.sample(plan.contacts.switch_times[0]),
-    )
-    np.testing.assert_allclose(
-        before.com_acceleration[0], [G / 0.88 * c.l_s, -G / 0.88 * c.s, 0.0], atol=1e-7
-    )
+    before, after = (plan.sample(plan.contacts.switch_times[0] - beside) for beside in (1e-9, 0.0))
+    driven = [G / 0.88 * c.l_s, -G / 0.88 * c.s, 0.0]
+    np.testing.assert_allclose(before.com_acceleration[0], driven, atol=1e-7)
     np.testing.assert_array_equal(after.com_acceleration[0], 0.0)
     np.testing.assert_allclose(before.zmp[0], [0.0, 0.09], atol=1e-12)
     np.testing.assert_allclose(after.zmp[0], after.com[0, :2], atol=1e-12)
@@ -440,32 +415,27 @@ def test_a_mass_that_is_no_mass(mass):
         plan_gait(GOLDEN, mass=mass)
 
 
-def gaits(height, length, speed, ratio, a_s, c_s, c_y, width, steps, **fixed):
+BOUNDED = "com_height step_length switching_velocity single_support_ratio a_s c_s c_y step_width".split()
+
+
+def gaits(*bounds, steps, **fixed):
     """Gaits with parameters between bounds, ``a_s`` infinite as well."""
-    return st.builds(
-        GaitParameters,
-        com_height=st.floats(*height),
-        step_length=st.floats(*length),
-        switching_velocity=st.floats(*speed),
-        single_support_ratio=st.floats(*ratio),
-        a_s=st.one_of(st.just(math.inf), st.floats(*a_s)),
-        c_s=st.floats(*c_s),
-        c_y=st.floats(*c_y),
-        step_width=st.floats(*width),
-        steps=st.integers(1, steps),
-        **fixed,
-    )
+    drawn = {name: st.floats(*pair) for name, pair in zip(BOUNDED, bounds, strict=True)}
+    drawn["a_s"] = st.one_of(st.just(math.inf), drawn["a_s"])
+    return st.builds(GaitParameters, **drawn, steps=st.integers(1, steps), **fixed)
 
 
 # Well beyond anything that walks: every draw is a valid plan or a named refusal.
-WIDE = gaits((0.05, 10), (1e-3, 5), (1e-3, 10), (1e-3, 0.999), (0.01, 1e6), (-5, 20), (-1, 20), (1e-3, 5), 40)
+WIDE = gaits(
+    (0.05, 10), (1e-3, 5), (1e-3, 10), (1e-3, 0.999), (0.01, 1e6), (-5, 20), (-1, 20), (1e-3, 5), steps=40
+)
 WALKABLE = gaits(
-    (0.5, 1.2), (0.1, 0.9), (0.3, 2.5), (0.3, 0.95), (2, 20), (0.7, 2), (0.01, 1.5), (0.05, 0.4), 12
+    (0.5, 1.2), (0.1, 0.9), (0.3, 2.5), (0.3, 0.95), (2, 20), (0.7, 2), (0.01, 1.5), (0.05, 0.4), steps=12
 )
 TINY = math.nextafter(1e-300, 1.0)
 NUMBERS = ((TINY, 100), (TINY, 100), (TINY, 100), (5e-324, math.nextafter(1.0, 0.0)))
-EDGE = gaits(*NUMBERS, (5e-324, None), (-100, 100), (-100, 100), (TINY, 100), 5)
-PLAIN = gaits(*NUMBERS, (math.inf, math.inf), (1, 1), (1, 1), (TINY, 100), 5, model=st.just("ipm"))
+EDGE = gaits(*NUMBERS, (5e-324, None), (-100, 100), (-100, 100), (TINY, 100), steps=5)
+PLAIN = gaits(*NUMBERS, (math.inf, math.inf), (1, 1), (1, 1), (TINY, 100), steps=5, model=st.just("ipm"))
 
 
 def check_plan_or_refusal(parameters):
@@ -579,9 +549,7 @@ def test_no_instant_undercuts_the_least_margin(schedule):
     plan = plan_steps(GaitParameters(steps=6), MASS, FootParameters(schedule=schedule), SOLE)
     least, time = plan.least_zmp_margin()
     assert plan.zmp_margin(time)[0] == least
-    beside = np.concatenate(
-        [plan.contacts.switch_times, plan.contacts.switch_times - 1e-9, plan.contacts.switch_times + 1e-9]
-    )
+    beside = np.concatenate([plan.contacts.switch_times + shift for shift in (-1e-9, 0.0, 1e-9)])
     assert least <= plan.zmp_margin(beside).min() + 1e-12
     # What a grid sees approaches it from above.
     grid = plan.zmp_margin(np.linspace(0.0, plan.duration, 20001)).min()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import subprocess
@@ -50,21 +51,10 @@ def test_committed_xml_is_what_the_builder_writes() -> None:
 
 
 def test_import_needs_no_display() -> None:
-    environment = {
-        k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL")
-    }
-    subprocess.run(
-        [
-            sys.executable,
-            "-W",
-            "error",
-            "-c",
-            "import models.human, os; assert 'MUJOCO_GL' not in os.environ",
-        ],
-        env=environment,
-        check=True,
-        timeout=60,
-    )
+    displays = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL")
+    environment = {name: value for name, value in os.environ.items() if name not in displays}
+    code = "import models.human, os; assert 'MUJOCO_GL' not in os.environ"
+    subprocess.run([sys.executable, "-W", "error", "-c", code], env=environment, check=True, timeout=60)
 
 
 def test_forty_degrees_of_freedom(body: Standing) -> None:
@@ -82,11 +72,8 @@ def test_total_mass_is_the_bodys(body: Standing) -> None:
 def test_proportions(body: Standing) -> None:
     assert 0.55 <= body.data.subtree_com[0][2] / body.height <= 0.57
     assert body.data.subtree_com[0][1] == pytest.approx(0.0, abs=1e-12)
-    head = max(
-        body.data.geom_xpos[i][2] + body.model.geom_size[i][2]
-        for i in range(body.model.ngeom)
-        if body.model.geom_bodyid[i] == body.model.body("thorax").id
-    )
+    thorax = body.model.geom_bodyid == body.model.body("thorax").id
+    head = (body.data.geom_xpos[:, 2] + body.model.geom_size[:, 2])[thorax].max()
     assert head == pytest.approx(body.height, rel=2e-3)
     assert body.description.hip_height == pytest.approx(0.53 * body.height)
 
@@ -128,9 +115,7 @@ def test_table_adds_up() -> None:
 def test_soles_lie_on_the_floor(body: Standing) -> None:
     sole = body.description.sole
     xs = {"heel": sole.heel_x, "ball": sole.ball_x, "tip": sole.tip_x}
-    widths = {
-        "heel": sole.heel_half_width, "ball": sole.ball_half_width, "tip": sole.tip_half_width
-    }  # fmt: skip
+    widths = {group: getattr(sole, f"{group}_half_width") for group in xs}
     for index, (foot, group, name) in enumerate(body.description.sole_points()):
         leg = body.description.legs[foot]
         frame = body.data.site(leg.sole_frame)
@@ -209,10 +194,8 @@ def test_actuators_are_torque_motors_in_joint_order(body: Standing) -> None:
 
 
 def test_nothing_passive_disturbs_the_controllers_model(body: Standing) -> None:
-    for values in (
-        body.model.dof_damping, body.model.dof_armature, body.model.dof_frictionloss, body.model.jnt_stiffness
-    ):  # fmt: skip
-        assert not np.any(values)
+    for name in ("dof_damping", "dof_armature", "dof_frictionloss", "jnt_stiffness"):
+        assert not np.any(getattr(body.model, name)), name
     assert np.all(body.model.jnt_limited[1:])
     assert np.all(body.model.jnt_range[1:, 0] <= 0.0), "the neutral posture must be allowed"
     assert np.all(body.model.jnt_range[1:, 1] > 0.0)
@@ -221,14 +204,10 @@ def test_nothing_passive_disturbs_the_controllers_model(body: Standing) -> None:
 def test_only_sole_points_touch_only_the_floor(body: Standing) -> None:
     points = {name for _, _, name in body.description.sole_points()}
     model = body.model
-    for i in range(model.ngeom):
-        for j in range(i):
-            touch = (model.geom_contype[i] & model.geom_conaffinity[j]) or (
-                model.geom_contype[j] & model.geom_conaffinity[i]
-            )
-            names = {model.geom(i).name, model.geom(j).name}
-            expected = "floor" in names and bool(names & points)
-            assert bool(touch) == expected
+    touch = (model.geom_contype[:, None] & model.geom_conaffinity) != 0
+    for i, j in itertools.combinations(range(model.ngeom), 2):
+        names = {model.geom(i).name, model.geom(j).name}
+        assert (touch[i, j] or touch[j, i]) == ("floor" in names and bool(names & points))
     assert all(model.geom(name).condim[0] == 3 for name in points)
 
 
