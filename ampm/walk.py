@@ -310,7 +310,7 @@ class WalkPlan(StepPlan):
                     ],
                     axis=1,
                 ),
-                right_load=_right_load(sample),
+                right_load=right_load(sample),
                 feet=_feet_state(feet, held_feet),
                 contacts=ContactState(within(timing.lead), within(timing.early), _until_lift(times, contact)),
                 posture=body._replace(acceleration=held_body.acceleration),
@@ -477,7 +477,7 @@ def _exact_until_lift(path: FootPath, time: float) -> Array:
     return np.min(np.where(lifts, path.start[1:, None], np.inf), axis=0, initial=np.inf) - time
 
 
-def _right_load(sample: PlanSample) -> Array:
+def right_load(sample: PlanSample) -> Array:
     """Share of the right foot: where the planned ZMP lies between the feet's centre lines."""
     left, right = sample.left_placement[:, 1], sample.right_placement[:, 1]
     share = (left - sample.zmp[:, 1]) / (left - right)

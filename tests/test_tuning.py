@@ -17,9 +17,8 @@ from ampm.planner.support import plan_steps
 from ampm.run_file import PRESETS, dump_run, load_run
 from ampm.tune.certificate import Untunable, way_out
 from ampm.tune.free_choices import FREE_KEYS, FreeChoices, named_keys
-from ampm.tune.gait_limits import LIMITS, plan_margins
-from ampm.tune.rough_orbits import RoughOrbits
-from ampm.tune.step_torques import step_torques
+from ampm.tune.gait_limits import LIMITS, plan_margins, step_torques
+from ampm.tune.search import RoughOrbits
 from ampm.tune.tuning import tune
 from validation.cli.app import Status, call
 from validation.run.walk import walk_planned

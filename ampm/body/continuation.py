@@ -2,50 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
+_LEAST = 0.02  # a shorter stride is not tried
 
-@dataclass(frozen=True)
-class Strides:
-    """Shares of the way that are tried at a time [1].
+
+@dataclass
+class Way:
+    """How far a search has come, and how far it tries to go next.
 
     Attributes:
-        shrink: factor after a failure.
-        grow: factor after a success.
-        first: the first stride.
-        least: a shorter one is not tried.
+        shrink: factor of the stride after a failure.
+        grow: factor of the stride after a success.
+        share: of the way that has been reached [1].
+        stride: share of the way that is tried at a time [1].
     """
 
     shrink: float
     grow: float
-    first: float = 0.5
-    least: float = 0.02
+    share: float = 0.0
+    stride: float = 0.5
 
+    @property
+    def open(self) -> bool:
+        """Whether there is a stride left to try."""
+        return self.share < 1.0 and self.stride >= _LEAST
 
-class EndOfWay(Exception):
-    """Raised by an attempt that makes no sense: the budget is spent, or the last solution is hopeless."""
+    @property
+    def ahead(self) -> float:
+        """Share to try next."""
+        return min(1.0, self.share + self.stride)
 
-
-def follow(attempt: Callable[[float, float], bool], strides: Strides) -> float:
-    """Go from share 0 to share 1.
-
-    Args:
-        attempt: called with the share to try and the stride; solves the problem there from the last solution,
-            keeps what it finds, and returns whether it succeeded.
-        strides: how the share to try is chosen.
-
-    Returns:
-        The share that was reached.
-    """
-    share, stride = 0.0, strides.first
-    while share < 1.0 and stride >= strides.least:
-        ahead = min(1.0, share + stride)
-        try:
-            reached = attempt(ahead, stride)
-        except EndOfWay:
-            break
-        if reached:
-            share = ahead
-        stride *= strides.grow if reached else strides.shrink
-    return share
+    def tried(self, *, reached: bool) -> None:
+        """Take in whether the problem at the share ahead was solved."""
+        self.share, factor = (self.ahead, self.grow) if reached else (self.share, self.shrink)
+        self.stride *= factor

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ampm.body.continuation import EndOfWay, Strides, follow
+from ampm.body.continuation import Way
 from ampm.body.feasibility import LESS, check_motion
 from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory, Unreachable
 from ampm.body.motion import Extreme, MotionReport, WholeBodyMotion
@@ -46,7 +46,6 @@ _COARSE_TOLERANCE = 1e-7
 RUNG_TOLERANCE = 1e-5
 """Of the orbits on the way to the one that was asked for [rad, m, rad/s, m/s]."""
 _DROPS = (0.03, 0.06, 0.1)  # by how much the COM is lowered to find a first orbit [m]
-_STRIDES = Strides(shrink=0.4, grow=1.6)
 _BUDGET = 700  # coarse steps that a search may take
 
 
@@ -168,15 +167,13 @@ class _Search:
         Returns:
             The farthest orbit, how much of the way it has come, and why no farther.
         """
-        here = 0.0
+        way = Way(shrink=0.4, grow=1.6)
         before: tuple[float, Array] | None = None
         failed = Unreachable(0.0, "no stride is tried", 0.0, 0.0, "1")
-
-        def attempt(there: float, _: float) -> bool:
-            nonlocal orbit, here, before, failed
-            guess = orbit.z
+        while way.open:
+            there, guess = way.ahead, orbit.z
             if before is not None:  # along the chord
-                guess = guess + (guess - before[1]) * ((there - here) / (here - before[0]))
+                guess = guess + (guess - before[1]) * ((there - way.share) / (way.share - before[0]))
             drop, share = ((1.0 - there) * a + there * b for a, b in zip(begin, end, strict=True))
             eased = self._map(self.coarse.eased(drop, share))
             self._say(f"{there:.0%} of the way")
@@ -185,13 +182,12 @@ class _Search:
             except Unreachable as error:
                 failed = error
                 if self.ik.integrations > _BUDGET:
-                    raise EndOfWay from None
-                return False
-            before, orbit, here = (here, orbit.z), found, there
-            return True
-
-        way = follow(attempt, _STRIDES)
-        return orbit, way, failed
+                    break
+                way.tried(reached=False)
+                continue
+            before, orbit = (way.share, orbit.z), found
+            way.tried(reached=True)
+        return orbit, way.share, failed
 
     def _refusal(self, cause: Unreachable, *, drop: float = 0.0, share: float = 1.0) -> BodilyRefusal:
         """Why there is no orbit; ``drop`` and ``share`` say how near the search came."""

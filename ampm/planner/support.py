@@ -69,7 +69,7 @@ class StepPlan:
         """:meth:`CentroidalPlan.residuals`."""
         return self.centroidal.residuals()
 
-    def _points_in_contact(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def points_in_contact(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
         """World (x, y) of all twelve sole points, (N, 12, 2), and which are in contact, (N, 12)."""
         left, right = self.feet.sample(time)
         points = np.concatenate([left.sole_points[:, :, :2], right.sole_points[:, :, :2]], axis=1)
@@ -85,7 +85,7 @@ class StepPlan:
         Raises:
             InputError: the time lies outside the plan.
         """
-        points, contact = self._points_in_contact(self.centroidal.clipped(time))
+        points, contact = self.points_in_contact(self.centroidal.clipped(time))
         return convex_hull(points[0, contact[0]])
 
     def zmp_margin(self, times: ArrayLike) -> Array:
@@ -104,7 +104,7 @@ class StepPlan:
         margin = np.empty(len(time))
         for first in range(0, max(len(time), 1), _BLOCK):
             block = slice(first, first + _BLOCK)
-            points, contact = self._points_in_contact(time[block])
+            points, contact = self.points_in_contact(time[block])
             distance = polygon_margin(points, contact, self.sample(time[block]).zmp)
             margin[block] = np.where(contact.any(axis=1), distance, -np.inf)
         return margin

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from ampm.exceptions import BodilyRefusal
@@ -12,7 +13,11 @@ from ampm.tune.free_choices import FREE_KEYS
 from ampm.tune.gait_limits import LIMITS
 
 if TYPE_CHECKING:
+    from ampm.body.inverse_kinematics import Unreachable
     from ampm.parameters import RunParameters
+    from ampm.tune.search import Candidate, ChoiceSearch
+
+_TIGHT = 0.3  # margin below which a limit is named as what ended a way
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,63 @@ class Untunable(BodilyRefusal):
             way_out=way_out,
         )
         self.certificate = certificate
+
+
+@dataclass
+class Approach:
+    """How far the strides from an easy neighbour led.
+
+    Attributes:
+        share: of the way [1].
+        search: at that place.
+        candidate: the choice there.
+        why: what was in the way farther on.
+    """
+
+    share: float
+    search: ChoiceSearch
+    candidate: Candidate
+    why: Unreachable | None = None
+
+
+def numbers(found: Mapping[str, float | str]) -> Mapping[str, float]:
+    """Those of the free choices that are numbers."""
+    return MappingProxyType({key: float(value) for key, value in found.items() if isinstance(value, float)})
+
+
+def untunable(search: ChoiceSearch, best: Candidate | None, farthest: Approach | None) -> Untunable:
+    """The limit that stayed broken in the best of all choices, or where the way to the gait ended."""
+    space, tried = search.space, len(search.candidates)
+    where = beyond = ""
+    if best is None and farthest is not None:
+        best, gait = farthest.candidate, farthest.search.space.run.gait
+        tried += len(farthest.search.candidates)
+        where = (
+            f"the search came {farthest.share:.0%} of the way from an easy gait, to step "
+            f"{gait.step_length:.3g} m, v0 {gait.switching_velocity:.3g} m/s, c_s {gait.c_s:.3g}, "
+            f"c_y {gait.c_y:.3g}"
+        )
+        beyond = "" if farthest.why is None else str(farthest.why)
+    name = reason = "no_periodic_motion"
+    if best is not None and best.orbit is not None:
+        margins = best.margins()
+        tightest = min(margins, key=lambda key: margins[key])
+        limit = LIMITS[tightest]
+        what, value, bound, unit = limit.what, best.values[tightest], limit.bound, limit.unit
+        if not where or margins[tightest] < _TIGHT:
+            name, reason = tightest, limit.reason
+        elif farthest is not None:
+            what, value, bound, unit = "the last periodic step is found", farthest.share, 1.0, "1"
+    else:
+        failed = [candidate for candidate in search.candidates if candidate.why is not None]
+        best = (failed or search.candidates)[-1]
+        what, value, bound, unit = "the formula has no solution", 0.0, 0.0, "1"
+        if best.why is not None:
+            what, value, bound, unit = str(best.why), best.why.value, best.why.limit, best.why.unit
+    choice = numbers(space.found(best.run) if best.plan is not None else {})
+    certificate = Certificate(name, what, float(value), float(bound), unit, tried, choice, where, beyond)
+    fault = "no choice of timing, heights and angles lets this body walk the gait"
+    return Untunable(fault, certificate, reason=reason, way_out=way_out(name, space.run, space.fixed))
 
 
 def way_out(limit: str, run: RunParameters, fixed: Collection[str]) -> str:

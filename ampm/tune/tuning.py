@@ -15,22 +15,22 @@ gait; the same once more with care; L_z held at zero where the feet would twist;
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from ampm.body.continuation import EndOfWay, Strides, follow
+from ampm.body.continuation import Way
 from ampm.body.inverse_kinematics import Unreachable
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import GaitParameters, RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.planners import AmpmPeriodic, PeriodicWalk, WalkRequest
-from ampm.tune.certificate import Certificate, Untunable, way_out
-from ampm.tune.choice_search import ENOUGH, Candidate, ChoiceSearch
+from ampm.tune.certificate import Approach, Certificate, Untunable, numbers, untunable
 from ampm.tune.free_choices import FreeChoices, named_keys
 from ampm.tune.gait_limits import LIMITS, orbit_margins, plan_margins
-from ampm.tune.rough_orbits import RoughOrbits
+from ampm.tune.search import ENOUGH, Candidate, ChoiceSearch, RoughOrbits
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,12 +39,9 @@ if TYPE_CHECKING:
 
     Say = Callable[[str], None]
 
-_NODES = (32, 14)  # intervals of the grid in single and double support
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
 _BUDGET = 2000  # integrated steps that the ways may take; a second, careful try may take as many
-_STRIDES = Strides(shrink=0.5, grow=1.5)
 _LONG_STRIDE = 0.1  # one that a careful try takes back if it leads to far broken limits
-_TIGHT = 0.3  # margin below which a limit is named as what ended a way
 _GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
 _HOPELESS = -0.5  # margin at which a way is given up
 _L_Z = "body.angular_momentum_z"
@@ -67,23 +64,6 @@ class Tuned:
     found: Mapping[str, float | str]
     margins: Mapping[str, float]
     tried: int
-
-
-@dataclass
-class _Way:
-    """How far the strides from an easy neighbour led.
-
-    Attributes:
-        share: of the way [1].
-        search: at that place.
-        candidate: the choice there.
-        why: what ended the way.
-    """
-
-    share: float
-    search: ChoiceSearch
-    candidate: Candidate
-    why: Unreachable | None = None
 
 
 def tune(
@@ -132,33 +112,37 @@ def tune(
 
 
 def _searched(space: FreeChoices, robot: Robot, say: Say, cache: Path | None) -> Tuned:
-    """The best choice of a search.
+    """The best choice of the first strategy that finds one.
 
     Raises:
         RefusedGait: there is none; of two refusals, the one that came nearer to its limit.
     """
     # Arms that take up the legs' swing about the vertical spare the feet the twist of a fast gait.
     quiet = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description)
-    if _L_Z not in space.fixed and _twists(space, robot, say):
+    free = _L_Z not in space.fixed
+    twists = free and _twists(space, robot, say)
+    refusals: list[RefusedGait] = []
+    for choices, patient in ((quiet, False), (space, False)) if twists else ((space, True),):
         try:
-            return _confirmed(*_best(quiet, robot, say), cache)
-        except RefusedGait as first:
-            try:
-                return _confirmed(*_best(space, robot, say), cache)
-            except Untunable as second:
-                refusals = [error for error in (second, first) if isinstance(error, Untunable)]
-                raise max(refusals, key=lambda error: error.certificate.margin) from None
-    search, best = _best(space, robot, say, patient=True)
-    if _L_Z not in space.fixed and best.margins()["twist"] < ENOUGH:
-        with contextlib.suppress(RefusedGait):
-            return _confirmed(*_best(quiet, robot, say), cache)
-        say("no choice with L_z at zero")
-    return _confirmed(search, best, cache)
+            search, best = _best(choices, robot, say, patient=patient)
+            if patient and free and best.margins()["twist"] < ENOUGH:
+                with contextlib.suppress(RefusedGait):
+                    return _confirmed(*_best(quiet, robot, say), cache)
+                say("no choice with L_z at zero")
+            return _confirmed(search, best, cache)
+        except RefusedGait as error:
+            refusals.append(error)
+    raise max(reversed(refusals), key=_nearness)
+
+
+def _nearness(error: RefusedGait) -> float:
+    """How near a search came to the limit that it broke [1]."""
+    return error.certificate.margin if isinstance(error, Untunable) else -math.inf
 
 
 def _twists(space: FreeChoices, robot: Robot, say: Say) -> bool:
     """Whether the guess already twists harder on the floor than its target."""
-    search = ChoiceSearch(space, space.guess(), RoughOrbits(robot, space.run, _NODES), say)
+    search = ChoiceSearch(space, space.guess(), RoughOrbits(robot, space.run), say)
     start = _first_orbit(search)
     return start is not None and start.margins()["twist"] < ENOUGH
 
@@ -178,11 +162,11 @@ def _best(
         RefusedGait: there is none.
     """
     guess = space.guess()
-    orbits = RoughOrbits(robot, space.run, _NODES, budget=_BUDGET * (1 + patient))
+    orbits = RoughOrbits(robot, space.run, budget=_BUDGET * (1 + patient))
     search = ChoiceSearch(space, guess, orbits, say)
     start = _first_orbit(search)
     best = _minimise(search, start) if start is not None else None
-    farthest: _Way | None = None
+    farthest: Approach | None = None
     broken = best is None or best.worst() < 0.0
     for careful in (False, True)[: 1 + patient]:  # long strides first, which may lose the better orbit
         for easy in space.easy() if broken else ():
@@ -195,11 +179,11 @@ def _best(
     if best is None or best.worst() < 0.0:
         best = search.best_with_orbit() or best
     if best is None or best.worst() < 0.0:
-        raise _refusal(search, best, farthest)
+        raise untunable(search, best, farthest)
     return search, best
 
 
-def _approach(easy: GaitParameters, search: ChoiceSearch, *, careful: bool = False) -> _Way | None:
+def _approach(easy: GaitParameters, search: ChoiceSearch, *, careful: bool) -> Approach | None:
     """Come from an easy neighbour: tune it, move a little towards the gait, tune again, and so on.
 
     Args:
@@ -210,8 +194,7 @@ def _approach(easy: GaitParameters, search: ChoiceSearch, *, careful: bool = Fal
     Returns:
         The farthest choice that has a periodic step; None if not even the easy neighbour has.
     """
-    space, orbits = search.space, search.orbits
-    first = space.between(easy, 0.0)
+    space, first = search.space, search.space.between(easy, 0.0)
     try:
         here = search.elsewhere(first, first.guess())
     except RefusedGait:
@@ -219,36 +202,30 @@ def _approach(easy: GaitParameters, search: ChoiceSearch, *, careful: bool = Fal
     start = _first_orbit(here)
     if start is None:
         return None
-    way = _Way(0.0, here, here.minimise(start.x, sweeps=5))
-    hopeless = False
-
-    def attempt(there: float, stride: float) -> bool:
-        nonlocal way, hopeless
-        if hopeless or orbits.evaluations >= _BUDGET * (1 + careful):
-            raise EndOfWay
-        local = search
+    found = Approach(0.0, here, here.minimise(start.x, sweeps=5))
+    way, hopeless = Way(shrink=0.5, grow=1.5), False
+    while way.open and not hopeless and search.orbits.ik.integrations < _BUDGET * (1 + careful):
+        there, local = way.ahead, search
         if there < 1.0:
-            place = space.between(easy, there)
-            try:
+            place, base = space.between(easy, there), search.base
+            with contextlib.suppress(RefusedGait):
                 base = place.guess()
-            except RefusedGait:
-                base = dict(search.base)
             local = search.elsewhere(place, base)
-        candidate = _moved_on(local, way.candidate)
+        candidate = _moved_on(local, found.candidate)
         search.say(f"{there:.0%} of the way: {candidate.why or 'done'}")
-        if not candidate.has_orbit or (careful and stride > _LONG_STRIDE and candidate.worst() < _HOPELESS):
-            way.why = candidate.why or way.why
-            return False
+        too_long = careful and way.stride > _LONG_STRIDE and candidate.worst() < _HOPELESS
+        if candidate.orbit is None or too_long:
+            found.why = candidate.why or found.why
+            way.tried(reached=False)
+            continue
         local.near = candidate
         best = _minimise(local, candidate) if there == 1.0 else local.minimise(candidate.x, sweeps=4)
         if there < 1.0 and best.worst() < 0.0:
             best = _minimise(local, candidate)
-        way = _Way(there, local, best)
+        found = Approach(there, local, best)
         hopeless = best.worst() < _HOPELESS
-        return True
-
-    follow(attempt, _STRIDES)
-    return way
+        way.tried(reached=True)
+    return found
 
 
 def _moved_on(search: ChoiceSearch, last: Candidate) -> Candidate:
@@ -263,7 +240,7 @@ def _moved_on(search: ChoiceSearch, last: Candidate) -> Candidate:
         candidate = search.evaluate(x, last, again=True)
     if "height" in search.space.names:
         for drop in _DROPS[1:3]:
-            if candidate.has_orbit:
+            if candidate.orbit is not None:
                 break
             candidate = search.evaluate(search.space.lowered(x, drop), last, again=True)
     return candidate
@@ -274,7 +251,7 @@ def _first_orbit(search: ChoiceSearch) -> Candidate | None:
     for drop in _DROPS if "height" in search.space.names else _DROPS[:1]:
         x = search.space.lowered(search.guess, drop) if drop else search.guess.copy()
         candidate = search.evaluate(x, None)
-        if candidate.has_orbit:
+        if candidate.orbit is not None:
             search.near = candidate
             return candidate
     return None
@@ -283,12 +260,15 @@ def _first_orbit(search: ChoiceSearch) -> Candidate | None:
 def _minimise(search: ChoiceSearch, start: Candidate) -> Candidate:
     """Minimise with target margins; if a hard limit is still broken, retry with small margins."""
     best = search.minimise(start.x)
-    if best.worst() < 0.0:
-        search.near = best if best.has_orbit else search.near
-        harder = search.minimise(best.x if best.has_orbit else start.x, wanted=0.15, pull=0.02)
-        if harder.worst() > best.worst():
-            best = harder
-    return (search.best_with_orbit() or best) if best.worst() < 0.0 else best
+    if best.worst() >= 0.0:
+        return best
+    near = start if best.orbit is None else best
+    if best.orbit is not None:
+        search.near = best
+    harder = search.minimise(near.x, wanted=0.15, pull=0.02)
+    if harder.worst() > best.worst():
+        best = harder
+    return best if best.worst() >= 0.0 else search.best_with_orbit() or best
 
 
 def _confirmed(search: ChoiceSearch, best: Candidate, cache: Path | None) -> Tuned:
@@ -301,7 +281,7 @@ def _confirmed(search: ChoiceSearch, best: Candidate, cache: Path | None) -> Tun
     try:
         plan = AmpmPeriodic().plan(WalkRequest(run, search.orbits.robot, cache=cache))
     except BodilyRefusal as error:
-        reason, tried, choice = error.reason, len(search.candidates), _numbers(space.found(run))
+        reason, tried, choice = error.reason, len(search.candidates), numbers(space.found(run))
         what = f"{str(error).partition(';')[0]} ({tried} choices tried)"
         certificate = Certificate(reason, what, error.value, error.limit, error.unit, tried, choice)
         fault = "the best choice just fails"
@@ -314,7 +294,7 @@ def _defaults(space: FreeChoices, robot: Robot, cache: Path | None) -> Tuned | N
     run = space.run
     try:
         plan = AmpmPeriodic().plan(WalkRequest(run, robot, cache=cache))
-        orbits = RoughOrbits(robot, run, _NODES)
+        orbits = RoughOrbits(robot, run)
         orbit = orbits.solve(plan, run.body.lean, motion=plan.posture.motion)
     except (RefusedGait, InputError, Unreachable):
         return None
@@ -329,46 +309,3 @@ def _tuned(
 ) -> Tuned:
     margins, found = MappingProxyType(dict(values)), MappingProxyType(space.found(run))
     return Tuned(run, plan, found, margins, tried)
-
-
-def _numbers(found: Mapping[str, float | str]) -> Mapping[str, float]:
-    return MappingProxyType({key: float(value) for key, value in found.items() if isinstance(value, float)})
-
-
-def _refusal(search: ChoiceSearch, best: Candidate | None, farthest: _Way | None) -> Untunable:
-    """The limit that stayed broken in the best of all choices, or where the way to the gait ended."""
-    space, tried = search.space, len(search.candidates)
-    where = beyond = ""
-    if best is None and farthest is not None:
-        best, gait = farthest.candidate, farthest.search.space.run.gait
-        tried += len(farthest.search.candidates)
-        where = (
-            f"the search came {farthest.share:.0%} of the way from an easy gait, to step "
-            f"{gait.step_length:.3g} m, v0 {gait.switching_velocity:.3g} m/s, c_s {gait.c_s:.3g}, "
-            f"c_y {gait.c_y:.3g}"
-        )
-        beyond = "" if farthest.why is None else str(farthest.why)
-    name = reason = "no_periodic_motion"
-    if best is not None and best.has_orbit:
-        margins = best.margins()
-        tightest = min(margins, key=lambda key: margins[key])
-        limit = LIMITS[tightest]
-        what, value, bound, unit = limit.what, best.values[tightest], limit.bound, limit.unit
-        if not where or margins[tightest] < _TIGHT:
-            name, reason = tightest, limit.reason
-        elif farthest is not None:
-            what, value, bound, unit = "the last periodic step is found", farthest.share, 1.0, "1"
-    else:
-        failed = [candidate for candidate in search.candidates if candidate.why is not None]
-        best = (failed or search.candidates)[-1]
-        what, value, bound, unit = "the formula has no solution", 0.0, 0.0, "1"
-        if best.why is not None:
-            what, value, bound, unit = str(best.why), best.why.value, best.why.limit, best.why.unit
-    choice = _numbers(space.found(best.run) if best.plan is not None else {})
-    certificate = Certificate(name, what, float(value), float(bound), unit, tried, choice, where, beyond)
-    return Untunable(
-        "no choice of timing, heights and angles lets this body walk the gait",
-        certificate,
-        reason=reason,
-        way_out=way_out(name, space.run, space.fixed),
-    )

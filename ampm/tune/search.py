@@ -1,4 +1,8 @@
-"""Least squares over the free choices of one gait: every choice judged by its plan and its periodic step."""
+"""Least squares over the free choices of one gait, each judged by its plan and its periodic step.
+
+The steps are solved on a coarse grid, each from a neighbour's. Its number of intervals is fixed, so that what
+is read off an orbit changes smoothly from plan to plan.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +13,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
 from scipy.optimize import least_squares
 
-from ampm.body.inverse_kinematics import Unreachable
+from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
+from ampm.body.orbit import RUNG_TOLERANCE
+from ampm.body.return_map import Orbit, StepMap, newton, standing
+from ampm.body.step_reference import StepReference, phase_grid, step_reference
 from ampm.exceptions import InputError, RefusedGait
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune.gait_limits import LIMITS, orbit_margins, plan_margins
@@ -19,19 +27,83 @@ from ampm.tune.gait_limits import LIMITS, orbit_margins, plan_margins
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.body.return_map import Orbit
+    from ampm.body.motion import WholeBodyMotion
+    from ampm.body.robot import Robot
     from ampm.parameters import RunParameters
     from ampm.tune.free_choices import FreeChoices
-    from ampm.tune.rough_orbits import RoughOrbits
 
     Array = NDArray[np.float64]
 
 ENOUGH = 0.9
 """Share of the target margins at which a search ends [1]."""
+_NODES = (32, 14)  # intervals of the grid in single and double support
 _DIFFERENCE = 0.015  # step of finite differences, as a share of a choice's range
 _FAILED = 6.0  # residual of a choice for which there is no periodic step
 _PULL = 0.06  # weight of the distance to the guess
 _SWEEPS = 12  # points at which one search may ask for a Jacobian
+
+
+class RoughOrbits:
+    """Solver of periodic steps of one body.
+
+    Args:
+        robot: the body.
+        run: posture gains and the choice for L_z, the same for all plans.
+        nodes: intervals of the grid in single and in double support.
+        budget: integrated steps after which a search ends.
+    """
+
+    def __init__(
+        self, robot: Robot, run: RunParameters, nodes: tuple[int, int] = _NODES, budget: float = math.inf
+    ) -> None:
+        self.robot, self.nodes, self.budget = robot, nodes, budget
+        self.ik = InverseKinematics(robot, run)
+
+    def difference(self, a: Orbit, b: Orbit) -> Array:
+        """What leads from one orbit to another.
+
+        Returns:
+            (2 nv + 1,) tangent of the start configuration, both bodies brought to one place, change of the
+            start velocity, and of the constant of L_y [N m s].
+        """
+        tangent = pin.difference(self.robot.model, _moved(a, b.reference), b.trajectory.q[0])
+        return np.concatenate([tangent, b.trajectory.v[0] - a.trajectory.v[0], [b.offset - a.offset]])
+
+    def solve(
+        self,
+        plan: StepPlan,
+        lean: float,
+        near: Orbit | None = None,
+        shift: Array | None = None,
+        motion: WholeBodyMotion | None = None,
+    ) -> Orbit:
+        """The periodic step of a plan.
+
+        Args:
+            plan: centroidal motion and feet.
+            lean: mean trunk pitch [rad].
+            near: orbit of a similar plan; without it, Newton begins from a body that stands upright.
+            shift: what is expected to lead there from ``near``, see :meth:`difference`.
+            motion: the same plan's, on a fine grid, to begin from instead.
+
+        Raises:
+            Unreachable: there is none, or none was found.
+        """
+        reference = step_reference(plan, phase_grid(plan, *self.nodes))
+        step_map = StepMap(self.ik, reference, standing(self.ik, reference), plan.contacts.step_length, lean)
+        inverse = None
+        if motion is not None:
+            z = step_map.encode(motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset)
+        elif near is None:
+            z = step_map.guess()
+        else:
+            q, v, offset = _moved(near, reference), near.trajectory.v[0], near.offset
+            if shift is not None:
+                nv = self.robot.nv
+                q = pin.integrate(self.robot.model, q, shift[:nv])
+                v, offset = v + shift[nv:-1], offset + shift[-1]
+            z, inverse = step_map.encode(q, v, offset), near.inverse
+        return newton(step_map, z, RUNG_TOLERANCE, inverse, rebuilds=2 if near else 4)
 
 
 @dataclass
@@ -54,18 +126,13 @@ class Candidate:
     orbit: Orbit | None = None
     why: Unreachable | None = None
 
-    @property
-    def has_orbit(self) -> bool:
-        """Whether all limits have a value."""
-        return self.orbit is not None
-
     def margins(self) -> dict[str, float]:
         """Normalised margins of the limits that have a value."""
         return {name: LIMITS[name].margin(value) for name, value in self.values.items()}
 
     def worst(self) -> float:
         """Least normalised margin; minus infinity where there is no periodic step."""
-        return min(self.margins().values()) if self.has_orbit else -math.inf
+        return -math.inf if self.orbit is None else min(self.margins().values())
 
 
 class ChoiceSearch:
@@ -76,6 +143,7 @@ class ChoiceSearch:
         base: the guess, for what is not free, and to stay near to.
         orbits: solver of periodic steps of the body.
         say: called with a line of text now and then.
+        influence: choice to the change of the orbit per unit of it, as far as other searches know it.
 
     Attributes:
         candidates: all choices that were evaluated.
@@ -83,54 +151,53 @@ class ChoiceSearch:
     """
 
     def __init__(
-        self, space: FreeChoices, base: Mapping[str, float], orbits: RoughOrbits, say: Callable[[str], None]
+        self,
+        space: FreeChoices,
+        base: Mapping[str, float],
+        orbits: RoughOrbits,
+        say: Callable[[str], None],
+        influence: dict[str, Array] | None = None,
     ) -> None:
         self.space, self.base, self.orbits, self.say = space, base, orbits, say
         self.guess = np.clip([base[name] for name in space.names], space.lower, space.upper)
         self.candidates: list[Candidate] = []
         self.near: Candidate | None = None
         self._kept: dict[bytes, Candidate] = {}
-        # Choice to the change of the orbit per unit of it, as far as it is known.
-        self._influence: dict[str, Array] = {}
+        self._influence = {} if influence is None else influence
 
     def elsewhere(self, space: FreeChoices, base: Mapping[str, float]) -> ChoiceSearch:
         """A search over another space that shares orbits and what is known of the choices' influence."""
-        other = ChoiceSearch(space, base, self.orbits, self.say)
-        other._influence = self._influence
-        return other
+        return ChoiceSearch(space, base, self.orbits, self.say, self._influence)
 
     def best_with_orbit(self) -> Candidate | None:
         """The candidate with the widest least margin, of those that have a periodic step."""
-        walked = [candidate for candidate in self.candidates if candidate.has_orbit]
+        walked = [candidate for candidate in self.candidates if candidate.orbit is not None]
         return max(walked, key=Candidate.worst, default=None)
 
     def evaluate(self, x: Array, near: Candidate | None, *, again: bool = False) -> Candidate:
         """Evaluate one choice, from the orbit of another; ``again`` if that may lead where others did not."""
-        key = x.tobytes()
-        if key in self._kept and not (again and not self._kept[key].has_orbit):
-            return self._kept[key]
-        candidate = self._judged(Candidate(np.array(x), self.space.run), near)
-        self._kept[key] = candidate
+        kept = self._kept.get(x.tobytes())
+        if kept is not None and not (again and kept.orbit is None):
+            return kept
+        candidate = self._judged(np.array(x), near)
+        self._kept[x.tobytes()] = candidate
         self.candidates.append(candidate)
         return candidate
 
-    def _judged(self, candidate: Candidate, near: Candidate | None) -> Candidate:
+    def _judged(self, x: Array, near: Candidate | None) -> Candidate:
         space = self.space
         try:
-            run = space.parameters(space.values(candidate.x, self.base))
+            run = space.parameters(space.values(x, self.base))
             gait = run.gait.model_copy(update={"steps": 2})
             plan = plan_steps(gait, run.body.mass, run.foot, space.sole)
         except (RefusedGait, InputError):  # what is named may not fit what is tried
-            return candidate
-        candidate.run, candidate.plan = run, plan
-        candidate.values = plan_margins(plan, run, space.description)
+            return Candidate(x, space.run)
+        values = plan_margins(plan, run, space.description)
         try:
-            candidate.orbit = self._orbit(candidate.x, plan, run.body.lean, near)
+            orbit = self._orbit(x, plan, run.body.lean, near)
         except Unreachable as error:
-            candidate.why = error
-        else:
-            candidate.values |= orbit_margins(candidate.orbit, plan, self.orbits.robot)
-        return candidate
+            return Candidate(x, run, plan, values, why=error)
+        return Candidate(x, run, plan, values | orbit_margins(orbit, plan, self.orbits.robot), orbit)
 
     def _orbit(self, x: Array, plan: StepPlan, lean: float, near: Candidate | None) -> Orbit:
         """The orbit of a choice, from where the choices' known influence puts it, or else from the neighbour.
@@ -166,17 +233,17 @@ class ChoiceSearch:
         def residuals(candidate: Candidate) -> Array:
             margins = candidate.margins()
             missing = [_missing(margins[name], wanted) if name in margins else _FAILED for name in LIMITS]
-            least = 0.0 if candidate.has_orbit else 0.5 * _FAILED
+            least = 0.5 * _FAILED if candidate.orbit is None else 0.0
             away = pull * (candidate.x - self.guess) / space.slack
             return np.concatenate([np.maximum(missing, least), away])
 
         def jacobian(x: Array) -> Array:
             here = self.evaluate(x, self.near)
-            if here.has_orbit:
+            if here.orbit is not None:
                 self.near = here
             if here.worst() >= ENOUGH * wanted:
                 raise _Ended(here)
-            if self.orbits.spent:
+            if self.orbits.ik.integrations >= self.orbits.budget:
                 raise _Ended(max(self.candidates, key=Candidate.worst))
             columns = self._differences(here, residuals)
             self.say(f"worst margin {here.worst():.2f} after {len(self.candidates)} choices")
@@ -214,7 +281,7 @@ class ChoiceSearch:
                 if candidate.orbit is not None and here.orbit is not None:
                     shift = self.orbits.difference(here.orbit, candidate.orbit)
                     self._influence[name] = shift / (sign * step)
-                if candidate.has_orbit == here.has_orbit:
+                if (candidate.orbit is None) == (here.orbit is None):
                     jacobian[:, j] = (residuals(candidate) - base) / (sign * step)
                     break
         return jacobian
@@ -226,6 +293,13 @@ class _Ended(Exception):
     def __init__(self, candidate: Candidate) -> None:
         super().__init__()
         self.candidate = candidate
+
+
+def _moved(orbit: Orbit, reference: StepReference) -> Array:
+    """Start configuration of an orbit, moved to where another reference has its COM."""
+    q = orbit.trajectory.q[0].copy()
+    q[:3] += reference.position[0, 0] - orbit.reference.position[0, 0]
+    return q
 
 
 def _missing(margin: float, wanted: float) -> float:
