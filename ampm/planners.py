@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ampm.body.feasibility import check_body
-from ampm.body.motion import WholeBodyMotion
+from ampm.body.motion import PeriodicPosture, WholeBodyMotion
 from ampm.body.orbit import solve_motion
-from ampm.body.posture import PeriodicPosture
 from ampm.body.robot import Robot
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters

@@ -106,9 +106,9 @@ def check_body(plan: StepPlan, description: BodyDescription) -> None:
     first = single.start + np.linspace(0.0, single.duration, _INSTANTS, endpoint=False)
     second = double.start + np.linspace(0.0, double.duration * (1.0 - 1e-9), _INSTANTS)
     times = np.concatenate([first, second])
-    broken = [check for check in _plan_checks(plan, description, times) if check.broken]
-    # The margin alone: what is refused above takes the ZMP out of the support as well.
-    broken = broken or [check for check in (_zmp_check(plan, times),) if check.broken]
+    *checks, margin = _plan_checks(plan, description, times)
+    # The margin only alone: what the others refuse takes the ZMP out of the support as well.
+    broken = [check for check in checks if check.broken] or ([margin] if margin.broken else [])
     if broken:
         others = [f"; also {other.reason.replace('_', ' ')}: {other.way_out}" for other in broken[1:]]
         raise broken[0].refusal("".join(others))
@@ -177,8 +177,6 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     more = "raise foot.swing_height or foot.heel_strike_angle"
     yield Check("sole_under_floor", what, float(depth.max()), FLOOR_TOLERANCE, "m", more, most=True)
 
-
-def _zmp_check(plan: StepPlan, times: Array) -> Check:
     sample, margin = plan.sample(times), plan.zmp_margin(times)
     # In double support the ZMP crosses the edge behind a rising heel in no time; one foot has no such excuse.
     allowed = np.where(sample.phase == 1, ROLL_TOLERANCE, 0.0) + FLOOR_TOLERANCE
@@ -189,7 +187,7 @@ def _zmp_check(plan: StepPlan, times: Array) -> Check:
     )
     less = "bring gait.a_s nearer to the sole's length, shorten gait.step_length, or lower foot.full_contact"
     value, tolerance = float(margin[worst]), float(allowed[worst])
-    return Check("zmp_leaves_support", what, value, 0.0, "m", less, tolerance=tolerance)
+    yield Check("zmp_leaves_support", what, value, 0.0, "m", less, tolerance=tolerance)
 
 
 def leg_extension(plan: StepPlan, description: BodyDescription, times: Array) -> float:

@@ -1,4 +1,4 @@
-"""The whole-body motion of one step, tiled over a walk by mirroring.
+"""The whole-body motion of one step, and the posture of a walk that tiles it by mirroring.
 
 The one-step map of the inverse kinematics is unstable: an error grows every step. So a walk is not integrated
 on. One step is solved as a periodic orbit (:mod:`ampm.body.orbit`), and every later step is its mirror image,
@@ -184,6 +184,32 @@ class WholeBodyMotion:
         return columns
 
 
+@dataclass(frozen=True)
+class PeriodicPosture:
+    """A periodic whole-body step as the posture of a walk.
+
+    Attributes:
+        motion: one step.
+        robot: the body.
+    """
+
+    motion: WholeBodyMotion
+    robot: Robot
+
+    @property
+    def angular_momentum_y_offset(self) -> float:
+        """Mean of L_y over a step that makes it periodic [N m s]."""
+        return self.motion.report.angular_momentum_y_offset
+
+    def report(self) -> dict[str, Any]:
+        """Figures of the periodic motion, see :class:`MotionReport`."""
+        return self.motion.report.as_dict()
+
+    def sample(self, times: ArrayLike) -> PostureState:
+        """States at ``times``, shape (T,) [s]; see :meth:`WholeBodyMotion.sample`."""
+        return self.motion.sample(times, self.robot)
+
+
 def _immutable(values: Array) -> Array:
     """A read-only copy: to freeze a view would leave the array behind it writable."""
     copy = values.copy()
@@ -205,14 +231,7 @@ def _configuration_rate(q: Array, v: Array) -> Array:
     return rate
 
 
-def _hermite(
-    s: Array,
-    h: Array,
-    p0: Array,
-    p1: Array,
-    d0: Array,
-    d1: Array,
-) -> Array:
+def _hermite(s: Array, h: Array, p0: Array, p1: Array, d0: Array, d1: Array) -> Array:
     s2, s3 = s * s, s * s * s
     return (
         (2 * s3 - 3 * s2 + 1) * p0 + (s3 - 2 * s2 + s) * h * d0 + (3 * s2 - 2 * s3) * p1 + (s3 - s2) * h * d1

@@ -11,9 +11,9 @@ from itertools import repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pinocchio as pin
 
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
+from ampm.body.return_map import standing
 from ampm.body.robot import TASK_ROWS, Robot
 from ampm.body.step_reference import StepReference
 from ampm.control.controller import TrackingController
@@ -37,8 +37,6 @@ DURATION = 2.0
 
 SETTLE = 1.5
 """Time in which contacts and controller come to rest before the body is weighed [s]."""
-
-_KNEE = 0.6  # bend of the knees from which the posture is sought [rad]
 
 
 def stand(run: RunParameters, body_model: BodyModel, *, duration: float = DURATION) -> SimulationRecord:
@@ -100,12 +98,8 @@ def _posture(
         pitch=np.zeros((1, 2)),
         toe=np.zeros((1, 2)),
     )
-    q = pin.neutral(robot.model)
-    q[7:] = ik.rest
-    q[robot.knee_joints + 1] = _KNEE
-    q[:3] += com - robot.jacobian(q, np.zeros(robot.nv)).com
     try:
-        return ik.upright(reference, 0, q)
+        return ik.upright(reference, 0, standing(ik, reference))
     except Unreachable as error:
         raise BodilyRefusal(
             f"the body cannot stand with its COM at gait.com_height = {run.gait.com_height:g} m",

@@ -86,7 +86,7 @@ class PlannedWalk:
         Raises:
             InputError: the walk has another posture.
         """
-        from ampm.body.posture import PeriodicPosture  # here, not above: Pinocchio takes long to load
+        from ampm.body.motion import PeriodicPosture  # here, not above: NumPy takes long to load
 
         if isinstance(self.plan.posture, PeriodicPosture):
             return self.plan.posture.motion

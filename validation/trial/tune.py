@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ampm.exceptions import InputError
 from ampm.tune.free_choices import FREE_KEYS, named_keys
 from validation.progress import Progress
-from validation.trial.plan import Body, PlannedWalk, Request, make_body, motion_cache
+from validation.trial.plan import PlannedWalk, Request, make_body, motion_cache
 
 if TYPE_CHECKING:
     from ampm.tune.tuning import Tuned
 
 
 @dataclass(frozen=True)
-class TunedWalk:
-    """A gait whose free choices are made.
+class TunedWalk(PlannedWalk):
+    """A walk whose free choices are made; its plan is the one that the search has confirmed.
 
     Attributes:
-        request: name and complete run.
-        tuned: choices, margins, plan and motion.
-        body: that walks.
+        tuned: choices and margins.
     """
 
-    request: Request
-    tuned: Tuned
-    body: Body
-
-    @property
-    def planned(self) -> PlannedWalk:
-        """The plan and motion that the search has confirmed."""
-        return PlannedWalk(self.request, self.tuned.plan, self.body)
+    tuned: Tuned = field(kw_only=True)
 
 
 def tune_walk(request: Request, progress: Progress | None = None) -> TunedWalk:
@@ -56,4 +47,4 @@ def tune_walk(request: Request, progress: Progress | None = None) -> TunedWalk:
     with (progress or Progress()).stage(f"{request.name}: free choices") as stage:
         body = make_body(request.run)
         tuned = tune(request.run, body.robot, progress=stage.note, cache=motion_cache())
-    return TunedWalk(Request(request.name, tuned.run), tuned, body)
+    return TunedWalk(Request(request.name, tuned.run), tuned.plan, body, tuned=tuned)

@@ -260,7 +260,7 @@ def _time_walk(
         request = Request(cases.name(case), cases.run(case).replace({STEPS_KEY: steps}))
         with progress.stage(f"walk of run {request.name}, to time it"):
             try:
-                planned = tune_walk(request).planned if definition.tune else plan_walk(request)
+                planned = tune_walk(request) if definition.tune else plan_walk(request)
             except (InputError, RefusedGait) as error:
                 refused.append(str(error))
                 continue

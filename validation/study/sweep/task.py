@@ -181,7 +181,7 @@ def _walk(task: Task, timing: dict[str, float]) -> dict[str, Any]:
     cpu = time.thread_time()
     try:
         request = Request(task.name, task.parameters)
-        planned = tune_walk(request, stages).planned if task.tune else plan_walk(request, stages)
+        planned = tune_walk(request, stages) if task.tune else plan_walk(request, stages)
     finally:
         timing |= stages.timing() | {"cpu_planning": time.thread_time() - cpu}
     cpu = time.thread_time()
