@@ -203,9 +203,9 @@ def test_work_of_a_constant_torque(walk):
 def test_the_posture_gives_the_reference_of_yaw_momentum_only(walk):
     off = walk[2].angular_momentum + np.array([0.0, 0.0, 0.2])
     signals = measuring(walk, angular_momentum=off).signals
-    assert signals["angular_momentum_z"].reference == "motion"
+    assert signals["angular_momentum_z"].of.reference == "motion"
     assert signals["angular_momentum_z"].run.bias == pytest.approx(0.2)
-    assert signals["angular_momentum_x"].reference == "plan"
+    assert signals["angular_momentum_x"].of.reference == "plan"
 
 
 def test_a_run_longer_than_its_plan_is_refused(walk):

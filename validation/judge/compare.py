@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -136,22 +136,24 @@ def compare(
     )
 
 
-def statistics_table(comparison: Comparison) -> dict[str, dict[str, dict[str, float | int | str | None]]]:
+def statistics_table(comparison: Comparison) -> dict[str, dict[str, dict[str, Any]]]:
     """Signal to window to statistics, with normalised values, as plain data for JSON and reports.
 
     Normalised values are named after what they are divided by: ``rmse_per_foot_length``.
     """
-    table: dict[str, dict[str, dict[str, float | int | str | None]]] = {}
-    for name, signal in comparison.signals.items():
-        table[name] = {}
-        for window, statistics in signal.windows.items():
-            entry: dict[str, float | int | str | None] = {
-                item.name: getattr(statistics, item.name) for item in fields(statistics)
+    return {
+        name: {
+            window: {
+                **vars(statistics),
+                "unit": signal.of.unit,
+                "reference": signal.of.reference,
+                **{
+                    f"{statistic}_per_{scale}": getattr(statistics, statistic) / value
+                    for scale, value in signal.scales.items()
+                    for statistic in ("rmse", "maximum", "bias")
+                },
             }
-            entry["unit"] = signal.unit
-            entry["reference"] = signal.reference
-            for scale, value in signal.scales.items():
-                for statistic in ("rmse", "maximum", "bias"):
-                    entry[f"{statistic}_per_{scale}"] = getattr(statistics, statistic) / value
-            table[name][window] = entry
-    return table
+            for window, statistics in signal.windows.items()
+        }
+        for name, signal in comparison.signals.items()
+    }

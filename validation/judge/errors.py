@@ -6,10 +6,11 @@ step, in which the controller meets the contact for the first time, is reported 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -43,8 +44,7 @@ PARTS = ("com_position", "com_acceleration", "momentum_rate", "vertical_force", 
 _CONSTANT = 1e-9
 
 
-@dataclass(frozen=True)
-class Signal:
+class Signal(NamedTuple):
     """One component of a measured vector, and its reference.
 
     Attributes:
@@ -62,7 +62,7 @@ class Signal:
     unit: str
     label: str
     meaning: str
-    scales: tuple[str, ...] = ("foot_length",)
+    scales: tuple[str, ...]
     reference: str = "plan"
 
     @property
@@ -71,31 +71,23 @@ class Signal:
         return f"{self.group}_{self.axis}"
 
 
+_MINUS = "measured minus planned"
+_FOOT, _WEIGHT = ("foot_length",), ("body_weight",)
 _MOMENTUM = ("mass_height_velocity", "mass_height_froude_velocity")
-_ABOUT_COM = "angular momentum about the COM, measured minus planned"
 _YAW = "angular momentum about the vertical, measured minus that of the whole-body motion"
-SIGNALS = (
-    *(Signal("zmp", axis, "m", f"ZMP {axis}", "ZMP, measured minus planned") for axis in "xy"),
-    *(
-        Signal(
-            "force", axis, "N", f"force F{axis}", "net ground force, measured minus planned", ("body_weight",)
-        )
-        for axis in "xyz"
-    ),
-    *(Signal("angular_momentum", axis, "N m s", f"momentum L{axis}", _ABOUT_COM, _MOMENTUM) for axis in "xy"),
-    Signal("angular_momentum", "z", "N m s", "momentum Lz", _YAW, _MOMENTUM, "motion"),
-    *(Signal("com", axis, "m", f"COM {axis}", "COM, measured minus planned") for axis in "xyz"),
-    *(
-        Signal(
-            f"{side}_foot",
-            axis,
-            "m",
-            f"{side} foot {axis}",
-            f"{side} foot's reference point, measured minus planned",
-        )
-        for side in ("left", "right")
-        for axis in "xyz"
-    ),
+_VECTORS: tuple[tuple[str, str, str, str, str, tuple[str, ...]], ...] = (
+    ("zmp", "xy", "m", "ZMP ", f"ZMP, {_MINUS}", _FOOT),
+    ("force", "xyz", "N", "force F", f"net ground force, {_MINUS}", _WEIGHT),
+    ("angular_momentum", "xy", "N m s", "momentum L", f"angular momentum about the COM, {_MINUS}", _MOMENTUM),
+    ("angular_momentum", "z", "N m s", "momentum L", _YAW, _MOMENTUM),
+    ("com", "xyz", "m", "COM ", f"COM, {_MINUS}", _FOOT),
+    ("left_foot", "xyz", "m", "left foot ", f"left foot's reference point, {_MINUS}", _FOOT),
+    ("right_foot", "xyz", "m", "right foot ", f"right foot's reference point, {_MINUS}", _FOOT),
+)
+SIGNALS = tuple(
+    Signal(group, axis, unit, label + axis, meaning, scales, "motion" if meaning == _YAW else "plan")
+    for group, axes, unit, label, meaning, scales in _VECTORS
+    for axis in axes
 )
 """All components that are compared."""
 
@@ -128,19 +120,14 @@ class SignalComparison:
     """One signal against its reference.
 
     Attributes:
-        name: as in ``signals.parquet``.
-        unit: SI unit of error and statistics.
-        reference: ``plan``, or ``motion`` for what the plan does not have.
-        scales: name of a reference quantity to its value in ``unit``; error over it is the normalised error.
-        error: measured minus reference, shape (K,).
+        of: the signal.
+        scales: name of a reference quantity to its value in the signal's unit; error over it is the
+            normalised error.
         windows: window name to statistics.
     """
 
-    name: str
-    unit: str
-    reference: str
+    of: Signal
     scales: Mapping[str, float]
-    error: Array
     windows: Mapping[str, Statistics]
 
     @property
@@ -168,7 +155,6 @@ class ZmpErrorSplit:
 
     Attributes:
         parts: part name to shape (K, 2) [m].
-        error: contact ZMP minus plan, shape (K, 2) [m].
         residual: largest deviation of the sum of parts from the error [m].
         rmse: part name to RMS over the run, x and y [m].
         share: part name to its share of the squared error over the run, x and y [1]; shares add up to 1 and
@@ -176,10 +162,9 @@ class ZmpErrorSplit:
     """
 
     parts: Mapping[str, Array]
-    error: Array
     residual: float
-    rmse: Mapping[str, tuple[float, float]]
-    share: Mapping[str, tuple[float, float]]
+    rmse: Mapping[str, tuple[float, ...]]
+    share: Mapping[str, tuple[float, ...]]
 
 
 def find_windows(plan: WalkPlan, sample: PlanSample, measured: MeasuredGait) -> dict[str, Rows]:
@@ -217,56 +202,41 @@ def compare_signals(
     momentum_z: Array,
 ) -> dict[str, SignalComparison]:
     """Errors of every component of :data:`SIGNALS`, by name; ``momentum_z`` is the posture's L_z."""
+    planned_momentum = np.column_stack([sample.angular_momentum, momentum_z])
+    left, right = plan.feet.sample(sample.time)
     pairs = {
         "zmp": (measured.zmp, sample.zmp),
         "force": (measured.force, sample.force),
-        "angular_momentum": (
-            measured.angular_momentum,
-            np.column_stack([sample.angular_momentum, momentum_z]),
-        ),
+        "angular_momentum": (measured.angular_momentum, planned_momentum),
         "com": (measured.com, sample.com),
+        "left_foot": (measured.foot_position[:, 0], left.position),
+        "right_foot": (measured.foot_position[:, 1], right.position),
     }
-    for foot, name, path in zip(
-        (0, 1), ("left_foot", "right_foot"), plan.feet.sample(sample.time), strict=True
-    ):
-        pairs[name] = (measured.foot_position[:, foot], path.position)
     found: dict[str, SignalComparison] = {}
     for signal in SIGNALS:
-        values, references = pairs[signal.group]
         column = "xyz".index(signal.axis)
-        error = values[:, column] - references[:, column]
-        error.setflags(write=False)
+        value, reference = (values[:, column] for values in pairs[signal.group])
         norm = {name: scales[name] for name in signal.scales}
-        small = _CONSTANT * max(norm.values(), default=1.0)
-        found[signal.name] = SignalComparison(
-            name=signal.name,
-            unit=signal.unit,
-            reference=signal.reference,
-            scales=MappingProxyType(norm),
-            error=error,
-            windows=MappingProxyType(
-                {
-                    window: _statistics(error[used], references[used, column], small, signal.unit)
-                    for window, used in rows.items()
-                }
-            ),
-        )
+        windows = {
+            window: _statistics((value - reference)[used], reference[used], norm, signal.unit)
+            for window, used in rows.items()
+        }
+        found[signal.name] = SignalComparison(signal, MappingProxyType(norm), MappingProxyType(windows))
     return found
 
 
-def _statistics(error: Array, reference: Array, small: float, unit: str) -> Statistics:
-    """Statistics of one window; ``small`` is the spread below which a reference counts as constant."""
+def _statistics(error: Array, reference: Array, scales: Mapping[str, float], unit: str) -> Statistics:
+    """Statistics of one window; a reference whose spread is tiny on its scale counts as constant."""
     known = np.isfinite(error)
     unmeasured = int(error.size - np.count_nonzero(known))
     if not known.any():
-        nan = float("nan")
         reason = "no instant" if error.size == 0 else "not measured"
-        return Statistics(error.size, unmeasured, nan, nan, nan, None, reason)
+        return Statistics(error.size, unmeasured, math.nan, math.nan, math.nan, None, reason)
     error, reference = error[known], reference[known]
     squares = float(np.sum(error * error))
-    r2, reason_r2 = None, None
-    if float(np.ptp(reference)) <= small:
-        reason_r2 = f"the reference does not vary: it is {reference[0]:.6g} {unit} throughout"
+    r2, why = None, None
+    if float(np.ptp(reference)) <= _CONSTANT * max(scales.values()):
+        why = f"the reference does not vary: it is {reference[0]:.6g} {unit} throughout"
     else:
         r2 = 1.0 - squares / float(np.sum((reference - reference.mean()) ** 2))
     return Statistics(
@@ -276,7 +246,7 @@ def _statistics(error: Array, reference: Array, small: float, unit: str) -> Stat
         maximum=float(np.abs(error).max()),
         bias=float(error.mean()),
         r2=r2,
-        r2_reason=reason_r2,
+        r2_reason=why,
     )
 
 
@@ -284,10 +254,8 @@ def split_zmp_error(sample: PlanSample, measured: MeasuredGait, rows: Rows) -> Z
     """Split the ZMP error into its causes; RMS and shares over ``rows``, shape (K,)."""
     parts = {name: np.empty_like(measured.zmp) for name in PARTS}
     z_plan, z = sample.com[:, 2], measured.com_pin[:, 2]  # the COM that zmp_momentum was computed with
-    u_plan, u = (
-        1.0 / sample.force[:, 2],
-        1.0 / np.where(np.isfinite(measured.zmp_momentum[:, 0]), measured.momentum_force[:, 2], np.nan),
-    )
+    supported = np.isfinite(measured.zmp_momentum[:, 0])
+    u_plan, u = 1.0 / sample.force[:, 2], 1.0 / np.where(supported, measured.momentum_force[:, 2], np.nan)
     mean_u, mean_z = 0.5 * (u_plan + u), 0.5 * (z_plan + z)
     moments = (
         (sample.moment[:, 1], measured.angular_momentum_rate[:, 1]),
@@ -304,24 +272,17 @@ def split_zmp_error(sample: PlanSample, measured: MeasuredGait, rows: Rows) -> Z
         parts["vertical_force"][:, axis] = -0.5 * (total_plan + total) * (u - u_plan)
     parts["instrument"][:] = measured.zmp - measured.zmp_momentum
     error = measured.zmp - sample.zmp
-    for array in (*parts.values(), error):
+    for array in parts.values():
         array.setflags(write=False)
     gap = np.abs(sum(parts.values()) - error)
     used = rows & np.isfinite(error).all(axis=1)
     squares = np.sum(error[used] ** 2, axis=0)
-    rmse, share = {}, {}
-    for name, part in parts.items():
-        rmse[name] = _pair(np.sqrt(np.mean(part[used] ** 2, axis=0)) if used.any() else [np.nan] * 2)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            share[name] = _pair(np.sum(part[used] * error[used], axis=0) / squares)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rmse = {name: np.sqrt(np.sum(part[used] ** 2, axis=0) / used.sum()) for name, part in parts.items()}
+        share = {name: np.sum(part[used] * error[used], axis=0) / squares for name, part in parts.items()}
     return ZmpErrorSplit(
         parts=MappingProxyType(parts),
-        error=error,
-        residual=float(np.nanmax(gap)) if np.isfinite(gap).any() else float("nan"),
-        rmse=MappingProxyType(rmse),
-        share=MappingProxyType(share),
+        residual=float(np.nanmax(gap)) if np.isfinite(gap).any() else math.nan,
+        rmse=MappingProxyType({name: tuple(pair.tolist()) for name, pair in rmse.items()}),
+        share=MappingProxyType({name: tuple(pair.tolist()) for name, pair in share.items()}),
     )
-
-
-def _pair(values: Array | list[float]) -> tuple[float, float]:
-    return float(values[0]), float(values[1])

@@ -22,16 +22,17 @@ Call it before the walk. Worker processes of sweeps and studies get it, too.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import cloudpickle
 import numpy as np
 
 from ampm.exceptions import InputError
-from validation.judge.errors import FIRST_STEP, SIGNALS, Signal
+from validation.judge.errors import FIRST_STEP, SIGNALS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -226,96 +227,69 @@ def display_unit(unit: str, weight: float) -> tuple[float, str]:
 # ----------------------------------------------------------------------------------------- the metrics
 
 
-def _error(
-    name: str, statistic: Literal["rmse", "maximum"], tolerances: tuple[float, float] | None = None,
-    reason: str = "",
-) -> Metric:  # fmt: skip
-    """Error of one signal, with its tolerances in the profiles ``strict`` and ``default``."""
-    signal: Signal = next(item for item in SIGNALS if item.name == name)
-    root = statistic == "rmse"
+def _errors() -> Iterator[Metric]:
+    """Errors of all signals: first those that the profiles judge."""
+    every = [(signal.name, statistic) for signal in SIGNALS for statistic in ("rmse", "maximum")]
+    signals = {signal.name: signal for signal in SIGNALS}
+    for key in dict.fromkeys([*_LIMITS, *every]):
+        (name, statistic), limits = key, _LIMITS.get(key)
+        signal, mean = signals[name], statistic == "rmse"
+        yield Metric(
+            name=f"{name}_{statistic}",
+            unit=signal.unit,
+            label=f"{signal.label}, {'RMSE' if mean else 'largest error'}",
+            meaning=f"{'root mean square' if mean else 'largest magnitude'} of: {signal.meaning}",
+            kind="walk",
+            compute=partial(_statistic, name=name, statistic=statistic),
+            tolerances={"strict": limits[0], "default": limits[1]} if limits else {},
+            tolerance_unit=BODY_WEIGHT if signal.unit == "N" else "",
+            reason=limits[2] if limits else "",
+            scales=signal.scales,
+            nature="mean" if mean else "extreme",
+            by_window=True,
+        )
 
-    def compute(walk: Comparison) -> float:
-        return float(getattr(walk.signals[name].windows[walk.window], statistic))
 
-    return Metric(
-        name=f"{name}_{statistic}",
-        unit=signal.unit,
-        label=f"{signal.label}, {'RMSE' if root else 'largest error'}",
-        meaning=f"{'root mean square' if root else 'largest magnitude'} of: {signal.meaning}",
-        kind="walk",
-        compute=compute,
-        tolerances=dict(zip(("strict", "default"), tolerances or (), strict=False)),
-        tolerance_unit=BODY_WEIGHT if signal.unit == "N" else "",
-        reason=reason,
-        scales=signal.scales,
-        nature="mean" if root else "extreme",
-        by_window=True,
-    )
+def _statistic(walk: Comparison, name: str, statistic: str) -> float:
+    return float(getattr(walk.signals[name].windows[walk.window], statistic))
 
 
 _ZMP = (
     "The ZMP is the most sensitive signal: at a COM height of 0.9 m, 1 mm is an error of 1 mm in the COM, of "
     "0.11 % of body weight in the horizontal force, or of 0.6 N m in the moment about the COM. "
 )
-_JUDGED_ERRORS = (
-    _error("zmp_x", "rmse", (2.0e-3, 2.5e-3), _ZMP + "This is about one hundredth of the foot's length."),
-    _error(
-        "zmp_y",
-        "rmse",
-        (1.0e-3, 1.5e-3),
-        _ZMP + "Half of what is allowed along x: the sole is narrow and no foot rolls sideways.",
-    ),
-    _error(
-        "zmp_x",
-        "maximum",
-        (15e-3, 40e-3),
-        "For a few milliseconds after every change of contact the load moves between points "
-        "that still sink in or rise; the peak is bounded so that it stays well inside the sole.",
-    ),
-    _error(
-        "zmp_y", "maximum", (8e-3, 20e-3), "As for x; half of it, as the sole is half as wide as it is long."
-    ),
-    _error(
-        "force_x",
-        "rmse",
-        (0.006, 0.008),
-        "Wider than the ZMP alone would ask (0.22 %): a horizontal force at the foot turns "
-        "the body as much as it pushes it, so the ZMP stays where it is, and only here the error shows.",
-    ),
-    _error("force_y", "rmse", (0.004, 0.006), "As for x; less, as the lateral force is the smaller one."),
-    _error(
-        "force_z",
-        "rmse",
-        (0.007, 0.010),
-        "The plan holds the COM at constant height; what is left is the floor's compliance "
-        "at heel strike and lift-off.",
-    ),
-    _error(
-        "angular_momentum_x",
-        "rmse",
-        (0.10, 0.15),
-        "L_x has no free constant. Small against the several N m s that c_y "
-        "induces, or induced momentum could not be told from none.",
-    ),
-    _error(
-        "angular_momentum_y",
-        "rmse",
-        (0.10, 0.15),
-        "Constant of the periodic motion included, so that a drifting trunk shows. Same size as for L_x.",
-    ),
-)
+_LIMITS: Mapping[tuple[str, str], tuple[float, float, str]] = {
+    ("zmp_x", "rmse"): (2.0e-3, 2.5e-3, _ZMP + "This is about one hundredth of the foot's length."),
+    ("zmp_y", "rmse"): (1.0e-3, 1.5e-3, _ZMP + "Half of what is allowed along x: the sole is narrow and no "
+        "foot rolls sideways."),
+    ("zmp_x", "maximum"): (15e-3, 40e-3, "For a few milliseconds after every change of contact the load "
+        "moves between points that still sink in or rise; the peak is bounded so that it stays well inside "
+        "the sole."),
+    ("zmp_y", "maximum"): (8e-3, 20e-3, "As for x; half of it, as the sole is half as wide as it is long."),
+    ("force_x", "rmse"): (0.006, 0.008, "Wider than the ZMP alone would ask (0.22 %): a horizontal force at "
+        "the foot turns the body as much as it pushes it, so the ZMP stays where it is, and only here the "
+        "error shows."),
+    ("force_y", "rmse"): (0.004, 0.006, "As for x; less, as the lateral force is the smaller one."),
+    ("force_z", "rmse"): (0.007, 0.010, "The plan holds the COM at constant height; what is left is the "
+        "floor's compliance at heel strike and lift-off."),
+    ("angular_momentum_x", "rmse"): (0.10, 0.15, "L_x has no free constant. Small against the several N m s "
+        "that c_y induces, or induced momentum could not be told from none."),
+    ("angular_momentum_y", "rmse"): (0.10, 0.15, "Constant of the periodic motion included, so that a "
+        "drifting trunk shows. Same size as for L_x."),
+}  # fmt: skip
+"""Signal and statistic to the limits of ``strict`` and ``default``, and their reason."""
 
 
-def _zmp_gap(walk: Comparison) -> Array:
-    measured = walk.measured
-    gap: Array = np.linalg.norm((measured.zmp - measured.zmp_momentum)[walk.inside], axis=1)
-    return gap
+def _zmp_gaps(walk: Comparison) -> Array:
+    """Distance of both measured ZMPs in the window, shape (n,) [m]; NaN where there is none."""
+    gap = walk.measured.zmp - walk.measured.zmp_momentum
+    return np.asarray(np.linalg.norm(gap[walk.inside], axis=1))
 
 
-def _force_gap(walk: Comparison) -> Array:
-    measured = walk.measured
-    gap: Array = np.linalg.norm((measured.force - measured.momentum_force)[walk.inside], axis=1)
-    return gap
+def _force_gaps(walk: Comparison) -> Array:
+    """Distance of contact force and m (a + g) in the window, shape (n,) [N]."""
+    gap = walk.measured.force - walk.measured.momentum_force
+    return np.asarray(np.linalg.norm(gap[walk.inside], axis=1))
 
 
 def _rms(values: Array) -> float:
@@ -327,181 +301,145 @@ def _largest(values: Array) -> float:
     return float(np.nanmax(values)) if np.isfinite(values).any() else math.nan
 
 
-_INSTRUMENT = (
-    Metric(
-        name="zmp_agreement_rmse",
-        unit="m",
-        label="both measured ZMPs, RMS distance",
-        meaning="root mean square distance of the ZMP by contact and by momentum",
-        kind="instrument",
-        compute=lambda walk: _rms(_zmp_gap(walk)),
-        tolerances={"default": 0.5e-3},
-        reason="The two measurements of the ZMP share no force and no acceleration. Their gap is the time "
-        "step's: first order in dt, about 0.3 mm at 2 ms. A quarter of the ZMP tolerance, so that the "
-        "instrument is finer than what it measures; one contact missing from the log makes it more than "
-        "5 mm.",
-        widens=True,
-        scales=("foot_length",),
-    ),
-    Metric(
-        name="force_agreement_rmse",
-        unit="N",
-        label="F = m (a + g), RMS error",
-        meaning="root mean square of contact force minus m (a + g)",
-        kind="instrument",
-        compute=lambda walk: _rms(_force_gap(walk)),
-        tolerances={"default": 0.002},
-        tolerance_unit=BODY_WEIGHT,
-        reason="F = m (a + g) is exact but for the time step. Half of the smallest tolerance on a force, so "
-        "that the instrument is finer than what it measures.",
-        scales=("body_weight",),
-    ),
-    Metric(
-        name="impulse_residual",
-        unit="1",
-        label="impulse against weight, relative",
-        meaning="vertical impulse of the floor against weight and momentum, relative",
-        kind="instrument",
-        compute=lambda walk: abs(walk.measured.self_checks.impulse_residual),
-        tolerances={"default": 1e-3},
-        reason="Over a run the floor carries the weight, but for the momentum gained. Only the integrator's "
-        "order separates the two sums; a force law with a wrong scale would show at once.",
-    ),
-    Metric(
-        name="standing_weight_error",
-        unit="1",
-        label="still body against weight, relative",
-        meaning="the still body's weight, measured against its mass, relative",
-        kind="instrument",
-        compute=lambda walk: None if walk.standing is None else walk.standing.relative_error,
-        tolerances={"default": 1e-6},
-        reason="Standing still, the body presses with exactly its weight, once contacts and controller have "
-        "come to rest. After a second and a half about 1e-8 of their motion is left.",
-    ),
-    Metric(
-        name="com_agreement_maximum",
-        unit="m",
-        label="COM of both libraries, largest distance",
-        meaning="largest distance of MuJoCo's and Pinocchio's COM",
-        kind="instrument",
-        compute=lambda walk: walk.measured.self_checks.com_agreement,
-        tolerances={"default": 1e-9},
-        reason="MuJoCo and Pinocchio hold the same masses and see the same q: only rounding may differ.",
-        scales=("foot_length",),
-        nature="extreme",
-    ),
-    Metric(
-        name="angular_momentum_agreement_maximum",
-        unit="N m s",
-        label="momentum of both libraries, largest distance",
-        meaning="largest difference of MuJoCo's and Pinocchio's angular momentum",
-        kind="instrument",
-        compute=lambda walk: walk.measured.self_checks.angular_momentum_agreement,
-        tolerances={"default": 1e-8},
-        reason="As for the COM; rounding grows with the momenta that are summed.",
-        nature="extreme",
-    ),
-    Metric(
-        name="failed_qp",
-        unit="1",
-        label="unsolved QPs",
-        meaning="control ticks whose QP stayed unsolved",
-        kind="instrument",
-        compute=lambda walk: float(np.count_nonzero(walk.record.qp_status == 2)),
-        tolerances={"default": 0.0},
-        reason="The controller's fallback exists to survive a bad tick, not to walk: one unsolved QP means "
-        "that the figures are not those of the controller that is documented.",
-        nature="count",
-    ),
-    Metric(
-        name="unsupported_instants",
-        unit="1",
-        label="instants without ground contact",
-        meaning="instants without any contact force",
-        kind="instrument",
-        compute=lambda walk: float(
-            np.count_nonzero(~np.isfinite(walk.measured.zmp[walk.inside]).all(axis=1))
-        ),
-        tolerances={"default": 0.0},
-        reason="A walk has no flight, and an instant without a ZMP would silently be missing from its error.",
-        nature="count",
-    ),
-)
-
-_REPORTED_ERRORS = tuple(
-    metric
-    for signal in SIGNALS
-    for metric in (_error(signal.name, "rmse"), _error(signal.name, "maximum"))
-    if metric.name not in {item.name for item in _JUDGED_ERRORS}
-)
-_LARGEST_GAP = Metric(
-    name="zmp_agreement_maximum",
-    unit="m",
-    label="both measured ZMPs, largest distance",
-    meaning="largest distance of the ZMP by contact and by momentum",
-    kind="instrument",
-    compute=lambda walk: _largest(_zmp_gap(walk)),
-    scales=("foot_length",),
-    nature="extreme",
-)
-
-
-def _margin(name: str, unit: str, label: str, meaning: str) -> Metric:
-    def compute(walk: Comparison) -> float:
-        found = getattr(walk.margins, name)
-        return float(getattr(found, "value", found))
-
+def _instrument(
+    name: str, unit: str, label: str, meaning: str, compute: Callable[[Comparison], float | None],
+    limit: float, reason: str, **more: Any,
+) -> Metric:  # fmt: skip
     return Metric(
-        f"margin_{name}", unit, label, meaning, "cost", compute, nature="extreme", section="margins"
+        name, unit, label, meaning, "instrument", compute, {"default": limit}, reason=reason, **more
     )
 
 
-def _effort(name: str, column: int, unit: str, label: str, meaning: str) -> Metric:
-    axis = "xyz"[column]
-    return Metric(
-        f"effort_{name}_{axis}", unit, f"feedback on the {label} {axis}, RMS",
-        f"root mean square of commanded minus planned {meaning}", "cost",
-        lambda walk: float(getattr(walk.effort, name)[column]), section="effort",
-    )  # fmt: skip
-
-
-def _energy(name: str, unit: str, label: str, meaning: str) -> Metric:
-    return Metric(
-        f"energy_{name}", unit, label, meaning, "cost",
-        lambda walk: float(getattr(walk.energy, name)), section="energy",
-    )  # fmt: skip
-
-
-_POLYGON = "into the polygon of the points that carried force"
-_COST = (
-    _margin("torque", "1", "largest torque, of the motor's limit",
-            "largest share of a motor's limit that was used"),
-    _margin("saturated", "1", "time with a saturated motor",
-            "share of the time in which some motor was at its limit"),
-    _margin("friction", "1", "friction used by a loaded foot",
-            "largest tangential over normal force of a foot that carries weight"),
-    _margin("friction_net", "1", "friction used by the net force", "the same of the net ground force"),
-    _margin("joint", "rad", "joint closest to its limit", "smallest distance of a joint from its range"),
-    _margin("knee", "rad", "least knee flexion", "smallest knee flexion"),
-    _margin("plan_polygon", "m", "planned ZMP within the planned support",
-            "smallest distance of the planned ZMP into the planned support"),
-    _margin("plan_in_measured_polygon", "m", "planned ZMP within the loaded sole",
-            f"smallest distance of the planned ZMP {_POLYGON}"),
-    _margin("measured_polygon", "m", "measured ZMP within the loaded sole",
-            f"smallest distance of the measured ZMP {_POLYGON}"),
-    _margin("slip", "m", "longest slip of a stance foot", "longest way that a foot slid in one stance"),
-    _margin("penetration", "m", "deepest penetration of a sole", "deepest sole point under the floor"),
-    *(_effort("force", column, "N", "force", "force") for column in range(3)),
-    *(_effort("zmp", column, "m", "ZMP", "ZMP") for column in range(2)),
-    *(_effort("angular_momentum", column, "N m s", "momentum", "angular momentum") for column in range(2)),
-    _energy("positive_work", "J", "positive work", "positive work of the motors, without the first step"),
-    _energy("negative_work", "J", "negative work", "negative work of the motors, without the first step"),
-    _energy("distance", "m", "way of the COM", "way of the COM in that time"),
-    _energy("cost_of_transport", "1", "mechanical cost of transport",
-            "positive work over weight times distance (mechanical)"),
-    _energy("mean_power", "W", "mean positive power", "positive work over time"),
+_INSTRUMENT = (
+    _instrument(
+        "zmp_agreement_rmse", "m", "both measured ZMPs, RMS distance",
+        "root mean square distance of the ZMP by contact and by momentum",
+        lambda walk: _rms(_zmp_gaps(walk)), 0.5e-3,
+        "The two measurements of the ZMP share no force and no acceleration. Their gap is the time "
+        "step's: first order in dt, about 0.3 mm at 2 ms. A quarter of the ZMP tolerance, so that the "
+        "instrument is finer than what it measures; one contact missing from the log makes it more than "
+        "5 mm.",
+        widens=True, scales=("foot_length",),
+    ),
+    _instrument(
+        "force_agreement_rmse", "N", "F = m (a + g), RMS error",
+        "root mean square of contact force minus m (a + g)",
+        lambda walk: _rms(_force_gaps(walk)), 0.002,
+        "F = m (a + g) is exact but for the time step. Half of the smallest tolerance on a force, so "
+        "that the instrument is finer than what it measures.",
+        tolerance_unit=BODY_WEIGHT, scales=("body_weight",),
+    ),
+    _instrument(
+        "impulse_residual", "1", "impulse against weight, relative",
+        "vertical impulse of the floor against weight and momentum, relative",
+        lambda walk: abs(walk.measured.self_checks.impulse_residual), 1e-3,
+        "Over a run the floor carries the weight, but for the momentum gained. Only the integrator's "
+        "order separates the two sums; a force law with a wrong scale would show at once.",
+    ),
+    _instrument(
+        "standing_weight_error", "1", "still body against weight, relative",
+        "the still body's weight, measured against its mass, relative",
+        lambda walk: None if walk.standing is None else walk.standing.relative_error, 1e-6,
+        "Standing still, the body presses with exactly its weight, once contacts and controller have "
+        "come to rest. After a second and a half about 1e-8 of their motion is left.",
+    ),
+    _instrument(
+        "com_agreement_maximum", "m", "COM of both libraries, largest distance",
+        "largest distance of MuJoCo's and Pinocchio's COM",
+        lambda walk: walk.measured.self_checks.com_agreement, 1e-9,
+        "MuJoCo and Pinocchio hold the same masses and see the same q: only rounding may differ.",
+        scales=("foot_length",), nature="extreme",
+    ),
+    _instrument(
+        "angular_momentum_agreement_maximum", "N m s", "momentum of both libraries, largest distance",
+        "largest difference of MuJoCo's and Pinocchio's angular momentum",
+        lambda walk: walk.measured.self_checks.angular_momentum_agreement, 1e-8,
+        "As for the COM; rounding grows with the momenta that are summed.", nature="extreme",
+    ),
+    _instrument(
+        "failed_qp", "1", "unsolved QPs", "control ticks whose QP stayed unsolved",
+        lambda walk: float(np.count_nonzero(walk.record.qp_status == 2)), 0.0,
+        "The controller's fallback exists to survive a bad tick, not to walk: one unsolved QP means "
+        "that the figures are not those of the controller that is documented.", nature="count",
+    ),
+    _instrument(
+        "unsupported_instants", "1", "instants without ground contact", "instants without any contact force",
+        lambda walk: float(np.count_nonzero(~np.isfinite(walk.measured.zmp[walk.inside]).all(axis=1))), 0.0,
+        "A walk has no flight, and an instant without a ZMP would silently be missing from its error.",
+        nature="count",
+    ),
+)  # fmt: skip
+_LARGEST_GAP = Metric(
+    "zmp_agreement_maximum", "m", "both measured ZMPs, largest distance",
+    "largest distance of the ZMP by contact and by momentum", "instrument",
+    lambda walk: _largest(_zmp_gaps(walk)), scales=("foot_length",), nature="extreme",
 )  # fmt: skip
 
+_SOLE = "into the polygon of the points that carried force"
+_COSTS: tuple[tuple[str, str, str, str, str], ...] = (
+    ("margins", "torque", "1", "largest torque, of the motor's limit",
+     "largest share of a motor's limit that was used"),
+    ("margins", "saturated", "1", "time with a saturated motor",
+     "share of the time in which some motor was at its limit"),
+    ("margins", "friction", "1", "friction used by a loaded foot",
+     "largest tangential over normal force of a foot that carries weight"),
+    ("margins", "friction_net", "1", "friction used by the net force", "the same of the net ground force"),
+    ("margins", "joint", "rad", "joint closest to its limit", "smallest distance of a joint from its range"),
+    ("margins", "knee", "rad", "least knee flexion", "smallest knee flexion"),
+    ("margins", "plan_polygon", "m", "planned ZMP within the planned support",
+     "smallest distance of the planned ZMP into the planned support"),
+    ("margins", "plan_in_measured_polygon", "m", "planned ZMP within the loaded sole",
+     f"smallest distance of the planned ZMP {_SOLE}"),
+    ("margins", "measured_polygon", "m", "measured ZMP within the loaded sole",
+     f"smallest distance of the measured ZMP {_SOLE}"),
+    ("margins", "slip", "m", "longest slip of a stance foot", "longest way that a foot slid in one stance"),
+    ("margins", "penetration", "m", "deepest penetration of a sole", "deepest sole point under the floor"),
+    *(("effort", f"{name}_{axis}", unit, f"feedback on the {label} {axis}, RMS",
+       f"root mean square of commanded minus planned {meaning}")
+      for name, axes, unit, label, meaning in (
+          ("force", "xyz", "N", "force", "force"), ("zmp", "xy", "m", "ZMP", "ZMP"),
+          ("angular_momentum", "xy", "N m s", "momentum", "angular momentum"))
+      for axis in axes),
+    ("energy", "positive_work", "J", "positive work",
+     "positive work of the motors, without the first step"),
+    ("energy", "negative_work", "J", "negative work",
+     "negative work of the motors, without the first step"),
+    ("energy", "distance", "m", "way of the COM", "way of the COM in that time"),
+    ("energy", "cost_of_transport", "1", "mechanical cost of transport",
+     "positive work over weight times distance (mechanical)"),
+    ("energy", "mean_power", "W", "mean positive power", "positive work over time"),
+)  # fmt: skip
+"""Section of the summary, name in it, unit, label and meaning."""
+
+
+def _cost(walk: Comparison, section: str, name: str) -> float:
+    """A number of a section, an :class:`~validation.judge.margins.Extreme`, or a component of a vector."""
+    found = getattr(walk, section)
+    if section == "effort":
+        vector, _, axis = name.rpartition("_")
+        return float(getattr(found, vector)["xyz".index(axis)])
+    value = getattr(found, name)
+    return float(getattr(value, "value", value))
+
+
+def _costs() -> Iterator[Metric]:
+    for section, name, unit, label, meaning in _COSTS:
+        compute = partial(_cost, section=section, name=name)
+        nature: Literal["mean", "extreme"] = "extreme" if section == "margins" else "mean"
+        key = f"{section.removesuffix('s')}_{name}"
+        yield Metric(key, unit, label, meaning, "cost", compute, nature=nature, section=section)
+
+
+_SIGNAL_ERRORS = tuple(_errors())
 _METRICS.update(
-    {item.name: item for item in (*_JUDGED_ERRORS, *_INSTRUMENT, *_REPORTED_ERRORS, _LARGEST_GAP, *_COST)}
+    {
+        item.name: item
+        for item in (
+            *_SIGNAL_ERRORS[: len(_LIMITS)],
+            *_INSTRUMENT,
+            *_SIGNAL_ERRORS[len(_LIMITS) :],
+            _LARGEST_GAP,
+            *_costs(),
+        )
+    }
 )

@@ -25,9 +25,8 @@ def signals_table(walk: Comparison) -> pa.Table:
     ``zmp_error_{part}_{x,y}`` are the parts of the ZMP error.
     """
     record, measured, sample = walk.record, walk.measured, walk.sample
-    time = walk.time
     columns: dict[str, pa.Array] = {
-        "time": pa.array(time),
+        "time": pa.array(walk.time),
         "phase": pa.array(sample.phase_name.tolist(), pa.string()),
         "stance": pa.array(sample.stance_name.tolist(), pa.string()),
     }
@@ -36,26 +35,21 @@ def signals_table(walk: Comparison) -> pa.Table:
         for column, axis in enumerate("xyz"[: values.shape[1]]):
             columns[f"{name}_{axis}"] = _nullable(values[:, column])
 
-    put("plan_zmp", sample.zmp)
-    put("plan_force", sample.force)
-    put("plan_com", sample.com)
-    put("plan_angular_momentum", sample.angular_momentum)
-    columns["plan_angular_momentum_z"] = pa.nulls(time.size, pa.float64())
-    put("command_zmp", record.command_zmp)
-    put("command_force", record.command_force)
-    put("command_com", record.command_com)
-    put("command_angular_momentum", record.command_angular_momentum)
-    put("measured_zmp", measured.zmp)
-    put("measured_force", measured.force)
-    put("measured_com", measured.com)
-    put("measured_angular_momentum", measured.angular_momentum)
+    quantities = ("zmp", "force", "com", "angular_momentum")
+    for name in quantities:
+        put(f"plan_{name}", getattr(sample, name))
+    columns["plan_angular_momentum_z"] = pa.nulls(walk.time.size, pa.float64())
+    for name in quantities:
+        put(f"command_{name}", getattr(record, f"command_{name}"))
+    for name in quantities:
+        put(f"measured_{name}", getattr(measured, name))
     columns["motion_angular_momentum_z"] = _nullable(walk.momentum_z)
     put("measured_zmp_momentum", measured.zmp_momentum)
     for index, foot in enumerate(("left", "right")):
         put(f"{foot}_force", measured.foot_force[:, index])
     for index, foot in enumerate(("left", "right")):
         columns[f"{foot}_contact"] = pa.array(measured.foot_contact[:, index])
-    if time.size:
+    if walk.time.size:
         columns["plan_zmp_margin"] = _nullable(walk.plan.zmp_margin(sample.time))
     columns["measured_zmp_margin"] = _nullable(measured.polygon_margin)
     for part in PARTS:
