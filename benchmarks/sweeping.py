@@ -203,9 +203,8 @@ def sweep(
     Exit status 1 if a target is missed.
     """
     timing = time_sweep(gait, steps, runs, Narrator())
-    columns = (("", "left"), ("measured", "right"), ("target", "right"))
     title = f"{runs} runs of {gait}, {steps} steps each, load {timing.load:.1f} at the start"
-    print_table(title, columns, rows_of(timing))
+    print_table(title, ("", ">measured", ">target"), rows_of(timing))
     if json_file is not None:
         json_file.write_text(json.dumps(json_ready(asdict(timing)), indent=2) + "\n", encoding="utf-8")
     met = timing.ratio >= RATIO and timing.overhead <= OVERHEAD and timing.memory_peak < MEMORY

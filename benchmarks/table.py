@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rich.text import Text
+
 from benchmarks.clock import Statistics
 from benchmarks.recording import MOST_SHARE, MOST_SIZE, RecordingCost
 from benchmarks.run import BenchmarkResult
@@ -97,19 +99,18 @@ def conditions(result: BenchmarkResult) -> str:
 
 def print_result(result: BenchmarkResult) -> None:
     """Print the table on stdout."""
-    columns = [(name, "right" if number else "left") for number, name in enumerate(HEADER)]
-    print_table("benchmark", columns, [_marked(row, "[bold]{}[/]") for row in rows(result)])
+    columns = [HEADER[0], *(f">{name}" for name in HEADER[1:])]
+    cells = [row if any(row[1:]) else (Text(row[0], "bold"), *row[1:]) for row in rows(result)]
+    print_table("benchmark", columns, cells)
     print_line(conditions(result))
 
 
 def markdown(result: BenchmarkResult) -> str:
     """The table for the documentation, with its conditions below."""
-    table = markdown_table(HEADER, [_marked(row, "**{}**") for row in rows(result)])
+    table = markdown_table(
+        HEADER, [row if any(row[1:]) else (f"**{row[0]}**", *row[1:]) for row in rows(result)]
+    )
     return f"{table}\n\n{conditions(result)}"
-
-
-def _marked(row: Row, heading: str) -> Row:
-    return row if any(row[1:]) else (heading.format(row[0]), *row[1:])
 
 
 def update_document(result: BenchmarkResult, document: Path = DOCUMENT) -> None:

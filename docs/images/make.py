@@ -15,13 +15,13 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from validation.cli.instrument import write_files
-from validation.cli.plan_text import write_picture
 from validation.cli.view import write_sources
 from validation.cli.view_sources import choose
 from validation.measure.instruments.columns import observe_folder
 from validation.measure.instruments.model import load_instrument
 from validation.progress import Progress
+from validation.show.instrument import draw
+from validation.show.plan import plot_plan
 from validation.show.rerun.merge import PHASE
 from validation.trial.plan import load_request, plan_walk
 
@@ -72,8 +72,7 @@ def picture_of_instrument(run_dir: Path, target: Path) -> None:
     """Save the picture of ``ampm instrument --plot``, in few colours."""
     with tempfile.TemporaryDirectory() as folder:
         drawn = Path(folder) / "instrument.png"
-        seen = observe_folder(run_dir, load_instrument("force-plate"))
-        write_files(seen, drawn, None, force=True)
+        draw(observe_folder(run_dir, load_instrument("force-plate")), drawn)
         image = Image.open(drawn).convert("RGB")
         image.quantize(64, dither=Image.Dither.NONE).save(target, optimize=True)
 
@@ -82,7 +81,7 @@ def picture_of_plan(gait: str, target: Path) -> None:
     """Save the picture that ``ampm plan --plot`` draws, in few colours."""
     with tempfile.TemporaryDirectory() as folder:
         drawn = Path(folder) / "plan.png"
-        write_picture(gait, plan_walk(load_request(gait)).plan, drawn)
+        plot_plan(plan_walk(load_request(gait)).plan, drawn, title=f"plan of {gait}")
         image = Image.open(drawn).convert("RGB")
         image.quantize(64, dither=Image.Dither.NONE).save(target, optimize=True)
 

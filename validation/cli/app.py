@@ -19,7 +19,7 @@ import ampm
 from validation.cli import compare, convergence, instrument, paper, plan, sweeps, tune, validate, view
 from validation.cli.console import print_json
 from validation.cli.errors import describe_error, explain, keep_traceback
-from validation.cli.options import Status
+from validation.cli.options import Status, option
 from validation.progress import interruption
 from validation.show.text import print_line
 
@@ -49,9 +49,7 @@ def _root(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
-    debug: Annotated[
-        bool, typer.Option("--debug", help="Show the traceback of an error; may stand anywhere.")
-    ] = False,
+    debug: Annotated[bool, option("--debug", "Show the traceback of an error; may stand anywhere.")] = False,
 ) -> None:
     if context.invoked_subcommand is None:
         print_line(context.get_help())

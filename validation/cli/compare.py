@@ -6,10 +6,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
 
 from validation.cli.console import Narrator
-from validation.cli.options import Force, Json, Settings, Status, Steps, Uncertainty, answer
+from validation.cli.options import (
+    Force,
+    Json,
+    Settings,
+    Status,
+    Steps,
+    Uncertainty,
+    answer,
+    option,
+    with_steps,
+)  # fmt: skip
 from validation.show.text import print_line, print_table
 
 if TYPE_CHECKING:
@@ -29,9 +38,7 @@ def compare(
     settings: Settings = None,
     steps: Steps = None,
     uncertainty: Uncertainty = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Keep the report, the numbers and the runs.")
-    ] = None,
+    out: Annotated[Path | None, option("--out", "Keep the report, the numbers and the runs.", "DIR")] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> int:
@@ -42,9 +49,8 @@ def compare(
     """
     from validation.study.compare.run import compare_pair
 
-    extra = [*(settings or ()), *([] if steps is None else [f"gait.steps={steps}"])]
-    progress = Narrator()
-    pair = compare_pair(a, b, extra, uncertainty=uncertainty or (), out=out, force=force, stages=progress)
+    extra = with_steps(settings, steps)
+    pair = compare_pair(a, b, extra, uncertainty=uncertainty or (), out=out, force=force, stages=Narrator())
     answer(pair, type(pair).as_dict, print_pair, as_json=as_json)
     if out is not None:
         from validation.study.compare.report import write_pair  # loads matplotlib
@@ -58,14 +64,13 @@ def print_pair(pair: Pair) -> None:
     from validation.study.compare.pair import facts, known, ratio, shown, verdicts
 
     a, b = pair.a.label, pair.b.label
-    columns = [("", "left"), (a, "right"), (b, "right")]
+    columns = ["", f">{a}", f">{b}"]
     print_table(f"{a} and {b}", columns, facts(pair))
     if pair.parameters:
-        rows = [(key, escape(str(one)), escape(str(two))) for key, (one, two) in pair.parameters.items()]
-        print_table("parameters that differ", columns, rows)
-    columns += [("unit", "left"), ("ratio", "right"), ("better", "left")]
+        differ = [(key, str(one), str(two)) for key, (one, two) in pair.parameters.items()]
+        print_table("parameters that differ", columns, differ)
     names = {"a": a, "b": b, "even": "=", "": ""}
-    for group, rows_of_group in pair.groups.items():
+    for group, rows in pair.groups.items():
         cells = [
             (
                 row.of.label,
@@ -75,12 +80,12 @@ def print_pair(pair: Pair) -> None:
                 ratio(row),
                 names[row.better],
             )
-            for row in rows_of_group
+            for row in rows
         ]
-        print_table(group, columns, cells)
+        print_table(group, [*columns, "unit", ">ratio", "better"], cells)
     for better, words in verdicts(pair):
         print_line(f"{words} {pair.count(better)} of {len(pair.rows)} quantities")
-    print_line(f"  {escape(known(pair))}")
+    print_line(f"  {known(pair)}")
     if unbounded := pair.unbounded():
         told = "; ".join(f"{row.of.group}, {row.of.label}: {ratio(row)}" for row in unbounded)
-        print_line(f"  Largest ratios among those: {escape(told)}.")
+        print_line(f"  Largest ratios among those: {told}.")

@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rich import progress as bars
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -22,6 +21,7 @@ from rich.progress import (
     TextColumn,
     TimeElapsedColumn,
 )
+from rich.progress import Progress as Bars
 
 from validation.progress import Progress, Stage, interruption
 from validation.store.json import json_ready
@@ -30,31 +30,30 @@ _LINE_EVERY = 30.0  # [s]
 
 
 class _Bar(Stage):
-    def __init__(self, bar: bars.Progress, task: TaskID, label: str) -> None:
-        self.bar, self.task, self.label = bar, task, label
+    def __init__(self, bars: Bars, task: TaskID, label: str) -> None:
+        self.bars, self.task, self.label = bars, task, label
 
     def advance(self, done: int, total: int) -> None:
-        self.bar.update(self.task, completed=done, total=total)
+        self.bars.update(self.task, completed=done, total=total)
 
     def note(self, text: str) -> None:
-        self.bar.update(self.task, description=f"{self.label} ({text})")
+        self.bars.update(self.task, description=f"{self.label} ({text})")
 
 
 class _Lines(Stage):
     """Where there is no terminal: a line now and then."""
 
-    def __init__(self, console: Console, label: str) -> None:
-        self.console, self.label = console, label
+    def __init__(self, progress: Progress, label: str) -> None:
+        self.progress, self.label = progress, label
         self.printed, self.done = time.monotonic(), ""
 
     def advance(self, done: int, total: int) -> None:
-        self.done = f"{done} of {total}"
+        self.done = f"{done} of {total}, "
 
     def note(self, text: str) -> None:
         if time.monotonic() - self.printed > _LINE_EVERY:
             self.printed = time.monotonic()
-            words = ", ".join(part for part in (self.done, text) if part)
-            self.console.print(f"{self.label}: {words}", markup=False)
+            self.progress.say(f"{self.label}: {self.done}{text}")
 
 
 class Narrator(Progress):
@@ -69,18 +68,13 @@ class Narrator(Progress):
         interruption.check()
         start = time.perf_counter()
         if not self.console.is_terminal:
-            yield _Lines(self.console, label)
+            yield _Lines(self, label)
         else:
+            words = TextColumn("{task.description}", markup=False)
             count = (MofNCompleteColumn(), TextColumn("{task.fields[unit]}")) if unit else ()
-            columns = (
-                SpinnerColumn(),
-                TextColumn("{task.description}", markup=False),
-                BarColumn(),
-                *count,
-                TimeElapsedColumn(),
-            )
-            with bars.Progress(*columns, console=self.console, transient=True) as bar:
-                yield _Bar(bar, bar.add_task(label, total=None, unit=unit), label)
+            columns = (SpinnerColumn(), words, BarColumn(), *count, TimeElapsedColumn())
+            with Bars(*columns, console=self.console, transient=True) as bars:
+                yield _Bar(bars, bars.add_task(label, total=None, unit=unit), label)
         self.console.print(f"{label}: {time.perf_counter() - start:.1f} s", style="dim", markup=False)
         interruption.check()
 

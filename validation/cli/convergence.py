@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
 
 from validation.cli.console import Narrator
-from validation.cli.options import Force, Gait, Json, Settings, Status, Workers, answer
-from validation.show.text import print_line, print_table
+from validation.cli.options import Force, Gait, Json, Settings, Status, Workers, answer, option
+from validation.show.text import judged, print_line, print_table, print_verdict
 
 if TYPE_CHECKING:
     from validation.study.convergence.result import Convergence
@@ -22,37 +21,26 @@ _EPILOG = (
     "it, undecided or not measured, 2 bad input or refused, 3 a walk of a numerical study did not complete, "
     "4 crash of ampm itself, 130 interrupted."
 )
+_STUDIES = "time_step, ik_grid, qp_tolerance, contact_stiffness or contact_depth"
 
 
 @app.command(epilog=_EPILOG)
 def convergence(
     gait: Gait = "normal",
     settings: Settings = None,
-    steps: Annotated[
-        int, typer.Option("--steps", metavar="N", help="Walked at every level: the gait is periodic.")
-    ] = 6,
+    steps: Annotated[int, option("--steps", "Walked at every level: the gait is periodic.", "N")] = 6,
     levels: Annotated[
-        int,
-        typer.Option(
-            "--levels", metavar="N", help="Of every numerical study, 3 ... 6; 4 can confirm an order."
-        ),
+        int, option("--levels", "Of every numerical study, 3 ... 6; 4 can confirm an order.", "N")
     ] = 4,
     only: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--study",
-            metavar="NAME",
-            help="time_step, ik_grid, qp_tolerance, contact_stiffness or contact_depth; repeatable, all by "
-            "default.",
-        ),
+        list[str] | None, option("--study", f"{_STUDIES}; repeatable, all by default.", "NAME")
     ] = None,
     profile: Annotated[
-        str, typer.Option("--profile", metavar="P", help="Tolerance profile: default, strict, or wide.")
+        str, option("--profile", "Tolerance profile: default, strict, or wide.", "P")
     ] = "default",
     workers: Workers = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Write convergence.json, a table and a picture."),
+        Path | None, option("--out", "Write convergence.json, a table and a picture.", "DIR")
     ] = None,
     force: Force = False,
     as_json: Json = False,
@@ -68,17 +56,9 @@ def convergence(
 
     progress = Narrator()
     result = study_gait(
-        gait,
-        settings or (),
-        steps=steps,
-        levels=levels,
-        only=only or (),
-        profile=profile,
-        workers=workers,
-        out=out,
-        force=force,
-        progress=progress,
-    )
+        gait, settings or (), steps=steps, levels=levels, only=only or (), profile=profile, workers=workers,
+        out=out, force=force, progress=progress,
+    )  # fmt: skip
     answer(result, type(result).as_dict, print_convergence, as_json=as_json)
     if out is not None:
         write(result, out)
@@ -88,29 +68,18 @@ def convergence(
     return Status.PASS if result.verdict.passed else Status.OUT_OF_TOLERANCE
 
 
-_COLOURS = {"pass": "green", "FAIL": "red", "fail": "red", "": "default"}
-
-
 def print_convergence(result: Convergence) -> None:
     """Print what the studies found: metrics with their uncertainty, and the verdict on them."""
     from validation.study.convergence.text import cells, header, legend, shortlist
 
-    name, verdict = result.request.name, result.verdict
     left = ("metric", "unit", "verdict", "observed order")
-    rows = []
-    for item in shortlist(result):
-        row = list(cells(item))
-        row[4] = f"[{_COLOURS.get(row[4], 'yellow')}]{row[4]}[/]"
-        rows.append(row)
     print_table(
-        f"{name}: value ± numerical uncertainty, {result.request.run.gait.steps} steps "
-        f"(profile {verdict.profile})",
-        [(text, "left" if text in left else "right") for text in header(result)],
-        rows,
+        f"{result.request.name}: value ± numerical uncertainty, {result.request.run.gait.steps} steps "
+        f"(profile {result.verdict.profile})",
+        [text if text in left else f">{text}" for text in header(result)],
+        [(*row[:4], judged(row[4]), *row[5:]) for row in map(cells, shortlist(result))],
     )
     print_line(f"  {legend(result)}")
     for note in result.notes:
-        print_line(f"  note: {escape(note)}")
-    colour = _COLOURS.get(verdict.name, "yellow")
-    word = verdict.name.replace("_", " ").upper()
-    print_line(f"[bold {colour}]{name}: {word}[/]  {escape(verdict.reason)}")
+        print_line(f"  note: {note}")
+    print_verdict(result.request.name, result.verdict.name, result.verdict.reason)

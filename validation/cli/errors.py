@@ -19,6 +19,14 @@ from validation.study.sweep.exceptions import SweepStopped
 _TUNE = " Values that you did not give may be found by 'ampm tune', or by 'ampm validate --tune'."
 
 
+_KINDS = {
+    Status.REFUSED: "input",
+    Status.NOT_COMPLETED: "solver",
+    Status.STOPPED: "stopped",
+    Status.INTERRUPTED: "interrupted",
+}
+
+
 def describe_error(error: BaseException) -> dict[str, Any]:
     """JSON object of an error: ``{"error": {"kind", "message"}}``.
 
@@ -28,13 +36,7 @@ def describe_error(error: BaseException) -> dict[str, Any]:
     ``nearest``.
     """
     status, message = explain(error)
-    kinds = {
-        Status.REFUSED: "input",
-        Status.NOT_COMPLETED: "solver",
-        Status.STOPPED: "stopped",
-        Status.INTERRUPTED: "interrupted",
-    }
-    answer: dict[str, Any] = {"kind": kinds.get(status, "crash"), "message": message}
+    answer: dict[str, Any] = {"kind": _KINDS.get(status, "crash"), "message": message}
     if isinstance(error, RefusedGait):
         answer["kind"] = error.kind
         for name in ("reason", "value", "limit", "unit", "way_out"):
@@ -49,8 +51,9 @@ def explain(error: BaseException) -> tuple[Status, str]:
     if isinstance(error, KeyboardInterrupt | typer.Abort):
         return Status.INTERRUPTED, "interrupted" + _notes(error)
     if isinstance(error, typer.TyperException):
-        message = _sentence(error.format_message())
-        return Status.REFUSED, f"{message} See '{_command_path(error)} --help'."
+        context = getattr(error, "ctx", None)  # of the command that did not understand its options
+        command = "ampm" if context is None else context.command_path
+        return Status.REFUSED, f"{_sentence(error.format_message())} See '{command} --help'."
     if isinstance(error, SweepStopped):
         return Status.STOPPED, _sentence(str(error))
     if isinstance(error, SolverError):
@@ -69,12 +72,6 @@ def explain(error: BaseException) -> tuple[Status, str]:
         return Status.REFUSED, f"{error.filename}: {error.strerror}; give another file or folder."
     name = type(error).__name__
     return Status.CRASH, f"crash of ampm itself ({name}: {_one_line(str(error))})" + _notes(error)
-
-
-def _command_path(error: typer.TyperException) -> str:
-    """The command that did not understand its options."""
-    context = getattr(error, "ctx", None)
-    return context.command_path if context is not None else "ampm"
 
 
 def _notes(error: BaseException) -> str:

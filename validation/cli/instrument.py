@@ -9,7 +9,7 @@ import typer
 
 from ampm.exceptions import InputError
 from validation.cli.console import Narrator
-from validation.cli.options import Force, Json, RunFolder, Status, answer
+from validation.cli.options import Force, Json, RunFolder, Status, answer, option
 from validation.show.text import print_line, print_table
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 PICTURES = (".png", ".svg")
-_COLUMNS = [("", "left"), ("RMSE x", "right"), ("y", "right"), ("largest x", "right"), ("y", "right")]
+_COLUMNS = ("", ">RMSE x", ">y", ">largest x", ">y")
 
 
 @app.command()
@@ -26,16 +26,11 @@ def instrument(
     directory: RunFolder,
     name: Annotated[
         str,
-        typer.Option(
-            "--instrument", metavar="NAME|FILE", help="force-plate, foot-ft, imu, or a TOML file of your own."
-        ),
+        option("--instrument", "force-plate, foot-ft, imu, or a TOML file of your own.", "NAME|FILE"),
     ] = "force-plate",
-    plot: Annotated[
-        Path | None, typer.Option("--plot", metavar="FILE.png", help="Draw the ZMP, its error, its causes.")
-    ] = None,
+    plot: Annotated[Path | None, option("--plot", "Draw the ZMP, its error, its causes.", "FILE.png")] = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FILE.parquet|.csv", help="Write truth and readings at every step."),
+        Path | None, option("--out", "Write truth and readings at every step.", "FILE.parquet|.csv")
     ] = None,
     force: Force = False,
     as_json: Json = False,
@@ -46,53 +41,32 @@ def instrument(
     bias, cross-talk, low-pass, sampling, delay, range and resolution. Nothing is simulated again, and nothing
     is judged: the status is 0.
     """
-    from validation.measure.instruments.columns import observe_folder
+    # Here, not above: NumPy, SciPy and pyarrow take long to load.
+    from validation.measure.instruments.columns import observation_columns, observe_folder
     from validation.measure.instruments.model import load_instrument
     from validation.measure.instruments.result import Observation
-
-    check_targets(plot, out, force=force)
-    seen = observe_folder(directory, load_instrument(name))
-    narrator = Narrator()
-    written = write_files(seen, plot, out, force=force)
-    answer(seen, Observation.as_dict, print_observation, as_json=as_json)
-    narrator.wrote(*written)
-    return Status.PASS
-
-
-def check_targets(plot: Path | None, out: Path | None, *, force: bool) -> None:
-    """Refuse files that cannot or must not be written, before anything is computed.
-
-    Raises:
-        InputError: another suffix, no such folder, or ``out`` exists and ``force`` is off.
-    """
-    from validation.store.folders import check_folder_of, check_output_file
-    from validation.store.tables import check_suffix
+    from validation.store.folders import check_folder_of, check_output_file, output_file
+    from validation.store.tables import check_suffix, write_columns
 
     if plot is not None:
         if plot.suffix not in PICTURES:
             raise InputError(f"{plot} must end in {' or '.join(PICTURES)}; the suffix chooses the format.")
         check_folder_of(plot)
-        check_output_file(plot, force=True)
+        check_output_file(plot, force=True)  # it can be drawn again at once
     if out is not None:
         check_suffix(out)
         check_output_file(out, force=force)
-
-
-def write_files(seen: Observation, plot: Path | None, out: Path | None, *, force: bool) -> list[Path]:
-    """Write the files of a request; an earlier picture is replaced, as it can be drawn again at once."""
-    from validation.measure.instruments.columns import observation_columns
-    from validation.show.instrument import draw
-    from validation.show.style import file_style
-    from validation.store.folders import output_file
-    from validation.store.tables import write_columns
-
+    seen = observe_folder(directory, load_instrument(name))
     if out is not None:
         with output_file(out, force=force) as work:
             write_columns(observation_columns(seen), work)
     if plot is not None:
-        with output_file(plot) as work, file_style():
-            draw(seen).savefig(work, dpi=130)
-    return [path for path in (out, plot) if path is not None]
+        from validation.show.instrument import draw  # loads matplotlib
+
+        draw(seen, plot)
+    answer(seen, Observation.as_dict, print_observation, as_json=as_json)
+    Narrator().wrote(out, plot)
+    return Status.PASS
 
 
 def print_observation(seen: Observation) -> None:

@@ -28,6 +28,12 @@ class Status(IntEnum):
 
 Result = TypeVar("Result")
 
+
+def option(name: str, help: str, metavar: str | None = None) -> Any:
+    """Declare an option of a command."""
+    return typer.Option(name, help=help, metavar=metavar)
+
+
 _PRESETS = ", ".join(preset_names())
 
 Gait = Annotated[str, typer.Argument(help=f"Preset ({_PRESETS}) or TOML file.", metavar="[GAIT]")]
@@ -38,25 +44,26 @@ Gaits = Annotated[
 RunFolder = Annotated[Path, typer.Argument(help="Folder of a run.", metavar="DIR")]
 Settings = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set", metavar="KEY=VALUE", help="Change one parameter, e.g. gait.c_s=1.2; see 'ampm keys'."
-    ),
+    option("--set", "Change one parameter, e.g. gait.c_s=1.2; see 'ampm keys'.", "KEY=VALUE"),
 ]
-Steps = Annotated[int | None, typer.Option("--steps", metavar="N", help="Short for gait.steps=N.")]
+Steps = Annotated[int | None, option("--steps", "Short for gait.steps=N.", "N")]
 Uncertainty = Annotated[
     list[Path] | None,
-    typer.Option(
+    option(
         "--uncertainty",
-        metavar="FILE",
-        help="convergence.json of a gait, from 'ampm convergence': a value closer to its limit, or to the "
+        "convergence.json of a gait, from 'ampm convergence': a value closer to its limit, or to the "
         "value beside it, than its numerical uncertainty is undecided. Repeatable, one per gait.",
+        "FILE",
     ),
 ]
-Workers = Annotated[
-    int | None, typer.Option("--workers", metavar="N", help="Processes; one per core by default.")
-]
-Force = Annotated[bool, typer.Option("--force", help="Replace an earlier result at --out.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on stdout.")]
+Workers = Annotated[int | None, option("--workers", "Processes; one per core by default.", "N")]
+Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")]
+Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]
+
+
+def with_steps(settings: list[str] | None, steps: int | None) -> list[str]:
+    """Settings of ``--set``, and that of ``--steps``."""
+    return [*(settings or ()), *([] if steps is None else [f"gait.steps={steps}"])]
 
 
 def answer(

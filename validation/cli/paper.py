@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from validation.cli.console import Narrator, print_json
-from validation.cli.options import Force, Json, Status
+from validation.cli.console import Narrator
+from validation.cli.options import Force, Json, Status, answer, option
 from validation.show.text import print_line
 
 app = typer.Typer()
@@ -26,10 +26,7 @@ def audit(as_json: Json = False) -> int:
     rows = audit_paper(narrator)
     from validation.paper.audit.table import describe, print_rows  # after the check for sympy
 
-    if as_json:
-        print_json(describe(rows))
-    else:
-        print_rows(rows)
+    answer(rows, describe, print_rows, as_json=as_json)
     failed = [row for row in rows if not row.consistent]
     for row in failed:
         narrator.say(f"section {row.section}, {row.place}: the corrected form fails its checks")
@@ -38,11 +35,9 @@ def audit(as_json: Json = False) -> int:
 
 @app.command()
 def figures(
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write SVG and PNG into.")],
-    steps: Annotated[int, typer.Option("--steps", metavar="N", help="Steps walked for a figure.")] = 12,
-    only: Annotated[
-        str | None, typer.Option("--only", metavar="8,9", help="Of 4, 5, 7, 8, 9, 10, 11, 12, human.")
-    ] = None,
+    out: Annotated[Path, option("--out", "Folder to write SVG and PNG into.", "DIR")],
+    steps: Annotated[int, option("--steps", "Steps walked for a figure.", "N")] = 12,
+    only: Annotated[str | None, option("--only", "Of 4, 5, 7, 8, 9, 10, 11, 12, human.", "8,9")] = None,
     force: Force = False,
 ) -> int:
     """Draw the paper's figures from data: plan, inverse kinematics and simulation on the same axes."""

@@ -11,10 +11,12 @@ import typer
 
 from ampm.exceptions import InputError
 from validation.cli.console import Narrator
-from validation.cli.options import Force, Json, Status, Workers, answer
-from validation.show.text import print_line, print_table
+from validation.cli.options import Force, Json, Status, Workers, answer, option
+from validation.show.text import format_duration, print_line, print_table
+from validation.store.machine import cores
 
 if TYPE_CHECKING:
+    from validation.study.sweep.forecast import Forecast
     from validation.study.sweep.table import SweepTable
 
 app = typer.Typer()
@@ -34,33 +36,29 @@ DIFF_EPILOG = "Exit status: 0 no regression beyond tolerance, 1 some, 2 bad inpu
 def sweep(
     file: Annotated[Path, typer.Argument(help="Definition of the sweep (TOML).", metavar="FILE")],
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Folder of the sweep; only --dry-run needs none."),
+        Path | None, option("--out", "Folder of the sweep; only --dry-run needs none.", "DIR")
     ] = None,
     workers: Workers = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(
-            "--scheduler",
-            metavar="ADDRESS",
-            help="Run on this dask scheduler: tcp://HOST:8786, or its --scheduler-file.",
+        option(
+            "--scheduler", "Run on this dask scheduler: tcp://HOST:8786, or its --scheduler-file.", "ADDRESS"
         ),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with what is missing in --out.")] = False,
+    resume: Annotated[bool, option("--resume", "Go on with what is missing in --out.")] = False,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Count runs and refusals; walk one run to time it.")
+        bool, option("--dry-run", "Count runs and refusals; walk one run to time it.")
     ] = False,
     retry: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--retry",
-            metavar="OUTCOME,...",
-            help="With --resume: also walk again what crashed, timed_out, fell, ...: --retry crashed.",
+            "With --resume: also walk again what crashed, timed_out, fell, ...: --retry crashed.",
+            "OUTCOME,...",
         ),
     ] = None,
     force: Annotated[
-        bool,
-        typer.Option("--force", help="With --resume: go on although code or versions have changed since."),
+        bool, option("--force", "With --resume: go on although code or versions have changed since.")
     ] = False,
     as_json: Json = False,
 ) -> int:
@@ -71,9 +69,12 @@ def sweep(
     and the table is the same to the bit.
     """
     if dry_run:
-        from validation.cli.forecast import dry_run as forecast  # loads all that measures
+        from validation.study.sweep.design import load_sweep
+        from validation.study.sweep.forecast import forecast  # loads all that measures
 
-        return forecast(file, workers, as_json=as_json)
+        expected = forecast(load_sweep(file), cores() if workers is None else workers, progress=Narrator())
+        answer(expected, type(expected).as_dict, print_forecast, as_json=as_json)
+        return Status.REFUSED if expected.all_refused else Status.PASS
     from validation.study.sweep.run import sweep as walk_sweep  # loads NumPy and pyarrow
     from validation.study.sweep.store import SUMMARY, is_sweep
 
@@ -82,15 +83,9 @@ def sweep(
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
     try:
         found = walk_sweep(
-            file,
-            out,
-            workers=workers,
-            scheduler=scheduler,
-            resume=resume,
-            force=force,
-            retry=words,
+            file, out, workers=workers, scheduler=scheduler, resume=resume, force=force, retry=words,
             progress=Narrator(),
-        )
+        )  # fmt: skip
     except KeyboardInterrupt as error:
         if is_sweep(out):
             again = ["ampm", "sweep", str(file), "--out", str(out), "--resume"]
@@ -127,7 +122,7 @@ def _print_sweep(found: SweepTable) -> None:
     summary = found.summary()
     rows = [(name.replace("_", " "), str(number)) for name, number in summary["states"].items()]
     rows += [(f"  {reason}", str(number)) for reason, number in summary["refusals"].items()]
-    print_table(f"sweep {found.name}", (("state", "left"), ("runs", "right")), rows)
+    print_table(f"sweep {found.name}", ("state", ">runs"), rows)
     if summary["failed"]:
         failed = list(summary["failed"].items())[:10]
         print_line(f"out of tolerance: {', '.join(f'{name} {number}' for name, number in failed)}")
@@ -136,32 +131,57 @@ def _print_sweep(found: SweepTable) -> None:
     print_line(found.source)
 
 
+def print_forecast(found: Forecast) -> None:
+    """Print what a sweep would be."""
+    definition = found.definition
+    rows = [("runs", f"{found.runs:,}", f"of {definition.gait}, {definition.steps} steps each")]
+    rows += [(f"refused: {item.reason}", f"{item.runs:,}", item.example) for item in found.refused]
+    sample = "" if found.exact else f" (of {found.checked} of {found.gaits:,} gaits)"
+    for item in found.body_refused:
+        rows.append((f"the body refuses{sample}: {item.reason}", f"{item.runs:,}", item.example))
+    rows.append(("can walk, at most", f"{'' if found.exact else 'about '}{found.walking:,}", ""))
+    title = f"dry run of {definition.name}: {', '.join(definition.keys)}"
+    print_table(title, ("", ">runs", "for example"), rows)
+    if found.all_refused:
+        print_line("every run is refused: nothing would walk")
+    elif found.seconds is None or found.wall_clock is None:
+        print_line("no run that was tried could be walked, so its time is unknown")
+    else:
+        print_line(
+            f"one run takes about {format_duration(found.seconds)}, the sweep "
+            f"{format_duration(found.wall_clock)} with {found.workers} workers"
+        )
+    for text in found.motion_refused:
+        print_line(f"tried to time it, and refused: {text}")
+    print_line("not seen: motions that do not close or reach a joint limit, and falls")
+    for note in definition.notes():
+        print_line(f"note: {note}")
+
+
 @app.command(epilog=DIFF_EPILOG)
 def diff(
     a: Annotated[Path, typer.Argument(help="Sweep that is the reference: folder or table.", metavar="A")],
     b: Annotated[Path, typer.Argument(help="Sweep that is compared with it.", metavar="B")],
     tolerance: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--tolerance",
-            metavar="SHARE|METRIC=SHARE",
-            help="By which share of its limit a figure may grow (0.1 if not given); repeatable.",
+            "By which share of its limit a figure may grow (0.1 if not given); repeatable.",
+            "SHARE|METRIC=SHARE",
         ),
     ] = None,
     uncertainty: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--uncertainty",
-            metavar="convergence.json",
-            help="Numerical uncertainty of the figures: no smaller difference is called one.",
+            "Numerical uncertainty of the figures: no smaller difference is called one.",
+            "convergence.json",
         ),
     ] = None,
     require_all: Annotated[
-        bool, typer.Option("--require-all", help="Runs of A that B lacks are regressions, too.")
+        bool, option("--require-all", "Runs of A that B lacks are regressions, too.")
     ] = False,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE.html", help="Write the comparison as a page.")
-    ] = None,
+    out: Annotated[Path | None, option("--out", "Write the comparison as a page.", "FILE.html")] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> int:

@@ -20,6 +20,8 @@ from validation.cli.options import (
     Status,
     Steps,
     Uncertainty,
+    option,
+    with_steps,
 )  # fmt: skip
 from validation.progress import interruption
 from validation.show.text import print_line
@@ -39,52 +41,46 @@ def validate(
     steps: Steps = None,
     profile: Annotated[
         str | None,
-        typer.Option(
-            "--profile",
-            metavar="P",
-            help="Tolerance profile: default, strict, or wide; if not given, the preset's own.",
+        option(
+            "--profile", "Tolerance profile: default, strict, or wide; if not given, the preset's own.", "P"
         ),
     ] = None,
-    qp: Annotated[str | None, typer.Option("--qp", metavar="osqp|daqp", help="Short for solver.qp.")] = None,
+    qp: Annotated[str | None, option("--qp", "Short for solver.qp.", "osqp|daqp")] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--out",
-            metavar="DIR",
-            help="Folder of the run; with several gaits, one sub-folder each. runs/GAIT-TIME if not given.",
+            "Folder of the run; with several gaits, one sub-folder each. runs/GAIT-TIME if not given.",
+            "DIR",
         ),
     ] = None,
     force: Force = False,
     as_json: Json = False,
     tune: Annotated[
         bool,
-        typer.Option(
-            "--tune", help="Find what the gait leaves out, as 'ampm tune' does, instead of taking defaults."
-        ),
+        option("--tune", "Find what the gait leaves out, as 'ampm tune' does, instead of taking defaults."),
     ] = False,
     uncertainty: Uncertainty = None,
     controller: Annotated[
-        str | None,
-        typer.Option("--controller", metavar="MODULE:CLASS", help="Walk under a controller of your own."),
+        str | None, option("--controller", "Walk under a controller of your own.", "MODULE:CLASS")
     ] = None,
     planner: Annotated[
-        str | None,
-        typer.Option("--planner", metavar="MODULE:CLASS", help="Walk what a planner of your own plans."),
+        str | None, option("--planner", "Walk what a planner of your own plans.", "MODULE:CLASS")
     ] = None,
     push: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--push",
-            metavar="SEGMENT,FX,FY,FZ,AT,DURATION",
-            help="Push a segment: force [N], begin and duration [s]; chest,50,0,0,2,0.1 say. Repeatable.",
+            "Push a segment: force [N], begin and duration [s]; chest,50,0,0,2,0.1 say. Repeatable.",
+            "SEGMENT,FX,FY,FZ,AT,DURATION",
         ),
     ] = None,
     instrument: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--instrument",
-            metavar="NAME|FILE",
-            help="Also show the ZMP as force-plate, foot-ft, imu or an instrument of your own (TOML) would.",
+            "Also show the ZMP as force-plate, foot-ft, imu or an instrument of your own (TOML) would.",
+            "NAME|FILE",
         ),
     ] = None,
 ) -> int:
@@ -103,9 +99,7 @@ def validate(
     from validation.trial.plan import load_requests
     from validation.trial.tune import tune_walk
 
-    extra = [*(settings or ()), *([] if steps is None else [f"gait.steps={steps}"])]
-    if qp is not None:
-        extra.append(f'solver.qp="{qp}"')
+    extra = [*with_steps(settings, steps), *([] if qp is None else [f'solver.qp="{qp}"'])]
     gaits = gaits or ["normal"]
     requests = load_requests(gaits, extra, check=not tune)
     judges = [profiles.own_profile(gait) if profile is None else profiles.profile(profile) for gait in gaits]

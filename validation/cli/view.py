@@ -12,7 +12,7 @@ import typer
 
 from ampm.exceptions import InputError
 from validation.cli.console import Narrator
-from validation.cli.options import Status
+from validation.cli.options import Status, option
 from validation.progress import Progress, interruption
 from validation.show.viewer import show_recording, viewer_command
 from validation.store.folders import check_output_file, output_file
@@ -29,17 +29,13 @@ def view(
         list[Path], typer.Argument(help="Folders of runs, recordings, or a sweep.", metavar="DIR|FILE.rrd...")
     ],
     runs: Annotated[
-        str | None,
-        typer.Option(
-            "--runs", metavar="3,17", help="Runs of a sweep; by default the worst one and the median."
-        ),
+        str | None, option("--runs", "Runs of a sweep; by default the worst one and the median.", "3,17")
     ] = None,
     save: Annotated[
-        Path | None,
-        typer.Option("--save", metavar="FILE.rrd", help="Write what would be shown; opens nothing."),
+        Path | None, option("--save", "Write what would be shown; opens nothing.", "FILE.rrd")
     ] = None,
-    web: Annotated[bool, typer.Option("--web", help="Show it in a web browser.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace an earlier file at --save.")] = False,
+    web: Annotated[bool, option("--web", "Show it in a web browser.")] = False,
+    force: Annotated[bool, option("--force", "Replace an earlier file at --save.")] = False,
 ) -> int:
     """Open recordings in the Rerun viewer, side by side or overlaid, aligned on the phase of the gait.
 
@@ -63,13 +59,15 @@ def view(
             write_sources(sources, work, narrator, one_sweep=one_sweep)
         narrator.wrote(save)
         return Status.PASS
-    if len(sources) == 1:
-        return _show(sources[0].path, web=web)
     viewer_command(sources[0].path, ports=(0, 0) if web else None)  # refuses where nothing can show it
     with tempfile.TemporaryDirectory(prefix="ampm-view-") as folder:
-        merged = Path(folder) / "recordings.rrd"
-        write_sources(sources, merged, narrator, one_sweep=one_sweep)
-        return _show(merged, web=web)
+        shown = sources[0].path
+        if len(sources) > 1:
+            shown = Path(folder) / "recordings.rrd"
+            write_sources(sources, shown, narrator, one_sweep=one_sweep)
+        status = show_recording(shown, web=web)
+    interruption.acknowledge()  # Ctrl-C is how the web server is stopped
+    return status
 
 
 def write_sources(sources: Sequence[Source], path: Path, progress: Progress, *, one_sweep: bool) -> None:
@@ -90,13 +88,5 @@ def write_sources(sources: Sequence[Source], path: Path, progress: Progress, *, 
     if len(sources) == 1:
         read_part(sources[0].path, "", "")
         shutil.copyfile(sources[0].path, path)
-        return
-    over = merge([(s.prefix, s.label, s.path) for s in sources], path, overlay=False if one_sweep else None)
-    if not over and not one_sweep:
+    elif not merge(sources, path, overlay=False if one_sweep else None) and not one_sweep:
         progress.say("the recordings are of different gaits: beside each other, aligned on the gait's phase")
-
-
-def _show(recording: Path, *, web: bool) -> int:
-    status = show_recording(recording, web=web)
-    interruption.acknowledge()  # Ctrl-C is how the web server is stopped
-    return status

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 import pyarrow.parquet as pq
+from matplotlib.figure import Figure
 
 from validation.measure.instruments.names import CAUSES, RUN, WINDOWS
 from validation.show import run_figures as figures
 from validation.show import style
 from validation.show.style import Picture
-from validation.store.folders import INSTRUMENT_FILE
+from validation.store.folders import INSTRUMENT_FILE, output_file
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from validation.measure.instruments.result import Observation
     from validation.store.saved import SavedRun
 
@@ -122,20 +122,26 @@ def _row(label: str, item: Mapping[str, Any]) -> Row:
     return label, x, y, most_x, most_y
 
 
-def draw(seen: Observation, *, steps_shown: float = 2.4) -> Figure:
-    """True and instrument's ZMP over the middle of the walk, the error, and its causes.
+def draw(seen: Observation, path: Path) -> None:
+    """Draw true and instrument's ZMP over the middle of the walk, the error, and its causes.
 
     Args:
         seen: what is drawn.
-        steps_shown: length of the piece [s].
-    """
-    from matplotlib.figure import Figure
+        path: image file; the suffix chooses the format. An existing one is replaced.
 
+    Raises:
+        InputError: the file cannot be written.
+    """
+    with output_file(path) as work, style.file_style():
+        _overview(seen).savefig(work, dpi=130)
+
+
+def _overview(seen: Observation) -> Figure:
     figure = Figure(figsize=(9.0, 7.2), layout="constrained")
     axes = figure.subplots(3, 2, height_ratios=[3, 2, 2])
     time = seen.time
     middle = 0.5 * (time[0] + time[-1]) if len(time) else 0.0
-    rows = np.abs(time - middle) <= 0.5 * steps_shown
+    rows = np.abs(time - middle) <= 1.2  # [s]
     causes = sorted(seen.causes, key=lambda cause: _size(vars(seen.causes[cause][RUN])))
     for column, axis in enumerate("xy"):
         upper, lower, bars = axes[:, column]

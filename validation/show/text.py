@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 BODY_WEIGHT = "% BW"
 """Percent of body weight, as tables have room for it."""
@@ -15,31 +16,43 @@ _FILE_WIDTH = 160
 """Columns of a table that is written to a file or a pipe."""
 
 
-def print_table(title: str, columns: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]]) -> None:
+def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> None:
     """Print a table on stdout.
 
     Args:
         title: line above.
-        columns: header and justification (``"left"`` or ``"right"``) of each column.
-        rows: cells, rich markup allowed.
+        columns: header of each column; a ``>`` before it aligns the column to the right.
+        rows: cells; texts are printed as they are.
     """
     table = Table()
-    for number, (header, justify) in enumerate(columns):
-        right = justify == "right"
-        table.add_column(header, justify="right" if right else "left", no_wrap=right or number == 0)
+    for number, header in enumerate(columns):
+        right = header.startswith(">")
+        justify: Literal["left", "right"] = "right" if right else "left"
+        table.add_column(Text(header.removeprefix(">")), justify=justify, no_wrap=right or number == 0)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
     console = Console(highlight=False)
     if not console.is_terminal:  # a file or a pipe has no edge to wrap at
         console.width = max(console.width, _FILE_WIDTH)
     # The title is padded to the table's width otherwise, and a file keeps such blanks.
-    console.print(f"[bold]{title}[/]", soft_wrap=True)
+    console.print(Text(title, style="bold"), soft_wrap=True)
     console.print(table)
 
 
-def print_line(text: str) -> None:
-    """Print one line on stdout, unwrapped."""
-    Console(highlight=False, soft_wrap=True).print(text)
+def print_line(text: str | Text = "", style: str = "") -> None:
+    """Print one line on stdout, unwrapped and as it is."""
+    Console(highlight=False, soft_wrap=True).print(Text(text) if isinstance(text, str) else text, style=style)
+
+
+def judged(verdict: str) -> Text:
+    """The word of a verdict in its colour: green, red, or yellow for what is not decided."""
+    return Text(verdict, {"pass": "green", "fail": "red", "": ""}.get(verdict.lower(), "yellow"))
+
+
+def print_verdict(name: str, verdict: str, reason: str) -> None:
+    """Print a verdict on one line, with its reason."""
+    word = f"{name}: {verdict.replace('_', ' ').upper()}"
+    print_line(Text.assemble((word, f"bold {judged(verdict).style}"), f"  {reason}"))
 
 
 def format_number(value: float | None, digits: int = 4) -> str:

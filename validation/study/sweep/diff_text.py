@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.markup import escape
+from rich.text import Text
 
 from validation.judge.metrics import display_unit, metric_label
 from validation.show.page import render_page
@@ -151,19 +151,19 @@ def print_diff(diff: SweepDiff) -> None:
     """Print a comparison for people."""
     for letter, side in (("A", _side(diff.a)), ("B", _side(diff.b))):
         at = f", revision {side['revision']}" if side["revision"] else ""
-        print_line(escape(f"{letter}: {side['source']}, {side['runs']:,} runs{at}"))
+        print_line(f"{letter}: {side['source']}, {side['runs']:,} runs{at}")
     for note in diff.notes:
-        print_line(escape(f"note: {note}"))
+        print_line(f"note: {note}")
     for table in tables(diff, _SHOWN):
-        columns = [(name, "right" if name in _RIGHT else "left") for name in table.columns]
+        columns = [f">{name}" if name in _RIGHT else name for name in table.columns]
         print_table(table.title, columns, [[_marked(cell) for cell in row] for row in table.rows])
     style = "bold red" if diff.regressions else "bold yellow" if diff.lacking else "bold green"
-    print_line(f"[{style}]{escape(diff.sentence)}[/]")
+    print_line(diff.sentence, style)
 
 
-def _marked(cell: str) -> str:
-    text = escape(cell.label if isinstance(cell, State) else cell)
-    return f"[{_COLOURS[text]}]{text}[/]" if text in _COLOURS else text
+def _marked(cell: str) -> Text:
+    text = cell.label if isinstance(cell, State) else cell
+    return Text(text, _COLOURS.get(text, ""))
 
 
 def write_page(diff: SweepDiff, path: Path, *, force: bool) -> None:
