@@ -230,7 +230,7 @@ from validation.show.rerun import record as rerun_log
 from validation.judge import examine as trial
 from validation.cli.entry import main
 
-module, name = (trial, "measure") if sys.argv.pop(1) == "measurement" else (rerun_log, "record_run")
+module, name = (trial, "measure") if sys.argv.pop(1) == "measurement" else (rerun_log, "write_recording")
 original = getattr(module, name)
 
 class Swallows:

@@ -243,10 +243,10 @@ def draw_run(folder: Path, name: str = "", progress: Progress | None = None) -> 
     progress = progress or Progress()
     with progress.stage(f"{name}: recording"):
         # In here: importing the viewer's library is most of what the first recording costs.
-        from validation.show.rerun.record import record_run
+        from validation.show.rerun.record import write_recording
 
         saved = load_saved_run(folder, check=False)
-        record_run(saved)
+        write_recording(saved)
     saved.record.forget()
     with progress.stage(f"{name}: report"):
         from validation.show.report import report_run  # matplotlib takes long to load

@@ -11,6 +11,7 @@ import rerun.blueprint as rrb
 from ampm.exceptions import InputError
 from validation.show.rerun.merge import PHASE, Part, read_part, same_gait, tint, write_merged
 from validation.show.rerun.views import (
+    TITLES,
     Color,
     above_contents,
     above_view,
@@ -19,7 +20,9 @@ from validation.show.rerun.views import (
     events_view,
     laid_out,
     near,
+    of_axes,
     plot,
+    tabs,
 )
 
 MOST = 6
@@ -63,94 +66,64 @@ def merge(sources: Sequence[tuple[str, str, Path]], path: Path, *, overlay: bool
 
 def _beside(parts: Sequence[Part]) -> rrb.Blueprint:
     """One column per run, all at the same phase of the gait."""
-    columns = [
-        rrb.Vertical(
-            body_view(f"{part.label}: plan (blue), measured (orange)", f"{_at(part)}/world/follow",
-                      body_contents(_at(part))),
-            above_view(f"{part.label} from above", f"{_at(part)}/world/follow", above_contents(_at(part))),
-            plot(f"{part.label}: ZMP error, measured - plan [mm]", f"{_at(part)}/residual/zmp", whole=True),
-            rrb.Tabs(
-                plot("ZMP x about the planned COM [mm]", f"{_at(part)}/signals/zmp_x"),
-                plot("Force error [% of body weight]", f"{_at(part)}/residual/force", whole=True),
-                plot("Momentum error [N m s]", f"{_at(part)}/residual/angular_momentum", whole=True),
-                plot("Busiest motor [% of its limit]", f"{_at(part)}/effort/torque", whole=True),
-                rrb.TextDocumentView(name="Verdict", origin=f"{_at(part)}/verdict"),
-                events_view(f"{_at(part)}/events", PHASE),
-                active_tab=4,
-            ),
-            row_shares=[5, 3, 2, 3],
-        )
-        for part in parts
-    ]  # fmt: skip
-    lanes = rrb.StateTimelineView(
-        name="Planned stance; a second on this timeline is a step",
-        contents=[f"{_at(part)}/phase/planned_stance" for part in parts],
-        time_view=near(),
-    )
+    columns = []
+    for part in parts:
+        at, follow = _at(part), f"{_at(part)}/world/follow"
+        more = [
+            plot(entity, [at])
+            for entity in ("signals/zmp_x", "residual/force", "residual/angular_momentum", "effort/torque")
+        ]
+        verdict = rrb.TextDocumentView(name="Verdict", origin=f"{at}/verdict")
+        views = [
+            body_view(f"{part.label}: plan (blue), measured (orange)", follow, body_contents(at)),
+            above_view(f"{part.label} from above", follow, above_contents(at)),
+            plot("residual/zmp", [at], f"{part.label}: {TITLES['residual/zmp']}"),
+            rrb.Tabs(*more, verdict, events_view(f"{at}/events", PHASE), active_tab=len(more)),
+        ]
+        columns.append(rrb.Vertical(*views, row_shares=[5, 3, 2, 3]))
+    stances = [f"{_at(part)}/phase/planned_stance" for part in parts]
+    lanes = _lanes("Planned stance", stances)
     return laid_out(rrb.Vertical(rrb.Horizontal(*columns), lanes, row_shares=[13, 2]), PHASE)
+
+
+def _lanes(name: str, contents: Sequence[str]) -> rrb.StateTimelineView:
+    title = f"{name}; a second on this timeline is a step"
+    return rrb.StateTimelineView(name=title, contents=contents, time_view=near())
 
 
 def _over(parts: Sequence[Part]) -> rrb.Blueprint:
     """All runs in one scene and on the same axes, each in its colour."""
-    bodies, floors = [], []
-    for number, part in enumerate(parts):
-        world = f"{_at(part)}/world"
-        bodies += [f"{world}/body/**", f"{world}/force/measured", f"{world}/com/measured"]
-        floors += [f"{world}/feet/**", f"{world}/floor/zmp/measured/**", f"{world}/floor/com/measured/**"]
-        if number == 0:  # the plan is the same
-            bodies += [f"{world}/follow", f"{world}/plan/footprints"]
-            floors += [f"{world}/follow", f"{world}/plan/**", f"{world}/floor/zmp/plan/**"]
+    prefixes = [_at(part) for part in parts]
+    world = f"{prefixes[0]}/world"
+    bodies, floors = [f"{world}/follow", f"{world}/plan/footprints"], [f"{world}/follow"]
+    floors += [f"{world}/plan/**", f"{world}/floor/zmp/plan/**"]  # the plan is the same
+    for at in prefixes:
+        bodies += [f"{at}/world/{what}" for what in ("body/**", "force/measured", "com/measured")]
+        shown = ("feet/**", "floor/zmp/measured/**", "floor/com/measured/**")
+        floors += [f"{at}/world/{what}" for what in shown]
     colours = ", ".join(f"{part.label} ({name})" for part, name in zip(parts, NAMES, strict=False))
-    origin = f"{_at(parts[0])}/world/follow"
-
-    def each(entity: str) -> list[str]:
-        return [f"{_at(part)}/{entity}" for part in parts]
-
-    curves = rrb.Tabs(
-        rrb.Vertical(
-            plot("ZMP error x and y [mm]", *each("residual/zmp"), whole=True),
-            plot("ZMP x about the planned COM [mm]", *each("signals/zmp_x")),
-            plot("ZMP y [mm]", *each("signals/zmp_y")),
-            name="ZMP",
-        ),
-        rrb.Vertical(
-            plot("Force error [% of body weight]", *each("residual/force"), whole=True),
-            *[plot(f"F{a} [N]", *each(f"signals/force_{a}")) for a in "xyz"],
-            name="Force",
-        ),
-        rrb.Vertical(
-            plot("Momentum error [N m s]", *each("residual/angular_momentum"), whole=True),
-            *[plot(f"L{a} about the COM [N m s]", *each(f"signals/angular_momentum_{a}")) for a in "xy"],
-            name="Momentum",
-        ),
-        rrb.Vertical(
-            plot("Feedback: commanded - planned ZMP [mm]", *each("feedback/zmp"), whole=True),
-            plot("Busiest motor [% of its limit]", *each("effort/torque"), whole=True),
-            plot("COM error [mm]", *each("residual/com"), whole=True),
-            name="Cost",
-        ),
-        active_tab=0,
-    )
-    words = [
-        rrb.TextDocumentView(name=part.label, origin=f"{_at(part)}/verdict") for part in parts
-    ] + [events_view(f"{_at(part)}/events", PHASE, f"Events of {part.label}") for part in parts]  # fmt: skip
     left = rrb.Vertical(
-        body_view(colours, origin, bodies),
-        above_view("From above: soles and measured ZMP; planned support and ZMP (grey)", origin, floors),
+        body_view(colours, f"{world}/follow", bodies),
+        above_view(
+            "From above: soles and measured ZMP; planned support and ZMP (grey)", f"{world}/follow", floors
+        ),
         row_shares=[3, 2],
     )
-    verdicts = rrb.Horizontal(*words[: len(parts)]) if len(parts) <= 2 else rrb.Tabs(*words[: len(parts)])
+    curves = tabs(
+        {
+            "ZMP": ["residual/zmp", *of_axes("zmp", "xy")],
+            "Force": ["residual/force", *of_axes("force", "xyz")],
+            "Momentum": ["residual/angular_momentum", *of_axes("angular_momentum", "xy")],
+            "Cost": ["feedback/zmp", "effort/torque", "residual/com"],
+        },
+        prefixes,
+    )
+    words = [rrb.TextDocumentView(name=part.label, origin=f"{_at(part)}/verdict") for part in parts]
+    events = [events_view(f"{_at(part)}/events", PHASE, f"Events of {part.label}") for part in parts]
     right = rrb.Vertical(
-        verdicts,
+        rrb.Horizontal(*words) if len(words) <= 2 else rrb.Tabs(*words),
         curves,
-        rrb.Tabs(
-            rrb.StateTimelineView(
-                name="Feet on the floor; a second on this timeline is a step",
-                contents=[f"{_at(part)}/phase/**" for part in parts],
-                time_view=near(),
-            ),
-            *words[len(parts) :],
-        ),
+        rrb.Tabs(_lanes("Feet on the floor", [f"{at}/phase/**" for at in prefixes]), *events),
         row_shares=[7, 14, 5],
     )
     return laid_out(rrb.Horizontal(left, right), PHASE)
@@ -162,10 +135,14 @@ def _paint(stream: rr.RecordingStream, parts: Sequence[Part]) -> None:
         color = COLORS[number]
         tint(stream, part, color)
         if number == 0:
-            for entity in ("polygon", "footprints"):
-                strips = rr.LineStrips3D.from_fields(colors=[_PLAN])
-                stream.log(f"{_at(part)}/world/plan/{entity}", strips, static=True)
-            _grey(stream, f"{_at(part)}/world/floor/zmp/plan")
+            floor = f"{_at(part)}/world/floor/zmp/plan"
+            for entity, shape in (
+                (f"{_at(part)}/world/plan/polygon", rr.LineStrips3D),
+                (f"{_at(part)}/world/plan/footprints", rr.LineStrips3D),
+                (floor, rr.Points3D),
+                (f"{floor}/trail", rr.LineStrips3D),
+            ):
+                stream.log(entity, shape.from_fields(colors=[_PLAN]), static=True)
         faded: Color = (*(round(_FADED * c) for c in color[:3]), 255)  # type: ignore[assignment]
         pale: Color = (*(round(0.5 * c + 127) for c in color[:3]), 255)  # type: ignore[assignment]
         who = part.label
@@ -174,17 +151,11 @@ def _paint(stream: rr.RecordingStream, parts: Sequence[Part]) -> None:
         for entity in ("residual/force", "residual/com"):
             _lines(stream, part, entity, [f"{who} {axis}" for axis in "xyz"], [color, faded, pale])
         _lines(stream, part, "effort/torque", [who], [color])
-        signals = ["zmp_x", "zmp_y", *(f"force_{a}" for a in "xyz"), *(f"angular_momentum_{a}" for a in "xy")]
-        for signal in signals:
-            # Plan of the first run, command of none, measurement of all.
-            names, colors = ["plan", "command", who], [_PLAN, faded, color]
-            shown = [number == 0, False, True]
-            _lines(stream, part, f"signals/{signal}", names, colors, shown)
-
-
-def _grey(stream: rr.RecordingStream, entity: str) -> None:
-    stream.log(entity, rr.Points3D.from_fields(colors=[_PLAN]), static=True)
-    stream.log(f"{entity}/trail", rr.LineStrips3D.from_fields(colors=[_PLAN]), static=True)
+        # Plan of the first run, command of none, measurement of all.
+        names, colors, shown = ["plan", "command", who], [_PLAN, faded, color], [number == 0, False, True]
+        for axes, signal in (("xy", "zmp"), ("xyz", "force"), ("xy", "angular_momentum")):
+            for entity in of_axes(signal, axes):
+                _lines(stream, part, entity, names, colors, shown)
 
 
 def _lines(
@@ -198,12 +169,8 @@ def _lines(
     """Name and colour curves, if the recording has them."""
     if f"/{entity}" not in part.entities:
         return
-    style = rr.SeriesLines(
-        names=list(names),
-        colors=list(colors),
-        widths=[1.5] * len(names),
-        visible_series=None if shown is None else list(shown),
-    )
+    widths = [1.5] * len(names)
+    style = rr.SeriesLines(names=names, colors=colors, widths=widths, visible_series=shown)
     stream.log(f"{_at(part)}/{entity}", style, static=True)
 
 

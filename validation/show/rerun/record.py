@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -63,8 +63,9 @@ _SHAPES: dict[int, Any] = {
 _LEAST_SHAPE = 0.005
 """Radius from which a shape of the body is drawn [m]."""
 
-SERIES = ("plan", "command", "measured")
-SERIES_COLORS = (PLAN, COMMAND, MEASURED)
+SERIES = {"plan": PLAN, "command": COMMAND, "measured": MEASURED}
+_AXES: dict[str, Color] = {"x": (255, 99, 99, 255), "y": (120, 220, 120, 255), "z": (110, 160, 255, 255)}
+_FEET = {"left": LEFT, "right": RIGHT}
 
 
 class _Log:
@@ -83,27 +84,35 @@ class _Log:
         index = rr.TimeColumn(TIMELINE, duration=nanoseconds)
         self.stream.send_columns(entity, indexes=[index], columns=columns)
 
-    def series(
-        self, entity: str, times: Array, values: Array, names: Sequence[str], colors: Sequence[Color]
+    def shapes(
+        self, entity: str, times: Array, kind: Any, color: Color, radius: float, **parts: Array
     ) -> None:
-        """Send ``values`` (N, k) as one wide entity: a third of the size of k narrow ones."""
-        self.static(
-            # The plan is drawn broad beneath the others, or it would be hidden where they agree.
-            entity,
-            rr.SeriesLines(
-                names=list(names), colors=list(colors), widths=[4.0 if n == "plan" else 1.5 for n in names]
-            ),
-        )
-        flat = np.ascontiguousarray(values)
-        # A gap is a NaN, which the plots leave out.
-        self.columns(entity, times, rr.Scalars.columns(scalars=flat))
+        """Send one shape per picture; none where it is not defined."""
+        self.static(entity, kind.from_fields(colors=[color], radii=[radius]))
+        there = np.logical_and.reduce([np.isfinite(part).all(axis=1) for part in parts.values()])
+        shown = kind.columns(**{name: part[there] for name, part in parts.items()})
+        self.columns(entity, times, shown.partition(there.astype(int)))
+
+    def series(self, entity: str, times: Array, values: Array, lines: Mapping[str, Color]) -> None:
+        """Send ``values`` (N, k) as one wide entity: a third of the size of k narrow ones.
+
+        Args:
+            entity: name.
+            times: shape (N,) [s].
+            values: a gap is a NaN, which the plots leave out.
+            lines: name and colour of every column.
+        """
+        # The plan is drawn broad beneath the others, or it would be hidden where they agree.
+        widths = [4.0 if name == "plan" else 1.5 for name in lines]
+        self.static(entity, rr.SeriesLines(names=list(lines), colors=list(lines.values()), widths=widths))
+        self.columns(entity, times, rr.Scalars.columns(scalars=np.ascontiguousarray(values)))
 
 
-def write_recording(run_dir: Path) -> Path:
+def write_recording(run: str | Path | SavedRun) -> Path:
     """Write ``recording.rrd`` into a run folder from what the folder holds.
 
     Args:
-        run_dir: folder of a finished run; an existing recording in it is replaced.
+        run: folder of a finished run, or what was read from it; an existing recording in it is replaced.
 
     Returns:
         Path of the recording.
@@ -111,11 +120,7 @@ def write_recording(run_dir: Path) -> Path:
     Raises:
         InputError: the folder is no run folder.
     """
-    return record_run(load_saved_run(Path(run_dir)))
-
-
-def record_run(saved: SavedRun) -> Path:
-    """Write the recording of a loaded run into its folder; see :func:`write_recording`."""
+    saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path = saved.directory / RECORDING_FILE
     # The SDK announces on its own logger what it saves; a library keeps quiet.
     logging.getLogger("rerun").setLevel(logging.ERROR)
@@ -227,64 +232,55 @@ def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: Step
     record, signals = saved.record, saved.signals
     times = signals.time[frames]
 
+    def dot(entity: str, position: Array, color: Color, radius: float) -> None:
+        log.shapes(entity, times, rr.Points3D, color, radius, positions=position)
+
+    def arrow(entity: str, origin: Array, force: Array, color: Color, radius: float) -> None:
+        log.shapes(entity, times, rr.Arrows3D, color, radius, origins=origin, vectors=force * FORCE_SCALE)
+
     # The views stand on this frame, so the body walks on the spot and the floor passes by.
     com = signals.vector("plan_com")[frames]
     follow = np.column_stack([com[:, 0], np.zeros((len(frames), 2))])
     log.columns("world/follow", times, rr.Transform3D.columns(translation=follow))
 
-    point = record.point_position[frames]
-    load = record.point_force[frames][..., 2]
-    for foot, (name, color) in enumerate((("left", LEFT), ("right", RIGHT))):
+    point, force = record.point_position[frames], record.point_force[frames]
+    load = force[..., 2]
+    for foot, (name, color) in enumerate(_FEET.items()):
         mine = np.flatnonzero(record.point_foot == foot)
-        outline = point[:, mine[[0, 2, 4, 5, 3, 1, 0]]]
-        _strips(log, f"world/feet/{name}/sole", times, outline, color, 0.004)
+        sole = f"world/feet/{name}/sole"
+        log.static(sole, rr.LineStrips3D.from_fields(colors=[color], radii=[0.004]))
+        outline = point[:, mine[[0, 2, 4, 5, 3, 1, 0]]].astype(np.float32)
+        log.columns(sole, times, rr.LineStrips3D.columns(strips=outline))
         # The area of a point's disc is its share of the load; an unloaded one vanishes.
         radius = 0.028 * np.sqrt(np.clip(load[:, mine], 0.0, None) / (record.mass * record.gravity))
         log.static(f"world/feet/{name}/contact", rr.Points3D.from_fields(colors=[color]))
-        log.columns(
-            f"world/feet/{name}/contact",
-            times,
-            rr.Points3D.columns(positions=point[:, mine].reshape(-1, 3), radii=radius.ravel()).partition(
-                np.full(len(frames), len(mine))
-            ),
-        )
+        discs = rr.Points3D.columns(positions=point[:, mine].reshape(-1, 3), radii=radius.ravel())
+        log.columns(f"world/feet/{name}/contact", times, discs.partition(np.full(len(frames), len(mine))))
+        total = load[:, mine].sum(axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            centre = np.einsum("np,npd->nd", load[:, mine], point[:, mine]) / total[:, None]
+        centre[total < 1.0] = np.nan
+        arrow(f"world/force/{name}", _on_floor(centre[:, :2]), force[:, mine].sum(axis=1), color, 0.005)
 
     zmp = {kind: _on_floor(signals.vector(f"{kind}_zmp", "xy")[frames]) for kind in SERIES}
-    force = {kind: signals.vector(f"{kind}_force")[frames] for kind in SERIES}
     # Concentric from above: the smaller ones lie higher.
-    for kind, color, size, lift in (
-        ("plan", PLAN, 0.016, 0.01), ("command", COMMAND, 0.011, 0.03), ("measured", MEASURED, 0.007, 0.05)
-    ):  # fmt: skip
-        _point(log, f"world/floor/zmp/{kind}", times, zmp[kind] + (0.0, 0.0, lift), color, size)
+    for (kind, color), size, lift in zip(
+        SERIES.items(), (0.016, 0.011, 0.007), (0.01, 0.03, 0.05), strict=True
+    ):
+        dot(f"world/floor/zmp/{kind}", zmp[kind] + (0.0, 0.0, lift), color, size)
     # The plan's arrow is thin and a third longer: it goes on where the measured one ends, if the two agree.
-    for kind, color, scale, size in (("plan", PLAN, 1.33, 0.006), ("measured", MEASURED, 1.0, 0.013)):
-        _arrow(log, f"world/force/{kind}", times, zmp[kind], scale * force[kind], color, size)
-    for kind, color, size, lift in (("plan", PLAN, 0.004, 0.0), ("measured", MEASURED, 0.002, 0.002)):
-        path = signals.vector(f"{kind}_com")[frames]
-        _point(log, f"world/com/{kind}", times, path, color, 0.03)
-        log.static(f"world/com/{kind}/trail", _line(path, color, size))
+    for kind, scale, size in (("plan", 1.33, 0.006), ("measured", 1.0, 0.013)):
+        wanted = scale * signals.vector(f"{kind}_force")[frames]
+        arrow(f"world/force/{kind}", zmp[kind], wanted, SERIES[kind], size)
+    for kind, size, lift in (("plan", 0.004, 0.0), ("measured", 0.002, 0.002)):
+        color, path = SERIES[kind], signals.vector(f"{kind}_com")[frames]
         # From above everything lies on the floor: nearer things would hide and outgrow the ZMP.
-        shadow = _on_floor(path[:, :2])
-        _point(log, f"world/floor/com/{kind}", times, shadow, color, 0.007)
-        rise = np.array([0.0, 0.0, lift])
+        shadow, rise = _on_floor(path[:, :2]), np.array([0.0, 0.0, lift])
+        dot(f"world/com/{kind}", path, color, 0.03)
+        dot(f"world/floor/com/{kind}", shadow, color, 0.007)
+        log.static(f"world/com/{kind}/trail", _line(path, color, size))
         log.static(f"world/floor/com/{kind}/trail", _line(shadow + rise, color, 0.4 * size))
         log.static(f"world/floor/zmp/{kind}/trail", _line(zmp[kind] + rise, color, size))
-    for foot, (name, color) in enumerate((("left", LEFT), ("right", RIGHT))):
-        mine = np.flatnonzero(record.point_foot == foot)
-        share = load[:, mine]
-        total = share.sum(axis=1)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            centre = np.einsum("np,npd->nd", share, point[:, mine]) / total[:, None]
-        centre[total < 1.0] = np.nan
-        _arrow(
-            log,
-            f"world/force/{name}",
-            times,
-            _on_floor(centre[:, :2]),
-            record.point_force[frames][:, mine].sum(axis=1),
-            color,
-            0.005,
-        )
 
     if plan is not None:
         log.static("world/plan/footprints", _footprints(plan))
@@ -299,34 +295,6 @@ def _on_floor(xy: Array) -> Array:
 def _line(path: Array, color: Color, radius: float) -> rr.LineStrips3D:
     path = path[np.isfinite(path).all(axis=1)]
     return rr.LineStrips3D([path[::2]], colors=[(*color[:3], 110)], radii=radius)
-
-
-def _strips(log: _Log, entity: str, times: Array, strips: Array, color: Color, radius: float) -> None:
-    """One line strip (N, k, 3) per picture."""
-    log.static(entity, rr.LineStrips3D.from_fields(colors=[color], radii=[radius]))
-    log.columns(entity, times, rr.LineStrips3D.columns(strips=strips.astype(np.float32)))
-
-
-def _point(log: _Log, entity: str, times: Array, position: Array, color: Color, radius: float) -> None:
-    """A point per picture; none where it is not defined."""
-    log.static(entity, rr.Points3D.from_fields(colors=[color], radii=[radius]))
-    there = np.isfinite(position).all(axis=1)
-    log.columns(entity, times, rr.Points3D.columns(positions=position[there]).partition(there.astype(int)))
-
-
-def _arrow(
-    log: _Log, entity: str, times: Array, origin: Array, force: Array, color: Color, radius: float
-) -> None:
-    """A force arrow per picture; none where there is no force."""
-    log.static(entity, rr.Arrows3D.from_fields(colors=[color], radii=[radius]))
-    there = np.isfinite(origin).all(axis=1) & np.isfinite(force).all(axis=1)
-    log.columns(
-        entity,
-        times,
-        rr.Arrows3D.columns(origins=origin[there], vectors=force[there] * FORCE_SCALE).partition(
-            there.astype(int)
-        ),
-    )
 
 
 def _log_polygon(log: _Log, plan: StepPlan, times: Array) -> None:
@@ -366,48 +334,44 @@ def _log_series(log: _Log, saved: SavedRun) -> None:
     def three(name: str) -> Array:
         return np.column_stack([signals[f"{kind}_{name}"] for kind in SERIES])
 
+    def gap(measured: str, planned: str, axes: str, scale: float = 1.0) -> Array:
+        return scale * (signals.vector(measured, axes) - signals.vector(planned, axes))
+
     # Metres walked would flatten every curve: x is drawn about the planned COM.
     com_x = signals["plan_com_x"][:, None]
-    log.series("signals/zmp_x", times, 1e3 * (three("zmp_x") - com_x), SERIES, SERIES_COLORS)
-    log.series("signals/zmp_y", times, 1e3 * three("zmp_y"), SERIES, SERIES_COLORS)
-    for axis in "xyz":
-        log.series(f"signals/force_{axis}", times, three(f"force_{axis}"), SERIES, SERIES_COLORS)
-    for axis in "xy":
-        name = f"angular_momentum_{axis}"
-        log.series(f"signals/{name}", times, three(name), SERIES, SERIES_COLORS)
-    log.series(
-        "signals/angular_momentum_z",
-        times,
-        np.column_stack([signals["motion_angular_momentum_z"], signals["measured_angular_momentum_z"]]),
-        ("motion", "measured"),
-        (PLAN, MEASURED),
-    )
-    for axis in "xyz":
-        values = three(f"com_{axis}")
-        log.series(
-            f"signals/com_{axis}", times, values - com_x if axis == "x" else values, SERIES, SERIES_COLORS
-        )
-
-    def residual(name: str, axes: str, scale: float) -> Array:
-        return scale * (signals.vector(f"measured_{name}", axes) - signals.vector(f"plan_{name}", axes))
-
-    xyz = ((255, 99, 99, 255), (120, 220, 120, 255), (110, 160, 255, 255))
-    log.series("residual/zmp", times, residual("zmp", "xy", 1e3), ("x", "y"), xyz[:2])
-    log.series("residual/force", times, residual("force", "xyz", 100.0 / weight), ("x", "y", "z"), xyz)
-    log.series(
-        "residual/angular_momentum", times, residual("angular_momentum", "xy", 1.0), ("x", "y"), xyz[:2]
-    )
-    log.series("residual/com", times, residual("com", "xyz", 1e3), ("x", "y", "z"), xyz)
-    feedback = 1e3 * (signals.vector("command_zmp", "xy") - signals.vector("plan_zmp", "xy"))
-    log.series("feedback/zmp", times, feedback, ("x", "y"), xyz[:2])
-    both = 1e3 * (signals.vector("measured_zmp_momentum", "xy") - signals.vector("measured_zmp", "xy"))
-    log.series("selfcheck/zmp", times, both, ("x", "y"), xyz[:2])
+    log.series("signals/zmp_x", times, 1e3 * (three("zmp_x") - com_x), SERIES)
+    log.series("signals/zmp_y", times, 1e3 * three("zmp_y"), SERIES)
+    log.series("signals/com_x", times, three("com_x") - com_x, SERIES)
+    for name in (
+        "force_x",
+        "force_y",
+        "force_z",
+        "angular_momentum_x",
+        "angular_momentum_y",
+        "com_y",
+        "com_z",
+    ):
+        log.series(f"signals/{name}", times, three(name), SERIES)
+    yaw = [signals[f"{kind}_angular_momentum_z"] for kind in ("motion", "measured")]
+    lines = {"motion": PLAN, "measured": MEASURED}
+    log.series("signals/angular_momentum_z", times, np.column_stack(yaw), lines)
+    xy = {axis: _AXES[axis] for axis in "xy"}
+    errors = {
+        "residual/zmp": gap("measured_zmp", "plan_zmp", "xy", 1e3),
+        "residual/force": gap("measured_force", "plan_force", "xyz", 100.0 / weight),
+        "residual/angular_momentum": gap("measured_angular_momentum", "plan_angular_momentum", "xy"),
+        "residual/com": gap("measured_com", "plan_com", "xyz", 1e3),
+        "feedback/zmp": gap("command_zmp", "plan_zmp", "xy", 1e3),
+        "selfcheck/zmp": gap("measured_zmp_momentum", "measured_zmp", "xy", 1e3),
+    }
+    for entity, error in errors.items():
+        log.series(entity, times, error, xy if error.shape[1] == 2 else _AXES)
     feet = np.column_stack([signals["left_force_z"], signals["right_force_z"], signals["plan_force_z"]])
-    log.series("signals/foot_force_z", times, feet, ("left", "right", "plan, both"), (LEFT, RIGHT, PLAN))
+    log.series("signals/foot_force_z", times, feet, {**_FEET, "plan, both": PLAN})
     torque = saved.record.torque
     if len(torque) == len(saved.signals):
         use = np.abs(torque[rows]) / saved.record.torque_limit
-        log.series("effort/torque", times, 100 * use.max(axis=1)[:, None], ("busiest motor",), (MEASURED,))
+        log.series("effort/torque", times, 100 * use.max(axis=1)[:, None], {"busiest motor": MEASURED})
 
 
 def _log_states(log: _Log, saved: SavedRun) -> None:
@@ -415,36 +379,22 @@ def _log_states(log: _Log, saved: SavedRun) -> None:
     signals = saved.signals
     if not len(signals):
         return
-    planned = np.array(
-        ["both feet" if stance == "both" else f"{stance} foot" for stance in signals["stance"]],
-        dtype=object,
-    )
-    lanes = {"planned stance": planned}
-    for foot in ("left", "right"):
+    stances = ["both feet" if stance == "both" else f"{stance} foot" for stance in signals["stance"]]
+    lanes = {"planned stance": np.array(stances, dtype=object)}
+    for foot in _FEET:
         lanes[f"{foot} foot on the floor"] = np.where(signals[f"{foot}_contact"], foot, "")
-    colors = {
-        "both feet": (*FAINT[:3], 255),
-        "left foot": LEFT,
-        "right foot": RIGHT,
-        "left": LEFT,
-        "right": RIGHT,
-    }
+    feet = {"left foot": LEFT, "right foot": RIGHT, **_FEET}
+    colors: dict[str, Color] = {"both feet": (*FAINT[:3], 255), **feet}
     for name, states in lanes.items():
         entity = "phase/" + name.replace(" ", "_")
         log.static(entity, rr.StateConfiguration(values=list(colors), colors=list(colors.values())))
         change = np.flatnonzero(np.r_[True, states[1:] != states[:-1]])
-        log.columns(
-            entity, signals.time[change], rr.StateChange.columns(state=[str(s) for s in states[change]])
-        )
+        begun = [str(state) for state in states[change]]
+        log.columns(entity, signals.time[change], rr.StateChange.columns(state=begun))
 
 
 def _log_events(log: _Log, saved: SavedRun) -> None:
     """What happened, in words: footfalls, the largest error, unsolved QPs, how it ended."""
-    events = sorted(run_events(saved), key=lambda event: event[0])
-    log.columns(
-        "events",
-        np.array([event[0] for event in events]),
-        rr.TextLog.columns(
-            text=[plain_text(event[2]) for event in events], level=[event[1] for event in events]
-        ),
-    )
+    times, levels, texts = zip(*sorted(run_events(saved), key=lambda event: event[0]), strict=True)
+    words = rr.TextLog.columns(text=[plain_text(text) for text in texts], level=levels)
+    log.columns("events", np.array(times), words)

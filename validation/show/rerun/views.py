@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import rerun as rr
@@ -43,8 +43,8 @@ def verdict_markdown(saved: SavedRun) -> str:
     lines += [
         "",
         "Curves: one sample every 2 ms at most, and both sides of every switch of phase or contact.",
+        f"Every time step ({step}) is in `signals.parquet`.",
     ]
-    lines += [f"Every time step ({step}) is in `signals.parquet`."]
     return plain_text("\n".join(lines) + "\n")
 
 
@@ -62,36 +62,67 @@ def near(seconds: float = 1.5) -> rrb.TimeAxis:
     return rrb.TimeAxis(view_range=window)
 
 
-def plot(name: str, *origins: str, whole: bool = False) -> rrb.TimeSeriesView:
-    """Curves of one or several entities; about the cursor, or the whole run."""
-    options: dict[str, Any] = {} if whole else {"axis_x": near()}
-    where: dict[str, Any] = {"origin": origins[0]} if len(origins) == 1 else {"contents": list(origins)}
-    return rrb.TimeSeriesView(name=name, **where, **options)
+TITLES = {
+    "signals/zmp_x": "ZMP x about the planned COM [mm]",
+    "signals/zmp_y": "ZMP y [mm]",
+    **{f"signals/force_{axis}": f"F{axis} [N]" for axis in "xyz"},
+    "signals/foot_force_z": "Load of each foot [N]",
+    **{f"signals/angular_momentum_{axis}": f"L{axis} about the COM [N m s]" for axis in "xyz"},
+    "signals/com_x": "COM x about the plan [m]",
+    "signals/com_y": "COM y [m]",
+    "signals/com_z": "COM z [m]",
+    "residual/zmp": "ZMP error, measured - plan [mm]",
+    "residual/force": "Force error [% of body weight]",
+    "residual/angular_momentum": "Momentum error [N m s]",
+    "residual/com": "COM error [mm]",
+    "feedback/zmp": "Feedback: commanded - planned ZMP [mm]",
+    "effort/torque": "Torque of the busiest motor [% of its limit]",
+    "selfcheck/zmp": "Self-check: ZMP by momentum - by contact [mm]",
+}
+"""Entities that are curves. Signals are shown about the cursor, the others over the whole run."""
+
+
+def plot(entity: str, prefixes: Sequence[str] = ("",), title: str = "") -> rrb.TimeSeriesView:
+    """Curves of one entity of :data:`TITLES`, of one or several runs."""
+    origins = [f"{prefix}/{entity}" for prefix in prefixes]
+    options: dict[str, Any] = {"axis_x": near()} if entity.startswith("signals/") else {}
+    where: dict[str, Any] = {"origin": origins[0]} if len(origins) == 1 else {"contents": origins}
+    return rrb.TimeSeriesView(name=title or TITLES[entity], **where, **options)
+
+
+def tabs(layout: Mapping[str, Sequence[str]], prefixes: Sequence[str] = ("",)) -> rrb.Tabs:
+    """Tabs of curves: name to entities, see :func:`plot`."""
+    columns = [
+        rrb.Vertical(*(plot(entity, prefixes) for entity in entities), name=name)
+        for name, entities in layout.items()
+    ]
+    return rrb.Tabs(*columns, active_tab=0)
+
+
+def of_axes(signal: str, axes: str) -> list[str]:
+    """Entities of a signal, one an axis."""
+    return [f"signals/{signal}_{axis}" for axis in axes]
 
 
 def body_view(name: str, origin: str, contents: Sequence[str]) -> rrb.Spatial3DView:
     """The body from the side; it walks on the spot and the floor passes by."""
-    return rrb.Spatial3DView(
-        name=name,
-        origin=origin,
-        contents=list(contents),
-        background=rrb.Background(color=GROUND[:3]),
-        line_grid=rrb.LineGrid3D(visible=True, spacing=0.2, color=(90, 98, 110, 120)),
-        eye_controls=rrb.EyeControls3D(
-            position=(1.0, -1.85, 1.15), look_target=(0.05, 0.0, 0.82), eye_up=(0, 0, 1)
-        ),
-    )
+    eye = rrb.EyeControls3D(position=(1.0, -1.85, 1.15), look_target=(0.05, 0.0, 0.82), eye_up=(0, 0, 1))
+    grid = rrb.LineGrid3D(visible=True, spacing=0.2, color=(90, 98, 110, 120))
+    return _scene(name, origin, contents, grid, eye)
 
 
 def above_view(name: str, origin: str, contents: Sequence[str]) -> rrb.Spatial3DView:
     """Soles and ZMP from above."""
+    eye = rrb.EyeControls3D(position=(0, 0, 0.85), look_target=(0, 0, 0), eye_up=(0, 1, 0))
+    return _scene(name, origin, contents, rrb.LineGrid3D(visible=False), eye)
+
+
+def _scene(
+    name: str, origin: str, contents: Sequence[str], grid: rrb.LineGrid3D, eye: rrb.EyeControls3D
+) -> rrb.Spatial3DView:
+    ground = rrb.Background(color=GROUND[:3])
     return rrb.Spatial3DView(
-        name=name,
-        origin=origin,
-        contents=list(contents),
-        background=rrb.Background(color=GROUND[:3]),
-        line_grid=rrb.LineGrid3D(visible=False),
-        eye_controls=rrb.EyeControls3D(position=(0, 0, 0.85), look_target=(0, 0, 0), eye_up=(0, 1, 0)),
+        name=name, origin=origin, contents=contents, background=ground, line_grid=grid, eye_controls=eye
     )
 
 
@@ -134,38 +165,14 @@ def run_blueprint() -> rrb.Blueprint:
         "/world/follow",
         above_contents(),
     )
-    curves = rrb.Tabs(
-        rrb.Vertical(
-            plot("ZMP x about the planned COM [mm]", "/signals/zmp_x"),
-            plot("ZMP y [mm]", "/signals/zmp_y"),
-            plot("ZMP error, measured - plan [mm]", "/residual/zmp", whole=True),
-            name="ZMP",
-        ),
-        rrb.Vertical(
-            *[plot(f"F{a} [N]", f"/signals/force_{a}") for a in "xyz"],
-            plot("Load of each foot [N]", "/signals/foot_force_z"),
-            plot("Force error [% of body weight]", "/residual/force", whole=True),
-            name="Force",
-        ),
-        rrb.Vertical(
-            *[plot(f"L{a} about the COM [N m s]", f"/signals/angular_momentum_{a}") for a in "xyz"],
-            plot("Error [N m s]", "/residual/angular_momentum", whole=True),
-            name="Momentum",
-        ),
-        rrb.Vertical(
-            plot("COM x about the plan [m]", "/signals/com_x"),
-            plot("COM y [m]", "/signals/com_y"),
-            plot("COM z [m]", "/signals/com_z"),
-            plot("COM error [mm]", "/residual/com", whole=True),
-            name="COM",
-        ),
-        rrb.Vertical(
-            plot("Feedback: commanded - planned ZMP [mm]", "/feedback/zmp", whole=True),
-            plot("Torque of the busiest motor [% of its limit]", "/effort/torque", whole=True),
-            plot("Self-check: ZMP by momentum - by contact [mm]", "/selfcheck/zmp", whole=True),
-            name="Cost",
-        ),
-        active_tab=0,
+    curves = tabs(
+        {
+            "ZMP": [*of_axes("zmp", "xy"), "residual/zmp"],
+            "Force": [*of_axes("force", "xyz"), "signals/foot_force_z", "residual/force"],
+            "Momentum": [*of_axes("angular_momentum", "xyz"), "residual/angular_momentum"],
+            "COM": [*of_axes("com", "xyz"), "residual/com"],
+            "Cost": ["feedback/zmp", "effort/torque", "selfcheck/zmp"],
+        }
     )
     right = rrb.Vertical(
         rrb.Horizontal(
