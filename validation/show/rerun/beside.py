@@ -74,7 +74,7 @@ def _beside(parts: Sequence[Part]) -> rrb.Blueprint:
             for entity in ("signals/zmp_x", "residual/force", "residual/angular_momentum", "effort/torque")
         ]
         verdict = rrb.TextDocumentView(name="Verdict", origin=f"{at}/verdict")
-        views = [
+        views: list[rrb.Container | rrb.View] = [
             body_view(f"{part.label}: plan (blue), measured (orange)", follow, body_contents(at)),
             above_view(f"{part.label} from above", follow, above_contents(at)),
             plot("residual/zmp", [at], f"{part.label}: {TITLES['residual/zmp']}"),
