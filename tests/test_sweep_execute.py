@@ -51,10 +51,7 @@ class Direct(execution.Execution):
     outcome: dict[int, Any] = {}
 
     def run(self) -> None:
-        for item in self._todo:
-            if not isinstance(item, task.Task):
-                self._keep(item)
-                continue
+        for item in self._tasks:
             self.sent.append(item.run)
             found = self.outcome.get(item.run, {})
             if isinstance(found, KeyboardInterrupt):

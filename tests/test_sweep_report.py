@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -21,15 +20,16 @@ from validation.cli.app import call
 from validation.study.sweep import figures
 from validation.study.sweep.report import (
     REPORT_FILE,
-    Repeat,
-    facts,
+    judge_sweep,
     links_of,
     render,
+    repeat_command,
+    run_rows,
+    share,
     worst_rows,
     write_sweep_report,
 )
-from validation.study.sweep.table import BROKEN, STATES, State, SweepTable, read_sweep
-from validation.study.sweep.tally import judge_sweep, share
+from validation.study.sweep.table import STATES, State, SweepTable, read_sweep
 
 GRID: dict[str, list[Any]] = {
     "gait.c_s": [0.6, 1.0, 1.4],
@@ -77,8 +77,7 @@ def test_many_runs_make_no_larger_page(count):
     assert len(large.encode()) < 3_000_000
     data = data_of(large)
     assert data["total"] == count
-    assert len(data["columns"]["row"]) == figures.MOST_POINTS
-    assert len(data["cells"]) == len(RANGES) * (len(RANGES) - 1) // 2
+    assert figures.MOST_POINTS / 2 < len(data["columns"]["row"]) <= figures.MOST_POINTS
 
 
 def test_page_is_self_contained(html, page):
@@ -109,7 +108,7 @@ def test_verdict_and_counts_stand_at_the_top(folder, page):
         if sweep.counts[state]:
             assert f"{sweep.counts[state]:,}" in top
             assert state.label in top
-    assert judge_sweep(sweep).sentence in top
+    assert judge_sweep(sweep)[2] in top
 
 
 def test_sections(page):
@@ -186,9 +185,7 @@ def test_everything_is_refused():
     table = make_table(20, vary={"gait.switching_velocity": (0.5, 0.6)})
     sweep = sweep_of(table)
     assert sweep.counts[State.REFUSED] == 20
-    verdict = judge_sweep(sweep)
-    assert verdict.css == "open"
-    assert verdict.sentence.startswith("None of 20 runs walked; 20 refused")
+    assert judge_sweep(sweep)[:2] == ("open", "nothing walked")
     text = render(sweep)
     assert "no metrics" in text
     assert Page(text).open == []
@@ -214,10 +211,10 @@ def test_unfinished_sweep(tmp_path):
     table = make_table(50)
     folder = write_sweep(tmp_path / "s", table.slice(0, 30))
     sweep = read_sweep(folder)
-    verdict = judge_sweep(sweep)
     assert sweep.planned == 50
-    assert "20 of 50 runs are missing" in verdict.sentence
-    assert verdict.headline == "unfinished"
+    _, headline, sentence = judge_sweep(sweep)
+    assert headline == "unfinished"
+    assert "20 of 50 runs are missing" in sentence
     assert "unfinished" in (write_sweep_report(folder)).read_text(encoding="utf-8")
 
 
@@ -268,13 +265,13 @@ def test_unknown_outcome_is_an_error():
 
 
 def test_verdict_of_a_sweep():
-    assert judge_sweep(sweep_of(make_table(30, failures=False, vary={"gait.c_y": (0.9, 1.1)}))).css == "pass"
-    assert judge_sweep(sweep_of(make_table(1000))).css == "fail"
+    assert judge_sweep(sweep_of(make_table(30, failures=False, vary={"gait.c_y": (0.9, 1.1)})))[0] == "pass"
+    assert judge_sweep(sweep_of(make_table(1000)))[0] == "fail"
     late = replaced(
         make_table(3, failures=False, vary={"gait.c_y": (0.9, 1.1)}), "outcome", ["timed_out"] * 3
     )
     late = replaced(late, "verdict", [None] * 3)
-    assert judge_sweep(sweep_of(late)).css == "open"
+    assert judge_sweep(sweep_of(late))[0] == "open"
 
 
 @pytest.mark.parametrize(
@@ -320,18 +317,15 @@ def test_a_tolerance_of_zero():
 def test_unsolved_problems_are_counted():
     table = make_table(20, failures=False)
     sweep = sweep_of(replaced(table, "metric_failed_qp", [4.0] * 12 + [0.0] * 8))
-    found = dict(facts(sweep))
-    assert found["over a limit of 0"] == "12 of 20"
-    assert any("tolerance above 0" in label for label in found)
     text = Page(render(sweep)).text
     assert not re.search(r"inf\s%", text)
     assert "unsolved QPs: 4, limit 0" in text
-    assert "over a limit of 0" not in dict(facts(sweep_of(table)))
 
 
 def test_a_run_is_repeated_with_every_digit(folder):
     sweep = read_sweep(folder)
-    command = Repeat.of(sweep).command(sweep, 5).split()
+    (shown,) = run_rows(sweep, [5], repeat_command(sweep), sweep.varied)
+    command = shown["repeat"].split()
     assert command[:3] == ["ampm", "validate", "normal"]
     run = load_run("normal", [command[i + 1] for i, word in enumerate(command) if word == "--set"])
     for key in sweep.parameters:
@@ -339,33 +333,16 @@ def test_a_run_is_repeated_with_every_digit(folder):
         assert getattr(getattr(run, section), leaf) == sweep.table.column(key)[5].as_py(), key
 
 
-@pytest.mark.parametrize("table", [make_table(500), make_table(grid=GRID)], ids=["ranges", "levels"])
-def test_counts_of_cells_are_exact(table):
-    sweep = sweep_of(table)
-    answered = sum(count for state, count in sweep.counts.items() if state not in BROKEN)
-    for a, b in combinations([figures.parameter_axis(sweep, key) for key in sweep.varied[:3]], 2):
-        cells = figures.cell_counts(a, b, sweep.states)
-        assert sum(total for *_, total in cells) == answered
-        assert sum(passed for *_, passed, _ in cells) == sweep.counts[State.PASS]
-        column = a.column(np.arange(len(sweep)))
-        known = [v for v, state in zip(column, sweep.states, strict=True) if STATES[state] not in BROKEN]
-        if a.levels is None:
-            low, step = figures.cells_of(a)
-            inside = sum(low <= value < low + step for value in known)
-        else:
-            inside = known.count(a.levels[0])
-        first = a.levels[0] if a.levels else low
-        assert sum(total for at, *_, total in cells if at == first) == inside
-
-
 def test_rare_runs_are_drawn():
     sweep = sweep_of(make_table(9000))
-    rows = figures.drawn_rows(sweep, [4321])
+    rows, counted = figures.drawn_rows(sweep, [4321])
     assert 4321 in rows
     assert len(rows) == len(set(rows.tolist()))
     for number, state in enumerate(STATES):
         drawn = int((sweep.states[rows] == number).sum())
         assert drawn >= min(sweep.counts[state], figures.MOST_OF_RARE)
+    passes = sweep.is_state(State.PASS)
+    assert passes[rows[counted]].mean() == pytest.approx(passes.mean(), abs=0.03)
 
 
 # ---------------------------------------------------------------------------------------- in a browser

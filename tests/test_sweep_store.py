@@ -7,6 +7,8 @@ import errno
 import json
 import os
 import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -28,10 +30,11 @@ def row(run: int, outcome: str = "completed", /, **values: object) -> dict[str, 
     return tidy({"run": run, "name": f"{run:03d}", "outcome": outcome, **values})
 
 
-def opened(folder: Path) -> store.Store:
-    opened = store.Store(folder)
-    opened.begin(DEFINITION)
-    return opened
+@contextmanager
+def opened(folder: Path) -> Iterator[store.Store]:
+    with store.open_store(folder) as sweep:
+        sweep.begin(DEFINITION)
+        yield sweep
 
 
 def finished(folder: Path, *rows: dict[str, object]) -> Path:
@@ -67,10 +70,11 @@ def test_rows_are_kept_one_per_run_and_the_last_counts(tmp_path):
 
 def test_either_file_is_complete_whatever_is_killed(tmp_path):
     folder = finished(tmp_path / "a", row(0))
-    with store.Store(folder):  # killed before the rows of the table are in the database
+    with store.open_store(folder):  # killed before the rows of the table are in the database
         pass
     assert read_sweep(folder).complete
-    opened(folder).__exit__(None, None, None)  # killed after the table was written, before the database went
+    with opened(folder):  # killed after the table was written, before the database went
+        pass
     assert len(read_sweep(folder)) == 1
     (folder / f".{store.RESULTS}.tmp").write_bytes(b"half")
     (folder / "recordings" / "001.partial-x").mkdir(parents=True)
@@ -112,8 +116,9 @@ def test_a_database_without_room_keeps_what_it_has(tmp_path):
 
 
 def test_one_program_at_a_time(tmp_path):
-    with opened(tmp_path / "a"), pytest.raises(InputError, match="another 'ampm sweep' is writing"):
-        store.Store(tmp_path / "a")
+    second = store.open_store(tmp_path / "a")
+    with opened(tmp_path / "a"), pytest.raises(InputError, match="another 'ampm sweep' is writing"), second:
+        pass
     with opened(tmp_path / "a"):
         pass
 

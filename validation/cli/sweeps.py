@@ -154,8 +154,6 @@ def print_forecast(found: Forecast) -> None:
     for text in found.motion_refused:
         print_line(f"tried to time it, and refused: {text}")
     print_line("not seen: motions that do not close or reach a joint limit, and falls")
-    for note in definition.notes():
-        print_line(f"note: {note}")
 
 
 @app.command(epilog=DIFF_EPILOG)

@@ -31,17 +31,9 @@ const points = (x, y, colour) => {
     { field: "why" }];
   return { ...data.spec, data: { values: runs }, layer: [layer, ...limits(x, y)] };
 };
-// Where not all runs are in the page: counts of all of them by cell, or nothing.
-const countsOf = (x, y) => {
-  const up = data.cells[`${x.field},${y.field}`], list = up ?? data.cells[`${y.field},${x.field}`];
-  return list?.map(([a, b, passed, all]) => {
-    const [x0, y0] = up ? [a, b] : [b, a];
-    return { x0, x01: x0 + x.step, y0, y01: y0 + y.step, pass: passed, all, outcome: "", value: passed / all };
-  });
-};
 const rate = { key: "rate", field: "pass", label: "share that passes (cells)", unit: "", parameter: false, limit: null };
 const cells = (x, y, colour) => {
-  const exact = colour === rate && countsOf(x, y), cell = ["x0", "x01", "y0", "y01"];
+  const cell = ["x0", "x01", "y0", "y01"];
   const bin = (a, name) => a.levels ? { calculate: `datum.${a.field}`, as: name } : { bin: { maxbins: 16 }, field: a.field, as: [name, `${name}1`] };
   const side = (a, name) => a.levels
     ? { [name]: { ...a[name][name], field: `${name}0` } }
@@ -56,14 +48,13 @@ const cells = (x, y, colour) => {
   const sides = { ...side(x, "x"), ...side(y, "y") }, centre = { ...middle(x, "x"), ...middle(y, "y"), text: { field: "share" } };
   return {
     ...data.spec,
-    data: { values: exact || runs },
+    data: { values: runs },
     transform: [
-      ...(exact ? [] : [
-        bin(x, "x0"), bin(y, "y0"), { filter: "isValid(datum.x0) && isValid(datum.y0)" },
-        { aggregate: [{ op: "count", as: "n" }, { op: "valid", field: "pass", as: "all" }, ...sum("pass"),
-          { op: "sum", field: (colour ?? rate).field, as: "sum" }, { op: "valid", field: (colour ?? rate).field, as: "valid" }], groupby: [...cell, "outcome"] },
-        { aggregate: [{ op: "argmax", field: "n", as: "most" }, ...sum("all", "pass", "sum", "valid")], groupby: cell },
-        { calculate: "datum.most.outcome", as: "outcome" }, { calculate: "datum.valid ? datum.sum / datum.valid : null", as: "value" }]),
+      bin(x, "x0"), bin(y, "y0"), { filter: "isValid(datum.x0) && isValid(datum.y0)" },
+      { aggregate: [{ op: "count", as: "n" }, { op: "valid", field: "pass", as: "all" }, ...sum("pass"),
+        { op: "sum", field: (colour ?? rate).field, as: "sum" }, { op: "valid", field: (colour ?? rate).field, as: "valid" }], groupby: [...cell, "outcome"] },
+      { aggregate: [{ op: "argmax", field: "n", as: "most" }, ...sum("all", "pass", "sum", "valid")], groupby: cell },
+      { calculate: "datum.most.outcome", as: "outcome" }, { calculate: "datum.valid ? datum.sum / datum.valid : null", as: "value" },
       { calculate: "datum.pass + '/' + datum.all", as: "share" },
       { calculate: "(+datum.x0 + +datum.x01) / 2", as: "xm" }, { calculate: "(+datum.y0 + +datum.y01) / 2", as: "ym" }],
     layer: [
@@ -130,8 +121,8 @@ const draw = async () => {
   ({ view } = await vegaEmbed($("plot"), spec, { actions: false, renderer: "svg", tooltip: { theme: "page", formatTooltip }, patch }));
   if (inCells) view.addEventListener("click", (_, item) => { if (item?.datum?.share) showCell(item.datum, x, y); });
   else view.addSignalListener("pick", (_, { row }) => { if (row) show(runs.find((r) => r.row === row[0])); });
-  $("note").textContent = runs.length < data.total && !(colour === rate && countsOf(x, y))
-    ? `${runs.length.toLocaleString("en")} of ${data.total.toLocaleString("en")} runs: rare outcomes first, the others drawn at random. The share that passes counts all, in cells of two parameters.` : "";
+  $("note").textContent = runs.length < data.total
+    ? `${runs.length.toLocaleString("en")} of ${data.total.toLocaleString("en")} runs, drawn at random, and rare outcomes beside, which no share counts.` : "";
 };
 const options = (part, label, list) => {
   const group = Object.assign(document.createElement("optgroup"), { label });

@@ -310,15 +310,6 @@ class SweepDefinition(Section):
         _ = self.run  # what all runs share must be possible
         return self
 
-    def notes(self) -> tuple[str, ...]:
-        """What a user should know of the design, though nothing is wrong with it."""
-        return tuple(
-            f"a Sobol sequence is balanced at powers of two: the {block.count} points for "
-            f"{', '.join(block.keys)} are the first of {1 << block.count.bit_length()}"
-            for block in self.vary
-            if block.method == "sobol" and block.count & (block.count - 1)
-        )
-
 
 def load_sweep(path: str | Path) -> SweepDefinition:
     """Read a sweep's definition.

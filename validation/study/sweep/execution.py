@@ -30,7 +30,6 @@ DEATHS = 5
 FLUSH = 1.0
 """Time after which a finished row is on the disk at the latest [s]."""
 _WAIT = 0.5
-_BATCH = 100  # rows without a walk that are made before finished walks are looked after
 _LATE = 60.0  # time after which a guard has failed [s]
 _GATHER = 20.0
 
@@ -49,7 +48,7 @@ class Execution:
 
     Args:
         pool: the workers.
-        todo: rows that need no worker, and tasks that do, in any order.
+        tasks: the runs.
         listener: receives rows.
         work: what a worker does with a task.
     """
@@ -57,11 +56,11 @@ class Execution:
     def __init__(
         self,
         pool: WorkerPool,
-        todo: Iterator[dict[str, Any] | Task],
+        tasks: Iterator[Task],
         listener: Listener,
         work: Callable[[Task], TaskResult] = walk_task,
     ) -> None:
-        self._pool, self._todo, self._listener, self._work = pool, todo, listener, work
+        self._pool, self._tasks, self._listener, self._work = pool, tasks, listener, work
         self._again: deque[Task] = deque()
         self._flying: dict[str, _Flight] = {}  # by key of the future
         self._done: queue.SimpleQueue[Future] = queue.SimpleQueue()
@@ -79,10 +78,10 @@ class Execution:
         """
         try:
             while not (self._exhausted and not self._flying and not self._again):
-                more = self._fill()
-                self._take(0.0 if more else _WAIT)
+                self._fill()
+                self._take(_WAIT)
                 self._check_clocks()
-                if self._rows and (time.monotonic() > self._oldest + FLUSH or len(self._rows) >= 10 * _BATCH):
+                if self._rows and time.monotonic() > self._oldest + FLUSH:
                     self._flush()
                 self._pool.check()
                 self._listener.tick(self._pool.size())
@@ -93,32 +92,22 @@ class Execution:
             raise
         self._flush()
 
-    def _fill(self) -> bool:
-        """Send out a run for every free worker.
-
-        Returns:
-            Whether there is more to do at once.
-        """
+    def _fill(self) -> None:
+        """Send out a run for every free worker."""
         if self._pool.client.status != "running":  # the connection is lost, and sought again
-            return False
+            return
         while len(self._flying) < self._pool.size():
             # A run that was lost with its worker comes last, so that it holds up nothing else.
-            item = None if self._exhausted else next(self._todo, None)
+            item = None if self._exhausted else next(self._tasks, None)
             if item is None:
                 self._exhausted = True
                 if not self._again:
-                    return False
+                    return
                 item = self._again.popleft()
-            if isinstance(item, Task):
-                key = f"ampm-{self._name}-{item.run}-{item.attempt}"
-                future = self._pool.client.submit(self._work, item, key=key, pure=False)
-                self._flying[key] = _Flight(item, future, time.monotonic())
-                future.add_done_callback(self._done.put)
-            else:
-                self._keep(item)
-                if len(self._rows) % _BATCH == 0:
-                    return True
-        return False
+            key = f"ampm-{self._name}-{item.run}-{item.attempt}"
+            future = self._pool.client.submit(self._work, item, key=key, pure=False)
+            self._flying[key] = _Flight(item, future, time.monotonic())
+            future.add_done_callback(self._done.put)
 
     def _take(self, wait: float) -> None:
         """Deal with what has ended, waiting for the first of it."""

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
@@ -22,18 +21,15 @@ from validation.study.sweep.table import BROKEN, STATES, State, SweepTable
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 Spec = dict[str, Any]
 
 MOST_POINTS, MOST_OF_RARE = 3000, 150
-"""Runs that are in the page one by one, and how many of each state are drawn first where there are more."""
+"""Runs that are in the page one by one, and how many of each state are among them where there are more."""
 MOST_STILL = 400
 """Points of the map without scripts."""
 MOST_LEVELS = 24
 """Distinct values up to which an axis shows them as levels."""
-MOST_PAIRED = 12
-"""Parameters whose pairs are counted over all runs, where not all runs are in the page."""
-CELLS = 20
-"""Cells along an axis with a range, in those counts."""
 BINS = 32
 _CROSS = "M-.9,-.5L-.5,-.9L0,-.4L.5,-.9L.9,-.5L.4,0L.9,.5L.5,.9L0,.4L-.5,.9L-.9,.5L-.4,0Z"
 _STAR = "M0,-1L.25,-.3L1,-.3L.4,.15L.6,.9L0,.45L-.6,.9L-.4,.15L-1,-.3L-.25,-.3Z"
@@ -110,8 +106,10 @@ class Axis:
         """Vega-Lite's encoding of this quantity along ``x`` or ``y``."""
         shown: Spec = {"field": field, "title": f"{self.label} [{self.unit}]" if self.unit else self.label}
         if self.levels is None:
-            low, step = cells_of(self)
-            scale: Spec = {"domain": [low, low + CELLS * step], "nice": False, "padding": 9}
+            finite = self.values[np.isfinite(self.values)]
+            low, high = float(finite.min()), float(finite.max())
+            ends = [low, high if high > low else low + (abs(low) or 1.0)]
+            scale: Spec = {"domain": ends, "nice": False, "padding": 9}
             return {name: {**shown, "type": "quantitative", "scale": scale}}
         order = list(self.levels if name == "x" else self.levels[::-1])
         shown |= {"type": "ordinal", "scale": {"domain": order}, "sort": order}
@@ -143,8 +141,8 @@ def metric_axes(sweep: SweepTable, labels: Mapping[str, str]) -> list[Axis]:
     return [axis for axis in found if np.isfinite(axis.values).any()]
 
 
-def drawn_rows(sweep: SweepTable, keep: Sequence[int] = (), seed: int = 1) -> Rows:
-    """Runs that are in the page one by one: all, or a random draw, of every state some first.
+def drawn_rows(sweep: SweepTable, keep: Sequence[int] = (), seed: int = 1) -> tuple[Rows, Mask]:
+    """Runs that are in the page one by one: all, or a random draw, and beside it some of every state.
 
     Args:
         sweep: the sweep.
@@ -152,39 +150,19 @@ def drawn_rows(sweep: SweepTable, keep: Sequence[int] = (), seed: int = 1) -> Ro
         seed: of the draw.
 
     Returns:
-        Rows from the state in the back of the map to that in front.
+        Rows from the state in the back of the map to that in front, and which of them are of the draw: the
+        others must not count where shares are shown. Both of shape (n,).
     """
     place = np.array([list(SHAPES).index(state) for state in STATES])
-    rows = np.arange(len(sweep))
-    if len(rows) > MOST_POINTS:
-        order = np.random.default_rng(seed).permutation(rows)
+    order = np.random.default_rng(seed).permutation(len(sweep))
+    draw, beside = order, order[:0]
+    if len(order) > MOST_POINTS:
         rare = [order[sweep.states[order] == state][:MOST_OF_RARE] for state in range(len(STATES))]
-        first = np.unique(np.concatenate([np.asarray(keep, dtype=np.int64), *rare]))
-        others = order[~np.isin(order, first)][: max(MOST_POINTS - len(first), 0)]
-        rows = np.sort(np.concatenate([first, others]))
-    return rows[np.argsort(place[sweep.states[rows]], kind="stable")]
-
-
-def cell_counts(a: Axis, b: Axis, states: Rows) -> list[list[Any]]:
-    """Runs by cell: lower edge (or level) along ``a``, along ``b``, runs that pass, runs with an answer."""
-    answered = ~np.isin(states, [STATES.index(state) for state in BROKEN])
-    rows = np.flatnonzero(answered & np.isfinite(a.values) & np.isfinite(b.values))
-    columns = {"pass": (states[rows] == STATES.index(State.PASS)).astype(int)}
-    for name, axis in (("a", a), ("b", b)):
-        if axis.levels is not None:
-            columns[name] = np.array(axis.column(rows))
-        else:
-            low, step = cells_of(axis)
-            columns[name] = low + step * np.clip((axis.values[rows] - low) // step, 0, CELLS - 1)
-    counted = pa.table(columns).group_by(["a", "b"]).aggregate([("pass", "sum"), ("pass", "count")])
-    return [list(row.values()) for row in counted.select(["a", "b", "pass_sum", "pass_count"]).to_pylist()]
-
-
-def cells_of(axis: Axis) -> tuple[float, float]:
-    """Lower edge and width of the cells of a range."""
-    finite = axis.values[np.isfinite(axis.values)]
-    low, width = float(finite.min()), float(np.ptp(finite))
-    return low, (width or 0.1 * abs(low) or 1.0) / CELLS
+        beside = np.unique(np.concatenate([np.asarray(keep, dtype=np.int64), *rare]))
+        draw = order[: MOST_POINTS - len(beside)]
+    rows = np.union1d(draw, beside)
+    rows = rows[np.argsort(place[sweep.states[rows]], kind="stable")]
+    return rows, np.isin(rows, draw)
 
 
 def points(present: Sequence[State]) -> Spec:
@@ -237,31 +215,29 @@ def map_data(
         repeat: beginning and end of the command that walks a run again; the varied keys go between.
         keep: rows that must be among the points.
     """
-    rows = drawn_rows(sweep, keep)
+    rows, counted = drawn_rows(sweep, keep)
     states = [STATES[state] for state in sweep.states[rows]]
     names, causes, reasons = (sweep.words(name) for name in ("name", "cause", "reason"))
     columns = {
         "row": rows.tolist(),
         "run": [names[row] for row in rows],
         "outcome": [state.label for state in states],
-        "pass": [None if state in BROKEN else int(state is State.PASS) for state in states],
+        "pass": [
+            int(state is State.PASS) if fair and state not in BROKEN else None
+            for state, fair in zip(states, counted.tolist(), strict=True)
+        ],
         "why": [(causes[row] or reasons[row].replace("_", " "))[:240] for row in rows],
         **{f"a{number}": axis.column(rows) for number, axis in enumerate(axes)},
     }
+    facts = ("key", "label", "unit", "limit", "levels", "parameter")
     entries = [
         {
             "field": f"a{n}",
-            **{
-                name: getattr(axis, name) for name in ("key", "label", "unit", "limit", "levels", "parameter")
-            },
+            **{name: getattr(axis, name) for name in facts},
             **{name: axis.channels(name, f"a{n}") for name in ("x", "y")},
-            "step": None if axis.levels is not None else cells_of(axis)[1],
         }
         for n, axis in enumerate(axes)
     ]
-    paired = (
-        [n for n, axis in enumerate(axes) if axis.parameter][:MOST_PAIRED] if len(rows) < len(sweep) else []
-    )
     return {
         "total": len(sweep),
         "spec": points([state for state in SHAPES if sweep.counts[state]]),
@@ -269,10 +245,6 @@ def map_data(
         "links": {str(row): links[row] for row in rows.tolist() if row in links},
         "repeat": repeat,
         "axes": entries,
-        "cells": {
-            f"a{i},a{j}": cell_counts(axes[i], axes[j], sweep.states)
-            for i, j in itertools.combinations(paired, 2)
-        },
     }
 
 
@@ -296,7 +268,7 @@ def distribution(values: Array, limit: float | None, unit: str, title: str) -> M
         unit: of values and axis.
         title: what it is.
     """
-    known = values[np.isfinite(values)]
+    known, unit = values[np.isfinite(values)], unit.replace("of body weight", "BW")
     # A few runs far out must not squeeze all others into one bin; how many are beyond is written there.
     low, high = min(0.0, float(known.min())), float(np.quantile(known, 0.99)) * 1.15
     if limit is not None and high > 0.4 * limit and (known > limit).mean() < 0.5:

@@ -105,8 +105,7 @@ class Forecast:
         answer = asdict(self)
         del answer["definition"]
         own = {"sweep": self.definition.name, "varied": list(self.definition.keys)}
-        found = {"exact": self.exact, "wall_clock": self.wall_clock, "notes": list(self.definition.notes())}
-        return {**own, **answer, **found}
+        return {**own, **answer, "exact": self.exact, "wall_clock": self.wall_clock}
 
 
 def forecast(definition: SweepDefinition, workers: int, *, progress: Progress | None = None) -> Forecast:

@@ -11,7 +11,7 @@ import shlex
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -24,7 +24,6 @@ from validation.store.identity import parameter_values
 from validation.study.sweep import figures, store
 from validation.study.sweep.influence import Target, analyse, entangled
 from validation.study.sweep.table import BROKEN, STATES, State, SweepTable, read_sweep
-from validation.study.sweep.tally import counted_states, judge_sweep, share
 
 REPORT_FILE = store.REPORT
 WORST = 10
@@ -38,6 +37,8 @@ _PER_RUN = ("environment_worker", "environment_attempts", "environment_memory_pe
 """Columns of the environment that differ between runs by their nature."""
 
 Row = tuple[str, ...]
+Repeat = tuple[str, str]
+"""Beginning and end of the command that walks a run again; the varied keys go between."""
 
 
 def write_sweep_report(directory: Path) -> Path:
@@ -69,20 +70,11 @@ def render(sweep: SweepTable) -> str:
     targets = analyse(varied, targets_of(sweep)) if varied else []
     keys = by_strength(sweep.varied, targets)
     lost, furthest = worst_rows(sweep)
-    repeat = Repeat.of(sweep)
+    repeat = repeat_command(sweep)
     still, data = _map(sweep, keys, repeat, [*lost, *furthest])
-    kinds: dict[bool, tuple[str, list[Any]]] = {True: ("The instrument itself", []), False: ("", [])}
-    pictures = []
-    for name in (
-        name for name in sweep.metrics if name in sweep.limits and np.isfinite(sweep.shown(name)[0]).any()
-    ):
-        instrument = name in METRICS and METRICS[name].kind == "instrument"
-        kinds[instrument][1].append(metric_row(sweep, name))
-        if not instrument:
-            values, limit, unit = sweep.shown(name)
-            pictures.append(
-                figures.distribution(values, limit, unit.replace("of body weight", "BW"), metric_label(name))
-            )
+    judged = [n for n in sweep.metrics if n in sweep.limits and np.isfinite(sweep.shown(n)[0]).any()]
+    own = [name for name in judged if name in METRICS and METRICS[name].kind == "instrument"]
+    walked = [name for name in judged if name not in own]
     return render_page(
         "sweep.html.j2",
         styles=["report.css", "sweep.css"],
@@ -90,11 +82,14 @@ def render(sweep: SweepTable) -> str:
         library=figures.library() if data else "",
         sweep=sweep,
         verdict=judge_sweep(sweep),
-        counts=counted_states(sweep),
+        share=share,
         still=still,
         data=data,
-        pictures=pictures,
-        metrics=[kinds[False], kinds[True]],
+        pictures=[figures.distribution(*sweep.shown(name), metric_label(name)) for name in walked],
+        metrics=[
+            (title, [metric_row(sweep, name) for name in names])
+            for title, names in (("", walked), ("The instrument itself", own))
+        ],
         worst=[
             ("Did not complete, the earliest end first", run_rows(sweep, lost, repeat, keys)),
             ("Out of tolerance, or closest to it", run_rows(sweep, furthest, repeat, keys)),
@@ -126,32 +121,16 @@ def _map(sweep: SweepTable, keys: Sequence[str], repeat: Repeat, keep: list[int]
 # ------------------------------------------------------------------------------------------------ runs
 
 
-class Repeat(NamedTuple):
-    """How a run of a sweep is walked again by itself: beginning and end of the command line."""
-
-    start: str
-    end: str
-
-    @classmethod
-    def of(cls, sweep: SweepTable) -> Repeat:
-        """Shortest command for the runs of a sweep: a preset, and what differs from it."""
-        shared = {
-            key: sweep.table.column(key)[0].as_py()
-            for key in sweep.parameters
-            if len(sweep) and key not in sweep.varied
-        }
-        found: list[list[str]] = []
-        for preset in PRESETS:
-            base = parameter_values(load_run(preset))
-            settings = [_setting(key, v) for key, v in shared.items() if v is not None and base.get(key) != v]
-            found.append([f"ampm validate {preset}", *settings])
-        shortest = min(found, key=len)
-        return cls(" ".join(shortest), f"--profile {sweep.profile}")
-
-    def command(self, sweep: SweepTable, row: int) -> str:
-        """The command for one run, with every digit."""
-        varied = [(key, sweep.table.column(key)[row].as_py()) for key in sweep.varied]
-        return " ".join([self.start, *(_setting(k, v) for k, v in varied if v is not None), self.end])
+def repeat_command(sweep: SweepTable) -> Repeat:
+    """Shortest command for the runs of a sweep: a preset, and what differs from it."""
+    shared = {key: sweep.table.column(key)[0].as_py() for key in sweep.parameters if key not in sweep.varied}
+    found: list[list[str]] = []
+    for preset in PRESETS:
+        base = parameter_values(load_run(preset))
+        settings = [_setting(key, v) for key, v in shared.items() if v is not None and base.get(key) != v]
+        found.append([f"ampm validate {preset}", *settings])
+    shortest = min(found, key=len)
+    return " ".join(shortest), f"--profile {sweep.profile}"
 
 
 def _setting(key: str, value: Any) -> str:
@@ -164,11 +143,7 @@ def value_text(value: Any) -> str:
 
 
 def worst_rows(sweep: SweepTable) -> tuple[list[int], list[int]]:
-    """The runs that a reader should look at first, which are those that a sweep keeps.
-
-    Returns:
-        Rows that did not complete, and of those that did the ones that used most of a tolerance.
-    """
+    """Rows of the worst runs: those that did not complete, those that used most of a tolerance."""
     lost = [row for row in sweep.worst if not sweep.measured[row]]
     furthest = [row for row in sweep.worst if sweep.measured[row]]
     return lost[:WORST], furthest[:WORST]
@@ -192,20 +167,21 @@ def run_rows(
     sweep: SweepTable, rows: Sequence[int], repeat: Repeat, keys: Sequence[str]
 ) -> list[dict[str, Any]]:
     """Rows of a table of runs, each with its first :data:`MOST_SHOWN` parameters of ``keys``."""
-    links, names = links_of(sweep), sweep.words("name")
-    return [
-        {
-            "name": names[row],
-            "state": STATES[sweep.states[row]],
-            "why": _why(sweep, row),
-            "links": links.get(row, []),
-            "parameters": [
-                (key, value_text(sweep.table.column(key)[row].as_py())) for key in keys[:MOST_SHOWN]
-            ],
-            "repeat": repeat.command(sweep, row),
-        }
-        for row in rows
-    ]
+    links, names, found = links_of(sweep), sweep.words("name"), []
+    for row in rows:
+        varied = [(key, sweep.table.column(key)[row].as_py()) for key in keys]
+        settings = [_setting(key, value) for key, value in varied if value is not None]
+        found.append(
+            {
+                "name": names[row],
+                "state": sweep.state(row),
+                "why": _why(sweep, row),
+                "links": links.get(row, []),
+                "parameters": [(key, value_text(value)) for key, value in varied[:MOST_SHOWN]],
+                "repeat": " ".join([repeat[0], *settings, repeat[1]]),
+            }
+        )
+    return found
 
 
 def _why(sweep: SweepTable, row: int) -> str:
@@ -329,20 +305,11 @@ def fixed_rows(sweep: SweepTable) -> list[Row]:
 def facts(sweep: SweepTable) -> list[tuple[str, str]]:
     """The few numbers beside the verdict."""
     of = f" of {sweep.planned:,}" if sweep.planned > len(sweep) else ""
-    rows = [("runs", f"{len(sweep):,}{of}"), ("parameters that vary", f"{len(sweep.varied)}")]
-    # A broken limit of 0 has no share; such runs are counted instead.
-    used = np.array([np.full(len(sweep), np.nan), *(sweep.used(name) for name in sweep.limits)])
-    tightest = np.fmax.reduce(np.where(np.isinf(used), np.nan, used))
-    tightest, broken = tightest[np.isfinite(tightest)], int(np.isinf(used).any(axis=0).sum())
-    if tightest.size:
-        above = " above 0" if broken else ""
-        rows.append(
-            (f"of its tightest tolerance{above}, the median run uses", f"{100 * np.median(tightest):.0f} %")
-        )
-    if broken:
-        rows.append(("over a limit of 0", f"{broken:,} of {sweep.measured.sum():,}"))
-    rows.append(("computing time", format_duration(float(np.nansum(sweep.numbers("timing_total"))))))
-    return rows
+    return [
+        ("runs", f"{len(sweep):,}{of}"),
+        ("parameters that vary", f"{len(sweep.varied)}"),
+        ("computing time", format_duration(float(np.nansum(sweep.numbers("timing_total"))))),
+    ]
 
 
 def timing_rows(sweep: SweepTable) -> list[Row]:
@@ -384,3 +351,35 @@ def warnings(sweep: SweepTable) -> list[str]:
     if "True" in sweep.words("environment_modified"):
         found.append("The code differed from its revision: the revision alone does not reproduce these runs.")
     return found
+
+
+def judge_sweep(sweep: SweepTable) -> tuple[str, str, str]:
+    """Whether a sweep passes: all that walked met every tolerance, and every run has an answer.
+
+    Returns:
+        ``pass``, ``fail`` or ``open``; a few words; a sentence.
+    """
+    counts, missing = sweep.counts, sweep.planned - len(sweep)
+    walked, passed = sum(counts[state] for state in STATES if state.walked), counts[State.PASS]
+    css, headline = "open", "nothing walked"
+    if passed < walked:
+        css, headline = "fail", f"{share(passed, walked)} of what walked passes"
+    elif any(counts[state] for state in BROKEN):
+        headline = "not every run has an answer"
+    elif walked and not missing:
+        css, headline = "pass", "pass"
+    sentence = f"{passed:,} of {walked:,} runs that walked met every tolerance."
+    if missing:
+        headline = "unfinished"
+        sentence += f" {missing:,} of {sweep.planned:,} runs are missing: 'ampm sweep --resume' walks them."
+    return css, headline, sentence
+
+
+def share(part: int, whole: int) -> str:
+    """A percentage that never rounds to all or nothing."""
+    percent = 100.0 * part / max(whole, 1)
+    if part in (0, whole) or 0.1 <= percent <= 99.9:
+        text = f"{percent:.0f}" if part in (0, whole) or 1.0 <= percent < 99.5 else f"{percent:.1f}"
+    else:
+        text = "< 0.1" if percent < 50.0 else "> 99.9"
+    return f"{text} %"

@@ -18,7 +18,6 @@ import numpy as np
 import pyarrow as pa
 
 from ampm.exceptions import InputError, RefusedGait
-from ampm.parameters import RunParameters
 from ampm.planner.periodic import plan_gait
 from validation.progress import Progress, Stage, interruption
 from validation.show.text import format_duration
@@ -47,6 +46,7 @@ from validation.study.sweep.store import (
     Store,
     check_identity,
     is_sweep,
+    open_store,
 )
 from validation.study.sweep.table import STATES, State, SweepTable, read_sweep, wrap_table
 from validation.study.sweep.task import Listener, Task
@@ -59,8 +59,8 @@ if TYPE_CHECKING:
 RETRIED = tuple(name for name in OUTCOMES if name != "completed")
 """Outcomes that can be walked again on request."""
 _WINDOW = 300.0  # over which the rate is taken [s]
+_BATCH = 1000  # refused runs that are kept at a time
 _LEAST = 3  # walks after which there is a rate
-_BATCH = 1000
 
 
 def sweep(
@@ -117,7 +117,7 @@ def sweep(
     if scheduler and not is_sweep(out):
         with pool(1):  # first of all: a scheduler that does not answer leaves no folder behind
             pass
-    with Store(out) as store:
+    with open_store(out) as store:
         if check_identity(out, definition, force=force) and resume:
             progress.say(f"nothing to resume in {out}; starting the sweep")
         store.begin(definition)
@@ -147,11 +147,11 @@ def _pool(
     return remote_pool(scheduler, progress.say) if scheduler else local_pool(min(workers or cores(), walks))
 
 
-def _execute(pool: Pool, walks: int, todo: Iterator[dict[str, Any] | Task], listener: Listener) -> None:
+def _execute(pool: Pool, tasks: Iterator[Task], walks: int, listener: Listener) -> None:
     from validation.study.sweep.execution import Execution  # loads dask
 
     with pool(walks) as workers:
-        Execution(workers, todo, listener).run()
+        Execution(workers, tasks, listener).run()
 
 
 # ------------------------------------------------------------------------------ walking
@@ -169,31 +169,26 @@ class _Jobs:
     def __init__(self, definition: SweepDefinition, runs: Cases, folder: Path) -> None:
         self.definition, self.runs, self.folder = definition, runs, folder
 
-    def missing(self, missing: np.ndarray, accepted: np.ndarray) -> Iterator[dict[str, Any] | Task]:
-        """Everything that has no answer yet: rows of refused runs, tasks of the others.
+    def refused(self, case: int) -> dict[str, Any]:
+        """Row of a run without a plan, or with a parameter beyond its bounds."""
+        run = None
+        try:
+            run = self.runs.run(case)
+            plan_gait(run.gait, run.body.mass)
+        except (InputError, RefusedGait) as error:
+            values = self.runs.row(case) if run is None else {}
+            values = parameter_values(run or self.definition.run) | values
+            first = first_columns(case, self.runs.name(case), values)
+            return tidy({**first, **refused_columns(error, run), **environment_columns()})
+        raise ValueError(f"run {case} is not refused")
 
-        Args:
-            missing: runs that have no answer, shape (N,), bool.
-            accepted: runs that have a plan, shape (N,), bool.
-        """
-        for case in np.flatnonzero(missing).tolist():
-            run = None
-            try:
-                run = self.runs.run(case)
-                if not accepted[case]:
-                    plan_gait(run.gait, run.body.mass)  # raises with the reason in words
-            except (InputError, RefusedGait) as error:
-                yield self._refused(case, run, error)
-            else:
-                yield self.task(case, run)
-
-    def task(self, case: int, run: RunParameters | None = None, **changes: Any) -> Task:
+    def task(self, case: int, **changes: Any) -> Task:
         """One run, for a worker."""
         definition = self.definition
         task = Task(
             run=case,
             name=self.runs.name(case),
-            parameters=run or self.runs.run(case),
+            parameters=self.runs.run(case),
             profile=definition.profile,
             instrument=definition.instrument,
             keep="none" if definition.recordings == "worst" else definition.recordings,
@@ -203,16 +198,6 @@ class _Jobs:
             tune=definition.tune,
         )
         return replace(task, **changes)
-
-    def _refused(
-        self, case: int, run: RunParameters | None, error: RefusedGait | InputError
-    ) -> dict[str, Any]:
-        """Row of a run without a plan, or with parameters beyond their bounds (``run`` is None)."""
-        values = parameter_values(run or self.definition.run)
-        if run is None:
-            values |= self.runs.row(case)
-        first = first_columns(case, self.runs.name(case), values)
-        return tidy({**first, **refused_columns(error, run), **environment_columns()})
 
 
 def _walk_missing(jobs: _Jobs, store: Store, pool: Pool, retry: Sequence[str], progress: Progress) -> None:
@@ -224,15 +209,18 @@ def _walk_missing(jobs: _Jobs, store: Store, pool: Pool, retry: Sequence[str], p
     if not missing.any():
         return
     accepted = screen(jobs.runs) == ACCEPTED
-    walks = int((missing & accepted).sum())
+    refused, walked = (np.flatnonzero(missing & rows).tolist() for rows in (~accepted, accepted))
     counts = Counter(STATES[state] for state in found.states[~again])
-    todo = jobs.missing(missing, accepted)
     with progress.stage("sweep", "runs") as stage:
-        listener = _Keeper(store, stage, progress, len(jobs.runs), walks, counts)
-        if walks:
-            _execute(pool, walks, todo, listener)
-        else:
-            listener.keep_all(todo)
+        listener = _Keeper(store, stage, progress, len(jobs.runs), len(walked), counts)
+        for start in range(0, len(refused), _BATCH):
+            rows = [jobs.refused(case) for case in refused[start : start + _BATCH]]
+            for row in rows:
+                listener.ended(row, None)
+            listener.keep(rows)
+            listener.tick(0)
+        if walked:
+            _execute(pool, map(jobs.task, walked), len(walked), listener)
     progress.say(f"sweep: {listener.done} of {len(jobs.runs)} runs, {listener.text()}")
     interruption.check()
 
@@ -277,18 +265,6 @@ class _Keeper(Listener):
             if row["outcome"] != "crashed":
                 (self._store.folder / CRASHES / f"{row['name']}.txt").unlink(missing_ok=True)
         self._store.append(rows)
-
-    def keep_all(self, rows: Iterator[Any]) -> None:
-        """Keep rows that need no worker."""
-        batch: list[dict[str, Any]] = []
-        for row in rows:
-            self.ended(row, None)
-            batch.append(row)
-            if len(batch) >= _BATCH:
-                self.keep(batch)
-                batch = []
-                self.tick(0)
-        self.keep(batch)
 
     def ended(self, row: Mapping[str, Any], trace: str | None) -> None:
         """Count a run, and keep its traceback."""
@@ -340,7 +316,7 @@ def _keep_worst(jobs: _Jobs, store: Store, pool: Pool, progress: Progress) -> No
         # Without a guard on the clock: they have come to their end before.
         tasks = (jobs.task(run, keep="all", wall_clock=None) for run in wanted)
         with progress.stage(f"recordings of the worst runs ({len(wanted)})"):
-            _execute(pool, len(wanted), tasks, again)
+            _execute(pool, tasks, len(wanted), again)
         interruption.check()
         for row in again.rows:
             before = found.table.slice(runs.index(row["run"]), 1).to_pylist()[0]

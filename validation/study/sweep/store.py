@@ -15,9 +15,8 @@ import shutil
 import sqlite3
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO
 
 import pyarrow as pa
@@ -181,31 +180,28 @@ def check_identity(folder: Path, definition: SweepDefinition, *, force: bool) ->
 # ------------------------------------------------------------------------------ writing
 
 
-class Store:
-    """Writes a sweep's folder, which is locked against a second program while this is open.
-
-    Args:
-        folder: of the sweep; created if it is not there.
+@contextmanager
+def open_store(folder: Path) -> Iterator[Store]:
+    """A sweep's folder to write into, created if it is not there, and locked against a second program.
 
     Raises:
         InputError: another program writes there, or the folder cannot be written or read.
         SweepStopped: the disk is full.
     """
+    with _lock(folder), _database(folder) as rows:
+        yield Store(folder, rows)
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        with ExitStack() as stack:
-            stack.enter_context(_lock(folder))
-            self._rows = stack.enter_context(_database(folder))
-            self._exit = stack.pop_all()
 
-    def __enter__(self) -> Store:
-        return self
+class Store:
+    """Writes a sweep's folder; see :func:`open_store`.
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._exit.close()
+    Args:
+        folder: of the sweep.
+        rows: its database.
+    """
+
+    def __init__(self, folder: Path, rows: sqlite3.Connection) -> None:
+        self.folder, self._rows = folder, rows
 
     def begin(self, definition: SweepDefinition) -> None:
         """Prepare for rows of this sweep; those of an earlier call stay.

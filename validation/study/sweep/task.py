@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 MOTIONS_KEPT = 1500
 """Solved motions that the user's cache may hold; a sweep over gaits would fill the disk with them."""
-_TRIM_EVERY = 100
+_TRIM_EVERY = 100  # runs of a sweep
 
 _DRAW = "import sys, pathlib, validation.run.trial as run; run.draw_run(pathlib.Path(sys.argv[1]))"
 _FULL = re.compile(
@@ -54,7 +54,6 @@ _FULL = re.compile(
 """Words of a full disk or quota, by whichever library meets it."""
 
 _one_at_a_time = threading.Lock()  # a worker with several threads still walks one run after the other
-_done = 0
 
 
 @dataclass(frozen=True)
@@ -147,7 +146,8 @@ def walk_task(task: Task, trial: Runner | None = None) -> TaskResult:
             )
         with _guard(task.wall_clock):
             result = _perform(task, trial or _walk)
-        _trim_cache()
+        if task.run % _TRIM_EVERY == 0:
+            _trim_cache()
         return result
 
 
@@ -296,11 +296,7 @@ def _guard(seconds: float | None) -> Iterator[None]:
 
 
 def _trim_cache() -> None:
-    """Now and then, remove the oldest solved motions of the user's cache."""
-    global _done
-    _done += 1
-    if _done % _TRIM_EVERY:
-        return
+    """Remove the oldest solved motions of the user's cache."""
     from validation.trial.plan import motion_cache  # loaded by a worker that has walked
 
     folder = motion_cache()
