@@ -9,7 +9,7 @@ import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -20,10 +20,8 @@ GRAVITY = 9.81
 """Gravitational acceleration of the paper [m/s^2]."""
 
 
-class GaitParameters(Section):
+class GaitParameters(Section, section="gait"):
     """The closed-form gait, symbols of the paper (Kudoh & Komura, IROS 2003) in parentheses."""
-
-    section: ClassVar[str] = "gait"
 
     model: Literal["ampm", "ipm"] = parameter(
         "ampm",
@@ -54,10 +52,8 @@ class GaitParameters(Section):
     steps: Whole = parameter(30, "number of steps", "1", ge=1, le=100_000)
 
 
-class BodyParameters(Section):
+class BodyParameters(Section, section="body"):
     """The walking body."""
-
-    section: ClassVar[str] = "body"
 
     height: Real = parameter(1.70, "stature", "m", ge=0.5, le=3)
     mass: Real = parameter(60.0, "total mass", "kg", ge=1, le=1000)
@@ -75,10 +71,8 @@ class BodyParameters(Section):
     )
 
 
-class FootParameters(Section):
+class FootParameters(Section, section="foot"):
     """Key-frames of the feet: initial contact, full contact, heel rise, toe off."""
-
-    section: ClassVar[str] = "foot"
 
     schedule: Literal["flat", "roll"] = parameter(
         "roll", "flat: no heel rise before lift-off; roll: heel strike, flat, heel rise, toe off", "1"
@@ -116,10 +110,8 @@ class FootParameters(Section):
     )
 
 
-class ContactParameters(Section):
+class ContactParameters(Section, section="contact"):
     """Contact of the sole points with the floor (MuJoCo's soft contact model)."""
-
-    section: ClassVar[str] = "contact"
 
     time_constant: Real = parameter(0.015, "time constant of a contact", "s", gt=0, le=1)
     damping_ratio: Real = parameter(1.0, "damping ratio of a contact", "1", gt=0, le=10)
@@ -140,10 +132,8 @@ def _damping(default: float, description: str) -> Any:
     return parameter(default, description, "1/s", ge=0, le=1e4)
 
 
-class ControllerParameters(Section):
+class ControllerParameters(Section, section="controller"):
     """The torque-level tracking controller."""
-
-    section: ClassVar[str] = "controller"
 
     frequency: Real = parameter(500.0, "control ticks per second", "Hz", ge=20, le=10_000)
     friction: Real = parameter(0.6, "friction that the controller allows itself", "1", gt=0, le=10)
@@ -199,10 +189,8 @@ class ControllerParameters(Section):
     )
 
 
-class SimulationParameters(Section):
+class SimulationParameters(Section, section="simulation"):
     """The physics engine."""
-
-    section: ClassVar[str] = "simulation"
 
     time_step: Real = parameter(0.002, "time step of the physics", "s", gt=0, le=0.05)
     integrator: Literal["Euler", "implicitfast"] = parameter("Euler", "integrator of the physics", "1")
@@ -215,10 +203,8 @@ class SimulationParameters(Section):
     )
 
 
-class SolverParameters(Section):
+class SolverParameters(Section, section="solver"):
     """Numerical solvers and grids."""
-
-    section: ClassVar[str] = "solver"
 
     qp: Literal["osqp", "daqp"] = parameter("osqp", "solver of the controller's quadratic programme", "1")
     tolerance: Real = parameter(
@@ -330,18 +316,8 @@ def assign(table: dict[str, Any], key: str, value: Any) -> None:
     table[section] = {**check_table(section, table.get(section, {})), name: value}
 
 
-SECTIONS: Mapping[str, type[Section]] = {
-    section.section: section
-    for section in (
-        GaitParameters,
-        BodyParameters,
-        FootParameters,
-        ContactParameters,
-        ControllerParameters,
-        SimulationParameters,
-        SolverParameters,
-    )
-}
+SECTIONS: Mapping[str, type[Section]] = {name: type(section) for name, section in RunParameters()}
+"""Classes of the sections, by name."""
 
 
 @cache

@@ -49,6 +49,10 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=True)
     section: ClassVar[str] = ""
 
+    def __init_subclass__(cls, section: str = "", **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.section = section or cls.section
+
     def __init__(self, **values: Any) -> None:
         try:
             super().__init__(**values)

@@ -203,13 +203,14 @@ def decimate(time: Array, value: Array, buckets: int = _BUCKETS) -> tuple[Array,
     return time[picked], value[picked]
 
 
-def legend(axis: Axes, columns: int = 5) -> None:
+def legend(axis: Axes, columns: int = 5, **spacing: float) -> None:
     """Legend over the axes, beside nothing: curves fill the axes themselves."""
     handles, labels = axis.get_legend_handles_labels()
     if labels:
+        lengths = {"handlelength": 1.2, "columnspacing": 1.0, "handletextpad": 0.4, **spacing}
         axis.legend(
             handles, labels, loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, borderaxespad=0.1,
-            handlelength=1.2, columnspacing=1.0, handletextpad=0.4, borderpad=0.1,
+            borderpad=0.1, **lengths,
         )  # fmt: skip
         lines = -(-len(labels) // columns)
         axis.set_title(axis.get_title(loc="left"), pad=6 + 13 * lines)

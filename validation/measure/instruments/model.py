@@ -52,11 +52,7 @@ class Acquisition(Section):
     )  # fmt: skip
     order: int = parameter(4, "order of the low-pass", "1", ge=1, le=10)
     rate: Real | None = parameter(
-        None,
-        "samples per second, each held until the next; without it as many as steps",
-        "Hz",
-        gt=0,
-        le=1e6,
+        None, "samples per second, each held until the next; without it as many as steps", "Hz", gt=0, le=1e6
     )
     delay: Real = parameter(0.0, "time from a sample to its arrival", "s", ge=0, le=10)
 
@@ -93,11 +89,8 @@ class _Wrench(Instrument):
     moment_xy: Channel = Field(default_factory=Channel)
     moment_z: Channel = Field(default_factory=Channel)
     groups: ClassVar[Mapping[str, str]] = {
-        "force_xy": "N",
-        "force_z": "N",
-        "moment_xy": "N m",
-        "moment_z": "N m",
-    }
+        "force_xy": "N", "force_z": "N", "moment_xy": "N m", "moment_z": "N m"
+    }  # fmt: skip
 
 
 class ForcePlate(_Wrench):
@@ -167,12 +160,9 @@ def make_instrument(table: Mapping[str, Any], name: str = "") -> Instrument:
     """
     kind = table.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
-        raise InputError(
-            f"kind = {kind!r} is no kind of instrument; write one of {', '.join(map(repr, KINDS))}.",
-            key="kind",
-            value=kind,
-            limit=f"one of {', '.join(KINDS)}",
-        )
+        limit = f"one of {', '.join(map(repr, KINDS))}"
+        message = f"kind = {kind!r} is no kind of instrument; write {limit}."
+        raise InputError(message, key="kind", value=kind, limit=limit)
     parts = {}
     for group, values in table.items():
         field = KINDS[kind].model_fields.get(group)

@@ -223,15 +223,12 @@ def _drawn(rig: Rig, effects: Set[str]) -> dict[str, float]:
 
 def _notes(rig: Rig, instrument: Instrument, effects: Set[str]) -> tuple[str, ...]:
     notes = []
-    acquisition, dt = instrument.acquisition, rig.truth.time_step
-    if acquisition.cutoff is not None and FILTER not in effects:
+    cutoff, rate, dt = instrument.acquisition.cutoff, instrument.acquisition.rate, rig.truth.time_step
+    steps = f"steps of {1e3 * dt:g} ms"
+    if cutoff is not None and FILTER not in effects:
         notes.append(
-            f"The low-pass of {acquisition.cutoff:g} Hz is left out: steps of {1e3 * dt:g} ms show nothing "
-            f"above {0.5 / dt:g} Hz."
+            f"The low-pass of {cutoff:g} Hz is left out: {steps} show nothing above {0.5 / dt:g} Hz."
         )
-    if acquisition.rate is not None and acquisition.rate > (1.0 + 1e-9) / dt:
-        notes.append(
-            f"Sampling at {acquisition.rate:g} Hz: between the steps of {1e3 * dt:g} ms samples are "
-            "interpolated."
-        )
+    if rate is not None and rate > (1.0 + 1e-9) / dt:
+        notes.append(f"Sampling at {rate:g} Hz: between the {steps} samples are interpolated.")
     return tuple(notes)

@@ -77,24 +77,14 @@ class Rig:
     signals: Array
 
     def __init__(
-        self,
-        instrument: Instrument,
-        truth: Truth,
-        key: str,
-        channels: Sequence[tuple[str, str, Channel]],
+        self, instrument: Instrument, truth: Truth, key: str, channels: Sequence[tuple[str, str, Channel]],
         cross_talk: float = 0.0,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.truth = truth
         self.names, self.units, figures = zip(*channels, strict=True)
         self.drawn: Mapping[str, float] = {}
-        self.chain = Chain(
-            channels=figures,
-            acquisition=instrument.acquisition,
-            streams=RandomStreams(instrument.seed, key),
-            time=truth.time,
-            time_step=truth.time_step,
-            cross_talk=cross_talk,
-        )
+        streams, time, dt = RandomStreams(instrument.seed, key), truth.time, truth.time_step
+        self.chain = Chain(figures, instrument.acquisition, streams, time, dt, cross_talk)
 
     def effects(self) -> tuple[str, ...]:
         """Effects that it has."""
@@ -165,14 +155,10 @@ class FootRig(_WrenchRig):
             self.joints = [leg.joints[:-1] for leg in description.legs]  # the toe is beyond the sensor
             names = [name for leg in self.joints for name in leg]
             self.columns = [int(model.jnt_qposadr[model.joint(name).id]) for name in names]
-            self.encoders = Chain(
-                channels=[instrument.encoder] * len(names),
-                acquisition=Acquisition(),  # read with the pelvis's pose, at the same instant
-                streams=self.chain.streams,
-                time=truth.time,
-                time_step=truth.time_step,
-                number=1,
-            )
+            figures = [instrument.encoder] * len(names)
+            at_once = Acquisition()  # read with the pelvis's pose, at the same instant
+            streams, time, dt = self.chain.streams, truth.time, truth.time_step
+            self.encoders = Chain(figures, at_once, streams, time, dt, number=1)
             self.q = record.q[:rows]
             self.pin_model = pinocchio_model(model)
             self.frames = [self.pin_model.getFrameId(leg.foot_segment) for leg in description.legs]

@@ -185,14 +185,13 @@ def _ankle(record: SimulationRecord, model: mujoco.MjModel, leg: LegDescription,
     sensor = origin[:rows]
 
     mass = np.array([model.body_mass[heel], model.body_mass[toe]])
-    weighted = np.zeros((rows, 3))
-    force, moment = np.zeros((rows, 3)), np.zeros((rows, 3))
+    weighted, force, moment = np.zeros((3, rows, 3))
     for body, rotation, place in ((heel, turned, origin), (toe, toe_turned, toe_origin)):
         com = place + rotation.apply(model.body_ipos[body])
-        push = model.body_mass[body] * _second_difference(com, dt)
+        push = model.body_mass[body] * _rates(np.diff(com, n=2, axis=0) / dt**2, rows)
         spin = _angular_momentum(rotation * _rotation(model.body_iquat[body]), model.body_inertia[body], dt)
         force += push
-        moment += np.cross(com[:rows] - sensor, push) + _first_difference(spin, rows, dt)
+        moment += np.cross(com[:rows] - sensor, push) + _rates(np.diff(spin, axis=0) / dt, rows)
         weighted += model.body_mass[body] * com[:rows]
     return Ankle(
         position=sensor,
@@ -208,14 +207,9 @@ def _rotation(wxyz: Array) -> Rotation:
     return Rotation.from_quat(np.roll(wxyz, -1))
 
 
-def _second_difference(place: Array, dt: float) -> Array:
-    """Acceleration in each step from places (K + 1, 3); that of the first step is the second's."""
-    rows = len(place) - 1
-    out = np.zeros((rows, 3))
-    if rows > 1:
-        out[1:] = np.diff(place, n=2, axis=0) / dt**2
-        out[0] = out[1]
-    return out
+def _rates(later: Array, rows: int) -> Array:
+    """Rates (K, 3) in all steps from those in the second and later ones; the first step has the second's."""
+    return np.concatenate([later[:1], later]) if rows > 1 else np.zeros((rows, 3))
 
 
 def _angular_momentum(axes: Rotation, inertia: Array, dt: float) -> Array:
@@ -224,14 +218,6 @@ def _angular_momentum(axes: Rotation, inertia: Array, dt: float) -> Array:
         return np.zeros((0, 3))
     rate = (axes[:-1].inv() * axes[1:]).as_rotvec() / dt
     return np.asarray(axes[:-1].apply(inertia * rate))
-
-
-def _first_difference(momentum: Array, rows: int, dt: float) -> Array:
-    out = np.zeros((rows, 3))
-    if rows > 1:
-        out[1:] = np.diff(momentum, axis=0) / dt
-        out[0] = out[1]
-    return out
 
 
 @dataclass(frozen=True)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from validation.paper.figures.canvas import MEASURED, inches, legend_above, shade
+from validation.paper.figures.centroidal import agreement, peak
 from validation.paper.figures.panels import band_legend, curves, difference
 from validation.paper.figures.walks import Walk
 
@@ -20,30 +18,8 @@ SMOOTHING = 0.01
 """Interval over which differences of recorded joint velocities are taken for the dark curve [s]."""
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """How far two curves are apart.
-
-    Attributes:
-        name: what is compared with what.
-        rmse: over all strides, in ``unit``.
-        maximum: likewise.
-        unit: of both.
-    """
-
-    name: str
-    rmse: float
-    maximum: float
-    unit: str
-
-
-def _agreement(name: str, error: Array, unit: str) -> Agreement:
-    return Agreement(name, float(np.sqrt(np.mean(error**2))), float(np.abs(error).max()), unit)
-
-
-def as_numbers(answers: Sequence[Agreement]) -> dict[str, dict[str, float | str]]:
-    """The same for JSON, by name."""
-    return {item.name: {"rmse": item.rmse, "maximum": item.maximum, "unit": item.unit} for item in answers}
+Numbers = dict[str, dict[str, float | str]]
+"""How far two curves are apart, by name."""
 
 
 def com_accelerations(walk: Walk) -> tuple[Array, Array, Array]:
@@ -57,15 +33,15 @@ def com_accelerations(walk: Walk) -> tuple[Array, Array, Array]:
     return planned, walk.ik.acceleration, force - np.array([0.0, 0.0, measured.gravity])
 
 
-def figure_9(walk: Walk) -> tuple[Figure, list[Agreement]]:
+def figure_9(walk: Walk) -> tuple[Figure, Numbers]:
     """COM acceleration along the forward and the lateral axis over one stride."""
     planned, motion, measured = com_accelerations(walk)
     figure, axes = _paper()
-    answers = []
+    answers: Numbers = {}
     for row, (axis, letter, name) in enumerate((("x", "a", "forward"), ("y", "b", "lateral"))):
         upper, lower = axes[2 * row], axes[2 * row + 1]
         tolerance = walk.limit(f"force_{axis}_rmse") / walk.plan.mass
-        error = measured[..., row] - planned[:, row]
+        away, error = motion[:, row] - planned[:, row], measured[..., row] - planned[:, row]
         for panel in (upper, lower):
             shade(panel, walk.double_supports)
         curves(
@@ -76,17 +52,10 @@ def figure_9(walk: Walk) -> tuple[Figure, list[Agreement]]:
         upper.set_ylabel(f"$\\ddot{{{axis}}}_g$ [m/s²]")
         if row == 0:
             legend_above(upper)
-        difference(
-            lower, walk.phase, motion[:, row] - planned[:, row], error, tolerance=tolerance, unit="m/s²"
-        )
+        difference(lower, walk.phase, away, error, tolerance=tolerance, unit="m/s²")
         lower.set_ylabel("less plan")
         band_legend(lower)
-        answers += [
-            _agreement(
-                f"COM acceleration {axis}: motion less plan", motion[:, row] - planned[:, row], "m/s²"
-            ),
-            _agreement(f"COM acceleration {axis}: simulation less plan", error, "m/s²"),
-        ]
+        answers |= peak({f"COM acceleration {axis}": (away, error)}, "m/s²")
     _time_axis(axes, walk)
     return figure, answers
 
@@ -105,18 +74,15 @@ def joint_accelerations(walk: Walk, joint: str, sign: float) -> tuple[Array, Arr
     smooth = (velocity[wide:] - velocity[:-wide]) / (wide * dt)
     time = record.time
     motion = sign * walk.motion_sample.acceleration[:, walk.robot.velocity_indices((joint,))[0]]
-    return (
-        motion,
-        walk.folded(raw, 0.5 * (time[1:] + time[:-1])),
-        walk.folded(smooth, 0.5 * (time[wide:] + time[:-wide])),
-    )
+    between = 0.5 * (time[1:] + time[:-1]), 0.5 * (time[wide:] + time[:-wide])
+    return motion, walk.folded(raw, between[0]), walk.folded(smooth, between[1])
 
 
-def figure_10(walk: Walk) -> tuple[Figure, list[Agreement]]:
+def figure_10(walk: Walk) -> tuple[Figure, Numbers]:
     """Flexion accelerations of the left hip and knee over one stride."""
     leg = walk.robot.description.left_leg
     figure, axes = _paper()
-    answers = []
+    answers: Numbers = {}
     # A positive turn about +y takes a hanging thigh back, and flexes the knee.
     for row, (name, joint, sign) in enumerate((("hip", leg.hip[0], -1.0), ("knee", leg.knee, 1.0))):
         motion, raw, smooth = joint_accelerations(walk, joint, sign)
@@ -138,9 +104,8 @@ def figure_10(walk: Walk) -> tuple[Figure, list[Agreement]]:
         difference(lower, walk.phase, None, error)
         lower.set_ylabel("less IK")
         band_legend(lower)
-        answers.append(
-            _agreement(f"{name} acceleration: simulation ({1e3 * SMOOTHING:.0f} ms) less IK", error, "rad/s²")
-        )
+        what = f"{name} acceleration: simulation ({1e3 * SMOOTHING:.0f} ms) less IK"
+        answers[what] = agreement(error, "rad/s²")
     _time_axis(axes, walk)
     return figure, answers
 

@@ -14,7 +14,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from validation.show.style import figure_style
+from validation.show.style import figure_style, legend
 from validation.store.folders import output_file
 
 Array = NDArray[np.float64]
@@ -70,12 +70,7 @@ def shade(axis: Axes, spans: Iterable[tuple[float, float]]) -> None:
 
 def legend_above(axis: Axes, columns: int = 6) -> None:
     """Legend over the axes, under the title, clear of every curve."""
-    handles, labels = axis.get_legend_handles_labels()
-    axis.legend(
-        handles, labels, loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, borderaxespad=0.1,
-        handlelength=2.0, columnspacing=1.1, handletextpad=0.45, borderpad=0.1,
-    )  # fmt: skip
-    axis.set_title(axis.get_title(loc="left"), pad=6 + 13 * -(-len(labels) // columns))
+    legend(axis, columns, handlelength=2.0, columnspacing=1.1, handletextpad=0.45)
 
 
 def bare(axis: Axes) -> None:
@@ -90,13 +85,8 @@ def bare(axis: Axes) -> None:
 def inches(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
     """Axes by their place on the paper, from its upper left corner [in]."""
     paper_width, paper_height = figure.get_size_inches()
-    box = (
-        left / paper_width,
-        1.0 - (top + height) / paper_height,
-        width / paper_width,
-        height / paper_height,
-    )
-    return figure.add_axes(box)
+    place = (left / paper_width, 1.0 - (top + height) / paper_height)
+    return figure.add_axes((*place, width / paper_width, height / paper_height))
 
 
 def arrow(

@@ -77,14 +77,16 @@ class LessPlan:
         return self.motion[rows, index], self.simulation[:, rows, index]
 
 
+def agreement(error: Array, unit: str) -> dict[str, float | str]:
+    """RMSE and largest value of an error, for the figures' numbers."""
+    rmse, maximum = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
+    return {"rmse": rmse, "maximum": maximum, "unit": unit}
+
+
 def peak(items: Mapping[str, tuple[Array, Array]], unit: str) -> dict[str, dict[str, float | str]]:
-    """RMSE and largest distance of motion and simulation, for the figures' numbers."""
-    said: dict[str, dict[str, float | str]] = {}
-    for name, both in items.items():
-        for who, values in zip(("motion", "simulation"), both, strict=True):
-            said[f"{name}: {who} less plan"] = {
-                "rmse": float(np.sqrt(np.mean(values**2))),
-                "maximum": float(np.abs(values).max()),
-                "unit": unit,
-            }
-    return said
+    """:func:`agreement` of motion and of simulation with the plan."""
+    return {
+        f"{name}: {who} less plan": agreement(values, unit)
+        for name, both in items.items()
+        for who, values in zip(("motion", "simulation"), both, strict=True)
+    }

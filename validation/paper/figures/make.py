@@ -29,38 +29,21 @@ Drawn = tuple[Figure, Mapping[str, Any]]
 """A figure, and what its curves say in numbers."""
 
 
-def _figure_4(walks: Walks) -> Drawn:
-    walk = walks.walk(_MOMENTUM)
-    return geometry.figure_4(walk, _sole(walk)), geometry.numbers(walk, 0)
+def _plane(draw: Callable[[Walk, SoleGeometry], Figure], axis: int) -> Callable[[Walks], Drawn]:
+    """Figure 4 or 5: the plane of one horizontal axis."""
 
+    def figure(walks: Walks) -> Drawn:
+        walk = walks.walk(_MOMENTUM)
+        sole = sole_geometry(walk.trial.planned.request.run.body.height)
+        return draw(walk, sole), geometry.numbers(walk, axis)
 
-def _figure_5(walks: Walks) -> Drawn:
-    walk = walks.walk(_MOMENTUM)
-    return geometry.figure_5(walk, _sole(walk)), geometry.numbers(walk, 1)
-
-
-def _sole(walk: Walk) -> SoleGeometry:
-    return sole_geometry(walk.trial.planned.request.run.body.height)
-
-
-def _figure_7(walks: Walks) -> Drawn:
-    return foot_roll.figure_7(walks)
+    return figure
 
 
 def _figure_8(walks: Walks) -> Drawn:
     walk = walks.walk(_NORMAL)
     com = {f"COM {axis}": walk.less_plan["com"].component(k) for k, axis in enumerate("xyz")}
     return bodies.figure_8(walk), centroidal.peak(com, "m")
-
-
-def _figure_9(walks: Walks) -> Drawn:
-    figure, answers = accelerations.figure_9(walks.walk(_NORMAL))
-    return figure, accelerations.as_numbers(answers)
-
-
-def _figure_10(walks: Walks) -> Drawn:
-    figure, answers = accelerations.figure_10(walks.walk(_NORMAL))
-    return figure, accelerations.as_numbers(answers)
 
 
 def _figure_11(walks: Walks) -> Drawn:
@@ -75,20 +58,16 @@ def _figure_12(walks: Walks) -> Drawn:
     return bodies.figure_12(*pair), {walk.label: bodies.numbers(walk) for walk in pair}
 
 
-def _human(walks: Walks) -> Drawn:
-    return human.figure_human(walks)
-
-
 FIGURES: Mapping[str, tuple[str, Callable[[Walks], Drawn]]] = {
-    "4": ("figure-04", _figure_4),
-    "5": ("figure-05", _figure_5),
-    "7": ("figure-07", _figure_7),
+    "4": ("figure-04", _plane(geometry.figure_4, 0)),
+    "5": ("figure-05", _plane(geometry.figure_5, 1)),
+    "7": ("figure-07", foot_roll.figure_7),
     "8": ("figure-08", _figure_8),
-    "9": ("figure-09", _figure_9),
-    "10": ("figure-10", _figure_10),
+    "9": ("figure-09", lambda walks: accelerations.figure_9(walks.walk(_NORMAL))),
+    "10": ("figure-10", lambda walks: accelerations.figure_10(walks.walk(_NORMAL))),
     "11": ("figure-11", _figure_11),
     "12": ("figure-12", _figure_12),
-    "human": ("human", _human),
+    "human": ("human", human.figure_human),
 }
 """What can be asked for: name of the files, and what draws it."""
 
