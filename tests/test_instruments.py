@@ -16,18 +16,7 @@ from ampm.run_file import load_run
 from models.human import build
 from tests.saved_run import make_run
 from validation.cli.app import Status, call
-from validation.measure.instruments.chain import (
-    BIAS,
-    CROSS_TALK,
-    DELAY,
-    FILTER,
-    NOISE,
-    QUANTISATION,
-    SAMPLING,
-    SATURATION,
-    Chain,
-    RandomStreams,
-)
+from validation.measure.instruments.chain import Chain, RandomStreams
 from validation.measure.instruments.columns import columns_of
 from validation.measure.instruments.model import (
     PRESETS,
@@ -70,6 +59,12 @@ def record(run_dir):
     return load_record(run_dir)
 
 
+@pytest.fixture
+def walked(run_of):
+    """Record of a walk, whose bodies move as the floor's forces say."""
+    return load_record(run_of("normal", steps=8))
+
+
 @pytest.fixture(scope="module")
 def human():
     run = load_run("normal", ())
@@ -87,13 +82,13 @@ def look(table, record, human, key="run"):
 def test_bias_is_a_constant_within_its_bound():
     truth = np.sin(np.arange(500.0))[:, None]
     for bias in (0.4, 0.0):
-        error = chain(Channel(bias=bias, offset=2.0), rows=500).read(truth, {BIAS}) - truth
+        error = chain(Channel(bias=bias, offset=2.0), rows=500).read(truth, {"bias"}) - truth
         assert np.ptp(error) < 1e-12
         assert abs(error[0, 0] - 2.0) <= bias + 1e-12
 
 
 def test_noise_without_a_filter_fills_the_whole_band():
-    read = chain(Channel(noise=0.1)).read(np.zeros((20_000, 1)), {NOISE})
+    read = chain(Channel(noise=0.1)).read(np.zeros((20_000, 1)), {"noise"})
     assert rms(read) == pytest.approx(0.1 * math.sqrt(0.5 / DT), rel=0.02)
     assert abs(read.mean()) < 5 * rms(read) / math.sqrt(len(read))
 
@@ -103,14 +98,14 @@ def test_noise_through_a_low_pass_has_its_noise_bandwidth(order, cutoff):
     acquisition = Acquisition(cutoff=cutoff, order=order)
     frequency, response = sosfreqz(butter(order, cutoff, fs=1 / DT, output="sos"), worN=8192, fs=1 / DT)
     bandwidth = np.trapezoid(np.abs(response) ** 2, frequency)
-    read = chain(Channel(noise=0.1), acquisition, rows=200_000).read(np.zeros((200_000, 1)), {NOISE})
+    read = chain(Channel(noise=0.1), acquisition, rows=200_000).read(np.zeros((200_000, 1)), {"noise"})
     assert rms(read) == pytest.approx(0.1 * math.sqrt(bandwidth), rel=0.03)
     assert rms(read[:200]) == pytest.approx(rms(read), rel=0.5), "noise is there from the start"
 
 
 def test_quantisation_errs_by_its_step_over_root_twelve():
     truth = np.cumsum(np.random.default_rng(0).normal(size=(20_000, 1)), axis=0)
-    read = chain(Channel(resolution=0.25)).read(truth, {QUANTISATION})
+    read = chain(Channel(resolution=0.25)).read(truth, {"quantisation"})
     assert rms(read - truth) == pytest.approx(0.25 / math.sqrt(12), rel=0.02)
     np.testing.assert_array_equal(read / 0.25, np.round(read / 0.25))
 
@@ -121,7 +116,7 @@ def test_delay_errs_by_the_delay_times_the_slope():
     slope = 2 * np.pi * 0.7 * np.cos(2 * np.pi * 0.7 * time)[:, None]
     for delay in (0.004, 0.0035):
         late = chain(Channel(), Acquisition(delay=delay), rows=5000)
-        error = (late.read(truth, {DELAY}) - truth)[10:]
+        error = (late.read(truth, {"delay"}) - truth)[10:]
         np.testing.assert_allclose(error, -delay * slope[10:], atol=2e-4)
         assert late.latency() == pytest.approx(delay, rel=1e-6)
 
@@ -133,34 +128,34 @@ def test_low_pass_is_a_causal_butterworth():
         butter(2, 30.0, fs=1 / DT, output="sos"), worN=[2 * np.pi * 10.0 * DT, 2 * np.pi * 0.1 * DT]
     )
     seen = chain(Channel(), acquisition)
-    read = seen.read(np.cos(2 * np.pi * 10.0 * time)[:, None], {FILTER})[5000:, 0]
+    read = seen.read(np.cos(2 * np.pi * 10.0 * time)[:, None], {"filter"})[5000:, 0]
     expected = np.abs(response[0]) * np.cos(2 * np.pi * 10.0 * time[5000:] + np.angle(response[0]))
     np.testing.assert_allclose(read, expected, atol=1e-9)
     assert seen.latency() == pytest.approx(-np.angle(response[1]) / (2 * np.pi * 0.1), rel=1e-3)
-    step = seen.read(np.full((20_000, 1), 5.0), {FILTER})
+    step = seen.read(np.full((20_000, 1), 5.0), {"filter"})
     np.testing.assert_allclose(step, 5.0, atol=1e-9)  # no transient at the start
 
 
 def test_sampling_holds_each_sample():
     time = times(5000)
     held = chain(Channel(), Acquisition(rate=100.0), rows=5000)
-    read = held.read(time[:, None], {SAMPLING})[:, 0]
+    read = held.read(time[:, None], {"sampling"})[:, 0]
     np.testing.assert_allclose(read, np.floor(time * 100.0 + 1e-6) / 100.0, atol=1e-12)
     assert held.latency() == pytest.approx(0.004, rel=1e-6)  # of ages 0, 2, ... 8 ms
     every = chain(Channel(), Acquisition(rate=500.0), rows=5000)
-    np.testing.assert_array_equal(every.read(time[:, None], {SAMPLING})[:, 0], time)
+    np.testing.assert_array_equal(every.read(time[:, None], {"sampling"})[:, 0], time)
 
 
 def test_range_cuts_off():
     truth = np.linspace(-3, 3, 101)[:, None]
-    read = chain(Channel(range=1.5), rows=101).read(truth, {SATURATION})
+    read = chain(Channel(range=1.5), rows=101).read(truth, {"saturation"})
     np.testing.assert_array_equal(read, np.clip(truth, -1.5, 1.5))
 
 
 def test_cross_talk_is_a_share_of_the_other_channels_range():
     channels = [Channel(range=10.0), Channel(range=200.0)]
     pair = Chain(channels, Acquisition(), RandomStreams(1, "a"), times(3), DT, cross_talk=0.02)
-    read = pair.read(np.array([[0.0, 100.0]] * 3), {CROSS_TALK})
+    read = pair.read(np.array([[0.0, 100.0]] * 3), {"cross_talk"})
     assert 0 < abs(read[0, 0]) <= 0.02 * 10.0 * 0.5
     assert read[0, 1] == 100.0
 
@@ -186,9 +181,9 @@ def test_draws_depend_on_seed_run_and_use():
 
 
 @pytest.mark.parametrize("table", [FACTS, {"kind": "foot-ft"}, {"kind": "foot-ft", "pose": "encoders"}])
-def test_a_faultless_instrument_shows_the_truth(table, record, human, run_of):
+def test_a_faultless_instrument_shows_the_truth(table, record, human, request):
     if table.get("pose") == "encoders":  # the other record's legs swing as they like
-        record = load_record(run_of("normal", steps=8))
+        record = request.getfixturevalue("walked")
     seen = look(table, record, human)
     np.testing.assert_allclose(seen.zmp, seen.true_zmp, atol=1e-12)
     np.testing.assert_array_equal(seen.readings, seen.signals)
@@ -240,9 +235,9 @@ def test_phases_are_those_of_the_measured_contacts(record, human):
 
 
 def test_same_seed_and_run_give_the_same_readings(record, human):
-    first, again = (look({**FACTS, "force_z": {"noise": 0.1, "bias": 2.0}}, record, human) for _ in "ab")
+    table = {**FACTS, "force_z": {"noise": 0.1, "bias": 2.0}}
+    first, again, other = (look(table, record, human, key) for key in ("run", "run", "other"))
     np.testing.assert_array_equal(first.readings, again.readings)
-    other = look({**FACTS, "force_z": {"noise": 0.1, "bias": 2.0}}, record, human, key="other")
     assert not np.array_equal(first.readings, other.readings)
     assert first.drawn["bias_left_force_z"] != first.drawn["bias_right_force_z"]
     assert abs(first.drawn["bias_left_force_z"]) <= 2.0
@@ -280,27 +275,24 @@ def test_foot_sensor_feels_what_mujocos_own_sensor_feels(run_of):
     assert (error < 2e-3 * size + 5e-3).all(), (error, size)
 
 
-def test_uncompensated_foot_weight_is_an_error_of_the_method(run_of, human):
-    record = load_record(run_of("normal", steps=8))
+def test_uncompensated_foot_weight_is_an_error_of_the_method(walked, human):
     size = {
-        how: look({"kind": "foot-ft", "compensation": how}, record, human).errors["run"].rmse[0]
+        how: look({"kind": "foot-ft", "compensation": how}, walked, human).errors["run"].rmse[0]
         for how in ("none", "weight", "inertia")
     }
     assert size["inertia"] < 1e-12 < size["weight"] < size["none"]
 
 
 @pytest.mark.parametrize("mount", ["pelvis", "chest"])
-def test_a_perfect_imu_feels_the_motion(run_of, human, mount):
-    record = load_record(run_of("normal", steps=8))
-    seen = look({"kind": "imu", "mount": mount}, record, human)
+def test_a_perfect_imu_feels_the_motion(walked, human, mount):
+    seen = look({"kind": "imu", "mount": mount}, walked, human)
     assert np.abs(seen.signals[:, 3:].mean(axis=0)[2]) == pytest.approx(9.81, abs=0.5)
     if mount == "pelvis":
-        np.testing.assert_array_equal(seen.signals[:, :3], record.qd[:-1, 3:6])
+        np.testing.assert_array_equal(seen.signals[:, :3], walked.qd[:-1, 3:6])
     np.testing.assert_allclose(seen.errors_of_readings["run"].rmse, 0.0, atol=1e-12)
-    tilted = look({"kind": "imu", "mount": mount, "tilt": 0.02}, record, human)
-    height = record.com[:, 2].mean()
+    tilted = look({"kind": "imu", "mount": mount, "tilt": 0.02}, walked, human)
     # A tilt moves the ZMP by height times angle, but for the accelerations.
-    expected = height * abs(tilted.drawn["tilt_x"])
+    expected = walked.com[:, 2].mean() * abs(tilted.drawn["tilt_x"])
     assert abs(tilted.causes["tilt"]["run"].bias[1]) == pytest.approx(expected, rel=0.1)
 
 

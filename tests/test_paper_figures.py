@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
+import runpy
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,24 +17,14 @@ from ampm.run_file import load_run
 from models.human import sole_geometry
 from tests.solved import COARSE, motion_of, walk_of
 from validation.cli.app import Status, call
-from validation.paper.figures import FIGURES, make_figures
+from validation.paper.figures import FIGURES, human, make_figures
 from validation.paper.figures.accelerations import com_accelerations, figure_9, figure_10, joint_accelerations
 from validation.paper.figures.bodies import figure_8, figure_11, figure_12, numbers, trunk
 from validation.paper.figures.canvas import save, style
 from validation.paper.figures.centroidal import of_motion
 from validation.paper.figures.foot_roll import joint_jumps
 from validation.paper.figures.geometry import figure_4, figure_5
-from validation.paper.figures.human import (
-    HUMAN_FORCE,
-    HUMAN_MOMENTUM,
-    SPEEDS,
-    _forces,
-    human_force,
-    measured_range,
-    peaks,
-    ranges,
-    scale,
-)
+from validation.paper.figures.human import HUMAN_FORCE, HUMAN_MOMENTUM, SPEEDS
 from validation.paper.figures.panels import SPREAD
 from validation.paper.figures.skeleton import pose
 from validation.paper.figures.walks import Walk, Walks
@@ -59,10 +49,8 @@ def paper():
 
 
 def test_figures_are_written_as_svg_and_png_and_never_lost(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(
-        "validation.paper.figures.make.FIGURES",
-        {name: (f"figure-0{name}", lambda walks: (Figure(), {})) for name in "45"},
-    )
+    figures: dict[str, tuple] = {name: (f"figure-0{name}", lambda _: (Figure(), {})) for name in "45"}
+    monkeypatch.setattr("validation.paper.figures.make.FIGURES", figures)
     out = tmp_path / "new" / "out"
     assert call(["figures", "--out", str(out), "--only", "4,5"]) == Status.PASS
     files = sorted(path.name for path in out.iterdir())
@@ -75,25 +63,23 @@ def test_figures_are_written_as_svg_and_png_and_never_lost(tmp_path, monkeypatch
 
 
 def test_unknown_figures_and_too_short_walks_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"no figure '6'; the figures are 4, 5, 7"):
-        make_figures(tmp_path, "4,6")
-    with pytest.raises(InputError, match="no figure"):
-        make_figures(tmp_path, "")
-    with pytest.raises(InputError, match="take 4 or more"):
-        make_figures(tmp_path, "8", steps=3)
     file = tmp_path / "file"
     file.write_text("mine")
-    with pytest.raises(InputError, match="is a file"):
-        make_figures(file, "4")
+    for out, only, steps, words in (
+        (tmp_path, "4,6", 12, r"no figure '6'; the figures are 4, 5, 7"),
+        (tmp_path, "", 12, "no figure"),
+        (tmp_path, "8", 3, "take 4 or more"),
+        (file, "4", 12, "is a file"),
+    ):
+        with pytest.raises(InputError, match=words):
+            make_figures(out, only, steps)
     assert file.read_text() == "mine"
 
 
 def test_numbers_of_earlier_figures_are_kept(tmp_path, monkeypatch):
     drawn = {name: lambda walks, name=name: (Figure(), {"said": name}) for name in ("8", "9")}
-    monkeypatch.setattr(
-        "validation.paper.figures.make.FIGURES",
-        {name: (f"figure-{name}", draw) for name, draw in drawn.items()},
-    )
+    figures = {name: (f"figure-{name}", draw) for name, draw in drawn.items()}
+    monkeypatch.setattr("validation.paper.figures.make.FIGURES", figures)
     make_figures(tmp_path, "8")
     paths = make_figures(tmp_path, "9")
     assert json.loads(paths[-1].read_text()) == {"figure-8": {"said": "8"}, "figure-9": {"said": "9"}}
@@ -251,11 +237,7 @@ def test_tables_of_the_pages_are_those_of_the_figures_numbers():
     """No number of a table is written by hand: ``python docs/images/paper.py --tables`` changes nothing."""
     pytest.importorskip("matplotlib")
     path = Path(__file__).parent.parent / "docs" / "images" / "paper.py"
-    spec = importlib.util.spec_from_file_location("docs_images_paper", path)
-    assert spec is not None
-    assert spec.loader is not None
-    paper = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(paper)
+    paper = SimpleNamespace(**runpy.run_path(str(path)))
     written = json.loads((paper.FOLDER / "figures.json").read_text(encoding="utf-8"))
     assert set(paper.TABLES) <= set(written)
     assert paper.PAGE.read_text(encoding="utf-8") == paper.page(written)
@@ -286,14 +268,14 @@ def test_the_papers_swing_lets_the_joints_jump_and_ours_does_not():
 
 def test_momentum_is_normalised_by_mass_speed_and_height(walk):
     plan = walk.plan.centroidal
-    assert scale(plan) == pytest.approx(60.0 * 0.6 / plan.constants.step_duration * plan.com_height)
-    found = peaks(walk)
-    assert found["y"] * scale(plan) == pytest.approx(plan.constants.angular_momentum_y_offset, abs=0.3)
+    assert human.scale(plan) == pytest.approx(60.0 * 0.6 / plan.constants.step_duration * plan.com_height)
+    found = human.peaks(walk)
+    assert found["y"] * human.scale(plan) == pytest.approx(plan.constants.angular_momentum_y_offset, abs=0.3)
     assert found["x"] < HUMAN_MOMENTUM["x"]
 
 
 def test_human_range_is_about_the_pendulum_without_momentum():
-    found = ranges(load_run("normal"))
+    found = human.ranges(load_run("normal"))
     for key in ("c_y", "c_s"):
         assert found[key]["low"] < 1.0 < found[key]["high"]
         index = int(np.argmin(found[key]["peaks"]))
@@ -309,7 +291,7 @@ def test_measured_range_is_found_by_walking_and_stays_within():
         walked.append(value)
         return abs(0.3 * (value - 1.0) - 0.01)
 
-    found = measured_range(peak, "c_s", 1 - 0.05 / 0.3, 1 + 0.05 / 0.3)
+    found = human.measured_range(peak, "c_s", 1 - 0.05 / 0.3, 1 + 0.05 / 0.3)
     assert found["low"] == pytest.approx(1 - 0.04 / 0.3, abs=0.005)
     assert found["high"] == pytest.approx(1 + 0.06 / 0.3, abs=0.005)
     assert peak(found["low"]) <= 0.05
@@ -318,7 +300,7 @@ def test_measured_range_is_found_by_walking_and_stays_within():
 
 
 def test_peoples_force_has_two_humps_and_says_whose_it_is():
-    people = human_force()
+    people = human.human_force()
     share = people["stance_percent"]
     assert (share[0], share[-1], len(share)) == (0.0, 100.0, 51)
     for speed in SPEEDS:
@@ -337,7 +319,7 @@ def test_peoples_force_has_two_humps_and_says_whose_it_is():
 
 def test_one_foot_carries_the_weight_without_a_double_hump(walk):
     figure = Figure()
-    said = _forces(list(figure.subplots(1, 3)), walk)
+    said = human._forces(list(figure.subplots(1, 3)), walk)
     assert 0.98 < said["vertical"]["simulated_largest"] < 1.06
     assert said["vertical"]["simulated_valley"] > 0.98
     assert said["medial"]["simulated_largest"] > 0.0

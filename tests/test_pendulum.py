@@ -24,14 +24,9 @@ G = 9.81
 H = 0.88
 MASS = 60.0
 GOLDEN = {
-    "com_height": H,
-    "step_length": 0.6,
-    "single_support_ratio": 0.7,
-    "switching_velocity": 1.0,
-    "inverse_a_s": 0.25,
-    "c_s": 1.2,
-    "gravity": G,
-}
+    "com_height": H, "step_length": 0.6, "single_support_ratio": 0.7, "switching_velocity": 1.0,
+    "inverse_a_s": 0.25, "c_s": 1.2, "gravity": G,
+}  # fmt: skip
 C_Y, W = 0.6, 0.09
 
 
@@ -43,13 +38,9 @@ def sagittal():
 @pytest.fixture(scope="module")
 def frontal(sagittal):
     return frontal_plane(
-        com_height=H,
-        half_width=W,
-        c_y=C_Y,
-        single_support_duration=sagittal.single.duration,
-        double_support_duration=sagittal.double.duration,
-        gravity=G,
-    )
+        com_height=H, half_width=W, c_y=C_Y, single_support_duration=sagittal.single.duration,
+        double_support_duration=sagittal.double.duration, gravity=G,
+    )  # fmt: skip
 
 
 # --- the laws ---
@@ -86,10 +77,7 @@ def test_odd_double_integral_joins_where_the_series_ends():
         assert below == pytest.approx(above, rel=1e-11)
 
 
-@given(
-    tau=st.floats(min_value=1e-6, max_value=1.0),
-    half_angle=st.floats(min_value=1e-6, max_value=100.0),
-)
+@given(tau=st.floats(1e-6, 1.0), half_angle=st.floats(1e-6, 100.0))
 def test_the_root_of_double_support(tau, half_angle):
     def equation(rho):
         return rho * math.atan2(rho, tau) - half_angle
@@ -137,22 +125,13 @@ def test_mid_stance_speed_near_the_least_speed_keeps_its_digits():
     assert plane.single.evaluate(plane.single.duration).position == pytest.approx(0.21, rel=1e-12)
 
 
-@given(
-    inverse_a_s=st.floats(min_value=0.0, max_value=1.5),
-    c_s=st.floats(min_value=0.1, max_value=3.0),
-    share=st.floats(min_value=0.05, max_value=0.95),
-)
+@given(inverse_a_s=st.floats(0.0, 1.5), c_s=st.floats(0.1, 3.0), share=st.floats(0.05, 0.95))
 @settings(max_examples=100)
 def test_the_bracket_of_double_support_is_negative_where_the_other_is_positive(inverse_a_s, c_s, share):
     if c_s - inverse_a_s < 1e-3:
         return
-    values = {
-        "inverse_a_s": inverse_a_s,
-        "c_s": c_s,
-        "single_support_ratio": share,
-        "switching_velocity": 50.0,
-    }
-    plane = sagittal_plane(**{**GOLDEN, **values})
+    shape = {"inverse_a_s": inverse_a_s, "c_s": c_s, "single_support_ratio": share}
+    plane = sagittal_plane(**{**GOLDEN, **shape, "switching_velocity": 50.0})
     assert plane.double.rate < 0.0
     bracket = plane.double.force_slope - plane.double.zmp_slope
     assert plane.double.rate == pytest.approx(G / H * bracket, rel=1e-9)
@@ -187,15 +166,7 @@ def general_law(duration):
     position = x * math.cosh(k * middle) + v / k * math.sinh(k * middle)
     velocity = x * k * math.sinh(k * middle) + v * math.cosh(k * middle)
     origin = -D / C
-    return origin, AffineLaw(
-        rate=k * k,
-        zmp_slope=A,
-        force_slope=C + A,
-        duration=duration,
-        even=position,
-        odd=velocity / k,
-        zmp_offset=A * origin + B - origin,
-    )
+    return origin, AffineLaw(k * k, A, C + A, duration, position, velocity / k, A * origin + B - origin)
 
 
 def test_the_general_law_moves_and_turns_as_integrated():
