@@ -1,4 +1,4 @@
-"""What the rest of the code must know of a body: which joints, soles and segments are what.
+"""Description of a body for the rest of the code: its joints, soles and segments by role.
 
 The model's builder fills one :class:`BodyDescription`; nothing else in the project names a joint.
 """

@@ -245,7 +245,7 @@ class Relation:
         return getattr(operator, self.comparison)(value, self.factor * other)
 
     def error(self, value: float, other: float) -> InputError:
-        """What is said where it does not hold."""
+        """Message where it does not hold."""
         words = {"ge": "at least", "le": "at most"}[self.comparison]
         factor = "" if self.factor == 1.0 else f"{self.factor:g} times "
         limit = f"must be {words} {factor}{self.other} = {self.factor * other:g}"

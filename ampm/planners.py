@@ -18,7 +18,7 @@ from ampm.walk import Boundary, WalkPlan
 
 @dataclass(frozen=True)
 class WalkRequest:
-    """What a planner is asked for.
+    """Request to a planner.
 
     Attributes:
         run: parameters of gait, body, feet and controller.

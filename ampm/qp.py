@@ -94,7 +94,7 @@ class QPSettings:
 
 
 class QPBackend(Protocol):
-    """What controller and inverse kinematics need of a solver."""
+    """Interface of a solver for controller and inverse kinematics."""
 
     def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
         """Solve with new numbers.

@@ -133,7 +133,7 @@ _LARGEST_INTEGER = 2**53  # whole numbers beyond are not exact as floats
 
 @cache
 def key_info(key: str) -> KeyInfo:
-    """What is known of a key, from the field of its section.
+    """Information about a key, from the field of its section.
 
     Raises:
         InputError: there is none of this name; the nearest is named.

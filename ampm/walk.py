@@ -118,7 +118,7 @@ class PostureState(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """What a controller follows at one instant; T instants have a leading axis.
+    """Reference of a controller at one instant; T instants have a leading axis.
 
     Attributes:
         time: [s].
@@ -367,7 +367,7 @@ class State(NamedTuple):
 
 
 class Touch(NamedTuple):
-    """What the soles sense.
+    """Contact readings of the soles.
 
     Attributes:
         contact: sole points in contact, shape (P,), bool.
@@ -383,7 +383,7 @@ SOLVED, LIMITED, UNSOLVED = 0, 1, 2
 
 
 class ControlOutput(NamedTuple):
-    """What one tick decided. Only the torque is needed; what a controller does not have stays None or NaN.
+    """Output of one tick. Only the torque is needed; the others may stay None or NaN.
 
     Attributes:
         torque: joint torques, shape (nu,) [N m].

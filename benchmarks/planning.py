@@ -1,4 +1,4 @@
-"""What is done once per gait: the plan, and the periodic whole-body motion."""
+"""Times of what is done once per gait: the plan, and the periodic whole-body motion."""
 
 from __future__ import annotations
 

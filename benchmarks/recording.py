@@ -1,4 +1,4 @@
-"""What a recording costs: its share of a run's time and its size, in a process as a user has it."""
+"""Cost of a recording: its share of a run's time and its size, in a process as a user has it."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ controller.com_damping = {{ from = 14.5, to = 15.5 }}
 
 @dataclass(frozen=True)
 class SweepTiming:
-    """What was found; times in seconds of the wall clock.
+    """Times of a sweep, in seconds of the wall clock.
 
     Attributes:
         gait, steps, runs: what was swept.

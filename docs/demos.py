@@ -120,7 +120,7 @@ def _cost(name: str, summary: dict[str, Any], swing: dict[str, float]) -> Iterat
 
 
 def _limit(preset: str, c_s: float, *settings: str, tune: bool = False) -> tuple[str, ...]:
-    """What becomes of one c_s."""
+    """Result for one c_s."""
     chosen = (*settings, f"gait.c_s={c_s}")
     gait = load_request(preset, chosen).run.gait
     head = (f"{gait.step_length:g}, {gait.switching_velocity:g}", f"{c_s:g}")
@@ -166,7 +166,7 @@ def _trunk(name: str) -> tuple[float, float]:
 def _trial(
     gait: str, settings: Sequence[str], profile: str, *, tune: bool = False
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """What ``ampm validate --json`` says of one gait, and its angular momentum, peak to peak [N m s]."""
+    """Output of ``ampm validate --json`` for one gait, and its angular momentum, peak to peak [N m s]."""
     program = Path(sys.executable).with_name("ampm")
     with tempfile.TemporaryDirectory() as folder:
         command = [str(program), "validate", gait, "--profile", profile, "--json", "--out", f"{folder}/run"]

@@ -83,7 +83,7 @@ def _cost(summary: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _trial(*arguments: str) -> dict[str, Any]:
-    """What ``ampm validate --json`` says of one gait."""
+    """Output of ``ampm validate --json`` for one gait."""
     program = Path(sys.executable).with_name("ampm")
     with tempfile.TemporaryDirectory() as folder:
         command = [str(program), "validate", *arguments, "--profile", PROFILE, "--json"]

@@ -1,4 +1,4 @@
-"""What the scripts of this folder share: tables in pages, between marks."""
+"""Helpers shared by the scripts of this folder: tables in pages, between marks."""
 
 from __future__ import annotations
 

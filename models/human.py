@@ -87,7 +87,7 @@ class _Inertial:
         return _Inertial(mass, com, self.about(com) + other.about(com))
 
     def minus(self, part: _Inertial) -> _Inertial:
-        """What is left when ``part`` is cut off."""
+        """The remainder when ``part`` is cut off."""
         mass = self.mass - part.mass
         com = (self.mass * self.com - part.mass * part.com) / mass
         return _Inertial(mass, com, self.about(com) - part.about(com))

@@ -84,7 +84,7 @@ def ampm(*arguments: str | Path, json_out: bool = True) -> tuple[int, Any]:
 
 
 def values_of(*arguments: str | Path) -> Values:
-    """What ``ampm`` says, by path."""
+    """Output of ``ampm``, by path."""
     status, answer = ampm(*arguments)
     return {"status": status, **leaves(answer)}
 

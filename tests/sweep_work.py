@@ -1,4 +1,4 @@
-"""What workers do in the tests of the sweep's execution: no physics, but every way to go wrong."""
+"""Work for the tests of the sweep's execution: no physics, but every kind of failure."""
 
 from __future__ import annotations
 

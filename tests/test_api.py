@@ -1,4 +1,4 @@
-"""What a researcher writes: ``import ampm, validation as val``."""
+"""Public API: ``import ampm, validation as val``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user adds to a walk: pushes, a force of his own, a controller of his own."""
+"""Additions to a walk: pushes, a user's own force, a user's own controller."""
 
 from __future__ import annotations
 

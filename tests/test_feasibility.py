@@ -1,4 +1,4 @@
-"""What a body refuses by soles and legs alone: each refusal names value, limit and a way out."""
+"""Refusals by soles and legs alone: each names value, limit and a way out."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What drives what: known influences are found, chance is not, and silence where nothing can be said."""
+"""Influence: known influences are found, chance is not, and too few runs give none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a sweep does around the walks: folders, resume, rows that need no walk, recordings, exit statuses."""
+"""Execution of a sweep: folders, resume, rows that need no walk, recordings, exit statuses."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def entities(path: Path) -> set[str]:
 
 
 def last_static(path: Path, entity: str, column: str) -> list[object]:
-    """What the viewer shows of a static component: the newest by row id."""
+    """Value of a static component in the viewer: the newest by row id."""
     rows = []
     for chunk in RrdReader(path).stream():
         batch = chunk.to_record_batch()

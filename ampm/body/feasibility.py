@@ -1,4 +1,4 @@
-"""What a body refuses: checks of plan and soles before anything is solved, and of the solved motion."""
+"""Refusals by the body: checks of plan and soles before anything is solved, and of the solved motion."""
 
 from __future__ import annotations
 

@@ -181,7 +181,7 @@ class InverseKinematics:
         return error[self.position_rows]
 
     def _miss(self, reference: StepReference, k: int, error: Array) -> Unreachable:
-        """What an error of the position rows at node k says."""
+        """Message for an error of the position rows at node k."""
         com, left, right = (
             float(np.abs(error[part]).max()) for part in (slice(0, 3), slice(3, 9), slice(9, 15))
         )

@@ -210,7 +210,7 @@ class Robot:
     # ------------------------------------------------------------------ terms
 
     def _points_in_frames(self) -> Array:
-        """What is fixed to left sole, left toes, right sole and right toes, homogeneous, shape (4, 4, 4).
+        """Points fixed to left sole, left toes, right sole and right toes, homogeneous, shape (4, 4, 4).
 
         Soles: heel and ball points. Toes: tip points, and of each the direction ``e_y x point``, which turned
         to world is the toe joint's moment per force at that point.

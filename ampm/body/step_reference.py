@@ -1,4 +1,4 @@
-"""What one step of a plan asks of a body: its tasks on a grid of times."""
+"""Tasks of a body over one step of a plan, on a grid of times."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ Groups = list[list[bool]]
 
 
 class Contact(NamedTuple):
-    """What may carry force at one tick; lists by foot and group.
+    """Contacts that may carry force at one tick; lists by foot and group.
 
     Attributes:
         planned: planned in contact.

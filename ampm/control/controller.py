@@ -276,7 +276,7 @@ def _usable(solution: QPSolution) -> bool:
 
 
 def _both(first: QPSolution, second: QPSolution) -> QPSolution:
-    """What two solves of one tick cost together; the second's answer."""
+    """Summed cost of two solves of one tick; the second's solution."""
     return QPSolution(
         second.x,
         second.status,

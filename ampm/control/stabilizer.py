@@ -1,4 +1,4 @@
-"""What is asked of the body as a whole: its momentum rate, which is the net wrench of the ground."""
+"""Wanted momentum rate of the body, which is the net wrench of the ground."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class WrenchCommand(NamedTuple):
-    """What the stabiliser asks for, in plain numbers.
+    """Command of the stabiliser, in plain numbers.
 
     Attributes:
         com: COM that the wrench refers to, three numbers [m].

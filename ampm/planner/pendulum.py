@@ -48,7 +48,7 @@ _LARGEST_COSH = 700.0  # argument at which cosh still fits a double
 
 
 class LawState(NamedTuple):
-    """What a law says at some times; every field has the broadcast shape of law and times.
+    """State of a law at some times; every field has the broadcast shape of law and times.
 
     Attributes:
         position: COM from the law's origin [m].

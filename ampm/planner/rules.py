@@ -1,4 +1,4 @@
-"""What has no plan: one table of rules, which reads one gait or arrays of gaits."""
+"""Rules that refuse a gait: one table, which reads one gait or arrays of gaits."""
 
 from __future__ import annotations
 
@@ -203,7 +203,7 @@ class Rule:
         return broken if self.applies is None else broken & getattr(gaits, self.applies)
 
     def refusal(self, gait: Gaits) -> MathematicalRefusal:
-        """What is said of one gait that breaks the rule."""
+        """Message for one gait that breaks the rule."""
         value, limit = float(getattr(gait, self.value)), float(self._limit(gait))
         message, way_out = (
             text.format(g=gait, value=value, limit=limit) for text in (self.message, self.way_out)
@@ -295,7 +295,7 @@ RULES: tuple[Rule, ...] = (
 """All rules, in the order in which they are applied: a gait is refused by the first that it breaks."""
 
 REASONS = ("accepted", *dict.fromkeys(rule.reason for rule in RULES))
-"""What :func:`screen` can find; a code is a place in here."""
+"""Results of :func:`screen`; a code is an index into this."""
 
 
 def screen(gaits: Gaits) -> NDArray[np.int8]:

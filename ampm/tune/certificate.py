@@ -1,4 +1,4 @@
-"""What a refused search leaves behind: the limit that stayed broken, and the best that was reached."""
+"""Result of a refused search: the limit that stayed broken, and the best value reached."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def untunable(search: ChoiceSearch, best: Candidate | None, farthest: Approach |
 
 
 def way_out(limit: str, run: RunParameters, fixed: Collection[str]) -> str:
-    """What would make a refused gait easier, as far as it has not been done already.
+    """Changes that would make a refused gait easier and are not made yet.
 
     Args:
         limit: name in :data:`ampm.tune.gait_limits.LIMITS`, or another.

@@ -1,4 +1,4 @@
-"""What the paper leaves to be "set manually": the free choices of a gait, their ranges, and a first guess."""
+"""Free choices of a gait, which the paper has "set manually": their ranges, and a first guess."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ _ROWS: tuple[tuple[str, str, str, float, float, str], ...] = (
     ("arms_torque", "largest share of an arm joint's torque limit", "1", 1.0, 0.8, "torque_limits"),
 )  # fmt: skip
 LIMITS: Mapping[str, Limit] = MappingProxyType({row[0]: Limit(*row[1:]) for row in _ROWS})
-"""What a choice is judged by."""
+"""Limits that a choice is judged by."""
 
 
 def mid_stance_share(gait: GaitParameters) -> float:
@@ -137,7 +137,7 @@ def step_instants(plan: AnyPlan) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescription) -> dict[str, float]:
-    """What plan and feet alone say, by name in :data:`LIMITS`, in its unit."""
+    """Values that plan and feet alone give, by name in :data:`LIMITS`, in its unit."""
     times, double = step_instants(plan)
     margin, force = plan.zmp_margin(times), plan.sample(times).force
     feet = plan.feet.sample(times)
@@ -159,7 +159,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
 
 
 def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, float]:
-    """What the periodic step says, by name in :data:`LIMITS`, in its unit."""
+    """Values that the periodic step gives, by name in :data:`LIMITS`, in its unit."""
     angles = orbit.trajectory.q[:, 7:]
     margin = np.minimum(angles - robot.lower, robot.upper - angles).min(axis=0)
     torque, twist = step_torques(orbit, plan, robot)

@@ -60,7 +60,7 @@ class RoughOrbits:
         self.ik = InverseKinematics(robot, run)
 
     def difference(self, a: Orbit, b: Orbit) -> Array:
-        """What leads from one orbit to another.
+        """Difference between two orbits.
 
         Returns:
             (2 nv + 1,) tangent of the start configuration, both bodies brought to one place, change of the

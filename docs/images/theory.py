@@ -239,7 +239,7 @@ def plan_of(name: str, *settings: str) -> CentroidalPlan:
 
 
 def switches() -> None:
-    """What the misprints of Eqs. 4, 6 and 7 do at the first switch, against the plan."""
+    """Effect of the misprints of Eqs. 4, 6 and 7 at the first switch, against the plan."""
     figure, panels = plt.subplots(1, 3, figsize=(10.2, 2.9))
     plan = plan_of("momentum")
     gait, constants = load_run("momentum").gait, plan.constants

@@ -1,4 +1,4 @@
-"""What the command line says of an error: one sentence, an exit status, a JSON object."""
+"""Report of an error on the command line: one sentence, an exit status, a JSON object."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def explain(error: BaseException) -> tuple[Status, str]:
 
 
 def _notes(error: BaseException) -> str:
-    """What others had to say of an error on its way here."""
+    """Notes added to an error."""
     return "".join(f"; {_one_line(note)}" for note in getattr(error, "__notes__", ()))
 
 

@@ -1,4 +1,4 @@
-"""What a user brings along by an option: classes by name, pushes by numbers."""
+"""Objects that a user gives by an option: classes by name, pushes by numbers."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def print_result(summary: Mapping[str, Any], folder: Path) -> None:
 
 
 def _studied(known: Mapping[str, Any]) -> str:
-    """What is inside the ±, and what is not."""
+    """Explanation of what the ± covers."""
     inside = " + ".join(known.get("studies") or ())
     text = f"± numerical uncertainty{f' ({inside})' if inside else ''} of a convergence study of "
     text += f"{known['steps']} steps; a value closer to its limit than that is undecided"
@@ -61,7 +61,7 @@ def _row(name: str, metric: Mapping[str, Any]) -> tuple[str | Text, ...]:
 
 
 def cost(summary: Mapping[str, Any]) -> dict[str, str]:
-    """What the walk cost, by name."""
+    """Cost of the walk, by name."""
     margins, solver, timing = summary["margins"], summary["solver"], summary["timing"]
     torque, support = margins["torque"], margins["measured_polygon"]["value"]
     simulated, friction = format_number(timing["simulated"]), format_number(margins["friction"]["value"], 2)

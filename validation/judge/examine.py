@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a walk is found to be.
+    """Evaluation of a walk.
 
     Attributes:
         comparison: measurement and plan.

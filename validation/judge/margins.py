@@ -1,4 +1,4 @@
-"""What a walk cost and how far it stayed from every limit of body and floor."""
+"""Cost of a walk and its margins to every limit of body and floor."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ class Uncertainty:
 
 
 class _Metric(BaseModel):
-    """What is read of a metric in the file; other keys are not looked at, here and below."""
+    """Entries read for a metric from the file; other keys are ignored, here and below."""
 
     uncertainty_at_least: NonNegativeFloat | None
     not_studied: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""What the body did, from the record alone: nothing here has seen a plan.
+"""Measurement of a walk from its record alone, without the plan.
 
 The ZMP is measured twice. Once as the centre of pressure of the logged contact forces; once from the rates of
 linear and angular momentum, which Pinocchio computes from the recorded ``q`` and ``qd`` only. The second uses

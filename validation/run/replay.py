@@ -27,7 +27,7 @@ ENVIRONMENT_FILE = "environment.json"
 
 @dataclass(frozen=True)
 class Replay:
-    """What a replay found.
+    """Result of a replay.
 
     Attributes:
         steps: simulation steps that were stepped again.

@@ -228,7 +228,7 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> list[tuple[str, str]]:
 
 
 def _cost(saved: SavedRun) -> list[Row]:
-    """What the agreement cost: feedback, torque, friction, and what was left of every margin."""
+    """Cost of the agreement: feedback, torque, friction, and the remaining margins."""
     weight = saved.record.mass * saved.record.gravity
     available = saved.summary.get("margins", {}).get("friction_available")
     limits = {"margin_torque": 1.0, "margin_friction": available}
@@ -406,5 +406,5 @@ def _parameters(run: RunParameters) -> list[dict[str, Any]]:
 
 
 def _events(saved: SavedRun) -> list[tuple[str, str]]:
-    """What happened, apart from footfalls."""
+    """Events other than footfalls."""
     return [(f"{time:.3f} s", text) for time, level, text in sorted(run_events(saved)) if level != "DEBUG"]

@@ -20,7 +20,7 @@ from pathlib import Path
 from ampm.exceptions import InputError
 
 INSTRUMENT_FILE = "instrument.parquet"
-"""What an instrument shows of the run; only there if one was asked for."""
+"""Readings of an instrument; only there if one was given."""
 
 RUN_FILES = frozenset(
     {

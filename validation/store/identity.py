@@ -1,4 +1,4 @@
-"""What a result depends on: hash of a run's parameters, and of the sources and versions that compute it."""
+"""Hashes of what a result depends on: a run's parameters, and the sources and versions that compute it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FOLDERS = (
     "models",
     *(f"validation/{name}" for name in ("trial", "measure", "judge", "study/sweep")),
 )
-"""What a row is computed with; command line, reports and the like are not."""
+"""Sources that a row is computed with; command line and reports are not among them."""
 _SUFFIXES = (".py", ".toml", ".xml", ".csv")
 _VERSIONS = ("mujoco", "dm-control", "pin", "osqp", "daqp", "numpy", "scipy")
 _DIGITS = 16

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-"""What the libraries of linear algebra read when they are loaded."""
+"""Environment variables for the number of threads, read when linear algebra is loaded."""
 
 
 def cores() -> int:

@@ -74,7 +74,7 @@ COLUMNS = (
 
 
 def column_of(name: str) -> SignalColumn:
-    """What is known of a column.
+    """Description of a column.
 
     Raises:
         KeyError: no such column belongs into the file.

@@ -1,4 +1,4 @@
-"""What acts on a walking body besides its own motors and the floor."""
+"""Forces on a walking body besides its own motors and the floor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a walk leaves behind while it runs: the record's own arrays, filled step by step.
+"""Log of a running walk: the record's own arrays, filled step by step.
 
 What MuJoCo gives beyond the record (all sites, contacts as they come, rotation matrices) is kept for a block
 of steps only and sorted into those arrays when the block is full, so that a walk needs little more memory

@@ -19,7 +19,7 @@ class OutcomeName(StrEnum):
 
     @property
     def sentence(self) -> str:
-        """What the name means."""
+        """Meaning of the name."""
         return {
             OutcomeName.COMPLETED: "The body walked every planned step.",
             OutcomeName.FELL: "The body fell.",

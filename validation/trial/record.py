@@ -1,4 +1,4 @@
-"""What a simulation leaves behind: one frozen :class:`SimulationRecord`."""
+"""Record of a simulation: one frozen :class:`SimulationRecord`."""
 
 from __future__ import annotations
 

@@ -166,7 +166,7 @@ class Watch:
     def _fallen(
         time: float, com: Sequence[float], planned: Sequence[float], distance: float, lean: float
     ) -> str:
-        """What shows that the body has fallen, empty if it has not."""
+        """Sign of a fall, empty if the body has not fallen."""
         if com[2] < FALL_SHARE * planned[2]:
             return f"the COM sank to {com[2]:.2f} m at {time:.3f} s"
         if distance > FALL_DISTANCE:

@@ -1,1 +1,1 @@
-"""What real instruments would show of a walk: force plate, foot force/torque sensor, IMU."""
+"""Models of real instruments that observe a walk: force plate, foot force/torque sensor, IMU."""

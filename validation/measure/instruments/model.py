@@ -1,4 +1,4 @@
-"""What an instrument is: frozen, validated figures as a data sheet gives them, from a preset or a TOML file.
+"""Model of an instrument: frozen, validated data as on a data sheet, from a preset or a TOML file.
 
 Whatever is left out is ideal: no noise, no bias, no filter, every step read at once, endless range. A file
 therefore holds only what its instrument has, and one with ``kind`` alone shows the truth.
@@ -44,7 +44,7 @@ class Channel(Section):
 
 
 class Acquisition(Section):
-    """What every channel of an instrument passes: low-pass, sampling, delay."""
+    """Processing of every channel of an instrument: low-pass, sampling, delay."""
 
     cutoff: Real | None = parameter(
         None, "-3 dB frequency of the causal Butterworth low-pass; without it there is none", "Hz",
@@ -58,7 +58,7 @@ class Acquisition(Section):
 
 
 class Instrument(Section):
-    """What all instruments have.
+    """Data common to all instruments.
 
     Attributes:
         kind: which instrument.

@@ -9,7 +9,7 @@ WINDOWS = (RUN, "measured_single_support", "measured_double_support")
 """The whole walk, and by true contact of the feet."""
 
 METHOD = "method"
-"""What a faultless instrument of this kind misses: threshold, compensation, a point mass for a body."""
+"""Error of the method without faults of the instrument: threshold, compensation, a point mass for a body."""
 
 CAUSES: Mapping[str, str] = {
     METHOD: "the method, with faultless readings",

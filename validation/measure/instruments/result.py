@@ -48,7 +48,7 @@ class ErrorStatistics:
 
 @dataclass(frozen=True)
 class Observation:
-    """What an instrument shows of a walk, row k for the start of step k; K rows, world frame, SI units.
+    """Readings of an instrument on a walk, row k for the start of step k; K rows, world frame, SI units.
 
     Attributes:
         instrument: its figures.

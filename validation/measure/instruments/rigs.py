@@ -51,7 +51,7 @@ _TILT_STREAM = 4
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a user computes from readings; K rows, world frame.
+    """Quantities computed from readings; K rows, world frame.
 
     Attributes:
         zmp: NaN where the instrument sees no contact, shape (K, 2) [m].

@@ -1,4 +1,4 @@
-"""What instruments are held to: wrenches and motion of feet and pelvis, from the record alone."""
+"""True values for instruments: wrenches and motion of feet and pelvis, from the record alone."""
 
 from __future__ import annotations
 
@@ -222,7 +222,7 @@ def _angular_momentum(axes: Rotation, inertia: Array, dt: float) -> Array:
 
 @dataclass(frozen=True)
 class Inertial:
-    """What a perfect IMU feels; K rows.
+    """Readings of an ideal IMU; K rows.
 
     Attributes:
         angular_velocity: in its own axes, shape (K, 3) [rad/s].

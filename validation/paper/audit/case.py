@@ -1,4 +1,4 @@
-"""What the audit computes numbers on: the ``normal`` gait, and ``momentum`` where ``normal`` has none.
+"""Gaits that the audit computes numbers on: ``normal``, and ``momentum`` where ``normal`` has none.
 
 ``normal`` sends the force through the COM (c_s = c_y = 1), which hides several misprints: there the momentum
 that they would spoil is zero. Such numbers are given for both gaits.
@@ -50,7 +50,7 @@ class Numbers:
 
     @property
     def constants(self) -> PlanConstants:
-        """What follows from it."""
+        """Result that follows from it."""
         return self.plan.constants
 
     @property

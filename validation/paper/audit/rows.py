@@ -25,7 +25,7 @@ Form = Literal["printed", "corrected"]
 
 
 class Verdict(StrEnum):
-    """What the audit says of a statement."""
+    """Verdict of the audit on a statement."""
 
     HOLDS = "holds"
     ERRATUM = "erratum"
@@ -207,7 +207,7 @@ class Row:
 
     @property
     def verdict(self) -> Verdict:
-        """What follows from the checks of the printed form."""
+        """Verdict that follows from the checks of the printed form."""
         if not self.checks:
             return Verdict.UNTESTED
         return Verdict.HOLDS if all(c.passed for c in self.checks if c.form == "printed") else self.failure

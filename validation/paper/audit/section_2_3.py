@@ -16,9 +16,9 @@ k, d, T, travel, lift_speed = sp.symbols("k d T D v", positive=True)
 DRIFT_STEPS = 3
 COM_ROWS, MOMENTUM_ROWS, FEET_ROWS = slice(0, 3), slice(3, 6), slice(6, PAPER_ROWS)
 DIFFERENCES = 1e-6
-"""What central differences leave of a rate [SI]."""
+"""Error of a rate by central differences [SI]."""
 SWITCH = 1e-5
-"""What a path may change within a nanosecond on either side of a switch, of 10 m/s^2."""
+"""Allowed change of a path within a nanosecond on either side of a switch, of 10 m/s^2."""
 
 
 def check(case: Case, row: Ledger) -> None:

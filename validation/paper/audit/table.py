@@ -69,7 +69,7 @@ def _counts(rows: Sequence[Row]) -> list[tuple[Verdict, int]]:
 
 
 def _decisive(row: Row) -> str:
-    """What decides a verdict, in few words."""
+    """Reason of a verdict, in few words."""
     if row.verdict is Verdict.UNTESTED:
         return row.why
     if row.verdict is Verdict.HOLDS:

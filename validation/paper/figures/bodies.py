@@ -319,7 +319,7 @@ def _floor(axis: Axes, low: float, high: float) -> None:
 
 
 def numbers(walk: Walk) -> dict[str, float]:
-    """What a gait's trunk and momentum do, in the simulation: largest angles [°] and momenta [N m s]."""
+    """Largest trunk angles [°] and momenta [N m s] of a gait in the simulation."""
     roll, pitch = (trunk(walk, what) for what in ("roll", "pitch"))
     measured = np.abs(walk.folded(walk.trial.measured.angular_momentum)).max(axis=(0, 1))
     planned = np.abs(walk.plan.sample(walk.middle + walk.phase).angular_momentum).max(axis=0)

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Centroidal:
-    """What a body's motion says of its centre of mass, at n times.
+    """Centre of mass and momentum of a body's motion, at n times.
 
     Attributes:
         com: shape (n, 3) [m].

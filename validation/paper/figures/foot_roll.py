@@ -59,7 +59,7 @@ def figure_7(walks: Walks) -> tuple[Figure, dict[str, Any]]:
 
 
 def _jumps(walks: Walks, settings: Sequence[str]) -> dict[str, float]:
-    """What the joints do over the grid intervals next to the switches."""
+    """Changes of the joints over the grid intervals next to the switches."""
     planned = walks.plan("normal", settings)
     return joint_jumps(planned.motion, planned.body.robot)
 

@@ -69,7 +69,7 @@ FIGURES: Mapping[str, tuple[str, Callable[[Walks], Drawn]]] = {
     "12": ("figure-12", _figure_12),
     "human": ("human", human.figure_human),
 }
-"""What can be asked for: name of the files, and what draws it."""
+"""Available figures: name of the files, and the function that draws it."""
 
 
 def make_figures(

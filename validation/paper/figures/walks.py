@@ -141,7 +141,7 @@ class Walk:
         return {name: LessPlan(motion, self.folded(error)) for name, (motion, error) in both.items()}
 
     def limit(self, metric: str) -> float:
-        """What the profile that this gait is judged by allows, in SI (forces in newton)."""
+        """Tolerances of the profile that judges this gait, in SI (forces in newton)."""
         profile = own_profile(self.trial.planned.request.name)
         tolerance = next(item for item in profile.tolerances if item.metric == metric)
         weight = self.plan.centroidal.mass * self.plan.centroidal.gravity

@@ -394,7 +394,7 @@ def _log_states(log: _Log, saved: SavedRun) -> None:
 
 
 def _log_events(log: _Log, saved: SavedRun) -> None:
-    """What happened, in words: footfalls, the largest error, unsolved QPs, how it ended."""
+    """Write events as text: footfalls, the largest error, unsolved QPs, how it ended."""
     times, levels, texts = zip(*sorted(run_events(saved), key=lambda event: event[0]), strict=True)
     words = rr.TextLog.columns(text=[plain_text(text) for text in texts], level=levels)
     log.columns("events", np.array(times), words)

@@ -127,18 +127,18 @@ def _scene(
 
 
 def body_contents(prefix: str = "") -> list[str]:
-    """What the body's view shows of one run."""
+    """Contents of the body's view for one run."""
     world = f"{prefix}/world"
     return [f"{world}/**", f"- {world}/floor/**", f"- {world}/feet/**", f"+ {world}/feet/+/contact"]
 
 
 def above_contents(prefix: str = "") -> list[str]:
-    """What the view from above shows of one run."""
+    """Contents of the view from above for one run."""
     return [f"{prefix}/world/{part}" for part in ("follow", "feet/**", "floor/**", "plan/**")]
 
 
 def events_view(origin: str, timeline: str, name: str = "Events") -> rrb.TextLogView:
-    """What happened when."""
+    """List of events with their times."""
     columns = rrb.TextLogColumns(timeline_columns=[timeline], text_log_columns=["loglevel", "body"])
     return rrb.TextLogView(name=name, origin=origin, columns=columns)
 

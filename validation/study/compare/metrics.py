@@ -1,4 +1,4 @@
-"""What two gaits are compared by: quantities about the switches of support, and metrics of the whole run.
+"""Quantities to compare two gaits by: about the switches of support, and metrics of the whole run.
 
 The same quantities are followed by ``ampm convergence``, so that a difference between two gaits can be held
 against the numerical uncertainty of both.
@@ -96,7 +96,7 @@ SWITCH = (
     Quantity(_EFFORT, "effort_zmp_far", "ZMP, RMS elsewhere", "mm", 0.05),
     Quantity(_EFFORT, "effort_force_near", f"horizontal force, RMS within {_NEAR}", "% of body weight", 0.01),
 )
-"""What only a comparison shows of a walk."""
+"""Quantities of a walk that only a comparison shows."""
 _COSTS = {
     "margin_torque": 0.01,
     "margin_slip": 0.5e-3,

@@ -24,7 +24,7 @@ EVEN = 1.25
 
 @dataclass(frozen=True)
 class Joints:
-    """What the joints of the periodic motion do at a switch, on finer and finer grids.
+    """Joint accelerations of the periodic motion at a switch, on finer and finer grids.
 
     Attributes:
         grid: largest step of each grid, descending, shape (n,) [s].
@@ -174,7 +174,7 @@ class Pair:
 
 
 def facts(pair: Pair) -> list[tuple[str, str, str]]:
-    """What both gaits are: name of the fact, first side, second side."""
+    """Facts about both gaits: name of the fact, first side, second side."""
 
     def both(label: str, describe: Callable[[Side], str]) -> tuple[str, str, str]:
         return label, describe(pair.a), describe(pair.b)
@@ -202,7 +202,7 @@ def verdicts(pair: Pair) -> list[tuple[str, str]]:
 
 
 def known(pair: Pair) -> str:
-    """What a difference is held against, in a sentence or two."""
+    """Explanation of the thresholds for a difference, in a sentence or two."""
     if pair.studies is None:
         return (
             "No convergence study was given (--uncertainty FILE, one per gait): of the walks no value is "

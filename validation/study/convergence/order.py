@@ -40,7 +40,7 @@ NO_RANGE = "no asymptotic range"
 
 
 class Kind(StrEnum):
-    """What a sequence of values is."""
+    """Behaviour of a sequence of values."""
 
     ASYMPTOTIC = "asymptotic"
     NO_RANGE = NO_RANGE

@@ -1,4 +1,4 @@
-"""What the studies say together: order, extrapolated value and uncertainty of every metric."""
+"""Combined result of the studies: order, extrapolated value and uncertainty of every metric."""
 
 from __future__ import annotations
 
@@ -193,7 +193,7 @@ def combine(
 def _study(
     name: str, known: Followed, found: Sequence[Study], walks: Mapping[RunParameters, LevelResult]
 ) -> dict[str, Any]:
-    """What :class:`MetricStudy` says beyond the verdict."""
+    """Entries of :class:`MetricStudy` beyond the verdict."""
 
     def values(study: Study) -> tuple[float, ...]:
         """At every level, NaN unless its walk came to the end: another way of walking is no level."""

@@ -1,4 +1,4 @@
-"""What is varied, one thing at a time about the gait's own parameters."""
+"""Variations for the studies, one at a time about the gait's own parameters."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ _ALSO = ("energy_positive_work", "energy_negative_work", "energy_cost_of_transpo
 
 
 def shortlist(result: Convergence) -> list[MetricStudy]:
-    """What is judged, and the integrals."""
+    """Metrics that are judged, and the integrals."""
     return [item for item in result.metrics.values() if item.tolerance is not None or item.name in _ALSO]
 
 
@@ -46,7 +46,7 @@ def cells(item: MetricStudy) -> tuple[str, ...]:
 
 
 def legend(result: Convergence) -> str:
-    """What the uncertainties are of."""
+    """Explanation of what the uncertainties cover."""
     known = result.uncertainty
     inputs = [study.name for study in result.studies if not study.numerical]
     parts = [f"u_num of {' + '.join(known.studies)}"] if known.studies else []

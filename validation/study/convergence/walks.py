@@ -105,7 +105,7 @@ def values_of(comparison: Comparison) -> dict[str, float]:
 
 
 Runner = Callable[["RunParameters", str], LevelResult]
-"""What walks one level; tests put their own in its place."""
+"""Function that walks one level; tests replace it."""
 
 
 def walk_levels(

@@ -201,7 +201,7 @@ def _block(table: Mapping[str, Any]) -> Grid | Listed | Sampled:
 
 
 def _values(key: str, value: Any) -> Range | tuple[Value, ...]:
-    """What one key of a block takes.
+    """Values of one key of a block.
 
     Raises:
         InputError: neither values nor a range of this key.
@@ -234,7 +234,7 @@ def _check_distinct(items: Sequence[Hashable], place: str) -> None:
 
 
 class Limits(Section):
-    """What ends a run that would not end. Simulated time and solver iterations are keys of the run itself."""
+    """Limits that end a run. Simulated time and solver iterations are keys of the run itself."""
 
     section: ClassVar[str] = "limits"
 
@@ -277,7 +277,7 @@ class SweepDefinition(Section):
 
     @cached_property
     def run(self) -> RunParameters:
-        """What all runs share: the gait with ``steps`` and ``set``."""
+        """Parameters that all runs share: the gait with ``steps`` and ``set``."""
         return self.base.replace({**self.set, STEPS_KEY: self.steps})
 
     @property

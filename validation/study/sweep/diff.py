@@ -28,7 +28,7 @@ KINDS: Mapping[str, str] = {
     "other_outcome": "with another outcome, neither better nor worse",
     "verdict_only": "with another verdict, though no metric changed beyond noise",
 }
-"""What can happen to a run; the first three are regressions."""
+"""Possible changes of a run; the first three are regressions."""
 _REGRESSIONS = tuple(KINDS)[:3]
 _SEVERITY: Mapping[State, int] = {
     state: severity
@@ -114,13 +114,13 @@ class SweepDiff:
 
     @property
     def regressions(self) -> list[str]:
-        """What fails the comparison, in words; empty if nothing does."""
+        """Reasons why the comparison fails, in words; empty if it passes."""
         found = [f"{len(self.of_kind(kind))} {KINDS[kind]}" for kind in _REGRESSIONS if self.of_kind(kind)]
         return [*found, f"{len(self.missing)} missing"] if self.require_all and self.missing else found
 
     @property
     def lacking(self) -> list[str]:
-        """What the comparison says nothing of, in words; empty if every run of either has a partner."""
+        """Runs that are not compared, in words; empty if every run of either has a partner."""
         found = []
         for names, own, other in ((self.missing, "A", "B"), (self.new, "B", "A")):
             sweep, partner = (self.a, self.b) if own == "A" else (self.b, self.a)
@@ -274,7 +274,7 @@ def _numbered(identities: Sequence[Any]) -> list[tuple[str, int]]:
 
 
 def _notes(a: SweepTable, b: SweepTable) -> list[str]:
-    """What a reader must know of two sweeps to believe their comparison."""
+    """Warnings about the comparison of two sweeps."""
     found = []
     if a.profile != b.profile:
         found.append(f"the verdicts are of different profiles: {a.profile or '?'} and {b.profile or '?'}")
@@ -348,7 +348,7 @@ def _changes(a: Runs, b: Runs, metrics: Sequence[MetricChange]) -> list[Change]:
 
 
 def _kind(before: State, after: State, grown: bool, metrics: Sequence[MetricChange], i: int) -> str | None:
-    """What happened to a run; None if nothing did."""
+    """Change of a run; None without one."""
     same = "worse_metrics" if grown else None
     if {before, after} == {State.PASS, State.OUT_OF_TOLERANCE}:
         # A verdict turns at a limit, however small the step across it; below the noise that is no result.

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ampm.parameters import RunParameters
 
 REASONS = (*rules.REASONS, "bad_parameter")
-"""What :func:`screen` finds of a run; its numbers are places in here."""
+"""Results of :func:`screen` for a run; its numbers are indices into this."""
 ACCEPTED, BAD = 0, len(REASONS) - 1
 CHECKED = 128
 """Different gaits that are checked against soles and legs at most; 5 to 45 ms each."""
@@ -59,7 +59,7 @@ class Refused:
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a sweep would be.
+    """Forecast of a sweep.
 
     Attributes:
         definition: the sweep.

@@ -39,7 +39,7 @@ SIGNIFICANCE = 0.01
 
 @dataclass(frozen=True)
 class Influence:
-    """What one parameter does to one metric.
+    """Influence of one parameter on one metric.
 
     Attributes:
         parameter: its key.
@@ -77,7 +77,7 @@ class Influence:
 
 @dataclass(frozen=True)
 class Target:
-    """What drives one metric.
+    """Influences on one metric.
 
     Attributes:
         name: of the metric.

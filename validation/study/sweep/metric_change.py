@@ -103,7 +103,7 @@ class MetricChange:
         return float(wilcoxon(growth, zero_method="zsplit").pvalue) if growth.any() else 1.0
 
     def verdict(self, p: float) -> str:
-        """What is said of the shift over all runs: ``better``, ``worse``, ``same``, or ``too few`` to say.
+        """Judgement of the shift over all runs: ``better``, ``worse``, ``same``, or ``too few`` runs.
 
         Args:
             p: of :attr:`p_value`, corrected for the number of metrics.

@@ -232,7 +232,7 @@ def reason_rows(sweep: SweepTable) -> list[Row]:
 
 
 def targets_of(sweep: SweepTable) -> dict[str, figures.Array]:
-    """What may be driven: refusal, failing once walking, and every metric that is more than rounding."""
+    """Targets of the influence analysis: refusal, failure of a walk, every metric above rounding."""
     known, refused = ~sweep.is_state(*BROKEN), sweep.is_state(State.REFUSED)
     events = {_REFUSED: (known, refused), _FAILS: (known & ~refused, ~sweep.is_state(State.PASS))}
     found = {
@@ -340,7 +340,7 @@ def environment_rows(sweep: SweepTable) -> list[Row]:
 
 
 def warnings(sweep: SweepTable) -> list[str]:
-    """What makes a sweep less than one measurement."""
+    """Limitations of a sweep."""
     found = []
     mixed = [name for name, _, mark in environment_rows(sweep) if mark]
     if mixed:

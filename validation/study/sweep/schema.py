@@ -190,7 +190,7 @@ def refused_columns(error: RefusedGait | InputError, parameters: RunParameters |
 
 
 def error_columns(error: BaseException, parameters: RunParameters | None) -> dict[str, Any]:
-    """What an error makes of a run: refused if the error says so, crashed otherwise.
+    """Columns of a run that an error ended: refused if the error is a refusal, crashed otherwise.
 
     Args:
         error: that ended the run.
@@ -242,7 +242,7 @@ def _constant_environment() -> Mapping[str, Any]:
 
 
 def environment_columns(worker: str | None = None, attempts: int = 0) -> dict[str, Any]:
-    """What a run that ended now ran on.
+    """Environment of a run that ended now.
 
     Args:
         worker: name of the worker; None for a row that the sweep's own process makes.

@@ -118,7 +118,7 @@ def read_rows(folder: Path) -> tuple[pa.Table | None, bool]:
 
 
 def _identity(definition: SweepDefinition) -> dict[str, Any]:
-    """What must not change on resume; name and wall-clock guard of the definition are free to."""
+    """Part of the definition that must not change on resume; name and wall-clock limit may."""
     settings = _flat(tomllib.loads(dump_sweep(definition)))
     del settings["sweep.name"], settings["limits.wall_clock"]
     if definition.instrument is not None:
@@ -233,7 +233,7 @@ class Store:
             _insert(self._rows, rows)
 
     def rows(self) -> pa.Table:
-        """What is durable so far, sorted by run."""
+        """Rows stored so far, sorted by run."""
         with _errors(self.folder):
             return _table(self._rows)
 

@@ -207,7 +207,7 @@ class SweepTable:
         return self._described(name, "unit") or "1"
 
     def describe(self, name: str) -> str:
-        """What a column holds, empty if the table does not say."""
+        """Meaning of a column, empty if the table has none."""
         return self._described(name, "words")
 
     def _described(self, name: str, what: str) -> str:

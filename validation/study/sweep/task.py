@@ -98,7 +98,7 @@ Runner = Callable[[Task, dict[str, float]], dict[str, Any]]
 
 @dataclass(frozen=True)
 class TaskResult:
-    """What a worker sends back.
+    """Result that a worker sends back.
 
     Attributes:
         row: of the table, complete.
