@@ -122,7 +122,7 @@ def make_run(
     (directory / "run.toml").write_text(dump_run(run), encoding="utf-8")
     summary = build_summary(
         comparison, verdict,
-        timing={"simulation": 2.5, "times_real_time": 8.0},
+        timing={"simulation": 2.5, "real_time_factor": 8.0},
         environment=describe_environment(),
         gait="normal", motion={"angular_momentum_y_offset": 0.406, "residual": 3e-11},
     )  # fmt: skip

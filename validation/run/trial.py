@@ -249,6 +249,6 @@ def draw_run(folder: Path, name: str = "", progress: Progress | None = None) -> 
         write_recording(saved)
     saved.record.forget()
     with progress.stage(f"{name}: report"):
-        from validation.show.report import report_run  # matplotlib takes long to load
+        from validation.show.report import write_report  # matplotlib takes long to load
 
-        report_run(saved)
+        write_report(saved)

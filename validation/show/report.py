@@ -59,11 +59,11 @@ class Row:
     undecided: bool = False
 
 
-def write_report(run_dir: Path) -> Path:
+def write_report(run: str | Path | SavedRun) -> Path:
     """Write ``report.html`` into a run folder from what the folder holds.
 
     Args:
-        run_dir: folder of a finished run; an existing report in it is replaced.
+        run: folder of a finished run, or what was read from it; an existing report in it is replaced.
 
     Returns:
         Path of the report.
@@ -71,11 +71,7 @@ def write_report(run_dir: Path) -> Path:
     Raises:
         InputError: the folder is no run folder.
     """
-    return report_run(load_saved_run(Path(run_dir)))
-
-
-def report_run(saved: SavedRun) -> Path:
-    """Write the report of a loaded run into its folder; see :func:`write_report`."""
+    saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path = saved.directory / REPORT_FILE
     path.write_text(render(saved), encoding="utf-8")
     return path
@@ -98,6 +94,7 @@ def _context(saved: SavedRun) -> dict[str, Any]:
     gait = str(summary.get("gait", "gait"))
     lost = outcome.name in _LOST
     headline = {"pass": "pass", "fail": "out of tolerance"}.get(verdict, verdict.replace("_", " "))
+    agreement = _agreement(summary, judged=True)
     if not outcome.completed:
         headline = f"{outcome.name}, {headline}"
     with style():
@@ -112,11 +109,12 @@ def _context(saved: SavedRun) -> dict[str, Any]:
         "profile": str(summary.get("profile", "")),
         "uncertainty": _convergence_study(summary),
         "facts": _facts(saved, plan),
-        "agreement": _agreement(summary, judged=True),
-        "reported": _agreement(summary, judged=False),
+        "agreement": agreement,
+        "reasons": [(row.label, row.limit, row.note) for row in agreement],
+        "reported": [(row.label, row.value) for row in _agreement(summary, judged=False)],
         "cost": _cost(saved),
         "first_step": _first_step_rows(summary),
-        "windows": _window_table(summary),
+        "windows": _window_rows(summary),
         "split": _split_rows(summary),
         "solver": _solver_rows(summary),
         "instrument": instrument_section(saved) if saved.summary.get("instrument") else None,
@@ -219,11 +217,8 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> list[tuple[str, str]]:
         ("body", f"{number(float(record.mass))}\u00a0kg, {number(saved.parameters.body.height)}\u00a0m")
     )
     facts.append(("unsolved QPs", f"{int((record.qp_status == 2).sum())} of {len(record.qp_status)}"))
-    timing = summary.get("timing", {})
-    for key in ("times_real_time", "real_time_factor"):
-        if isinstance(timing.get(key), int | float):
-            facts.append(("times real time", number(float(timing[key]))))
-            break
+    factor = summary.get("timing", {}).get("real_time_factor")
+    facts.append(("times real time", number(factor)))
     return facts
 
 
@@ -290,32 +285,24 @@ _WINDOWS: Mapping[str, str] = {
 }
 
 
-def _window_table(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _window_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Statistics of every signal by planned phase and by measured contact."""
-    table = []
+    rows = []
     for name, windows in summary.get("statistics", {}).items():
-        rows = []
-        for window, label in _WINDOWS.items():
+        label = metric_label(f"{name}_rmse").removesuffix(", RMSE")
+        reference = windows.get("run", {}).get("reference", "plan")
+        label += "" if reference == "plan" else f" against the {reference}"
+        for window, words in _WINDOWS.items():
             entry = windows.get(window)
             if not entry or not entry.get("count"):
                 continue
             scale, unit = (1e3, "mm") if entry["unit"] == "m" else (1.0, entry["unit"])
+            values = [number(_times(entry.get(key), scale)) for key in ("rmse", "maximum", "bias")]
             r2 = entry.get("r2")
-            rows.append(
-                {
-                    "window": label,
-                    "rmse": number(_times(entry.get("rmse"), scale)),
-                    "maximum": number(_times(entry.get("maximum"), scale)),
-                    "bias": number(_times(entry.get("bias"), scale)),
-                    "r2": number(r2, 5) if r2 is not None else str(entry.get("r2_reason") or "–"),
-                    "unit": unit,
-                }
-            )
-        if rows:
-            label = metric_label(f"{name}_rmse").removesuffix(", RMSE")
-            reference = windows.get("run", {}).get("reference", "plan")
-            table.append({"label": label, "rows": rows, "reference": reference, "unit": rows[0]["unit"]})
-    return table
+            shown = number(r2, 5) if r2 is not None else str(entry.get("r2_reason") or "–")
+            rows.append((label, words, *values, unit, shown))
+            label = ""
+    return rows
 
 
 def _times(value: float | None, scale: float) -> float | None:
@@ -334,33 +321,32 @@ def _split_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
     return rows
 
 
+_SOLVER: Mapping[str, tuple[str, float, str]] = {
+    "ticks": ("control ticks", 1.0, ""),
+    "solved_with_limits": ("ticks solved in the form with limits", 1.0, ""),
+    "unsolved": ("unsolved ticks", 1.0, ""),
+    "time_median": ("time of a solve, median", 1e6, "µs"),
+    "time_p99": ("time of a solve, 99 %", 1e6, "µs"),
+    "iterations_median": ("iterations, median", 1.0, ""),
+    "residual_maximum": ("largest residual", 1.0, ""),
+}
+"""Entries of the summary's ``solver``: label, scale and unit."""
+
+
 def _solver_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     solver = summary.get("solver", {})
-    names = {
-        "ticks": ("control ticks", 1.0, ""),
-        "solved_with_limits": ("ticks solved in the form with limits", 1.0, ""),
-        "unsolved": ("unsolved ticks", 1.0, ""),
-        "time_median": ("time of a solve, median", 1e6, "µs"),
-        "time_p99": ("time of a solve, 99 %", 1e6, "µs"),
-        "iterations_median": ("iterations, median", 1.0, ""),
-        "residual_maximum": ("largest residual", 1.0, ""),
-    }
     rows = []
-    for key, (label, scale, unit) in names.items():
-        if solver.get(key) is not None:
-            value = solver[key] if scale == 1.0 else scale * solver[key]
-            if isinstance(value, float) and unit == "" and value.is_integer():
-                value = int(value)
-            rows.append((label, with_unit(value, unit)))
+    for key, (label, scale, unit) in _SOLVER.items():
+        value = solver.get(key)
+        if value is not None:
+            whole = not unit and float(value).is_integer()
+            rows.append((label, with_unit(int(value) if whole else scale * value if unit else value, unit)))
     return rows
 
 
 _UNITS: Mapping[str, str] = {
     **MOTION_UNITS,
-    "planning": "s",
-    "simulation": "s",
-    "measurement": "s",
-    "simulated": "s",
+    **dict.fromkeys(("planning", "simulation", "measurement", "simulated"), "s"),
     "memory": "GB",
 }
 """Units of entries of the summary that carry none, by their documented SI."""
@@ -392,17 +378,15 @@ def _item(value: Any) -> str:
     return number(value, 4)
 
 
-def _parameters(run: RunParameters) -> list[dict[str, Any]]:
-    """Every parameter with value, unit and meaning, by section."""
-    values = run.model_dump()
-    sections: dict[str, list[tuple[str, str, str, str]]] = {}
+def _parameters(run: RunParameters) -> list[tuple[str, str, str]]:
+    """Key, value with unit, and meaning of every parameter."""
+    values, rows = run.model_dump(), []
     for info in describe_keys():
         section, key = info.key.split(".")
         value = values[section][key]
         text = f"{value:.10g}" if isinstance(value, float) else str(value)
-        unit = "" if info.unit == "1" else info.unit
-        sections.setdefault(section, []).append((info.key, text, unit, info.meaning))
-    return [{"name": name, "rows": rows} for name, rows in sections.items()]
+        rows.append((info.key, text if info.unit == "1" else f"{text} {info.unit}".strip(), info.meaning))
+    return rows
 
 
 def _events(saved: SavedRun) -> list[tuple[str, str]]:

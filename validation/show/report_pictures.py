@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -27,19 +28,17 @@ def pictures_of(saved: SavedRun, plan: StepPlan | None) -> dict[str, list[Pictur
 
     def tolerances(name: str) -> dict[str, float | None]:
         found = {}
-        for figure in ("rmse", "maximum"):
-            metric = summary.get("metrics", {}).get(f"{name}_{figure}", {})
-            found[f"tolerance_{figure}"] = (metric.get("display") or metric).get("tolerance")
+        for kind in ("rmse", "maximum"):
+            metric = summary.get("metrics", {}).get(f"{name}_{kind}", {})
+            found[f"tolerance_{kind}"] = (metric.get("display") or metric).get("tolerance")
         return found
 
     def tracking(curve: Curve, caption: str = "", **options: Any) -> Picture:
-        options |= tolerances(curve.name)
-        figure = figures.tracking(signals, curve, **options)
-        return picture(
-            figure, f"{curve.title}: plan, command and measurement over one stride, and the error", caption
-        )
+        figure = figures.tracking(signals, curve, **options | tolerances(curve.name))
+        label = f"{curve.title}: plan, command and measurement over one stride, and the error"
+        return picture(figure, label, caption)
 
-    def feet(axis: str) -> Any:
+    def feet(axis: str) -> Callable[[Axes, Window], None]:
         def draw(axes: Axes, window: Window) -> None:
             for foot, color in (("left", style.LEFT), ("right", style.RIGHT)):
                 part = signals[f"{foot}_force_{axis}"][window.rows]
@@ -47,13 +46,22 @@ def pictures_of(saved: SavedRun, plan: StepPlan | None) -> dict[str, list[Pictur
 
         return draw
 
-    zmp_note = (
-        "Green band: plus and minus the tolerance of the RMSE. Dashed, where the axis reaches so far: the "
-        "largest error allowed."
-    )
+    def gap(measured: str, planned: str, axes: str, title: str, label: str) -> Picture:
+        error = 1e3 * (signals.vector(measured, axes) - signals.vector(planned, axes))
+        columns = dict(zip(axes, error.T, strict=True))
+        return picture(figures.residuals(signals, columns, "mm", title), label)
+
+    def force(axis: str) -> Curve:
+        title, share = f"Ground force {axis}", 100.0 / weight
+        return Curve(f"force_{axis}", title, "N", residual_unit="% BW", residual_scale=share)
+
     pictures = {
         "zmp": [
-            tracking(Curve("zmp_x", "ZMP x about the planned COM", "mm", 1e3, about="plan_com_x"), zmp_note),
+            tracking(
+                Curve("zmp_x", "ZMP x about the planned COM", "mm", 1e3, about="plan_com_x"),
+                "Green band: plus and minus the tolerance of the RMSE. Dashed, where the axis reaches so "
+                "far: the largest error allowed.",
+            ),
             tracking(Curve("zmp_y", "ZMP y", "mm", 1e3)),
         ],
         "split": [
@@ -67,14 +75,7 @@ def pictures_of(saved: SavedRun, plan: StepPlan | None) -> dict[str, list[Pictur
             )
         ],
         "force": [
-            tracking(
-                Curve(
-                    f"force_{axis}", f"Ground force {axis}", "N",
-                    residual_unit="% BW", residual_scale=100.0 / weight,
-                ),
-                extra=feet(axis),
-            )
-            for axis in "xyz"
+            tracking(force(axis), extra=feet(axis)) for axis in "xyz"
         ],
         "contact": [
             picture(figures.contact_timeline(saved, plan), "Contact of heel, ball and tip of both feet")
@@ -83,44 +84,28 @@ def pictures_of(saved: SavedRun, plan: StepPlan | None) -> dict[str, list[Pictur
             tracking(Curve(f"angular_momentum_{axis}", f"Angular momentum {axis} about the COM", "N m s"))
             for axis in "xy"
         ],
-        "com": [],
-        "cost": [],
+        "com": [gap("measured_com", "plan_com", "xyz", "COM error", "COM error in x, y and z")],
+        "check": [
+            gap(
+                "measured_zmp_momentum", "measured_zmp", "xy", "ZMP by momentum − ZMP by contact",
+                "Difference of the two measured ZMPs",
+            )
+        ],
+        "cost": [
+            picture(figures.torque_use(saved), "Torque of the busiest motors"),
+            picture(figures.qp_statistics(saved), "Time and residual of the QP"),
+            gap(
+                "command_zmp", "plan_zmp", "xy", "Feedback: commanded − planned ZMP",
+                "Commanded minus planned ZMP",
+            ),
+        ],
         "first": [picture(figures.opening(signals, axis), f"ZMP {axis} of the first steps") for axis in "xy"],
     }  # fmt: skip
     if np.isfinite(signals["motion_angular_momentum_z"]).any():
-        yaw = Curve("angular_momentum_z", "Angular momentum z about the COM", "N m s")
-        pictures["momentum"].append(
-            tracking(
-                yaw,
-                "AMPM does not plan it; the reference is the whole-body motion.",
-                reference=("motion", "motion"),
-            )
+        yaw = tracking(
+            Curve("angular_momentum_z", "Angular momentum z about the COM", "N m s"),
+            "AMPM does not plan it; the reference is the whole-body motion.",
+            reference="motion",
         )
-    error = 1e3 * (signals.vector("measured_com") - signals.vector("plan_com"))
-    pictures["com"].append(
-        picture(
-            figures.residuals(signals, dict(zip("xyz", error.T, strict=True)), "mm", "COM error"),
-            "COM error in x, y and z",
-        )
-    )
-    both = 1e3 * (signals.vector("measured_zmp_momentum", "xy") - signals.vector("measured_zmp", "xy"))
-    pictures["check"] = [
-        picture(
-            figures.residuals(
-                signals, dict(zip("xy", both.T, strict=True)), "mm", "ZMP by momentum − ZMP by contact"
-            ),
-            "Difference of the two measured ZMPs",
-        )
-    ]
-    feedback = 1e3 * (signals.vector("command_zmp", "xy") - signals.vector("plan_zmp", "xy"))
-    pictures["cost"] = [
-        picture(figures.torque_use(saved), "Torque of the busiest motors"),
-        picture(figures.qp_statistics(saved), "Time and residual of the QP"),
-        picture(
-            figures.residuals(
-                signals, dict(zip("xy", feedback.T, strict=True)), "mm", "Feedback: commanded − planned ZMP"
-            ),
-            "Commanded minus planned ZMP",
-        ),
-    ]
+        pictures["momentum"].append(yaw)
     return pictures

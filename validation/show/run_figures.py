@@ -4,7 +4,7 @@ within :func:`validation.show.style.style`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -144,7 +144,7 @@ def tracking(
     tolerance_rmse: float | None = None,
     tolerance_maximum: float | None = None,
     extra: Callable[[Axes, Window], None] | None = None,
-    reference: tuple[str, str] = ("plan", "plan"),
+    reference: str = "plan",
 ) -> Figure:
     """Plan, command and measurement over one stride, and the error over the whole run.
 
@@ -154,35 +154,35 @@ def tracking(
         tolerance_rmse: drawn as a band about zero, in ``residual_unit``.
         tolerance_maximum: drawn as two lines, in ``residual_unit``.
         extra: draws further curves into the upper axes.
-        reference: prefix and label of what the measurement is compared with.
+        reference: what the measurement is compared with: prefix of its column.
     """
     figure, (upper, lower) = new_figure(3.9, 2, ratios=[3, 2])
     window = middle(signals)
-    prefix, label = reference
-    reference_values = signals[f"{prefix}_{curve.name}"]
-    measured = signals[f"measured_{curve.name}"]
-    error = measured - reference_values
+    planned = signals[f"{reference}_{curve.name}"]
+    error = signals[f"measured_{curve.name}"] - planned
     about = signals[curve.about] if curve.about is not None else np.zeros(len(signals))
     time = signals.time
     part = window.rows
     shade_double_support(upper, signals, window)
     if len(signals):
         low, high = spread(signals, error, window)
-        base = (reference_values - about)[part]
+        base = (planned - about)[part]
         upper.fill_between(
             time[part], curve.scale * (base + low), curve.scale * (base + high),
             color=MEASURED, alpha=0.25, linewidth=0,
         )  # fmt: skip
     if extra is not None:
         extra(upper, window)
-    lines = [(prefix, label, PLAN, "-", 2.4), ("command", "command", COMMAND, "-", 1.1)]
-    for kind, text, color, style, width in (*lines, ("measured", "measured", MEASURED, "-", 1.1)):
+    for kind, color, width in (
+        (reference, PLAN, 2.4),
+        ("command", COMMAND, 1.1),
+        ("measured", MEASURED, 1.1),
+    ):
         column = f"{kind}_{curve.name}"
         if column in signals and np.isfinite(signals[column]).any():
             values = curve.scale * (signals[column] - about)
-            upper.plot(time[part], values[part], style, color=color, linewidth=width, label=text)
+            upper.plot(time[part], values[part], color=color, linewidth=width, label=kind)
     upper.set_ylabel(f"[{curve.unit}]")
-    upper.margins(x=0)
     upper.set_title(curve.title)
     legend(upper)
 
@@ -191,9 +191,7 @@ def tracking(
     lower.plot(*decimate(time, scale * error), color=MEASURED, linewidth=0.8)
     _band(lower, tolerance_rmse, tolerance_maximum)
     lower.set_ylabel(f"error [{unit}]")
-    lower.set_xlabel("time [s]")
-    lower.margins(x=0)
-    _first_step_line(lower, signals)
+    _over_time(signals, upper, lower)
     return figure
 
 
@@ -212,16 +210,17 @@ def _band(axis: Axes, rmse: float | None, maximum: float | None) -> None:
     axis.set_ylim(-reach, reach)
 
 
-def _first_step_line(axis: Axes, signals: Signals) -> None:
-    """Mark where the first step, which is judged apart, ends."""
+def _over_time(signals: Signals, *axes: Axes) -> None:
+    """Label the last axes, and mark in it where the first step, which is judged apart, ends."""
+    for axis in axes:
+        axis.margins(x=0)
+    axes[-1].set_xlabel("time [s]")
     end = signals.first_step()
     if 0 < end < len(signals):
-        axis.axvline(float(signals.time[end]), color=FAINT, linewidth=0.8, linestyle=":")
+        axes[-1].axvline(float(signals.time[end]), color=FAINT, linewidth=0.8, linestyle=":")
 
 
-def residuals(
-    signals: Signals, columns: Mapping[str, Array], unit: str, title: str, colors: Sequence[str] = PARTS,
-) -> Figure:  # fmt: skip
+def residuals(signals: Signals, columns: Mapping[str, Array], unit: str, title: str) -> Figure:
     """Several errors over the whole run in one axes.
 
     Args:
@@ -229,17 +228,14 @@ def residuals(
         columns: label to values (N,), in ``unit``.
         unit: of the values.
         title: of the axes.
-        colors: one per label.
     """
     figure, (axis,) = new_figure(2.3)
     axis.axhline(0.0, color=FAINT, linewidth=0.7)
-    for (label, values), color in zip(columns.items(), colors, strict=False):
+    for (label, values), color in zip(columns.items(), PARTS, strict=False):
         axis.plot(*decimate(signals.time, values), color=color, linewidth=0.9, label=label)
     axis.set_ylabel(f"[{unit}]")
-    axis.set_xlabel("time [s]")
     axis.set_title(title)
-    axis.margins(x=0)
-    _first_step_line(axis, signals)
+    _over_time(signals, axis)
     legend(axis)
     return figure
 
@@ -432,12 +428,9 @@ def opening(signals: Signals, axis: str) -> Figure:
     error = 1e3 * (signals[f"measured_zmp_{axis}"] - signals[f"plan_zmp_{axis}"])[part]
     lower.axhline(0.0, color=FAINT, linewidth=0.7)
     lower.plot(time, error, color=MEASURED, linewidth=0.9)
-    _first_step_line(lower, signals)
     upper.set_ylabel("[mm]")
     upper.set_title("ZMP x about the planned COM" if axis == "x" else "ZMP y")
     lower.set_ylabel("error [mm]")
-    lower.set_xlabel("time [s]")
-    for panel in (upper, lower):
-        panel.margins(x=0)
+    _over_time(signals, upper, lower)
     legend(upper)
     return figure
