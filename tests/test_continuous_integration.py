@@ -203,29 +203,21 @@ def walk_through(workspace: Path, **environment: str) -> tuple[dict[str, int], s
     return statuses, summary.read_text(encoding="utf-8")
 
 
-def test_equal_sweeps_pass(workspace):
-    statuses, summary = walk_through(workspace, base_sweep="good", head_sweep="good")
-    assert set(statuses.values()) == {0}
-    assert summary.startswith("No difference beyond noise in 8 matched runs.")
-    assert (workspace / "sweeps" / "diff.html").is_file()
-
-
-def test_a_regression_fails_the_job_and_is_told(workspace):
-    statuses, summary = walk_through(workspace, base_sweep="good", head_sweep="worse", head_status="3")
-    assert statuses["Compare"] == 1
-    assert [name for name, status in statuses.items() if status] == ["Compare"]
-    assert summary.startswith("Regression in 8 matched runs: 1 newly failing.")
-
-
-def test_a_base_that_fails_already_does_not_matter(workspace):
-    statuses, _ = walk_through(
-        workspace, base_sweep="worse", base_status="3", head_sweep="worse", head_status="3"
-    )
-    assert set(statuses.values()) == {0}
-
-
-def test_a_sweep_that_did_not_run_fails_the_job(workspace):
-    statuses, summary = walk_through(workspace, base_sweep="good", head_sweep="good", head_status="5")
-    assert statuses["Sweep the pull request"] == 1
-    assert "Compare" not in statuses
-    assert summary == ""
+@pytest.mark.parametrize(
+    ("base", "head", "failed", "said"),
+    [
+        ("good 0", "good 0", [], "No difference beyond noise in 8 matched runs."),
+        ("good 0", "worse 3", ["Compare"], "Regression in 8 matched runs: 1 newly failing."),
+        ("worse 3", "worse 3", [], "No difference beyond noise"),  # a base that fails already does not matter
+        ("good 0", "good 5", ["Sweep the pull request"], ""),  # it did not run
+    ],
+)
+def test_the_job_fails_on_a_regression(workspace, base, head, failed, said):
+    words = zip(("sweep", "status"), zip(base.split(), head.split(), strict=True), strict=True)
+    given = {f"{side}_{name}": pair[i] for name, pair in words for i, side in enumerate(("base", "head"))}
+    statuses, summary = walk_through(workspace, **given)
+    assert [name for name, status in statuses.items() if status] == failed
+    assert summary.startswith(said)
+    assert bool(summary) == bool(said)
+    assert (workspace / "sweeps" / "diff.html").is_file() == bool(said)
+    assert ("Compare" in statuses) == bool(said)
