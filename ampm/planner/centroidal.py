@@ -167,11 +167,11 @@ class PlanSample:
 
 
 class _Motion(NamedTuple):
-    """COM velocity and acceleration, COM, ZMP, moment and angular momentum, each (N, 2)."""
+    """COM with velocity and acceleration, ZMP, moment and angular momentum, each (N, 2)."""
 
+    position: Array
     velocity: Array
     acceleration: Array
-    com: Array
     zmp: Array
     moment: Array
     angular_momentum: Array
@@ -253,14 +253,9 @@ class CentroidalPlan:
         turn = self.weight * np.array([1.0, -1.0])
         momentum = self._momenta[index] + turn * state.moment_arm_integral[:, ::-1]
         momentum[:, 1] += self.constants.angular_momentum_y_offset
-        return _Motion(
-            velocity=state.velocity,
-            acceleration=state.acceleration,
-            com=origin + state.position,
-            zmp=origin + state.zmp,
-            moment=turn * state.moment_arm[:, ::-1],
-            angular_momentum=momentum,
-        )
+        moment = turn * state.moment_arm[:, ::-1]
+        position, zmp = origin + state.position, origin + state.zmp
+        return _Motion(position, state.velocity, state.acceleration, zmp, moment, momentum)
 
     def clipped(self, times: ArrayLike) -> Array:
         """Times as an array (N,) [s], those within the tolerance moved onto the plan's ends.
@@ -295,7 +290,7 @@ class CentroidalPlan:
         motion = self._evaluate(index, time - self._starts[index])
         n = len(time)
         position, velocity, acceleration = np.empty((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
-        position[:, :2], position[:, 2] = motion.com, self.com_height
+        position[:, :2], position[:, 2] = motion.position, self.com_height
         velocity[:, :2] = motion.velocity
         acceleration[:, :2] = motion.acceleration
         force = self.mass * acceleration
@@ -307,7 +302,7 @@ class CentroidalPlan:
             com=position,
             com_velocity=velocity,
             com_acceleration=acceleration,
-            dcm=motion.com + motion.velocity * math.sqrt(self.com_height / self.gravity),
+            dcm=motion.position + motion.velocity * math.sqrt(self.com_height / self.gravity),
             zmp=motion.zmp,
             force=force,
             moment=motion.moment,
@@ -323,16 +318,11 @@ class CentroidalPlan:
         begin = self._evaluate(before + 1, np.zeros(len(before)))
         height, speed, weight = self.com_height, self.switching_velocity, self.weight
 
-        def jump(a: Array, b: Array, scale: float) -> float:
-            return float(np.max(np.abs(b - a), initial=0.0)) / scale
-
+        scales = {"position": height, "velocity": speed, "acceleration": self.gravity, "zmp": height}
+        scales |= {"moment": weight * height, "angular_momentum": self.mass * height * speed}
+        jumps = {name: np.abs(getattr(begin, name) - getattr(end, name)) for name in scales}
         return PlanResiduals(
-            position=jump(end.com, begin.com, height),
-            velocity=jump(end.velocity, begin.velocity, speed),
-            acceleration=jump(end.acceleration, begin.acceleration, self.gravity),
-            zmp=jump(end.zmp, begin.zmp, height),
-            moment=jump(end.moment, begin.moment, weight * height),
-            angular_momentum=jump(end.angular_momentum, begin.angular_momentum, self.mass * height * speed),
+            **{name: float(np.max(jumps[name], initial=0.0)) / scale for name, scale in scales.items()}
         )
 
     def with_angular_momentum_offset(self, offset: float) -> CentroidalPlan:

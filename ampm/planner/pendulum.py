@@ -345,9 +345,8 @@ def double_support_root(tau: Any, half_angle: Any) -> Array:
     """
     tau, q = np.broadcast_arrays(np.asarray(tau, dtype=np.float64), np.asarray(half_angle, dtype=np.float64))
     rho = q / np.pi + np.sqrt((q / np.pi) ** 2 + q * tau)
-    moving = np.ones(
-        rho.shape, dtype=bool
-    )  # what has converged rests: a root does not depend on its neighbours
+    # What has converged rests: a root does not depend on its neighbours.
+    moving = np.ones(rho.shape, dtype=bool)
     for _ in range(30):
         angle = np.arctan2(rho, tau)
         step = (rho * angle - q) / (angle + rho * tau / (tau * tau + rho * rho))

@@ -77,10 +77,11 @@ def _assemble(
     # L_x(t + T) = -L_x(t): half of what one single support adds; double support adds nothing.
     gained_x = weight * float(single.evaluate(t_ss).moment_arm_integral)
     # L_y returns to its start at every switch; its mean over a step is taken off.
-    drift = (single_x.force_slope - 1.0) * odd_double_integral(single_x.rate, single_x.odd, t_ss) + (
-        double_x.force_slope - 1.0
-    ) * odd_double_integral(double_x.rate, double_x.odd, t_ds)
-    start_y = weight * drift / step
+    drift_s, drift_d = (
+        (law.force_slope - 1.0) * odd_double_integral(law.rate, law.odd, law.duration)
+        for law in (single_x, double_x)
+    )
+    start_y = weight * (drift_s + drift_d) / step
 
     laws = ((single, double), (_mirrored(single), _mirrored(double)))
     footsteps = tuple(
@@ -103,11 +104,7 @@ def _assemble(
         middle = (x + 0.5 * length, 0.0)
         phases.append(CentroidalPhase(start + t_ss, t_ds, middle, double_x, double_y, (gained, start_y)))
     constants = PlanConstants(
-        l_s=float(sagittal.l_s),
-        l_d=float(sagittal.l_d),
-        inverse_a_s=float(sagittal.inverse_a_s),
-        a_d=float(sagittal.a_d),
-        c_d=float(sagittal.c_d),
+        **{name: float(getattr(sagittal, name)) for name in ("l_s", "l_d", "inverse_a_s", "a_d", "c_d")},
         single_support_duration=t_ss,
         double_support_duration=t_ds,
         s=float(frontal.s),

@@ -13,13 +13,8 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import MathematicalRefusal
 from ampm.parameters import GRAVITY, GaitParameters
-from ampm.planner.pendulum import (
-    FrontalPlane,
-    SagittalPlane,
-    frontal_plane,
-    sagittal_plane,
-    sagittal_time_constant,
-)
+from ampm.planner import pendulum
+from ampm.planner.pendulum import FrontalPlane, SagittalPlane
 
 Array = NDArray[np.float64]
 
@@ -82,7 +77,7 @@ class Gaits:
     def least_velocity(self) -> Array:
         """``l_s / T_s``, above which the COM passes over the foot [m/s]."""
         l_s = 0.5 * self.step_length * self.single_support_ratio
-        return l_s / sagittal_time_constant(self.com_height, self.bracket, GRAVITY)
+        return l_s / pendulum.sagittal_time_constant(self.com_height, self.bracket, GRAVITY)
 
     @cached_property
     def mid_stance_velocity(self) -> Array:
@@ -108,7 +103,7 @@ class Gaits:
     @cached_property
     def sagittal(self) -> SagittalPlane:
         """Closed form of the sagittal plane."""
-        return sagittal_plane(
+        return pendulum.sagittal_plane(
             com_height=self.com_height,
             step_length=self.step_length,
             single_support_ratio=self.single_support_ratio,
@@ -127,7 +122,7 @@ class Gaits:
     @cached_property
     def frontal(self) -> FrontalPlane:
         """Closed form of the frontal plane."""
-        return frontal_plane(
+        return pendulum.frontal_plane(
             com_height=self.com_height,
             half_width=0.5 * self.step_width,
             c_y=self.c_y,
@@ -205,11 +200,9 @@ class Rule:
     def refusal(self, gait: Gaits) -> MathematicalRefusal:
         """Message for one gait that breaks the rule."""
         value, limit = float(getattr(gait, self.value)), float(self._limit(gait))
-        message, way_out = (
-            text.format(g=gait, value=value, limit=limit) for text in (self.message, self.way_out)
-        )
+        texts = [text.format(g=gait, value=value, limit=limit) for text in (self.message, self.way_out)]
         return MathematicalRefusal(
-            message, reason=self.reason, value=value, limit=limit, unit=self.unit, way_out=way_out
+            texts[0], reason=self.reason, value=value, limit=limit, unit=self.unit, way_out=texts[1]
         )
 
 
@@ -217,11 +210,7 @@ _FASTER = "raise gait.switching_velocity to {g.sufficient_velocity} m/s or short
 RULES: tuple[Rule, ...] = (
     *(
         Rule(  # refused, rather than ignored
-            "not_the_plain_pendulum",
-            key,
-            np.equal,
-            fixed,
-            "1",
+            "not_the_plain_pendulum", key, np.equal, fixed, "1",
             f"gait.{key} = {{value:.6g}} is no choice of the plain inverted pendulum (gait.model = ipm): its "
             f"ZMP rests under the foot and its force passes through the COM, so that gait.{key} = {fixed:g}",
             f"set gait.{key} to {fixed:g}, take the preset ipm, or gait.model = ampm",
@@ -230,68 +219,44 @@ RULES: tuple[Rule, ...] = (
         for key, fixed in {"a_s": math.inf, "c_s": 1.0, "c_y": 1.0}.items()
     ),
     Rule(
-        "single_support_not_driven",
-        "bracket",
-        np.greater,
-        0.0,
-        "1",
+        "single_support_not_driven", "bracket", np.greater, 0.0, "1",
         "gait.c_s - 1/gait.a_s = {value:.6g} must be greater than 0: the COM would not be driven off the "
         "stance foot",
         "raise gait.c_s above {g.inverse_a_s:.6g}{g.sufficient_a_s}",
     ),
     Rule(
-        "c_y_not_positive",
-        "c_y",
-        np.greater,
-        0.0,
-        "1",
+        "c_y_not_positive", "c_y", np.greater, 0.0, "1",
         "gait.c_y = {value:.6g} must be greater than 0: the COM would not be driven back from the stance "
         "foot to the midline",
         "choose gait.c_y greater than 0, for example 0.4",
     ),
     Rule(
-        "switching_velocity_too_low",
-        "switching_velocity",
-        np.greater,
-        "least_velocity",
-        "m/s",
+        "switching_velocity_too_low", "switching_velocity", np.greater, "least_velocity", "m/s",
         "gait.switching_velocity = {value:.6g} m/s is too slow to pass over the foot: the least is l_s/T_s = "
         "{limit:.6g} m/s",
         _FASTER,
     ),
     Rule(
-        "mid_stance_too_slow",
-        "mid_stance_velocity",
-        np.greater_equal,
-        "least_mid_stance_velocity",
-        "m/s",
+        "mid_stance_too_slow", "mid_stance_velocity", np.greater_equal, "least_mid_stance_velocity", "m/s",
         "the COM would pass over the foot at {value:.6g} m/s, less than {limit:.6g} m/s, "
         f"{LEAST_MID_STANCE_SHARE:.0%} of gait.switching_velocity = {{g.switching_velocity:.6g}} m/s (it "
         "passes at all from {g.least_velocity:.6g} m/s)",
         _FASTER,
     ),
-    Rule(
-        "single_support_too_long",
-        "time_constants",
-        np.less_equal,
-        600.0,  # cosh of half of it still fits a double
-        "1",
+    Rule(  # cosh of half of the limit still fits a double
+        "single_support_too_long", "time_constants", np.less_equal, 600.0, "1",
         "single support lasts {value:.4g} time constants of the lateral pendulum, more than {limit:g}: no "
         "side to side motion of that period can be computed",
         "raise gait.switching_velocity, shorten gait.step_length or lower gait.c_y",
     ),
     Rule(
-        "ill_conditioned",
-        "rounding",
-        np.less_equal,
-        RESIDUAL_LIMIT,
-        "1",
+        "ill_conditioned", "rounding", np.less_equal, RESIDUAL_LIMIT, "1",
         "the gait's numbers are too far apart to be computed: rounding could make the plan jump by "
         "{value:.1e} of its own scale at a switch, more than {limit:g}",
         "bring gait.com_height, gait.step_length, gait.step_width and gait.c_y nearer to each other, and "
         "gait.single_support_ratio away from 0 and 1",
     ),
-)
+)  # fmt: skip
 """All rules, in the order in which they are applied: a gait is refused by the first that it breaks."""
 
 REASONS = ("accepted", *dict.fromkeys(rule.reason for rule in RULES))

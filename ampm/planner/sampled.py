@@ -52,12 +52,10 @@ class SampledLaw:
         arm = self.moment_arm
         whole = 0.5 * (arm[1:] + arm[:-1]) * np.diff(self.time)
         before = np.concatenate([[0.0], np.cumsum(whole)])[i]
+        mixed = (1.0 - u) * left + u * right
         return LawState(
-            position=self.position[i] + u * (rise + (1.0 - u) * ((1.0 - u) * left + u * right)),
-            velocity=(
-                rise + (1.0 - 2.0 * u) * ((1.0 - u) * left + u * right) + u * (1.0 - u) * (right - left)
-            )
-            / h,
+            position=self.position[i] + u * (rise + (1.0 - u) * mixed),
+            velocity=(rise + (1.0 - 2.0 * u) * mixed + u * (1.0 - u) * (right - left)) / h,
             acceleration=linear(self.acceleration),
             zmp=linear(self.zmp),
             moment_arm=linear(arm),
@@ -102,11 +100,8 @@ def sampled_plan(
         )
     if not all(np.isfinite(values).all() for values in (t, c, p, a)):
         raise InputError("the table has entries that are no numbers; give finite ones.")
-    if (
-        abs(t[0]) > TIME_TOLERANCE
-        or not (np.diff(t) > 0.0).all()
-        or t[-1] < contacts.duration - TIME_TOLERANCE
-    ):
+    ends = abs(t[0]) <= TIME_TOLERANCE and t[-1] >= contacts.duration - TIME_TOLERANCE
+    if not (ends and (np.diff(t) > 0.0).all()):
         raise InputError(
             f"the times {t[0]:g} ... {t[-1]:g} s must ascend from 0 to the end of the contacts, "
             f"{contacts.duration:g} s; add samples or drop footsteps."
@@ -157,10 +152,7 @@ def sampled_contacts(time: ArrayLike, stance: ArrayLike, left: ArrayLike, right:
         right: the same of the right foot, shape (N, 2) [m].
     """
     t, names = np.asarray(time, dtype=np.float64), np.asarray(stance)
-    places: dict[Side, Array] = {
-        "left": np.asarray(left, dtype=float),
-        "right": np.asarray(right, dtype=float),
-    }
+    places: dict[Side, Array] = {"left": np.asarray(left, float), "right": np.asarray(right, float)}
     starts = np.flatnonzero(np.r_[True, names[1:] != names[:-1]])
     phases, footsteps = [], []
     for first, start, end in zip(starts, t[starts], [*t[starts[1:]], t[-1]], strict=True):

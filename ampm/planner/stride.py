@@ -138,10 +138,8 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift
             "feet are planned straight ahead on level ground; give footsteps of zero heading and z."
         )
     singles, doubles = contacts.phases[0::2], contacts.phases[1::2]
-    alternate = all(p.kind == "single_support" for p in singles) and all(
-        p.kind == "double_support" for p in doubles
-    )
-    if not alternate or len(singles) != len(doubles):
+    turns = {(single.kind, double.kind) for single, double in zip(singles, doubles, strict=False)}
+    if turns != {("single_support", "double_support")} or len(singles) != len(doubles):
         raise InputError(
             "feet are planned for single and double supports in turn; give a plan of such phases."
         )
@@ -172,16 +170,9 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift
 
 
 def _stride(
-    foot: FootParameters,
-    sole: SoleGeometry,
-    start: Array,
-    single: Array,
-    double: Array,
-    behind: Array,
-    here: Array,
-    ahead: Array,
-    lift_speed: float,
-) -> tuple[list[_Segment], list[_Segment]]:
+    foot: FootParameters, sole: SoleGeometry, start: Array, single: Array, double: Array, behind: Array,
+    here: Array, ahead: Array, lift_speed: float,
+) -> tuple[list[_Segment], list[_Segment]]:  # fmt: skip
     """Segments of the foot that stands, and of the one that swings from ``behind`` to ``ahead``.
 
     The times have the shape (n,) [s], the placements (n, 3) [m].
@@ -219,16 +210,8 @@ def _stride(
     for share in sorted(shares):  # the same polynomials, their time counted from a later start
         since, piece = [item for item in pieces if item[0] <= share][-1]
         bent = _shift(toe, share * single) if share < returned else None
-        swing.append(
-            _Segment(
-                start + share * single,
-                PIVOT_BALL,
-                none,
-                _shift(piece, (share - since) * single),
-                _shift(pitch, share * single),
-                bent,
-            )
-        )
+        ball, turned = _shift(piece, (share - since) * single), _shift(pitch, share * single)
+        swing.append(_Segment(start + share * single, PIVOT_BALL, none, ball, turned, bent))
     if not roll:
         landed = start + single
     else:
