@@ -61,31 +61,18 @@ def compare(
 
 def print_pair(pair: Pair) -> None:
     """Print both sides for a reader."""
-    from validation.study.compare.pair import facts, known, ratio, shown, verdicts
+    from validation.study.compare.pair import counts, facts, known, ratio, tables
 
-    a, b = pair.a.label, pair.b.label
-    columns = ["", f">{a}", f">{b}"]
-    print_table(f"{a} and {b}", columns, facts(pair))
+    columns = ["", f">{pair.a.label}", f">{pair.b.label}"]
+    print_table(f"{pair.a.label} and {pair.b.label}", columns, facts(pair))
     if pair.parameters:
         differ = [(key, str(one), str(two)) for key, (one, two) in pair.parameters.items()]
         print_table("parameters that differ", columns, differ)
-    names = {"a": a, "b": b, "even": "=", "": ""}
-    for group, rows in pair.groups.items():
-        cells = [
-            (
-                row.of.label,
-                shown(row.a),
-                shown(row.b),
-                row.of.unit.replace("% of body weight", "% of weight"),
-                ratio(row),
-                names[row.better],
-            )
-            for row in rows
-        ]
-        print_table(group, [*columns, "unit", ">ratio", "better"], cells)
-    for better, words in verdicts(pair):
-        print_line(f"{words} {pair.count(better)} of {len(pair.rows)} quantities")
-    print_line(f"  {known(pair)}")
+    for group, rows in tables(pair).items():
+        short = [[text.replace("% of body weight", "% of weight") for text in row] for row in rows]
+        print_table(group, [*columns, "unit", ">ratio", "better"], short)
+    for line in (*counts(pair), f"  {known(pair)}"):
+        print_line(line)
     if unbounded := pair.unbounded():
         told = "; ".join(f"{row.of.group}, {row.of.label}: {ratio(row)}" for row in unbounded)
         print_line(f"  Largest ratios among those: {told}.")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from validation.judge.metrics import METRICS, Metric, display_unit
+from validation.judge.metrics import METRICS, display_unit
 from validation.judge.signals import signals_table
 from validation.store.signals import Signals
 
@@ -79,23 +79,18 @@ SWITCH = (
     Quantity(_FORCE, "measured_change", f"{_CHANGE}: measured", "m/s²", 0.01),
     Quantity(_FORCE, "force_rate", "fastest change of the horizontal force", "body weights/s", 0.1),
     Quantity(_FORCE, "vertical_force", "largest error of the vertical force", "% of body weight", 0.1),
-    *(
-        quantity
-        for axis in "xy"
-        for quantity in (
-            Quantity(_ZMP, f"zmp_{axis}_near", f"{axis}, RMSE within {_NEAR} of a switch", "mm", 0.05),
-            Quantity(_ZMP, f"zmp_{axis}_far", f"{axis}, RMSE elsewhere", "mm", 0.05),
-        )
-    ),
-    Quantity(
-        _TORQUE, "torque_rate_peak", f"fastest joint within {_NEAR} (median over switches)", "N m/ms", 0.1
-    ),
+    Quantity(_ZMP, "zmp_x_near", f"x, RMSE within {_NEAR} of a switch", "mm", 0.05),
+    Quantity(_ZMP, "zmp_x_far", "x, RMSE elsewhere", "mm", 0.05),
+    Quantity(_ZMP, "zmp_y_near", f"y, RMSE within {_NEAR} of a switch", "mm", 0.05),
+    Quantity(_ZMP, "zmp_y_far", "y, RMSE elsewhere", "mm", 0.05),
+    Quantity(_TORQUE, "torque_rate_peak", f"fastest joint within {_NEAR} (median over switches)", "N m/ms",
+             0.1),
     Quantity(_TORQUE, "torque_rate_near", f"RMS of all joints within {_NEAR}", "N m/ms", 0.01),
     Quantity(_TORQUE, "torque_rate_far", "RMS of all joints elsewhere", "N m/ms", 0.01),
     Quantity(_EFFORT, "effort_zmp_near", f"ZMP, RMS within {_NEAR}", "mm", 0.05),
     Quantity(_EFFORT, "effort_zmp_far", "ZMP, RMS elsewhere", "mm", 0.05),
     Quantity(_EFFORT, "effort_force_near", f"horizontal force, RMS within {_NEAR}", "% of body weight", 0.01),
-)
+)  # fmt: skip
 """Quantities of a walk that only a comparison shows."""
 _COSTS = {
     "margin_torque": 0.01,
@@ -105,6 +100,7 @@ _COSTS = {
     "failed_qp": 1.0,
 }
 """Metrics beside the judged ones, and what is noise of them [SI unit]."""
+_WHOLE = "the whole run"
 _NOISE = 0.02
 """Share of a metric's tolerance below which its value is noise [1]."""
 
@@ -138,36 +134,36 @@ def switch_values(walk: Comparison) -> dict[str, float]:
     return {item.name: si_unit(item.unit, weight)[0] * values[item.name] for item in SWITCH}
 
 
-def compared_metrics() -> Iterator[tuple[Metric, float]]:
-    """Metrics of the whole run: those that judge the walk, and what it cost, with what is noise [SI unit].
-
-    Limits on forces are shares of the body's weight, and so is their noise.
-    """
-    for metric in METRICS.values():
-        if metric.name in _COSTS:
-            yield metric, _COSTS[metric.name]
-        elif metric.kind != "instrument" and metric.tolerances:
-            yield metric, _NOISE * max(metric.tolerances.values())
-
-
 def quantities(weight: float) -> Iterator[Quantity]:
-    """Everything that is compared, in its order; ``weight`` of the body [N]."""
+    """Everything that is compared, in its order: the metrics are those that judge the walk, and what it cost.
+
+    Args:
+        weight: of the body [N].
+    """
     yield from UNWALKED
     yield from SWITCH
-    for metric, least in compared_metrics():
+    for metric in METRICS.values():
         factor, unit = display_unit(metric.unit, weight)
-        noise = 100.0 * least if metric.tolerance_unit else factor * least
-        yield Quantity("the whole run", metric.name, metric.label, unit, noise)
+        if metric.name in _COSTS:
+            least = factor * _COSTS[metric.name]
+        elif metric.kind != "instrument" and metric.tolerances:
+            # Limits on forces are shares of the body's weight, and so is their noise.
+            least = _NOISE * max(metric.tolerances.values())
+            least *= 100.0 if metric.tolerance_unit else factor
+        else:
+            continue
+        yield Quantity(_WHOLE, metric.name, metric.label, unit, least)
 
 
 def metric_values(summary: Mapping[str, Any], weight: float) -> dict[str, float]:
     """Values of the compared metrics in ``summary.json``, as shown."""
     found = {}
-    for metric, _ in compared_metrics():
+    for name in (item.name for item in quantities(weight) if item.group == _WHOLE):
+        metric = METRICS[name]
         section = summary.get(metric.section or "metrics", {})
-        entry = section.get(metric.name.partition("_")[2] if metric.section else metric.name)
+        entry = section.get(name.partition("_")[2] if metric.section else name)
         value = entry.get("value") if isinstance(entry, Mapping) else entry
-        found[metric.name] = math.nan if value is None else display_unit(metric.unit, weight)[0] * value
+        found[name] = math.nan if value is None else display_unit(metric.unit, weight)[0] * value
     return found
 
 

@@ -7,8 +7,7 @@ value of a walk is called better, however large the difference.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ampm.planner.support import StepPlan
@@ -58,6 +57,34 @@ class Side:
     plan: StepPlan
     joints: Joints
     outcome: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Facts about the gait: lengths in m, speeds in m/s, durations in s."""
+        gait, constants = self.saved.parameters.gait, self.plan.constants
+        return {
+            "name": self.label,
+            "outcome": self.outcome,
+            "steps_completed": self.saved.record.outcome.steps_completed,
+            "model": gait.model,
+            "step_length": gait.step_length,
+            "switching_velocity": gait.switching_velocity,
+            "mean_velocity": constants.mean_velocity,
+            "single_support_duration": constants.single_support_duration,
+            "double_support_duration": constants.double_support_duration,
+            "joint_acceleration_jump": self.joints,
+        }
+
+
+_FACTS = {
+    "outcome": "{outcome}, {steps_completed} steps",
+    "model": "{model}",
+    "step length": "{step_length:g} m",
+    "speed at a switch": "{switching_velocity:g} m/s",
+    "mean speed": "{mean_velocity:.3f} m/s",
+    "single support": "{single_support_duration:.3f} s",
+    "double support": "{double_support_duration:.3f} s",
+    "joint that jumps most": "{joint_acceleration_jump.joint}",
+}
 
 
 class Row(NamedTuple):
@@ -116,14 +143,6 @@ class Pair:
     studies: tuple[Uncertainty, Uncertainty] | None = None
 
     @property
-    def groups(self) -> Mapping[str, list[Row]]:
-        """Rows by their heading."""
-        found: dict[str, list[Row]] = {}
-        for row in self.rows:
-            found.setdefault(row.of.group, []).append(row)
-        return found
-
-    @property
     def parameters(self) -> dict[str, tuple[Any, Any]]:
         """Key to the values of both sides, of every parameter in which they differ."""
         one, two = (side.saved.parameters.model_dump() for side in (self.a, self.b))
@@ -134,10 +153,6 @@ class Pair:
             if value != two[section][key]
         }
 
-    def count(self, better: str) -> int:
-        """Number of rows in which one side is better, neither is, or nothing is said."""
-        return sum(row.better == better for row in self.rows)
-
     def unbounded(self, count: int = 5) -> list[Row]:
         """Rows of the largest ratios among those of which nothing is said."""
         open_rows = [row for row in self.rows if row.better == "" and row.ratio]
@@ -145,22 +160,7 @@ class Pair:
 
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain data."""
-        sides = {
-            key: {
-                "name": side.label,
-                "outcome": side.outcome,
-                "steps_completed": side.saved.record.outcome.steps_completed,
-                "model": side.saved.parameters.gait.model,
-                "step_length": side.saved.parameters.gait.step_length,
-                "switching_velocity": side.saved.parameters.gait.switching_velocity,
-                "mean_velocity": side.plan.constants.mean_velocity,
-                "single_support_duration": side.plan.constants.single_support_duration,
-                "double_support_duration": side.plan.constants.double_support_duration,
-                "joint_acceleration_jump": asdict(side.joints),
-            }
-            for key, side in (("a", self.a), ("b", self.b))
-        }
-        values = {
+        quantities = {
             row.of.name: {
                 **{key: getattr(row.of, key) for key in ("group", "label", "unit")},
                 **{key: getattr(row, key) for key in ("a", "b", "ratio", "better")},
@@ -168,37 +168,44 @@ class Pair:
             }
             for row in self.rows
         }
-        studies = None if self.studies is None else [study.as_dict() for study in self.studies]
-        rest = {"parameters": self.parameters, "uncertainty": studies, "quantities": values}
-        return dict(json_ready({**sides, **rest}))
+        table = {
+            "a": self.a.as_dict(),
+            "b": self.b.as_dict(),
+            "parameters": self.parameters,
+            "uncertainty": None if self.studies is None else [study.as_dict() for study in self.studies],
+            "quantities": quantities,
+        }
+        return dict(json_ready(table))
 
 
-def facts(pair: Pair) -> list[tuple[str, str, str]]:
+def facts(pair: Pair) -> list[tuple[str, ...]]:
     """Facts about both gaits: name of the fact, first side, second side."""
-
-    def both(label: str, describe: Callable[[Side], str]) -> tuple[str, str, str]:
-        return label, describe(pair.a), describe(pair.b)
-
+    a, b = pair.a.as_dict(), pair.b.as_dict()
     return [
-        both("outcome", lambda s: f"{s.outcome}, {s.saved.record.outcome.steps_completed} steps"),
-        both("model", lambda s: s.saved.parameters.gait.model),
-        both("step length", lambda s: f"{s.saved.parameters.gait.step_length:g} m"),
-        both("speed at a switch", lambda s: f"{s.saved.parameters.gait.switching_velocity:g} m/s"),
-        both("mean speed", lambda s: f"{s.plan.constants.mean_velocity:.3f} m/s"),
-        both("single support", lambda s: f"{s.plan.constants.single_support_duration:.3f} s"),
-        both("double support", lambda s: f"{s.plan.constants.double_support_duration:.3f} s"),
-        both("joint that jumps most", lambda s: s.joints.joint.replace("_", " ")),
+        (name, *(text.format(**side).replace("_", " ") for side in (a, b))) for name, text in _FACTS.items()
     ]
 
 
-def verdicts(pair: Pair) -> list[tuple[str, str]]:
-    """Values of :attr:`Row.better`, and the words for them."""
-    return [
-        ("a", f"{pair.a.label} is better in"),
-        ("even", "no difference in"),
-        ("b", f"{pair.b.label} is better in"),
-        ("", "nothing is said of"),
-    ]
+def tables(pair: Pair) -> dict[str, list[tuple[str, ...]]]:
+    """Heading to rows of label, both values, unit, ratio, and which side is better."""
+    names = {"a": pair.a.label, "b": pair.b.label, "even": "=", "": ""}
+    found: dict[str, list[tuple[str, ...]]] = {}
+    for row in pair.rows:
+        cells = (row.of.label, shown(row.a), shown(row.b), row.of.unit, ratio(row), names[row.better])
+        found.setdefault(row.of.group, []).append(cells)
+    return found
+
+
+def counts(pair: Pair) -> list[str]:
+    """In how many quantities each side is better, neither is, or nothing is said."""
+    words = {
+        "a": f"{pair.a.label} is better in",
+        "even": "no difference in",
+        "b": f"{pair.b.label} is better in",
+        "": "nothing is said of",
+    }
+    found = [row.better for row in pair.rows]
+    return [f"{text} {found.count(better)} of {len(found)} quantities" for better, text in words.items()]
 
 
 def known(pair: Pair) -> str:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
@@ -16,7 +14,7 @@ from numpy.typing import NDArray
 from validation.show import style as figures
 from validation.show.page import render_page
 from validation.store.folders import output_file
-from validation.study.compare.pair import EVEN, Pair, Side, facts, known, ratio, shown, verdicts
+from validation.study.compare.pair import EVEN, Pair, Side, counts, facts, known, tables
 from validation.study.compare.run import NUMBERS, PICTURE, REPORT
 
 Array = NDArray[np.float64]
@@ -24,15 +22,9 @@ Array = NDArray[np.float64]
 REACH = 0.1
 """How far the pictures look on either side of a switch [s]."""
 
-_LIGHT: Mapping[str, str] = {
-    figures.INK: "#1d2126",
-    figures.FAINT: "#6c737d",
-    figures.GRID: "#e6e8ea",
-    figures.PLAN: "#0072b2",
-    figures.MEASURED: "#d55e00",
-}
-"""The page's light colours, for a picture in a file of its own."""
-_A, _B = figures.PLAN, figures.MEASURED
+_PAGE = (figures.PLAN, figures.MEASURED, figures.FAINT)
+_FILE = ("#0072b2", "#d55e00", "#5b6270")
+"""Colours of both sides and of the plan, on the page and in a file of its own."""
 _KINDS = ("single to double support", "double to single support")
 
 
@@ -52,14 +44,6 @@ def render(pair: Pair) -> str:
     a, b = pair.a.label, pair.b.label
     with figures.style():
         switches = figures.to_svg(draw_switches(pair), "s", f"{a} and {b} about the switches")
-    names = {"a": a, "b": b, "even": "–", "": ""}
-    groups = {
-        group: [
-            (row.of.label, shown(row.a), shown(row.b), row.of.unit, ratio(row), names[row.better])
-            for row in rows
-        ]
-        for group, rows in pair.groups.items()
-    }
     return render_page(
         "pair.html.j2",
         styles=["report.css"],
@@ -69,33 +53,27 @@ def render(pair: Pair) -> str:
         facts=facts(pair),
         parameters=pair.parameters,
         switches=Markup(switches),
-        groups=groups,
+        groups=tables(pair),
         known=known(pair),
-        counts=[f"{words} {pair.count(better)}" for better, words in verdicts(pair)],
+        counts=counts(pair),
     )
 
 
 def draw_file(pair: Pair, path: Path) -> None:
     """Save the picture of the switches; the suffix chooses the format."""
-    with figures.style():
-        real = {
-            key: _LIGHT[value]
-            for key, value in mpl.rcParams.items()
-            if isinstance(value, str) and value in _LIGHT
-        }
-        with mpl.rc_context(real):
-            figure = draw_switches(pair, _LIGHT)
-            figure.patch.set(alpha=1.0, facecolor="white")
-            metadata = {"Date": None, "Creator": None} if path.suffix == ".svg" else None
-            figure.savefig(path, dpi=110, metadata=metadata)
+    with figures.file_style():
+        figure = draw_switches(pair, _FILE)
+        figure.patch.set(alpha=1.0, facecolor="white")
+        metadata = {"Date": None, "Creator": None} if path.suffix == ".svg" else None
+        figure.savefig(path, dpi=110, metadata=metadata)
 
 
-def draw_switches(pair: Pair, colours: Mapping[str, str] | None = None) -> Figure:
+def draw_switches(pair: Pair, colours: tuple[str, str, str] = _PAGE) -> Figure:
     """Acceleration, ZMP error and torque rate about both kinds of switch, of both sides.
 
     Args:
         pair: both sides.
-        colours: in place of the stand-ins of :mod:`validation.show.run_figures`.
+        colours: of both sides and of the plan; by default the page's.
     """
     rows = (
         "COM acceleration x\n[m/s²]",
@@ -107,14 +85,13 @@ def draw_switches(pair: Pair, colours: Mapping[str, str] | None = None) -> Figur
     axes = figure.subplots(len(rows), 2, sharex=True, sharey="row")
     figure.subplots_adjust(left=0.09, right=0.985, top=0.92, bottom=0.06, hspace=0.16, wspace=0.06)
     figure.patch.set_alpha(0.0)
-    colours = colours or {}
-    for side, name in ((pair.a, _A), (pair.b, _B)):
-        colour = colours.get(name, name)
-        series = _series(side)
+    *both, ink = colours
+    handles = []
+    for side, colour in zip((pair.a, pair.b), both, strict=True):
         for kind in (0, 1):
-            for row, (planned, values) in enumerate(series):
+            for row, (planned, values) in enumerate(_series(side)):
                 _draw(axes[row, kind], side, kind, values, planned, colour, lateral=row == 2)
-    ink = colours.get(figures.FAINT, figures.FAINT)
+        handles += axes[0, 0].plot([], [], color=colour, label=side.label)
     for kind in (0, 1):
         axes[0, kind].set_title(_KINDS[kind])
         axes[-1, kind].set_xlabel("time from the switch [ms]")
@@ -126,11 +103,7 @@ def draw_switches(pair: Pair, colours: Mapping[str, str] | None = None) -> Figur
             if kind == 0:
                 axis.set_ylabel(label)
     figure.align_ylabels(axes[:, 0])
-    handles = [
-        axes[0, 0].plot([], [], color=colours.get(name, name), label=side.label)[0]
-        for side, name in ((pair.a, _A), (pair.b, _B))
-    ]
-    handles.append(axes[0, 0].plot([], [], color=ink, linestyle=(0, (4, 2)), label="plan")[0])
+    handles += axes[0, 0].plot([], [], color=ink, linestyle=(0, (4, 2)), label="plan")
     figure.legend(handles=handles, loc="upper right", ncols=3, bbox_to_anchor=(0.985, 0.995))
     return figure
 
@@ -151,25 +124,23 @@ def _draw(
     time, dt = side.saved.signals.time, side.saved.record.time_step
     reach = round(REACH / dt)
     # The plan's switches alternate; the first step's are left out.
-    rows = [int(np.searchsorted(time, t - 1e-9)) for t in side.plan.contacts.switch_times[2 + kind :: 2]]
-    rows = [row for row in rows if reach <= row < len(time) - reach]
-    if not rows:
+    switches = side.plan.contacts.switch_times[2 + kind :: 2]
+    rows = np.searchsorted(time, switches - 1e-9)
+    inside = (rows >= reach) & (rows < len(time) - reach)
+    rows, switches = rows[inside], switches[inside]
+    if not rows.size:
         return
     # The last row before a switch and the first behind it belong to different phases.
     offset = np.arange(-reach, reach + 1)
-    about = np.array(rows)[:, None] + offset
+    about = rows[:, None] + offset
     stack = values[about]
     if lateral:  # towards the foot that stood: the right foot's switches are the left's, mirrored
         stack = stack * np.where(np.arange(1, len(rows) + 1) % 2 == 0, 1.0, -1.0)[:, None]
     # Sampled times straddle the switch by less than a step: on average by what is shown.
-    shown_time = 1e3 * (
-        offset * dt + np.median(time[rows] - side.plan.contacts.switch_times[2 + kind :: 2][: len(rows)])
-    )
-    axis.fill_between(
-        shown_time, np.nanmin(stack, axis=0), np.nanmax(stack, axis=0), color=colour, alpha=0.22, linewidth=0
-    )
-    axis.plot(shown_time, np.nanmedian(stack, axis=0), color=colour, linewidth=1.4)
+    at = 1e3 * (offset * dt + np.median(time[rows] - switches))
+    low, high = np.nanmin(stack, axis=0), np.nanmax(stack, axis=0)
+    axis.fill_between(at, low, high, color=colour, alpha=0.22, linewidth=0)
+    axis.plot(at, np.nanmedian(stack, axis=0), color=colour, linewidth=1.4)
     if planned is not None:
-        axis.plot(
-            shown_time, np.median(planned[about], axis=0), color=colour, linewidth=1.1, linestyle=(0, (4, 2))
-        )
+        median = np.median(planned[about], axis=0)
+        axis.plot(at, median, color=colour, linewidth=1.1, linestyle=(0, (4, 2)))

@@ -67,8 +67,9 @@ def compare_pair(
         InputError, MathematicalRefusal, BodilyRefusal: a gait or folder cannot be used.
     """
     stages = stages or Progress()
-    sources = [_source(text, settings) for text in (a, b)]
-    if settings and all(isinstance(source, Path) for source in sources):
+    sources = [Path(text) if Path(text).is_dir() else load_request(text, settings) for text in (a, b)]
+    walked = [isinstance(source, Path) for source in sources]
+    if settings and all(walked):
         raise InputError(
             "both sides are runs that are already walked: --set has nothing to change; leave it out."
         )
@@ -81,28 +82,22 @@ def compare_pair(
                 f"{label} is no folder of a finished run; give a preset, a TOML file or a run's folder."
             )
     studies = _studies(sources, labels, uncertainty)
-    folders = _folders(out, labels, sources, force=force)
     if out is not None:
+        check_target(out, None, force=force, what="comparison", marks=(NUMBERS, PICTURE))
+        for label, is_walked in zip(labels, walked, strict=True):
+            if not is_walked:
+                check_run_folder(out / label, force=force)
         out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="ampm-compare-") if out is None else nullcontext(out) as place:
         sides = []
-        for label, source, folder in zip(labels, sources, folders, strict=True):
+        for label, source in zip(labels, sources, strict=True):
             if isinstance(source, Request):
-                target = folder or Path(place) / label
-                options = Options(force=force, recording=out is not None)
-                summary = validate(source, target, options, progress=stages)
-                if summary["outcome"] == "interrupted":  # the other one is not wanted either
-                    raise KeyboardInterrupt
-                source = target
+                options, folder = Options(force=force, recording=out is not None), Path(place) / label
+                if validate(source, folder, options, progress=stages)["outcome"] == "interrupted":
+                    raise KeyboardInterrupt  # the other one is not wanted either
+                source = folder
             sides.append(_side(label, source, stages))
         return pair_of(*sides, studies=studies)
-
-
-def _source(text: str, settings: Sequence[str]) -> Request | Path:
-    """A gait to walk, or the folder of a run."""
-    if Path(text).is_dir():
-        return Path(text)
-    return load_request(text, settings)
 
 
 def _studies(
@@ -126,33 +121,11 @@ def _studies(
 def _labels(sources: Sequence[Request | Path]) -> list[str]:
     """Names for tables; two of one name are told apart by a number."""
     names = [s.name if isinstance(s, Request) else s.resolve().name for s in sources]
-    if names[0] == names[1]:
-        if all(isinstance(source, Request) for source in sources):
-            raise InputError(
-                f"both gaits are named {names[0]!r}; give two different ones, or folders of runs."
-            )
-        names = [f"{name}-{number}" for number, name in enumerate(names, start=1)]
-    return names
-
-
-def _folders(
-    out: Path | None, labels: Sequence[str], sources: Sequence[Request | Path], *, force: bool
-) -> list[Path | None]:
-    """Where each run that is to be made goes; refuses what must not be written.
-
-    Raises:
-        InputError: ``out`` is a file, holds something else, or holds a comparison and ``force`` is off.
-    """
-    if out is None:
-        return [None, None]
-    check_target(out, None, force=force, what="comparison", marks=(NUMBERS, PICTURE))
-    folders = [
-        out / name if isinstance(s, Request) else None for name, s in zip(labels, sources, strict=True)
-    ]
-    for folder in folders:
-        if folder is not None:
-            check_run_folder(folder, force=force)
-    return folders
+    if names[0] != names[1]:
+        return names
+    if all(isinstance(source, Request) for source in sources):
+        raise InputError(f"both gaits are named {names[0]!r}; give two different ones, or folders of runs.")
+    return [f"{name}-{number}" for number, name in enumerate(names, start=1)]
 
 
 def _side(label: str, folder: Path, stages: Progress) -> Side:
@@ -163,13 +136,18 @@ def _side(label: str, folder: Path, stages: Progress) -> Side:
     run = saved.parameters
     with stages.stage(f"{label}: motion on {len(GRIDS)} grids") as stage:
         body = make_body(run)
-        sole = body.model.description.sole
-        plan = plan_steps(run.gait, run.body.mass, run.foot, sole)
-        motions = []
-        for step in GRIDS:
-            finer = run.replace({"solver.ik_time_step": step})
-            motions.append(solve_motion(plan, finer, body.robot, progress=stage.note, cache=motion_cache()))
-        joints = joint_jumps(motions, body.robot, GRIDS)
+        plan = plan_steps(run.gait, run.body.mass, run.foot, body.model.description.sole)
+        motions = [
+            solve_motion(
+                plan,
+                run.replace({"solver.ik_time_step": step}),
+                body.robot,
+                progress=stage.note,
+                cache=motion_cache(),
+            )
+            for step in GRIDS
+        ]
+    joints = joint_jumps(motions, body.robot, GRIDS)
     return Side(label, saved, plan, joints, str(saved.record.outcome.name))
 
 
@@ -202,29 +180,26 @@ def joint_jumps(motions: Sequence[WholeBodyMotion], robot: Robot, grids: Sequenc
 
 def pair_of(a: Side, b: Side, *, studies: tuple[Uncertainty, Uncertainty] | None = None) -> Pair:
     """All quantities of two walked sides, with the numerical uncertainty that the studies found."""
-    values_a, values_b = _values(a), _values(b)
-    study_a, study_b = studies or (None, None)
-    rows = tuple(
-        Row(
-            item,
-            values_a[item.name],
-            values_b[item.name],
-            _uncertainty(item, a, study_a),
-            _uncertainty(item, b, study_b),
-        )
+    values = [_values(side) for side in (a, b)]
+
+    def uncertainties(item: Quantity) -> list[float]:
+        """Of both sides, as shown: what is not walked has none, and without a study it is not known."""
+        if not item.walked:
+            return [0.0, 0.0]
+        if studies is None:
+            return [math.nan, math.nan]
+        records = (a.saved.record, b.saved.record)
+        return [
+            study.bounds.get(item.studied_name, math.nan)
+            / si_unit(item.unit, record.mass * record.gravity)[0]
+            for study, record in zip(studies, records, strict=True)
+        ]
+
+    rows = (
+        Row(item, *(found[item.name] for found in values), *uncertainties(item))
         for item in quantities(a.plan.mass * a.plan.gravity)
     )
-    return Pair(a, b, rows, studies)
-
-
-def _uncertainty(item: Quantity, side: Side, study: Uncertainty | None) -> float:
-    """Of one quantity, as shown."""
-    if not item.walked:
-        return 0.0
-    if study is None:
-        return math.nan
-    record = side.saved.record
-    return study.bounds.get(item.studied_name, math.nan) / si_unit(item.unit, record.mass * record.gravity)[0]
+    return Pair(a, b, tuple(rows), studies)
 
 
 def _values(side: Side) -> dict[str, float]:
