@@ -140,12 +140,7 @@ class InverseKinematics:
         self.integrations = 0
         self.tolerance = 1e-12
         settings = QPSettings(
-            tolerance=self.tolerance,
-            max_iterations=4000,
-            rho=1.0,
-            adaptive_rho=False,
-            alpha=1.0,
-            check_every=2,
+            self.tolerance, max_iterations=4000, rho=1.0, adaptive_rho=False, alpha=1.0, check_every=2
         )
         self._solver = OsqpBackend(np.eye(robot.nv, dtype=bool), mask, settings)
         self._error = np.zeros(TASK_ROWS)
@@ -156,11 +151,7 @@ class InverseKinematics:
     # ------------------------------------------------------------- one instant
 
     def _factor(self, jacobian: Array, rows: NDArray[np.intp], time: float) -> tuple[Array, Array]:
-        """Scaled rows J W^(-1/2) and the Cholesky factor of their Gram matrix.
-
-        Raises:
-            Unreachable: the rows are dependent, as with a straight leg.
-        """
+        """Scaled rows J W^(-1/2) and the Cholesky factor of their Gram matrix; refuses dependent rows."""
         scaled = jacobian[rows] / self._root_weight
         factor, info = lapack.dpotrf(scaled @ scaled.T, lower=1)
         if info != 0:
@@ -182,9 +173,7 @@ class InverseKinematics:
 
     def _miss(self, reference: StepReference, k: int, error: Array) -> Unreachable:
         """Message for an error of the position rows at node k."""
-        com, left, right = (
-            float(np.abs(error[part]).max()) for part in (slice(0, 3), slice(3, 9), slice(9, 15))
-        )
+        com, left, right = (float(np.abs(part).max()) for part in (error[:3], error[3:9], error[9:15]))
         side = "left" if left >= right else "right"
         size = max(com, left, right)
         what = f"the {side} leg does not reach from the hip to the planned foot (it misses by {size:.2g} m)"
@@ -197,7 +186,7 @@ class InverseKinematics:
                 raise Unreachable(float(reference.time[k]), what, float(q[joint + 1]), 0.0, "rad")
 
     def project(
-        self, reference: StepReference, k: int, q: Array, v: Array, offset: float, iterations: int = 25
+        self, reference: StepReference, k: int, q: Array, v: Array, offset: float
     ) -> tuple[Array, Array]:
         """Nearest state on the constraints at grid node k, by Newton in the metric of the posture weights.
 
@@ -205,7 +194,7 @@ class InverseKinematics:
             Unreachable: Newton does not converge; the legs are too short for this instant.
         """
         robot, time = self.robot, float(reference.time[k])
-        for iteration in range(iterations):
+        for iteration in range(25):
             terms = robot.jacobian(q, v)
             error = self._position_error(reference, k, q)
             size = float(np.abs(error).max())
@@ -305,9 +294,8 @@ class InverseKinematics:
                 worst_velocity = max(worst_velocity, float(np.abs(velocity_error).max()))
                 v = v + self._pull(scaled, factor, velocity_error)
             wanted = reference.acceleration[k] - robot.drift(q, v)
-            acceleration = self._accelerate(
-                scaled, factor, wanted[self.rows], q, v, float(time[k]), draft=draft
-            )
+            parts = scaled, factor, wanted[self.rows]
+            acceleration = self._accelerate(*parts, q, v, float(time[k]), draft=draft)
             residual = (jacobian @ acceleration - wanted)[self.rows]
             worst_acceleration = max(worst_acceleration, float(np.abs(residual).max()))
             qs[k], vs[k], accelerations[k] = q, v, acceleration
@@ -322,27 +310,15 @@ class InverseKinematics:
                 q = pin.integrate(robot.model, q, move)
                 v = v + dt * acceleration + (0.5 * dt**2) * slope
                 last_step = dt
-        return StepTrajectory(
-            q=qs,
-            v=vs,
-            acceleration=accelerations,
-            trunk_pitch=pitch,
-            angular_momentum_z=yaw_momentum,
-            constraint_position=worst_position,
-            constraint_velocity=worst_velocity,
-            constraint_acceleration=worst_acceleration,
-        )
+        worst = worst_position, worst_velocity, worst_acceleration
+        return StepTrajectory(qs, vs, accelerations, pitch, yaw_momentum, *worst)
 
     def _correct(
         self, reference: StepReference, k: int, q: Array, v: Array, tolerance: float
     ) -> tuple[Array, float]:
-        """Take off what integration has drifted: one Newton step, more where it was coarse.
+        """Take off what integration has drifted, with the largest error before [m, rad].
 
-        Returns:
-            The corrected configuration, and the largest error before [m, rad].
-
-        Raises:
-            Unreachable: the error is so large that the legs do not follow.
+        One Newton step is enough, more are made where integration was coarse.
         """
         first, time = 0.0, float(reference.time[k])
         for iteration in range(4):
@@ -355,25 +331,14 @@ class InverseKinematics:
                 raise self._miss(reference, k, error)
             if size < tolerance:
                 break
-            q = pin.integrate(
-                self.robot.model,
-                q,
-                self._pull(*self._factor(terms.jacobian, self.position_rows, time), error),
-            )
+            step = self._pull(*self._factor(terms.jacobian, self.position_rows, time), error)
+            q = pin.integrate(self.robot.model, q, step)
             if size * size < tolerance:  # the step left its square
                 break
         return q, first
 
     def _accelerate(
-        self,
-        scaled: Array,
-        factor: Array,
-        wanted: Array,
-        q: Array,
-        v: Array,
-        time: float,
-        *,
-        draft: bool = False,
+        self, scaled: Array, factor: Array, wanted: Array, q: Array, v: Array, time: float, *, draft: bool
     ) -> Array:
         """The QP of one instant, in u = W^(1/2) (qdd - posture) with orthonormal rows."""
         posture = self._posture(q, v)
@@ -392,13 +357,8 @@ class InverseKinematics:
         level, _ = lapack.dtrtrs(factor, rhs, lower=1)
         self._A[:m] = rows
         scale, shift = self._root_weight[joints], posture[joints]
-        solution = self._solver.solve(
-            self._P,
-            self._q,
-            self._A,
-            np.concatenate([level, (low - shift) * scale]),
-            np.concatenate([level, (high - shift) * scale]),
-        )
+        lower, upper = (np.concatenate([level, (bound - shift) * scale]) for bound in (low, high))
+        solution = self._solver.solve(self._P, self._q, self._A, lower, upper)
         if not solution.solved:
             what = "the joint limits of trunk and arms leave no acceleration that meets the plan"
             raise Unreachable(time, what, solution.residual, self.tolerance, "1")

@@ -109,11 +109,7 @@ class _Search:
     # --------------------------------------------------------------- search
 
     def solve(self) -> WholeBodyMotion:
-        """The motion.
-
-        Raises:
-            BodilyRefusal: there is none.
-        """
+        """The motion on the fine grid."""
         rough = self._rough()
         fine = self._map(self.fine)
         try:
@@ -125,11 +121,7 @@ class _Search:
         return self._motion(fine, orbit)
 
     def _rough(self) -> Orbit:
-        """Orbit on the coarse grid: from a standing start, else along a path from an easier one.
-
-        Raises:
-            BodilyRefusal: there is none, or none that was found.
-        """
+        """Orbit on the coarse grid: from a standing start, else along a path from an easier one."""
         coarse = self._map(self.coarse)
         try:
             return newton(coarse, coarse.guess(), _COARSE_TOLERANCE, say=self._say)
@@ -157,15 +149,9 @@ class _Search:
     def _follow(
         self, orbit: Orbit, begin: tuple[float, float], end: tuple[float, float]
     ) -> tuple[Orbit, float, Unreachable]:
-        """Follow the orbit from one easing of the reference towards another.
+        """Follow the orbit from one easing, COM's drop [m] and share of the angular momentum, to another.
 
-        Args:
-            orbit: at ``begin``.
-            begin: COM's drop [m] and share of the angular momentum.
-            end: the same.
-
-        Returns:
-            The farthest orbit, how much of the way it has come, and why no farther.
+        The farthest orbit, how much of the way it has come, and why no farther.
         """
         way = Way(shrink=0.4, grow=1.6)
         before: tuple[float, Array] | None = None
@@ -220,7 +206,6 @@ class _Search:
         offset = orbit.offset
         value = fine.returned(trajectory, offset) - fine.encode(trajectory.q[0], trajectory.v[0], offset)
         fine.draft = True
-        multipliers = leading_multipliers(fine, orbit)
         angles, knee_joints = trajectory.q[:, 7:], robot.knee_joints - 6
         margins = np.minimum(angles - robot.lower, robot.upper - angles)
         single = self.plan.constants.single_support_duration
@@ -228,7 +213,7 @@ class _Search:
             angular_momentum_y_offset=offset,
             residual=fine.size(value),
             mean_trunk_pitch=fine.mean_pitch(trajectory),
-            multipliers=multipliers,
+            multipliers=leading_multipliers(fine, orbit),
             constraint_position=trajectory.constraint_position,
             constraint_velocity=trajectory.constraint_velocity,
             constraint_acceleration=trajectory.constraint_acceleration,
@@ -238,16 +223,16 @@ class _Search:
             evaluations=self.ik.integrations,
         )
         return WholeBodyMotion(
-            joint_names=robot.joint_names,
-            time=time,
-            q=trajectory.q,
-            v=trajectory.v,
-            acceleration=trajectory.acceleration,
-            trunk_pitch=trajectory.trunk_pitch,
-            angular_momentum_z=trajectory.angular_momentum_z,
-            step_length=self.plan.contacts.step_length,
-            double_support_start=float(single),
-            report=report,
+            robot.joint_names,
+            time,
+            trajectory.q,
+            trajectory.v,
+            trajectory.acceleration,
+            trajectory.trunk_pitch,
+            trajectory.angular_momentum_z,
+            self.plan.contacts.step_length,
+            float(single),
+            report,
         )
 
     def _jump(self, trajectory: StepTrajectory, switch: int) -> float:

@@ -58,10 +58,6 @@ class StepMap:
         plain, nv = z / self.scale, self.ik.robot.nv
         return pin.integrate(self.ik.robot.model, self.origin, plain[:nv]), plain[nv:-1], float(plain[-1])
 
-    def offset(self, z: Array) -> float:
-        """Constant of L_y [N m s]."""
-        return float(z[-1] / self.scale[-1])
-
     def step(self, z: Array) -> StepTrajectory:
         """Integrate the step.
 
@@ -203,15 +199,11 @@ def newton(
         else:
             inverse = None
         z, trajectory, value, best = trial, moved, new, size
-    return Orbit(step_map.reference, z, trajectory, step_map.offset(z), inverse)
+    return Orbit(step_map.reference, z, trajectory, float(z[-1] / step_map.scale[-1]), inverse)
 
 
 def _approximate_inverse(step_map: StepMap, z: Array, value: Array) -> _BroydenInverse:
-    """Inverse Jacobian from directional differences along a Krylov space grown from the residual.
-
-    Raises:
-        Unreachable: a neighbour of ``z`` cannot be walked.
-    """
+    """Inverse Jacobian from directional differences along a Krylov space grown from the residual."""
     basis, images = np.zeros((_KRYLOV, step_map.n)), np.zeros((_KRYLOV, step_map.n))
     direction = np.zeros(step_map.n)
     direction[-1] = 1.0  # the constant of L_y always matters

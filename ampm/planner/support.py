@@ -70,7 +70,7 @@ class StepPlan:
         return self.centroidal.residuals()
 
     def points_in_contact(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """World (x, y) of all twelve sole points, (N, 12, 2), and which are in contact, (N, 12)."""
+        """World (x, y) of all twelve sole points, (N, 12, 2) [m], and which are in contact, (N, 12)."""
         left, right = self.feet.sample(time)
         points = np.concatenate([left.sole_points[:, :, :2], right.sole_points[:, :, :2]], axis=1)
         contact = np.concatenate([left.contact.repeat(2, axis=1), right.contact.repeat(2, axis=1)], axis=1)

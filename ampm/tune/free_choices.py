@@ -161,15 +161,11 @@ class FreeChoices:
             RefusedGait: the formula has no solution for them.
         """
         h, ball = self.description.height, self.sole.ball_x
-        l_s = 0.5 * self.run.gait.step_length * choice["ratio"]
-        travel = choice["roll"] * ball
         run = self._replaced(
             self.run,
             {
-                "gait.single_support_ratio": choice["ratio"],
-                "gait.com_height": choice["height"] * h,
+                **self._timing(choice),
                 "gait.step_width": choice["width"] * h,
-                "gait.a_s": l_s / travel if travel > 1e-9 else math.inf,
                 "body.lean": choice["lean"],
                 "foot.swing_height": choice["lift"] * h,
                 "foot.swing_lag": choice["lag"],
@@ -265,22 +261,22 @@ class FreeChoices:
         run = self.parameters(choice)
         return plan_steps(run.gait, run.body.mass, run.foot, self.sole)
 
-    def _gait(self, choice: Mapping[str, float]) -> GaitParameters:
-        gait = self.run.gait
-        l_s = 0.5 * gait.step_length * choice["ratio"]
+    def _timing(self, choice: Mapping[str, float]) -> dict[str, float]:
+        """Keys that say whether the COM passes over the foot."""
+        l_s = 0.5 * self.run.gait.step_length * choice["ratio"]
         travel = choice["roll"] * self.sole.ball_x
-        height = choice["height"] * self.description.height
-        a_s = l_s / travel if travel > 1e-9 else math.inf
-        chosen = {"single_support_ratio": choice["ratio"], "com_height": height, "a_s": a_s}
-        free = {name: value for name, value in chosen.items() if f"gait.{name}" not in self.fixed}
-        return gait.model_copy(update=free)
+        return {
+            "gait.single_support_ratio": choice["ratio"],
+            "gait.com_height": choice["height"] * self.description.height,
+            "gait.a_s": l_s / travel if travel > 1e-9 else math.inf,
+        }
+
+    def _gait(self, choice: Mapping[str, float]) -> GaitParameters:
+        free = {key[5:]: value for key, value in self._timing(choice).items() if key not in self.fixed}
+        return self.run.gait.model_copy(update=free)
 
     def _passing_choice(self, choice: Mapping[str, float]) -> dict[str, float]:
-        """Roll the ZMP farther, then shorten the single support, until the COM passes over the foot.
-
-        Raises:
-            MathematicalRefusal: it does not, whatever is chosen.
-        """
+        """Roll the ZMP farther, then shorten the single support, until the COM passes over the foot."""
         wanted, limit = LIMITS["mid_stance"].target, LIMITS["mid_stance"].bound
         gait, ratio, roll = self.run.gait, choice["ratio"], choice["roll"]
         best, at = -math.inf, dict(choice)
@@ -353,9 +349,7 @@ def _later_rise(plan: StepPlan) -> float:
     """By how much later the heel must rise to leave the ZMP before the line from ball to front foot [s]."""
     times, double = step_instants(plan)
     times = times[double]
-    rear, front = plan.feet.sample(times)
-    contact = np.concatenate([rear.contact.repeat(2, axis=1), front.contact.repeat(2, axis=1)], axis=1)
-    points = np.concatenate([rear.sole_points[:, :, :2], front.sole_points[:, :, :2]], axis=1)
+    points, contact = plan.points_in_contact(times)
     zmp = plan.sample(times).zmp
     risen = ~contact[:, 0]
     standing = contact.copy()

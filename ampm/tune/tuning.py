@@ -152,14 +152,7 @@ def _best(
 ) -> tuple[ChoiceSearch, Candidate]:
     """The best choice, with the search that found it.
 
-    Args:
-        space: the free choices.
-        robot: the body.
-        say: called with a line of text now and then.
-        patient: take the ways from easy neighbours a second time, with care.
-
-    Raises:
-        RefusedGait: there is none.
+    A patient search takes the ways from easy neighbours a second time, with care.
     """
     guess = space.guess()
     orbits = RoughOrbits(robot, space.run, budget=_BUDGET * (1 + patient))
@@ -186,13 +179,8 @@ def _best(
 def _approach(easy: GaitParameters, search: ChoiceSearch, *, careful: bool) -> Approach | None:
     """Come from an easy neighbour: tune it, move a little towards the gait, tune again, and so on.
 
-    Args:
-        easy: where to begin.
-        search: of the gait that is asked for.
-        careful: take a long stride back that leads to far broken limits.
-
-    Returns:
-        The farthest choice that has a periodic step; None if not even the easy neighbour has.
+    A careful approach takes a long stride back that leads to far broken limits. None if not even the easy
+    neighbour has a periodic step.
     """
     space, first = search.space, search.space.between(easy, 0.0)
     try:
@@ -272,11 +260,7 @@ def _minimise(search: ChoiceSearch, start: Candidate) -> Candidate:
 
 
 def _confirmed(search: ChoiceSearch, best: Candidate, cache: Path | None) -> Tuned:
-    """The choice with its plan over all steps and its motion on the fine grid.
-
-    Raises:
-        Untunable: what the search's grid just passed, the fine one does not.
-    """
+    """The choice with its plan over all steps and its motion on the fine grid, which may yet refuse it."""
     space, run = search.space, best.run
     try:
         plan = AmpmPeriodic().plan(WalkRequest(run, search.orbits.robot, cache=cache))
