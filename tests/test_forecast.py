@@ -209,7 +209,7 @@ def test_a_sweep_that_tunes_is_not_judged_by_its_defaults(monkeypatch):
 
     def tune(request):
         tuned.append(request.run)
-        return SimpleNamespace(planned=None)
+        return SimpleNamespace()
 
     monkeypatch.setattr(tuning, "tune_walk", tune)
     monkeypatch.setattr("validation.run.walk.walk_planned", lambda *_: None)

@@ -190,10 +190,8 @@ def test_second_order_in_the_grid():
     run, plan, robot = walk_of()
     ik, motion = InverseKinematics(robot, run), motion_of()
     start = motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset
-    ends = [
-        ik.integrate(step_reference(plan, step_grid(plan, h)), *start, draft=True).q[-1]
-        for h in (0.008, 0.004, 0.002)
-    ]
+    grids = [step_reference(plan, step_grid(plan, h)) for h in (0.008, 0.004, 0.002)]
+    ends = [ik.integrate(grid, *start, draft=True).q[-1] for grid in grids]
     first, second = (np.abs(a - b).max() for a, b in pairwise(ends))
     assert 2.5 < first / second < 6.0
 
@@ -244,10 +242,8 @@ def test_reference_holds_the_plan_and_its_derivatives():
     np.testing.assert_allclose(rate, velocity, atol=1e-6)
     np.testing.assert_allclose((high.velocity - low.velocity) / (2 * h), here.acceleration, atol=1e-3)
     np.testing.assert_allclose(here.velocity[:, [10, 16]], (high.pitch - low.pitch) / (2 * h), atol=1e-6)
-    for foot in (0, 1):
-        np.testing.assert_allclose(
-            here.rotation[7, foot], pin.utils.rotate("y", here.pitch[7, foot]), atol=1e-15
-        )
+    for rotation, pitch in zip(here.rotation[7], here.pitch[7], strict=True):
+        np.testing.assert_allclose(rotation, pin.utils.rotate("y", pitch), atol=1e-15)
     with pytest.raises(ValueError):
         here.position[0] = 0.0
 

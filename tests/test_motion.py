@@ -28,16 +28,13 @@ def motion():
 
 def same(one: WholeBodyMotion | None, other: WholeBodyMotion) -> bool:
     """Equal to the last bit."""
-    if one is None:
-        return False
-    for item in fields(one):
-        a, b = getattr(one, item.name), getattr(other, item.name)
-        if isinstance(a, np.ndarray):
-            if a.tobytes() != b.tobytes() or a.shape != b.shape:
-                return False
-        elif a != b:
-            return False
-    return True
+
+    def values(motion):
+        for item in fields(motion):
+            value = getattr(motion, item.name)
+            yield (value.tobytes(), value.shape) if isinstance(value, np.ndarray) else value
+
+    return one is not None and [*values(one)] == [*values(other)]
 
 
 def test_first_step_is_the_solved_one(motion, robot):

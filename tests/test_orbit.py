@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +11,7 @@ import pytest
 from ampm.body import feasibility, orbit, return_map
 from ampm.body.inverse_kinematics import Unreachable
 from ampm.body.motion import MotionReport
-from ampm.body.motion_cache import find_motion, motion_key
+from ampm.body.motion_cache import find_motion
 from ampm.body.orbit import solve_motion
 from ampm.body.step_reference import step_reference
 from ampm.exceptions import BodilyRefusal, InputError
@@ -46,21 +45,6 @@ def solve(*settings, **options):
     return solve_motion(plan, run, robot, **options)
 
 
-def outcome(*settings):
-    """The motion, or the refusal."""
-    try:
-        return solve(*settings)
-    except BodilyRefusal as refusal:
-        return refusal
-
-
-def trunk_pitch(robot, q):
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, q)
-    rotation = pin.updateFramePlacement(robot.model, data, robot.trunk_frame).rotation
-    return np.arctan2(rotation[0, 2], rotation[2, 2])
-
-
 # --------------------------------------------------------------------- the orbit
 
 
@@ -70,16 +54,16 @@ def test_step_ends_where_its_mirror_image_begins(settings):
     np.testing.assert_allclose(pin.difference(robot.model, motion.q[0], end), 0.0, atol=1e-8)
     np.testing.assert_allclose(robot.mirror_v(motion.v[-1]), motion.v[0], atol=1e-8)
     assert motion.report.residual <= 1e-8
-    scale = np.abs(motion.acceleration[0]).max()
-    np.testing.assert_allclose(
-        robot.mirror_v(motion.acceleration[-1]), motion.acceleration[0], atol=1e-6 * scale
-    )
+    begin = motion.acceleration[0]
+    mirrored = robot.mirror_v(motion.acceleration[-1])
+    np.testing.assert_allclose(mirrored, begin, atol=1e-6 * np.abs(begin).max())
 
 
 def test_mean_trunk_pitch_is_the_lean(settings):
     run, _, robot = walk_of(*settings)
     motion = motion_of(*settings)
-    pitch = np.array([trunk_pitch(robot, q) for q in motion.q])
+    trunk = robot.trunk_rotations(motion.q)
+    pitch = np.arctan2(trunk[:, 0, 2], trunk[:, 2, 2])
     np.testing.assert_allclose(pitch, motion.trunk_pitch, atol=1e-12)
     mean = np.trapezoid(pitch, motion.time) / motion.step_duration
     assert mean == pytest.approx(run.body.lean, abs=1e-8)
@@ -208,17 +192,15 @@ def test_search_goes_by_way_of_easier_gaits(monkeypatch):
     direct = motion_of(*settings)
     assert any("of the way" in line for line in told)
     np.testing.assert_allclose(motion.q, direct.q, atol=1e-7)
-    assert motion.report.angular_momentum_y_offset == pytest.approx(
-        direct.report.angular_momentum_y_offset, abs=1e-7
-    )
+    offset = direct.report.angular_momentum_y_offset
+    assert motion.report.angular_momentum_y_offset == pytest.approx(offset, abs=1e-7)
 
 
 def test_out_of_reach_names_the_instant_and_a_height_that_works():
     with pytest.raises(BodilyRefusal, match=r"at 0\.\d\d\d s of the step the (left|right)") as caught:
         solve(COARSE, "gait.com_height=0.94")
     refusal = caught.value
-    assert refusal.reason == "no_periodic_motion"
-    assert refusal.value == 0.94
+    assert (refusal.reason, refusal.value) == ("no_periodic_motion", 0.94)
     assert 0.8 < refusal.limit < 0.94
     assert "gait.com_height below" in str(refusal)
     lower = solve(COARSE, f"gait.com_height={refusal.limit - 0.01}")
@@ -227,8 +209,9 @@ def test_out_of_reach_names_the_instant_and_a_height_that_works():
 
 @pytest.mark.parametrize("change", ["gait.com_height=1.3", "gait.c_y=0.005", "body.lean=0.5"])
 def test_refusals_are_finite_and_show_a_way_out(change):
-    refusal = outcome(COARSE, change)
-    assert isinstance(refusal, BodilyRefusal)
+    with pytest.raises(BodilyRefusal) as caught:
+        solve(COARSE, change)
+    refusal = caught.value
     assert np.isfinite([refusal.value, refusal.limit]).all()
     assert "inf" not in str(refusal)
     assert "nan" not in str(refusal)
@@ -266,12 +249,6 @@ def filled(tmp_path_factory):
 
 
 @pytest.fixture
-def cache(filled, tmp_path):
-    shutil.copytree(filled, tmp_path / "motions")
-    return tmp_path / "motions"
-
-
-@pytest.fixture
 def no_search(monkeypatch):
     def refuse(*_):
         raise RuntimeError("solved again")
@@ -279,33 +256,25 @@ def no_search(monkeypatch):
     monkeypatch.setattr(orbit._Search, "solve", refuse)
 
 
-def test_cached_motion_is_the_same_to_the_last_bit(cache, no_search):
-    assert same(solve(COARSE, cache=cache), motion_of(COARSE))
-    assert same(solve(COARSE, "gait.steps=9", cache=cache), motion_of(COARSE))  # one step is one step
+def test_cached_motion_is_the_same_to_the_last_bit(filled, no_search):
+    assert same(solve(COARSE, cache=filled), motion_of(COARSE))
+    assert same(solve(COARSE, "gait.steps=9", cache=filled), motion_of(COARSE))  # one step is one step
 
 
 @pytest.mark.parametrize(
     "change", ["gait.c_y=0.9", "body.lean=0.01", "foot.swing_height=0.06", "solver.ik_time_step=0.003"]
 )
-def test_other_inputs_are_other_motions(cache, no_search, change):
+def test_other_inputs_are_other_motions(filled, no_search, change):
     with pytest.raises(RuntimeError, match="solved again"):
-        solve(COARSE, change, cache=cache)
+        solve(COARSE, change, cache=filled)
 
 
-def test_damaged_entry_is_solved_again_and_mended(cache):
-    (entry,) = cache.iterdir()
+def test_damaged_entry_is_solved_again_and_mended(filled, tmp_path):
+    entry = tmp_path / next(filled.iterdir()).name
     entry.write_bytes(b"PK\x03\x04 rubbish")
-    assert same(solve(COARSE, cache=cache), motion_of(COARSE))
-    assert same(find_motion(cache, entry.stem.removeprefix("motion-")), motion_of(COARSE))
-    assert list(cache.iterdir()) == [entry]
-
-
-def test_an_entry_that_was_stored_for_other_inputs_is_not_believed(cache, no_search):
-    (entry,) = cache.iterdir()
-    run, plan, robot = walk_of(COARSE, "gait.c_y=0.9")
-    entry.rename(cache / f"motion-{motion_key(plan, run, robot)}.npz")
-    with pytest.raises(RuntimeError, match="solved again"):
-        solve(COARSE, "gait.c_y=0.9", cache=cache)
+    assert same(solve(COARSE, cache=tmp_path), motion_of(COARSE))
+    assert same(find_motion(tmp_path, entry.stem.removeprefix("motion-")), motion_of(COARSE))
+    assert list(tmp_path.iterdir()) == [entry]
 
 
 def test_folder_that_cannot_be_made_does_no_harm(tmp_path):
@@ -313,10 +282,10 @@ def test_folder_that_cannot_be_made_does_no_harm(tmp_path):
     assert same(solve(COARSE, cache=tmp_path / "file" / "motions"), motion_of(COARSE))
 
 
-def test_cached_motions_are_refused_like_new_ones(cache, no_search, monkeypatch):
+def test_cached_motions_are_refused_like_new_ones(filled, no_search, monkeypatch):
     monkeypatch.setattr(feasibility, "KNEE_MINIMUM", 3.0)
     with pytest.raises(BodilyRefusal, match="knee straightens"):
-        solve(COARSE, cache=cache)
+        solve(COARSE, cache=filled)
 
 
 def test_refused_motion_is_kept_for_the_next_time(tmp_path, monkeypatch):
@@ -333,9 +302,13 @@ def test_refused_motion_is_kept_for_the_next_time(tmp_path, monkeypatch):
 @pytest.mark.parametrize("change", ["c_y=0.2", "c_y=0.7", "c_y=1.2", "c_s=0.8", "c_s=1.2", "c_s=1.4"])
 def test_range_of_the_paper_from_normal(change):
     """Solved, or refused by name; where it is solved, it returns."""
-    result = outcome(f"gait.{change}")
-    if isinstance(result, BodilyRefusal):
-        assert result.reason in ("no_periodic_motion", "knee_too_straight", "joint_limits")
+    reason = ""
+    try:
+        report = solve(f"gait.{change}").report
+    except BodilyRefusal as refusal:
+        reason = refusal.reason
+    if reason:
+        assert reason in ("no_periodic_motion", "knee_too_straight", "joint_limits")
     else:
-        assert result.report.residual <= 1e-8
-        assert 0.1 < result.report.angular_momentum_y_offset < 1.0
+        assert report.residual <= 1e-8
+        assert 0.1 < report.angular_momentum_y_offset < 1.0

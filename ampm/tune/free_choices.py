@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -142,15 +143,11 @@ class FreeChoices:
             x[self.names.index(name)] = guess[name]
         return x
 
-    def values(self, x: Array, base: Mapping[str, float]) -> dict[str, float]:
-        """All choices by name: the free ones from ``x``, the others from ``base``."""
-        return {**base, **dict(zip(self.names, x.tolist(), strict=True))}
-
     def found(self, run: RunParameters) -> dict[str, float | str]:
         """Free keys and their values in a run with choices."""
         rolls = {_RANGE[name].key for name in _ROLLING} | {"foot.heel_rise_lead", "foot.heel_strike_rate"}
         keys = [key for key in FREE_KEYS if key not in self.fixed and not (self.flat and key in rolls)]
-        return {key: _value(run, key) for key in keys}
+        return {key: attrgetter(key)(run) for key in keys}
 
     # -------------------------------------------------------------- parameters
 
@@ -210,7 +207,7 @@ class FreeChoices:
 
     def _kept(self, key: str, value: float) -> float:
         """The value of a key that was named, or else the one that was chosen."""
-        return float(_value(self.run, key)) if key in self.fixed else value
+        return float(attrgetter(key)(self.run)) if key in self.fixed else value
 
     # ------------------------------------------------------------------- guess
 
@@ -325,13 +322,6 @@ class FreeChoices:
             return float(brentq(spare, lowest, top, xtol=1e-4))
         except RefusedGait:
             return choice["height"]
-
-
-def _value(run: RunParameters, key: str) -> float | str:
-    """Value of a namespaced key."""
-    section, _, name = key.partition(".")
-    value: float | str = getattr(getattr(run, section), name)
-    return value
 
 
 def _heel_rise_lead(plan: CentroidalPlan, ball: float) -> float:

@@ -187,7 +187,7 @@ class ChoiceSearch:
     def _judged(self, x: Array, near: Candidate | None) -> Candidate:
         space = self.space
         try:
-            run = space.parameters(space.values(x, self.base))
+            run = space.parameters({**self.base, **dict(zip(space.names, x.tolist(), strict=True))})
             gait = run.gait.model_copy(update={"steps": 2})
             plan = plan_steps(gait, run.body.mass, run.foot, space.sole)
         except (RefusedGait, InputError):  # what is named may not fit what is tried
