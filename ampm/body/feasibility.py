@@ -7,17 +7,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.description import BodyDescription
 from ampm.exceptions import BodilyRefusal
+from ampm.geometry import Array
 from ampm.planner.feet import HEEL
 from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:
     from ampm.body.motion import MotionReport
-
-Array = NDArray[np.float64]
 
 FLOOR_TOLERANCE = 1e-6
 """Depth under the floor that rounding may give a planned sole point [m]."""

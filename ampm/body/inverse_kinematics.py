@@ -36,9 +36,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.body.step_reference import StepReference
+    from ampm.geometry import Array
     from ampm.parameters import RunParameters
-
-    Array = NDArray[np.float64]
 
 POSTURE_WEIGHTS = {
     "root_linear": 1e-3,

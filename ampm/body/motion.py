@@ -18,11 +18,10 @@ from ampm.exceptions import InputError
 from ampm.walk import PostureState
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from ampm.body.robot import Robot
-
-    Array = NDArray[np.float64]
+    from ampm.geometry import Array
 
 
 @dataclass(frozen=True)

@@ -28,13 +28,10 @@ from ampm.exceptions import BodilyRefusal, InputError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
     from ampm.body.robot import Robot
+    from ampm.geometry import Array
     from ampm.parameters import RunParameters
     from ampm.planner.support import StepPlan
-
-    Array = NDArray[np.float64]
 
 TOLERANCE = 1e-9
 """Largest component of the mirrored return's residual [rad, m, rad/s, m/s]."""

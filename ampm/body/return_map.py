@@ -17,9 +17,7 @@ from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory, Unre
 from ampm.body.step_reference import StepReference
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from ampm.geometry import Array
 
 MULTIPLIERS = 4
 """How many multipliers of the return map are reported."""

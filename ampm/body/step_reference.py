@@ -11,11 +11,8 @@ import numpy as np
 from ampm.body.robot import TASK_ROWS
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from ampm.geometry import Array
     from ampm.planner.support import StepPlan
-
-    Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from ampm.body.feasibility import leg_extension
 from ampm.exceptions import MathematicalRefusal, RefusedGait
-from ampm.geometry import polygon_margin
+from ampm.geometry import Array, polygon_margin
 from ampm.parameters import GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.periodic import plan_gait
@@ -21,11 +21,7 @@ from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune.gait_limits import LIMITS, RISE_TOLERANCE, mid_stance_share, step_instants
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from ampm.description import BodyDescription
-
-    Array = NDArray[np.float64]
 
 _STATURE = 1.70  # of the body on which the guess was made [m]
 _LANDING_TURN = 1.7  # heel strike rate over its mean: the foot comes down turning, and slows down

@@ -36,9 +36,8 @@ if TYPE_CHECKING:
     from ampm.body.return_map import Orbit
     from ampm.body.robot import Robot
     from ampm.description import BodyDescription
+    from ampm.geometry import Array
     from ampm.planner.feet import FootSample
-
-    Array = NDArray[np.float64]
 
 _KNEE_GRID = 0.015  # by how much a fine grid may find the knee straighter than the search's coarse one [rad]
 RISE_TOLERANCE = 0.6 * ROLL_TOLERANCE

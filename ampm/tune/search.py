@@ -25,14 +25,11 @@ from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune.gait_limits import LIMITS, orbit_margins, plan_margins
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from ampm.body.motion import WholeBodyMotion
     from ampm.body.robot import Robot
+    from ampm.geometry import Array
     from ampm.parameters import RunParameters
     from ampm.tune.free_choices import FreeChoices
-
-    Array = NDArray[np.float64]
 
 ENOUGH = 0.9
 """Share of the target margins at which a search ends [1]."""
