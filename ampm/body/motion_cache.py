@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -53,19 +54,13 @@ def keep_motion(motion: WholeBodyMotion, folder: Path, key: str) -> None:
     values = {field.name: getattr(motion, field.name) for field in fields(motion)}
     arrays = {name: values.pop(name) for name in list(values) if isinstance(values[name], np.ndarray)}
     meta = json.dumps(values | {"report": motion.report.as_dict(), "key": key})
-    partial = None
-    try:
+    with contextlib.suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
         # Written beside and renamed, so that no reader sees half a file, however many write at once.
-        handle, partial = tempfile.mkstemp(dir=folder, prefix=f"motion-{key}.", suffix=".partial")
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, allow_pickle=False, meta=np.array(meta), **arrays)
-        os.replace(partial, _path(folder, key))
-    except BaseException as error:
-        if partial is not None:
-            Path(partial).unlink(missing_ok=True)
-        if not isinstance(error, OSError):
-            raise
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".") as beside:
+            partial = Path(beside, "motion.npz")
+            np.savez(partial, allow_pickle=False, meta=np.array(meta), **arrays)
+            os.replace(partial, _path(folder, key))
 
 
 def _path(folder: Path, key: str) -> Path:
