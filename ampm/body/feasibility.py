@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -43,44 +44,57 @@ _JOINT_WAYS_OUT = {
 _INSTANTS = 200  # per phase, for what has no closed-form extremum
 
 
+AT_MOST, AT_LEAST = -math.inf, math.inf
+"""Targets of a limit that no search works towards."""
+
+
 @dataclass(frozen=True)
-class Check:
-    """A measured value and its limit.
+class Limit:
+    """One limit of body, floor or formula.
 
     Attributes:
+        what: what is measured; in a check, a clause that names the fault as well.
+        unit: of value, bound and target.
+        bound: what may not be passed.
+        target: target of a search; beyond ``bound`` on the allowed side.
         reason: short name for tables.
-        what: clause that names the fault and the measured quantity.
-        value: in ``unit``.
-        limit: in ``unit``.
-        unit: SI.
         way_out: what the user can change.
-        most: whether the limit is an upper one.
-        tolerance: by how much the limit may be passed.
+        tolerance: by how much a check lets the bound be passed.
     """
 
-    reason: str
     what: str
-    value: float
-    limit: float
     unit: str
-    way_out: str
-    most: bool = False
+    bound: float
+    target: float
+    reason: str
+    way_out: str = ""
     tolerance: float = 0.0
 
-    @property
-    def broken(self) -> bool:
-        """Whether the value is beyond limit and tolerance, or no number."""
-        beyond = self.value - self.limit if self.most else self.limit - self.value
+    def margin(self, value: float) -> float:
+        """Normalised margin: 0 at the bound, 1 at the target, negative beyond the bound [1]."""
+        return (value - self.bound) / (self.target - self.bound)
+
+    def broken(self, value: float) -> bool:
+        """Whether a value is beyond bound and tolerance, or no number."""
+        beyond = value - self.bound if self.target < self.bound else self.bound - value
         return not beyond <= self.tolerance
 
-    def refusal(self, also: str = "") -> BodilyRefusal:
+    def rule(self, digits: int = 3) -> str:
+        """The bound in words, with its unit."""
+        side = "at most" if self.target < self.bound else "at least"
+        return f"{side} {self.quantity(self.bound, digits)}"
+
+    def quantity(self, value: float, digits: int) -> str:
+        """A value with its unit."""
+        return f"{value:.{digits}g}" + ("" if self.unit == "1" else f" {self.unit}")
+
+    def refusal(self, value: float, also: str = "") -> BodilyRefusal:
         """The error; ``also`` goes on with the way out."""
-        side = "at most" if self.most else "at least"
         return BodilyRefusal(
-            f"{self.what} is {self.value:.4g} {self.unit} and must be {side} {self.limit:.4g} {self.unit}",
+            f"{self.what} is {self.quantity(value, 4)} and must be {self.rule(4)}",
             reason=self.reason,
-            value=self.value,
-            limit=self.limit,
+            value=value,
+            limit=self.bound,
             unit=self.unit,
             way_out=self.way_out + also,
         )
@@ -106,10 +120,12 @@ def check_body(plan: StepPlan, description: BodyDescription) -> None:
     times = np.concatenate([first, second])
     *checks, margin = _plan_checks(plan, description, times)
     # The margin only alone: what the others refuse takes the ZMP out of the support as well.
-    broken = [check for check in checks if check.broken] or ([margin] if margin.broken else [])
-    if broken:
-        others = [f"; also {other.reason.replace('_', ' ')}: {other.way_out}" for other in broken[1:]]
-        raise broken[0].refusal("".join(others))
+    for some in (checks, [margin]):
+        broken = [(limit, value) for limit, value in some if limit.broken(value)]
+        if broken:
+            (limit, value), *others = broken
+            also = [f"; also {other.reason.replace('_', ' ')}: {other.way_out}" for other, _ in others]
+            raise limit.refusal(value, "".join(also))
 
 
 def check_motion(report: MotionReport, description: BodyDescription) -> None:
@@ -125,26 +141,28 @@ def check_motion(report: MotionReport, description: BodyDescription) -> None:
     bend = "lower gait.com_height, shorten gait.step_length or raise foot.toe_off_angle"
     group = next((name for name, names in joint_groups(description).items() if joint.where in names), "")
     way_out = _JOINT_WAYS_OUT.get(group, LESS)
-    for check in (
-        Check("no_periodic_motion", turn, report.residual, RETURN_TOLERANCE, "rad", LESS, most=True),
-        Check("knee_too_straight", straight, knee.value, KNEE_MINIMUM, "rad", bend),
-        Check("joint_limits", past, joint.value, 0.0, "rad", way_out),
+    for value, limit in (
+        (report.residual, Limit(turn, "rad", RETURN_TOLERANCE, AT_MOST, "no_periodic_motion", LESS)),
+        (knee.value, Limit(straight, "rad", KNEE_MINIMUM, AT_LEAST, "knee_too_straight", bend)),
+        (joint.value, Limit(past, "rad", 0.0, AT_LEAST, "joint_limits", way_out)),
     ):
-        if check.broken:
-            raise check.refusal()
+        if limit.broken(value):
+            raise limit.refusal(value)
 
 
-def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> Iterator[Check]:
+def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> Iterator[tuple[Limit, float]]:
+    """Limits and values of a plan, the ZMP margin's last."""
     sole, l_s, contacts = description.sole, plan.constants.l_s, plan.contacts
     width = 2.0 * sole.half_width
+    what = "the soles overlap: gait.step_width"
     wider = f"raise gait.step_width to {width:.4g} m or more"
-    yield Check("soles_overlap", "the soles overlap: gait.step_width", contacts.step_width, width, "m", wider)
+    yield Limit(what, "m", width, AT_LEAST, "soles_overlap", wider), contacts.step_width
 
     # The ZMP runs from -l_s/a_s to +l_s/a_s under the flat stance foot.
     end, side = min((-sole.heel_x, "heel"), (sole.tip_x, "toes"))
     what = f"the ZMP leaves the sole at the {side}: its travel l_s/a_s either way of the reference point"
     less = f"raise gait.a_s to {l_s / end:.4g} or more, or shorten gait.step_length"
-    yield Check("zmp_leaves_sole", what, l_s * plan.constants.inverse_a_s, end, "m", less, most=True)
+    yield Limit(what, "m", end, AT_MOST, "zmp_leaves_sole", less), l_s * plan.constants.inverse_a_s
 
     left = plan.feet.left  # the left foot stands first
     risen = left.contact.any(axis=1) & ~left.contact[:, HEEL]
@@ -158,7 +176,7 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
             f"lower gait.a_s to {l_s / sole.ball_x:.4g}, lengthen gait.step_length, lower "
             "foot.heel_rise_lead, or take foot.schedule = flat"
         )
-        yield Check(reason, what, reached, sole.ball_x, "m", less, tolerance=ROLL_TOLERANCE)
+        yield Limit(what, "m", sole.ball_x, AT_LEAST, reason, less, ROLL_TOLERANCE), reached
 
     reach = description.leg_length * (1.0 + LEG_ALLOWANCE)
     longest = leg_extension(plan, description, times) * description.leg_length
@@ -167,13 +185,13 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
         f"{plan.centroidal.com_height:.4g} m: the largest distance of hip and ankle"
     )
     less = "lower gait.com_height, shorten gait.step_length or raise body.height"
-    yield Check("leg_too_short", what, longest, reach, "m", less, most=True)
+    yield Limit(what, "m", reach, AT_MOST, "leg_too_short", less), longest
 
     depth = np.stack([-foot.sole_points[:, :, 2].min(axis=1) for foot in plan.feet.sample(times)])
     foot, at = np.unravel_index(int(depth.argmax()), depth.shape)
     what = f"the {('left', 'right')[foot]} sole is planned under the floor at {times[at]:.3f} s: its depth"
     more = "raise foot.swing_height or foot.heel_strike_angle"
-    yield Check("sole_under_floor", what, float(depth.max()), FLOOR_TOLERANCE, "m", more, most=True)
+    yield Limit(what, "m", FLOOR_TOLERANCE, AT_MOST, "sole_under_floor", more), float(depth.max())
 
     sample, margin = plan.sample(times), plan.zmp_margin(times)
     # In double support the ZMP crosses the edge behind a rising heel in no time; one foot has no such excuse.
@@ -184,8 +202,8 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
         "its distance into the support polygon"
     )
     less = "bring gait.a_s nearer to the sole's length, shorten gait.step_length, or lower foot.full_contact"
-    value, tolerance = float(margin[worst]), float(allowed[worst])
-    yield Check("zmp_leaves_support", what, value, 0.0, "m", less, tolerance=tolerance)
+    limit = Limit(what, "m", 0.0, AT_LEAST, "zmp_leaves_support", less, float(allowed[worst]))
+    yield limit, float(margin[worst])
 
 
 def leg_extension(plan: StepPlan, description: BodyDescription, times: Array) -> float:

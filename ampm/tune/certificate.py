@@ -59,7 +59,7 @@ class Certificate:
         if self.limit in LIMITS:
             limit = LIMITS[self.limit]
             best = limit.quantity(self.value, 4)
-            text = f"{self.what} is {best} at best, {self.tried} choices tried, and must be {limit.rule}"
+            text = f"{self.what} is {best} at best, {self.tried} choices tried, and must be {limit.rule()}"
         text += f"; farther on, {self.beyond}" if self.beyond else ""
         return f"{self.where}, and there {text}" if self.where else text
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -19,6 +18,7 @@ from ampm.body.feasibility import (
     KNEE_MINIMUM,
     LEG_ALLOWANCE,
     ROLL_TOLERANCE,
+    Limit,
     joint_groups,
     leg_extension,
 )
@@ -42,39 +42,6 @@ if TYPE_CHECKING:
 _KNEE_GRID = 0.015  # by how much a fine grid may find the knee straighter than the search's coarse one [rad]
 RISE_TOLERANCE = 0.6 * ROLL_TOLERANCE
 """How far behind the ball the ZMP may be when the heel rises [m]: less than what a body refuses."""
-
-
-@dataclass(frozen=True)
-class Limit:
-    """One limit of body, floor or formula.
-
-    Attributes:
-        what: what is measured.
-        unit: of value, bound and target.
-        bound: what may not be passed.
-        target: target of a search; beyond ``bound`` on the allowed side.
-        reason: short name for tables.
-    """
-
-    what: str
-    unit: str
-    bound: float
-    target: float
-    reason: str
-
-    def margin(self, value: float) -> float:
-        """Normalised margin: 0 at the bound, 1 at the target, negative beyond the bound [1]."""
-        return (value - self.bound) / (self.target - self.bound)
-
-    @property
-    def rule(self) -> str:
-        """The bound in words, with its unit."""
-        side = "at most" if self.target < self.bound else "at least"
-        return f"{side} {self.quantity(self.bound, 3)}"
-
-    def quantity(self, value: float, digits: int) -> str:
-        """A value with its unit."""
-        return f"{value:.{digits}g}" + ("" if self.unit == "1" else f" {self.unit}")
 
 
 _INTO = "least distance of the ZMP into the"

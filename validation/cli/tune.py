@@ -92,4 +92,4 @@ def _margins(tuned: Tuned) -> list[str]:
     from ampm.tune.gait_limits import LIMITS
 
     items = sorted(tuned.margins.items(), key=lambda item: LIMITS[item[0]].margin(item[1]))
-    return [f"{LIMITS[n].what}: {LIMITS[n].quantity(value, 3)}, {LIMITS[n].rule}" for n, value in items]
+    return [f"{LIMITS[n].what}: {LIMITS[n].quantity(value, 3)}, {LIMITS[n].rule()}" for n, value in items]
