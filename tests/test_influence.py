@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from validation.study.sweep.influence import LEAST_RUNS, MOST_RUNS, Target, analyse, classes, entangled
+from validation.study.sweep.influence import (
+    LEAST_RUNS,
+    MOST_RUNS,
+    SIGNIFICANCE,
+    Target,
+    analyse,
+    classes,
+    entangled,
+)
 
 
 def target(parameters, values) -> Target:
@@ -32,8 +40,8 @@ def test_ishigami(count):
     assert [item.parameter for item in found.drivers][:2] == ["x2", "x1"]
     assert not by_name["x4"].clear
     assert by_name["x2"].share == pytest.approx(0.49, abs=1.0 / math.sqrt(count))
-    assert not by_name["x2"].clear_rho  # rank correlation does not see a parabola
-    assert by_name["x1"].clear_rho
+    assert by_name["x2"].p_rho >= SIGNIFICANCE  # rank correlation does not see a parabola
+    assert by_name["x1"].p_rho < SIGNIFICANCE
     assert target(parameters, y) == found  # the draw is the same again
 
 
@@ -63,7 +71,7 @@ def test_levels_words_and_absent_values():
     found = target({"words": words, "grid": grid, "fixed": np.ones(300)}, y)
     by_words, by_grid, by_fixed = found.influences
     assert 0.5 < by_words.share < 1.0
-    assert by_words.clear_share
+    assert by_words.p_share < SIGNIFICANCE
     assert math.isnan(by_words.rho)
     assert not by_grid.clear
     assert not math.isnan(by_grid.rho)

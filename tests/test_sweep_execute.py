@@ -28,7 +28,7 @@ from validation.study.sweep import run as sweep_run
 from validation.study.sweep.design import parse_sweep
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.run import sweep
-from validation.study.sweep.store import RESULTS, ROWS, TABLE_METADATA, read_table
+from validation.study.sweep.store import ROWS
 from validation.study.sweep.table import read_sweep
 
 SWEEP = """
@@ -246,20 +246,6 @@ def test_a_folder_takes_only_its_own_sweep(direct, file, tmp_path, capsys):
         assert call(renamed, out, "--resume") == 2
         told = capsys.readouterr().err
         assert all(word in told for word in words), told
-
-
-def test_rows_of_unknown_origin_are_not_mixed(direct, file, tmp_path, capsys):
-    out = tmp_path / "out"
-    assert call(file, out) == 0
-    import pyarrow.parquet as pq
-
-    table = read_table(out / RESULTS)
-    metadata = json.loads(table.schema.metadata[TABLE_METADATA]) | {"identity": {}}
-    pq.write_table(
-        table.replace_schema_metadata({TABLE_METADATA: json.dumps(metadata).encode()}), out / RESULTS
-    )
-    assert call(file, out, "--resume") == 2
-    assert "do not say which definition and code" in capsys.readouterr().err
 
 
 def test_other_code_is_mixed_only_by_force(direct, file, tmp_path, monkeypatch, capsys):

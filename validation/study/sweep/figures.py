@@ -285,16 +285,16 @@ def distribution(values: Array, limit: float | None, unit: str, title: str) -> M
     x["axis"] = {"grid": False, "tickCount": 6}
     encoding = {"x": x, "x2": {"field": "high"}, "y": y, "color": colour}
     layers: list[Spec] = [{"mark": {"type": "bar", "binSpacing": 0}, "encoding": encoding}]
-    once: Spec = {"data": {"values": [{}]}}
     text: Spec = {"type": "text", "align": "right"}
-    notes = [f"{beyond} beyond →"] if beyond else []
-    if limit is not None and limit <= edges[-1]:
-        marks: list[Any] = ["rule", {**text, "dx": -4, "y": 6, "text": f"limit {limit:.3g}"}]
-        layers += [{**once, "mark": mark, "encoding": {"x": {"datum": limit}}} for mark in marks]
-    elif limit is not None:
-        notes.insert(0, f"limit {limit:.3g} →")
-    text |= {"x": 300, "color": "var(--faint)"}
-    layers += [{**once, "mark": {**text, "y": 6 + 16 * k, "text": note}} for k, note in enumerate(notes)]
+    marks: list[tuple[Any, Spec]] = []
+    if limit is not None:  # a line with its value; an arrow at the edge if it is beyond
+        at = {"x": {"datum": min(limit, float(edges[-1]))}}
+        arrow = " →" if limit > edges[-1] else ""
+        marks = [({**text, "dx": -4, "y": 6, "text": f"limit {limit:.3g}{arrow}"}, at)]
+        marks += [] if arrow else [("rule", at)]
+    if beyond:
+        marks.append(({**text, "x": 300, "y": 22, "color": "var(--faint)", "text": f"{beyond} beyond →"}, {}))
+    layers += [{"data": {"values": [{}]}, "mark": mark, "encoding": at} for mark, at in marks]
     size = {"config": _CONFIG, "width": 300, "height": 120}
     return svg(
         {**size, "title": title, "data": {"values": bars}, "layer": layers}, f"Distribution of {title}"

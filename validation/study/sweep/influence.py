@@ -55,19 +55,9 @@ class Influence:
     p_share: float = math.nan
 
     @property
-    def clear_rho(self) -> bool:
-        """Whether the rank correlation is beyond chance."""
-        return self.p_rho < SIGNIFICANCE
-
-    @property
-    def clear_share(self) -> bool:
-        """Whether the share of the variance is beyond chance."""
-        return self.p_share < SIGNIFICANCE
-
-    @property
     def clear(self) -> bool:
-        """Whether either is."""
-        return self.clear_rho or self.clear_share
+        """Whether either is beyond chance."""
+        return self.p_rho < SIGNIFICANCE or self.p_share < SIGNIFICANCE
 
     @property
     def strength(self) -> float:

@@ -146,17 +146,13 @@ def check_identity(folder: Path, definition: SweepDefinition, *, force: bool) ->
         Whether there are no rows to mix with.
 
     Raises:
-        InputError: the rows are of another sweep, of other code, or do not say.
+        InputError: the rows are of another sweep, or of other code.
     """
     rows, now = read_rows(folder)[0], _identity(definition)
     if rows is None:
         return True
-    before = json.loads(rows.schema.metadata[TABLE_METADATA]).get("identity") or {}
-    kept, new = before.get("settings"), now["settings"]
-    if kept is None or "code" not in before:
-        raise InputError(
-            f"the rows in {folder} do not say which definition and code made them; give another folder."
-        )
+    before = json.loads(rows.schema.metadata[TABLE_METADATA])["identity"]
+    kept, new = before["settings"], now["settings"]
     if list(kept.items()) != list(new.items()):  # the order of the keys numbers the runs
         place = next((key for key in {**new, **kept} if kept.get(key) != new.get(key)), "order of keys")
         raise InputError(
