@@ -46,10 +46,8 @@ _LOADED = 0.08
 def figure_8(walk: Walk) -> Figure:
     """Side view of a gait: where it was walked, a stride in frames, and the COM's distance from the plan."""
     figure = Figure(figsize=(_WIDTH, 10.25))
-    trace, strip = (
-        inches(figure, 0.6, 0.42, _WIDTH - 0.8, 3.6),
-        inches(figure, 0.6, 5.05, _WIDTH - 0.8, _STRIP),
-    )
+    trace = inches(figure, 0.6, 0.42, _WIDTH - 0.8, 3.6)
+    strip = inches(figure, 0.6, 5.05, _WIDTH - 0.8, _STRIP)
     _trace(trace, figure, walk)
     trace.set_title("Simulated gait where it was walked, every tenth of a step")
     _strip(strip, figure, walk, SIDE)
@@ -103,15 +101,8 @@ def _trace(axis: Axes, figure: Figure, walk: Walk) -> None:
     scale = _limits(axis, figure, low, high, below=0.16)
     _floor(axis, low, high)
     for index, body in enumerate(bodies):
-        whole = index % 10 == 0
-        draw(
-            axis,
-            body,
-            SIDE,
-            points_per_metre=scale,
-            slim=0.75 if whole else 0.1,
-            alpha=1.0 if whole else 0.55,
-        )
+        slim, alpha = (0.1, 0.55) if index % 10 else (0.75, 1.0)
+        draw(axis, body, SIDE, points_per_metre=scale, slim=slim, alpha=alpha)
     at = np.linspace(times[0], times[-1], 400)
     path = walk.plan.sample(at).com
     axis.plot(path[:, 0], path[:, 2], color=PLAN, linewidth=4.6, zorder=5, label="COM, plan")
@@ -170,9 +161,8 @@ def _strip(axis: Axes, figure: Figure, walk: Walk, view: tuple[int, int]) -> Non
             load = record.point_force[row][points, 2]
             centre = (load @ record.point_position[row][points]) / load.sum()
             start = np.array([centre[view[0]] + shift, 0.0])
-            arrow(
-                axis, start, start + force[list(view)] * _WEIGHT_LENGTH / measured.weight, width=1.6, zorder=8
-            )
+            end = start + force[list(view)] * _WEIGHT_LENGTH / measured.weight
+            arrow(axis, start, end, width=1.6, zorder=8)
         axis.text(
             index * spacing, -0.06, f"{100 * at / walk.stride:.0f} %\n{names[index % 4]}", ha="center",
             va="top", fontsize=7.5, color=INK if index % 4 == 3 else FAINT,
@@ -231,16 +221,8 @@ def _compare(
         share = walk.phase / walk.stride
         planned = walk.plan.sample(walk.stride_starts[0] + walk.phase).angular_momentum[:, component]
         away, errors = walk.less_plan["angular_momentum"].component(component)
-        curves(
-            right,
-            share,
-            planned,
-            planned + away,
-            planned + errors,
-            tolerance=tolerance,
-            label=label,
-            line=line,
-        )
+        motion, simulated = planned + away, planned + errors
+        curves(right, share, planned, motion, simulated, tolerance=tolerance, label=label, line=line)
         note = "" if len(set(tolerances)) == 1 else f", {label}"
         difference(right_error, share, away, errors, tolerance=tolerance, unit="N m s", line=line, note=note)
     left.set_title(f"{what} of the trunk, {'to the right' if what == 'roll' else 'forward'} (no plan has it)")
@@ -254,17 +236,7 @@ def _compare(
         axis.set_xlabel("")
         axis.tick_params(labelbottom=False)
     for axis in (left_error, right_error):
-        _once(axis)
-
-
-def _once(axis: Axes) -> None:
-    """Legend of the bands, every name once."""
-    handles, labels = axis.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    axis.legend(
-        unique.values(), unique, loc="lower left", bbox_to_anchor=(-0.01, 0.97), fontsize=7.5,
-        borderpad=0.1, handlelength=1.4, handletextpad=0.45, labelspacing=0.2,
-    )  # fmt: skip
+        band_legend(axis)
 
 
 def trunk(walk: Walk, what: str) -> tuple[Array, Array, Array]:
@@ -276,12 +248,8 @@ def trunk(walk: Walk, what: str) -> tuple[Array, Array, Array]:
     phase, record = walk.phase[::4], walk.trial.record
     motion = np.degrees([_trunk(walk, q, what) for q in walk.motion_sample.q[::4]])
     rows = np.unique([*range(0, len(record.time), 3), len(record.time) - 1])
-    angles = np.degrees(
-        [
-            _trunk(walk, to_pinocchio(q, qd)[0], what)
-            for q, qd in zip(record.q[rows], record.qd[rows], strict=True)
-        ]
-    )
+    states = zip(record.q[rows], record.qd[rows], strict=True)
+    angles = np.degrees([_trunk(walk, to_pinocchio(q, qd)[0], what) for q, qd in states])
     return phase / walk.stride, motion, walk.folded(angles, record.time[rows])[:, ::4]
 
 

@@ -67,18 +67,14 @@ def figure_4(walk: Walk, sole: SoleGeometry) -> Figure:
             axis.text(com[index] + gap, height + 0.022, f"${names[side]}$", ha=align, fontsize=11)
             axis.text(zmp[index] + gap, 0.022, f"${names[2 + side]}$", ha=align, fontsize=11, color=ZMP)
         _span(axis, com[0], com[-1], height + 0.095, f"$2\\,{length[0]}$ = {2e3 * length[1]:.0f} mm")
-        _span(
-            axis,
-            zmp[0],
-            zmp[-1],
-            -0.062,
-            f"$2\\,{length[0]}/{length[2]}$ = {1e3 * abs(zmp[-1] - zmp[0]):.0f} mm",
-        )
+        travel = f"$2\\,{length[0]}/{length[2]}$ = {1e3 * abs(zmp[-1] - zmp[0]):.0f} mm"
+        _span(axis, zmp[0], zmp[-1], -0.062, travel)
         name, slope = ("c_s", walk.gait.c_s) if letter == "a" else ("c_d", constants.c_d)
         phase = "single" if letter == "a" else "double"
         axis.set_title(f"({letter}) {phase} support, ${name}$ = {slope:.3g}, {duration:.3f} s")
         axis.set_xlabel(f"x from the {'stance foot' if letter == 'a' else 'midpoint of the feet'} [m]")
-        _frame(axis, 0.36 if letter == "a" else 0.46, height)
+        axis.set_aspect("equal")
+        _frame(axis, (-0.36, 0.36) if letter == "a" else (-0.46, 0.46), height)
     axes[0].set_ylabel("z [m]")
     axes[0].yaxis.set_label_coords(-0.12, 0.28)
     _key(figure, "Darker: later. In the drawings plan, IK and simulation cover each other; below, enlarged.")
@@ -104,19 +100,12 @@ def figure_5(walk: Walk, sole: SoleGeometry) -> Figure:
         com, zmp = sample.com[:, 1] - centre, sample.zmp[:, 1] - centre
         force = sample.force[:, [1, 2]] * _WEIGHT_LENGTH / (plan.mass * plan.gravity)
         for y in (half, -half):
-            _sole(
-                axis,
-                y - centre - sole.half_width,
-                y - centre + sole.half_width,
-                quiet=letter == "a" and y < 0,
-            )
+            edges = (y - centre - sole.half_width, y - centre + sole.half_width)
+            _sole(axis, *edges, quiet=letter == "a" and y < 0)
         axis.axvline(-centre, color=FAINT, linewidth=0.7, linestyle=(0, (6, 3, 1, 3)))
         _travel(axis, com, zmp, height, force, returns=letter == "a")
         _walked(axis, walk, start, duration, centre, 1, returns=letter == "a")
-        axis.set_xlim(*((-0.235, 0.075) if letter == "a" else (-0.155, 0.155)))
-        axis.set_ylim(-0.16, height + 0.2)
-        axis.grid(False)
-        axis.set_yticks([0.0, 0.5, height], ["0", "0.5", f"$H$ = {height:g}"])
+        _frame(axis, (-0.235, 0.075) if letter == "a" else (-0.155, 0.155), height)
         axis.set_xlabel(f"y from the {'stance foot' if letter == 'a' else 'midline'}, left [m]")
         name = "single" if letter == "a" else "double"
         axis.set_title(f"({letter}) {name} support, $c_y$ = {walk.gait.c_y:.3g}, {duration:.3f} s")
@@ -227,14 +216,8 @@ def _travel(
     for index in range(len(com)):
         # The way back of a path that turns covers the way there.
         alpha = 0.35 + 0.65 * index / (len(com) - 1)
-        axis.plot(
-            [zmp[index], com[index]],
-            [0, level[index]],
-            color=FAINT,
-            linewidth=0.7,
-            linestyle=(0, (3, 2)),
-            zorder=1,
-        )
+        line: Any = {"color": FAINT, "linewidth": 0.7, "linestyle": (0, (3, 2)), "zorder": 1}
+        axis.plot([zmp[index], com[index]], [0, level[index]], **line)
         foot = np.array([zmp[index], 0.0])
         arrow(axis, foot, foot + force[index], alpha=alpha)
         axis.plot(com[index], level[index], "o", color=COM, markersize=5, alpha=alpha, zorder=5)
@@ -279,9 +262,8 @@ def _span(axis: Axes, low: float, high: float, level: float, text: str, aside: f
     )  # fmt: skip
 
 
-def _frame(axis: Axes, reach: float, height: float) -> None:
-    axis.set_aspect("equal")
-    axis.set_xlim(-reach, reach)
+def _frame(axis: Axes, sides: tuple[float, float], height: float) -> None:
+    axis.set_xlim(*sides)
     axis.set_ylim(-0.16, height + 0.2)
     axis.grid(False)
     axis.set_yticks([0.0, 0.5, height], ["0", "0.5", f"$H$ = {height:g}"])

@@ -62,16 +62,13 @@ def figure_human(walks: Walks) -> tuple[Figure, dict[str, Any]]:
     scans = ranges(load_run("normal"))
     for key, found in scans.items():
         found["measured"] = measured_range(partial(peak_of, walks, key), key, found["low"], found["high"])
+    plan = demos["normal"].plan.centroidal
+    offset = float(plan.constants.angular_momentum_y_offset)
+    kept = ("low", "high", "measured")
     numbers: dict[str, Any] = {
         "peaks": {label: peaks(walk) for label, walk in demos.items()},
-        "ranges": {
-            key: {name: found[name] for name in ("low", "high", "measured")} for key, found in scans.items()
-        },
-        "angular_momentum_y_offset": {
-            "Nms": float(demos["normal"].plan.constants.angular_momentum_y_offset),
-            "of_m_V_H": float(demos["normal"].plan.constants.angular_momentum_y_offset)
-            / scale(demos["normal"].plan.centroidal),
-        },
+        "ranges": {key: {name: found[name] for name in kept} for key, found in scans.items()},
+        "angular_momentum_y_offset": {"Nms": offset, "of_m_V_H": offset / scale(plan)},
     }
     figure = Figure(figsize=(9.6, 9.9))
     _bars([inches(figure, 1.2 + 2.88 * k, 0.62, 2.4, 2.3) for k in range(3)], numbers["peaks"])
@@ -261,21 +258,14 @@ def _forces(axes: Sequence[Axes], walk: Walk) -> dict[str, dict[str, float]]:
                 linewidth=0,
             )  # fmt: skip
             axis.plot(at, mean, color=color, linewidth=1.3, linestyle=line, label=f"people, {speed:g} m/s")
-            said[name] |= {
-                f"people_{end}_largest": float(mean.max()),
-                f"people_{end}_smallest": float(mean.min()),
-            }
+            least, largest = float(mean.min()), float(mean.max())
+            said[name] |= {f"people_{end}_largest": largest, f"people_{end}_smallest": least}
         axis.fill_between(
             100 * share, ours.min(axis=0), ours.max(axis=0), color=MEASURED, alpha=0.3, linewidth=0
         )
         speed = walk.plan.constants.mean_velocity
-        axis.plot(
-            100 * share,
-            ours.mean(axis=0),
-            color=MEASURED,
-            linewidth=1.3,
-            label=f"simulation, {speed:.2f} m/s",
-        )
+        label = f"simulation, {speed:.2f} m/s"
+        axis.plot(100 * share, ours.mean(axis=0), color=MEASURED, linewidth=1.3, label=label)
         axis.set_xlim(0, 100)
         axis.set_title(f"{name} force on one foot")
     # What the double hump is, in numbers: two peaks over the least force between them.

@@ -88,8 +88,10 @@ def difference(
 
 
 def band_legend(axis: Axes, columns: int = 1) -> None:
-    """The band's name over a panel of differences."""
+    """The bands' names over a panel of differences, each once."""
+    handles, labels = axis.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
     axis.legend(
-        loc="lower left", bbox_to_anchor=(-0.01, 0.97), fontsize=7.5, borderpad=0.1, ncols=columns,
-        handlelength=1.4, handletextpad=0.45, columnspacing=1.0,
+        unique.values(), unique, loc="lower left", bbox_to_anchor=(-0.01, 0.97), fontsize=7.5, borderpad=0.1,
+        ncols=columns, handlelength=1.4, handletextpad=0.45, columnspacing=1.0, labelspacing=0.2,
     )  # fmt: skip
