@@ -179,11 +179,8 @@ def test_summary_is_plain_json_with_the_entries_of_the_contract(walk):
     assert metric["first_step"] == pytest.approx(0.003)
     assert metric["normalised"]["foot_length"] == pytest.approx(0.003 / 0.258)
     assert metric["display"] == {
-        "value": pytest.approx(3.0),
-        "unit": "mm",
-        "tolerance": 2.5,
-        "uncertainty": 0.3,
-    }
+        "value": pytest.approx(3.0), "unit": "mm", "tolerance": 2.5, "uncertainty": 0.3
+    }  # fmt: skip
     assert (metric["uncertainty"], metric["undecided"]) == (0.0003, False)
     assert summary["metrics"]["zmp_y_rmse"]["pass"] is True
     assert summary["metrics"]["zmp_x_maximum"]["uncertainty"] == "inf"
@@ -201,25 +198,28 @@ def test_summary_is_plain_json_with_the_entries_of_the_contract(walk):
 # ---------------------------------------------------------------------------- metrics and profiles
 
 
-def test_the_profiles_hold_the_agreed_limits():
+@pytest.mark.parametrize(
+    ("name", "strict", "default", "wide"),
+    [
+        ("zmp_x_rmse", 2.0e-3, 2.5e-3, 5.0e-3),
+        ("zmp_y_rmse", 1.0e-3, 1.5e-3, 3.0e-3),
+        ("zmp_x_maximum", 15e-3, 40e-3, 80e-3),
+        ("zmp_y_maximum", 8e-3, 20e-3, 40e-3),
+        ("force_x_rmse", 0.006, 0.008, 0.016),
+        ("force_y_rmse", 0.004, 0.006, 0.012),
+        ("force_z_rmse", 0.007, 0.010, 0.020),
+        ("angular_momentum_x_rmse", 0.1, 0.15, 0.3),
+        ("angular_momentum_y_rmse", 0.1, 0.15, 0.3),
+        ("zmp_agreement_rmse", 0.5e-3, 0.5e-3, 1e-3),
+        ("force_agreement_rmse", 0.002, 0.002, 0.002),
+        ("failed_qp", 0.0, 0.0, 0.0),
+    ],
+)
+def test_the_profiles_hold_the_agreed_limits(name, strict, default, wide):
     """Agreed on before the first run; changing one here needs a reason in the changelog."""
-    names = ("zmp_x_rmse", "zmp_y_rmse", "zmp_x_maximum", "zmp_y_maximum", "force_x_rmse", "force_y_rmse",
-             "force_z_rmse", "angular_momentum_x_rmse", "angular_momentum_y_rmse")  # fmt: skip
-    limits = {item.name: {t.metric: t.limit for t in item.tolerances} for item in PROFILES.values()}
-    assert [limits["strict"][name] for name in names] == [
-        2.0e-3, 1.0e-3, 15e-3, 8e-3, 0.006, 0.004, 0.007, 0.1, 0.1
-    ]  # fmt: skip
-    assert [limits["default"][name] for name in names] == [
-        2.5e-3, 1.5e-3, 40e-3, 20e-3, 0.008, 0.006, 0.010, 0.15, 0.15
-    ]  # fmt: skip
-    for name in names:
-        assert limits["wide"][name] == 2 * limits["default"][name]
-        assert limits["strict"][name] < limits["default"][name]
-    for item in PROFILES.values():
-        assert limits[item.name]["zmp_agreement_rmse"] == (1e-3 if item is WIDE else 0.5e-3)
-        assert limits[item.name]["force_agreement_rmse"] == 0.002
-        assert limits[item.name]["failed_qp"] == 0.0
-        assert len(limits[item.name]) == 17
+    limits = [{t.metric: t.limit for t in item.tolerances} for item in (STRICT, DEFAULT, WIDE)]
+    assert [item[name] for item in limits] == [strict, default, wide]
+    assert [len(item) for item in limits] == [17, 17, 17]
 
 
 def test_every_metric_has_its_facts():

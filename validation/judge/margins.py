@@ -156,30 +156,23 @@ def margins(
     use = np.abs(record.torque) / record.torque_limit
     low = record.hinge_q - record.joint_range[:, 0]
     high = record.joint_range[:, 1] - record.hinge_q
-    knees: tuple[str, ...] = ()
-    if description is not None:
-        knees = tuple(
-            leg.knee
-            for leg in (description.left_leg, description.right_leg)
-            if leg.knee in record.joint_names
-        )
+    legs = () if description is None else description.legs
+    knees = tuple(leg.knee for leg in legs if leg.knee in record.joint_names)
     knee_q = record.hinge_q[:, [record.joint_names.index(name) for name in knees]]
     feet = ("left", "right")
-    foot_ratio = _ratio(measured.foot_force, LOADED * measured.weight)
-    net_ratio = _ratio(measured.force, LOADED * measured.weight)[:, None]
+    foot_ratio, net_ratio = (
+        _ratio(force, LOADED * measured.weight) for force in (measured.foot_force, measured.force)
+    )
     planned = Extreme(float("nan"))
     if time.size:
         planned = Extreme(*plan.least_zmp_margin(min(float(time[-1]), plan.duration)))
     reached = polygon_margin(record.point_position[:, :, :2], measured.point_contact, sample.zmp)
     return Margins(
         torque=_extreme(use, time, record.joint_names, largest=True),
-        torque_by_joint={
-            name: float(peak)
-            for name, peak in zip(record.joint_names, use.max(axis=0, initial=0.0), strict=True)
-        },
+        torque_by_joint=dict(zip(record.joint_names, use.max(axis=0, initial=0.0).tolist(), strict=True)),
         saturated=float((use >= SATURATED).any(axis=1).mean()) if time.size else float("nan"),
         friction=_extreme(foot_ratio, time, feet, largest=True),
-        friction_net=_extreme(net_ratio, time, largest=True),
+        friction_net=_extreme(net_ratio[:, None], time, largest=True),
         friction_available=record.friction,
         joint=_extreme(np.minimum(low, high), record.time, record.joint_names),
         knee=_extreme(knee_q, record.time, knees),
