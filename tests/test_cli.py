@@ -134,6 +134,8 @@ def test_plot_is_a_picture(ampm, tmp_path):
         (["--rate", "1e12", "--samples", "x.csv"], "lower rate"),
         (["--samples", "x.txt"], ".parquet"),
         (["--plot", "x.jpeg2"], ".png"),
+        (["--samples=none/x.csv"], "there is no folder none"),
+        (["--plot=none/x.png"], "there is no folder none"),
         (["--bogus"], "--bogus"),
         (["--rate", "fast"], "--rate"),
         (["normal", "momentum"], "momentum"),
@@ -206,17 +208,13 @@ def test_mathematical_refusal_comes_before_any_walk(ampm, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_out_is_never_overwritten(ampm, tmp_path):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "notes.txt").write_text("mine")
-    answer = ampm("validate", "normal", "--out", out)
-    assert answer.status == Status.REFUSED
-    assert "--force" in answer.err
-    answer = ampm("validate", "normal", "--out", out, "--force")
-    assert answer.status == Status.REFUSED
-    assert "notes.txt" in answer.err
-    assert (out / "notes.txt").read_text() == "mine"
+@pytest.mark.parametrize(("options", "words"), [((), "--force"), (("--force",), "notes.txt")])
+def test_out_is_never_overwritten(ampm, tmp_path, options, words):
+    notes = tmp_path / "notes.txt"
+    notes.write_text("mine")
+    answer = ampm("validate", "normal", "--out", tmp_path, *options)
+    assert (answer.status, notes.read_text()) == (Status.REFUSED, "mine")
+    assert words in answer.err
 
 
 @pytest.mark.parametrize("command", ["replay", "report", "view"])
@@ -276,6 +274,7 @@ def failing(monkeypatch):
 
 
 def test_crash_is_one_sentence_and_keeps_its_traceback(ampm, failing):
+    """Which --debug shows at once."""
     failing(ZeroDivisionError("by zero"))
     answer = ampm("plan", "--json")
     assert answer.status == Status.CRASH
@@ -284,10 +283,6 @@ def test_crash_is_one_sentence_and_keeps_its_traceback(ampm, failing):
     kept = Path(answer.err.split("traceback is in ")[1].split(",")[0])
     assert "ZeroDivisionError: by zero" in kept.read_text()
     kept.unlink()
-
-
-def test_debug_shows_the_traceback(ampm, failing):
-    failing(ZeroDivisionError("by zero"))
     answer = ampm("plan", "--debug")
     assert answer.status == Status.CRASH
     assert "Traceback" in answer.err
@@ -312,15 +307,6 @@ def test_disk_errors_are_the_users(ampm, tmp_path):
     answer = ampm("plan", "--no-body", "--samples", tmp_path / "file" / "x.csv")
     assert answer.status == Status.REFUSED
     assert "x.csv" in answer.err
-
-
-@pytest.mark.parametrize("option", ["--samples=none/x.csv", "--plot=none/x.png"])
-def test_a_folder_that_does_not_exist_is_not_created(ampm, option, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    answer = ampm("plan", "--no-body", option)
-    assert answer.status == Status.REFUSED
-    assert "there is no folder none" in answer.err
-    assert not (tmp_path / "none").exists()
 
 
 def test_bad_input_in_json_has_its_parts(ampm):

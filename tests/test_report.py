@@ -47,14 +47,6 @@ class Page(HTMLParser):
             if name in ("href", "src", "xlink:href"):
                 self.links.append(value)
 
-    def handle_startendtag(self, tag, attributes):
-        self.tags.add(tag)
-        for name, value in attributes:
-            if name == "id":
-                self.ids.append(value)
-            if name in ("href", "src", "xlink:href"):
-                self.links.append(value)
-
     def handle_endtag(self, tag):
         assert self.open, f"</{tag}> closes nothing"
         assert self.open.pop() == tag

@@ -20,7 +20,12 @@ from validation.store.saved import load_saved_run, run_events
 from validation.store.signals import load_signals
 from validation.trial.outcome import Outcome, OutcomeName
 
-RERUN = [sys.executable, "-m", "rerun"]
+
+def assert_rrd(command: str, *files: Path) -> None:
+    """Check files by the viewer's own program."""
+    words = [sys.executable, "-m", "rerun", "rrd", command, *map(str, files)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.fixture(scope="module")
@@ -46,10 +51,7 @@ def entities(path: Path) -> set[str]:
 
 
 def test_recording_verifies(run_dir):
-    done = subprocess.run(
-        [*RERUN, "rrd", "verify", str(run_dir / RECORDING_FILE)], capture_output=True, text=True, timeout=120
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert_rrd("verify", run_dir / RECORDING_FILE)
 
 
 def test_series_are_the_signals_bit_for_bit(run_dir):
@@ -101,12 +103,7 @@ def test_what_a_viewer_must_show_is_there(run_dir):
 
 def test_identical_runs_give_identical_recordings(run_dir, tmp_path):
     other = make_run(tmp_path / "run", steps=4)
-    write_recording(other)
-    done = subprocess.run(
-        [*RERUN, "rrd", "compare", str(run_dir / RECORDING_FILE), str(other / RECORDING_FILE)],
-        capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert_rrd("compare", run_dir / RECORDING_FILE, write_recording(other))
 
 
 def test_recording_is_small(run_dir):

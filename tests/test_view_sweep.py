@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +12,7 @@ from rerun.chunk import RrdReader
 from ampm.exceptions import InputError
 from tests.saved_run import make_run
 from tests.sweep_table import make_table, replaced, write_sweep
+from tests.test_rerun_log import assert_rrd
 from validation.cli.app import Status, call
 from validation.cli.view_sources import choose, parse_runs
 from validation.show.rerun.merge import PHASE, SINGLE_SUPPORT, read_part, same_gait
@@ -67,13 +66,6 @@ def at_phase(path: Path, entity: str) -> tuple[np.ndarray, np.ndarray]:
     raise AssertionError(entity)
 
 
-def verified(path: Path) -> bool:
-    done = subprocess.run(
-        [sys.executable, "-m", "rerun", "rrd", "verify", str(path)], capture_output=True, timeout=120
-    )
-    return done.returncode == 0
-
-
 def save(*arguments: object) -> int:
     return call(["view", *(str(argument) for argument in arguments)])
 
@@ -82,7 +74,7 @@ def test_one_gait_of_two_revisions_is_overlaid(walks, tmp_path, capsys):
     target = tmp_path / "both.rrd"
     assert save(walks["one"], walks["two"], "--save", target) == Status.PASS
     assert "different" not in capsys.readouterr().err
-    assert verified(target)
+    assert_rrd("verify", target)
     own = entities(walks["one"] / "recording.rrd")
     assert {f"/a{name}".rstrip("/") for name in own} <= entities(target)
     assert {f"/b{name}".rstrip("/") for name in entities(walks["two"] / "recording.rrd")} <= entities(target)
@@ -109,7 +101,7 @@ def test_phases_of_different_gaits_coincide(walks, tmp_path, capsys):
     target = tmp_path / "both.rrd"
     assert save(walks["one"], walks["slow"], "--save", target) == Status.PASS
     assert "different gaits" in capsys.readouterr().err
-    assert verified(target)
+    assert_rrd("verify", target)
     for which, name in (("a", "one"), ("b", "slow")):
         plan = load_saved_run(walks[name]).plan()
         assert plan is not None
@@ -189,7 +181,7 @@ def test_chosen_runs_of_a_sweep_stand_side_by_side(sweep, tmp_path):
     folder, kept = sweep
     target = tmp_path / "some.rrd"
     assert save(folder, "--runs", f"{kept[0]},{kept[2]},{kept[1]}", "--save", target) == Status.PASS
-    assert verified(target)
+    assert_rrd("verify", target)
     prefixes = {name.split("/")[1] for name in entities(target)}
     assert prefixes == {f"run_{kept[i]}" for i in (0, 1, 2)}
 
@@ -213,9 +205,9 @@ def test_the_same_run_of_two_sweeps_is_overlaid(sweep, tmp_path):
     target = tmp_path / "both.rrd"
     assert save(folder, other, "--runs", kept[0], "--save", target) == Status.PASS
     assert {f"/a_run_{kept[0]}/residual/zmp", f"/b_run_{kept[0]}/residual/zmp"} <= entities(target)
-    assert last_static(target, f"/b_run_{kept[0]}/world/force/measured", "Arrows3D:colors") != last_static(
-        target, f"/a_run_{kept[0]}/world/force/measured", "Arrows3D:colors"
-    )
+    arrows = [f"/{which}_run_{kept[0]}/world/force/measured" for which in "ab"]
+    colours = [last_static(target, arrow, "Arrows3D:colors") for arrow in arrows]
+    assert colours[0] != colours[1]
 
 
 @pytest.mark.parametrize("text", ["", "a", "1,1", "-1", "1;2"])

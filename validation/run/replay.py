@@ -125,14 +125,15 @@ def compare(
     record: SimulationRecord, q: NDArray[np.float64], qd: NDArray[np.float64], note: str = ""
 ) -> Replay:
     """Find the first bit in which a replay, or as much of it as there is, differs from its record."""
-    names = _column_names(record)
+    columns = record_columns(record)[JOINTS_FILE]
+    names = [name for part in ("q_", "qd_") for name in columns if name.startswith(part)]
     recorded = np.concatenate([record.q[: len(q)], record.qd[: len(qd)]], axis=1)
     replayed = np.concatenate([q, qd], axis=1)
     # Bit patterns, as above.
-    rows, columns = np.nonzero(recorded.view(np.int64) != replayed.view(np.int64))
+    rows, places = np.nonzero(recorded.view(np.int64) != replayed.view(np.int64))
     if rows.size == 0:
         return Replay(record.steps)
-    row, column = int(rows[0]), int(columns[0])
+    row, column = int(rows[0]), int(places[0])
     return Replay(
         steps=record.steps,
         signal=names[column],
@@ -141,13 +142,6 @@ def compare(
         replayed=float(replayed[row, column]),
         note=note,
     )
-
-
-def _column_names(record: SimulationRecord) -> list[str]:
-    columns = record_columns(record)[JOINTS_FILE]
-    return [name for name in columns if name.startswith("q_")] + [
-        name for name in columns if name.startswith("qd_")
-    ]
 
 
 def _load_model(path: Path, record: SimulationRecord) -> mujoco.MjModel:

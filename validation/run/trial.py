@@ -177,11 +177,7 @@ def write_inputs(folder: Path, planned: PlannedWalk, environment: Mapping[str, A
 
 
 def write_results(
-    folder: Path,
-    trial: Trial,
-    environment: Mapping[str, Any],
-    instrument: Instrument | None = None,
-    timing: Mapping[str, float] | None = None,
+    folder: Path, trial: Trial, environment: Mapping[str, Any], instrument: Instrument | None = None
 ) -> dict[str, Any]:
     """Write signals, what an instrument shows and, last, the summary with the digests of all other files.
 
@@ -190,29 +186,32 @@ def write_results(
         trial: the run.
         environment: where it ran.
         instrument: shown beside the simulator's truth.
-        timing: wall-clock times [s], those of the trial by default.
 
     Returns:
         The contents of ``summary.json``.
     """
     save_signals(signals_table(trial.comparison), folder / SIGNALS_FILE)
-    summary = results_of(trial, environment, timing)
+    summary = results_of(trial, environment)
     if instrument is not None:
-        summary["instrument"] = _write_observation(folder, instrument, trial)
+        # Here, not above: only a run with an instrument pays for it.
+        from validation.measure.instruments.columns import observation_columns, observe_walk
+        from validation.store.tables import write_columns
+
+        seen = observe_walk(instrument, trial.planned, trial.record)
+        write_columns(observation_columns(seen), folder / INSTRUMENT_FILE)
+        summary["instrument"] = seen.as_dict()
     summary["files"] = digests(folder)
     _write_json(folder / SUMMARY_FILE, summary)
     return summary
 
 
-def results_of(
-    trial: Trial, environment: Mapping[str, Any], timing: Mapping[str, float] | None = None
-) -> dict[str, Any]:
+def results_of(trial: Trial, environment: Mapping[str, Any]) -> dict[str, Any]:
     """Contents of ``summary.json`` that need no folder."""
     standing, known = trial.comparison.standing, trial.uncertainty
     return build_summary(
         trial.comparison,
         trial.verdict,
-        timing=trial.timing if timing is None else timing,
+        timing=trial.timing,
         environment=environment,
         gait=trial.planned.name,
         motion=trial.plan.posture.report(),
@@ -221,17 +220,6 @@ def results_of(
         **({} if known is None else {"uncertainty": known.as_dict()}),
         **trial.extra,
     )
-
-
-def _write_observation(folder: Path, instrument: Instrument, trial: Trial) -> dict[str, Any]:
-    """The walk as an instrument shows it: readings into a file, errors for the summary."""
-    # Here, not above: only a run with an instrument pays for it.
-    from validation.measure.instruments.columns import observation_columns, observe_walk
-    from validation.store.tables import write_columns
-
-    seen = observe_walk(instrument, trial.planned, trial.record)
-    write_columns(observation_columns(seen), folder / INSTRUMENT_FILE)
-    return seen.as_dict()
 
 
 def _write_json(path: Path, value: Any) -> None:

@@ -42,7 +42,6 @@ class SavedRun:
     Attributes:
         directory: the folder.
         parameters: the resolved parameters.
-        parameters_text: ``run.toml`` as written.
         model_xml: the compiled model's source (MJCF).
         record: states, torques and contact forces of every step, read as they are used.
         signals: plan, command and measurement on the common clock.
@@ -51,7 +50,6 @@ class SavedRun:
 
     directory: Path
     parameters: RunParameters
-    parameters_text: str
     model_xml: str
     record: StoredRecord
     signals: Signals
@@ -96,7 +94,6 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
     return SavedRun(
         directory=directory,
         parameters=load_run(directory / RUN_FILE, ()),
-        parameters_text=(directory / RUN_FILE).read_text(encoding="utf-8"),
         model_xml=(directory / MODEL_FILE).read_text(encoding="utf-8"),
         record=StoredRecord(directory),
         signals=load_signals(directory / SIGNALS_FILE),
