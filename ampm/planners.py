@@ -23,7 +23,7 @@ class WalkRequest:
     Attributes:
         run: parameters of gait, body, feet and controller.
         robot: the body.
-        progress: called with a line of text now and then; None tells nobody.
+        progress: called with a line of text now and then; None: no progress.
         cache: folder that keeps solved motions; None keeps nothing.
     """
 

@@ -239,7 +239,7 @@ class Posture(Protocol):
         ...
 
     def report(self) -> dict[str, Any]:
-        """Figures for the summary of a trial, as plain values; may be empty."""
+        """Values for the summary of a trial, as plain values; may be empty."""
         ...
 
 
@@ -387,10 +387,10 @@ class ControlOutput(NamedTuple):
 
     Attributes:
         torque: joint torques, shape (nu,) [N m].
-        force: net ground force that it asked for, shape (3,) [N].
-        zmp: ZMP of the wrench that it asked for, shape (2,) [m].
-        angular_momentum: about the COM, that it asked for, shape (3,) [N m s].
-        point_force: force that it asked for at every sole point, shape (P, 3) [N].
+        force: net ground force commanded, shape (3,) [N].
+        zmp: ZMP of the wrench commanded, shape (2,) [m].
+        angular_momentum: about the COM, commanded, shape (3,) [N m s].
+        point_force: force commanded at every sole point, shape (P, 3) [N].
         status: SOLVED, LIMITED or UNSOLVED.
         residual: of its optimisation.
         iterations: of its optimisation.

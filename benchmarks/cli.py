@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from enum import StrEnum
@@ -15,7 +14,7 @@ from ampm.run_file import PRESETS
 from validation.cli.app import Status, explain
 from validation.cli.console import Narrator
 from validation.store.folders import check_output_file, output_file
-from validation.store.json import json_ready
+from validation.store.json import dump_json
 
 
 class Solvers(StrEnum):
@@ -74,7 +73,7 @@ def benchmark(
     solvers = ("osqp", "daqp") if qp is Solvers.BOTH else (qp.value,)
     narrator = Narrator()
     result = run_benchmarks(gait, settings or (), steps=steps, walks=walks, solvers=solvers, stages=narrator)
-    text = json.dumps(json_ready(result.as_dict()), indent=2, allow_nan=False)
+    text = dump_json(result.as_dict())
     if alone:
         print(text)
     else:

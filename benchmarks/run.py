@@ -20,7 +20,7 @@ from benchmarks.recording import RecordingCost, time_recording
 from benchmarks.walking import WalkBenchmark, WalkTiming
 from validation.progress import Progress
 from validation.store.environment import describe_environment
-from validation.store.machine import memory_peak
+from validation.store.machine import THREAD_VARIABLES, memory_peak
 from validation.trial.plan import load_request, make_body
 
 DEFAULT_STEPS = 30
@@ -128,7 +128,7 @@ def run_benchmarks(
         walks=timed,
         recording=recording,
         memory_peak=memory_peak(),
-        threads={name: os.environ.get(name) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")},
+        threads={name: os.environ.get(name) for name in THREAD_VARIABLES},
         load=load,
         environment=describe_environment(),
     )

@@ -8,7 +8,6 @@ gain is what the machine has to give: cores that share memory and heat do not do
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import tempfile
@@ -28,7 +27,7 @@ from validation.cli.console import Narrator
 from validation.progress import Progress
 from validation.show.text import print_table
 from validation.store.environment import describe_environment
-from validation.store.json import json_ready
+from validation.store.json import write_json
 from validation.study.sweep.design import SweepDefinition, parse_sweep
 from validation.study.sweep.run import sweep as walk_sweep
 from validation.study.sweep.sampling import cases as cases_of
@@ -96,7 +95,7 @@ def time_sweep(gait: str, steps: int, runs: int, narrator: Progress) -> SweepTim
         InputError: fewer than 32 runs.
     """
     if runs < 32:
-        raise InputError(f"--runs {runs} are too few to tell; take at least 32.")
+        raise InputError(f"--runs {runs} are too few for a result; take at least 32.")
     load = os.getloadavg()[0]
     definition = parse_sweep(_DEFINITION.format(gait=gait, steps=steps, runs=runs))
     cases = cases_of(definition)
@@ -206,6 +205,6 @@ def sweep(
     title = f"{runs} runs of {gait}, {steps} steps each, load {timing.load:.1f} at the start"
     print_table(title, ("", ">measured", ">target"), rows_of(timing))
     if json_file is not None:
-        json_file.write_text(json.dumps(json_ready(asdict(timing)), indent=2) + "\n", encoding="utf-8")
+        write_json(json_file, asdict(timing))
     met = timing.ratio >= RATIO and timing.overhead <= OVERHEAD and timing.memory_peak < MEMORY
     return 0 if met else 1

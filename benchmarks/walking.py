@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
-from ampm.parameters import RunParameters
+from ampm.parameters import RunParameters, steps_per_tick
 from ampm.walk import LIMITED, UNSOLVED, ControlOutput, WalkPlan
 from benchmarks.clock import Statistics, Stopwatch, least
 from models.human import BodyModel
@@ -24,7 +24,7 @@ from validation.trial.simulate import simulate
 Progress = Callable[[int, int], None]
 
 PARTS = {
-    "references": "what is asked for: momentum rate, posture, feet, contact gating",
+    "references": "commands: momentum rate, posture, feet, contact gating",
     "terms": "kinematics, Jacobians, drift, sole points",
     "assembly": "force map, condensation on the contact forces, the QP's matrices",
     "solve": "the QP",
@@ -194,7 +194,7 @@ class WalkBenchmark:
             mujoco.mj_step(model, data)
             spans[k] = time.perf_counter() - start
         same = bool(np.array_equal(data.qpos, record.q[-1]) and np.array_equal(data.qvel, record.qd[-1]))
-        substeps = max(1, round(1.0 / (self.run.controller.frequency * record.time_step)))
+        substeps = steps_per_tick(self.run.controller.frequency, record.time_step)
         return spans[: record.steps // substeps * substeps].reshape(-1, substeps).sum(axis=1), same
 
 

@@ -261,7 +261,7 @@ def test_a_state_that_is_no_number_gives_no_torque_and_is_told():
     assert (output.torque == 0.0).all()
 
 
-def test_dependent_rows_let_the_last_tick_go_on(monkeypatch):
+def test_dependent_rows_hold_the_last_command(monkeypatch):
     it, q, v, before = tick(0.3)
     tracker = it.tracker
     phi, acceleration = tracker.phi.copy(), tracker.acceleration.copy()

@@ -226,8 +226,8 @@ def test_workers_have_one_thread_whatever_the_shell_says(monkeypatch):
 
 
 def test_workers_that_die_at_their_start_end_the_sweep(monkeypatch):
-    monkeypatch.setattr(workers, "_PATIENCE", 0.5)
-    monkeypatch.setattr(workers, "_VAIN", 2)
+    monkeypatch.setattr(workers, "RESTART_TIMEOUT", 0.5)
+    monkeypatch.setattr(workers, "MAX_FAILED_RESTARTS", 2)
     monkeypatch.setenv("PYTHONHOME", "/nowhere")  # no interpreter starts with it
     listener = Listener()
     task = Task(0, "0", RunParameters(), "fine")

@@ -16,7 +16,7 @@ from ampm.exceptions import MathematicalRefusal
 from ampm.parameters import keys
 from ampm.planner.support import plan_steps
 from ampm.run_file import PRESETS, dump_run, load_run
-from ampm.tune.certificate import Untunable, way_out
+from ampm.tune.certificate import NoFeasibleChoice, way_out
 from ampm.tune.free_choices import FREE_KEYS, FreeChoices, named_keys
 from ampm.tune.gait_limits import LIMITS, plan_margins, step_torques
 from ampm.tune.search import RoughOrbits
@@ -154,11 +154,11 @@ def test_what_is_named_stays():
     assert not named.keys() & found.found.keys()
 
 
-def test_a_hopeless_gait_is_refused_with_the_limit_and_the_best_that_was_found():
+def test_an_infeasible_gait_is_refused_with_the_limit_and_the_best_that_was_found():
     held = [key for key in FREE_KEYS if key not in ("body.lean", "foot.swing_lag")]
     default = load_run(None, ["gait.com_height=0.8", "gait.steps=2"])  # the ankle bends too far
     run, robot = body_of("gait.com_height=0.8", "gait.steps=2")
-    with pytest.raises(Untunable, match="ankle") as refusal:
+    with pytest.raises(NoFeasibleChoice, match="ankle") as refusal:
         tune(run, robot, fixed=[*held, *named_keys(default)])
     certificate = refusal.value.certificate
     assert certificate.limit == "ankle"

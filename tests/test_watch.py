@@ -27,7 +27,7 @@ def watched(ticks, limit=0.05, until=3000):
     for k in range(until):
         error, trunk, status = ticks(k)
         com = tuple(a + b for a, b in zip(PLANNED, error, strict=True))
-        end = watch.look(k * PERIOD, com, trunk, PLANNED, UP, status, residual=0.5, limit="knee at 100%")
+        end = watch.check(k * PERIOD, com, trunk, PLANNED, UP, status, residual=0.5, limit="knee at 100%")
         if end is not None:
             return end, k
     return None, until

@@ -140,7 +140,7 @@ def build(form, seed, wanted=UPRIGHT, landing=None, load=0.4, yaw=(0.2, -0.03)):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_wanted_wrench_is_given_where_it_can_be(seed):
-    """That of forces shared as planned: hardly any slack, but for the yaw, which has little say."""
+    """That of forces shared as planned: hardly any slack, but for the yaw, which has little weight."""
     rng = np.random.default_rng(seed)
     forces, _, opening, _, _ = force_map(seed)
     share = np.maximum(opening.reshape(2, POINTS)[:, :4], 1e-3)

@@ -41,7 +41,7 @@ class Extreme:
 
 @dataclass(frozen=True)
 class MotionReport:
-    """Figures of merit of a periodic step; the metadata of each field give its unit.
+    """Quantities of a periodic step; the metadata of each field give its unit.
 
     Attributes:
         angular_momentum_y_offset: constant of L_y that makes the step periodic.
@@ -201,7 +201,7 @@ class PeriodicPosture:
         return self.motion.report.angular_momentum_y_offset
 
     def report(self) -> dict[str, Any]:
-        """Figures of the periodic motion, see :class:`MotionReport`."""
+        """Values of the periodic motion, see :class:`MotionReport`."""
         return self.motion.report.as_dict()
 
     def sample(self, times: ArrayLike) -> PostureState:

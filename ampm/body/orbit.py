@@ -5,7 +5,7 @@ the mirrored return of the state and the mean pitch of the trunk.
 
 The search runs on a coarse grid and ends on the fine one. Where it fails from a standing start, it begins
 with an easier neighbour (the COM a little lower, no angular momentum) and follows the orbit from there to the
-gait that was asked for.
+gait that was requested.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ampm.body.continuation import Way
+from ampm.body.continuation import Continuation
 from ampm.body.feasibility import LESS, check_motion
 from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory, Unreachable
 from ampm.body.motion import Extreme, MotionReport, WholeBodyMotion
@@ -41,7 +41,7 @@ COARSE_STEP = 0.008
 _STABLE = 0.8  # largest product of a posture gain's rate and the grid's step that integrates well
 _COARSE_TOLERANCE = 1e-7
 RUNG_TOLERANCE = 1e-5
-"""Of the orbits on the way to the one that was asked for [rad, m, rad/s, m/s]."""
+"""Of the orbits on the way to the requested one [rad, m, rad/s, m/s]."""
 _DROPS = (0.03, 0.06, 0.1)  # by how much the COM is lowered to find a first orbit [m]
 _BUDGET = 700  # coarse steps that a search may take
 
@@ -110,9 +110,9 @@ class _Search:
         rough = self._rough()
         fine = self._map(self.fine)
         try:
-            orbit = newton(fine, rough.z, TOLERANCE, rough.inverse, say=self._say)
+            orbit = newton(fine, rough.z, TOLERANCE, rough.inverse, report=self._report)
             fine.draft = False  # the step that is handed out has every acceleration from OSQP
-            orbit = newton(fine, orbit.z, TOLERANCE, orbit.inverse, say=self._say)
+            orbit = newton(fine, orbit.z, TOLERANCE, orbit.inverse, report=self._report)
         except Unreachable as error:
             raise self._refusal(error) from error
         return self._motion(fine, orbit)
@@ -121,7 +121,7 @@ class _Search:
         """Orbit on the coarse grid: from a standing start, else along a path from an easier one."""
         coarse = self._map(self.coarse)
         try:
-            return newton(coarse, coarse.guess(), _COARSE_TOLERANCE, say=self._say)
+            return newton(coarse, coarse.guess(), _COARSE_TOLERANCE, report=self._report)
         except Unreachable as error:
             failed = error
         spins = bool(np.abs(self.coarse.acceleration[:, 3:6]).max() > 1e-9)
@@ -129,7 +129,7 @@ class _Search:
         for drop in _DROPS:
             eased = self._map(self.coarse.eased(drop, 0.0))
             try:
-                orbit = newton(eased, eased.guess(), RUNG_TOLERANCE, say=self._say)
+                orbit = newton(eased, eased.guess(), RUNG_TOLERANCE, report=self._report)
             except Unreachable:
                 continue
             if spins:
@@ -150,16 +150,16 @@ class _Search:
 
         The farthest orbit, how much of the way it has come, and why no farther.
         """
-        way = Way(shrink=0.4, grow=1.6)
+        way = Continuation(shrink=0.4, grow=1.6)
         before: tuple[float, Array] | None = None
-        failed = Unreachable(0.0, "no stride is tried", 0.0, 0.0, "1")
+        failed = Unreachable(0.0, "no step is tried", 0.0, 0.0, "1")
         while way.open:
             there, guess = way.ahead, orbit.z
             if before is not None:  # along the chord
                 guess = guess + (guess - before[1]) * ((there - way.share) / (way.share - before[0]))
             drop, share = ((1.0 - there) * a + there * b for a, b in zip(begin, end, strict=True))
             eased = self._map(self.coarse.eased(drop, share))
-            self._say(f"{there:.0%} of the way")
+            self._report(f"{there:.0%} of the way")
             try:
                 found = newton(eased, guess, RUNG_TOLERANCE, orbit.inverse, rebuilds=2)
             except Unreachable as error:
@@ -173,7 +173,7 @@ class _Search:
         return orbit, way.share, failed
 
     def _refusal(self, cause: Unreachable, *, drop: float = 0.0, share: float = 1.0) -> BodilyRefusal:
-        """Why there is no orbit; ``drop`` and ``share`` say how near the search came."""
+        """Why there is no orbit; ``drop`` and ``share`` give how near the search came."""
         value, limit, unit = cause.value, cause.limit, cause.unit
         why, way_out, height = str(cause), LESS, self.plan.centroidal.com_height
         if drop > 0.0:
@@ -192,7 +192,7 @@ class _Search:
             way_out=way_out,
         )
 
-    def _say(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         if self.progress is not None:
             self.progress(f"{text} after {self.ik.integrations} steps")
 

@@ -141,7 +141,7 @@ def newton(
     inverse: _BroydenInverse | None = None,
     *,
     rebuilds: int = 8,
-    say: Callable[[str], None] | None = None,
+    report: Callable[[str], None] | None = None,
 ) -> Orbit:
     """Fixed point of a map near ``z``.
 
@@ -151,7 +151,7 @@ def newton(
         tolerance: of the residual [rad, m, rad/s, m/s].
         inverse: of the Jacobian at a neighbour; it is built here where it is missing or no longer good.
         rebuilds: how many times it may be built.
-        say: called with a line of text before every step.
+        report: called with a line of text before every step.
 
     Raises:
         Unreachable: the guess itself, or its neighbourhood, cannot be walked, or Newton does not converge.
@@ -165,8 +165,8 @@ def newton(
     best = step_map.size(value)
     cause: Unreachable | None = None
     while best > tolerance:
-        if say is not None:
-            say(f"residual {best:.2e}")
+        if report is not None:
+            report(f"residual {best:.2e}")
         fresh = inverse is None
         if inverse is None:
             if rebuilds == 0:

@@ -66,7 +66,7 @@ class ContactGate:
         self._last: Contact | None = None
 
     def update(self, reference: ContactState, sensed: NDArray[np.bool_]) -> Contact:
-        """Advance one tick, in plain numbers: six of them are too few for arrays to be worth their while.
+        """Advance one tick, in plain numbers: six of them are too few for arrays to be faster.
 
         Args:
             reference: planned contact.

@@ -129,7 +129,7 @@ class Tracker:
         rows = self._stack(body, tasks, self.posture.at(body, reference.posture))
         columns = rows.eliminate()
         if columns is None:  # rows that depend on each other, or are no numbers
-            alpha, phi, torque = self._go_on(body, forces, contact, reference)
+            alpha, phi, torque = self._hold_last_command(body, forces, contact, reference)
             solution, status = _NO_ANSWER, UNSOLVED
         else:
             self.condensed.build(
@@ -189,7 +189,7 @@ class Tracker:
             posture,
         )
 
-    def _go_on(
+    def _hold_last_command(
         self, body: Kinematics, forces: ForceMap, contact: Contact, reference: Reference
     ) -> tuple[Array, Array, Array]:
         """Accelerations [g] and forces [m g] of the last tick, and their torques [N m]."""
@@ -199,10 +199,10 @@ class Tracker:
         return alpha, phi, torque if np.isfinite(torque).all() else np.zeros(self.robot.nu)
 
     def _landing_force(self, contact: Contact, touch: Touch) -> Array | None:
-        """Force that points of a landing line already carry, whatever is asked of them, shape (P,) [m g].
+        """Force that points of a landing line already carry, whatever is commanded, shape (P,) [m g].
 
-        The floor pushes as the foot arrives. Told of it, the QP shifts the other foot's load instead of
-        letting the ZMP jump.
+        The floor pushes as the foot arrives. The QP takes this force as given and shifts the other foot's
+        load instead of letting the ZMP jump.
         """
         if not contact.landing:
             return None
@@ -271,7 +271,7 @@ def _loads(body: Kinematics, forces: ForceMap, phi: Array) -> Array:
 
 
 def _usable(solution: QPSolution) -> bool:
-    """Whether an unsolved QP's last iterate is worth more than the last tick's answer."""
+    """Whether an unsolved QP's last iterate is better than the previous solution."""
     return solution.status != QPStatus.INFEASIBLE and bool(np.isfinite(solution.x).all())
 
 

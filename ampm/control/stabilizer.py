@@ -59,7 +59,7 @@ class Stabilizer:
         self._momentum_gain, self._trunk_gain = gains.momentum_gain, gains.trunk_gain
 
     def command(self, body: Kinematics, reference: Reference) -> WrenchCommand:
-        """The wrench asked for at one tick."""
+        """The wrench commanded at one tick."""
         (cx, cy, cz), (ux, uy, uz), (ax, ay, az), (lx, ly, lz), (nx, ny, nz) = reference.centre.tolist()
         x, y, z = com = body.com.tolist()
         vx, vy, vz, hx, hy, hz = body.rates[:6]

@@ -1,7 +1,7 @@
 """Accelerations wanted of soles, toes and posture.
 
 Soles swing, stand, or roll on a heel or toe line. All of it is in plain numbers: vectors of three are too
-short for arrays to be worth their while.
+short for arrays to be faster.
 """
 
 from __future__ import annotations

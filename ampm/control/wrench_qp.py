@@ -49,8 +49,8 @@ LOAD_COST = 30.0
 """Cost of leaving the planned share of the load between the feet, also for a foot that touches early."""
 
 YAW_COST = 0.3
-"""Weight of the posture's say in the vertical moment, which no plan has: far below the momentum's, or a yaw
-that the friction cannot give would move the ZMP."""
+"""Weight of the influence of the posture on the vertical moment, which no plan has: far below the momentum's,
+or a yaw that the friction cannot give would move the ZMP."""
 
 TWIST_FRICTION = 0.3
 """Largest twist over normal force, in units of :data:`ampm.control.forces.TWIST_ARM`."""

@@ -32,7 +32,7 @@ class Certificate:
         unit: of both.
         tried: how many choices had been tried.
         choice: free choices of that best value, by namespaced key.
-        where: clause about an easier gait at which the search ended, if it did not reach the one asked for;
+        where: clause about an easier gait at which the search ended, if it did not reach the requested one;
             the value is then that gait's.
         beyond: clause about what was in the way farther on, if that is known.
     """
@@ -64,7 +64,7 @@ class Certificate:
         return f"{self.where}, and there {text}" if self.where else text
 
 
-class Untunable(BodilyRefusal):
+class NoFeasibleChoice(BodilyRefusal):
     """No choice was found.
 
     Attributes:
@@ -85,7 +85,7 @@ class Untunable(BodilyRefusal):
 
 @dataclass
 class Approach:
-    """How far the strides from an easy neighbour led.
+    """How far the continuation from an easy neighbour led.
 
     Attributes:
         share: of the way [1].
@@ -105,7 +105,9 @@ def numbers(found: Mapping[str, float | str]) -> Mapping[str, float]:
     return MappingProxyType({key: float(value) for key, value in found.items() if isinstance(value, float)})
 
 
-def untunable(search: ChoiceSearch, best: Candidate | None, farthest: Approach | None) -> Untunable:
+def no_feasible_choice(
+    search: ChoiceSearch, best: Candidate | None, farthest: Approach | None
+) -> NoFeasibleChoice:
     """The limit that stayed broken in the best of all choices, or where the way to the gait ended."""
     space, tried = search.space, len(search.candidates)
     where = beyond = ""
@@ -137,7 +139,7 @@ def untunable(search: ChoiceSearch, best: Candidate | None, farthest: Approach |
     choice = numbers(space.found(best.run) if best.plan is not None else {})
     certificate = Certificate(name, what, float(value), float(bound), unit, tried, choice, where, beyond)
     fault = "no choice of timing, heights and angles lets this body walk the gait"
-    return Untunable(fault, certificate, reason=reason, way_out=way_out(name, space.run, space.fixed))
+    return NoFeasibleChoice(fault, certificate, reason=reason, way_out=way_out(name, space.run, space.fixed))
 
 
 def way_out(limit: str, run: RunParameters, fixed: Collection[str]) -> str:

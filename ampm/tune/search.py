@@ -139,7 +139,7 @@ class ChoiceSearch:
         space: the free choices.
         base: the guess, for what is not free, and to stay near to.
         orbits: solver of periodic steps of the body.
-        say: called with a line of text now and then.
+        report: called with a line of text now and then.
         influence: choice to the change of the orbit per unit of it, as far as other searches know it.
 
     Attributes:
@@ -152,10 +152,10 @@ class ChoiceSearch:
         space: FreeChoices,
         base: Mapping[str, float],
         orbits: RoughOrbits,
-        say: Callable[[str], None],
+        report: Callable[[str], None],
         influence: dict[str, Array] | None = None,
     ) -> None:
-        self.space, self.base, self.orbits, self.say = space, base, orbits, say
+        self.space, self.base, self.orbits, self.report = space, base, orbits, report
         self.guess = np.clip([base[name] for name in space.names], space.lower, space.upper)
         self.candidates: list[Candidate] = []
         self.near: Candidate | None = None
@@ -164,7 +164,7 @@ class ChoiceSearch:
 
     def elsewhere(self, space: FreeChoices, base: Mapping[str, float]) -> ChoiceSearch:
         """A search over another space that shares orbits and what is known of the choices' influence."""
-        return ChoiceSearch(space, base, self.orbits, self.say, self._influence)
+        return ChoiceSearch(space, base, self.orbits, self.report, self._influence)
 
     def best_with_orbit(self) -> Candidate | None:
         """The candidate with the widest least margin, of those that have a periodic step."""
@@ -239,11 +239,11 @@ class ChoiceSearch:
             if here.orbit is not None:
                 self.near = here
             if here.worst() >= ENOUGH * wanted:
-                raise _Ended(here)
+                raise SearchFinished(here)
             if self.orbits.ik.integrations >= self.orbits.budget:
-                raise _Ended(max(self.candidates, key=Candidate.worst))
+                raise SearchFinished(max(self.candidates, key=Candidate.worst))
             columns = self._differences(here, residuals)
-            self.say(f"worst margin {here.worst():.2f} after {len(self.candidates)} choices")
+            self.report(f"worst margin {here.worst():.2f} after {len(self.candidates)} choices")
             return columns
 
         try:
@@ -259,7 +259,7 @@ class ChoiceSearch:
                 gtol=1e-6,
                 max_nfev=sweeps,
             )
-        except _Ended as end:
+        except SearchFinished as end:
             return end.candidate
         return self.evaluate(found.x, self.near)
 
@@ -284,8 +284,8 @@ class ChoiceSearch:
         return jacobian
 
 
-class _Ended(Exception):
-    """The search may end: every margin is wide enough, or the budget is spent."""
+class SearchFinished(Exception):
+    """The search is finished: every margin is wide enough, or the budget is spent."""
 
     def __init__(self, candidate: Candidate) -> None:
         super().__init__()
@@ -300,6 +300,6 @@ def _moved(orbit: Orbit, reference: StepReference) -> Array:
 
 
 def _missing(margin: float, wanted: float) -> float:
-    """Shortfall of a margin; far ones grow slowly, so that one hopeless limit does not drown the others."""
+    """Shortfall of a margin; it grows slowly far from the limit, lest one limit hide the others."""
     short = max(0.0, wanted - margin)
     return 0.5 * short * (1.0 + short) if short < 2.0 else 3.0 + math.log(short - 1.0)

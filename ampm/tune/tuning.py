@@ -8,7 +8,7 @@ a residual, and so is, weakly, the distance to a closed-form guess: it makes the
 binds. Plan, feet, the periodic step of the inverse kinematics on a coarse grid, and the joint torques of that
 step under the planned ground force are evaluated: no simulation.
 
-Strategies, in order: the guess and least squares from there; from an easy neighbour, in strides towards the
+Strategies, in order: the guess and least squares from there; from an easy neighbour, in steps towards the
 gait; the same once more with care; L_z held at zero where the feet would twist; the defaults.
 """
 
@@ -21,13 +21,13 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from ampm.body.continuation import Way
+from ampm.body.continuation import Continuation
 from ampm.body.inverse_kinematics import Unreachable
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import GaitParameters, RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.planners import AmpmPeriodic, PeriodicWalk, WalkRequest
-from ampm.tune.certificate import Approach, Certificate, Untunable, numbers, untunable
+from ampm.tune.certificate import Approach, Certificate, NoFeasibleChoice, no_feasible_choice, numbers
 from ampm.tune.free_choices import FreeChoices, named_keys
 from ampm.tune.gait_limits import LIMITS, orbit_margins, plan_margins
 from ampm.tune.search import ENOUGH, Candidate, ChoiceSearch, RoughOrbits
@@ -37,13 +37,13 @@ if TYPE_CHECKING:
 
     from ampm.body.robot import Robot
 
-    Say = Callable[[str], None]
+    Report = Callable[[str], None]
 
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
 _BUDGET = 2000  # integrated steps that the ways may take; a second, careful try may take as many
-_LONG_STRIDE = 0.1  # one that a careful try takes back if it leads to far broken limits
+_LONG_STEP = 0.1  # one that a careful try takes back if it leads to far broken limits
 _GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
-_HOPELESS = -0.5  # margin at which a way is given up
+_TOO_FAR = -0.5  # margin below which a continuation is stopped
 _L_Z = "body.angular_momentum_z"
 
 
@@ -91,7 +91,7 @@ def tune(
         MathematicalRefusal: no choice gives the formula a solution.
         BodilyRefusal: every choice breaks a limit; ``certificate`` says which, and the best that was found.
     """
-    say = progress or (lambda text: None)
+    report = progress or (lambda text: None)
     if run.gait.model != "ampm":  # its ZMP jumps, so no choice could keep it in a support that grows
         raise InputError(
             f"gait.model = {run.gait.model!r} cannot be tuned, only 'ampm' can; 'ampm validate' walks the "
@@ -99,36 +99,36 @@ def tune(
             key="gait.model",
         )
     if not run.gait.c_y > 0.0:
-        plan_gait(run.gait, run.body.mass)  # refuses it, in better words than a search in vain
+        plan_gait(run.gait, run.body.mass)  # refuses it, with a better message than a failed search
     space = FreeChoices(run, named_keys(run) if fixed is None else fixed, robot.description)
     try:
-        return _searched(space, robot, say, cache)
+        return _searched(space, robot, report, cache)
     except RefusedGait:
         defaults = _defaults(space, robot, cache)
         if defaults is None:
             raise
-        say("the values that were left out walk at their defaults")
+        report("the values that were left out walk at their defaults")
         return defaults
 
 
-def _searched(space: FreeChoices, robot: Robot, say: Say, cache: Path | None) -> Tuned:
+def _searched(space: FreeChoices, robot: Robot, report: Report, cache: Path | None) -> Tuned:
     """The best choice of the first strategy that finds one.
 
     Raises:
         RefusedGait: there is none; of two refusals, the one that came nearer to its limit.
     """
     # Arms that take up the legs' swing about the vertical spare the feet the twist of a fast gait.
-    quiet = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description)
+    zero_yaw = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description)
     free = _L_Z not in space.fixed
-    twists = free and _twists(space, robot, say)
+    twists = free and _twists(space, robot, report)
     refusals: list[RefusedGait] = []
-    for choices, patient in ((quiet, False), (space, False)) if twists else ((space, True),):
+    for choices, retry in ((zero_yaw, False), (space, False)) if twists else ((space, True),):
         try:
-            search, best = _best(choices, robot, say, patient=patient)
-            if patient and free and best.margins()["twist"] < ENOUGH:
+            search, best = _best(choices, robot, report, retry=retry)
+            if retry and free and best.margins()["twist"] < ENOUGH:
                 with contextlib.suppress(RefusedGait):
-                    return _confirmed(*_best(quiet, robot, say), cache)
-                say("no choice with L_z at zero")
+                    return _confirmed(*_best(zero_yaw, robot, report), cache)
+                report("no choice with L_z at zero")
             return _confirmed(search, best, cache)
         except RefusedGait as error:
             refusals.append(error)
@@ -137,31 +137,31 @@ def _searched(space: FreeChoices, robot: Robot, say: Say, cache: Path | None) ->
 
 def _nearness(error: RefusedGait) -> float:
     """How near a search came to the limit that it broke [1]."""
-    return error.certificate.margin if isinstance(error, Untunable) else -math.inf
+    return error.certificate.margin if isinstance(error, NoFeasibleChoice) else -math.inf
 
 
-def _twists(space: FreeChoices, robot: Robot, say: Say) -> bool:
+def _twists(space: FreeChoices, robot: Robot, report: Report) -> bool:
     """Whether the guess already twists harder on the floor than its target."""
-    search = ChoiceSearch(space, space.guess(), RoughOrbits(robot, space.run), say)
+    search = ChoiceSearch(space, space.guess(), RoughOrbits(robot, space.run), report)
     start = _first_orbit(search)
     return start is not None and start.margins()["twist"] < ENOUGH
 
 
 def _best(
-    space: FreeChoices, robot: Robot, say: Say, *, patient: bool = False
+    space: FreeChoices, robot: Robot, report: Report, *, retry: bool = False
 ) -> tuple[ChoiceSearch, Candidate]:
     """The best choice, with the search that found it.
 
-    A patient search takes the ways from easy neighbours a second time, with care.
+    A retry search takes the ways from easy neighbours a second time, with care.
     """
     guess = space.guess()
-    orbits = RoughOrbits(robot, space.run, budget=_BUDGET * (1 + patient))
-    search = ChoiceSearch(space, guess, orbits, say)
+    orbits = RoughOrbits(robot, space.run, budget=_BUDGET * (1 + retry))
+    search = ChoiceSearch(space, guess, orbits, report)
     start = _first_orbit(search)
     best = _minimise(search, start) if start is not None else None
     farthest: Approach | None = None
     broken = best is None or best.worst() < 0.0
-    for careful in (False, True)[: 1 + patient]:  # long strides first, which may lose the better orbit
+    for careful in (False, True)[: 1 + retry]:  # long steps first, which may lose the better orbit
         for easy in space.easy() if broken else ():
             way = _approach(easy, search, careful=careful)
             if way is not None and (farthest is None or way.share > farthest.share):
@@ -172,14 +172,14 @@ def _best(
     if best is None or best.worst() < 0.0:
         best = search.best_with_orbit() or best
     if best is None or best.worst() < 0.0:
-        raise untunable(search, best, farthest)
+        raise no_feasible_choice(search, best, farthest)
     return search, best
 
 
 def _approach(easy: GaitParameters, search: ChoiceSearch, *, careful: bool) -> Approach | None:
     """Come from an easy neighbour: tune it, move a little towards the gait, tune again, and so on.
 
-    A careful approach takes a long stride back that leads to far broken limits. None if not even the easy
+    A careful approach takes a long step back that leads to far broken limits. None if not even the easy
     neighbour has a periodic step.
     """
     space, first = search.space, search.space.between(easy, 0.0)
@@ -191,8 +191,8 @@ def _approach(easy: GaitParameters, search: ChoiceSearch, *, careful: bool) -> A
     if start is None:
         return None
     found = Approach(0.0, here, here.minimise(start.x, sweeps=5))
-    way, hopeless = Way(shrink=0.5, grow=1.5), False
-    while way.open and not hopeless and search.orbits.ik.integrations < _BUDGET * (1 + careful):
+    way, too_far = Continuation(shrink=0.5, grow=1.5), False
+    while way.open and not too_far and search.orbits.ik.integrations < _BUDGET * (1 + careful):
         there, local = way.ahead, search
         if there < 1.0:
             place, base = space.between(easy, there), search.base
@@ -200,8 +200,8 @@ def _approach(easy: GaitParameters, search: ChoiceSearch, *, careful: bool) -> A
                 base = place.guess()
             local = search.elsewhere(place, base)
         candidate = _moved_on(local, found.candidate)
-        search.say(f"{there:.0%} of the way: {candidate.why or 'done'}")
-        too_long = careful and way.stride > _LONG_STRIDE and candidate.worst() < _HOPELESS
+        search.report(f"{there:.0%} of the way: {candidate.why or 'done'}")
+        too_long = careful and way.step > _LONG_STEP and candidate.worst() < _TOO_FAR
         if candidate.orbit is None or too_long:
             found.why = candidate.why or found.why
             way.tried(reached=False)
@@ -211,7 +211,7 @@ def _approach(easy: GaitParameters, search: ChoiceSearch, *, careful: bool) -> A
         if there < 1.0 and best.worst() < 0.0:
             best = _minimise(local, candidate)
         found = Approach(there, local, best)
-        hopeless = best.worst() < _HOPELESS
+        too_far = best.worst() < _TOO_FAR
         way.tried(reached=True)
     return found
 
@@ -269,7 +269,7 @@ def _confirmed(search: ChoiceSearch, best: Candidate, cache: Path | None) -> Tun
         what = f"{str(error).partition(';')[0]} ({tried} choices tried)"
         certificate = Certificate(reason, what, error.value, error.limit, error.unit, tried, choice)
         fault = "the best choice just fails"
-        raise Untunable(fault, certificate, reason=reason, way_out=error.way_out) from error
+        raise NoFeasibleChoice(fault, certificate, reason=reason, way_out=error.way_out) from error
     return _tuned(plan, run, space, best.values, len(search.candidates))
 
 

@@ -5,7 +5,6 @@ Progress is a bar on a terminal and one plain line per stage elsewhere (logs, pi
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,7 +23,7 @@ from rich.progress import (
 from rich.progress import Progress as Bars
 
 from validation.progress import Progress, Stage, interruption
-from validation.store.json import json_ready
+from validation.store.json import dump_json
 
 _LINE_EVERY = 30.0  # [s]
 
@@ -91,4 +90,4 @@ class Narrator(Progress):
 
 def print_json(value: Any) -> None:
     """Print JSON on stdout; infinite numbers become ``"inf"``, undefined ones null."""
-    print(json.dumps(json_ready(value), indent=2, allow_nan=False))  # noqa: T201  # stdout is the result
+    print(dump_json(value))  # noqa: T201  # stdout is the result

@@ -59,7 +59,7 @@ def explain(error: BaseException) -> tuple[Status, str]:
     if isinstance(error, SolverError):
         return Status.NOT_COMPLETED, _sentence(str(error) + _notes(error))
     if isinstance(error, RefusedGait):
-        tuned = type(error).__name__ == "Untunable"  # of ampm.tune, which takes long to load
+        tuned = type(error).__name__ == "NoFeasibleChoice"  # of ampm.tune, which takes long to load
         return Status.REFUSED, _sentence(str(error)) + ("" if tuned else _TUNE)
     if isinstance(error, AmpmError):
         return Status.REFUSED, _sentence(str(error))

@@ -1,8 +1,8 @@
 """Weigh the body: the floor and the instrument of the walk, but standing still.
 
 A still body presses on the floor with exactly its weight, under its COM. Every run weighs its own body on its
-own floor, so that an instrument that is off is found before its figures are believed. The controller's gains
-are not the run's but the default ones: how fast a body comes to rest is not what is asked.
+own floor, so that an instrument that is off is found before its readings are used. The controller's gains
+are not the run's but the default ones: how fast a body comes to rest is not the question.
 """
 
 from __future__ import annotations

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import json
 import shutil
 import tempfile
 from collections.abc import Mapping
@@ -19,7 +18,7 @@ from validation.judge.verdict import build_summary
 from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.store.folders import INSTRUMENT_FILE, run_folder
-from validation.store.json import json_ready
+from validation.store.json import write_json
 from validation.store.machine import memory_peak
 from validation.store.record import save_record
 from validation.store.saved import (
@@ -173,7 +172,7 @@ def write_inputs(folder: Path, planned: PlannedWalk, environment: Mapping[str, A
     """Write what a run starts from: parameters, model, environment."""
     (folder / RUN_FILE).write_text(dump_run(planned.run), encoding="utf-8")
     (folder / MODEL_FILE).write_text(planned.body.model.xml, encoding="utf-8")
-    _write_json(folder / ENVIRONMENT_FILE, environment)
+    write_json(folder / ENVIRONMENT_FILE, environment)
 
 
 def write_results(
@@ -201,7 +200,7 @@ def write_results(
         write_columns(observation_columns(seen), folder / INSTRUMENT_FILE)
         summary["instrument"] = seen.as_dict()
     summary["files"] = digests(folder)
-    _write_json(folder / SUMMARY_FILE, summary)
+    write_json(folder / SUMMARY_FILE, summary)
     return summary
 
 
@@ -220,10 +219,6 @@ def results_of(trial: Trial, environment: Mapping[str, Any]) -> dict[str, Any]:
         **({} if known is None else {"uncertainty": known.as_dict()}),
         **trial.extra,
     )
-
-
-def _write_json(path: Path, value: Any) -> None:
-    path.write_text(json.dumps(json_ready(value), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def draw_run(folder: Path, name: str = "", progress: Progress | None = None) -> None:

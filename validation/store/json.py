@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 from typing import Any
 
 
@@ -36,3 +38,13 @@ def json_ready(value: Any, *, infinity: str | None = "inf") -> Any:
     if isinstance(value, Sequence):
         return [json_ready(item, infinity=infinity) for item in value]
     return str(value)
+
+
+def dump_json(value: Any) -> str:
+    """Indented JSON of a nested value; infinite numbers become ``"inf"``, undefined ones null."""
+    return json.dumps(json_ready(value), indent=2, allow_nan=False)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a nested value as JSON, as :func:`dump_json` does, and a line break."""
+    path.write_text(dump_json(value) + "\n", encoding="utf-8")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-"""Environment variables for the number of threads, read when linear algebra is loaded."""
+THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
+"""Environment variables for the number of threads, read with linear algebra; the first that is set counts."""
 
 
 def cores() -> int:

@@ -66,9 +66,9 @@ class SimulationRecord:
         foot_rotation: their orientation, wxyz, shape (K + 1, 2, 4).
         sensors: sensor name to readings, shape (K + 1, d).
         command_com: the controller's COM reference, held over the tick, shape (K, 3) [m].
-        command_zmp: ZMP that it asked for, shape (K, 2) [m].
-        command_force: net ground force that it asked for, shape (K, 3) [N].
-        command_angular_momentum: angular momentum about the COM that it asked for, shape (K, 3) [N m s].
+        command_zmp: ZMP commanded, shape (K, 2) [m].
+        command_force: net ground force commanded, shape (K, 3) [N].
+        command_angular_momentum: angular momentum about the COM commanded, shape (K, 3) [N m s].
         command_point_force: its QP's force at each sole point, shape (K, P, 3) [N].
         tick_time: time of each control tick, shape (T,) [s].
         qp_status: 0 solved, 1 solved in the form with limits, 2 unsolved, shape (T,).

@@ -137,7 +137,7 @@ def simulate(
         run: gains, contact, time step.
         body: the simulated body.
         controller: makes the controller from robot and run, :class:`TrackingController` by default.
-        disturbances: what pushes the body; the controller is not told.
+        disturbances: what pushes the body; the controller does not know them.
         steps: walking steps, the plan's by default.
         progress: called with (simulation steps done, all) now and then.
 
@@ -151,7 +151,7 @@ def simulate(
     steps = planned if steps is None else steps
     if not 1 <= steps <= planned:
         raise InputError(
-            f"{steps} steps were asked for, but the plan has {planned}; "
+            f"{steps} steps were requested, but the plan has {planned}; "
             f"ask for 1 ... {planned} or raise gait.steps"
         )
     physics = Physics(body, run)
@@ -257,7 +257,7 @@ class ClosedLoop:
         if k % physics.substeps == 0:
             end = self._tick(k, time, point)
         else:
-            end = self.watch.look_between_ticks(time, physics.com(), physics.trunk(), *self.planned)
+            end = self.watch.check_between_ticks(time, physics.com(), physics.trunk(), *self.planned)
         log.torque[k] = data.ctrl
         mujoco.mj_step2(model, data)
         self.normal_force = log.keep_contacts(k, data, point)
@@ -280,7 +280,7 @@ class ClosedLoop:
         self.log.keep_command(k, output, reference)
         physics.data.ctrl[:] = output.torque
         self.planned = reference.centre[0].tolist(), reference.posture.trunk[:, 2].tolist()
-        return self.watch.look(
+        return self.watch.check(
             time,
             physics.com(),
             physics.trunk(),

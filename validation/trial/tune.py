@@ -34,8 +34,8 @@ def tune_walk(request: Request, progress: Progress | None = None) -> TunedWalk:
 
     Raises:
         InputError: every free choice is named already.
-        MathematicalRefusal, BodilyRefusal: no choice walks; :class:`ampm.tune.certificate.Untunable`, a
-            BodilyRefusal, says which limit stayed broken.
+        MathematicalRefusal, BodilyRefusal: no choice walks; :class:`ampm.tune.certificate.NoFeasibleChoice`,
+            a BodilyRefusal, says which limit stayed broken.
     """
     from ampm.tune.tuning import tune  # here, not above: Pinocchio takes long to load
 

@@ -1,7 +1,7 @@
 """How a walk ends: the body has fallen, the numbers have blown up, or the QP has failed; and what came first.
 
 A falling body soon asks for what no contact force can give, so its QP fails before it lies on the floor; and
-a QP that fails makes the body fall. What tells the two apart is what came first: a QP that stays unsolved
+a QP that fails makes the body fall. The two differ in what came first: a QP that stays unsolved
 while the body still keeps to the plan is ``infeasible``, a body that had left the plan before is given time
 to fall.
 """
@@ -33,10 +33,10 @@ BLOW_UP = 20.0
 """Speed of the COM [m/s] that only numbers reach: a fall from standing height ends at 4 m/s."""
 
 FIRST_SIGN = 0.02
-"""COM error that is told as the first sign of a failure [m]: a hundred times that of a good walk."""
+"""COM error that is reported as the first sign of a failure [m]: a hundred times that of a good walk."""
 
 FIRST_TILT = math.radians(10.0)
-"""Lean of the trunk from the motion's that is told as the first sign of a failure [rad]."""
+"""Lean of the trunk from the motion's that is reported as the first sign of a failure [rad]."""
 
 CALM = 1.0
 """Time without any sign after which the first one is forgotten [s]: what was got over caused nothing."""
@@ -51,7 +51,7 @@ class End:
 
     Attributes:
         name: the kind of end.
-        cause: one sentence: what was seen, and the first sign of it.
+        cause: one sentence: what was observed, and the first sign of it.
     """
 
     name: OutcomeName
@@ -59,7 +59,7 @@ class End:
 
 
 class Watch:
-    """Looks at every control tick, and says when the walk is over.
+    """Checks every control tick, and reports when the walk is over.
 
     Args:
         unsolved_limit: time for which the QP may stay unsolved while the body keeps to the plan [s].
@@ -68,12 +68,12 @@ class Watch:
     def __init__(self, unsolved_limit: float) -> None:
         self._unsolved_limit = unsolved_limit
         self._unsolved_since: float | None = None
-        self._unsolved_patience = unsolved_limit
+        self._unsolved_allowance = unsolved_limit
         self._last_com: Sequence[float] | None = None
         self._last_time = 0.0
         self._first_sign, self._last_sign = "", 0.0
 
-    def look(
+    def check(
         self,
         time: float,
         com: Sequence[float],
@@ -135,7 +135,7 @@ class Watch:
             return self._end(OutcomeName.FELL, fall)
         return self._unsolved(time, status == UNSOLVED, on_plan)
 
-    def look_between_ticks(
+    def check_between_ticks(
         self,
         time: float,
         com: Sequence[float],
@@ -143,14 +143,14 @@ class Watch:
         planned: Sequence[float],
         planned_trunk: Sequence[float],
     ) -> End | None:
-        """Whether the body has fallen at a step without a tick; arguments as in :meth:`look`."""
+        """Whether the body has fallen at a step without a tick; arguments as in :meth:`check`."""
         if (
             com[2] >= FALL_SHARE * planned[2]
             and math.dist(com, planned) <= FALL_DISTANCE
             and _dot(trunk, planned_trunk) >= _FALL_COSINE
         ):
             return None
-        return self.look(time, com, trunk, planned, planned_trunk, SOLVED)
+        return self.check(time, com, trunk, planned, planned_trunk, SOLVED)
 
     def blown_up(self, time: float) -> End:
         """The end of a walk whose accelerations the simulator refused to integrate."""
@@ -182,10 +182,10 @@ class Watch:
             return None
         if self._unsolved_since is None:
             self._unsolved_since = time
-            self._unsolved_patience = (
+            self._unsolved_allowance = (
                 self._unsolved_limit if on_plan else max(self._unsolved_limit, FALL_TIME)
             )
-        if time - self._unsolved_since < self._unsolved_patience - 1e-9:
+        if time - self._unsolved_since < self._unsolved_allowance - 1e-9:
             return None
         return self._end(
             OutcomeName.INFEASIBLE, f"the QP stayed unsolved from {self._unsolved_since:.3f} to {time:.3f} s"

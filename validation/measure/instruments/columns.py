@@ -32,7 +32,7 @@ def instrument_columns(planned: PlannedWalk, record: SimulationRecord, name: str
         name: preset or TOML file of the instrument.
 
     Returns:
-        A value for every one of :data:`INSTRUMENT_COLUMNS`; None where there is nothing to tell.
+        A value for every one of :data:`INSTRUMENT_COLUMNS`; None where there is no value.
 
     Raises:
         InputError: no such instrument.
@@ -41,7 +41,7 @@ def instrument_columns(planned: PlannedWalk, record: SimulationRecord, name: str
 
 
 def observe_walk(instrument: Instrument, planned: PlannedWalk, record: SimulationRecord) -> Observation:
-    """Look at a walk in memory with an instrument; of ``planned`` only body and parameters are used."""
+    """Observe a walk in memory with an instrument; of ``planned`` only body and parameters are used."""
     model = planned.body.model
     key = run_key(planned.request.run)
     return observe(instrument, record, key, lambda: (model.compile(), model.description))
@@ -71,34 +71,34 @@ def observe_folder(directory: Path, instrument: Instrument) -> Observation:
     return observe(instrument, load_record(directory), run_key(run), body)
 
 
-def observation_columns(seen: Observation) -> dict[str, NDArray[Any]]:
+def observation_columns(observation: Observation) -> dict[str, NDArray[Any]]:
     """Columns of ``instrument.parquet``: truth and what the instrument shows, at every step, SI units."""
-    columns: dict[str, NDArray[Any]] = {"time": seen.time}
+    columns: dict[str, NDArray[Any]] = {"time": observation.time}
     for name, values in (
-        ("true_zmp", seen.true_zmp),
-        ("instrument_zmp", seen.zmp),
-        ("instrument_zmp_compensated", seen.zmp_compensated),
-        ("instrument_force", seen.force),
+        ("true_zmp", observation.true_zmp),
+        ("instrument_zmp", observation.zmp),
+        ("instrument_zmp_compensated", observation.zmp_compensated),
+        ("instrument_force", observation.force),
     ):
         for index, axis in enumerate("xyz"[: values.shape[1]]):
             columns[f"{name}_{axis}"] = values[:, index]
-    for index, name in enumerate(seen.names):
-        columns[f"true_{name}"] = seen.signals[:, index]
-        columns[f"reading_{name}"] = seen.readings[:, index]
+    for index, name in enumerate(observation.names):
+        columns[f"true_{name}"] = observation.signals[:, index]
+        columns[f"reading_{name}"] = observation.readings[:, index]
     return columns
 
 
-def columns_of(seen: Observation) -> dict[str, float | None]:
+def columns_of(observation: Observation) -> dict[str, float | None]:
     """Columns of an observation."""
     row: dict[str, float | None] = dict.fromkeys(INSTRUMENT_COLUMNS)
-    error, late = seen.errors[RUN], seen.errors_compensated[RUN]
+    error, late = observation.errors[RUN], observation.errors_compensated[RUN]
     for index, axis in enumerate("xy"):
         for figure in STATISTICS:
             row[f"instrument_zmp_{axis}_{figure}"] = _finite(getattr(error, figure)[index])
             row[f"instrument_zmp_compensated_{axis}_{figure}"] = _finite(getattr(late, figure)[index])
-        for cause, windows in seen.causes.items():
+        for cause, windows in observation.causes.items():
             row[f"instrument_zmp_{cause}_{axis}_rmse"] = _finite(windows[RUN].rmse[index])
-    row["instrument_latency"] = seen.latency
+    row["instrument_latency"] = observation.latency
     instants = error.count + error.unmeasured
     row["instrument_unmeasured"] = error.unmeasured / instants if instants else None
     return row

@@ -128,7 +128,7 @@ def observe(instrument: Instrument, record: SimulationRecord, key: str, body: Bo
 
     Args:
         instrument: which.
-        record: of the walk; nothing else is looked at, least of all the plan.
+        record: of the walk; nothing else is used, least of all the plan.
         key: of the run, see :func:`run_key`.
         body: gives the compiled model and its description; called only by instruments that need them.
 
@@ -140,9 +140,9 @@ def observe(instrument: Instrument, record: SimulationRecord, key: str, body: Bo
     effects = frozenset(rig.effects())
     rows = _windows(truth.foot_contact, truth.zmp)
     readings = chain.read(rig.signals, effects)
-    seen = rig.estimate(readings, effects)
+    estimated = rig.estimate(readings, effects)
     latency = chain.latency()
-    late = rig.estimate(_set_back(readings, truth.time, latency), effects) if latency > 0.0 else seen
+    late = rig.estimate(_set_back(readings, truth.time, latency), effects) if latency > 0.0 else estimated
     ideal = rig.estimate(rig.signals, frozenset()).zmp
     causes = {METHOD: _errors(ideal, truth.zmp, rows)}
     for cause in CAUSES:
@@ -158,14 +158,14 @@ def observe(instrument: Instrument, record: SimulationRecord, key: str, body: Bo
         signals=rig.signals,
         readings=readings,
         true_zmp=truth.zmp,
-        zmp=seen.zmp,
+        zmp=estimated.zmp,
         zmp_compensated=late.zmp,
-        force=seen.force,
+        force=estimated.force,
         latency=latency,
         drawn=_drawn(rig, effects),
-        errors=_errors(seen.zmp, truth.zmp, rows),
+        errors=_errors(estimated.zmp, truth.zmp, rows),
         errors_compensated=_errors(late.zmp, truth.zmp, rows),
-        errors_of_readings=_errors(seen.zmp, ideal, rows),
+        errors_of_readings=_errors(estimated.zmp, ideal, rows),
         causes=causes,
         notes=_notes(rig, instrument, effects),
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from validation.show import style as figures
 from validation.show.page import render_page
 from validation.store.folders import output_file
+from validation.store.json import write_json
 from validation.study.compare.pair import EVEN, Pair, Side, counts, facts, known, tables
 from validation.study.compare.run import NUMBERS, PICTURE, REPORT
 
@@ -31,8 +31,7 @@ _KINDS = ("single to double support", "double to single support")
 def write_pair(pair: Pair, out: Path) -> None:
     """Write report, numbers and picture into a folder."""
     with output_file(out / NUMBERS) as work:
-        text = json.dumps(pair.as_dict(), indent=2, allow_nan=False)
-        work.write_text(text + "\n", encoding="utf-8")
+        write_json(work, pair.as_dict())
     with output_file(out / PICTURE) as work:
         draw_file(pair, work)
     with output_file(out / REPORT) as work:

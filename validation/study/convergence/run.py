@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from validation.judge import profiles
 from validation.judge.uncertainty import FILE
 from validation.progress import Progress
 from validation.store.folders import check_target, output_file
-from validation.store.json import json_ready
+from validation.store.json import write_json
 from validation.store.machine import cores
 from validation.study.convergence.result import Convergence, combine
 from validation.study.convergence.studies import LEVELS, studies
@@ -88,6 +87,5 @@ def write(result: Convergence, out: Path) -> None:
     for name in PICTURES:
         with output_file(out / name) as path:
             draw(result, path)
-    text = json.dumps(json_ready(result.as_dict()), indent=2, allow_nan=False)
     with output_file(out / FILE) as path:
-        path.write_text(f"{text}\n", encoding="utf-8")
+        write_json(path, result.as_dict())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import tempfile
 import time
@@ -23,7 +22,7 @@ from validation.progress import Progress, Stage, interruption
 from validation.show.text import format_duration
 from validation.store.folders import check_target
 from validation.store.identity import code_hash, parameter_values
-from validation.store.json import json_ready
+from validation.store.json import dump_json
 from validation.store.machine import cores
 from validation.study.sweep.design import SweepDefinition, load_sweep
 from validation.study.sweep.forecast import ACCEPTED, screen
@@ -130,7 +129,7 @@ def sweep(
         summary = found.summary(time.monotonic() - start)
         if summary["environments"] > 1:
             progress.say("ampm: the table mixes rows of different code; environment_code tells them apart")
-        store.write_text(SUMMARY, json.dumps(json_ready(summary), indent=2, allow_nan=False) + "\n")
+        store.write_text(SUMMARY, dump_json(summary) + "\n")
         with progress.stage("report"):
             from validation.study.sweep.report import write_sweep_report  # loads Vega's JavaScript engine
 

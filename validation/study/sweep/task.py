@@ -28,6 +28,7 @@ from ampm.parameters import RunParameters
 from validation.judge.profiles import profile as find_profile
 from validation.progress import Progress, Stage, interruption
 from validation.store.identity import code, code_hash, parameter_values
+from validation.store.machine import THREAD_VARIABLES, cores
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import (
     clean_text,
@@ -274,11 +275,11 @@ def _worker_name() -> str | None:
 
 def blas_threads() -> int:
     """Threads that this process's BLAS takes, by the variables that it has read when it was loaded."""
-    for name in ("OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS", "OMP_NUM_THREADS"):
+    for name in THREAD_VARIABLES:
         value = os.environ.get(name, "").partition(",")[0]
         if value.isdecimal() and int(value):
             return int(value)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return cores()
 
 
 @contextmanager

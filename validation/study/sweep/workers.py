@@ -21,15 +21,13 @@ from distributed import Client, LocalCluster, Worker, WorkerPlugin
 
 from ampm.exceptions import InputError
 from validation.judge.metrics import dump_added, load_added
+from validation.store.machine import THREAD_VARIABLES
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.task import blas_threads
 
 ONE_THREAD = {
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "BLIS_NUM_THREADS": "1",
-    "VECLIB_MAXIMUM_THREADS": "1",
+    **dict.fromkeys(THREAD_VARIABLES, "1"),
+    **dict.fromkeys(("MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"),
     "MUJOCO_GL": "disable",
 }
 """Environment of a worker that is started here, whatever the shell says."""
@@ -51,8 +49,8 @@ _SETTINGS: dict[str, Any] = {
     "distributed.nanny.pre-spawn-environ": ONE_THREAD,
 }
 _COUNT_EVERY = 2.0
-_PATIENCE = 20.0  # time in which a nanny brings its worker up again [s]
-_VAIN = 4  # times that all workers may be replaced without one of them coming up
+RESTART_TIMEOUT = 20.0  # time for a nanny to start its worker again [s]
+MAX_FAILED_RESTARTS = 4  # times that all workers may be replaced without one of them coming up
 _CLOSE_TIME = 10.0
 
 
@@ -79,7 +77,7 @@ class WorkerPool:
 
     def __init__(self, client: Client, cluster: LocalCluster | None = None, wanted: int = 0) -> None:
         self.client, self._cluster, self._wanted = client, cluster, wanted
-        self._size, self._counted, self._vain = 0, -_COUNT_EVERY, 0
+        self._size, self._counted, self._failed_restarts = 0, -_COUNT_EVERY, 0
         self._short = time.monotonic()
         if metrics := dump_added():
             client.register_plugin(_Registered(metrics))
@@ -112,12 +110,12 @@ class WorkerPool:
             return
         now, missing = time.monotonic(), self._wanted - self.size()
         if missing <= 0:
-            self._short, self._vain = now, 0
-        elif now - self._short > _PATIENCE:
-            self._vain = 0 if missing < self._wanted else self._vain + 1
-            if self._vain > _VAIN:
+            self._short, self._failed_restarts = now, 0
+        elif now - self._short > RESTART_TIMEOUT:
+            self._failed_restarts = 0 if missing < self._wanted else self._failed_restarts + 1
+            if self._failed_restarts > MAX_FAILED_RESTARTS:
                 raise SweepStopped(
-                    "no worker process comes up on this machine", "look for what ends them (memory?)"
+                    "no worker process comes up on this machine", "find out what ends them (memory?)"
                 )
             self._short = now
             self._cluster.scale(len(self._cluster.worker_spec) + missing)
@@ -166,12 +164,12 @@ def local_pool(workers: int) -> Iterator[WorkerPool]:
 
 
 @contextmanager
-def remote_pool(address: str, say: Callable[[str], None], timeout: float = 30.0) -> Iterator[WorkerPool]:
+def remote_pool(address: str, report: Callable[[str], None], timeout: float = 30.0) -> Iterator[WorkerPool]:
     """Workers of a scheduler that is running already.
 
     Args:
         address: of the scheduler, or its scheduler file.
-        say: tells the user if workers have several threads.
+        report: called with a warning if workers have several threads.
         timeout: for its answer [s].
 
     Raises:
@@ -191,9 +189,9 @@ def remote_pool(address: str, say: Callable[[str], None], timeout: float = 30.0)
                 "scheduler', or leave the option out to run on this machine."
             ) from None
         try:
-            with suppress(Exception):  # a worker without ampm, which its first run will tell
+            with suppress(Exception):  # a worker without ampm, which its first run will report
                 if max(client.run(blas_threads).values(), default=1) > 1:
-                    say(
+                    report(
                         "ampm: a worker has several BLAS threads; walks are slower so, and may differ in "
                         "their last bits: start workers with OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1."
                     )
@@ -243,7 +241,7 @@ def _close(opened: Client | LocalCluster) -> None:
 
 
 def _silence() -> None:
-    """No log of dask's: what a user should know is said in a sentence."""
+    """No log of dask's: warnings to the user are one sentence."""
     names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
     for name in (*names, "distributed", "tornado", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
