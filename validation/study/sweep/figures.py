@@ -159,7 +159,7 @@ def drawn_rows(sweep: SweepTable, keep: Sequence[int] = (), seed: int = 1) -> tu
     if len(order) > MOST_POINTS:
         rare = [order[sweep.states[order] == state][:MOST_OF_RARE] for state in range(len(STATES))]
         beside = np.unique(np.concatenate([np.asarray(keep, dtype=np.int64), *rare]))
-        draw = order[: MOST_POINTS - len(beside)]
+        draw = order[: MOST_POINTS - len(np.setdiff1d(beside, order[:MOST_POINTS]))]
     rows = np.union1d(draw, beside)
     rows = rows[np.argsort(place[sweep.states[rows]], kind="stable")]
     return rows, np.isin(rows, draw)
