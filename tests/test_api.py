@@ -15,6 +15,7 @@ import validation as val
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
 from ampm.planners import AmpmPeriodic
+from ampm.walk import ControlOutput
 from validation.cli.app import Status, call
 
 RUN: dict[str, dict[str, Any]] = {"gait": {"steps": 2}, "solver": {"ik_time_step": 0.01}}
@@ -27,6 +28,16 @@ class Weaker(TrackingController):
     def update(self, state, touch, reference):
         output = super().update(state, touch, reference)
         return output._replace(torque=0.999 * output.torque)
+
+
+class Limp:
+    """A controller of a user's own that solves no QP and falls."""
+
+    def __init__(self, robot, run):
+        self.torque = np.zeros(robot.nu)
+
+    def update(self, state, touch, reference):
+        return ControlOutput(self.torque)
 
 
 class Planner(AmpmPeriodic):
@@ -81,6 +92,22 @@ def test_a_controller_and_a_planner_of_ones_own(tmp_path, monkeypatch, capsys):
     assert val.load(tmp_path / "a").plan() is None  # of another planner
 
 
+def test_a_fall_without_qp_has_its_folder_and_report(tmp_path, monkeypatch, capsys):
+    name = __name__.rpartition(".")[2]
+    monkeypatch.setitem(sys.modules, name, sys.modules[__name__])
+    settings = ["--set=gait.steps=2", "--set=solver.ik_time_step=0.01", "--out", str(tmp_path / "a")]
+    assert call(["validate", "normal", "--controller", f"{name}:Limp", *settings]) == Status.NOT_COMPLETED
+    assert "QP                none" in capsys.readouterr().out
+    assert "no QP" in (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
+
+
+def test_help_shows_units_and_an_unknown_kind_of_metric_is_refused(capsys):
+    call(["validate", "--help"])
+    assert "begin and duration in s" in " ".join(capsys.readouterr().out.replace("│", " ").split())
+    with pytest.raises(InputError, match="instrument"):
+        val.Metric("a", "m", "a", "a", kind="foo", compute=lambda walk: 0.0)
+
+
 @pytest.mark.parametrize(
     ("option", "text", "words"),
     [
@@ -89,6 +116,7 @@ def test_a_controller_and_a_planner_of_ones_own(tmp_path, monkeypatch, capsys):
         ("--planner", "json:Planner", "Planner"),
         ("--push", "chest,1,2", "SEGMENT"),
         ("--push", "chest,1,2,x,1,1", "SEGMENT"),
+        ("--push", "chest,10,0,0,-0.5,-0.1", "-0.5"),
     ],
 )
 def test_bad_options_are_refused_before_anything_walks(option, text, words, tmp_path, capsys):

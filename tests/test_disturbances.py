@@ -97,13 +97,16 @@ def test_pushes_add_up_and_a_force_lifts():
 @pytest.mark.parametrize(
     ("push", "word"),
     [
-        (Push("wing", (1.0, 0.0, 0.0), 0.0, 1.0), "wing"),
-        (Push("chest", (np.nan, 0.0, 0.0), 0.0, 1.0), "finite"),
+        (("wing", (1.0, 0.0, 0.0), 0.0, 1.0), "wing"),
+        (("chest", (np.nan, 0.0, 0.0), 0.0, 1.0), "finite"),
+        (("chest", (1.0, 0.0), 0.0, 1.0), "three"),
+        (("chest", (1.0, 0.0, 0.0), -0.5, 1.0), "-0.5"),
+        (("chest", (1.0, 0.0, 0.0), 0.5, -0.1), "-0.1"),
     ],
 )
 def test_impossible_pushes_are_refused(push, word):
     with pytest.raises(InputError, match=word):
-        walk(push)
+        walk(Push(*push))
 
 
 def test_a_users_own_wind_pushes_with_the_relative_air():

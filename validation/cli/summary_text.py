@@ -77,6 +77,8 @@ def cost(summary: Mapping[str, Any]) -> dict[str, str]:
         f"{_scaled(solver['time_p99'], 1e6, ' us')} at the 99th percentile",
         "speed": f"closed loop at {format_number(timing['real_time_factor'], 3)} times real time",
     }
+    if solver["time_median"] is None:  # of a controller of one's own
+        lines["QP"] = "none"
     if seen := summary.get("instrument"):
         sizes = {cause: _numbers(windows["run"]["rmse"]) for cause, windows in seen["causes"].items()}
         known = {cause: math.hypot(*rmse) for cause, rmse in sizes.items() if not any(map(math.isnan, rmse))}

@@ -71,7 +71,7 @@ def validate(
         list[str] | None,
         option(
             "--push",
-            "Push a segment: force [N], begin and duration [s]; chest,50,0,0,2,0.1 say. Repeatable.",
+            "Push a segment: force in N, begin and duration in s; chest,50,0,0,2,0.1 say. Repeatable.",
             "SEGMENT,FX,FY,FZ,AT,DURATION",
         ),
     ] = None,

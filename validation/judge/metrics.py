@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+_KINDS, _NATURES = ("walk", "instrument", "cost"), ("mean", "extreme", "count")
 BODY_WEIGHT = "body weight"
 """Unit of limits on forces: they are judged in newton, as a share of the weight that was simulated."""
 
@@ -84,6 +85,12 @@ class Metric:
     nature: Literal["mean", "extreme", "count"] = "mean"
     by_window: bool = False
     section: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown kind or nature."""
+        for value, known in ((self.kind, _KINDS), (self.nature, _NATURES)):
+            if value not in known:
+                raise InputError(f"metric '{self.name}' is no {value!r}; take one of {', '.join(known)}.")
 
     @property
     def column(self) -> str:

@@ -216,7 +216,9 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> list[tuple[str, str]]:
     facts.append(
         ("body", f"{number(float(record.mass))}\u00a0kg, {number(saved.parameters.body.height)}\u00a0m")
     )
-    facts.append(("unsolved QPs", f"{int((record.qp_status == 2).sum())} of {len(record.qp_status)}"))
+    unsolved = f"{int((record.qp_status == 2).sum())} of {len(record.qp_status)}"
+    solver = summary.get("solver", {})  # a controller of one's own may have no QP
+    facts.append(("unsolved QPs", "no QP" if solver.get("time_median") is None else unsolved))
     factor = summary.get("timing", {}).get("real_time_factor")
     facts.append(("times real time", number(factor)))
     return facts

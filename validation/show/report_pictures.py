@@ -108,4 +108,6 @@ def pictures_of(saved: SavedRun, plan: StepPlan | None) -> dict[str, list[Pictur
             reference="motion",
         )
         pictures["momentum"].append(yaw)
+    if not np.isfinite(saved.record.qp_time).any():  # a controller of one's own may have no QP
+        del pictures["cost"][1]
     return pictures

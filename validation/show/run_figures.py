@@ -357,8 +357,8 @@ def qp_statistics(saved: SavedRun) -> Figure:
     """Wall-clock time of the controller's QP, and its residual at every tick."""
     record = saved.record
     figure, (upper, lower) = new_figure(3.9, 2, gap=0.6)
-    if len(record.qp_time):
-        micro = 1e6 * record.qp_time
+    micro = 1e6 * record.qp_time[np.isfinite(record.qp_time)]  # a controller of one's own may solve none
+    if micro.size:
         # A few ticks are interrupted by other processes: they are counted in the last bar.
         top = max(min(float(micro.max()), 5.0 * float(np.median(micro))), 1e-3)
         upper.hist(np.minimum(micro, top), bins=60, range=(0.0, top), color=PLAN, linewidth=0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -101,14 +102,26 @@ class Push:
     Attributes:
         segment: its name; ``chest`` is the trunk's.
         force: in world, at the segment's centre of mass, three numbers [N].
-        at: when it begins [s].
-        duration: [s].
+        at: when it begins, not below 0 [s].
+        duration: above 0 [s].
+
+    Raises:
+        InputError: the force is no three finite numbers, or a time is out of its bounds.
     """
 
     segment: str
     force: tuple[float, float, float]
     at: float
     duration: float
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot push."""
+        if np.shape(self.force) != (3,) or not np.isfinite(self.force).all():
+            raise InputError(f"a push of force {self.force} needs three finite numbers [N].")
+        if not (math.isfinite(self.at) and self.at >= 0.0 and self.duration > 0.0):
+            raise InputError(
+                f"a push at {self.at} s for {self.duration} s is none; begin at 0 or later, and last above 0."
+            )
 
     def apply(self, time: float, plant: Plant) -> None:
         """Push while it lasts."""
