@@ -1,12 +1,13 @@
 """AMPM: the gait planner of Kudoh & Komura (IROS 2003) and a controller that walks its plans.
 
 The package knows Pinocchio and OSQP, but no simulator: a body comes in as a description and a ready model.
-What is imported here needs neither.
+What is imported here needs neither, but for ``AmpmPeriodic`` and ``WalkRequest``, which load Pinocchio.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import (
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
     from ampm.planner.centroidal import CentroidalPlan, Law
     from ampm.planner.contacts import Contacts, Footstep, Phase
     from ampm.planner.sampled import SampledLaw, sampled_contacts, sampled_plan
-    from ampm.walk import Controller, Planner, Posture, WalkPlan
+    from ampm.planners import AmpmPeriodic, WalkRequest
+    from ampm.walk import Controller, ControlOutput, Planner, Posture, Reference, State, Touch, WalkPlan
 
 __version__ = "0.1.0"
 
@@ -32,18 +34,27 @@ _MODULES = {
     "ampm.planner.centroidal": ("CentroidalPlan", "Law"),
     "ampm.planner.contacts": ("Contacts", "Footstep", "Phase"),
     "ampm.planner.sampled": ("SampledLaw", "sampled_contacts", "sampled_plan"),
-    "ampm.walk": ("Controller", "Planner", "Posture", "WalkPlan"),
-}  # imported when they are first read: NumPy takes a tenth of a second that 'ampm --help' need not wait
+    "ampm.planners": ("AmpmPeriodic", "WalkRequest"),
+    "ampm.walk": (
+        "ControlOutput", "Controller", "Planner", "Posture", "Reference", "State", "Touch", "WalkPlan",
+    ),
+}  # fmt: skip
+# imported when they are first read: NumPy takes a tenth of a second that 'ampm --help' need not wait
 
 
-def plan(run: RunParameters) -> CentroidalPlan:
+def plan(run: RunParameters | str | Path) -> CentroidalPlan:
     """Plan a run's gait in closed form, with the mass of its body.
 
+    Args:
+        run: parameters, or a preset or TOML file.
+
     Raises:
+        InputError: no such preset or file.
         MathematicalRefusal: the closed form has no solution, or none that can be computed.
     """
     from ampm.planner.periodic import plan_gait  # here, not above: it needs NumPy
 
+    run = run if isinstance(run, RunParameters) else load_run(run)
     return plan_gait(run.gait, run.body.mass)
 
 
@@ -54,9 +65,14 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
 __all__ = [
-    "AmpmError", "BodilyRefusal", "CentroidalPlan", "Contacts", "Controller", "Footstep", "GaitParameters",
-    "InputError", "Law", "MathematicalRefusal", "Phase", "Planner", "Posture", "RefusedGait", "RunParameters",
-    "SampledLaw", "SolverError", "WalkPlan", "__version__", "dump_run", "load_run", "plan", "preset_names",
-    "sampled_contacts", "sampled_plan",
+    "AmpmError", "AmpmPeriodic", "BodilyRefusal", "CentroidalPlan", "Contacts", "ControlOutput", "Controller",
+    "Footstep", "GaitParameters", "InputError", "Law", "MathematicalRefusal", "Phase", "Planner", "Posture",
+    "Reference", "RefusedGait", "RunParameters", "SampledLaw", "SolverError", "State", "Touch", "WalkPlan",
+    "WalkRequest", "__version__", "dump_run", "load_run", "plan", "preset_names", "sampled_contacts",
+    "sampled_plan",
 ]  # fmt: skip

@@ -32,7 +32,7 @@ PRESETS: Mapping[str, str] = {
 
 
 def load_run(
-    source: str | Path | None = None, settings: Iterable[str] = (), /, **sections: Mapping[str, Any]
+    source: str | Path | None = None, settings: str | Iterable[str] = (), /, **sections: Mapping[str, Any]
 ) -> RunParameters:
     """Resolve a run from a preset or file and from settings.
 
@@ -40,7 +40,8 @@ def load_run(
 
     Args:
         source: name of a preset, path of a TOML file, or None for the defaults.
-        settings: ``key=value`` texts, the key namespaced, the value as in TOML (quotes may be left out).
+        settings: ``key=value`` text or texts, the key namespaced, the value as in TOML (quotes may be
+            left out).
         sections: values by section and key, after the settings.
 
     Raises:
@@ -48,7 +49,7 @@ def load_run(
     """
     table: dict[str, Any] = {}
     _merge(table, {} if source is None else read_source(source, PRESETS, "ampm", "a preset"))
-    for setting in settings:
+    for setting in [settings] if isinstance(settings, str) else settings:
         assign(table, *_parsed(setting))
     _merge(table, sections)
     return RunParameters(**table)

@@ -101,11 +101,71 @@ def test_a_fall_without_qp_has_its_folder_and_report(tmp_path, monkeypatch, caps
     assert "no QP" in (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
 
 
+class Broken:
+    """A controller, planner and disturbance of a user's own that do not work."""
+
+    def __init__(self, robot=None, run=None):
+        self.robot = robot
+
+    def update(self, state, touch, reference):
+        return 1
+
+    def plan(self, request, begin=None):
+        return 1
+
+    def apply(self, time, plant):
+        raise KeyError("gusts")
+
+
+class Short(Broken):
+    """Its torque would be spread over all joints."""
+
+    def update(self, state, touch, reference):
+        return ControlOutput(np.zeros(1))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"controller": Broken}, "controller Broken failed .AttributeError"),
+        ({"controller": Short}, r"controller Short failed .*\(1,\)"),
+        ({"controller": lambda: None}, "failed .TypeError"),
+        ({"planner": Broken()}, "planner Broken failed .*int"),
+        ({"disturbances": [Broken()]}, "disturbance Broken failed .KeyError: 'gusts'"),
+        ({"disturbances": PUSH}, "Push.* is no disturbances="),
+        ({"controller": "x"}, "'x' is no controller="),
+        ({"planner": object}, "is no planner="),
+    ],
+)
+def test_errors_of_a_users_own_classes_are_one_sentence(options, words):
+    with pytest.raises(InputError, match=words) as caught:
+        val.walk(ampm.load_run("normal", **RUN), **options)
+    assert str(caught.value).count("\n") == 0
+
+
+def test_a_name_or_one_setting_is_enough():
+    assert ampm.plan("flat").contacts == ampm.plan(ampm.load_run("flat")).contacts
+    assert ampm.load_run("momentum", "gait.c_y=0.6").gait.c_y == 0.6
+
+
+@pytest.mark.parametrize("package", [ampm, val])
+def test_every_public_name_is_listed_and_there(package):
+    assert set(package.__all__) <= set(dir(package))
+    assert all(getattr(package, name) is not None for name in package.__all__)
+
+
+def test_reprs_are_short(trial, tmp_path):
+    saved = val.load(trial.save(tmp_path / "run", recording=False))
+    assert repr(trial) == f"Trial(pushed, 2 steps, completed, {trial.verdict.name})"
+    assert repr(saved).startswith(f"SavedRun({tmp_path / 'run'}: pushed, 2 steps")
+    assert len(repr(trial.record)) < 100
+
+
 def test_help_shows_units_and_an_unknown_kind_of_metric_is_refused(capsys):
     call(["validate", "--help"])
     assert "begin and duration in s" in " ".join(capsys.readouterr().out.replace("│", " ").split())
     with pytest.raises(InputError, match="instrument"):
-        val.Metric("a", "m", "a", "a", kind="foo", compute=lambda walk: 0.0)
+        val.Metric("a", "m", "a", "a", kind="foo", compute=lambda walk: 0.0)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

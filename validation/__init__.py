@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from validation.judge.metrics import Metric as Metric
     from validation.judge.metrics import register as register
+    from validation.judge.metrics import unregister as unregister
+    from validation.judge.uncertainty import load_uncertainty as load_uncertainty
+    from validation.measure.instruments.columns import observe_folder as observe_folder
     from validation.progress import Progress as Progress
     from validation.run.replay import replay as replay
     from validation.run.trial import Trial as Trial
@@ -20,24 +23,32 @@ if TYPE_CHECKING:
     from validation.show.viewer import show_recording as view
     from validation.store.saved import load_saved_run as load
     from validation.study.sweep.run import sweep as sweep
+    from validation.trial.disturbances import Disturbance as Disturbance
+    from validation.trial.disturbances import Plant as Plant
     from validation.trial.disturbances import Push as Push
 
 _HOMES = {
+    "Disturbance": "trial.disturbances.Disturbance",
     "Metric": "judge.metrics.Metric",
+    "Plant": "trial.disturbances.Plant",
     "Progress": "progress.Progress",
     "Push": "trial.disturbances.Push",
     "Trial": "run.trial.Trial",
     "load": "store.saved.load_saved_run",
+    "load_uncertainty": "judge.uncertainty.load_uncertainty",
+    "observe_folder": "measure.instruments.columns.observe_folder",
     "register": "judge.metrics.register",
     "replay": "run.replay.replay",
     "report": "show.report.write_report",
     "sweep": "study.sweep.run.sweep",
+    "unregister": "judge.metrics.unregister",
     "view": "show.viewer.show_recording",
     "walk": "run.walk.walk",
 }
 
 __all__ = [
-    "Metric", "Progress", "Push", "Trial", "load", "register", "replay", "report", "sweep", "view", "walk",
+    "Disturbance", "Metric", "Plant", "Progress", "Push", "Trial", "load", "load_uncertainty",
+    "observe_folder", "register", "replay", "report", "sweep", "unregister", "view", "walk",
 ]  # fmt: skip
 
 

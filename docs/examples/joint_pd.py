@@ -1,6 +1,10 @@
 """A controller of one's own: joint PD along the planned posture, with the planned torques fed forward.
 
-    record = simulate(plan, run, body, controller=JointPD)
+    import ampm, validation as val
+    from docs.examples.joint_pd import JointPD
+
+    trial = val.walk(ampm.load_run("normal"), controller=JointPD)
+    print(trial)
 
 It knows neither COM nor contact, so the body soon falls.
 """

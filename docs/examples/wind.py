@@ -1,6 +1,10 @@
 """A wind as a disturbance: the drag of the air on the trunk.
 
-record = simulate(plan, run, body, disturbances=[Wind((0.0, 8.0, 0.0), until=2.0)])
+import ampm, validation as val
+from docs.examples.wind import Wind
+
+trial = val.walk(ampm.load_run("normal"), disturbances=[Wind((0.0, 8.0, 0.0), until=2.0)])
+print(trial)
 """
 
 from __future__ import annotations

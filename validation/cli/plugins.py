@@ -9,6 +9,7 @@ from typing import Any
 
 from ampm.exceptions import InputError
 from validation.trial.disturbances import Push
+from validation.trial.users import UsersCode
 
 
 def load_object(option: str, text: str) -> Any:
@@ -27,6 +28,17 @@ def load_object(option: str, text: str) -> Any:
         raise InputError(f"{option} {text!r} cannot be imported ({error}); correct the name.") from error
     finally:
         sys.path.pop(0)
+
+
+def make_object(option: str, text: str) -> Any:
+    """Call what :func:`load_object` imports.
+
+    Raises:
+        InputError: as it does, or the call fails.
+    """
+    factory = load_object(option, text)
+    with UsersCode("class", factory):
+        return factory()
 
 
 def parse_push(text: str) -> Push:

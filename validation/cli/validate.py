@@ -90,7 +90,7 @@ def validate(
     real mass distribution, unilateral contact, friction and limited torque can realise the plan, how closely,
     and at what effort.
     """
-    from validation.cli.plugins import load_object, parse_push
+    from validation.cli.plugins import load_object, make_object, parse_push
     from validation.cli.summary_text import print_result
     from validation.judge import profiles
     from validation.judge.uncertainty import load_uncertainty, matching
@@ -111,7 +111,7 @@ def validate(
         force=force,
         instrument=None if instrument is None else load_instrument(instrument),
         controller=None if controller is None else load_object("--controller", controller),
-        planner=None if planner is None else load_object("--planner", planner)(),
+        planner=None if planner is None else make_object("--planner", planner),
         disturbances=[parse_push(text) for text in push or ()],
     )
     targets = run.targets(requests, out, force=force)

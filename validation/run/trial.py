@@ -64,6 +64,10 @@ class Trial:
     extra: Mapping[str, Any] = field(default_factory=dict)
     _folders: list[Path] = field(default_factory=list, repr=False)
 
+    def __repr__(self) -> str:
+        """Gait, steps, outcome and verdict."""
+        return f"Trial({self.planned.name}, {self.record.outcome.summary}, {self.verdict.name})"
+
     @property
     def plan(self) -> WalkPlan:
         """That was walked."""

@@ -77,9 +77,9 @@ def targets(requests: Sequence[Request], out: Path | None, *, force: bool) -> li
         folders = [out]
     else:
         if out.exists() and not out.is_dir():
-            raise InputError(f"--out {out} is a file, not a folder; give another folder.")
+            raise InputError(f"{out} is a file, not a folder; give another folder.")
         if (out / "run.toml").exists():
-            raise InputError(f"--out {out} is itself the folder of a run; give another folder.")
+            raise InputError(f"{out} is itself the folder of a run; give another folder.")
         folders = [out / item.name for item in requests]
     for folder in folders:
         check_run_folder(folder, force=force)

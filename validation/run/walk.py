@@ -9,6 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.judge import profiles
 from validation.judge.examine import examine
@@ -53,8 +54,15 @@ def walk(
         progress: where to report stages.
 
     Raises:
-        InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
+        InputError, MathematicalRefusal, BodilyRefusal: there is no such walk, or a user's class fails.
     """
+    for value, good, wanted in (
+        (controller, controller is None or callable(controller), "controller=, a class for example"),
+        (planner, not isinstance(planner, type), "planner=, an object, not its class"),
+        (disturbances, isinstance(disturbances, list | tuple), "disturbances=, a list of them"),
+    ):
+        if not good:
+            raise InputError(f"{value!r} is no {wanted}; correct it.")
     if isinstance(run, RunParameters):
         request = Request(name or "walk", run)
     else:

@@ -87,7 +87,7 @@ def viewer_command(recording: Path, *, ports: tuple[int, int] | None = None) -> 
     on_linux = sys.platform.startswith("linux")
     if on_linux and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise InputError(
-            f"there is no display here; use --web, or --save FILE.rrd and a machine that has one "
-            f"(the recording is {recording})."
+            f"there is no display here; view {recording} in a browser (web=True, --web), or copy it (--save) "
+            "to a machine that has one."
         )
     return [*serve, str(recording)]

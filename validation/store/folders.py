@@ -53,7 +53,7 @@ def check_target(
     force: bool,
     what: str = "run",
     marks: Collection[str] = (),
-    way_out: str = "--force to replace it",
+    way_out: str = "force (--force) to replace it",
 ) -> None:
     """Refuse a folder that must not be written, or cannot be.
 
@@ -71,17 +71,16 @@ def check_target(
     """
     if not target.is_dir():
         if target.exists() or target.is_symlink():
-            raise InputError(f"--out {target} is a file, not a folder; give another folder.")
+            raise InputError(f"{target} is a file, not a folder; give another folder.")
         _probe(target)
         return
     entries = {entry.name for entry in target.iterdir()}
     if entries and not force:
-        raise InputError(f"--out {target} exists and is not empty; give another folder, or {way_out}.")
+        raise InputError(f"{target} exists and is not empty; give another folder, or {way_out}.")
     foreign = [] if known is None else sorted(entries - set(known))
     if foreign or (entries and marks and not entries & set(marks)):
         holds = f"holds {foreign[0]!r}, which no {what} writes" if foreign else f"holds no {what}"
-        option = way_out.split()[0]
-        raise InputError(f"--out {target} {holds}, so {option} does not replace it; give another folder.")
+        raise InputError(f"{target} {holds}, so it is never replaced; give another folder.")
     _probe(target)
 
 
@@ -135,9 +134,7 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
         work = Path(tempfile.mkdtemp(prefix=f"{target.name}.partial-", dir=target.parent))
         work.chmod(0o777 & ~_umask())
     except OSError as error:
-        raise InputError(
-            f"--out {target} cannot be created ({error.strerror}); give another folder."
-        ) from error
+        raise InputError(f"{target} cannot be created ({error.strerror}); give another folder.") from error
     with _locked(work), _tidied(work):
         yield work
     check_run_folder(target, force=force)  # something may have appeared there in the meantime
@@ -228,7 +225,7 @@ def check_output_file(target: Path, *, force: bool) -> None:
     if target.is_dir():
         raise InputError(f"{target} is a folder; give the name of a file.")
     if target.exists() and not force:
-        raise InputError(f"{target} exists; give another file, or --force to replace it.")
+        raise InputError(f"{target} exists; give another file, or force (--force) to replace it.")
     _probe(target.parent)
 
 

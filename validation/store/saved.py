@@ -55,6 +55,11 @@ class SavedRun:
     signals: Signals
     summary: Mapping[str, Any]
 
+    def __repr__(self) -> str:
+        """Folder, gait, steps, outcome and verdict."""
+        said, outcome = self.summary, self.record.outcome
+        return f"SavedRun({self.directory}: {said.get('gait')}, {outcome.summary}, {said.get('verdict')})"
+
     def plan(self) -> StepPlan | None:
         """Evaluate the closed-form plan again, with feet.
 

@@ -53,6 +53,11 @@ class Outcome:
             raise InputError(f"outcome '{self.name}' is unknown; use one of {known}") from None
 
     @property
+    def summary(self) -> str:
+        """In a few words."""
+        return f"{self.steps_completed} steps, {self.name}"
+
+    @property
     def completed(self) -> bool:
         """Whether the whole plan was walked."""
         return self.name is OutcomeName.COMPLETED

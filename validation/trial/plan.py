@@ -6,6 +6,7 @@ Every trial starts here, so that a gait is planned in one way only.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +19,7 @@ from ampm.parameters import RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.run_file import PRESETS, load_run
 from validation.progress import Progress
+from validation.trial.users import UsersCode
 
 if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
@@ -164,19 +166,25 @@ def plan_walk(
         planner: :class:`ampm.planners.AmpmPeriodic` by default.
 
     Raises:
-        InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met.
+        InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met, or a user's planner fails.
     """
     run, progress = request.run, progress or Progress()
     if planner is None:
         plan_gait(run.gait, run.body.mass)  # refuse bad mathematics before a body is built
-    from ampm.planners import AmpmPeriodic, WalkRequest  # here, not above: Pinocchio takes long to load
+    # Here, not above: Pinocchio takes long to load.
+    from ampm.planners import AmpmPeriodic, WalkRequest
+    from ampm.walk import WalkPlan
 
     with progress.stage(f"{request.name}: body"):
         body = make_body(run)
     name = "" if planner is None else type(planner).__name__
     planner = planner or AmpmPeriodic()
     with progress.stage(f"{request.name}: whole-body motion") as stage:
-        plan = planner.plan(WalkRequest(run, body.robot, stage.note, motion_cache()))
+        wanted = WalkRequest(run, body.robot, stage.note, motion_cache())
+        with UsersCode("planner", planner) if name else nullcontext():
+            plan = planner.plan(wanted)
+            if not isinstance(plan, WalkPlan):
+                raise TypeError(f"it made a {type(plan).__name__}, not a WalkPlan")
     return PlannedWalk(request, plan, body, name)
 
 

@@ -166,6 +166,10 @@ class SimulationRecord:
         for name in ("mass", "gravity", "time_step", "friction"):
             object.__setattr__(self, name, float(getattr(self, name)))
 
+    def __repr__(self) -> str:
+        """Without the numbers, of which there are millions."""
+        return f"SimulationRecord({self.outcome.summary} at {self.outcome.time:g} s)"
+
     @property
     def steps(self) -> int:
         """Number K of simulation steps."""

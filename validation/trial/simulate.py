@@ -25,6 +25,7 @@ from validation.trial.disturbances import Disturbance, Plant
 from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import SimulationRecord
+from validation.trial.users import UsersCode
 from validation.trial.watch import End, Watch
 
 if TYPE_CHECKING:
@@ -145,7 +146,7 @@ def simulate(
         The record up to the end of the run, whatever the outcome; an interrupt ends the run, not the record.
 
     Raises:
-        InputError: control period and time step do not fit, or more steps than planned.
+        InputError: control period and time step do not fit, more steps than planned, or a user's class fails.
     """
     planned = plan.contacts.steps
     steps = planned if steps is None else steps
@@ -164,7 +165,8 @@ def simulate(
     q = start.q.copy()
     q[2] -= run.simulation.start_depth  # the soles carry weight from the first instant
     physics.place(q, start.v)
-    follower = (controller or TrackingController)(physics.robot, run)
+    with contextlib.nullcontext() if controller is None else UsersCode("controller", controller):
+        follower = (controller or TrackingController)(physics.robot, run)
     loop = ClosedLoop(physics, follower, references, run, step_ends, total, progress, disturbances)
     record = loop.run()
     metadata = {} if controller is None else {"controller": _name(controller)}
@@ -203,9 +205,12 @@ class ClosedLoop:
         progress: Callable[[int, int], None] | None = None,
         disturbances: Sequence[Disturbance] = (),
     ) -> None:
-        self.disturbances = disturbances
+        self.disturbances = [(item, UsersCode("disturbance", item)) for item in disturbances]
         self.plant = Plant(physics.model, physics.data, physics.robot.description)
         self.physics, self.controller, self.references = physics, controller, iter(references)
+        own = type(controller) is TrackingController
+        self.users_code = contextlib.nullcontext() if own else UsersCode("controller", controller)
+        self.torque_shape = (physics.robot.nu,)
         self.run_parameters = run
         self.step_ends, self.total, self.progress = step_ends, total, progress
         points = physics.points
@@ -266,8 +271,9 @@ class ClosedLoop:
     def _disturb(self, k: int, time: float) -> None:
         """Push the body during step k."""
         self.plant.release()
-        for disturbance in self.disturbances:
-            disturbance.apply(time, self.plant)
+        for disturbance, users_code in self.disturbances:
+            with users_code:
+                disturbance.apply(time, self.plant)
         self.log.keep_pushes(k, self.plant.pushes)
 
     def _tick(self, k: int, time: float, point: NDArray[np.intp]) -> End | None:
@@ -276,8 +282,11 @@ class ClosedLoop:
         reference = next(self.references)
         state = State(time, *physics.state(), 0.5 * physics.time_step)
         touch = Touch(physics.sensed(point), self.normal_force)
-        output = self.controller.update(state, touch, reference)
-        self.log.keep_command(k, output, reference)
+        with self.users_code:
+            output = self.controller.update(state, touch, reference)
+            self.log.keep_command(k, output, reference)
+            if output.torque.shape != self.torque_shape:
+                raise ValueError(f"torque of shape {output.torque.shape}, not {self.torque_shape}")
         physics.data.ctrl[:] = output.torque
         self.planned = reference.centre[0].tolist(), reference.posture.trunk[:, 2].tolist()
         return self.watch.check(

@@ -111,7 +111,7 @@ def sweep(
             )
             return replace(found, directory=None, source=definition.name)
     start, out = time.monotonic(), Path(out)
-    way_out = "--resume to go on with its sweep"
+    way_out = "resume (--resume) to go on with its sweep"
     check_target(out, None, force=resume, what="sweep", marks=(DEFINITION, LOCK), way_out=way_out)
     if scheduler and not is_sweep(out):
         with pool(1):  # first of all: a scheduler that does not answer leaves no folder behind
