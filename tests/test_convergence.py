@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
 from functools import partial
 
 import numpy as np
@@ -455,3 +457,15 @@ def test_a_walk_quotes_the_real_study(real):
     assert found.metrics["switch_zmp_x_near"].of.unit == "m"
     assert found.verdict.name is VerdictName.UNDECIDED
     assert combine(request, DEFAULT, [], {request.run: again}).metrics[name].uncertainty is None
+
+
+def test_a_script_without_a_main_guard_studies(tmp_path):
+    script = tmp_path / "mine.py"
+    script.write_text(
+        "from operator import eq\n"
+        "from ampm import load_run\n"
+        "from validation.study.convergence.walks import walk_levels\n"
+        "runs = [load_run('normal', gait={'steps': n}) for n in (2, 3)]\n"
+        "assert walk_levels(runs, 'normal', runner=eq) == dict.fromkeys(runs, False)\n"
+    )
+    subprocess.run([sys.executable, script], check=True, timeout=120)

@@ -42,6 +42,11 @@ def test_profile_report_and_summary(metric, tmp_path):
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["metrics"][metric.name]["pass"] is True
     assert LABEL in render(load_saved_run(folder))
+    unregister(metric.name)  # as a new process would be
+    try:
+        assert LABEL in render(load_saved_run(folder))
+    finally:
+        register(metric)
 
 
 def test_sweep_its_report_and_diff(metric, tmp_path, capsys):

@@ -94,6 +94,8 @@ class MetricResult:
             "tolerance": self.displayed(self.tolerance),
         }
         entry: dict[str, Any] = {
+            "label": METRICS[self.name].label,
+            "kind": METRICS[self.name].kind,
             "value": self.value,
             "unit": self.of.unit,
             "tolerance": self.tolerance,

@@ -130,10 +130,15 @@ def _context(saved: SavedRun) -> dict[str, Any]:
 # --------------------------------------------------------------------------------------------- figures
 
 
+def _label(name: str, metric: Mapping[str, Any]) -> str:
+    """Label of a metric as the run has it: a registered one is unknown to other processes."""
+    return str(metric.get("label") or metric_label(name))
+
+
 def _readable(sentence: str, summary: Mapping[str, Any]) -> str:
     """A sentence with the names of metrics written out."""
     for name in sorted(summary.get("metrics", {}), key=len, reverse=True):
-        sentence = sentence.replace(name, metric_label(name))
+        sentence = sentence.replace(name, _label(name, summary["metrics"][name]))
     return sentence.replace("% of body weight", BODY_WEIGHT)
 
 
@@ -162,8 +167,8 @@ def _agreement(summary: Mapping[str, Any], *, judged: bool) -> list[Row]:
             value, limit = int(value) if value is not None else None, 0
         rows.append(
             Row(
-                own=name in METRICS and METRICS[name].kind == "instrument",
-                label=metric_label(name),
+                own=metric.get("kind") == "instrument",
+                label=_label(name, metric),
                 value=with_unit(value, unit) if judged or unit else number(value),
                 limit=_limit(limit, unit),
                 share=share,
@@ -273,7 +278,7 @@ def _first_step_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
             continue
         scale = shown["value"] / value if value and shown.get("value") is not None else 1.0
         unit = str(shown.get("unit") or "")
-        rows.append((metric_label(name), with_unit(first * scale, unit), with_unit(value * scale, unit)))
+        rows.append((_label(name, metric), with_unit(first * scale, unit), with_unit(value * scale, unit)))
     return rows
 
 

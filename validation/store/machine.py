@@ -1,8 +1,11 @@
-"""Cores, threads and memory of this process. Only ``os`` is imported: this runs before anything heavy."""
+"""Cores, threads and memory of this process. Nothing heavy is imported: this runs before all else."""
 
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 """Environment variables for the number of threads, read with linear algebra; the first that is set counts."""
@@ -23,6 +26,22 @@ def one_blas_thread() -> None:
     """
     for variable in THREAD_VARIABLES:
         os.environ.setdefault(variable, "1")
+
+
+@contextmanager
+def hidden_main() -> Iterator[None]:
+    """Start worker processes that do not run the user's script again.
+
+    ``multiprocessing`` imports the main module into every process that it spawns. A script without a
+    ``__main__`` guard would begin its study again there.
+    """
+    main = sys.modules["__main__"]
+    before = {name: getattr(main, name, None) for name in ("__spec__", "__file__")}
+    try:
+        main.__dict__.update(dict.fromkeys(before))
+        yield
+    finally:
+        main.__dict__.update(before)
 
 
 def memory_peak() -> float | None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from ampm.exceptions import AmpmError, InputError, RefusedGait
 from validation.judge.metrics import METRICS, dump_added, evaluate, load_added
 from validation.progress import Progress
-from validation.store.machine import memory_peak, one_blas_thread
+from validation.store.machine import hidden_main, memory_peak, one_blas_thread
 from validation.study.compare.metrics import SWITCH_UNITS, switch_values
 from validation.trial.plan import Request
 
@@ -143,7 +143,8 @@ def walk_levels(
         with ProcessPoolExecutor(
             min(workers, len(order)), context, initializer=load_added, initargs=(dump_added(),)
         ) as pool:
-            tasks = {pool.submit(runner, run, name): run for run in order}
+            with hidden_main():
+                tasks = {pool.submit(runner, run, name): run for run in order}
             try:
                 for task in as_completed(tasks):
                     done[tasks[task]] = task.result()

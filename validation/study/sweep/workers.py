@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import os
 import signal
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -21,7 +20,7 @@ from distributed import Client, LocalCluster, Worker, WorkerPlugin
 
 from ampm.exceptions import InputError
 from validation.judge.metrics import dump_added, load_added
-from validation.store.machine import THREAD_VARIABLES
+from validation.store.machine import THREAD_VARIABLES, hidden_main
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.task import blas_threads
 
@@ -129,7 +128,7 @@ def local_pool(workers: int) -> Iterator[WorkerPool]:
         tempfile.TemporaryDirectory(prefix="ampm-sweep-") as scratch,
         dask.config.set(_SETTINGS),
         environment(ONE_THREAD),  # to the end: a worker that dies is started again
-        _hidden_main(),
+        hidden_main(),
     ):
         # Ctrl-C reaches every process of a terminal, and workers are to finish what they do: threads and
         # processes that are started here inherit that it is blocked.
@@ -217,22 +216,6 @@ def environment(variables: Mapping[str, str]) -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-
-
-@contextmanager
-def _hidden_main() -> Iterator[None]:
-    """Start worker processes that do not run the user's script again.
-
-    ``multiprocessing`` imports the main module into every process that it spawns. A script without a
-    ``__main__`` guard would begin its sweep again there.
-    """
-    main = sys.modules["__main__"]
-    before = {name: getattr(main, name, None) for name in ("__spec__", "__file__")}
-    try:
-        main.__dict__.update(dict.fromkeys(before))
-        yield
-    finally:
-        main.__dict__.update(before)
 
 
 def _close(opened: Client | LocalCluster) -> None:
