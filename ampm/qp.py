@@ -226,7 +226,7 @@ class DaqpBackend:
 
     def __init__(self, size: int, rows: int) -> None:
         try:
-            import daqp
+            import daqp  # an optional package
         except ImportError as error:
             raise InputError(
                 "solver.qp = daqp needs the package daqp, which is not installed; "

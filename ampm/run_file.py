@@ -78,7 +78,7 @@ class KeyInfo:
         key: namespaced name.
         meaning: in words.
         unit: SI unit, ``"1"`` if it has none.
-        default: its value where nobody names it.
+        default: its value where it is not given.
         kind: type of its values.
         options: values of a text, empty for numbers.
         bounds: limits by comparison (``gt``, ``ge``, ``lt``, ``le``), those that there are.

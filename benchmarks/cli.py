@@ -64,6 +64,7 @@ def benchmark(
     same every time and on one thread, so that of every tick the least time counts. The default takes about a
     minute.
     """
+    # Here, not above: '--help' need not wait for simulator and Pinocchio.
     from benchmarks.run import run_benchmarks
     from benchmarks.table import print_result, update_document
 
@@ -98,7 +99,7 @@ def main(arguments: Sequence[str]) -> int:
         The exit status, as of the command ``ampm``.
     """
     if arguments and arguments[0] == "sweep":
-        from benchmarks.sweeping import app as sweeping
+        from benchmarks.sweeping import app as sweeping  # loads dask
 
         return _call(sweeping, "python -m benchmarks sweep", arguments[1:])
     return _call(app, "python -m benchmarks", arguments)

@@ -115,6 +115,7 @@ class _Times(Progress):
 
 def _trial(run_file: Path, target: Path) -> dict[str, float]:
     """The trial itself, in a fresh process."""
+    # Here, not above: the process that only starts the trials needs neither simulator nor body.
     from validation.run import validate as run
     from validation.trial.plan import load_request
 

@@ -31,7 +31,7 @@ from validation.study.convergence.order import NO_RANGE
 from validation.study.convergence.result import combine
 from validation.study.convergence.studies import studies
 from validation.study.convergence.text import markdown
-from validation.study.convergence.walks import LevelResult, followed, walk_level, walk_levels
+from validation.study.convergence.walks import LevelResult, studied_quantities, walk_level, walk_levels
 from validation.trial.plan import load_request
 
 # --------------------------------------------------------------------------------- studies
@@ -432,7 +432,7 @@ def test_a_real_study_walks_every_level_and_keeps_it(real):
     found, out = real
     assert found.completed
     assert {walk.outcome for walk in found.walks.values()} == {"completed"}
-    assert followed().keys() == found.metrics.keys() - {"com_height"}
+    assert studied_quantities().keys() == found.metrics.keys() - {"com_height"}
     assert all(
         value == pytest.approx(0.91, abs=0.05) for value in found.metrics["com_height"].levels["time_step"]
     )

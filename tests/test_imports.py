@@ -146,6 +146,40 @@ def test_a_run_without_a_recording_loads_no_drawing():
     assert not loaded & {"rerun", "matplotlib"}
 
 
+def uncommented_imports(path: Path) -> list[int]:
+    """Lines of imports inside functions, with no comment on the line or above their group."""
+    text = path.read_text(encoding="utf-8")
+    tree, lines = ast.parse(text), text.splitlines()
+    found: dict[int, int] = {}  # first line to last line
+    for function in ast.walk(tree):
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
+            inner = [node for node in ast.walk(function) if isinstance(node, ast.Import | ast.ImportFrom)]
+            found |= {node.lineno: node.end_lineno or node.lineno for node in inner}
+    wrong, good_until = [], -1
+    for first, last in sorted(found.items()):
+        above = next((n for n in range(first - 2, -1, -1) if lines[n].strip()), 0)
+        good = (
+            any("# " in line.replace("# noqa", "") for line in lines[first - 1 : last])
+            or lines[above].lstrip().startswith("# ")
+            or above + 1 == good_until
+        )
+        if good:
+            good_until = last
+        else:
+            wrong.append(first)
+    return wrong
+
+
+@pytest.mark.parametrize("package", ORDER)
+def test_imports_in_functions_give_their_reason(package):
+    wrong = {
+        module_name(path): lines
+        for path in (ROOT / package).rglob("*.py")
+        if "cli" not in path.parts and (lines := uncommented_imports(path))
+    }
+    assert wrong == {}
+
+
 def test_the_schema_of_a_sweep_needs_no_simulator():
     loaded = loaded_by("import validation.measure.instruments.model, validation.measure.instruments.names")
     assert not loaded & {"mujoco", "pinocchio", "scipy", "rerun", "matplotlib"}

@@ -153,7 +153,7 @@ def test_a_study_of_neither_gait_is_refused_before_anything_walks(folders, tmp_p
     assert call(["compare", *[str(folders[0])] * 2, "--uncertainty", str(tmp_path)]) == 0
     told = capfd.readouterr().out
     assert "not studied: ik_grid, qp_tolerance" in told
-    assert "nothing is said of" in told
+    assert "undecided:" in told
 
 
 def test_the_limit_of_joint_jumps_is_exact_for_a_jump_on_a_slope():

@@ -172,8 +172,8 @@ def test_joint_acceleration_follows_the_motion(walk):
 def test_motion_has_the_plans_com_force_zmp_and_momentum(walk):
     """The IK's ZMP is from its own momentum rates; only the grid parts it from the plan."""
     for name, limit in (("com", 1e-6), ("zmp", 1e-3), ("force", 1.0), ("angular_momentum", 1e-3)):
-        assert np.abs(walk.less_plan[name].motion).max() < limit, name
-    simulated = walk.less_plan["zmp"].simulation
+        assert np.abs(walk.deviation[name].motion).max() < limit, name
+    simulated = walk.deviation["zmp"].simulation
     assert simulated.shape == (2, len(walk.phase), 2)
     assert np.sqrt((simulated[..., 0] ** 2).mean()) < walk.limit("zmp_x_rmse")
     assert walk.limit("zmp_x_rmse") == pytest.approx(2.5e-3)

@@ -22,19 +22,19 @@ class Interruption:
 
     Attributes:
         count: signals so far.
-        seen: how many of them somebody has answered.
+        answered: how many of them are handled.
         holding: whether the first signal waits for :meth:`release`, for work that is worth finishing.
         finished: whether the answer is out, so that a further signal may end the program at once.
     """
 
     def __init__(self) -> None:
-        self.count = self.seen = 0
+        self.count = self.answered = 0
         self.holding = self.finished = False
 
     @property
     def pending(self) -> bool:
-        """Whether a signal came that nobody has answered."""
-        return self.count > self.seen
+        """Whether a signal came that is not handled."""
+        return self.count > self.answered
 
     def install(self) -> None:
         """Answer Ctrl-C and a termination signal from now on."""
@@ -42,17 +42,17 @@ class Interruption:
             signal.signal(number, self._receive)
         unraisable = sys.unraisablehook
 
-        def quiet(lost: Any) -> None:
+        def silent(lost: Any) -> None:
             if not (self.count and isinstance(lost.exc_value, KeyboardInterrupt)):
                 unraisable(lost)
 
-        sys.unraisablehook = quiet
+        sys.unraisablehook = silent
 
     def _receive(self, number: int, frame: object) -> None:
         self.count += 1
         if self.finished:
             os._exit(INTERRUPTED)
-        if self.holding and self.count - self.seen == 1:
+        if self.holding and self.count - self.answered == 1:
             return
         raise KeyboardInterrupt
 
@@ -63,7 +63,7 @@ class Interruption:
 
     def acknowledge(self) -> None:
         """Count what came so far as answered: a walk that was interrupted says so itself."""
-        self.seen = self.count
+        self.answered = self.count
 
     def hold(self) -> None:
         """Let the first signal wait; a second one still interrupts."""

@@ -25,7 +25,7 @@ ROLL_TOLERANCE = 0.005
 which the heel is still within the millimetre by which a soft contact gives way."""
 LEG_ALLOWANCE = 0.02
 """Reach beyond the straight leg that is left to the pelvis, as a share of the leg's length [1]. The inverse
-kinematics has the last word; this check refuses early what no turn of the pelvis can mend."""
+kinematics has the last word; this check refuses early what no turn of the pelvis can correct."""
 COM_OVER_HIP = 0.037
 """Height of the COM over the hip centres when standing, as a share of stature [1] (0.567 less 0.530)."""
 KNEE_MINIMUM = 0.1

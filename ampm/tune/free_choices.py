@@ -255,7 +255,7 @@ class FreeChoices:
         return plan_steps(run.gait, run.body.mass, run.foot, self.sole)
 
     def _timing(self, choice: Mapping[str, float]) -> dict[str, float]:
-        """Keys that say whether the COM passes over the foot."""
+        """Keys that decide whether the COM passes over the foot."""
         l_s = 0.5 * self.run.gait.step_length * choice["ratio"]
         travel = choice["roll"] * self.sole.ball_x
         return {

@@ -74,7 +74,7 @@ def call(arguments: Sequence[str]) -> int:
         return status
     except typer.Exit as end:
         return end.exit_code
-    except BrokenPipeError:  # the reader has left: nobody to tell
+    except BrokenPipeError:  # the reader has left
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Status.BROKEN_PIPE
     except (Exception, KeyboardInterrupt) as caught:

@@ -1,4 +1,7 @@
-"""``ampm compare``: two gaits side by side."""
+"""``ampm compare``: two gaits side by side.
+
+Commands import what they run: simulator, Pinocchio and NumPy take long to load.
+"""
 
 from __future__ import annotations
 
@@ -74,5 +77,5 @@ def print_pair(pair: Pair) -> None:
     for line in (*counts(pair), f"  {known(pair)}"):
         print_line(line)
     if unbounded := pair.unbounded():
-        told = "; ".join(f"{row.of.group}, {row.of.label}: {ratio(row)}" for row in unbounded)
-        print_line(f"  Largest ratios among those: {told}.")
+        ratios = "; ".join(f"{row.of.group}, {row.of.label}: {ratio(row)}" for row in unbounded)
+        print_line(f"  Largest ratios among those: {ratios}.")

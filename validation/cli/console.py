@@ -82,7 +82,7 @@ class Narrator(Progress):
         self.console.print(text, markup=False)
 
     def wrote(self, *paths: Path | None) -> None:
-        """Name the files that were written; None stands for one that nobody asked for."""
+        """Name the files that were written; None stands for one that was not requested."""
         for path in paths:
             if path is not None:
                 self.say(f"wrote {path}")

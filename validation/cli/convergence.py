@@ -1,4 +1,7 @@
-"""``ampm convergence``: how far the metrics depend on grids and tolerances."""
+"""``ampm convergence``: how far the metrics depend on grids and tolerances.
+
+Commands import what they run: simulator, Pinocchio and NumPy take long to load.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""``ampm instrument``: a finished run as an instrument would have shown it."""
+"""``ampm instrument``: a finished run as an instrument would have shown it.
+
+Commands import what they run: simulator, Pinocchio and NumPy take long to load.
+"""
 
 from __future__ import annotations
 
@@ -56,29 +59,29 @@ def instrument(
     if out is not None:
         check_suffix(out)
         check_output_file(out, force=force)
-    seen = observe_folder(directory, load_instrument(name))
+    observed = observe_folder(directory, load_instrument(name))
     if out is not None:
         with output_file(out, force=force) as work:
-            write_columns(observation_columns(seen), work)
+            write_columns(observation_columns(observed), work)
     if plot is not None:
         from validation.show.instrument import draw  # loads matplotlib
 
-        draw(seen, plot)
-    answer(seen, Observation.as_dict, print_observation, as_json=as_json)
+        draw(observed, plot)
+    answer(observed, Observation.as_dict, print_observation, as_json=as_json)
     Narrator().wrote(out, plot)
     return Status.PASS
 
 
-def print_observation(seen: Observation) -> None:
+def print_observation(observed: Observation) -> None:
     """Print the error and its causes."""
     from validation.show.instrument import cause_rows, error_rows
 
-    name, found = seen.instrument.name, seen.as_dict()
+    name, found = observed.instrument.name, observed.as_dict()
     print_table(f"{name}: error that it adds to the ZMP, mm", _COLUMNS, error_rows(found))
     print_table("each cause alone, whole walk, mm", _COLUMNS, cause_rows(found))
-    print_line(f"  latency           {1e3 * seen.latency:.3g} ms")
-    error = seen.errors["run"]
+    print_line(f"  latency           {1e3 * observed.latency:.3g} ms")
+    error = observed.errors["run"]
     if error.unmeasured:
         print_line(f"  no ZMP            at {error.unmeasured} of {error.count + error.unmeasured} instants")
-    for note in seen.notes:
+    for note in observed.notes:
         print_line(f"  {note}")

@@ -1,4 +1,7 @@
-"""``ampm audit`` and ``ampm figures``: the paper's claims and figures."""
+"""``ampm audit`` and ``ampm figures``: the paper's claims and figures.
+
+Commands import what they run: simulator, Pinocchio and NumPy take long to load.
+"""
 
 from __future__ import annotations
 

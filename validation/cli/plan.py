@@ -172,7 +172,7 @@ def print_motion(described: dict[str, Any]) -> None:
 
 
 def write_motions(walks: list[PlannedWalk], path: Path, *, force: bool) -> None:
-    """Write one step of every motion into one table, whose column ``gait`` tells them apart."""
+    """Write one step of every motion into one table, whose column ``gait`` names them."""
     import numpy as np
 
     from validation.store.tables import check_suffix, write_columns

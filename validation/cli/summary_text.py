@@ -79,12 +79,12 @@ def cost(summary: Mapping[str, Any]) -> dict[str, str]:
     }
     if solver["time_median"] is None:  # of a controller of one's own
         lines["QP"] = "none"
-    if seen := summary.get("instrument"):
-        sizes = {cause: _numbers(windows["run"]["rmse"]) for cause, windows in seen["causes"].items()}
+    if observed := summary.get("instrument"):
+        sizes = {cause: _numbers(windows["run"]["rmse"]) for cause, windows in observed["causes"].items()}
         known = {cause: math.hypot(*rmse) for cause, rmse in sizes.items() if not any(map(math.isnan, rmse))}
         most = f", most of it by {max(known, key=known.__getitem__).replace('_', ' ')}" if known else ""
-        off = _millimetres(seen["zmp_error"]["run"]["rmse"], 3)
-        lines["instrument"] = f"{seen['name']} shows the ZMP x y {off} mm off (RMS){most}"
+        off = _millimetres(observed["zmp_error"]["run"]["rmse"], 3)
+        lines["instrument"] = f"{observed['name']} shows the ZMP x y {off} mm off (RMS){most}"
     return lines
 
 

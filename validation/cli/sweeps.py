@@ -1,4 +1,7 @@
-"""Commands on many runs: ``ampm sweep``, and those that work with what it leaves."""
+"""Commands on many runs: ``ampm sweep``, and those that work with what it leaves.
+
+Commands import what they run: simulator, Pinocchio and NumPy take long to load.
+"""
 
 from __future__ import annotations
 
@@ -127,7 +130,7 @@ def _print_sweep(found: SweepTable) -> None:
         failed = list(summary["failed"].items())[:10]
         print_line(f"out of tolerance: {', '.join(f'{name} {number}' for name, number in failed)}")
     if summary["unfinished"]:
-        print_line(f"runs without an answer: {summary['unfinished']}; --resume walks them again")
+        print_line(f"runs without a result: {summary['unfinished']}; --resume walks them again")
     print_line(found.source)
 
 
@@ -153,7 +156,7 @@ def print_forecast(found: Forecast) -> None:
         )
     for text in found.motion_refused:
         print_line(f"tried to time it, and refused: {text}")
-    print_line("not seen: motions that do not close or reach a joint limit, and falls")
+    print_line("not checked: motions that do not close or reach a joint limit, and falls")
 
 
 @app.command(epilog=DIFF_EPILOG)
@@ -164,7 +167,7 @@ def diff(
         list[str] | None,
         option(
             "--tolerance",
-            "By which share of its limit a figure may grow (0.1 if not given); repeatable.",
+            "By which share of its limit a metric may grow (0.1 if not given); repeatable.",
             "SHARE|METRIC=SHARE",
         ),
     ] = None,
@@ -172,7 +175,7 @@ def diff(
         Path | None,
         option(
             "--uncertainty",
-            "Numerical uncertainty of the figures: no smaller difference is called one.",
+            "Numerical uncertainty of the metrics; smaller differences are ignored.",
             "convergence.json",
         ),
     ] = None,

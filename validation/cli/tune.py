@@ -1,4 +1,7 @@
-"""``ampm tune``: the values that a gait leaves open."""
+"""``ampm tune``: the values that a gait leaves open.
+
+Commands import what they run: simulator, Pinocchio and NumPy take long to load.
+"""
 
 from __future__ import annotations
 
@@ -82,7 +85,7 @@ def print_tuned(walk: TunedWalk) -> None:
     ]
     print_table(f"free choices of {walk.request.name}", ("key", ">value"), rows)
     count = "1 choice" if tuned.tried == 1 else f"{tuned.tried} choices"
-    print_line(f"{count} tried; what is nearest to its limit:")
+    print_line(f"{count} tried; smallest margins:")
     for text in _margins(tuned)[:4]:
         print_line(f"  {text}")
 

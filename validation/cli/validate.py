@@ -1,4 +1,7 @@
-"""``ampm validate``, ``ampm replay`` and ``ampm report``: one trial, and what its folder gives again."""
+"""``ampm validate``, ``ampm replay`` and ``ampm report``: one trial, and what its folder gives again.
+
+Commands import what they run: simulator, Pinocchio and NumPy take long to load.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +74,7 @@ def validate(
         list[str] | None,
         option(
             "--push",
-            "Push a segment: force in N, begin and duration in s; chest,50,0,0,2,0.1 say. Repeatable.",
+            "Push a segment: force in N, begin and duration in s; e.g. chest,50,0,0,2,0.1. Repeatable.",
             "SEGMENT,FX,FY,FZ,AT,DURATION",
         ),
     ] = None,

@@ -1,4 +1,7 @@
-"""``ampm view``: recordings in Rerun's viewer, on this machine alone."""
+"""``ampm view``: recordings in Rerun's viewer, on this machine alone.
+
+Commands import what they run: simulator, Pinocchio and NumPy take long to load.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which recordings are to be seen: of runs, of files, of chosen runs of sweeps."""
+"""Which recordings are shown: of runs, of files, of chosen runs of sweeps."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from validation.study.sweep.table import SweepTable, read_sweep
 
 
 class Source(NamedTuple):
-    """One recording to be seen.
+    """One recording to show.
 
     Attributes:
         prefix: of its entities beside others.
@@ -29,7 +29,7 @@ class Source(NamedTuple):
 
 
 def choose(targets: Sequence[Path], runs: str | None) -> tuple[list[Source], list[str]]:
-    """Recordings that targets mean, and what is to be said of the choice.
+    """Recordings that targets mean, and a note on the choice.
 
     Args:
         targets: folders of runs or sweeps, or recordings.
@@ -69,7 +69,7 @@ def _recording(target: Path) -> Path:
 
 
 def _labels(targets: Sequence[Path]) -> list[str]:
-    """Names that tell targets apart: of folder or file, if need be with the folder above, or a number."""
+    """Names that distinguish targets: of folder or file, if need be with the folder above, or a number."""
     paths = [Path(os.path.realpath(target)) for target in targets]  # a loop of links is left as it is
     paths = [path.parent if path.name == RECORDING_FILE else path for path in paths]
     labels = [path.name if path.is_dir() else path.stem for path in paths]

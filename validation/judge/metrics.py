@@ -137,7 +137,9 @@ def register(metric: Metric) -> Metric:
     if not metric.name.isidentifier():
         raise InputError(f"metric name '{metric.name}' is no identifier; use letters, digits and '_'.")
     if metric.tolerances and not metric.reason:
-        raise InputError(f"metric '{metric.name}' has a tolerance and no reason; say why it is that large.")
+        raise InputError(
+            f"metric '{metric.name}' has a tolerance and no reason; give the reason for its value."
+        )
     _METRICS[metric.name] = metric
     _ADDED.append(metric.name)
     return metric
@@ -280,7 +282,7 @@ _LIMITS: Mapping[tuple[str, str], tuple[float, float, str]] = {
     ("force_z", "rmse"): (0.007, 0.010, "The plan holds the COM at constant height; what is left is the "
         "floor's compliance at heel strike and lift-off."),
     ("angular_momentum_x", "rmse"): (0.10, 0.15, "L_x has no free constant. Small against the several N m s "
-        "that c_y induces, or induced momentum could not be told from none."),
+        "that c_y induces, or induced momentum could not be distinguished from none."),
     ("angular_momentum_y", "rmse"): (0.10, 0.15, "Constant of the periodic motion included, so that a "
         "drifting trunk shows. Same size as for L_x."),
 }  # fmt: skip
@@ -367,7 +369,7 @@ _INSTRUMENT = (
         "failed_qp", "1", "unsolved QPs", "control ticks whose QP stayed unsolved",
         lambda walk: float(np.count_nonzero(walk.record.qp_status == 2)), 0.0,
         "The controller's fallback exists to survive a bad tick, not to walk: one unsolved QP means "
-        "that the figures are not those of the controller that is documented.", nature="count",
+        "that the metrics do not describe the controller that is documented.", nature="count",
     ),
     _instrument(
         "unsupported_instants", "1", "instants without ground contact", "instants without any contact force",

@@ -38,7 +38,7 @@ class MetricResult:
         name: metric.
         of: its value, in SI units, NaN if there is none.
         tolerance: largest value that passes, in SI units; None if the profile has none.
-        passed: None where nothing is judged, or nothing can be said.
+        passed: None where nothing is judged, or the result is undecided.
         margin: share of the tolerance that is left, 1 - value / tolerance; negative if failed, None where
             ``passed`` is. Where the tolerance is zero, 1 if met and -infinity if not.
         reason: of the tolerance, empty if there is none.
@@ -124,8 +124,8 @@ class Verdict:
     """Metrics of a run held against a profile.
 
     Attributes:
-        name: pass only if every tolerance was judged and met; undecided if all that can be said are passes,
-            but of some tolerance nothing can be said.
+        name: pass only if every tolerance was judged and met; undecided if all decided tolerances pass,
+            but some are undecided.
         profile: name of the profile.
         reason: one sentence.
         metrics: judged ones first, in the profile's order, then those only reported.
@@ -246,7 +246,7 @@ def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int
         reason = f"{len(failed)} of {limits} tolerances not met; the furthest is {against(worst)}."
         return VerdictName.FAIL, reason + (f" {len(undecided)} undecided: {why}." if undecided else "")
     if missing:
-        reason = f"No figure for {', '.join(missing)}: a run must last longer than its first step."
+        reason = f"Not measured: {', '.join(missing)}; a run must last longer than its first step."
         return VerdictName.NOT_MEASURED, reason
     if undecided:
         least = max(undecided, key=lambda item: (item.uncertainty or 0.0) / (item.tolerance or math.inf))

@@ -200,9 +200,9 @@ def write_results(
         from validation.measure.instruments.columns import observation_columns, observe_walk
         from validation.store.tables import write_columns
 
-        seen = observe_walk(instrument, trial.planned, trial.record)
-        write_columns(observation_columns(seen), folder / INSTRUMENT_FILE)
-        summary["instrument"] = seen.as_dict()
+        observed = observe_walk(instrument, trial.planned, trial.record)
+        write_columns(observation_columns(observed), folder / INSTRUMENT_FILE)
+        summary["instrument"] = observed.as_dict()
     summary["files"] = digests(folder)
     write_json(folder / SUMMARY_FILE, summary)
     return summary

@@ -1,6 +1,6 @@
 """The trial of one gait, kept in a folder.
 
-The order of writing is the order of worth: parameters and environment before the walk starts, the record as
+Most important files first: parameters and environment before the walk starts, the record as
 soon as it ends, then signals and summary, and last what can be drawn again from the saved files.
 """
 

@@ -33,19 +33,19 @@ _MEANINGS = {
 
 def instrument_section(saved: SavedRun) -> dict[str, Any]:
     """Words, tables and pictures of the section; pictures only if the run has its instrument's signals."""
-    seen = saved.summary["instrument"]
-    latency = seen["latency"]["value"]
-    error = seen["zmp_error"]["run"]
+    observed = saved.summary["instrument"]
+    latency = observed["latency"]["value"]
+    error = observed["zmp_error"]["run"]
     return {
-        "name": seen["name"],
-        "meaning": _MEANINGS.get(seen["kind"], ""),
+        "name": observed["name"],
+        "meaning": _MEANINGS.get(observed["kind"], ""),
         "latency": f"{1e3 * latency:.3g}\u00a0ms",
         "unmeasured": error["unmeasured"],
-        "notes": seen["notes"],
+        "notes": observed["notes"],
         "pictures": _pictures(saved),
         "tables": [
-            ("Error that it adds to the ZMP", error_rows(seen)),
-            ("Each cause alone", cause_rows(seen)),
+            ("Error that it adds to the ZMP", error_rows(observed)),
+            ("Each cause alone", cause_rows(observed)),
         ],
     }
 
@@ -89,21 +89,21 @@ def _errors(saved: SavedRun, errors: dict[str, Any], title: str) -> Figure:
     return figure
 
 
-def error_rows(seen: Mapping[str, Any]) -> list[Row]:
+def error_rows(observed: Mapping[str, Any]) -> list[Row]:
     """Label, RMSE x and y, largest x and y [mm], of the error.
 
     Args:
-        seen: an observation as :meth:`Observation.as_dict` or a ``summary.json`` has it.
+        observed: an observation as :meth:`Observation.as_dict` or a ``summary.json`` has it.
     """
-    rows = [_row(words, seen["zmp_error"][window]) for window, words in WINDOW_NAMES.items()]
-    rows.append(_row("whole walk, latency taken out", seen["zmp_error_delay_compensated"][RUN]))
-    rows.append(_row("whole walk, beyond the method", seen["zmp_error_of_readings"][RUN]))
+    rows = [_row(words, observed["zmp_error"][window]) for window, words in WINDOW_NAMES.items()]
+    rows.append(_row("whole walk, latency taken out", observed["zmp_error_delay_compensated"][RUN]))
+    rows.append(_row("whole walk, beyond the method", observed["zmp_error_of_readings"][RUN]))
     return rows
 
 
-def cause_rows(seen: Mapping[str, Any]) -> list[Row]:
+def cause_rows(observed: Mapping[str, Any]) -> list[Row]:
     """The same of every cause alone over the whole walk, the largest first."""
-    ordered = sorted(seen["causes"].items(), key=lambda item: -_size(item[1][RUN]))
+    ordered = sorted(observed["causes"].items(), key=lambda item: -_size(item[1][RUN]))
     return [_row(CAUSES.get(cause, cause), windows[RUN]) for cause, windows in ordered]
 
 
@@ -122,45 +122,45 @@ def _row(label: str, item: Mapping[str, Any]) -> Row:
     return label, x, y, most_x, most_y
 
 
-def draw(seen: Observation, path: Path) -> None:
+def draw(observed: Observation, path: Path) -> None:
     """Draw true and instrument's ZMP over the middle of the walk, the error, and its causes.
 
     Args:
-        seen: what is drawn.
+        observed: what is drawn.
         path: image file; the suffix chooses the format. An existing one is replaced.
 
     Raises:
         InputError: the file cannot be written.
     """
     with output_file(path) as work, style.file_style():
-        _overview(seen).savefig(work, dpi=130)
+        _overview(observed).savefig(work, dpi=130)
 
 
-def _overview(seen: Observation) -> Figure:
+def _overview(observed: Observation) -> Figure:
     figure = Figure(figsize=(9.0, 7.2), layout="constrained")
     axes = figure.subplots(3, 2, height_ratios=[3, 2, 2])
-    time = seen.time
+    time = observed.time
     middle = 0.5 * (time[0] + time[-1]) if len(time) else 0.0
     rows = np.abs(time - middle) <= 1.2  # [s]
-    causes = sorted(seen.causes, key=lambda cause: _size(vars(seen.causes[cause][RUN])))
+    causes = sorted(observed.causes, key=lambda cause: _size(vars(observed.causes[cause][RUN])))
     for column, axis in enumerate("xy"):
         upper, lower, bars = axes[:, column]
-        true = seen.true_zmp[rows, column]
+        true = observed.true_zmp[rows, column]
         # Metres walked would flatten the curve: x is drawn less the mean way.
         way = np.polyval(np.polyfit(time[rows], np.nan_to_num(true), 1), time[rows]) if axis == "x" else 0.0
         upper.plot(time[rows], 1e3 * (true - way), color="0.2", lw=2.5, label="truth")
         for values, label, color in (
-            (seen.zmp, "instrument", "tab:orange"),
-            (seen.zmp_compensated, "latency taken out", "tab:blue"),
+            (observed.zmp, "instrument", "tab:orange"),
+            (observed.zmp_compensated, "latency taken out", "tab:blue"),
         ):
             upper.plot(time[rows], 1e3 * (values[rows, column] - way), color=color, lw=1.0, label=label)
-            error = 1e3 * (values - seen.true_zmp)[rows, column]
+            error = 1e3 * (values - observed.true_zmp)[rows, column]
             lower.plot(time[rows], error, color=color, lw=0.9)
         upper.set(title=f"ZMP {axis}" + (" about the mean way" if axis == "x" else ""), ylabel="[mm]")
         lower.set(xlabel="time [s]", ylabel="error [mm]")
-        size = [1e3 * seen.causes[cause][RUN].rmse[column] for cause in causes]
+        size = [1e3 * observed.causes[cause][RUN].rmse[column] for cause in causes]
         bars.barh([CAUSES[cause].partition(",")[0] for cause in causes], np.nan_to_num(size), color="0.55")
         bars.set(xlabel=f"RMS error in {axis} by one cause alone [mm]")
         style.legend(upper)
-    figure.suptitle(f"{seen.instrument.name}: the ZMP that it shows")
+    figure.suptitle(f"{observed.instrument.name}: the ZMP that it shows")
     return figure

@@ -29,7 +29,7 @@ _SHARES = ("margin_torque", "margin_saturated")
 """Metrics that are shown as percentages."""
 
 _LOST = (OutcomeName.FELL, OutcomeName.DIVERGED, OutcomeName.INFEASIBLE)
-"""Outcomes that are failures without a look at any figure."""
+"""Outcomes that always fail."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def _readable(sentence: str, summary: Mapping[str, Any]) -> str:
 
 
 def _limit(limit: float | None, unit: str) -> str:
-    """A tolerance as it was set: without zeros that nobody measured."""
+    """A tolerance as it was set, without trailing zeros."""
     if limit is None:
         return ""
     text = number(limit)
@@ -182,7 +182,7 @@ def _agreement(summary: Mapping[str, Any], *, judged: bool) -> list[Row]:
 
 
 def _spread(shown: Mapping[str, Any], unit: str, *, lacking: bool) -> str:
-    """A numerical uncertainty with its sign and unit, empty where none was asked for.
+    """A numerical uncertainty with its sign and unit, empty without a study.
 
     Args:
         shown: value and uncertainty in ``unit``.

@@ -1,4 +1,4 @@
-"""The look of all figures: of pages, whose colours follow the page, and of picture files."""
+"""Style of all figures: of pages, whose colours follow the page, and of picture files."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def show_recording(recording: Path, *, web: bool = False) -> int:
     command = viewer_command(recording, ports=ports)
     environment: Mapping[str, str] = os.environ
     if ports is not None:
-        environment = {"RUST_LOG": "warn", **os.environ}  # it tells of its telemetry and ports otherwise
+        environment = {"RUST_LOG": "warn", **os.environ}  # it reports its telemetry and ports otherwise
         print_line(f"{page_address(*ports)}\nCtrl-C ends it.")
     # A group of its own: the command is a launcher, and ending it would leave the viewer behind.
     process = subprocess.Popen(command, env=environment, start_new_session=True)

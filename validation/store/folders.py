@@ -1,4 +1,4 @@
-"""Output files and folders: nothing that exists is lost without ``--force``, nothing is seen half written.
+"""Output files and folders: nothing that exists is lost without ``--force``, no file appears half written.
 
 A run is written into a folder beside its target, ``<name>.partial-...``, and takes the target's name when it
 is complete, so a folder under its own name is always a whole run. If the program is killed in between, the
@@ -109,7 +109,7 @@ def _probe(target: Path) -> None:
 def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
     """Write a run folder whole: the body of the ``with`` fills the folder that it is given.
 
-    A target that exists and is empty (a mounted volume, say) is filled in place.
+    A target that exists and is empty (such as a mounted volume) is filled in place.
 
     Args:
         target: the folder that the run is to have.

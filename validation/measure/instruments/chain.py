@@ -54,7 +54,7 @@ class Chain:
         streams: where biases, noise and coupling come from.
         time: start of each of K steps [s].
         time_step: dt [s].
-        number: tells several chains of one instrument apart.
+        number: distinguishes several chains of one instrument.
     """
 
     channels: Sequence[Channel]

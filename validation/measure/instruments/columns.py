@@ -58,13 +58,13 @@ def observe_folder(directory: Path, instrument: Instrument) -> Observation:
         raise InputError(f"{directory} has no {missing[0]}; give the folder of a finished run.")
     run = load_run(directory / "run.toml", ())
 
-    import mujoco  # here, not above: it takes long to load
+    # Here, not above: simulator and body take long to load.
+    import mujoco
 
+    from models.human import build
     from validation.store.record import load_record
 
     def body() -> tuple[mujoco.MjModel, BodyDescription]:
-        from models.human import build
-
         xml = (directory / "model.xml").read_text(encoding="utf-8")
         return mujoco.MjModel.from_xml_string(xml), build(run.body, run.contact, run.simulation).description
 

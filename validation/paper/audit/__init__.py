@@ -33,12 +33,13 @@ def audit(stages: Progress | None = None) -> tuple[Row, ...]:
         InputError: sympy is not installed.
     """
     try:
-        import sympy  # noqa: F401
+        import sympy  # noqa: F401  # an optional package
     except ImportError:
         raise InputError(
             "the audit derives the paper's formulas with sympy, which is not installed; install it with "
             "'.venv/bin/python -m pip install sympy' and run the audit again."
         ) from None
+    # Here, not above: SymPy takes long to load.
     from validation.paper.audit import (
         section_1,
         section_2,

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _DIFFERENCE = 1e-5  # half width of central differences [s]
-_BESIDE = 1e-9  # distance at which a path is looked at beside a switch [s]
+_BESIDE = 1e-9  # distance at which a path is evaluated beside a switch [s]
 PAPER_ROWS = 18
 """Rows of Eq. 11: COM 3, angular momentum 3, two feet of 6; the body here adds its toes."""
 
@@ -204,7 +204,7 @@ class BodyEvidence:
     # -------------------------------------------------------------- posture form
 
     def flat_directions(self) -> int:
-        """Dimensions in which the printed cost (loins and chest) does not tell two accelerations apart.
+        """Dimensions in which the printed cost (loins and chest) does not distinguish two accelerations.
 
         "Rotation of the loins" is read as generously as can be: the root's rotation and all trunk joints.
         """

@@ -117,7 +117,7 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Case:
-    """The gaits of the audit, each planned when it is first asked for."""
+    """The gaits of the audit, each planned when it is first used."""
 
     @cached_property
     def body(self) -> BodyEvidence:

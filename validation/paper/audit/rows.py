@@ -42,7 +42,7 @@ class Check:
         kind: ``symbolic`` (a residual derived with sympy), ``numeric`` (computed on a gait), or ``text`` (two
             places of the paper against each other).
         quantity: what was computed, in words.
-        value: number, or symbolic residual as text; None where the words say it.
+        value: number, or symbolic residual as text; None where the text has it.
         unit: SI unit of a number.
         passed: whether the form stands this check.
         gait: gait of a number; empty for symbols.
@@ -149,7 +149,7 @@ class Evidence:
         return self
 
     def against(self, quantity: str) -> Self:
-        """Add two places of the paper that say different things."""
+        """Add two places of the paper that disagree."""
         self._checks.append(Check("printed", "text", quantity, None, "", False))
         return self
 

@@ -18,7 +18,7 @@ x, a, c = sp.symbols("x a c", real=True)
 C_Y = (0.1, 0.4, 0.7, 1.0)
 """Fig. 11 names the first and the third."""
 C_Y_TRUNK = (0.1, 0.7, 0.9, 1.0, 1.1)
-"""Where the trunk's roll is looked at: Fig. 11's two, a small moment, none, one of the other sign."""
+"""Where the trunk's roll is evaluated: Fig. 11's two, a small moment, none, one of the other sign."""
 C_Y_STILLEST = 0.9
 """Among them the one whose moment nearly does what the trunk would have to."""
 C_S = (0.8, 1.0, 1.2)

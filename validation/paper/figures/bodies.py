@@ -55,7 +55,7 @@ def figure_8(walk: Walk) -> Figure:
     lefts, share = (0.7, 3.75, 6.8), walk.phase / walk.stride
     for component, left in enumerate(lefts):
         axis = inches(figure, left, 8.35, 2.45, 1.3)
-        motion, simulated = walk.less_plan["com"].component(component)
+        motion, simulated = walk.deviation["com"].component(component)
         difference(axis, share, 1e3 * motion, 1e3 * simulated)
         _stride_axis(axis, walk)
         axis.set_title(f"COM less plan, {'xyz'[component]}", pad=16)
@@ -220,7 +220,7 @@ def _compare(
         difference(left_error, share, None, angles - motion, line=line)
         share = walk.phase / walk.stride
         planned = walk.plan.sample(walk.stride_starts[0] + walk.phase).angular_momentum[:, component]
-        away, errors = walk.less_plan["angular_momentum"].component(component)
+        away, errors = walk.deviation["angular_momentum"].component(component)
         motion, simulated = planned + away, planned + errors
         curves(right, share, planned, motion, simulated, tolerance=tolerance, label=label, line=line)
         note = "" if len(set(tolerances)) == 1 else f", {label}"
@@ -303,7 +303,7 @@ def numbers(walk: Walk) -> dict[str, float]:
             f"L_{axis}_{who}_less_plan_Nms": float(np.abs(values).max())
             for k, axis in enumerate("xy")
             for who, values in zip(
-                ("ik", "simulation"), walk.less_plan["angular_momentum"].component(k), strict=True
+                ("ik", "simulation"), walk.deviation["angular_momentum"].component(k), strict=True
             )
         },
         **{f"planned_L_{axis}_peak_Nms": float(planned[k]) for k, axis in enumerate("xy")},

@@ -61,7 +61,7 @@ def of_motion(sample: PostureState, robot: Robot, plan: StepPlan) -> Centroidal:
 
 
 @dataclass(frozen=True)
-class LessPlan:
+class DeviationFromPlan:
     """Distance of one quantity from the plan over a stride.
 
     Attributes:

@@ -69,7 +69,7 @@ def joint_jumps(motion: WholeBodyMotion, robot: Robot) -> dict[str, float]:
 
     Returns:
         ``velocity`` [rad/s], ``acceleration`` [rad/s²] (of the solved accelerations), and ``difference``
-        [rad/s²]: the largest acceleration that the velocities themselves say.
+        [rad/s²]: the largest acceleration that the velocities themselves give.
     """
     switch = int(np.searchsorted(motion.time, motion.double_support_start - 1e-12))
     last = len(motion.time) - 1

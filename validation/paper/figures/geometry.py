@@ -101,7 +101,7 @@ def figure_5(walk: Walk, sole: SoleGeometry) -> Figure:
         force = sample.force[:, [1, 2]] * _WEIGHT_LENGTH / (plan.mass * plan.gravity)
         for y in (half, -half):
             edges = (y - centre - sole.half_width, y - centre + sole.half_width)
-            _sole(axis, *edges, quiet=letter == "a" and y < 0)
+            _sole(axis, *edges, faint=letter == "a" and y < 0)
         axis.axvline(-centre, color=FAINT, linewidth=0.7, linestyle=(0, (6, 3, 1, 3)))
         _travel(axis, com, zmp, height, force, returns=letter == "a")
         _walked(axis, walk, start, duration, centre, 1, returns=letter == "a")
@@ -136,7 +136,7 @@ def numbers(walk: Walk, component: int) -> dict[str, dict[str, float | str]]:
     """How far the COM and the ZMP of motion and simulation are from the plan, along one axis."""
     name = "xy"[component]
     return peak(
-        {f"{what} {name}": walk.less_plan[what.lower()].component(component) for what in ("COM", "ZMP")}, "m"
+        {f"{what} {name}": walk.deviation[what.lower()].component(component) for what in ("COM", "ZMP")}, "m"
     )
 
 
@@ -162,7 +162,7 @@ def _errors(panels: Sequence[Sequence[Axes]], walk: Walk, component: int) -> Non
             zip(axes, ((0.0, single), (single, step)), strict=True)
         ):
             rows = (walk.phase >= start) & (walk.phase <= end)
-            motion, simulated = walk.less_plan[what.lower()].component(component, rows)
+            motion, simulated = walk.deviation[what.lower()].component(component, rows)
             time = walk.phase[rows] - start
             difference(axis, time, 1e3 * motion, 1e3 * simulated, tolerance=tolerance, unit="mm")
             axis.set_xlim(0.0, time[-1])
@@ -190,7 +190,7 @@ def _walked(
 
     away = {
         name: (at_instants(item.motion), at_instants(item.simulation.mean(axis=0)))
-        for name, item in walk.less_plan.items()
+        for name, item in walk.deviation.items()
     }
     for which, (color, width) in enumerate(((MOTION, 2.0), (MEASURED, 0.9))):
         com, zmp = planned.com + away["com"][which], planned.zmp + away["zmp"][which]
@@ -241,9 +241,9 @@ def _key(figure: Figure, note: str) -> None:
     figure.text(0.093, 1.0 - 6.12 / _HEIGHT, note, fontsize=8, color=FAINT)
 
 
-def _sole(axis: Axes, back: float, front: float, *, quiet: bool = False) -> None:
+def _sole(axis: Axes, back: float, front: float, *, faint: bool = False) -> None:
     axis.fill_between(
-        [back, front], -0.022, -0.004, color=SHADE if quiet else "#cbd2d9", linewidth=0, zorder=1
+        [back, front], -0.022, -0.004, color=SHADE if faint else "#cbd2d9", linewidth=0, zorder=1
     )
 
 

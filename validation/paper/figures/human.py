@@ -244,13 +244,13 @@ def _forces(axes: Sequence[Axes], walk: Walk) -> dict[str, dict[str, float]]:
         ]
     )
     people = human_force()
-    said = {}
+    values = {}
     panels = (("vertical", 2, 1.0), ("forward", 0, 1.0), ("medial", 1, -1.0))
     for axis, (name, component, sign) in zip(axes, panels, strict=True):
         ours = sign * folds[..., component]
         at = people["stance_percent"]
         axis.axhline(0.0, color=FAINT, linewidth=0.6)
-        said[name] = {"simulated_largest": float(ours.max()), "simulated_smallest": float(ours.min())}
+        values[name] = {"simulated_largest": float(ours.max()), "simulated_smallest": float(ours.min())}
         for (end, speed), color, line in zip(SPEEDS.items(), (INK, FAINT), ("-", (0, (4, 2))), strict=True):
             mean, deviation = people[f"{name}_mean_{end}"], people[f"{name}_sd_{end}"]
             axis.fill_between(
@@ -259,7 +259,7 @@ def _forces(axes: Sequence[Axes], walk: Walk) -> dict[str, dict[str, float]]:
             )  # fmt: skip
             axis.plot(at, mean, color=color, linewidth=1.3, linestyle=line, label=f"people, {speed:g} m/s")
             least, largest = float(mean.min()), float(mean.max())
-            said[name] |= {f"people_{end}_largest": largest, f"people_{end}_smallest": least}
+            values[name] |= {f"people_{end}_largest": largest, f"people_{end}_smallest": least}
         axis.fill_between(
             100 * share, ours.min(axis=0), ours.max(axis=0), color=MEASURED, alpha=0.3, linewidth=0
         )
@@ -270,14 +270,14 @@ def _forces(axes: Sequence[Axes], walk: Walk) -> dict[str, dict[str, float]]:
         axis.set_title(f"{name} force on one foot")
     # What the double hump is, in numbers: two peaks over the least force between them.
     for end in SPEEDS:
-        said["vertical"] |= _humps(people[f"vertical_mean_{end}"], f"people_{end}")
-    said["vertical"] |= _humps(folds.mean(axis=0)[:, 2], "simulated")
+        values["vertical"] |= _humps(people[f"vertical_mean_{end}"], f"people_{end}")
+    values["vertical"] |= _humps(folds.mean(axis=0)[:, 2], "simulated")
     axes[0].set_ylabel("[body weight]")
     axes[1].set_xlabel("share of the foot's stance [%]; bands: people's standard deviation")
     legend_above(axes[0], 3)
     for axis in axes[1:]:
         axis.set_title(axis.get_title(loc="left"), pad=19)
-    return said
+    return values
 
 
 def _humps(force: Array, who: str) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Makes the figures that are asked for, and says in numbers how far plan, motion and physics agree."""
+"""Makes the requested figures, and computes how far plan, motion and physics agree."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ NUMBERS = "figures.json"
 
 _MOMENTUM, _NORMAL = "momentum", "normal"
 _SWINGS = (0.1, 0.4, 0.7, 0.8, 0.9, 1.0)
-"""Values of c_y whose momentum and swing are said beside Fig. 11."""
+"""Values of c_y whose momentum and swing are given beside Fig. 11."""
 
 Drawn = tuple[Figure, Mapping[str, Any]]
-"""A figure, and what its curves say in numbers."""
+"""A figure, and the numbers of its curves."""
 
 
 def _plane(draw: Callable[[Walk, SoleGeometry], Figure], axis: int) -> Callable[[Walks], Drawn]:
@@ -42,7 +42,7 @@ def _plane(draw: Callable[[Walk, SoleGeometry], Figure], axis: int) -> Callable[
 
 def _figure_8(walks: Walks) -> Drawn:
     walk = walks.walk(_NORMAL)
-    com = {f"COM {axis}": walk.less_plan["com"].component(k) for k, axis in enumerate("xyz")}
+    com = {f"COM {axis}": walk.deviation["com"].component(k) for k, axis in enumerate("xyz")}
     return bodies.figure_8(walk), centroidal.peak(com, "m")
 
 
@@ -110,11 +110,11 @@ def make_figures(
     with style():
         for name in wanted:
             stem, draw = FIGURES[name]
-            figure, said = draw(walks)
+            figure, values = draw(walks)
             paths += save(figure, out, stem)
-            numbers[stem] = said
+            numbers[stem] = values
     if any(numbers.values()):
-        numbers = {**_earlier(out / NUMBERS), **{name: said for name, said in numbers.items() if said}}
+        numbers = {**_earlier(out / NUMBERS), **{name: values for name, values in numbers.items() if values}}
         with output_file(out / NUMBERS) as work:
             work.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
         paths.append(out / NUMBERS)
@@ -125,11 +125,11 @@ def _wanted(only: str | Sequence[str] | None) -> list[str]:
     """Names of the figures to draw, in the paper's order."""
     if only is None:
         return list(FIGURES)
-    asked = [item.strip() for item in (only.split(",") if isinstance(only, str) else only)]
-    unknown = [item for item in asked if item not in FIGURES]
-    if unknown or not asked:
+    requested = [item.strip() for item in (only.split(",") if isinstance(only, str) else only)]
+    unknown = [item for item in requested if item not in FIGURES]
+    if unknown or not requested:
         raise InputError(f"there is no figure {', '.join(unknown)!r}; the figures are {', '.join(FIGURES)}.")
-    return [name for name in FIGURES if name in asked]
+    return [name for name in FIGURES if name in requested]
 
 
 def _earlier(path: Path) -> dict[str, Any]:

@@ -33,7 +33,7 @@ def curves(
         tolerance: of the RMSE against the plan, drawn around it; without one the band is the strides' spread.
         source: what the simulated curve is.
         label: after each name in the legend.
-        line: style, to tell walks apart; plans are broad and whole.
+        line: style, to distinguish walks; plans are broad and whole.
     """
     after = f", {label}" if label else ""
     if planned is not None and tolerance is not None:
@@ -65,7 +65,7 @@ def difference(
         simulated: shape (strides, n).
         tolerance: half the band: what a run's RMSE is allowed; None for the spread of the strides.
         unit: of the band, for the legend.
-        line: style, to tell walks apart.
+        line: style, to distinguish walks.
         note: to add to the band's name.
     """
     if tolerance is None:

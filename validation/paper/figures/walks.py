@@ -16,7 +16,7 @@ from ampm.parameters import GaitParameters
 from ampm.planner.support import StepPlan
 from ampm.walk import PostureState
 from validation.judge.profiles import own_profile
-from validation.paper.figures.centroidal import Centroidal, LessPlan, of_motion
+from validation.paper.figures.centroidal import Centroidal, DeviationFromPlan, of_motion
 from validation.progress import Progress
 from validation.run.trial import Trial
 from validation.run.walk import walk_planned
@@ -125,7 +125,7 @@ class Walk:
         return of_motion(sample, self.robot, self.plan)
 
     @cached_property
-    def less_plan(self) -> dict[str, LessPlan]:
+    def deviation(self) -> dict[str, DeviationFromPlan]:
         """Distance from the plan, by name: ``com``, ``zmp``, ``force``, ``angular_momentum``."""
         measured, planned = self.trial.measured, self.plan.sample(self.trial.measured.time)
         first = self.plan.sample(self.stride_starts[0] + self.phase)
@@ -138,7 +138,7 @@ class Walk:
                 measured.angular_momentum[:, :2] - planned.angular_momentum,
             ),
         }
-        return {name: LessPlan(motion, self.folded(error)) for name, (motion, error) in both.items()}
+        return {name: DeviationFromPlan(motion, self.folded(error)) for name, (motion, error) in both.items()}
 
     def limit(self, metric: str) -> float:
         """Tolerances of the profile that judges this gait, in SI (forces in newton)."""
@@ -188,8 +188,8 @@ class Walks:
         count = self.steps if steps is None else steps
         key = (gait, *settings, f"gait.steps={count}")
         if key not in self._walks:
-            asked = load_request(gait, key[1:])
-            trial = walk_planned(plan_walk(asked, self.stages), progress=self.stages)
+            request = load_request(gait, key[1:])
+            trial = walk_planned(plan_walk(request, self.stages), progress=self.stages)
             outcome = trial.record.outcome
             if not outcome.completed:
                 raise SolverError(

@@ -195,19 +195,19 @@ def _log_body(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None:
         size = model.geom_size[drawn[mine]]
         color = [_shape_color(model.geom_rgba[geom]) for geom in drawn[mine]]
         place = position[:, mine]
-        looks: dict[str, Any] = {"colors": color, "fill_mode": rr.components.FillMode.Solid}
+        style: dict[str, Any] = {"colors": color, "fill_mode": rr.components.FillMode.Solid}
         shape: Any = _SHAPES.get(kind)
         if shape is None:
             continue  # planes and meshes: the floor is the grid
         if shape in (rr.Capsules3D, rr.Cylinders3D):
-            looks |= {"lengths": 2 * size[:, 1], "radii": size[:, 0]}
+            style |= {"lengths": 2 * size[:, 1], "radii": size[:, 0]}
         else:
-            looks["half_sizes"] = np.repeat(size[:, :1], 3, axis=1) if kind == _GEOM.mjGEOM_SPHERE else size
+            style["half_sizes"] = np.repeat(size[:, :1], 3, axis=1) if kind == _GEOM.mjGEOM_SPHERE else size
         if shape is rr.Capsules3D:
             # MuJoCo centres a capsule, Rerun starts it at its lower hemisphere's centre.
             place = place - rotation[:, mine][..., 2::3] * size[:, 1:2]
         entity = f"world/body/{mujoco.mjtGeom(kind).name.removeprefix('mjGEOM_').lower()}"
-        log.static(entity, shape.from_fields(**looks))
+        log.static(entity, shape.from_fields(**style))
         if not len(frames):
             continue
         turned = Rotation.from_matrix(rotation[:, mine].reshape(-1, 3, 3)).as_quat()

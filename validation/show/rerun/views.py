@@ -1,4 +1,4 @@
-"""Views of a recording: colours, panels, and the layout that shows at once whether a walk is well."""
+"""Views of a recording: colours, panels, and the layout that shows at once whether a walk passes."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class Joints:
         grid: largest step of each grid, descending, shape (n,) [s].
         jump: largest change of a joint's acceleration over the grid interval that ends at a switch, shape
             (n,) [rad/s^2].
-        limit: what the two finest grids say is left without a grid [rad/s^2]: a jump that stays is the
+        limit: value extrapolated from the two finest grids [rad/s^2]: a jump that stays is the
             motion's, one that vanishes was the grid's.
         joint: the joint with the largest limit.
     """
@@ -114,7 +114,7 @@ class Row(NamedTuple):
     def better(self) -> str:
         """``a``, ``b``, or ``even`` where they differ by less than :data:`EVEN`.
 
-        Empty where nothing can be said: a value is missing, its numerical uncertainty is not known, or the
+        Empty where undecided: a value is missing, its numerical uncertainty is not known, or the
         difference is within that of both.
         """
         u = self.u_a + self.u_b
@@ -154,7 +154,7 @@ class Pair:
         }
 
     def unbounded(self, count: int = 5) -> list[Row]:
-        """Rows of the largest ratios among those of which nothing is said."""
+        """Rows of the largest ratios among the undecided ones."""
         open_rows = [row for row in self.rows if row.better == "" and row.ratio]
         return sorted(open_rows, key=lambda row: -abs(math.log(row.ratio or 1.0)))[:count]
 
@@ -197,12 +197,12 @@ def tables(pair: Pair) -> dict[str, list[tuple[str, ...]]]:
 
 
 def counts(pair: Pair) -> list[str]:
-    """In how many quantities each side is better, neither is, or nothing is said."""
+    """In how many quantities each side is better, neither is, or which are undecided."""
     words = {
         "a": f"{pair.a.label} is better in",
         "even": "no difference in",
         "b": f"{pair.b.label} is better in",
-        "": "nothing is said of",
+        "": "undecided:",
     }
     found = [row.better for row in pair.rows]
     return [f"{text} {found.count(better)} of {len(found)} quantities" for better, text in words.items()]

@@ -20,7 +20,7 @@ from validation.study.compare.run import NUMBERS, PICTURE, REPORT
 Array = NDArray[np.float64]
 
 REACH = 0.1
-"""How far the pictures look on either side of a switch [s]."""
+"""Time that the pictures show on either side of a switch [s]."""
 
 _PAGE = (figures.PLAN, figures.MEASURED, figures.FAINT)
 _FILE = ("#0072b2", "#d55e00", "#5b6270")

@@ -119,7 +119,7 @@ def _studies(
 
 
 def _labels(sources: Sequence[Request | Path]) -> list[str]:
-    """Names for tables; two of one name are told apart by a number."""
+    """Names for tables; two of one name are distinguished by a number."""
     names = [s.name if isinstance(s, Request) else s.resolve().name for s in sources]
     if names[0] != names[1]:
         return names

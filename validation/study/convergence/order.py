@@ -169,7 +169,7 @@ def _doubt(values: Sequence[float], orders: Sequence[float]) -> str:
 def input_uncertainty(values: Sequence[float], own: int) -> float:
     """How far a metric moves when a model parameter does: the largest deviation from its own value.
 
-    A derivative would say less: parameters that were chosen to make a metric small have none there.
+    A derivative would be less useful: parameters that were chosen to make a metric small have none there.
 
     Args:
         values: at every value of the parameter; NaN where the walk did not complete.

@@ -15,7 +15,7 @@ from validation.store.environment import describe_environment
 from validation.store.identity import parameter_values, run_key
 from validation.study.convergence.order import Estimate, estimate, input_uncertainty
 from validation.study.convergence.studies import Study, numerical_studies
-from validation.study.convergence.walks import Followed, LevelResult, followed
+from validation.study.convergence.walks import LevelResult, StudiedQuantity, studied_quantities
 
 if TYPE_CHECKING:
     from ampm.parameters import RunParameters
@@ -157,7 +157,7 @@ def combine(
     The errors of time step, grids and tolerances are not random and may have one sign: their bounds are
     added, not their squares. Contact parameters are independent inputs: there the squares are.
     """
-    run, own, known = request.run, walks[request.run], followed()
+    run, own, known = request.run, walks[request.run], studied_quantities()
     every, made = numerical_studies(run.solver.qp), tuple(study.name for study in found if study.numerical)
     studied = {name: _study(name, known[name], found, walks) for name in own.values}
     values: dict[str, float] = {}
@@ -191,7 +191,7 @@ def combine(
 
 
 def _study(
-    name: str, known: Followed, found: Sequence[Study], walks: Mapping[RunParameters, LevelResult]
+    name: str, known: StudiedQuantity, found: Sequence[Study], walks: Mapping[RunParameters, LevelResult]
 ) -> dict[str, Any]:
     """Entries of :class:`MetricStudy` beyond the verdict."""
 
@@ -220,7 +220,7 @@ def _study(
     return {"levels": levels, "estimates": estimates, "inputs": inputs, "found": words, "exact": exact}
 
 
-def _needed(known: Followed, every: Sequence[str]) -> tuple[str, ...]:
+def _needed(known: StudiedQuantity, every: Sequence[str]) -> tuple[str, ...]:
     """Numerical studies that the uncertainty of a quantity takes."""
     if known.nature == "count":
         return ()

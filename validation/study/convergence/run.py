@@ -68,7 +68,7 @@ def study_gait(
         check_target(out, FILES, force=force, what="convergence study")
     request = load_request(gait, [*settings, f"gait.steps={steps}"])
     found = studies(request.run, only, levels=levels)
-    # Halving the time step does not mend a control period that is no multiple of it.
+    # Halving the time step does not correct a control period that is no multiple of it.
     steps_per_tick(request.run.controller.frequency, request.run.simulation.time_step)
     if runner is walk_level:  # refusals come before any worker starts, and the motion is in the cache
         plan_walk(request, progress)

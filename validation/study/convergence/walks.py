@@ -1,4 +1,4 @@
-"""The walks of all levels, side by side, and what is followed through them."""
+"""The walks of all levels, side by side, and the quantities studied through them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _PHASES = ("single_support", "double_support")
 _SWITCH_EXTREMES = ("_peak", "_maximum", "_force_rate", "_vertical_force")
 
 
-class Followed(NamedTuple):
+class StudiedQuantity(NamedTuple):
     """SI unit of a quantity, its nature and whether it is a self-check, all as of a metric."""
 
     unit: str
@@ -33,17 +33,18 @@ class Followed(NamedTuple):
     self_check: bool = False
 
 
-def followed() -> dict[str, Followed]:
-    """All that is followed: registered metrics, errors within one phase, quantities about the switches."""
+def studied_quantities() -> dict[str, StudiedQuantity]:
+    """All studied quantities: registered metrics, errors within one phase, quantities about the switches."""
     found = {
-        name: Followed(metric.unit, metric.nature, metric.is_self_check) for name, metric in METRICS.items()
+        name: StudiedQuantity(metric.unit, metric.nature, metric.is_self_check)
+        for name, metric in METRICS.items()
     }
     for signal, unit in _PHASE_SIGNALS.items():
         names = (*(f"{signal}_{phase}_rmse" for phase in _PHASES), f"{signal}_bias")
-        found |= dict.fromkeys(names, Followed(unit))
+        found |= dict.fromkeys(names, StudiedQuantity(unit))
     for name, unit in SWITCH_UNITS.items():
         extreme = name.endswith(_SWITCH_EXTREMES)
-        found[f"switch_{name}"] = Followed(unit, "extreme" if extreme else "mean")
+        found[f"switch_{name}"] = StudiedQuantity(unit, "extreme" if extreme else "mean")
     return found
 
 
@@ -56,7 +57,7 @@ class LevelResult:
         cause: of an early end, empty if there is none.
         seconds: wall-clock time.
         memory: largest resident memory of the process so far [MB], None where that is not known.
-        values: what is followed, in SI units; empty if nothing was walked.
+        values: studied quantities, in SI units; empty if nothing was walked.
         weight: of the body [N].
     """
 
@@ -93,7 +94,7 @@ def walk_level(run: RunParameters, name: str) -> LevelResult:
 
 
 def values_of(comparison: Comparison) -> dict[str, float]:
-    """Value of everything that is followed, in SI units."""
+    """Values of all studied quantities, in SI units."""
     values = {name: metric.value for name, metric in evaluate(comparison).items()}
     for name in _PHASE_SIGNALS:
         signal = comparison.signals[name]

@@ -166,7 +166,7 @@ def screen(cases: Cases) -> NDArray[np.int8]:
 
     Returns:
         Of every run the place of its reason in :data:`REASONS`, :data:`ACCEPTED` if there is none, shape
-        (N,). Of a sweep that tunes, the formula is not asked: the choices that are found may mend it.
+        (N,). A sweep that tunes skips the formula: the choices that are found may make it feasible.
     """
     code = np.full(len(cases), ACCEPTED, dtype=np.int8)
     inside = [(axis, key_info(axis.key).inside(axis.values)) for axis in cases.axes]

@@ -25,7 +25,7 @@ Parameters = Mapping[str, Sequence[object] | NDArray[np.generic]]
 """Values by key, each of length N: numbers, or words (a parameter without order)."""
 
 LEAST_RUNS = 30
-"""Runs below which nothing is said."""
+"""Runs below which no influence is computed."""
 LEAST_EVENTS = 5
 """Runs that must differ from the most frequent value: of fewer falls, any parameter seems to be the cause."""
 MOST_RUNS = 5000
@@ -72,8 +72,8 @@ class Target:
     Attributes:
         name: of the metric.
         runs: from how many runs.
-        influences: one per parameter, in the order given; empty if nothing can be said.
-        silent: why nothing is said, empty otherwise.
+        influences: one per parameter, in the order given; empty if none can be computed.
+        silent: why there are none, empty otherwise.
     """
 
     name: str
@@ -146,7 +146,7 @@ def _influence(key: str, values: NDArray[np.generic], y: Array) -> Influence:
 
 
 def entangled(parameters: Parameters, limit: float = 0.5) -> list[tuple[str, str, float]]:
-    """Pairs of parameters that vary together, whose effects a sweep therefore cannot tell apart.
+    """Pairs of parameters that vary together, whose effects a sweep therefore cannot separate.
 
     Args:
         parameters: of N runs.

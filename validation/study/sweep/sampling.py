@@ -1,4 +1,4 @@
-"""The runs of a sweep, by number: columns of values that are computed when they are asked for.
+"""The runs of a sweep, by number: columns of values that are computed when they are read.
 
 Nothing here grows with the number of runs but the points of sampled blocks: a case of a grid is found from
 its number. The same definition gives the same values on every machine with the same SciPy.

@@ -44,7 +44,7 @@ WORKER_DIED = "worker_died"
 """Reason of a crash that took its worker's process along."""
 _TRANSIENT = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO, errno.EAGAIN, errno.ESTALE)
 MACHINE_FAULTS = frozenset({WORKER_DIED, "MemoryError", *(errno.errorcode[number] for number in _TRANSIENT)})
-"""Reasons of crashes that say nothing of the gait: ``--resume`` walks these runs again."""
+"""Reasons of crashes that are no result of the gait: ``--resume`` walks these runs again."""
 
 NOT_REPRODUCIBLE = ("timing_", "environment_")
 """Beginnings of the columns in which equal runs may differ."""

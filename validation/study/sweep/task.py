@@ -255,7 +255,7 @@ def keep_run(trial: Trial, task: Task) -> str:
         last = done.stderr.strip().rpartition("\n")[2] or f"exit status {done.returncode}"
         if _FULL.search(done.stderr):
             raise disk_full(target, last)
-        raise SweepStopped(f"recording and report of {target} could not be drawn ({last})", "mend that")
+        raise SweepStopped(f"recording and report of {target} could not be drawn ({last})", "fix the cause")
     return relative
 
 
