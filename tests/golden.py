@@ -332,7 +332,7 @@ def same(was: Any, now: Any, *, bits: bool) -> bool:
 
 
 def compute(parts: Sequence[str], presets: Sequence[str], folder: Path) -> Values:
-    """Values of the parts that were asked for, each with its time on stderr."""
+    """Values of the requested parts, each with its time on stderr."""
     tasks: dict[str, Callable[[Path], Values]] = {
         f"preset {name}": partial(preset, name) for name in presets if "presets" in parts
     }
@@ -353,8 +353,8 @@ def main() -> int:
     parser.add_argument("--only", default="", help=f"presets,{','.join(PARTS)}")
     parser.add_argument("--preset", action="append", choices=PRESETS, help="repeatable; all by default")
     parser.add_argument("--bits", action="store_true", help="compare bits whatever the processor")
-    asked = parser.parse_args()
-    parts = asked.only.split(",") if asked.only else ["presets", *PARTS]
+    options = parser.parse_args()
+    parts = options.only.split(",") if options.only else ["presets", *PARTS]
     if unknown := set(parts) - {"presets", *PARTS}:
         parser.error(f"there is no part {', '.join(sorted(unknown))}")
     if any(os.environ.get(key) != value for key, value in CORE.items()):  # numpy reads it when it is loaded
@@ -362,14 +362,14 @@ def main() -> int:
         os.execve(sys.executable, again, {**os.environ, **CORE})
     with tempfile.TemporaryDirectory() as folder:
         os.environ["XDG_CACHE_HOME"] = f"{folder}/cache"  # no solved motion of the user's
-        found = compute(parts, asked.preset or PRESETS, Path(folder))
+        found = compute(parts, options.preset or PRESETS, Path(folder))
     here, known = host(), json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else {}
     values, comparable = known.get("values", {}), known.get("host") == here
-    if asked.write:
+    if options.write:
         values = {"host": here, "values": (values if comparable else {}) | found}
         FILE.write_text(json.dumps(values, indent=0, ensure_ascii=False) + "\n", encoding="utf-8")
         return 0
-    bits = comparable or asked.bits
+    bits = comparable or options.bits
     pairs = [(values.get(name), now, name) for name, now in found.items()]
     lines = [line for pair in pairs for line in differences(*pair, bits=bits)]
     print("\n".join([*lines, f"{len(lines)} differences in {', '.join(found)}"]))

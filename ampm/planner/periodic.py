@@ -23,7 +23,7 @@ CONTINUOUS: Mapping[str, tuple[str, ...]] = {
     "ipm": ("position", "velocity", "moment", "angular_momentum"),
 }
 """Residuals that are zero but for rounding, by model. The acceleration and the ZMP of the plain inverted
-pendulum jump at every switch; its residuals say by how much."""
+pendulum jump at every switch; its residuals give by how much."""
 
 
 def plan_gait(gait: GaitParameters, mass: float, *, angular_momentum_y_offset: float = 0.0) -> CentroidalPlan:

@@ -168,7 +168,7 @@ def check_identity(folder: Path, definition: SweepDefinition, *, force: bool) ->
     if changed and not force:
         raise InputError(
             f"the rows in {folder} come from other code ({', '.join(changed)}), and results may "
-            "differ; go back to it, give another folder, or --force to mix them (environment_code tells)."
+            "differ; go back to it, give another folder, or --force to mix them (environment_code names it)."
         )
     return False
 
