@@ -14,6 +14,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ampm.description import SoleGeometry
+
 Side = Literal["left", "right"]
 
 PHASE_NAMES = ("single_support", "double_support")
@@ -148,3 +150,12 @@ def _read_only(values: object, dtype: type = np.float64) -> NDArray:
     array: NDArray = np.array(values, dtype=dtype)
     array.setflags(write=False)
     return array
+
+
+def footprint(sole: SoleGeometry, step: Footstep) -> NDArray[np.float64]:
+    """Closed outline of a sole where a footstep is, shape (7, 2) [m]."""
+    x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
+    half = np.array([sole.heel_half_width, sole.ball_half_width, sole.tip_half_width])
+    outline = np.column_stack([np.r_[x, x[::-1], x[0]], np.r_[half, -half[::-1], half[0]]])
+    c, s = np.cos(step.heading), np.sin(step.heading)
+    return outline @ np.array([[c, s], [-s, c]]) + np.asarray(step.position[:2])

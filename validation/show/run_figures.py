@@ -14,8 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ampm.description import SoleGeometry
-from ampm.planner.contacts import Footstep
+from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.show.style import (
     BAD,
@@ -278,15 +277,6 @@ def top_view(saved: SavedRun, plan: StepPlan | None, steps: int = 4) -> Figure:
     axis.set_ylabel("y, left [m]")
     legend(axis)
     return figure
-
-
-def footprint(sole: SoleGeometry, step: Footstep) -> Array:
-    """Closed outline of a sole where a footstep is, shape (7, 2) [m]."""
-    x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
-    half = np.array([sole.heel_half_width, sole.ball_half_width, sole.tip_half_width])
-    outline = np.column_stack([np.r_[x, x[::-1], x[0]], np.r_[half, -half[::-1], half[0]]])
-    c, s = np.cos(step.heading), np.sin(step.heading)
-    return outline @ np.array([[c, s], [-s, c]]) + np.asarray(step.position[:2])
 
 
 def contact_timeline(saved: SavedRun, plan: StepPlan | None) -> Figure:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ampm.geometry import convex_hull
+from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.show.rerun.views import (
     COMMAND,
@@ -34,7 +35,6 @@ from validation.show.rerun.views import (
     run_blueprint,
     verdict_markdown,
 )
-from validation.show.run_figures import footprint
 from validation.store.saved import RECORDING_FILE as RECORDING_FILE
 from validation.store.saved import SavedRun, load_saved_run, run_events
 
