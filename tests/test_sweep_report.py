@@ -42,7 +42,7 @@ GRID: dict[str, list[Any]] = {
 def undrawn(monkeypatch):
     """Pages without pictures, where only words are read."""
     monkeypatch.setattr(figures, "svg", lambda *_: "")
-    monkeypatch.setattr(figures, "library", lambda: "")
+    monkeypatch.setattr(figures, "vega_script", lambda: "")
 
 
 def data_of(html):
@@ -84,7 +84,7 @@ def test_many_runs_make_no_larger_page(count):
 
 
 def test_page_is_self_contained(html, page):
-    markup = html.replace(figures.library(), "")
+    markup = html.replace(figures.vega_script(), "")
     assert not re.search(r"https?://(?!www\.w3\.org/)", markup)
     assert "@import" not in markup
     assert "url(" not in markup.replace("url(#", "")

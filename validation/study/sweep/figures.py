@@ -311,7 +311,7 @@ def svg(spec: Spec, label: str) -> Markup:
     return Markup(re.sub(r' width="[\d.]+" height="[\d.]+"', named, text, count=1))
 
 
-def library() -> Markup:
+def vega_script() -> Markup:
     """Script of Vega, Vega-Lite and Vega-Embed, to be put into a page."""
     import vl_convert  # loads a JavaScript engine
 

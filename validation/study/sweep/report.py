@@ -79,7 +79,7 @@ def render(sweep: SweepTable) -> str:
         "sweep.html.j2",
         styles=["report.css", "sweep.css"],
         scripts=["sweep.js"],
-        library=figures.library() if data else "",
+        vega=figures.vega_script() if data else "",
         sweep=sweep,
         verdict=judge_sweep(sweep),
         share=share,
