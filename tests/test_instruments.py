@@ -17,7 +17,6 @@ from models.human import build
 from tests.saved_run import make_run
 from validation.cli.app import Status, call
 from validation.measure.instruments.chain import Chain, RandomStreams
-from validation.measure.instruments.columns import columns_of
 from validation.measure.instruments.model import (
     PRESETS,
     Acquisition,
@@ -26,10 +25,11 @@ from validation.measure.instruments.model import (
     make_instrument,
 )
 from validation.measure.instruments.names import CAUSES, INSTRUMENT_COLUMNS
-from validation.measure.instruments.result import observe
+from validation.measure.instruments.observe import Observation, observe, observe_folder
 from validation.measure.instruments.rigs import make_rig
-from validation.measure.instruments.truth import true_gait
+from validation.measure.measure import foot_wrenches
 from validation.store.record import load_record
+from validation.trial.outcome import Outcome, OutcomeName
 
 DT = 2e-3
 
@@ -72,8 +72,12 @@ def human():
     return model.compile(), model.description
 
 
-def look(table, record, human, key="run"):
-    return observe(make_instrument(table, "mine"), record, key, lambda: human)
+def look(instrument, record, human, key="run") -> Observation:
+    if isinstance(instrument, dict):
+        instrument = make_instrument(instrument, "mine")
+    seen = observe(instrument, record, key, lambda: human)
+    assert seen is not None
+    return seen
 
 
 # ------------------------------------------------------------------------------------------ one by one
@@ -163,7 +167,7 @@ def test_cross_talk_is_a_share_of_the_other_channels_range():
 def test_all_together_in_the_physical_order():
     acquisition = Acquisition(cutoff=40.0, rate=100.0, delay=0.004)
     both = chain(Channel(noise=0.1, bias=1.0, resolution=0.5, range=3.0), acquisition, rows=2000)
-    read = both.read(np.full((2000, 1), 2.9), set(both.effects()))
+    read = both.read(np.full((2000, 1), 2.9), both.effects)
     assert np.abs(read).max() <= 3.0
     np.testing.assert_array_equal(read / 0.5, np.round(read / 0.5))
 
@@ -193,7 +197,7 @@ def test_a_faultless_instrument_shows_the_truth(table, record, human, request):
 
 def test_plate_bias_moves_the_zmp_by_moment_over_force(record, human):
     seen = look({**FACTS, "moment_xy": {"offset": 3.0}}, record, human)
-    vertical = true_gait(record).foot_force[:, :, 2].sum(axis=1)
+    vertical = foot_wrenches(record)[0][:, :, 2].sum(axis=1)
     expected = np.column_stack([-6.0 / vertical, 6.0 / vertical])  # both plates
     np.testing.assert_allclose(seen.zmp - seen.true_zmp, expected, atol=1e-12)
     assert set(seen.causes) == {"method", "bias"}
@@ -224,7 +228,7 @@ def test_threshold_leaves_out_a_foot_that_hardly_presses(record, human):
     pushed = look({**FACTS, "threshold": 5000.0}, record, human)
     assert pushed.errors["run"].count == 0
     assert pushed.errors["run"].unmeasured == len(pushed.time)
-    json.dumps(columns_of(pushed), allow_nan=False)
+    json.dumps(pushed.row(), allow_nan=False)
 
 
 def test_phases_are_those_of_the_measured_contacts(record, human):
@@ -301,10 +305,10 @@ def test_a_perfect_imu_feels_the_motion(walked, human, mount):
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_load_and_have_every_cause(name, record, human):
-    seen = observe(load_instrument(name), record, "run", lambda: human)
+    seen = look(load_instrument(name), record, human)
     assert seen.instrument.name == name
     assert {"noise", "bias", "filter", "delay", "sampling", "quantisation"} <= set(seen.causes) <= set(CAUSES)
-    row = columns_of(seen)
+    row = seen.row()
     assert set(row) == set(INSTRUMENT_COLUMNS)
     assert row["instrument_zmp_x_rmse"] == seen.errors["run"].rmse[0]
     json.dumps(row, allow_nan=False)
@@ -338,15 +342,13 @@ def test_a_low_pass_above_the_steps_rate_is_left_out_and_said_so(record, human):
     assert seen.errors["run"].rmse[0] < 1e-12
 
 
-def test_a_walk_that_ended_at_once_has_figures_without_numbers(tmp_path, human):
-    from validation.trial.outcome import Outcome, OutcomeName
-
+def test_a_walk_that_ended_at_once_cannot_be_observed(tmp_path, human):
     end = Outcome(OutcomeName.FELL, 0.0, "It fell.", 0)
-    record = load_record(make_run(tmp_path / "run", steps=2, seconds=0.0, outcome=end))
+    folder = make_run(tmp_path / "run", steps=2, seconds=0.0, outcome=end)
     for name in PRESETS:
-        seen = observe(load_instrument(name), record, "run", lambda: human)
-        assert seen.errors["run"].count == 0
-        assert columns_of(seen)["instrument_zmp_x_rmse"] is None
+        assert observe(load_instrument(name), load_record(folder), "run", lambda: human) is None
+    with pytest.raises(InputError, match="nothing to observe"):
+        observe_folder(folder, load_instrument("imu"))
 
 
 def test_command_prints_json_and_writes_its_files(run_dir, tmp_path, capsys):

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from validation.judge.metrics import register as register
     from validation.judge.metrics import unregister as unregister
     from validation.judge.uncertainty import load_uncertainty as load_uncertainty
-    from validation.measure.instruments.columns import observe_folder as observe_folder
+    from validation.measure.instruments.observe import observe_folder as observe_folder
     from validation.progress import Progress as Progress
     from validation.run.replay import replay as replay
     from validation.run.trial import Trial as Trial
@@ -36,7 +36,7 @@ _HOMES = {
     "Trial": "run.trial.Trial",
     "load": "store.saved.load_saved_run",
     "load_uncertainty": "judge.uncertainty.load_uncertainty",
-    "observe_folder": "measure.instruments.columns.observe_folder",
+    "observe_folder": "measure.instruments.observe.observe_folder",
     "register": "judge.metrics.register",
     "replay": "run.replay.replay",
     "report": "show.report.write_report",

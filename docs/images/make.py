@@ -17,8 +17,8 @@ from rerun.experimental import ViewerClient
 
 from validation.cli.view import write_sources
 from validation.cli.view_sources import choose
-from validation.measure.instruments.columns import observe_folder
 from validation.measure.instruments.model import load_instrument
+from validation.measure.instruments.observe import observe_folder
 from validation.progress import Progress
 from validation.show.instrument import draw
 from validation.show.plan import plot_plan

@@ -16,7 +16,7 @@ from validation.cli.options import Force, Json, RunFolder, Status, answer, optio
 from validation.show.text import print_line, print_table
 
 if TYPE_CHECKING:
-    from validation.measure.instruments.result import Observation
+    from validation.measure.instruments.observe import Observation
 
 app = typer.Typer()
 
@@ -45,9 +45,8 @@ def instrument(
     is judged: the status is 0.
     """
     # Here, not above: NumPy, SciPy and pyarrow take long to load.
-    from validation.measure.instruments.columns import observation_columns, observe_folder
     from validation.measure.instruments.model import load_instrument
-    from validation.measure.instruments.result import Observation
+    from validation.measure.instruments.observe import Observation, observe_folder
     from validation.store.folders import check_folder_of, check_output_file, output_file
     from validation.store.tables import check_suffix, write_columns
 
@@ -62,7 +61,7 @@ def instrument(
     observed = observe_folder(directory, load_instrument(name))
     if out is not None:
         with output_file(out, force=force) as work:
-            write_columns(observation_columns(observed), work)
+            write_columns(observed.signal_columns(), work)
     if plot is not None:
         from validation.show.instrument import draw  # loads matplotlib
 

@@ -197,12 +197,13 @@ def write_results(
     summary = results_of(trial, environment)
     if instrument is not None:
         # Here, not above: only a run with an instrument pays for it.
-        from validation.measure.instruments.columns import observation_columns, observe_walk
+        from validation.measure.instruments.observe import observe_walk
         from validation.store.tables import write_columns
 
         observed = observe_walk(instrument, trial.planned, trial.record)
-        write_columns(observation_columns(observed), folder / INSTRUMENT_FILE)
-        summary["instrument"] = observed.as_dict()
+        if observed is not None:
+            write_columns(observed.signal_columns(), folder / INSTRUMENT_FILE)
+            summary["instrument"] = observed.as_dict()
     summary["files"] = digests(folder)
     write_json(folder / SUMMARY_FILE, summary)
     return summary

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -18,7 +18,7 @@ from validation.show.style import Picture
 from validation.store.folders import INSTRUMENT_FILE, output_file
 
 if TYPE_CHECKING:
-    from validation.measure.instruments.result import Observation
+    from validation.measure.instruments.observe import Observation
     from validation.store.saved import SavedRun
 
 Row = tuple[str, str, str, str, str]
@@ -51,42 +51,32 @@ def instrument_section(saved: SavedRun) -> dict[str, Any]:
 
 
 def _pictures(saved: SavedRun) -> list[Picture]:
-    path = saved.directory / INSTRUMENT_FILE
-    if not path.is_file() or len(saved.signals) < 2:
+    """Errors in x and in y over one stride from the middle of the walk."""
+    path, signals = saved.directory / INSTRUMENT_FILE, saved.signals
+    if not path.is_file() or len(signals) < 2:
         return []
-    axes = "xy"
-    names = [f"{name}_{axis}" for axis in axes for name in ("true_zmp", "instrument_zmp")]
-    table = pq.read_table(path, columns=[*names, *(f"instrument_zmp_compensated_{axis}" for axis in axes)])
-    pictures = []
+    table, window, pictures = pq.read_table(path), figures.middle(signals), []
     with style.style():
-        for axis in axes:
+        for axis in "xy":
+            figure, (panel,) = style.new_figure(2.4)
+            figures.shade_double_support(panel, signals, window)
+            panel.axhline(0.0, color=style.FAINT, linewidth=0.7)
             true = table[f"true_zmp_{axis}"].to_numpy()
-            errors = {
-                "as read": 1e3 * (table[f"instrument_zmp_{axis}"].to_numpy() - true),
-                "latency taken out": 1e3 * (table[f"instrument_zmp_compensated_{axis}"].to_numpy() - true),
-            }
-            figure = _errors(saved, errors, f"ZMP {axis}: instrument \u2212 truth")
+            for name, label, color in (
+                (f"instrument_zmp_{axis}", "as read", style.MEASURED),
+                (f"instrument_zmp_compensated_{axis}", "latency taken out", style.PLAN),
+            ):
+                error = 1e3 * (table[name].to_numpy() - true)
+                rows = slice(window.first, min(window.last, len(error)))
+                panel.plot(signals.time[rows], error[rows], color=color, linewidth=0.9, label=label)
+            panel.set(xlabel="time [s]", ylabel="[mm]", title=f"ZMP {axis}: instrument \u2212 truth")
+            panel.margins(x=0)
+            panel.legend(
+                loc="lower right", bbox_to_anchor=(1.01, 1.0), ncols=2, borderaxespad=0.2, handlelength=1.2
+            )
             label = f"Error that the instrument adds to the ZMP in {axis}"
             pictures.append(style.picture(figure, f"instrument-{axis}", label))
     return pictures
-
-
-def _errors(saved: SavedRun, errors: dict[str, Any], title: str) -> Figure:
-    """Errors over one stride from the middle of the walk."""
-    signals = saved.signals
-    window = figures.middle(signals)
-    figure, (axis,) = style.new_figure(2.4)
-    figures.shade_double_support(axis, signals, window)
-    axis.axhline(0.0, color=style.FAINT, linewidth=0.7)
-    for (label, values), color in zip(errors.items(), (style.MEASURED, style.PLAN), strict=True):
-        rows = slice(window.first, min(window.last, len(values)))
-        axis.plot(signals.time[rows], np.asarray(values)[rows], color=color, linewidth=0.9, label=label)
-    axis.set_ylabel("[mm]")
-    axis.set_xlabel("time [s]")
-    axis.set_title(title)
-    axis.margins(x=0)
-    axis.legend(loc="lower right", bbox_to_anchor=(1.01, 1.0), ncols=2, borderaxespad=0.2, handlelength=1.2)
-    return figure
 
 
 def error_rows(observed: Mapping[str, Any]) -> list[Row]:
@@ -107,18 +97,20 @@ def cause_rows(observed: Mapping[str, Any]) -> list[Row]:
     return [_row(CAUSES.get(cause, cause), windows[RUN]) for cause, windows in ordered]
 
 
+def _numbers(values: Sequence[float | None]) -> list[float]:
+    """What was not measured, None in a ``summary.json``, as NaN."""
+    return [math.nan if value is None else value for value in values]
+
+
 def _size(item: Mapping[str, Any]) -> float:
-    x, y = item["rmse"]
-    return math.hypot(x, y) if _known(x) and _known(y) else -1.0
-
-
-def _known(value: float | None) -> TypeGuard[float]:
-    return value is not None and math.isfinite(value)
+    """RMSE in the floor plane [m]; -1 where nothing was measured."""
+    size = math.hypot(*_numbers(item["rmse"]))
+    return size if math.isfinite(size) else -1.0
 
 
 def _row(label: str, item: Mapping[str, Any]) -> Row:
-    values = (*item["rmse"], *item["maximum"])
-    x, y, most_x, most_y = (f"{1e3 * value:.3g}" if _known(value) else "-" for value in values)
+    values = _numbers((*item["rmse"], *item["maximum"]))
+    x, y, most_x, most_y = (f"{1e3 * value:.3g}" if math.isfinite(value) else "-" for value in values)
     return label, x, y, most_x, most_y
 
 

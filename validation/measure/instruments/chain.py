@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
+from functools import cached_property
 from hashlib import sha256
 
 import numpy as np
@@ -50,10 +51,10 @@ class Chain:
     Attributes:
         channels: figures of each of C channels.
         acquisition: what all of them pass.
-        cross_talk: bound of the coupling, relative to the ranges [1].
         streams: where biases, noise and coupling come from.
         time: start of each of K steps [s].
         time_step: dt [s].
+        cross_talk: bound of the coupling, relative to the ranges [1].
         number: distinguishes several chains of one instrument.
     """
 
@@ -65,26 +66,29 @@ class Chain:
     cross_talk: float = 0.0
     number: int = 0
 
-    @property
-    def filtered(self) -> bool:
-        """Whether there is a low-pass that steps of this length can show."""
-        cutoff = self.acquisition.cutoff
-        return cutoff is not None and cutoff < 0.49 / self.time_step
+    @cached_property
+    def low_pass(self) -> Array | None:
+        """Second-order sections; None without a low-pass that steps of this length can show."""
+        cutoff, order = self.acquisition.cutoff, self.acquisition.order
+        if cutoff is None or cutoff >= 0.49 / self.time_step:
+            return None
+        return np.asarray(butter(order, cutoff, fs=1.0 / self.time_step, output="sos"))
 
-    def effects(self) -> tuple[str, ...]:
+    @property
+    def effects(self) -> frozenset[str]:
         """Effects that this chain has."""
         channels, acquisition = self.channels, self.acquisition
         there = {
             NOISE: any(channel.noise for channel in channels),
             BIAS: any(channel.bias or channel.offset for channel in channels),
             CROSS_TALK: self.cross_talk > 0.0,
-            FILTER: self.filtered,
+            FILTER: self.low_pass is not None,
             SAMPLING: acquisition.rate is not None,
             DELAY: acquisition.delay > 0.0,
             QUANTISATION: any(channel.resolution for channel in channels),
             SATURATION: any(math.isfinite(channel.range) for channel in channels),
         }
-        return tuple(name for name, active in there.items() if active)
+        return frozenset(name for name, active in there.items() if active)
 
     def bias(self) -> Array:
         """Constant of each channel, shape (C,) [its unit]."""
@@ -105,25 +109,28 @@ class Chain:
 
         Args:
             truth: shape (K, C).
-            effects: which of them act.
+            effects: which of those that the chain has act.
 
         Returns:
             What the user holds at the start of each step, shape (K, C).
         """
-        if not len(truth):
-            return truth.copy()
         values = truth
-        if CROSS_TALK in effects and self.cross_talk:
+        if CROSS_TALK in effects:
             values = values + values @ self.coupling().T
         if BIAS in effects:
             values = values + self.bias()
-        if FILTER in effects and self.filtered:
-            values = self._low_pass(values, start=values[0])
-        at = self.sample_times(effects)
-        if at is not self.time:
-            values = self._at(values, at)
-        if NOISE in effects and any(channel.noise for channel in self.channels):
-            values = values + self.noise(len(truth))[self._row(at)[0]]
+        if FILTER in effects:
+            values = self._filtered(values, start=values[0])
+        steps = (self.sample_times(effects) - self.time[0]) / self.time_step
+        row = np.clip(np.floor(steps + 1e-6).astype(np.intp), 0, len(self.time) - 1)
+        if effects & {SAMPLING, DELAY}:
+            # Linear between the steps and exact at them.
+            share = np.clip(steps - row, 0.0, 1.0)
+            share = np.where(share < 1e-6, 0.0, share)
+            after = np.minimum(row + 1, len(values) - 1)
+            values = values[row] + share[:, None] * (values[after] - values[row])
+        if NOISE in effects:
+            values = values + self.noise(len(truth))[row]
         if SATURATION in effects:
             limit = np.array([channel.range for channel in self.channels])
             values = np.clip(values, -limit, limit)
@@ -134,77 +141,47 @@ class Chain:
                     values[:, index] = np.round(values[:, index] / channel.resolution) * channel.resolution
         return values
 
-    def _row(self, at: Array) -> tuple[NDArray[np.intp], Array]:
-        """Step in which each time lies, and the share of the step that has passed, both shape (K,)."""
-        steps = (at - self.time[0]) / self.time_step
-        row = np.clip(np.floor(steps + 1e-6).astype(np.intp), 0, len(self.time) - 1)
-        share = np.clip(steps - row, 0.0, 1.0)
-        return row, np.where(share < 1e-6, 0.0, share)
-
-    def _at(self, values: Array, at: Array) -> Array:
-        """Values at other times, linear between the steps and exact at them."""
-        row, share = self._row(at)
-        after = np.minimum(row + 1, len(values) - 1)
-        return values[row] + share[:, None] * (values[after] - values[row])
-
     def noise(self, rows: int) -> Array:
         """Noise as it leaves the low-pass, at every step, shape (rows, C)."""
         sigma = np.array([c.noise for c in self.channels]) * math.sqrt(0.5 / self.time_step)
-        cutoff = self.acquisition.cutoff
-        early = 0
-        if self.filtered and cutoff is not None:
-            early = math.ceil(_SETTLING / (cutoff * self.time_step))
+        cutoff = math.inf if self.low_pass is None else self.acquisition.cutoff or math.inf
+        early = math.ceil(_SETTLING / (cutoff * self.time_step))
         columns = [
             self.streams.stream(_STREAMS[NOISE], self.number, index).standard_normal(early + rows)
             for index in range(len(self.channels))
         ]
         white = sigma * np.column_stack(columns)
-        if self.filtered:
-            white = self._low_pass(white, start=np.zeros(white.shape[1]))
-        return white[early:]
+        return self._filtered(white, start=np.zeros(white.shape[1]))[early:]
 
     def sample_times(self, effects: Set[str]) -> Array:
         """When the sample was taken that the user holds at the start of each step, shape (K,) [s]."""
-        rate, delay = self.acquisition.rate, self.acquisition.delay
-        sampled = SAMPLING in effects and rate is not None
-        delayed = DELAY in effects and delay > 0.0
-        if not sampled and not delayed:
-            return self.time
-        start = self.time[0] if len(self.time) else 0.0
-        at = self.time - (delay if delayed else 0.0)
-        if sampled and rate is not None:
+        start, rate = self.time[0], self.acquisition.rate
+        at = self.time - (self.acquisition.delay if DELAY in effects else 0.0)
+        if SAMPLING in effects and rate is not None:
             # A hair early is in time: rounding of k dt must not cost a sample.
             at = start + np.floor((at - start) * rate + 1e-6) / rate
         return np.maximum(at, start)
 
     def latency(self) -> float:
         """Mean age of what is read: delay, the low-pass's delay of slow signals, half a sample [s]."""
-        if not len(self.time):
-            return 0.0
-        effects = {SAMPLING, DELAY}
-        at = self.sample_times(effects)
-        first = self.acquisition.delay + 1.0 / (self.acquisition.rate or math.inf)
+        delay = self.acquisition.delay
+        first = delay + 1.0 / (self.acquisition.rate or math.inf)
         settled = self.time >= self.time[0] + first
-        age = float(np.mean((self.time - at)[settled])) if settled.any() else self.acquisition.delay
-        return age + self._filter_delay()
-
-    def _filter_delay(self) -> float:
-        if not self.filtered:
-            return 0.0
+        ages = (self.time - self.sample_times({SAMPLING, DELAY}))[settled]
+        age = float(np.mean(ages)) if len(ages) else delay
+        if self.low_pass is None:
+            return age
         # Of each section at frequency zero: mean position of its coefficients, feed-forward less feedback.
         steps = np.arange(3.0)
         samples = sum(
             float(steps @ section[:3] / section[:3].sum() - steps @ section[3:] / section[3:].sum())
-            for section in self._sections()
+            for section in self.low_pass
         )
-        return samples * self.time_step
+        return age + samples * self.time_step
 
-    def _sections(self) -> Array:
-        cutoff, order = self.acquisition.cutoff, self.acquisition.order
-        return np.asarray(butter(order, cutoff, fs=1.0 / self.time_step, output="sos"))
-
-    def _low_pass(self, values: Array, start: Array) -> Array:
-        """Filter columns that have stood at ``start`` for ever."""
-        sections = self._sections()
-        state = sosfilt_zi(sections)[:, :, None] * start
-        return np.asarray(sosfilt(sections, values, axis=0, zi=state)[0])
+    def _filtered(self, values: Array, start: Array) -> Array:
+        """Columns that have stood at ``start`` for ever, through the low-pass if there is one."""
+        if self.low_pass is None:
+            return values
+        state = sosfilt_zi(self.low_pass)[:, :, None] * start
+        return np.asarray(sosfilt(self.low_pass, values, axis=0, zi=state)[0])

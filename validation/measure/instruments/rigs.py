@@ -1,15 +1,20 @@
-"""Three instruments under one interface: what their channels truly are, and what a user makes of readings."""
+"""Three instruments under one interface: what their channels truly are, and what a user makes of readings.
+
+What is true comes from the record alone.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
+from ampm.exceptions import InputError
 from validation.measure.instruments.chain import Chain, RandomStreams
 from validation.measure.instruments.model import (
     Acquisition,
@@ -19,38 +24,30 @@ from validation.measure.instruments.model import (
     Imu,
     Instrument,
 )
-from validation.measure.instruments.truth import (
-    Ankle,
-    Inertial,
-    Truth,
-    ankles,
-    chest_motion,
-    pelvis_motion,
-    plate_origins,
-    true_gait,
-)
-from validation.measure.measure import centre_of_pressure
+from validation.measure.measure import LEAST_SUPPORT, centre_of_pressure, foot_contact, foot_wrenches
 from validation.trial.bridge import pinocchio_model, to_pinocchio
+from validation.trial.record import FEET
 
 if TYPE_CHECKING:
-    import mujoco
     from numpy.typing import NDArray
 
-    from ampm.description import BodyDescription
+    from ampm.description import BodyDescription, LegDescription
     from validation.trial.record import SimulationRecord
 
     Array = NDArray[np.float64]
     Body = Callable[[], tuple[mujoco.MjModel, BodyDescription]]
 
-FEET = ("left", "right")
 KINEMATICS, TILT = "kinematics", "tilt"
-_WRENCH = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
-_GROUPS = ("force_xy", "force_xy", "force_z", "moment_xy", "moment_xy", "moment_z")
+_WRENCH = {
+    "force_x": "force_xy", "force_y": "force_xy", "force_z": "force_z",
+    "moment_x": "moment_xy", "moment_y": "moment_xy", "moment_z": "moment_z",
+}  # fmt: skip
 _TILT_STREAM = 4
+_BOUNCE = 0.15
+"""A foot that leaves the floor for less than this has made no step [s]."""
 
 
-@dataclass(frozen=True)
-class Estimate:
+class Estimate(NamedTuple):
     """Quantities computed from readings; K rows, world frame.
 
     Attributes:
@@ -62,33 +59,47 @@ class Estimate:
     force: Array
 
 
+def usable_rows(record: SimulationRecord) -> int:
+    """Number of leading steps whose numbers are finite: a walk that diverged has a tail that is not."""
+    fine = np.isfinite(record.point_force).all(axis=(1, 2))
+    fine &= np.isfinite(record.q[1:]).all(axis=1) & np.isfinite(record.qd[1:]).all(axis=1)
+    return record.steps if fine.all() else int(np.argmin(fine))
+
+
 class Rig:
-    """An instrument on a body that walks.
+    """An instrument on a body that walks; K usable steps, row k for step k, world frame.
 
     Attributes:
-        truth: of the walk.
+        record: of the walk.
+        time: t_k, shape (K,) [s].
+        foot_force: of the floor on each foot, left first, shape (K, 2, 3) [N].
+        foot_torque: its moment about the world origin, shape (K, 2, 3) [N m].
+        contact: the foot carries force, shape (K, 2), bool.
+        zmp: shape (K, 2) [m]; NaN where fewer than :data:`LEAST_SUPPORT` of the weight are carried.
+        names, units: of the channels.
         chain: its channels.
-        names: of the channels.
-        units: of the channels.
         signals: what faultless channels read, shape (K, C).
+        effects: that it has.
         drawn: further constants that were drawn, by name.
     """
 
     signals: Array
 
     def __init__(
-        self, instrument: Instrument, truth: Truth, key: str, channels: Sequence[tuple[str, str, Channel]],
-        cross_talk: float = 0.0,
+        self, instrument: Instrument, record: SimulationRecord, key: str,
+        channels: Sequence[tuple[str, str, Channel]], cross_talk: float = 0.0,
     ) -> None:  # fmt: skip
-        self.truth = truth
+        rows = usable_rows(record)
+        self.record, self.time = record, record.time[:rows]
+        self.foot_force, self.foot_torque = (values[:rows] for values in foot_wrenches(record))
+        self.contact = foot_contact(record)[:rows]
+        self.least = LEAST_SUPPORT * record.mass * record.gravity
+        self.zmp = centre_of_pressure(self.foot_force.sum(axis=1), self.foot_torque.sum(axis=1), self.least)
         self.names, self.units, figures = zip(*channels, strict=True)
+        streams = RandomStreams(instrument.seed, key)
+        self.chain = Chain(figures, instrument.acquisition, streams, self.time, record.time_step, cross_talk)
+        self.effects = self.chain.effects
         self.drawn: Mapping[str, float] = {}
-        streams, time, dt = RandomStreams(instrument.seed, key), truth.time, truth.time_step
-        self.chain = Chain(figures, instrument.acquisition, streams, time, dt, cross_talk)
-
-    def effects(self) -> tuple[str, ...]:
-        """Effects that it has."""
-        return self.chain.effects()
 
     def estimate(self, readings: Array, effects: Set[str]) -> Estimate:
         """ZMP and force as the user of the readings computes them.
@@ -103,13 +114,13 @@ class Rig:
 class _WrenchRig(Rig):
     """Six channels for each foot, and a ZMP from the wrenches that count as loaded."""
 
-    def __init__(self, instrument: ForcePlate | FootForceTorque, truth: Truth, key: str) -> None:
+    def __init__(self, instrument: ForcePlate | FootForceTorque, record: SimulationRecord, key: str) -> None:
         channels = [
-            (f"{foot}_{name}", "N" if name.startswith("force") else "N m", getattr(instrument, group))
+            (f"{foot}_{name}", instrument.groups[group], getattr(instrument, group))
             for foot in FEET
-            for name, group in zip(_WRENCH, _GROUPS, strict=True)
+            for name, group in _WRENCH.items()
         ]
-        super().__init__(instrument, truth, key, channels, instrument.cross_talk)
+        super().__init__(instrument, record, key, channels, instrument.cross_talk)
         self.threshold = instrument.threshold
 
     def _net(self, force: Array, torque: Array) -> Estimate:
@@ -118,133 +129,254 @@ class _WrenchRig(Rig):
             loaded = force[:, :, 2:] >= self.threshold
             force, torque = np.where(loaded, force, 0.0), np.where(loaded, torque, 0.0)
         net = force.sum(axis=1)
-        return Estimate(centre_of_pressure(net, torque.sum(axis=1), self.truth.least), net)
+        return Estimate(centre_of_pressure(net, torque.sum(axis=1), self.least), net)
 
 
 class PlateRig(_WrenchRig):
     """Force plates: moments are read about the middle of each plate's surface."""
 
-    def __init__(self, instrument: ForcePlate, truth: Truth, key: str) -> None:
-        super().__init__(instrument, truth, key)
-        self.origins = plate_origins(truth)
-        moment = truth.foot_torque - np.cross(self.origins, truth.foot_force)
-        self.signals = np.concatenate([truth.foot_force, moment], axis=2).reshape(len(moment), 12)
+    def __init__(self, instrument: ForcePlate, record: SimulationRecord, key: str, body: Body) -> None:
+        del body  # plates know nothing of it
+        super().__init__(instrument, record, key)
+        self.origins = self._plate_origins()
+        moment = self.foot_torque - np.cross(self.origins, self.foot_force)
+        self.signals = np.concatenate([self.foot_force, moment], axis=2).reshape(-1, 12)
 
     def estimate(self, readings: Array, effects: Set[str]) -> Estimate:
         """See :class:`Rig`: moments are carried to the world's origin."""
-        both = readings.reshape(-1, 2, 6)
-        force, moment = both[:, :, :3], both[:, :, 3:]
+        force, moment = np.split(readings.reshape(-1, 2, 6), 2, axis=2)
         return self._net(force, moment + np.cross(self.origins, force))
+
+    def _plate_origins(self) -> Array:
+        """Centre of the plate under each foot, shape (K, 2, 3) [m]; z = 0.
+
+        Every stance has a plate of its own, centred under the sole's mean position while it was loaded. The
+        next plate takes over in the middle of the swing, when both read nothing.
+        """
+        rows = len(self.time)
+        origins = np.zeros((rows, 2, 3))
+        for foot in (0, 1):
+            contact, place = self.contact[:, foot], self.record.foot_position[:rows, foot, :2]
+            origins[:, foot, :2] = place.mean(axis=0)
+            stances = _stances(contact, round(_BOUNCE / self.record.time_step))
+            ends = [(last + first) // 2 for (_, last), (first, _) in pairwise(stances)]
+            for (first, last), begin, end in zip(stances, [0, *ends], [*ends, rows], strict=bool(stances)):
+                loaded = place[first:last][contact[first:last]]
+                origins[begin:end, foot, :2] = loaded.mean(axis=0)
+        return origins
+
+
+def _stances(contact: NDArray[np.bool_], bounce: int) -> list[tuple[int, int]]:
+    """First row and row after the last of every stance; gaps shorter than ``bounce`` rows are bridged."""
+    if not contact.any():
+        return []
+    edges = np.flatnonzero(np.diff(np.r_[False, contact, False].astype(np.int8)))
+    first, last = edges[::2], edges[1::2]
+    apart = first[1:] - last[:-1] >= bounce
+    return list(zip(first[np.r_[True, apart]].tolist(), last[np.r_[apart, True]].tolist(), strict=True))
+
+
+class Ankles(NamedTuple):
+    """True state of the feet and of the sensors at their ankles, left first; K rows, world frame.
+
+    Attributes:
+        position: of the sensors, shape (K, 2, 3) [m].
+        rotation: of the sensors, foot to world, shape (K, 2, 3, 3).
+        weight: of what is below the sensors, upwards, shape (1, 2, 3) [N].
+        com: of what is below the sensors, shape (K, 2, 3) [m].
+        inertial_force: its mass times its acceleration, shape (K, 2, 3) [N].
+        inertial_moment: rate of its angular momentum about the sensor, shape (K, 2, 3) [N m].
+    """
+
+    position: Array
+    rotation: Array
+    weight: Array
+    com: Array
+    inertial_force: Array
+    inertial_moment: Array
 
 
 class FootRig(_WrenchRig):
     """Sensors in the ankles: they feel the floor less what the foot below them weighs and resists."""
 
-    def __init__(
-        self, instrument: FootForceTorque, truth: Truth, key: str, record: SimulationRecord, body: Body
-    ) -> None:
-        super().__init__(instrument, truth, key)
-        self.instrument = instrument
+    def __init__(self, instrument: FootForceTorque, record: SimulationRecord, key: str, body: Body) -> None:
+        super().__init__(instrument, record, key)
         model, description = body()
-        self.feet = ankles(record, model, description)
-        rows = len(truth.time)
-        wrenches = [self._felt(foot, index) for index, foot in enumerate(self.feet)]
-        self.signals = np.concatenate(wrenches, axis=1).reshape(rows, 12)
-        self.encoders: Chain | None = None
+        if record.q.shape[1] != model.nq:
+            raise InputError(
+                f"the record has {record.q.shape[1]} coordinates, the model {model.nq}; "
+                "give the folder of a run that one version wrote"
+            )
+        self.compensation = instrument.compensation
+        sides = [_ankle(record, len(self.time), model, leg, i) for i, leg in enumerate(description.legs)]
+        self.feet = feet = Ankles(*(np.stack(pair, axis=1) for pair in zip(*sides, strict=True)))
+        # What the foot passes on to the leg, in the sensor's axes.
+        force = self.foot_force - (feet.inertial_force + feet.weight)
+        moment = self.foot_torque - np.cross(feet.position, self.foot_force) - feet.inertial_moment
+        moment = moment - np.cross(feet.com - feet.position, feet.weight)
+        felt = [_to_local(feet.rotation, vector) for vector in (force, moment)]
+        self.signals = np.concatenate(felt, axis=2).reshape(-1, 12)
         if instrument.pose == "encoders":
-            self.joints = [leg.joints[:-1] for leg in description.legs]  # the toe is beyond the sensor
-            names = [name for leg in self.joints for name in leg]
+            names = [name for leg in description.legs for name in leg.joints[:-1]]  # toes are beyond it
             self.columns = [int(model.jnt_qposadr[model.joint(name).id]) for name in names]
-            figures = [instrument.encoder] * len(names)
-            at_once = Acquisition()  # read with the pelvis's pose, at the same instant
-            streams, time, dt = self.chain.streams, truth.time, truth.time_step
-            self.encoders = Chain(figures, at_once, streams, time, dt, number=1)
-            self.q = record.q[:rows]
+            self.encoders = Chain(
+                [instrument.encoder] * len(names),
+                Acquisition(),  # read with the pelvis's pose, at the same instant
+                self.chain.streams,
+                self.time,
+                record.time_step,
+                number=1,
+            )
+            self.effects = self.effects | {KINEMATICS}
             self.pin_model = pinocchio_model(model)
             self.frames = [self.pin_model.getFrameId(leg.foot_segment) for leg in description.legs]
 
-    def effects(self) -> tuple[str, ...]:
-        """Effects that it has."""
-        return (*super().effects(), KINEMATICS) if self.encoders is not None else super().effects()
-
-    def _felt(self, foot: Ankle, index: int) -> Array:
-        """True reading (K, 6) in the sensor's axes: what the foot passes on to the leg."""
-        truth = self.truth
-        own = foot.inertial_force + np.array([0.0, 0.0, foot.weight])
-        force = truth.foot_force[:, index] - own
-        moment = truth.foot_torque[:, index] - np.cross(foot.position, truth.foot_force[:, index])
-        moment = moment - foot.inertial_moment - np.cross(foot.com - foot.position, [0.0, 0.0, foot.weight])
-        turned = [np.einsum("kji,kj->ki", foot.rotation, vector) for vector in (force, moment)]
-        return np.concatenate(turned, axis=1)
-
     def estimate(self, readings: Array, effects: Set[str]) -> Estimate:
         """See :class:`Rig`: readings are turned into the world by the pose that the user has."""
+        feet = self.feet
+        place, rotation = self._encoded() if KINEMATICS in effects else (feet.position, feet.rotation)
         both = readings.reshape(-1, 2, 6)
-        poses = [(foot.position, foot.rotation) for foot in self.feet]
-        if KINEMATICS in effects and self.encoders is not None and len(both):
-            poses = self._encoded(effects)
-        forces, torques = [], []
-        for index, (foot, (place, rotation)) in enumerate(zip(self.feet, poses, strict=True)):
-            force = np.einsum("kij,kj->ki", rotation, both[:, index, :3])
-            moment = np.einsum("kij,kj->ki", rotation, both[:, index, 3:])
-            if self.instrument.compensation != "none":
-                weight = np.array([0.0, 0.0, foot.weight])
-                arm = np.einsum("kji,kj->ki", foot.rotation, foot.com - foot.position)
-                moment = moment + np.cross(np.einsum("kij,kj->ki", rotation, arm), weight)
-                force = force + weight
-            if self.instrument.compensation == "inertia":
-                force, moment = force + foot.inertial_force, moment + foot.inertial_moment
-            forces.append(force)
-            torques.append(moment + np.cross(place, force))
-        return self._net(np.stack(forces, axis=1), np.stack(torques, axis=1))
+        force, moment = _to_world(rotation, both[:, :, :3]), _to_world(rotation, both[:, :, 3:])
+        if self.compensation != "none":
+            arm = _to_local(feet.rotation, feet.com - feet.position)
+            moment = moment + np.cross(_to_world(rotation, arm), feet.weight)
+            force = force + feet.weight
+        if self.compensation == "inertia":
+            force, moment = force + feet.inertial_force, moment + feet.inertial_moment
+        return self._net(force, moment + np.cross(place, force))
 
-    def _encoded(self, effects: Set[str]) -> list[tuple[Array, Array]]:
-        """Sensor poses (K, 3) and (K, 3, 3) of both feet, by the pelvis's true pose and the encoders."""
-        if self.encoders is None:
-            raise TypeError("the sensor's pose does not come from encoders")
-        angles = self.encoders.read(self.q[:, self.columns], set(self.encoders.effects()))
-        q = self.q.copy()
-        q[:, self.columns] = angles
+    def _encoded(self) -> tuple[Array, Array]:
+        """Sensor poses (K, 2, 3) and (K, 2, 3, 3), by the pelvis's true pose and the encoders."""
+        q = self.record.q[: len(self.time)].copy()
+        q[:, self.columns] = self.encoders.read(q[:, self.columns], self.encoders.effects)
         configurations, _ = to_pinocchio(q, np.zeros((len(q), self.pin_model.nv)))
         data = self.pin_model.createData()
-        poses = [(np.empty((len(q), 3)), np.empty((len(q), 3, 3))) for _ in FEET]
+        place, rotation = np.empty((len(q), 2, 3)), np.empty((len(q), 2, 3, 3))
         for row, configuration in enumerate(configurations):
             pin.forwardKinematics(self.pin_model, data, configuration)
-            for frame, (place, rotation) in zip(self.frames, poses, strict=True):
+            for foot, frame in enumerate(self.frames):
                 pose = pin.updateFramePlacement(self.pin_model, data, frame)
-                place[row], rotation[row] = pose.translation, pose.rotation
-        return poses
+                place[row, foot], rotation[row, foot] = pose.translation, pose.rotation
+        return place, rotation
+
+
+def _ankle(
+    record: SimulationRecord, rows: int, model: mujoco.MjModel, leg: LegDescription, foot: int
+) -> tuple[Array, ...]:
+    """Values of :class:`Ankles` of one foot.
+
+    Accelerations are differences of the segments' velocities over the very step on which the logged force
+    acts, as in :mod:`validation.measure.measure`; the velocities themselves are differences of their places.
+    """
+    dt = record.time_step
+    site = model.site(leg.sole_frame)
+    heel, toe, hinge = model.body(leg.foot_segment).id, model.body(leg.toe_segment).id, model.joint(leg.toe)
+    sole = _rotation(record.foot_rotation[: rows + 1, foot])
+    turned = sole * _rotation(site.quat).inv()  # of the foot segment
+    origin = record.foot_position[: rows + 1, foot] - turned.apply(site.pos)
+    # The toe's frame: placed in the foot, then turned about its hinge.
+    angle = record.q[: rows + 1, int(model.jnt_qposadr[hinge.id])]
+    bend = Rotation.from_rotvec(angle[:, None] * model.jnt_axis[hinge.id])
+    toe_base = turned * _rotation(model.body_quat[toe])
+    toe_turned = toe_base * bend
+    anchor = model.jnt_pos[hinge.id]
+    toe_origin = (
+        origin + turned.apply(model.body_pos[toe]) + toe_base.apply(anchor) - toe_turned.apply(anchor)
+    )
+    sensor = origin[:rows]
+
+    mass = np.array([model.body_mass[heel], model.body_mass[toe]])
+    weighted, force, moment = np.zeros((3, rows, 3))
+    for body, rotation, place in ((heel, turned, origin), (toe, toe_turned, toe_origin)):
+        com = place + rotation.apply(model.body_ipos[body])
+        push = model.body_mass[body] * _from_second(np.diff(com, n=2, axis=0) / dt**2)
+        # Angular momentum about the COM between the instants, from the principal axes.
+        axes = rotation * _rotation(model.body_iquat[body])
+        rate = (axes[:-1].inv() * axes[1:]).as_rotvec() / dt
+        spin = axes[:-1].apply(model.body_inertia[body] * rate)
+        force += push
+        moment += np.cross(com[:rows] - sensor, push) + _from_second(np.diff(spin, axis=0) / dt)
+        weighted += model.body_mass[body] * com[:rows]
+    weight = np.array([[0.0, 0.0, float(mass.sum()) * record.gravity]])
+    return sensor, turned.as_matrix()[:rows], weight, weighted / mass.sum(), force, moment
+
+
+def _rotation(wxyz: Array) -> Rotation:
+    return Rotation.from_quat(np.roll(wxyz, -1, axis=-1))
+
+
+def _from_second(later: Array) -> Array:
+    """Rates (K, 3) in all steps from those in the second and later ones; the first step has the second's."""
+    return np.concatenate([later[:1], later])
+
+
+def _to_world(rotation: Array, vector: Array) -> Array:
+    return np.asarray(np.einsum("...ij,...j->...i", rotation, vector))
+
+
+def _to_local(rotation: Array, vector: Array) -> Array:
+    return np.asarray(np.einsum("...ji,...j->...i", rotation, vector))
 
 
 class ImuRig(Rig):
     """Gyroscope and accelerometer; a ZMP as of a point mass at the COM that accelerates as the IMU does."""
 
-    def __init__(self, instrument: Imu, truth: Truth, key: str, felt: Inertial) -> None:
+    def __init__(self, instrument: Imu, record: SimulationRecord, key: str, body: Body) -> None:
+        del body  # the record has the motion
         channels = [(f"gyroscope_{axis}", "rad/s", instrument.gyroscope) for axis in "xyz"]
         channels += [(f"accelerometer_{axis}", "m/s^2", instrument.accelerometer) for axis in "xyz"]
-        super().__init__(instrument, truth, key, channels)
-        self.tilt, self.rotation = instrument.tilt, felt.rotation
-        self.signals = np.concatenate([felt.angular_velocity, felt.specific_force], axis=1)
+        super().__init__(instrument, record, key, channels)
+        motion = _pelvis_motion if instrument.mount == "pelvis" else _chest_motion
+        self.signals, self.rotation = motion(record, len(self.time))
         self.lean = instrument.tilt * self.chain.streams.stream(_TILT_STREAM).uniform(-1.0, 1.0, 2)
-        self.drawn = {
-            f"{TILT}_{axis}": float(v) for axis, v in zip("xy", self.lean, strict=True) if instrument.tilt
-        }
-
-    def effects(self) -> tuple[str, ...]:
-        """Effects that it has."""
-        return (*self.chain.effects(), TILT) if self.tilt > 0.0 else self.chain.effects()
+        if instrument.tilt > 0.0:
+            self.effects = self.effects | {TILT}
+            self.drawn = {f"{TILT}_{axis}": float(v) for axis, v in zip("xy", self.lean, strict=True)}
 
     def estimate(self, readings: Array, effects: Set[str]) -> Estimate:
         """See :class:`Rig`: COM and orientation are taken as known, but for the tilt."""
         rotation = self.rotation
         if TILT in effects:
             rotation = Rotation.from_rotvec([*self.lean, 0.0]).as_matrix() @ rotation
-        truth = self.truth
-        felt = np.einsum("kij,kj->ki", rotation, readings[:, 3:])
-        least = truth.least / truth.mass
-        vertical = np.where(felt[:, 2] >= least, felt[:, 2], np.nan)
-        zmp = truth.com[:, :2] - truth.com[:, 2:] * felt[:, :2] / vertical[:, None]
-        return Estimate(zmp, truth.mass * felt)
+        felt, com, mass = (
+            _to_world(rotation, readings[:, 3:]),
+            self.record.com[: len(self.time)],
+            self.record.mass,
+        )
+        vertical = np.where(felt[:, 2] >= self.least / mass, felt[:, 2], np.nan)
+        zmp = com[:, :2] - com[:, 2:] * felt[:, :2] / vertical[:, None]
+        return Estimate(zmp, mass * felt)
+
+
+def _pelvis_motion(record: SimulationRecord, rows: int) -> tuple[Array, Array]:
+    """Readings of an ideal IMU in the pelvis (K, 6) [rad/s, m/s^2] and its axes to world (K, 3, 3).
+
+    From the recorded state: the acceleration is that of the very step.
+    """
+    rotation = _rotation(record.q[:rows, 3:7]).as_matrix()
+    pull = np.diff(record.qd[: rows + 1, :3], axis=0) / record.time_step + [0.0, 0.0, record.gravity]
+    return np.concatenate([record.qd[:rows, 3:6], _to_local(rotation, pull)], axis=1), rotation
+
+
+def _chest_motion(record: SimulationRecord, rows: int) -> tuple[Array, Array]:
+    """The same of the simulator's own inertial sensors.
+
+    Raises:
+        InputError: the record has none.
+    """
+    names = ("imu_gyro", "imu_accelerometer", "imu_orientation")
+    missing = [name for name in names if name not in record.sensors]
+    if missing:
+        raise InputError(f"the record has no sensor {missing[0]!r}; use mount = 'pelvis'.")
+    gyro, pull, wxyz = (record.sensors[name][:rows] for name in names)
+    return np.concatenate([gyro, pull], axis=1), _rotation(wxyz).as_matrix()
+
+
+_RIGS: Mapping[type[Instrument], Callable[..., Rig]] = {
+    ForcePlate: PlateRig,
+    FootForceTorque: FootRig,
+    Imu: ImuRig,
+}
 
 
 def make_rig(instrument: Instrument, record: SimulationRecord, key: str, body: Body) -> Rig:
@@ -252,19 +384,11 @@ def make_rig(instrument: Instrument, record: SimulationRecord, key: str, body: B
 
     Args:
         instrument: which.
-        record: of the walk.
+        record: of the walk, of two usable steps or more.
         key: of the run, for the draws.
         body: gives the compiled model and its description, if they are needed.
 
     Raises:
         InputError: the record lacks what the instrument needs.
     """
-    truth = true_gait(record)
-    if isinstance(instrument, ForcePlate):
-        return PlateRig(instrument, truth, key)
-    if isinstance(instrument, FootForceTorque):
-        return FootRig(instrument, truth, key, record, body)
-    if isinstance(instrument, Imu):
-        felt = pelvis_motion(record) if instrument.mount == "pelvis" else chest_motion(record)
-        return ImuRig(instrument, truth, key, felt)
-    raise TypeError(f"{type(instrument).__name__} is no kind of instrument")
+    return _RIGS[type(instrument)](instrument, record, key, body)

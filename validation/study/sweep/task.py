@@ -191,7 +191,7 @@ def _walk(task: Task, timing: dict[str, float]) -> dict[str, Any]:
     del timing["simulated"]  # outcome_time has it
     row = parameter_values(planned.run) | walk_columns(walked)
     if task.instrument is not None:
-        from validation.measure.instruments.columns import instrument_columns  # loads SciPy
+        from validation.measure.instruments.observe import instrument_columns  # loads SciPy
 
         row |= instrument_columns(walked.planned, walked.record, task.instrument)
     if task.keep == "all" or (task.keep == "failures" and row["verdict"] != "pass"):
