@@ -140,7 +140,7 @@ def test_measurement_cannot_see_the_plan(module):
 
 def test_a_run_without_a_recording_loads_no_drawing():
     loaded = loaded_by(
-        "import validation.run.validate, validation.judge.examine, validation.trial.plan, "
+        "import validation.run.validate, validation.run.walk, validation.trial.plan, "
         "validation.study.sweep.task"
     )
     assert not loaded & {"rerun", "matplotlib"}

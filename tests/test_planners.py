@@ -58,7 +58,7 @@ def test_normal_walks_with_a_constant_posture(steps):
     settings = [f"gait.steps={steps}", "controller.trunk_gain=1"]
     walked = walk_planned(plan_walk(load_request("normal", settings), planner=UprightWalk()))
     assert walked.record.outcome.completed, walked.record.outcome.cause
-    metrics = walked.evaluation.metrics
+    metrics = walked.metrics
     assert metrics["zmp_x_rmse"].value < 3.5e-3
     assert metrics["zmp_y_rmse"].value < 1.2e-3
     with pytest.raises(InputError, match="ConstantPosture"):

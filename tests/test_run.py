@@ -227,7 +227,7 @@ def test_ctrl_c_before_the_walk_leaves_nothing(tmp_path):
 INTERRUPTED_LATER = """
 import os, signal, sys
 from validation.show.rerun import record as rerun_log
-from validation.judge import examine as trial
+import validation.run.walk as trial
 from validation.cli.entry import main
 
 module, name = (trial, "measure") if sys.argv.pop(1) == "measurement" else (rerun_log, "write_recording")

@@ -188,7 +188,7 @@ def test_a_gait_that_no_choice_lets_pass_over_the_foot_is_refused_by_the_formula
 def test_tuned_gaits_walk(settings):
     walked = walk_planned(tune_walk(Request("test", load_run("normal", [*settings, "gait.steps=8"]))))
     assert walked.record.outcome.name == "completed", walked.record.outcome.cause
-    metrics = walked.evaluation.metrics
+    metrics = walked.metrics
     assert math.hypot(metrics["zmp_x_rmse"].value, metrics["zmp_y_rmse"].value) < 0.004
 
 

@@ -32,7 +32,7 @@ import cloudpickle
 import numpy as np
 
 from ampm.exceptions import InputError
-from validation.judge.errors import FIRST_STEP, SIGNALS
+from validation.judge.compare import FIRST_STEP, SIGNALS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -238,11 +238,10 @@ def display_unit(unit: str, weight: float) -> tuple[float, str]:
 
 def _errors() -> Iterator[Metric]:
     """Errors of all signals: first those that the profiles judge."""
-    every = [(signal.name, statistic) for signal in SIGNALS for statistic in ("rmse", "maximum")]
-    signals = {signal.name: signal for signal in SIGNALS}
+    every = [(name, statistic) for name in SIGNALS for statistic in ("rmse", "maximum")]
     for key in dict.fromkeys([*_LIMITS, *every]):
         (name, statistic), limits = key, _LIMITS.get(key)
-        signal, mean = signals[name], statistic == "rmse"
+        signal, mean = SIGNALS[name], statistic == "rmse"
         yield Metric(
             name=f"{name}_{statistic}",
             unit=signal.unit,
@@ -260,7 +259,7 @@ def _errors() -> Iterator[Metric]:
 
 
 def _statistic(walk: Comparison, name: str, statistic: str) -> float:
-    return float(getattr(walk.signals[name].windows[walk.window], statistic))
+    return float(getattr(walk.signals[name][walk.window], statistic))
 
 
 _ZMP = (
@@ -423,12 +422,11 @@ _COSTS: tuple[tuple[str, str, str, str, str], ...] = (
 
 def _cost(walk: Comparison, section: str, name: str) -> float:
     """A number of a section, an :class:`~validation.judge.margins.Extreme`, or a component of a vector."""
-    found = getattr(walk, section)
+    found = walk.costs[section]
     if section == "effort":
         vector, _, axis = name.rpartition("_")
-        return float(getattr(found, vector)["xyz".index(axis)])
-    value = getattr(found, name)
-    return float(getattr(value, "value", value))
+        return float(found[vector]["xyz".index(axis)])
+    return float(getattr(found[name], "value", found[name]))
 
 
 def _costs() -> Iterator[Metric]:

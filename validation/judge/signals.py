@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 
-from validation.judge.errors import PARTS
+from validation.judge.compare import PARTS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ampm.run_file import dump_run
-from validation.judge.examine import Evaluation
 from validation.judge.signals import signals_table
 from validation.judge.verdict import build_summary
 from validation.progress import Progress
@@ -50,7 +49,9 @@ class Trial:
     Attributes:
         planned: request, plan and body.
         record: of the simulation.
-        evaluation: comparison, metrics and verdict.
+        comparison: of measurement and plan.
+        metrics: name to value of every metric of this walk, judged or not.
+        verdict: of the profile; ``verdict.passed`` is whether every tolerance is met.
         seconds: wall-clock time of ``simulation``, ``measurement`` and, if it was planned here, ``planning``.
         uncertainty: of the metrics, from a convergence study.
         extra: entries of the summary beside the usual ones, such as the name of a controller.
@@ -58,7 +59,9 @@ class Trial:
 
     planned: PlannedWalk
     record: SimulationRecord
-    evaluation: Evaluation
+    comparison: Comparison
+    metrics: Mapping[str, MetricValue]
+    verdict: Verdict
     seconds: Mapping[str, float]
     uncertainty: Uncertainty | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
@@ -74,24 +77,9 @@ class Trial:
         return self.planned.plan
 
     @property
-    def comparison(self) -> Comparison:
-        """Of measurement and plan."""
-        return self.evaluation.comparison
-
-    @property
     def measured(self) -> MeasuredGait:
         """The gait that the record shows, measured without sight of the plan."""
-        return self.evaluation.comparison.measured
-
-    @property
-    def metrics(self) -> Mapping[str, MetricValue]:
-        """Name to value of every metric of this walk, judged or not."""
-        return self.evaluation.metrics
-
-    @property
-    def verdict(self) -> Verdict:
-        """Of the profile; ``verdict.passed`` is whether every tolerance is met."""
-        return self.evaluation.verdict
+        return self.comparison.measured
 
     @property
     def timing(self) -> dict[str, float]:

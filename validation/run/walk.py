@@ -12,10 +12,15 @@ from typing import TYPE_CHECKING, Any
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.judge import profiles
-from validation.judge.examine import examine
+from validation.judge.compare import compare
+from validation.judge.metrics import evaluate
 from validation.judge.profiles import DEFAULT, Profile
+from validation.judge.verdict import judge
+from validation.measure.measure import measure
+from validation.measure.standing import weigh
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
+from validation.trial.bridge import to_pinocchio
 from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
@@ -122,7 +127,12 @@ def walk_planned(
         )
         keep(record)
     with timed(taken, "measurement"), progress.stage(f"{planned.name}: measurement"):
-        evaluation = examine(planned, record, profile, uncertainty)
+        measured = measure(record, body.robot.model, to_pinocchio)
+        standing = weigh(run, body.model, body.robot)
+        description = body.model.description
+        comparison = compare(planned.plan, record, measured, description=description, standing=standing)
+        metrics = MappingProxyType(evaluate(comparison))
+        verdict = judge(comparison, metrics, profile, uncertainty)
     extra: dict[str, Any] = {}
     if controller is not None:
         extra["controller"] = getattr(controller, "__qualname__", repr(controller))
@@ -130,7 +140,7 @@ def walk_planned(
         extra["planner"] = planned.planner
     if disturbances:
         extra["disturbances"] = [repr(item) for item in disturbances]
-    return Trial(planned, record, evaluation, MappingProxyType(taken), uncertainty, extra)
+    return Trial(planned, record, comparison, metrics, verdict, MappingProxyType(taken), uncertainty, extra)
 
 
 @contextmanager

@@ -15,11 +15,11 @@ from ampm.body.motion import MOTION_UNITS
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan
 from ampm.run_file import describe_keys
+from validation.judge.compare import PARTS as CAUSES
 from validation.judge.metrics import METRICS, display_unit, metric_label
 from validation.show.instrument import instrument_section
 from validation.show.page import render_page
 from validation.show.report_pictures import pictures_of
-from validation.show.run_figures import CAUSES
 from validation.show.style import style
 from validation.show.text import BODY_WEIGHT, number, with_unit
 from validation.store.saved import REPORT_FILE, SavedRun, load_saved_run, run_events

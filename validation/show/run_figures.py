@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
+from validation.judge.compare import PARTS as CAUSES
 from validation.show.style import (
     BAD,
     COMMAND,
@@ -37,15 +38,6 @@ from validation.store.saved import SavedRun
 from validation.store.signals import Signals
 
 Array = NDArray[np.float64]
-
-CAUSES: Mapping[str, str] = {
-    "com_position": "COM position",
-    "com_acceleration": "COM acceleration",
-    "momentum_rate": "momentum rate",
-    "vertical_force": "vertical force",
-    "instrument": "instrument",
-}
-"""Parts of the ZMP error, by their names in the signals."""
 
 # ---------------------------------------------------------------------------------------- preparation
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from ampm.exceptions import AmpmError, InputError, RefusedGait
+from validation.judge.compare import RUN
 from validation.judge.metrics import METRICS, dump_added, evaluate, load_added
 from validation.progress import Progress
 from validation.store.machine import hidden_main, memory_peak, one_blas_thread
@@ -84,7 +85,7 @@ def walk_level(run: RunParameters, name: str) -> LevelResult:
     weight = 0.0
     try:
         result = walk_planned(plan_walk(Request(name, run)))
-        comparison, end = result.evaluation.comparison, result.record.outcome
+        comparison, end = result.comparison, result.record.outcome
         outcome, cause = str(end.name), end.cause
         values, weight = values_of(comparison), comparison.scales["body_weight"]
     except AmpmError as error:
@@ -97,9 +98,9 @@ def values_of(comparison: Comparison) -> dict[str, float]:
     """Values of all studied quantities, in SI units."""
     values = {name: metric.value for name, metric in evaluate(comparison).items()}
     for name in _PHASE_SIGNALS:
-        signal = comparison.signals[name]
-        values |= {f"{name}_{phase}_rmse": signal.windows[phase].rmse for phase in _PHASES}
-        values[f"{name}_bias"] = signal.run.bias
+        windows = comparison.signals[name]
+        values |= {f"{name}_{phase}_rmse": windows[phase].rmse for phase in _PHASES}
+        values[f"{name}_bias"] = windows[RUN].bias
     if comparison.record.outcome.completed:
         values |= {f"switch_{name}": value for name, value in switch_values(comparison).items()}
     return values

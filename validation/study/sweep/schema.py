@@ -148,8 +148,8 @@ def plan_columns(plan: AnyPlan, *, with_motion: bool) -> dict[str, Any]:
 
 def walk_columns(walk: Trial) -> dict[str, Any]:
     """Plan, motion, outcome, metrics and cost of a walk."""
-    record, verdict, report = walk.record, walk.evaluation.verdict, walk.planned.motion.report
-    outcome, margins = record.outcome, walk.evaluation.comparison.margins
+    record, verdict, report = walk.record, walk.verdict, walk.planned.motion.report
+    outcome, margins = record.outcome, walk.comparison.costs["margins"]
     return {
         **plan_columns(walk.planned.plan, with_motion=True),
         "plan_zmp_margin": walk.planned.zmp_margin,
@@ -163,9 +163,9 @@ def walk_columns(walk: Trial) -> dict[str, Any]:
         "failed": ",".join(item.name for item in verdict.failed),
         "steps_completed": outcome.steps_completed,
         "outcome_time": outcome.time,
-        **{METRICS[name].column: metric.value for name, metric in walk.evaluation.metrics.items()},
-        "margin_torque_joint": margins.torque.where or None,
-        "margin_joint_name": margins.joint.where or None,
+        **{METRICS[name].column: metric.value for name, metric in walk.metrics.items()},
+        "margin_torque_joint": margins["torque"].where or None,
+        "margin_joint_name": margins["joint"].where or None,
         "qp_ticks": int(record.qp_status.size),
         "qp_limited": int(np.count_nonzero(record.qp_status == 1)),
         "qp_unsolved": int(np.count_nonzero(record.qp_status == 2)),
