@@ -1,97 +1,39 @@
-"""Log of a running walk: the record's own arrays, filled step by step.
-
-What MuJoCo gives beyond the record (all sites, contacts as they come, rotation matrices) is kept for a block
-of steps only and sorted into those arrays when the block is full, so that a walk needs little more memory
-than its record.
-"""
+"""Log of a running walk: the record's own arrays, filled step by step."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+from validation.trial.record import INTEGERS, SHAPES, shape_of
 
+if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.walk import ControlOutput, Reference
 
     Array = NDArray[np.float64]
 
-_FRICTION_ROWS = 3  # of a contact of a point on the floor: normal and two tangents
-_LIMIT_ROWS = 2  # of a joint at its limits
-_JOINT_POSITION = int(mujoco.mjtSensor.mjSENS_JOINTPOS)
-_JOINT_VELOCITY = int(mujoco.mjtSensor.mjSENS_JOINTVEL)
+_FRICTION_ROWS = np.arange(3)  # of a contact of a point on the floor: normal and two tangents
 _UNKNOWN = float("nan")
-_BLOCK = 1024  # steps that are kept as MuJoCo has them; all of a long walk would fill the memory
 
 
-@dataclass
-class _Block:
-    """B steps as MuJoCo has them; row B of what belongs to an instant is the next block's first.
-
-    Attributes:
-        sites: positions of all sites, (B + 1, nsite, 3) [m].
-        rotation: of both soles, (B + 1, 2, 9).
-        sensors: all readings, (B + 1, nsensordata).
-        point, address: sole point and first constraint row of every contact, -1 for none, (B, P).
-        frame, place, distance: of every contact, (B, P, 9), (B, P, 3), (B, P).
-        constraint_force: of all constraints, (B, rows) [N].
-    """
-
-    sites: Array
-    rotation: Array
-    sensors: Array
-    point: NDArray[np.intp]
-    address: NDArray[np.intp]
-    frame: Array
-    place: Array
-    distance: Array
-    constraint_force: Array
-
-    @classmethod
-    def empty(cls, steps: int, model: mujoco.MjModel, points: int) -> _Block:
-        """Room for that many steps."""
-        return cls(
-            sites=np.empty((steps + 1, model.nsite, 3)),
-            rotation=np.empty((steps + 1, 2, 9)),
-            sensors=np.empty((steps + 1, model.nsensordata)),
-            point=np.full((steps, points), -1, dtype=np.intp),
-            address=np.full((steps, points), -1, dtype=np.intp),
-            frame=np.zeros((steps, points, 9)),
-            place=np.zeros((steps, points, 3)),
-            distance=np.zeros((steps, points)),
-            constraint_force=np.zeros((steps, _FRICTION_ROWS * points + _LIMIT_ROWS * model.njnt)),
-        )
-
-
-@dataclass
 class RunLog:
     """The arrays of a :class:`validation.trial.record.SimulationRecord`, under its names, of K steps at most.
 
-    Rows beyond the steps done have no meaning; what a block holds is not in the arrays yet.
+    Rows beyond the steps done have no meaning. Memory is taken as it is written to.
 
-    Attributes:
-        point_sites, sole_sites: numbers of the sites of the P sole points, and of both soles.
+    Args:
+        steps: K.
+        model: that is stepped.
+        points, soles: numbers of the sites of the P sole points, and of both soles.
         substeps: steps of a control tick.
-        time_step: dt [s].
-        block: the steps that are not sorted yet.
-        sensors: name to readings, in the model's order.
-        external: segment to force, moment and point of what pushed it, (K, 9).
-        sensor_columns: name to the place of those readings that are sorted out of a block.
-        sorted: number of steps that are.
     """
 
-    point_sites: NDArray[np.intp]
-    sole_sites: Sequence[int]
-    substeps: int
-    time_step: float
-    block: _Block
     q: Array
     qd: Array
     torque: Array
@@ -111,61 +53,49 @@ class RunLog:
     qp_residual: Array
     qp_iterations: NDArray[np.int32]
     qp_time: Array
-    sensors: dict[str, Array]
-    sensor_columns: dict[str, slice] = field(default_factory=dict)
-    external: dict[str, Array] = field(default_factory=dict)
-    sorted: int = 0
 
-    @classmethod
-    def empty(
-        cls,
+    def __init__(
+        self,
         steps: int,
         model: mujoco.MjModel,
-        point_sites: NDArray[np.intp],
-        sole_sites: Sequence[int],
+        points: NDArray[np.intp],
+        soles: Sequence[int],
         substeps: int,
-    ) -> RunLog:
-        """Room for that many steps; memory is taken as it is written to."""
-        points, ticks = len(point_sites), -(-steps // substeps)
-        columns = {
-            model.sensor(i).name: slice(start, start + size)
-            for i, (start, size) in enumerate(
-                zip(model.sensor_adr.tolist(), model.sensor_dim.tolist(), strict=True)
-            )
+    ) -> None:
+        self.sites, self.substeps = np.concatenate([points, soles]), substeps
+        self.time_step = float(model.opt.timestep)
+        sizes = {
+            "K": steps, "K+1": steps + 1, "T": -(-steps // substeps), "P": len(points),
+            "nq": model.nq, "nv": model.nv, "nu": model.nu,
+        }  # fmt: skip
+        for name in RunLog.__annotations__:
+            setattr(self, name, np.zeros(shape_of(name, sizes), INTEGERS.get(name, np.float64)))
+        self.places = np.zeros((steps + 1, self.sites.size, 3))
+        self.rotation = np.zeros((steps + 1, 2, 9))
+        self.external: dict[str, Array] = {}
+        self._make_sensors(model, steps)
+
+    def _make_sensors(self, model: mujoco.MjModel, steps: int) -> None:
+        """Room for readings; those of a joint's position or rate are views of the states: the same bits."""
+        joints = {
+            int(mujoco.mjtSensor.mjSENS_JOINTPOS): ("q", model.jnt_qposadr),
+            int(mujoco.mjtSensor.mjSENS_JOINTVEL): ("qd", model.jnt_dofadr),
         }
-        q, qd = np.empty((steps + 1, model.nq)), np.empty((steps + 1, model.nv))
-        readings = _joint_readings(model, q, qd)
-        columns = {name: part for name, part in columns.items() if name not in readings}
-        made = {name: np.empty((steps + 1, part.stop - part.start)) for name, part in columns.items()}
-        order = [model.sensor(i).name for i in range(model.nsensor)]
-        return cls(
-            point_sites=point_sites,
-            sole_sites=list(sole_sites),
-            substeps=substeps,
-            time_step=float(model.opt.timestep),
-            block=_Block.empty(min(steps, _BLOCK), model, points),
-            q=q,
-            qd=qd,
-            torque=np.empty((steps, model.nu)),
-            warmstart=np.empty((steps, model.nv)),
-            point_force=np.zeros((steps, points, 3)),
-            point_position=np.empty((steps, points, 3)),
-            point_penetration=np.zeros((steps, points)),
-            point_velocity=np.empty((steps, points, 3)),
-            foot_position=np.empty((steps + 1, 2, 3)),
-            foot_rotation=np.empty((steps + 1, 2, 4)),
-            command_com=np.empty((steps, 3)),
-            command_zmp=np.empty((steps, 2)),
-            command_force=np.empty((steps, 3)),
-            command_angular_momentum=np.empty((steps, 3)),
-            command_point_force=np.empty((steps, points, 3)),
-            qp_status=np.empty(ticks, dtype=np.int8),
-            qp_residual=np.empty(ticks),
-            qp_iterations=np.empty(ticks, dtype=np.int32),
-            qp_time=np.empty(ticks),
-            sensors={name: made[name] if name in made else readings[name] for name in order},
-            sensor_columns=columns,
-        )
+        read: list[int] = []
+        columns: dict[str, tuple[str, int, int]] = {}
+        for i in range(model.nsensor):
+            start, size = int(model.sensor_adr[i]), int(model.sensor_dim[i])
+            state, addresses = joints.get(int(model.sensor_type[i]), ("", None))
+            if state and model.sensor_cutoff[i] == 0.0:
+                columns[model.sensor(i).name] = state, int(addresses[model.sensor_objid[i]]), 1
+            else:
+                columns[model.sensor(i).name] = "readings", len(read), size
+                read += range(start, start + size)
+        self.read = np.array(read, dtype=np.intp)
+        self.readings = np.zeros((steps + 1, len(read)))
+        self.sensors = {
+            name: getattr(self, source)[:, at : at + size] for name, (source, at, size) in columns.items()
+        }
 
     def keep_state(self, k: int, data: mujoco.MjData) -> None:
         """Copy the state from which step k starts, before ``mj_step1``."""
@@ -173,11 +103,9 @@ class RunLog:
         self.warmstart[k] = data.qacc_warmstart
 
     def keep_places(self, k: int, data: mujoco.MjData) -> None:
-        """Copy the sites at t_k, after ``mj_step1``."""
-        row = k - self.sorted
-        self.block.sites[row] = data.site_xpos
-        for foot, site in enumerate(self.sole_sites):
-            self.block.rotation[row, foot] = data.site_xmat[site]
+        """Copy the places of sole points and soles at t_k, after ``mj_step1``."""
+        data.site_xpos.take(self.sites, axis=0, out=self.places[k], mode="clip")
+        data.site_xmat.take(self.sites[-2:], axis=0, out=self.rotation[k], mode="clip")
 
     def keep_command(self, k: int, output: ControlOutput, reference: Reference) -> None:
         """Copy what the tick at step k decided; it holds until the next one."""
@@ -192,14 +120,12 @@ class RunLog:
         self.qp_iterations[tick], self.qp_time[tick] = output.iterations, output.seconds
 
     def keep_pushes(self, k: int, pushes: Mapping[str, Array]) -> None:
-        """Copy force, moment and point of every segment that is pushed in step k."""
+        """Copy force, moment and point of every segment that is pushed in step k, shape (9,)."""
         for segment, push in pushes.items():
-            if segment not in self.external:
-                self.external[segment] = np.zeros((len(self.torque), 9))
-            self.external[segment][k] = push
+            self.external.setdefault(segment, np.zeros((len(self.torque), 9)))[k] = push
 
     def keep_contacts(self, k: int, data: mujoco.MjData, point: NDArray[np.intp]) -> Array:
-        """Copy contacts and sensors of step k as they are; they are sorted out block by block.
+        """Copy contacts and sensors of step k.
 
         Args:
             k: step.
@@ -209,22 +135,21 @@ class RunLog:
         Returns:
             The sole points' normal forces, shape (P,) [N].
         """
-        block = self.block
-        if k - self.sorted >= len(block.point):
-            self._sort(k)
-        row = k - self.sorted
-        n, rows = data.ncon, data.nefc
-        normal = np.zeros(block.point.shape[1] + 1)
-        if n:
+        data.sensordata.take(self.read, out=self.readings[k], mode="clip")
+        normal = np.zeros(self.sites.size - 2)
+        if data.ncon:
             contact = data.contact
-            address = contact.efc_address
-            block.point[row, :n], block.address[row, :n] = point, address
-            block.frame[row, :n], block.place[row, :n] = contact.frame, contact.pos
-            block.distance[row, :n] = contact.dist
-            block.constraint_force[row, :rows] = data.efc_force
-            normal[point] = block.constraint_force[row].take(address)
-        block.sensors[row] = data.sensordata
-        return normal[:-1]  # the last stands for all that is no sole point
+            found = [point, contact.efc_address, contact.frame, contact.pos, contact.dist]
+            mine = (point >= 0) & (found[1] >= 0)
+            if not mine.all():
+                found = [array[mine] for array in found]
+            point, address, frame, place, distance = found  # a point is a sphere: one contact at most
+            local = data.efc_force.take(address[:, None] + _FRICTION_ROWS)
+            self.point_force[k, point] = np.einsum("ck,ckj->cj", local, frame.reshape(-1, 3, 3))
+            self.point_penetration[k, point] = -distance
+            self.point_position[k, point] = place
+            normal[point] = local[:, 0]
+        return normal
 
     def close(self, done: int, data: mujoco.MjData) -> dict[str, Any]:
         """Add the instant at which the last step ends, and give the record's arrays away.
@@ -239,77 +164,27 @@ class RunLog:
         """
         self.q[done], self.qd[done] = data.qpos, data.qvel
         self.keep_places(done, data)
-        self.block.sensors[done - self.sorted] = data.sensordata
-        self._sort(done, last=True)
+        data.sensordata.take(self.read, out=self.readings[done], mode="clip")
+        steps, instants = slice(0, done), slice(0, done + 1)
+        places = self.places[instants, :-2]
+        self.foot_position[instants] = self.places[instants, -2:]
+        self.point_velocity[steps] = np.diff(places, axis=0) / self.time_step
+        above = self.point_penetration[steps, :, None] <= 0.0
+        np.copyto(self.point_position[steps], places[:-1], where=above)
+        xyzw = Rotation.from_matrix(self.rotation[instants].reshape(-1, 3, 3)).as_quat()
+        self.foot_rotation[instants] = xyzw.reshape(-1, 2, 4)[..., [3, 0, 1, 2]]
+        rows = {"K+1": done + 1, "K": done, "T": -(-done // self.substeps)}
         result: dict[str, Any] = {}
-        for item in fields(self):
-            array = getattr(self, item.name)
-            if not isinstance(array, np.ndarray) or item.name == "point_sites":
-                continue
+        for name in RunLog.__annotations__:
+            array = getattr(self, name)
             array.setflags(write=False)
-            if item.name.startswith("qp_"):
-                rows = -(-done // self.substeps)
-            else:
-                rows = done + (item.name in ("q", "qd", "foot_position", "foot_rotation"))
-            result[item.name] = array[:rows]
-        for array in self.sensors.values():
-            array.setflags(write=False)
+            result[name] = array[: rows[SHAPES[name].split()[0]]]
         if self.external:
             pushes = np.stack([push[:done] for push in self.external.values()], axis=1)
-            result["external_segments"] = tuple(self.external)
             parts = {"force": pushes[..., :3], "moment": pushes[..., 3:6], "position": pushes[..., 6:]}
             result |= {f"external_{name}": part for name, part in parts.items()}
-        result["sensors"] = {name: array[: done + 1] for name, array in self.sensors.items()}
+            result["external_segments"] = tuple(self.external)
+        for array in (self.readings, *self.sensors.values()):
+            array.setflags(write=False)
+        result["sensors"] = {name: array[instants] for name, array in self.sensors.items()}
         return result
-
-    def _sort(self, end: int, *, last: bool = False) -> None:
-        """Sort out the block up to but without step ``end``, whose places are known, and clear it.
-
-        Args:
-            end: the first step of the next block.
-            last: there is none: the instant at which this step would start belongs to this block.
-        """
-        block, count = self.block, max(end - self.sorted, 0)
-        done, instants = slice(self.sorted, self.sorted + count), count + last
-        passed = slice(self.sorted, self.sorted + instants)
-        sites = block.sites[: count + 1, self.point_sites]
-        self.point_velocity[done] = np.diff(sites, axis=0) / self.time_step
-        self.foot_position[passed] = block.sites[:instants, self.sole_sites]
-        if instants:
-            xyzw = Rotation.from_matrix(block.rotation[:instants].reshape(-1, 3, 3)).as_quat()
-            self.foot_rotation[passed] = xyzw.reshape(instants, 2, 4)[..., [3, 0, 1, 2]]
-        for name, part in self.sensor_columns.items():
-            self.sensors[name][passed] = block.sensors[:instants, part]
-
-        position, depth = self.point_position[done], self.point_penetration[done]
-        position[:] = sites[:-1]
-        step, slot = np.nonzero((block.point[:count] >= 0) & (block.address[:count] >= 0))
-        point = block.point[step, slot]
-        rows = block.address[step, slot, None] + np.arange(_FRICTION_ROWS)
-        local = block.constraint_force[step[:, None], rows]
-        # A point is a sphere over a plane: one contact at most.
-        frame = block.frame[step, slot].reshape(-1, 3, 3)
-        self.point_force[done][step, point] = np.einsum("ck,ckj->cj", local, frame)
-        depth[step, point] = -block.distance[step, slot]
-        deep = depth[step, point] > 0.0
-        position[step[deep], point[deep]] = block.place[step[deep], slot[deep]]
-
-        block.point[:count] = -1
-        block.sites[0], block.rotation[0] = block.sites[count], block.rotation[count]
-        self.sorted += count
-
-
-def _joint_readings(model: mujoco.MjModel, q: Array, qd: Array) -> dict[str, Array]:
-    """Sensors that read a joint's position or rate, as views of the states: they are the same bits."""
-    found = {}
-    for i in range(model.nsensor):
-        joint, kind = int(model.sensor_objid[i]), int(model.sensor_type[i])
-        if model.sensor_cutoff[i] > 0.0:
-            continue
-        if kind == _JOINT_POSITION:
-            address = int(model.jnt_qposadr[joint])
-            found[model.sensor(i).name] = q[:, address : address + 1]
-        elif kind == _JOINT_VELOCITY:
-            address = int(model.jnt_dofadr[joint])
-            found[model.sensor(i).name] = qd[:, address : address + 1]
-    return found

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 FEET = ("left", "right")
 
-_SHAPES = {
+SHAPES = {
     "time": "K+1", "q": "K+1 nq", "qd": "K+1 nv", "torque": "K nu", "warmstart": "K nv",
     "point_force": "K P 3", "point_position": "K P 3", "point_penetration": "K P",
     "point_velocity": "K P 3", "point_foot": "P", "point_group": "P", "com": "K+1 3",
@@ -33,9 +33,17 @@ _SHAPES = {
     "torque_limit": "nu", "joint_range": "nu 2", "external_force": "K S 3",
     "external_moment": "K S 3", "external_position": "K S 3",
 }  # fmt: skip
-_INTEGERS: dict[str, Any] = {
+"""Shape of every array: K steps, P sole points, T control ticks, S pushed segments."""
+
+INTEGERS: dict[str, Any] = {
     "point_foot": np.int8, "point_group": np.int8, "qp_status": np.int8, "qp_iterations": np.int32
 }  # fmt: skip
+"""Types of the arrays that are not float64."""
+
+
+def shape_of(name: str, sizes: Mapping[str, int]) -> tuple[int, ...]:
+    """Shape of an array of the record; ``sizes`` has what its symbols stand for."""
+    return tuple(sizes[symbol] if symbol in sizes else int(symbol) for symbol in SHAPES[name].split())
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,12 +149,11 @@ class SimulationRecord:
             "P": len(self.point_foot), "T": len(self.tick_time), "nu": len(self.joint_names),
             "S": len(self.external_segments),
         }  # fmt: skip
-        for name, symbols in _SHAPES.items():
-            given = getattr(self, name)
+        for name, symbols in SHAPES.items():
+            shape, given = shape_of(name, sizes), getattr(self, name)
             if name.startswith("external_") and not sizes["S"]:
-                given = np.zeros((sizes["K"], 0, 3))
-            value = _frozen(given, _INTEGERS.get(name, np.float64))
-            shape = tuple(sizes[symbol] if symbol in sizes else int(symbol) for symbol in symbols.split())
+                given = np.zeros(shape)
+            value = _frozen(given, INTEGERS.get(name, np.float64))
             if value.shape != shape:
                 raise InputError(f"record: {name} has shape {value.shape}, expected {symbols} = {shape}")
             object.__setattr__(self, name, value)

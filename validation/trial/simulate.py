@@ -214,7 +214,7 @@ class ClosedLoop:
         self.run_parameters = run
         self.step_ends, self.total, self.progress = step_ends, total, progress
         points = physics.points
-        self.log = RunLog.empty(total, physics.model, points.sites, points.soles, physics.substeps)
+        self.log = RunLog(total, physics.model, points.sites, points.soles, physics.substeps)
         self.normal_force = np.zeros(len(points.sites))
         self.watch = Watch(run.controller.unsolved_limit)
         self.warnings = physics.data.warning.number[_BAD_STATE]  # a view

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from ampm.so3 import cross
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
@@ -45,14 +45,8 @@ FALL_TIME = 1.0
 """Time that a body off the plan is given to fall while its QP stays unsolved [s]."""
 
 
-@dataclass(frozen=True)
-class End:
-    """How a walk ended before its time.
-
-    Attributes:
-        name: the kind of end.
-        cause: one sentence: what was observed, and the first sign of it.
-    """
+class End(NamedTuple):
+    """How a walk ended before its time: the kind of end, and one sentence on it and its first sign."""
 
     name: OutcomeName
     cause: str
@@ -67,8 +61,7 @@ class Watch:
 
     def __init__(self, unsolved_limit: float) -> None:
         self._unsolved_limit = unsolved_limit
-        self._unsolved_since: float | None = None
-        self._unsolved_allowance = unsolved_limit
+        self._unsolved: tuple[float, float] | None = None  # since when, and how long it may last
         self._last_com: Sequence[float] | None = None
         self._last_time = 0.0
         self._first_sign, self._last_sign = "", 0.0
@@ -103,37 +96,31 @@ class Watch:
         speed = self._speed(time, com)
         close = math.dist(com, planned) <= FIRST_SIGN and _dot(trunk, planned_trunk) >= _UPRIGHT
         if close and status == SOLVED and not self._first_sign and speed <= BLOW_UP:
-            self._unsolved_since = None
+            self._unsolved = None
             return None
         error = com[0] - planned[0], com[1] - planned[1], com[2] - planned[2]
         distance = math.hypot(*error)
+        axis = "xyz"[max(range(3), key=lambda i: abs(error[i]))]
         lean = math.atan2(math.hypot(*cross(trunk, planned_trunk)), _dot(trunk, planned_trunk))
-        if not math.isfinite(distance + lean):
-            return self._end(OutcomeName.DIVERGED, f"the state was no longer finite at {time:.3f} s")
-        if speed > BLOW_UP:
-            return self._end(
-                OutcomeName.DIVERGED, f"the COM moved at {speed:.3g} m/s at {time:.3f} s, which no body does"
-            )
-        on_plan = distance <= FIRST_SIGN and lean <= FIRST_TILT
-        sign = ""
-        if status == UNSOLVED:
-            sign = f"an unsolved QP at {time:.3f} s (residual {residual:.2g})"
-        elif distance > FIRST_SIGN:
-            axis = "xyz"[max(range(3), key=lambda i: abs(error[i]))]
-            sign = f"a COM {distance * 1e3:.0f} mm off the plan, mostly along {axis}, at {time:.3f} s"
-        elif lean > FIRST_TILT:
-            sign = f"a trunk {math.degrees(lean):.0f} degrees off the motion's at {time:.3f} s"
-        elif status == LIMITED:
-            sign = f"a torque or joint limit at {time:.3f} s ({limit})"
-        if sign:
-            self._first_sign = self._first_sign or sign
-            self._last_sign = time
-        elif self._first_sign and time - self._last_sign > CALM:
-            self._first_sign = ""
-        fall = self._fallen(time, com, planned, distance, lean)
-        if fall:
-            return self._end(OutcomeName.FELL, fall)
-        return self._unsolved(time, status == UNSOLVED, on_plan)
+        degrees, at = math.degrees(lean), f"at {time:.3f} s"
+        signs = (
+            (status == UNSOLVED, f"an unsolved QP {at} (residual {residual:.2g})"),
+            (distance > FIRST_SIGN, f"a COM {distance * 1e3:.0f} mm off the plan, mostly along {axis}, {at}"),
+            (lean > FIRST_TILT, f"a trunk {degrees:.0f} degrees off the motion's {at}"),
+            (status == LIMITED, f"a torque or joint limit {at} ({limit})"),
+        )
+        ends = (
+            (not math.isfinite(distance + lean), OutcomeName.DIVERGED, "the state was no longer finite"),
+            (speed > BLOW_UP, OutcomeName.DIVERGED, f"the COM moved at {speed:.3g} m/s, which no body does,"),
+            (com[2] < FALL_SHARE * planned[2], OutcomeName.FELL, f"the COM sank to {com[2]:.2f} m"),
+            (distance > FALL_DISTANCE, OutcomeName.FELL, f"the COM was {distance:.2f} m off the plan"),
+            (lean > FALL_TILT, OutcomeName.FELL, f"the trunk leaned over by {degrees:.0f} degrees"),
+        )
+        self._note(time, next((text for seen, text in signs if seen), ""))
+        for reached, name, what in ends:
+            if reached:
+                return self._end(name, f"{what} {at}")
+        return self._check_unsolved(time, status, distance <= FIRST_SIGN and lean <= FIRST_TILT)
 
     def check_between_ticks(
         self,
@@ -162,34 +149,26 @@ class Watch:
         self._last_com, self._last_time = com, time
         return math.dist(com, last) / span if last is not None and span > 0.0 else 0.0
 
-    @staticmethod
-    def _fallen(
-        time: float, com: Sequence[float], planned: Sequence[float], distance: float, lean: float
-    ) -> str:
-        """Sign of a fall, empty if the body has not fallen."""
-        if com[2] < FALL_SHARE * planned[2]:
-            return f"the COM sank to {com[2]:.2f} m at {time:.3f} s"
-        if distance > FALL_DISTANCE:
-            return f"the COM was {distance:.2f} m off the plan at {time:.3f} s"
-        if lean > FALL_TILT:
-            return f"the trunk leaned over by {math.degrees(lean):.0f} degrees at {time:.3f} s"
-        return ""
+    def _note(self, time: float, sign: str) -> None:
+        """Remember the first sign of a failure, until none has been seen for a while."""
+        if sign:
+            self._first_sign = self._first_sign or sign
+            self._last_sign = time
+        elif time - self._last_sign > CALM:
+            self._first_sign = ""
 
-    def _unsolved(self, time: float, unsolved: bool, on_plan: bool) -> End | None:
+    def _check_unsolved(self, time: float, status: int, on_plan: bool) -> End | None:
         """The end by an unsolved QP, if it has lasted."""
-        if not unsolved:
-            self._unsolved_since = None
+        if status != UNSOLVED:
+            self._unsolved = None
             return None
-        if self._unsolved_since is None:
-            self._unsolved_since = time
-            self._unsolved_allowance = (
-                self._unsolved_limit if on_plan else max(self._unsolved_limit, FALL_TIME)
-            )
-        if time - self._unsolved_since < self._unsolved_allowance - 1e-9:
+        if self._unsolved is None:
+            limit = self._unsolved_limit
+            self._unsolved = time, limit if on_plan else max(limit, FALL_TIME)
+        since, allowance = self._unsolved
+        if time - since < allowance - 1e-9:
             return None
-        return self._end(
-            OutcomeName.INFEASIBLE, f"the QP stayed unsolved from {self._unsolved_since:.3f} to {time:.3f} s"
-        )
+        return self._end(OutcomeName.INFEASIBLE, f"the QP stayed unsolved from {since:.3f} to {time:.3f} s")
 
     def _end(self, name: OutcomeName, what: str) -> End:
         return End(name, f"{what}; the first sign was {self._first_sign}" if self._first_sign else what)
