@@ -7,22 +7,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.store.record import JOINTS_FILE, load_record, record_columns
+from validation.store.saved import ENVIRONMENT_FILE, MODEL_FILE
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import quiet_mujoco
-
-MODEL_FILE = "model.xml"
-ENVIRONMENT_FILE = "environment.json"
 
 
 @dataclass(frozen=True)
@@ -74,33 +71,25 @@ def replay(directory: str | Path, *, progress: Progress | None = None) -> Replay
         raise InputError(f"there is no folder {directory}; give the folder of a run.")
     record = load_record(directory)
     model = _load_model(directory / MODEL_FILE, record)
-    note = _note(directory / ENVIRONMENT_FILE)
     with (progress or Progress()).stage("replay", "steps") as stage:
-        q, qd = step_again(model, record, stage.advance)
-    return compare(record, q, qd, note)
+        found = step_again(model, record, stage.advance)
+    return found if found.identical else replace(found, note=_note(directory / ENVIRONMENT_FILE))
 
 
 def step_again(
     model: mujoco.MjModel, record: SimulationRecord, advance: Callable[[int, int], None] | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Step the physics with recorded torques.
+) -> Replay:
+    """Step the physics with recorded torques, up to the first bit that differs.
 
     Args:
         model: the model that was simulated.
         record: start state, first warm start, torques and external forces.
         advance: called with steps done and steps in all.
-
-    Returns:
-        ``qpos`` (K + 1, nq) and ``qvel`` (K + 1, nv); fewer rows if a state differs from the record, which is
-        then the last.
     """
     data = mujoco.MjData(model)
-    data.qpos[:] = record.q[0]
-    data.qvel[:] = record.qd[0]
+    data.qpos[:], data.qvel[:] = record.q[0], record.qd[0]
     if record.steps:
         data.qacc_warmstart[:] = record.warmstart[0]
-    q, qd = np.empty_like(record.q), np.empty_like(record.qd)
-    q[0], qd[0] = data.qpos, data.qvel
     pushed = [model.body(name).id for name in record.external_segments]
     pushes = np.concatenate([record.external_force, record.external_moment], axis=2)
     with quiet_mujoco():
@@ -108,40 +97,19 @@ def step_again(
             data.ctrl[:] = record.torque[k]
             data.xfrc_applied[pushed] = pushes[k]
             mujoco.mj_step(model, data)
-            q[k + 1], qd[k + 1] = data.qpos, data.qvel
-            if not (_same_bits(q[k + 1], record.q[k + 1]) and _same_bits(qd[k + 1], record.qd[k + 1])):
-                return q[: k + 2], qd[: k + 2]
+            recorded = np.concatenate([record.q[k + 1], record.qd[k + 1]])
+            replayed = np.concatenate([data.qpos, data.qvel])
+            # Bit patterns, not values: -0 is not 0, and a NaN is itself.
+            differ = np.flatnonzero(recorded.view(np.int64) != replayed.view(np.int64))
+            if differ.size:
+                i = int(differ[0])
+                columns = record_columns(record)[JOINTS_FILE]
+                name = [name for name in columns if name.startswith(("q_", "qd_"))][i]
+                values = float(recorded[i]), float(replayed[i])
+                return Replay(record.steps, name, float(record.time[k + 1]), *values)
             if advance is not None and k % 500 == 0:
                 advance(k, record.steps)
-    return q, qd
-
-
-def _same_bits(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
-    """Bit patterns, not values: -0 is not 0, and a NaN is itself."""
-    return a.tobytes() == b.tobytes()
-
-
-def compare(
-    record: SimulationRecord, q: NDArray[np.float64], qd: NDArray[np.float64], note: str = ""
-) -> Replay:
-    """Find the first bit in which a replay, or as much of it as there is, differs from its record."""
-    columns = record_columns(record)[JOINTS_FILE]
-    names = [name for part in ("q_", "qd_") for name in columns if name.startswith(part)]
-    recorded = np.concatenate([record.q[: len(q)], record.qd[: len(qd)]], axis=1)
-    replayed = np.concatenate([q, qd], axis=1)
-    # Bit patterns, as above.
-    rows, places = np.nonzero(recorded.view(np.int64) != replayed.view(np.int64))
-    if rows.size == 0:
-        return Replay(record.steps)
-    row, column = int(rows[0]), int(places[0])
-    return Replay(
-        steps=record.steps,
-        signal=names[column],
-        time=float(record.time[row]),
-        recorded=float(recorded[row, column]),
-        replayed=float(replayed[row, column]),
-        note=note,
-    )
+    return Replay(record.steps)
 
 
 def _load_model(path: Path, record: SimulationRecord) -> mujoco.MjModel:
@@ -162,16 +130,10 @@ def _load_model(path: Path, record: SimulationRecord) -> mujoco.MjModel:
 def _note(path: Path) -> str:
     """A sentence if the run was recorded with another MuJoCo or on another processor."""
     try:
-        then = json.loads(path.read_text(encoding="utf-8"))
-        now = describe_environment()
-        differences = [
-            f"{what} {a} then, {b} now"
-            for what, a, b in (
-                ("MuJoCo", then["versions"]["mujoco"], now["versions"]["mujoco"]),
-                ("processor", then["processor"], now["processor"]),
-            )
-            if a != b
-        ]
+        then, now = json.loads(path.read_text(encoding="utf-8")), describe_environment()
+        pairs = {"processor": (then["processor"], now["processor"])}
+        pairs["MuJoCo"] = tuple(item["versions"]["mujoco"] for item in (then, now))
     except (OSError, ValueError, KeyError, TypeError):
         return ""
+    differences = [f"{what} {a} then, {b} now" for what, (a, b) in pairs.items() if a != b]
     return f"the environment has changed: {'; '.join(differences)}." if differences else ""

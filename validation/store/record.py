@@ -10,18 +10,19 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ampm.exceptions import InputError
+from validation.store.json import json_ready
 from validation.trial.outcome import Outcome
-from validation.trial.record import FEET, SimulationRecord
+from validation.trial.record import FEET, INTEGERS, SHAPES, SimulationRecord, shape_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,80 +37,61 @@ RECORD_FILES = (JOINTS_FILE, CONTACTS_FILE, STATES_FILE, TICKS_FILE)
 EXTERNAL_FILE = "external.parquet"
 """Beside the others if the walk was disturbed."""
 
-XYZ = ("x", "y", "z")
-_FORMAT = 1
+_FIELDS = {
+    JOINTS_FILE: "time q qd torque warmstart",
+    CONTACTS_FILE: "time point_force point_position point_penetration point_velocity command_point_force",
+    STATES_FILE: "time com angular_momentum foot_position foot_rotation command_com command_zmp "
+    "command_force command_angular_momentum sensors",
+    TICKS_FILE: "tick_time qp_status qp_residual qp_iterations qp_time",
+    EXTERNAL_FILE: "time external_force external_moment external_position",
+}
+"""Fields of a :class:`SimulationRecord` in each file. All others are in the header, a text in every file."""
+_WORDS = {"foot_position": "foot", "foot_rotation": "foot", "command_point_force": "command_force"}
+"""Words in the names of columns, where they are not the field's name without its beginning."""
+_BEGINNINGS = ("point_", "external_", "tick_")
+_FORMAT = 2
 _METADATA_KEY = b"ampm_record"
 _ROOT_Q = ("root_x", "root_y", "root_z", "root_qw", "root_qx", "root_qy", "root_qz")
 _ROOT_V = ("root_x", "root_y", "root_z", "root_wx", "root_wy", "root_wz")
 
 
-@dataclass(frozen=True)
-class RecordBlock:
-    """One array of the record and where its scalars lie on disk."""
+class _Block(NamedTuple):
+    """A field and where its scalars lie on disk."""
 
     field: str
     file: str
-    rows: int
-    tail: tuple[int, ...]
+    shape: tuple[int, ...]
     columns: tuple[str, ...]
 
 
-def record_blocks(header: Mapping[str, Any]) -> Iterator[RecordBlock]:
-    """Every array of a record whose header this is."""
-    k, ticks, nq, nv = header["steps"], header["ticks"], header["nq"], header["nv"]
-    joints, points = header["joint_names"], header["point_names"]
-    segments = header.get("external_segments", ())
-    q_names = _coordinate_names(nq, _ROOT_Q, joints)
-    v_names = _coordinate_names(nv, _ROOT_V, joints)
-
-    def vector(prefix: str, names: Sequence[str]) -> tuple[str, ...]:
-        return tuple(f"{prefix}_{name}" for name in names)
-
-    def each(owners: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
-        return tuple(f"{owner}_{name}" for owner in owners for name in names)
-
-    def block(field: str, file: str, rows: int, *tail: int, columns: tuple[str, ...]) -> RecordBlock:
-        return RecordBlock(field, file, rows, tail, columns)
-
-    def times(file: str) -> RecordBlock:
-        return block("time", file, k + 1, columns=("time",))
-
-    yield times(JOINTS_FILE)
-    yield block("q", JOINTS_FILE, k + 1, nq, columns=vector("q", q_names))
-    yield block("qd", JOINTS_FILE, k + 1, nv, columns=vector("qd", v_names))
-    yield block("torque", JOINTS_FILE, k, len(joints), columns=vector("torque", joints))
-    yield block("warmstart", JOINTS_FILE, k, nv, columns=vector("warmstart", v_names))
-
-    count = len(points)
-    yield times(CONTACTS_FILE)
-    for name, part in (("point_force", "force"), ("point_position", "position")):
-        yield block(name, CONTACTS_FILE, k, count, 3, columns=each(points, vector(part, XYZ)))
-    yield block("point_penetration", CONTACTS_FILE, k, count, columns=each(points, ("penetration",)))
-    for name, part in (("point_velocity", "velocity"), ("command_point_force", "command_force")):
-        yield block(name, CONTACTS_FILE, k, count, 3, columns=each(points, vector(part, XYZ)))
-
-    yield times(STATES_FILE)
-    for name in ("com", "angular_momentum"):
-        yield block(name, STATES_FILE, k + 1, 3, columns=vector(name, XYZ))
-    turned = ("qw", "qx", "qy", "qz")
-    yield block("foot_position", STATES_FILE, k + 1, 2, 3, columns=each(FEET, vector("foot", XYZ)))
-    yield block("foot_rotation", STATES_FILE, k + 1, 2, 4, columns=each(FEET, vector("foot", turned)))
-    for name, size in (("com", 3), ("zmp", 2), ("force", 3), ("angular_momentum", 3)):
-        name = f"command_{name}"
-        yield block(name, STATES_FILE, k, size, columns=vector(name, XYZ[:size]))
-    for name, width in header["sensors"].items():
-        columns = vector(f"sensor_{name}", [str(index) for index in range(width)])
-        yield block(f"sensor:{name}", STATES_FILE, k + 1, width, columns=columns)
-
-    yield block("tick_time", TICKS_FILE, ticks, columns=("time",))
-    for name in ("qp_status", "qp_residual", "qp_iterations", "qp_time"):
-        yield block(name, TICKS_FILE, ticks, columns=(name,))
-
-    if segments:
-        yield times(EXTERNAL_FILE)
-    for part in ("force", "moment", "position"):
-        columns = each(segments, vector(part, XYZ))
-        yield block(f"external_{part}", EXTERNAL_FILE, k, len(segments), 3, columns=columns)
+def _blocks(header: Mapping[str, Any]) -> list[_Block]:
+    """Every array of a record whose header this is; one of each sensor, ``sensors:`` before its name."""
+    steps, joints = header["steps"], header["joint_names"]
+    owners = {"P": header["point_names"], "S": header["external_segments"], "F": FEET}
+    parts = {
+        "2": "xy", "3": "xyz", "4": ("qw", "qx", "qy", "qz"), "nu": joints,
+        "nq": _coordinate_names(header["nq"], _ROOT_Q, joints),
+        "nv": _coordinate_names(header["nv"], _ROOT_V, joints),
+    }  # fmt: skip
+    sizes = {name: len(names) for name, names in (owners | parts).items()}
+    sizes |= {"K": steps, "K+1": steps + 1, "T": header["ticks"]}
+    found = []
+    for file, names in _FIELDS.items():
+        for name in names.split():
+            if name == "sensors":
+                for sensor, width in header["sensors"].items():
+                    columns = tuple(f"sensor_{sensor}_{index}" for index in range(width))
+                    found.append(_Block(f"sensors:{sensor}", file, (steps + 1, width), columns))
+                continue
+            word = _WORDS.get(name, name)
+            for beginning in _BEGINNINGS:
+                word = word.removeprefix(beginning)
+            symbols = SHAPES[name].split()[1:]
+            owned = next((owners[symbol] for symbol in symbols if symbol in owners), ("",))
+            split = next((parts[symbol] for symbol in symbols if symbol in parts), ("",))
+            columns = tuple("_".join(filter(None, (a, word, b))) for a in owned for b in split)
+            found.append(_Block(name, file, shape_of(name, sizes), columns))
+    return [block for block in found if owners["S"] or block.file != EXTERNAL_FILE]
 
 
 def _coordinate_names(count: int, root: tuple[str, ...], joints: Sequence[str]) -> list[str]:
@@ -132,11 +114,8 @@ def save_record(record: SimulationRecord, directory: str | Path) -> None:
     for name, columns in record_columns(record).items():
         rows = max(column.size for column in columns.values())
         arrays = [_padded(column, rows) for column in columns.values()]
-        schema = pa.schema(
-            [pa.field(key, array.type) for key, array in zip(columns, arrays, strict=True)],
-            metadata={_METADATA_KEY: header.encode()},
-        )
-        write_table(pa.Table.from_arrays(arrays, schema=schema), directory / name)
+        table = pa.Table.from_arrays(arrays, names=list(columns))
+        write_table(table.replace_schema_metadata({_METADATA_KEY: header.encode()}), directory / name)
 
 
 def record_columns(record: SimulationRecord) -> dict[str, dict[str, NDArray[Any]]]:
@@ -145,14 +124,10 @@ def record_columns(record: SimulationRecord) -> dict[str, dict[str, NDArray[Any]
     Columns of one file may differ by one in length: what belongs to a step has no entry at the last instant.
     """
     files: dict[str, dict[str, NDArray[Any]]] = {}
-    for block in record_blocks(_header(record)):
-        if not block.columns:
-            continue
-        if block.field.startswith("sensor:"):
-            array = record.sensors[block.field.removeprefix("sensor:")]
-        else:
-            array = getattr(record, block.field)
-        flat = array.reshape(array.shape[0], len(block.columns))
+    for block in _blocks(_header(record)):
+        name, _, sensor = block.field.partition(":")
+        array = record.sensors[sensor] if sensor else getattr(record, name)
+        flat = array.reshape(len(array), len(block.columns))
         file = files.setdefault(block.file, {})
         file.update((name, flat[:, index]) for index, name in enumerate(block.columns))
     return files
@@ -168,39 +143,20 @@ def write_table(table: pa.Table, path: str | Path) -> None:
 
 
 def _header(record: SimulationRecord) -> dict[str, Any]:
+    """Sizes, names and all fields that are no columns: JSON, in which every finite number keeps its bits."""
+    stored = " ".join(_FIELDS.values()).split()
+    constants = {item.name: getattr(record, item.name) for item in fields(record) if item.name not in stored}
     header = {
         "format": _FORMAT,
         "steps": record.steps,
         "ticks": record.tick_time.size,
         "nq": record.q.shape[1],
         "nv": record.qd.shape[1],
-        "point_foot": record.point_foot.tolist(),
-        "point_group": record.point_group.tolist(),
-        "point_names": list(record.point_names),
+        "point_names": record.point_names,
         "sensors": {name: value.shape[1] for name, value in record.sensors.items()},
-        "outcome": {
-            "name": str(record.outcome.name),
-            "time": _exact(record.outcome.time),
-            "cause": record.outcome.cause,
-            "steps_completed": int(record.outcome.steps_completed),
-        },
-        "mass": _exact(record.mass),
-        "gravity": _exact(record.gravity),
-        "time_step": _exact(record.time_step),
-        "friction": _exact(record.friction),
-        "torque_limit": [_exact(value) for value in record.torque_limit.tolist()],
-        "joint_range": [_exact(value) for value in record.joint_range.ravel().tolist()],
-        "joint_names": list(record.joint_names),
-        "metadata": dict(record.metadata),
+        **constants,
     }
-    if record.external_segments:
-        header["external_segments"] = list(record.external_segments)
-    return header
-
-
-def _exact(value: float) -> float | str:
-    """JSON has no infinity and no NaN: those become text; every other float survives JSON exactly."""
-    return float(value) if math.isfinite(value) else repr(float(value))
+    return dict(json_ready(header))
 
 
 def _padded(column: NDArray[Any], rows: int) -> pa.Array:
@@ -237,19 +193,16 @@ class StoredRecord:
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
-        header = read_header(directory)
-        blocks: dict[str, RecordBlock] = {}
+        header = _read_header(directory / JOINTS_FILE)
         try:
-            self._fields = _header_fields(header)
+            self._blocks = {block.field: block for block in _blocks(header)}
+            self._constants = _constants(header)
             self.steps = int(header["steps"])
-            for block in record_blocks(header):
-                blocks.setdefault(block.field, block)
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise InputError(
                 f"{directory / JOINTS_FILE} is damaged: its description is ({error}); walk the gait again."
             ) from error
-        vars(self).update(self._fields)
-        self._blocks = blocks
+        vars(self).update(self._constants)
 
     def __getattr__(self, name: str) -> NDArray[Any]:
         """Read a field; it is kept until :meth:`forget`.
@@ -260,26 +213,8 @@ class StoredRecord:
         block = vars(self).get("_blocks", {}).get(name)
         if block is None:
             raise AttributeError(f"a record has no field {name!r}")
-        array = self._read(block)
+        array = _array(block, self.directory / block.file)
         vars(self)[name] = array
-        return array
-
-    def _read(self, block: RecordBlock, table: pa.Table | None = None) -> NDArray[Any]:
-        """One array, from its file or from the table of it."""
-        if not block.columns:
-            return np.zeros((block.rows, *block.tail))
-        path = self.directory / block.file
-        table = _read_table(path, block.columns) if table is None else table
-        try:
-            columns = [table.column(name).slice(0, block.rows).to_numpy() for name in block.columns]
-            array = np.stack(columns, axis=-1).reshape(block.rows, *block.tail)
-        except KeyError as error:
-            raise InputError(f"{path} lacks a column: {error.args[0]}") from None
-        except ValueError:
-            raise InputError(f"{path} is damaged: it lacks rows; walk the gait again.") from None
-        if array.dtype.kind not in "fiu":
-            raise InputError(f"{path} is damaged: {block.columns[0]} holds no numbers; walk the gait again.")
-        array.setflags(write=False)
         return array
 
     def forget(self) -> None:
@@ -293,17 +228,17 @@ class StoredRecord:
         Raises:
             InputError: a file or one of its columns is missing or damaged.
         """
-        files = {block.file for block in self._blocks.values() if block.columns}
+        files = dict.fromkeys(block.file for block in self._blocks.values())
         tables = {file: _read_table(self.directory / file) for file in files}
-        values: dict[str, Any] = {
-            name: self._read(block, tables.get(block.file)) for name, block in self._blocks.items()
-        }
-        sensors = {
-            name.removeprefix("sensor:"): values.pop(name)
-            for name in list(values)
-            if name.startswith("sensor:")
-        }
-        return SimulationRecord(**values, sensors=sensors, **self._fields)
+        values: dict[str, Any] = {"sensors": {}}
+        for block in self._blocks.values():
+            name, _, sensor = block.field.partition(":")
+            array = _array(block, self.directory / block.file, tables[block.file])
+            if sensor:
+                values["sensors"][sensor] = array
+            else:
+                values[name] = array
+        return SimulationRecord(**values, **self._constants)
 
 
 def load_record(directory: str | Path) -> SimulationRecord:
@@ -315,64 +250,67 @@ def load_record(directory: str | Path) -> SimulationRecord:
     return StoredRecord(Path(directory)).load()
 
 
-def read_header(directory: Path) -> dict[str, Any]:
-    """The description of a recorded run.
-
-    Raises:
-        InputError: there is no record, or one of another format.
-    """
-    schema = _readable(directory / JOINTS_FILE, pq.read_schema)
-    raw = (schema.metadata or {}).get(_METADATA_KEY)
-    if raw is None:
-        raise InputError(
-            f"{directory / JOINTS_FILE} is no recorded run: it carries no description of the run"
-        )
+def _array(block: _Block, path: Path, table: pa.Table | None = None) -> NDArray[Any]:
+    """One array, from its file or from the table of it."""
+    table = _read_table(path, block.columns) if table is None else table
     try:
-        header: dict[str, Any] = json.loads(raw)
+        columns = [table.column(name).slice(0, block.shape[0]).to_numpy() for name in block.columns]
+        array = np.stack(columns, axis=-1).reshape(block.shape)
+        if array.dtype.kind not in "fiu":
+            raise ValueError(f"{block.columns[0]} holds no numbers")
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{path} is damaged ({error.args[0]}); walk the gait again.") from None
+    array.setflags(write=False)
+    return array
+
+
+def _read_header(path: Path) -> dict[str, Any]:
+    """The description of a recorded run."""
+    raw = (readable(path, pq.read_schema).metadata or {}).get(_METADATA_KEY)
+    try:
+        header: dict[str, Any] = json.loads(raw or "")
         written = header["format"]
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{directory / JOINTS_FILE} is damaged: its description cannot be read; walk the gait again."
-        ) from error
+        raise InputError(f"{path} is no recorded run: it carries no description of the run.") from error
     if written != _FORMAT:
         raise InputError(
-            f"{directory} has record format {written}, this version reads {_FORMAT}; "
+            f"{path} has record format {written}, this version reads {_FORMAT}; "
             "simulate the run again or use the version that wrote it"
         )
     return header
 
 
-def _header_fields(header: Mapping[str, Any]) -> dict[str, Any]:
+def _constants(header: Mapping[str, Any]) -> dict[str, Any]:
     """Fields of a :class:`SimulationRecord` that are in its header."""
-    end = header["outcome"]
-    return {
-        "point_foot": np.array(header["point_foot"], dtype=np.int8),
-        "point_group": np.array(header["point_group"], dtype=np.int8),
-        "outcome": Outcome(end["name"], float(end["time"]), end["cause"], end["steps_completed"]),
-        **{name: float(header[name]) for name in ("mass", "gravity", "time_step", "friction")},
-        "torque_limit": np.array([float(value) for value in header["torque_limit"]]),
-        "joint_range": np.array([float(value) for value in header["joint_range"]]).reshape(-1, 2),
-        "joint_names": tuple(header["joint_names"]),
-        "external_segments": tuple(header.get("external_segments", ())),
-        "metadata": header["metadata"],
-    }
+    stored = " ".join(_FIELDS.values()).split()
+    found: dict[str, Any] = {}
+    for name in (item.name for item in fields(SimulationRecord) if item.name not in stored):
+        value = header[name]
+        if name in SHAPES:
+            found[name] = np.array(value, dtype=INTEGERS.get(name, np.float64))
+        elif name in ("mass", "gravity", "time_step", "friction"):
+            found[name] = math.nan if value is None else float(value)
+        else:
+            found[name] = tuple(value) if isinstance(value, list) else value
+    return found | {"outcome": Outcome(**header["outcome"])}
 
 
 def _read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read one file of a record, or some of its columns.
+    """Read one file of a record, or some of its columns; those that are absent are left out."""
+
+    def read(path: Path) -> pa.Table:
+        with pq.ParquetFile(path) as file:
+            return file.read(columns=None if columns is None else list(columns))
+
+    return readable(path, read)
+
+
+def readable(path: Path, read: Callable[[Path], Any]) -> Any:
+    """Read a file of a run.
 
     Raises:
         InputError: it is missing or cannot be read.
     """
-
-    def read(path: Path) -> pa.Table:
-        with pq.ParquetFile(path) as file:  # columns that are absent are left out
-            return file.read(columns=None if columns is None else list(columns))
-
-    return _readable(path, read)
-
-
-def _readable(path: Path, read: Callable[[Path], Any]) -> Any:
     try:
         return read(path)
     except FileNotFoundError:

@@ -65,7 +65,7 @@ class RunLog:
         self.sites, self.substeps = np.concatenate([points, soles]), substeps
         self.time_step = float(model.opt.timestep)
         sizes = {
-            "K": steps, "K+1": steps + 1, "T": -(-steps // substeps), "P": len(points),
+            "K": steps, "K+1": steps + 1, "T": -(-steps // substeps), "P": len(points), "F": 2,
             "nq": model.nq, "nv": model.nv, "nu": model.nu,
         }  # fmt: skip
         for name in RunLog.__annotations__:

@@ -26,7 +26,7 @@ SHAPES = {
     "time": "K+1", "q": "K+1 nq", "qd": "K+1 nv", "torque": "K nu", "warmstart": "K nv",
     "point_force": "K P 3", "point_position": "K P 3", "point_penetration": "K P",
     "point_velocity": "K P 3", "point_foot": "P", "point_group": "P", "com": "K+1 3",
-    "angular_momentum": "K+1 3", "foot_position": "K+1 2 3", "foot_rotation": "K+1 2 4",
+    "angular_momentum": "K+1 3", "foot_position": "K+1 F 3", "foot_rotation": "K+1 F 4",
     "command_com": "K 3", "command_zmp": "K 2", "command_force": "K 3",
     "command_angular_momentum": "K 3", "command_point_force": "K P 3", "tick_time": "T",
     "qp_status": "T", "qp_residual": "T", "qp_iterations": "T", "qp_time": "T",
@@ -146,7 +146,7 @@ class SimulationRecord:
             raise InputError("q and qd must be two-dimensional: one row per instant")
         sizes = {
             "K+1": time.size, "K": time.size - 1, "nq": q.shape[1], "nv": qd.shape[1],
-            "P": len(self.point_foot), "T": len(self.tick_time), "nu": len(self.joint_names),
+            "P": len(self.point_foot), "F": 2, "T": len(self.tick_time), "nu": len(self.joint_names),
             "S": len(self.external_segments),
         }  # fmt: skip
         for name, symbols in SHAPES.items():
