@@ -151,12 +151,7 @@ def _trunk(name: str) -> tuple[float, float]:
     """Peak to peak of the trunk's roll and pitch in the periodic motion [degrees]."""
     planned = plan_walk(load_request(name))
     robot, motion = planned.body.robot, planned.motion
-    turns = []
-    for q, v in zip(motion.q, motion.v, strict=True):
-        robot.jacobian(q, v)
-        robot.drift(q, v)
-        turns.append(robot.rotation_of(robot.trunk_frame).copy())
-    rotation = np.array(turns)
+    rotation = robot.trunk_rotations(motion.q)
     roll = np.arctan2(rotation[:, 2, 1], rotation[:, 2, 2])
     roll = np.concatenate([roll, -roll])  # the next step mirrors this one
     pitch = np.arctan2(rotation[:, 0, 2], rotation[:, 2, 2])

@@ -136,14 +136,15 @@ def test_cost_is_strictly_convex_where_the_printed_one_is_not(solved):
 def task_errors(ik, reference, k, q, v, offset):
     """Errors of the position tasks and of all task velocities, recomputed from frames."""
     robot = ik.robot
-    velocity = robot.jacobian(q, v).jacobian @ v - reference.velocity[k]
+    terms = robot.jacobian(q, v)
+    velocity = terms.jacobian @ v - reference.velocity[k]
     velocity[4] -= offset / robot.mass
     position = [
-        robot.jacobian(q, v).com - reference.position[k, 0],
+        terms.com - reference.position[k, 0],
         q[robot.toe_joints + 1] - reference.toe[k],
     ]
     for foot in (0, 1):
-        pose = robot.sole_pose(foot)
+        pose = terms.soles[foot]
         position.append(pose.translation - reference.position[k, 1 + foot])
         pitch = pin.utils.rotate("y", reference.pitch[k, foot])
         position.append(pin.log3(pose.rotation @ pitch.T))

@@ -29,7 +29,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from ampm.body.robot import LEFT, RIGHT, TASK_ROWS, Robot
+from ampm.body.robot import TASK_ROWS, Robot, TaskTerms
 from ampm.qp import OsqpBackend, QPSettings
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ class InverseKinematics:
             self.tolerance, max_iterations=4000, rho=1.0, adaptive_rho=False, alpha=1.0, check_every=2
         )
         self._solver = OsqpBackend(np.eye(robot.nv, dtype=bool), mask, settings)
-        self._error = np.zeros(TASK_ROWS)
+        self._toes, self._limited_q = robot.toe_joints + 1, self.limited + 1
         self._still = np.zeros(robot.nv)
         self._legs = np.concatenate(robot.leg_joints)
         self._limits_low, self._limits_high = robot.lower[self.limited - 6], robot.upper[self.limited - 6]
@@ -151,24 +151,28 @@ class InverseKinematics:
 
     def _factor(self, jacobian: Array, rows: NDArray[np.intp], time: float) -> tuple[Array, Array]:
         """Scaled rows J W^(-1/2) and the Cholesky factor of their Gram matrix; refuses dependent rows."""
-        scaled = jacobian[rows] / self._root_weight
+        scaled = jacobian.take(rows, axis=0) / self._root_weight
         factor, info = lapack.dpotrf(scaled @ scaled.T, lower=1)
         if info != 0:
             what = "feet, COM and angular momentum cannot be chosen independently: a leg is straight"
             raise Unreachable(time, what, 0.0, 0.0, "1")
         return scaled, factor
 
-    def _position_error(self, reference: StepReference, k: int, q: Array) -> Array:
-        """Task errors of the configuration of the last Jacobian, in the order of ``position_rows``."""
-        robot, error = self.robot, self._error
-        error[:3] = reference.position[k, 0] - robot.data.com[0]
-        for foot in (LEFT, RIGHT):
-            pose = robot.sole_pose(foot)
-            row = 6 + 6 * foot
-            error[row : row + 3] = reference.position[k, 1 + foot] - pose.translation
-            error[row + 3 : row + 6] = pin.log3(reference.rotation[k, foot] @ pose.rotation.T)
-            error[18 + foot] = reference.toe[k, foot] - q[robot.toe_joints[foot] + 1]
-        return error[self.position_rows]
+    def _position_error(self, reference: StepReference, k: int, q: Array, terms: TaskTerms) -> Array:
+        """Task errors of a configuration and its terms, in the order of ``position_rows``."""
+        com, left, right = reference.position[k]
+        turn_left, turn_right = reference.rotation[k]
+        at_left, at_right = terms.soles
+        return np.concatenate(
+            [
+                com - terms.com,
+                left - at_left.translation,
+                pin.log3(turn_left @ at_left.rotation.T),
+                right - at_right.translation,
+                pin.log3(turn_right @ at_right.rotation.T),
+                reference.toe[k] - q[self._toes],
+            ]
+        )
 
     def _miss(self, reference: StepReference, k: int, error: Array) -> Unreachable:
         """Message for an error of the position rows at node k."""
@@ -195,7 +199,7 @@ class InverseKinematics:
         robot, time = self.robot, float(reference.time[k])
         for iteration in range(25):
             terms = robot.jacobian(q, v)
-            error = self._position_error(reference, k, q)
+            error = self._position_error(reference, k, q, terms)
             size = float(np.abs(error).max())
             if size < 1e-13 or (iteration >= 6 and size < 1e-11):
                 break
@@ -204,7 +208,7 @@ class InverseKinematics:
             q = pin.integrate(robot.model, q, step * min(1.0, 0.3 / largest) if largest > 0.3 else step)
         else:
             terms = robot.jacobian(q, v)
-            error = self._position_error(reference, k, q)
+            error = self._position_error(reference, k, q, terms)
             if not float(np.abs(error).max()) < 1e-10:
                 raise self._miss(reference, k, error)
         self._check_knees(reference, k, q)
@@ -221,7 +225,7 @@ class InverseKinematics:
         robot, still, rows = self.robot, self._still, self.position_rows
         for _ in range(60):
             terms = robot.jacobian(q, still)
-            error = self._position_error(reference, k, q)
+            error = self._position_error(reference, k, q, terms)
             wanted = self._posture(q, still) / self.stiffness
             scaled, factor = self._factor(terms.jacobian, rows, float(reference.time[k]))
             step = wanted + self._pull(scaled, factor, error - terms.jacobian[rows] @ wanted)
@@ -299,7 +303,7 @@ class InverseKinematics:
             worst_acceleration = max(worst_acceleration, float(np.abs(residual).max()))
             qs[k], vs[k], accelerations[k] = q, v, acceleration
             yaw_momentum[k] = robot.mass * float(jacobian[_L_Z] @ v)
-            rotation = robot.rotation_of(robot.trunk_frame)
+            rotation = terms.trunk.rotation
             pitch[k] = math.atan2(rotation[0, 2], rotation[2, 2])
             if k < n:
                 dt = time[k + 1] - time[k]
@@ -322,7 +326,7 @@ class InverseKinematics:
         first, time = 0.0, float(reference.time[k])
         for iteration in range(4):
             terms = self.robot.jacobian(q, v)
-            error = self._position_error(reference, k, q)
+            error = self._position_error(reference, k, q, terms)
             size = float(np.abs(error).max())
             if iteration == 0:
                 first = size
@@ -343,19 +347,19 @@ class InverseKinematics:
         posture = self._posture(q, v)
         rhs = wanted - scaled @ (posture * self._root_weight)
         joints, h = self.limited, _LIMIT_HORIZON
-        reach = q[joints + 1] + h * v[joints]
+        reach = q.take(self._limited_q) + h * v.take(joints)
         low = (2.0 / h**2) * (self._limits_low - reach)
         high = (2.0 / h**2) * (self._limits_high - reach)
         if draft:
             acceleration = posture + self._pull(scaled, factor, rhs)
-            bounded = acceleration[joints]
+            bounded = acceleration.take(joints)
             if (bounded >= low).all() and (bounded <= high).all():
                 return acceleration
         m = len(self.rows)
         rows, _ = lapack.dtrtrs(factor, scaled, lower=1)
         level, _ = lapack.dtrtrs(factor, rhs, lower=1)
         self._A[:m] = rows
-        scale, shift = self._root_weight[joints], posture[joints]
+        scale, shift = self._root_weight.take(joints), posture.take(joints)
         lower, upper = (np.concatenate([level, (bound - shift) * scale]) for bound in (low, high))
         solution = self._solver.solve(self._P, self._q, self._A, lower, upper)
         if not solution.solved:

@@ -30,16 +30,20 @@ POINTS, SOLES = 6, 4
 
 
 class TaskTerms(NamedTuple):
-    """Task Jacobian of one state.
+    """Task Jacobian and poses of one state.
 
     Attributes:
         jacobian: rows com velocity [m/s], angular momentum about the COM / mass [m^2/s], left foot, right
             foot (linear then angular, world axes), toe joints; shape (20, nv).
         com: COM in world, shape (3,) [m].
+        soles: poses of left and right sole in world [m].
+        trunk: pose of the trunk segment in world [m].
     """
 
     jacobian: Array
     com: Array
+    soles: tuple[pin.SE3, pin.SE3]
+    trunk: pin.SE3
 
 
 class Kinematics(NamedTuple):
@@ -262,13 +266,16 @@ class Robot:
         )
 
     def jacobian(self, q: Array, v: Array) -> TaskTerms:
-        """Task Jacobian at (q, v).
+        """Task Jacobian and poses at (q, v).
 
         Args:
             q: Pinocchio configuration, shape (nq,).
             v: Pinocchio velocity, shape (nv,).
         """
-        return TaskTerms(self._jacobian(q, v), self._com.copy())
+        model, data, (left, right) = self.model, self.data, self.sole_frames
+        jacobian, place = self._jacobian(q, v), pin.updateFramePlacement
+        soles = place(model, data, left), place(model, data, right)
+        return TaskTerms(jacobian, self._com.copy(), soles, place(model, data, self.trunk_frame))
 
     def _jacobian(self, q: Array, v: Array) -> Array:
         model, data = self.model, self.data
@@ -298,10 +305,6 @@ class Robot:
             drift[6 + 6 * foot : 12 + 6 * foot] = a.vector
         return drift
 
-    def sole_pose(self, foot: int) -> pin.SE3:
-        """Pose of a sole frame after :meth:`jacobian`; call with 0 for left, 1 for right."""
-        return pin.updateFramePlacement(self.model, self.data, self.sole_frames[foot])
-
     def trunk_rotations(self, q: Array) -> Array:
         """Rotation of the trunk segment to world at configurations (T, nq), shape (T, 3, 3)."""
         rotations, data = np.empty((len(q), 3, 3)), self.model.createData()
@@ -309,7 +312,3 @@ class Robot:
             pin.forwardKinematics(self.model, data, configuration)
             rotations[k] = pin.updateFramePlacement(self.model, data, self.trunk_frame).rotation
         return rotations
-
-    def rotation_of(self, frame: int) -> Array:
-        """Rotation matrix of a frame after :meth:`jacobian`, shape (3, 3)."""
-        return np.asarray(pin.updateFramePlacement(self.model, self.data, frame).rotation)

@@ -115,7 +115,6 @@ def _still(
     robot: Robot, q: NDArray[np.float64], com: NDArray[np.float64], feet: NDArray[np.float64]
 ) -> Reference:
     """A reference that stays where it is."""
-    robot.jacobian(q, np.zeros(robot.nv))
     centre, linear, contact = np.zeros((5, 3)), np.zeros((2, 3, 3)), np.ones((2, 3), dtype=bool)
     centre[0], linear[:, 0] = com, feet
     return Reference(
@@ -128,7 +127,7 @@ def _still(
             q,
             np.zeros(robot.nv),
             np.zeros(robot.nv),
-            robot.rotation_of(robot.trunk_frame).copy(),
+            robot.trunk_rotations(q[None])[0],
             np.zeros(()),
         ),
     )

@@ -102,9 +102,7 @@ class BodyEvidence:
     def _trunk(self) -> Array:
         """Roll and pitch of the trunk over one step, shape (n+1, 2) [rad]."""
         angles = []
-        for q, v in zip(self.motion.q, self.motion.v, strict=True):
-            self.robot.jacobian(q, v)
-            rotation = self.robot.rotation_of(self.robot.trunk_frame)
+        for rotation in self.robot.trunk_rotations(self.motion.q):
             angles.append(
                 (
                     math.atan2(rotation[2, 1], rotation[2, 2]),
@@ -164,9 +162,8 @@ class BodyEvidence:
         by_jacobian = self.robot.jacobian(q, v).jacobian[:PAPER_ROWS] @ v
         places = []
         for h in (-_DIFFERENCE, _DIFFERENCE):
-            self.robot.jacobian(*self._nearby(h))
-            soles = [self.robot.sole_pose(foot) for foot in (0, 1)]
-            places.append((self.robot.data.com[0].copy(), [pin.SE3(pose) for pose in soles]))
+            terms = self.robot.jacobian(*self._nearby(h))
+            places.append((terms.com, terms.soles))
         (com_0, soles_0), (com_1, soles_1) = places
         width = 2.0 * _DIFFERENCE
         rows = [(com_1 - com_0) / width, self._momentum(q, v) / self.robot.mass]
