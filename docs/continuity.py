@@ -15,9 +15,8 @@ from pages import between
 
 from ampm.run_file import dump_run, load_run
 from validation.cli.console import Narrator
-from validation.study.compare.pair import Pair, facts, shown
-from validation.study.compare.report import draw_file
-from validation.study.compare.run import compare_pair
+from validation.study.compare.pair import Pair, compare_pair
+from validation.study.compare.report import draw_file, facts, shown
 
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "continuity.png"

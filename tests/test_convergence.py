@@ -57,11 +57,11 @@ def test_what_is_studied():
 def test_one_thing_changes_at_a_time_and_all_share_the_own_walk():
     run = load_run("normal")
     for study in studies(run):
-        section, _, leaf = study.topic.key.partition(".")
+        section, _, leaf = study.key.partition(".")
         assert study.runs[study.own] == run
         for value, changed in zip(study.values, study.runs, strict=True):
             assert getattr(getattr(changed, section), leaf) == value
-            assert changed.replace({study.topic.key: study.values[study.own]}) == run
+            assert changed.replace({study.key: study.values[study.own]}) == run
 
 
 @pytest.mark.parametrize(("names", "levels"), [(["step"], 4), ([], 2), ([], 7)])

@@ -50,7 +50,7 @@ def compare(
     The default shows what continuity up to the acceleration buys: the paper's gait beside the plain inverted
     pendulum. No tolerances are judged: 0 means that both walked to the end.
     """
-    from validation.study.compare.run import compare_pair
+    from validation.study.compare.pair import compare_pair
 
     extra = with_steps(settings, steps)
     pair = compare_pair(a, b, extra, uncertainty=uncertainty or (), out=out, force=force, stages=Narrator())
@@ -64,7 +64,7 @@ def compare(
 
 def print_pair(pair: Pair) -> None:
     """Print both sides for a reader."""
-    from validation.study.compare.pair import counts, facts, known, ratio, tables
+    from validation.study.compare.report import facts, known, notes, tables  # loads matplotlib
 
     columns = ["", f">{pair.a.label}", f">{pair.b.label}"]
     print_table(f"{pair.a.label} and {pair.b.label}", columns, facts(pair))
@@ -74,8 +74,5 @@ def print_pair(pair: Pair) -> None:
     for group, rows in tables(pair).items():
         short = [[text.replace("% of body weight", "% of weight") for text in row] for row in rows]
         print_table(group, [*columns, "unit", ">ratio", "better"], short)
-    for line in (*counts(pair), f"  {known(pair)}"):
+    for line in (*notes(pair), known(pair)):
         print_line(line)
-    if unbounded := pair.unbounded():
-        ratios = "; ".join(f"{row.of.group}, {row.of.label}: {ratio(row)}" for row in unbounded)
-        print_line(f"  Largest ratios among those: {ratios}.")

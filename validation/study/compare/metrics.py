@@ -14,13 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from validation.judge.metrics import METRICS, display_unit
-from validation.judge.signals import signals_table
-from validation.store.signals import Signals
 
 if TYPE_CHECKING:
     from ampm.planner.support import StepPlan
-    from validation.judge.compare import Comparison
     from validation.store.record import StoredRecord
+    from validation.store.signals import Signals
     from validation.trial.record import SimulationRecord
 
 Array = NDArray[np.float64]
@@ -42,6 +40,7 @@ class Quantity(NamedTuple):
         label: in words.
         unit: as shown.
         least: values below it are noise [unit].
+        extreme: whether it is a largest value.
         walked: whether a simulation is in it; closed form, and the motion on a given grid, are not.
     """
 
@@ -50,6 +49,7 @@ class Quantity(NamedTuple):
     label: str
     unit: str
     least: float
+    extreme: bool = False
     walked: bool = True
 
     @property
@@ -57,18 +57,33 @@ class Quantity(NamedTuple):
         """Name in ``convergence.json``."""
         return self.name if self.name in METRICS else f"switch_{self.name}"
 
+    def si_unit(self, weight: float) -> tuple[float, str]:
+        """SI value of ``unit``, and the SI unit.
+
+        Args:
+            weight: of the body [N].
+        """
+        table = {
+            "mm": (1e-3, "m"),
+            "% of body weight": (1e-2 * weight, "N"),
+            "body weights/s": (weight, "N/s"),
+            "N m/ms": (1e3, "N m/s"),
+            "m/s²": (1.0, "m/s^2"),
+        }
+        return table.get(self.unit, (1.0, self.unit))
+
 
 _PLAN, _JOINTS = "jump at a switch: the plan", "jump at a switch: joint accelerations of the motion"
-UNWALKED = (
-    Quantity(_PLAN, "plan_acceleration", "COM acceleration", "m/s²", 1e-9, False),
-    Quantity(_PLAN, "plan_force", "horizontal force", "% of body weight", 1e-9, False),
-    Quantity(_PLAN, "plan_zmp", "ZMP", "mm", 1e-9, False),
-    Quantity(_PLAN, "plan_moment", "moment about the COM", "N m", 1e-9, False),
-    *(
-        Quantity(_JOINTS, f"joint_{1e3 * h:g}ms", f"on a grid of {1e3 * h:g} ms", "rad/s²", 1.0, False)
-        for h in GRIDS
-    ),
-    Quantity(_JOINTS, "joint_limit", "without a grid (extrapolated)", "rad/s²", 1.0, False),
+UNWALKED = tuple(
+    Quantity(*row, walked=False)
+    for row in (
+        (_PLAN, "plan_acceleration", "COM acceleration", "m/s²", 1e-9),
+        (_PLAN, "plan_force", "horizontal force", "% of body weight", 1e-9),
+        (_PLAN, "plan_zmp", "ZMP", "mm", 1e-9),
+        (_PLAN, "plan_moment", "moment about the COM", "N m", 1e-9),
+        *((_JOINTS, f"joint_{1e3 * h:g}ms", f"on a grid of {1e3 * h:g} ms", "rad/s²", 1.0) for h in GRIDS),
+        (_JOINTS, "joint_limit", "without a grid (extrapolated)", "rad/s²", 1.0),
+    )
 )
 _NEAR = f"{1e3 * WINDOW:g} ms"
 _CHANGE = f"COM acceleration, mean of {1e3 * ACROSS:g} ms after less before"
@@ -84,7 +99,7 @@ SWITCH = (
     Quantity(_ZMP, "zmp_y_near", f"y, RMSE within {_NEAR} of a switch", "mm", 0.05),
     Quantity(_ZMP, "zmp_y_far", "y, RMSE elsewhere", "mm", 0.05),
     Quantity(_TORQUE, "torque_rate_peak", f"fastest joint within {_NEAR} (median over switches)", "N m/ms",
-             0.1),
+             0.1, True),
     Quantity(_TORQUE, "torque_rate_near", f"RMS of all joints within {_NEAR}", "N m/ms", 0.01),
     Quantity(_TORQUE, "torque_rate_far", "RMS of all joints elsewhere", "N m/ms", 0.01),
     Quantity(_EFFORT, "effort_zmp_near", f"ZMP, RMS within {_NEAR}", "mm", 0.05),
@@ -103,35 +118,6 @@ _COSTS = {
 _WHOLE = "the whole run"
 _NOISE = 0.02
 """Share of a metric's tolerance below which its value is noise [1]."""
-
-
-def si_unit(unit: str, weight: float) -> tuple[float, str]:
-    """SI value of a shown unit, and the SI unit.
-
-    Args:
-        unit: as shown.
-        weight: of the body [N].
-    """
-    table = {
-        "mm": (1e-3, "m"),
-        "% of body weight": (1e-2 * weight, "N"),
-        "body weights/s": (weight, "N/s"),
-        "N m/ms": (1e3, "N m/s"),
-        "m/s²": (1.0, "m/s^2"),
-    }
-    return table.get(unit, (1.0, unit))
-
-
-SWITCH_UNITS: Mapping[str, str] = {item.name: si_unit(item.unit, 1.0)[1] for item in SWITCH}
-"""SI units of what only a comparison shows."""
-
-
-def switch_values(walk: Comparison) -> dict[str, float]:
-    """Quantities of :data:`SWITCH` in SI units."""
-    table, record = signals_table(walk), walk.record
-    signals = Signals({name: table.column(name).to_numpy() for name in table.column_names})
-    values, weight = switch_quantities(walk.plan, signals, record), record.mass * record.gravity
-    return {item.name: si_unit(item.unit, weight)[0] * values[item.name] for item in SWITCH}
 
 
 def quantities(weight: float) -> Iterator[Quantity]:
@@ -156,10 +142,9 @@ def quantities(weight: float) -> Iterator[Quantity]:
 
 
 def metric_values(summary: Mapping[str, Any], weight: float) -> dict[str, float]:
-    """Values of the compared metrics in ``summary.json``, as shown."""
+    """Values of all metrics in ``summary.json``, as shown; NaN where it has none."""
     found = {}
-    for name in (item.name for item in quantities(weight) if item.group == _WHOLE):
-        metric = METRICS[name]
+    for name, metric in METRICS.items():
         section = summary.get(metric.section or "metrics", {})
         entry = section.get(name.partition("_")[2] if metric.section else name)
         value = entry.get("value") if isinstance(entry, Mapping) else entry
@@ -167,8 +152,8 @@ def metric_values(summary: Mapping[str, Any], weight: float) -> dict[str, float]
     return found
 
 
-def switch_quantities(
-    plan: StepPlan, signals: Signals, record: SimulationRecord | StoredRecord, window: float = WINDOW
+def switch_values(
+    plan: StepPlan, signals: Signals, record: SimulationRecord | StoredRecord
 ) -> dict[str, float]:
     """Quantities of :data:`SWITCH` in their shown units; NaN without a switch.
 
@@ -176,55 +161,49 @@ def switch_quantities(
         plan: that was walked.
         signals: plan, command and measurement on one clock.
         record: of the walk.
-        window: half-width of the window about a switch [s].
     """
-    time, mass = signals.time, record.mass
-    weight = mass * record.gravity
-    values: dict[str, float] = {}
-    after_first = time >= plan.constants.step_duration - 1e-9
+    time, dt, weight = signals.time, record.time_step, record.mass * record.gravity
+    first = plan.constants.step_duration - 1e-9
     switches = plan.contacts.switch_times
-    switches = switches[(switches >= plan.constants.step_duration - 1e-9) & (switches < time[-1] - window)]
+    switches = switches[(switches >= first) & (switches < time[-1] - WINDOW)]
     distance = np.abs(time[:, None] - switches).min(axis=1, initial=np.inf)
-    near, far = after_first & (distance <= window), after_first & (distance > window)
-    about = [np.abs(time - switch) <= window for switch in switches]
+    rows = {"near": (time >= first) & (distance <= WINDOW), "far": (time >= first) & (distance > WINDOW)}
 
-    def median_of_peaks(series: Array) -> float:
-        return float(np.median([np.nanmax(series[rows]) for rows in about])) if about else np.nan
-
-    measured, planned = signals.vector("measured_force"), signals.vector("plan_force")
-    dt = record.time_step
+    def peak(series: Array) -> float:
+        """Largest value about a switch, median over switches."""
+        peaks = [np.nanmax(series[np.abs(time - switch) <= WINDOW]) for switch in switches]
+        return float(np.median(peaks)) if peaks else math.nan
 
     def change(force: Array) -> float:
+        """Change of the horizontal force at a switch over the mass, median over switches."""
         steps = []
-        for switch in switches:
-            before = (time >= switch - ACROSS - 1e-9) & (time < switch - 1e-9)
-            after = (time >= switch - 1e-9) & (time < switch + ACROSS - 1e-9)
+        for switch in switches - 1e-9:
+            before = (time >= switch - ACROSS) & (time < switch)
+            after = (time >= switch) & (time < switch + ACROSS)
             steps.append(np.linalg.norm(force[after, :2].mean(axis=0) - force[before, :2].mean(axis=0)))
-        return float(np.median(steps)) / mass if steps else np.nan
+        return float(np.median(steps)) / record.mass if steps else math.nan
 
-    values["planned_change"], values["measured_change"] = change(planned), change(measured)
-    rate = np.linalg.norm(np.diff(measured[:, :2], axis=0, append=measured[-1:, :2]), axis=1) / dt
-    values["force_rate"] = median_of_peaks(rate) / weight
-    values["vertical_force"] = 100.0 * median_of_peaks(np.abs(measured[:, 2] - planned[:, 2])) / weight
-
-    error = 1e3 * (signals.vector("measured_zmp", "xy") - signals.vector("plan_zmp", "xy"))
-    for column, axis in enumerate("xy"):
-        values[f"zmp_{axis}_near"] = _rms(error[near, column])
-        values[f"zmp_{axis}_far"] = _rms(error[far, column])
-
+    measured, planned = signals.vector("measured_force"), signals.vector("plan_force")
+    force_rate = np.linalg.norm(np.diff(measured[:, :2], axis=0, append=measured[-1:, :2]), axis=1) / dt
     torque_rate = np.abs(np.diff(record.torque, axis=0, append=record.torque[-1:])) / dt / 1e3
-    values["torque_rate_peak"] = median_of_peaks(torque_rate.max(axis=1))
-    values["torque_rate_near"] = _rms(torque_rate[near])
-    values["torque_rate_far"] = _rms(torque_rate[far])
-
-    effort = 1e3 * (signals.vector("command_zmp", "xy") - signals.vector("plan_zmp", "xy"))
-    values["effort_zmp_near"] = _rms(effort[near]) * np.sqrt(2.0)
-    values["effort_zmp_far"] = _rms(effort[far]) * np.sqrt(2.0)
-    push = 100.0 * (signals.vector("command_force", "xy") - signals.vector("plan_force", "xy")) / weight
-    values["effort_force_near"] = _rms(push[near]) * np.sqrt(2.0)
-    return {name: float(value) for name, value in values.items()}
+    zmp = {name: signals.vector(f"{name}_zmp", "xy") for name in ("plan", "command", "measured")}
+    error = 1e3 * (zmp["measured"] - zmp["plan"])
+    push = signals.vector("command_force", "xy") - signals.vector("plan_force", "xy")
+    of_joints = {"zmp_x": error[:, 0], "zmp_y": error[:, 1], "torque_rate": torque_rate}
+    of_vectors = {"effort_zmp": 1e3 * (zmp["command"] - zmp["plan"]), "effort_force": 100.0 * push / weight}
+    values = {
+        "planned_change": change(planned),
+        "measured_change": change(measured),
+        "force_rate": peak(force_rate) / weight,
+        "vertical_force": 100.0 * peak(np.abs(measured[:, 2] - planned[:, 2])) / weight,
+        "torque_rate_peak": peak(torque_rate.max(axis=1)),
+    }
+    for where, inside in rows.items():
+        values |= {f"{name}_{where}": _rms(series[inside]) for name, series in of_joints.items()}
+        values |= {f"{name}_{where}": _rms(series[inside]) * 2**0.5 for name, series in of_vectors.items()}
+    return {item.name: values[item.name] for item in SWITCH}
 
 
 def _rms(values: Array) -> float:
     known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known * known))) if known.size else float("nan")
+    return float(np.sqrt(np.mean(known * known))) if known.size else math.nan

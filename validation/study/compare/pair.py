@@ -1,4 +1,8 @@
-"""Two walked gaits and what they are compared by.
+"""Two gaits side by side: what continuity at the switches buys, and where it buys nothing.
+
+Both sides are walked or loaded. At the instants at which support changes they are compared by jumps of the
+plan, jumps of joint accelerations on finer grids, measured ground force, ZMP error, torque rates, feedback.
+Metrics of the whole run stand beside these.
 
 How far a measured value is from that of a vanishing time step only a convergence study says: without one no
 value of a walk is called better, however large the difference.
@@ -7,16 +11,33 @@ value of a walk is called better, however large the difference.
 from __future__ import annotations
 
 import math
+import tempfile
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from ampm.planner.support import StepPlan
-from validation.judge.uncertainty import Uncertainty
-from validation.show.text import format_number
-from validation.store.json import json_ready
-from validation.store.saved import SavedRun
-from validation.study.compare.metrics import Quantity
+import numpy as np
 
+from ampm.body.motion import WholeBodyMotion
+from ampm.body.orbit import solve_motion
+from ampm.body.robot import Robot
+from ampm.exceptions import InputError
+from ampm.planner.periodic import plan_gait
+from ampm.planner.support import StepPlan, plan_steps
+from ampm.run_file import load_run
+from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching
+from validation.progress import Progress
+from validation.run.validate import Options, validate
+from validation.store.folders import check_run_folder, check_target
+from validation.store.identity import parameter_values
+from validation.store.json import json_ready
+from validation.store.saved import RUN_FILE, SUMMARY_FILE, SavedRun, load_saved_run
+from validation.study.compare.metrics import GRIDS, Quantity, metric_values, quantities, switch_values
+from validation.trial.plan import Request, load_request, make_body, motion_cache
+
+REPORT, NUMBERS, PICTURE = "report.html", "comparison.json", "switches.svg"
 EVEN = 1.25
 """Ratio of two values within which neither side is called better."""
 
@@ -58,6 +79,26 @@ class Side:
     joints: Joints
     outcome: str
 
+    @property
+    def weight(self) -> float:
+        """Of the body [N]."""
+        return self.saved.record.mass * self.saved.record.gravity
+
+    def values(self) -> dict[str, float]:
+        """Every quantity, as shown."""
+        residuals, height = self.plan.residuals(), self.plan.centroidal.com_height
+        jump = residuals.acceleration * self.plan.gravity
+        return {
+            "plan_acceleration": jump,
+            "plan_force": 100.0 * jump / self.plan.gravity,
+            "plan_zmp": 1e3 * residuals.zmp * height,
+            "plan_moment": residuals.moment * self.plan.centroidal.weight * height,
+            "joint_limit": self.joints.limit,
+            **{f"joint_{1e3 * h:g}ms": j for h, j in zip(self.joints.grid, self.joints.jump, strict=True)},
+            **switch_values(self.plan, self.saved.signals, self.saved.record),
+            **metric_values(self.saved.summary, self.weight),
+        }
+
     def as_dict(self) -> dict[str, Any]:
         """Facts about the gait: lengths in m, speeds in m/s, durations in s."""
         gait, constants = self.saved.parameters.gait, self.plan.constants
@@ -73,18 +114,6 @@ class Side:
             "double_support_duration": constants.double_support_duration,
             "joint_acceleration_jump": self.joints,
         }
-
-
-_FACTS = {
-    "outcome": "{outcome}, {steps_completed} steps",
-    "model": "{model}",
-    "step length": "{step_length:g} m",
-    "speed at a switch": "{switching_velocity:g} m/s",
-    "mean speed": "{mean_velocity:.3f} m/s",
-    "single support": "{single_support_duration:.3f} s",
-    "double support": "{double_support_duration:.3f} s",
-    "joint that jumps most": "{joint_acceleration_jump.joint}",
-}
 
 
 class Row(NamedTuple):
@@ -118,7 +147,7 @@ class Row(NamedTuple):
         difference is within that of both.
         """
         u = self.u_a + self.u_b
-        if not (math.isfinite(self.a) and math.isfinite(self.b) and math.isfinite(u)):
+        if not all(map(math.isfinite, (self.a, self.b, u))):
             return ""
         if u > 0.0 and abs(self.a - self.b) <= u:
             return ""
@@ -134,33 +163,23 @@ class Pair:
         a: first side.
         b: second side.
         rows: quantities, group by group.
-        studies: convergence study of either side; None without.
+        studies: convergence study of either side; empty without.
     """
 
     a: Side
     b: Side
     rows: tuple[Row, ...]
-    studies: tuple[Uncertainty, Uncertainty] | None = None
+    studies: tuple[Uncertainty, ...] = ()
 
     @property
     def parameters(self) -> dict[str, tuple[Any, Any]]:
         """Key to the values of both sides, of every parameter in which they differ."""
-        one, two = (side.saved.parameters.model_dump() for side in (self.a, self.b))
-        return {
-            f"{section}.{key}": (value, two[section][key])
-            for section, entries in one.items()
-            for key, value in entries.items()
-            if value != two[section][key]
-        }
-
-    def unbounded(self, count: int = 5) -> list[Row]:
-        """Rows of the largest ratios among the undecided ones."""
-        open_rows = [row for row in self.rows if row.better == "" and row.ratio]
-        return sorted(open_rows, key=lambda row: -abs(math.log(row.ratio or 1.0)))[:count]
+        one, two = (parameter_values(side.saved.parameters) for side in (self.a, self.b))
+        return {key: (value, two[key]) for key, value in one.items() if value != two[key]}
 
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain data."""
-        quantities = {
+        entries = {
             row.of.name: {
                 **{key: getattr(row.of, key) for key in ("group", "label", "unit")},
                 **{key: getattr(row, key) for key in ("a", "b", "ratio", "better")},
@@ -172,67 +191,149 @@ class Pair:
             "a": self.a.as_dict(),
             "b": self.b.as_dict(),
             "parameters": self.parameters,
-            "uncertainty": None if self.studies is None else [study.as_dict() for study in self.studies],
-            "quantities": quantities,
+            "uncertainty": [study.as_dict() for study in self.studies] or None,
+            "quantities": entries,
         }
         return dict(json_ready(table))
 
 
-def facts(pair: Pair) -> list[tuple[str, ...]]:
-    """Facts about both gaits: name of the fact, first side, second side."""
-    a, b = pair.a.as_dict(), pair.b.as_dict()
-    return [
-        (name, *(text.format(**side).replace("_", " ") for side in (a, b))) for name, text in _FACTS.items()
-    ]
+def compare_pair(
+    a: str,
+    b: str,
+    settings: Sequence[str] = (),
+    *,
+    uncertainty: Sequence[Path] = (),
+    out: Path | None = None,
+    force: bool = False,
+    stages: Progress | None = None,
+) -> Pair:
+    """Walk or load two gaits and compare them.
+
+    Args:
+        a: preset, TOML file, or folder of a run.
+        b: likewise.
+        settings: ``key=value`` texts for the gaits that are to be walked.
+        uncertainty: ``convergence.json`` of both gaits; without, no value of a walk is called better.
+        out: folder that keeps the runs that are walked, and that
+            :func:`validation.study.compare.report.write_pair` will fill; None keeps nothing.
+        force: replace an earlier comparison in ``out``.
+        stages: where to report progress.
+
+    Raises:
+        InputError, MathematicalRefusal, BodilyRefusal: a gait or folder cannot be used.
+    """
+    stages = stages or Progress()
+    sources = _sources([a, b], settings)
+    for label, source in sources.items():
+        if isinstance(source, Request):  # refuse bad mathematics before anything walks
+            plan_gait(source.run.gait, source.run.body.mass)
+        elif not (source / SUMMARY_FILE).is_file():
+            raise InputError(
+                f"{label} is no folder of a finished run; give a preset, a TOML file or a run's folder."
+            )
+    studies = _studies(sources, uncertainty)
+    if out is not None:
+        check_target(out, None, force=force, what="comparison", marks=(NUMBERS, PICTURE))
+        for label, source in sources.items():
+            if isinstance(source, Request):
+                check_run_folder(out / label, force=force)
+        out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="ampm-compare-") if out is None else nullcontext(out) as place:
+        sides = []
+        for label, source in sources.items():
+            if isinstance(source, Request):
+                options, folder = Options(force=force, recording=out is not None), Path(place) / label
+                if validate(source, folder, options, progress=stages)["outcome"] == "interrupted":
+                    raise KeyboardInterrupt  # the other one is not wanted either
+                source = folder
+            sides.append(load_side(label, source, stages))
+        return pair_of(*sides, studies=studies)
 
 
-def tables(pair: Pair) -> dict[str, list[tuple[str, ...]]]:
-    """Heading to rows of label, both values, unit, ratio, and which side is better."""
-    names = {"a": pair.a.label, "b": pair.b.label, "even": "=", "": ""}
-    found: dict[str, list[tuple[str, ...]]] = {}
-    for row in pair.rows:
-        cells = (row.of.label, shown(row.a), shown(row.b), row.of.unit, ratio(row), names[row.better])
-        found.setdefault(row.of.group, []).append(cells)
-    return found
-
-
-def counts(pair: Pair) -> list[str]:
-    """In how many quantities each side is better, neither is, or which are undecided."""
-    words = {
-        "a": f"{pair.a.label} is better in",
-        "even": "no difference in",
-        "b": f"{pair.b.label} is better in",
-        "": "undecided:",
-    }
-    found = [row.better for row in pair.rows]
-    return [f"{text} {found.count(better)} of {len(found)} quantities" for better, text in words.items()]
-
-
-def known(pair: Pair) -> str:
-    """Explanation of the thresholds for a difference, in a sentence or two."""
-    if pair.studies is None:
-        return (
-            "No convergence study was given (--uncertainty FILE, one per gait): of the walks no value is "
-            "called better, only of plan and motion, which are not simulated."
+def _sources(texts: Sequence[str], settings: Sequence[str]) -> Mapping[str, Request | Path]:
+    """What is to be walked or loaded, by its name for tables."""
+    sources = [Path(text) if Path(text).is_dir() else load_request(text, settings) for text in texts]
+    walks = [source for source in sources if isinstance(source, Request)]
+    if settings and not walks:
+        raise InputError(
+            "both sides are runs that are already walked: --set has nothing to change; leave it out."
         )
-    parts = []
-    for side, study in zip((pair.a, pair.b), pair.studies, strict=True):
-        inside = " + ".join(study.studies) or "no numerical study"
-        lacking = f", not studied: {', '.join(study.not_studied)}" if study.not_studied else ""
-        parts.append(f"of {side.label} ({inside}{lacking})")
-    return (
-        f"A difference within the sum of both numerical uncertainties, {' and '.join(parts)}, is no result, "
-        "nor is one of a value whose uncertainty is not known."
+    names = [s.name if isinstance(s, Request) else s.resolve().name for s in sources]
+    if names[0] == names[1]:
+        if len(walks) == len(sources):
+            raise InputError(
+                f"both gaits are named {names[0]!r}; give two different ones, or folders of runs."
+            )
+        names = [f"{name}-{number}" for number, name in enumerate(names, start=1)]
+    return dict(zip(names, sources, strict=True))
+
+
+def _studies(sources: Mapping[str, Request | Path], files: Sequence[Path]) -> tuple[Uncertainty, ...]:
+    """The convergence study of either side, before anything walks.
+
+    Raises:
+        InputError: a file is none, or none is of one of the gaits.
+    """
+    known = [load_uncertainty(file) for file in files]
+    requests = (
+        source if isinstance(source, Request) else Request(label, load_run(source / RUN_FILE, ()))
+        for label, source in sources.items()
     )
+    return tuple(matching(known, request) for request in requests) if known else ()
 
 
-def shown(value: float) -> str:
-    """A value for a table: rounding errors are 0."""
-    return "0" if abs(value) < 1e-9 else format_number(value, 3)
+def load_side(label: str, folder: Path, stages: Progress) -> Side:
+    """Load a run and solve its motion on all grids."""
+    saved = load_saved_run(folder)
+    if not len(saved.signals):
+        raise InputError(f"{label} ended before its first instant; there is nothing to compare.")
+    run = saved.parameters
+    with stages.stage(f"{label}: motion on {len(GRIDS)} grids") as stage:
+        body = make_body(run)
+        plan = plan_steps(run.gait, run.body.mass, run.foot, body.model.description.sole)
+        finer = [run.replace({"solver.ik_time_step": step}) for step in GRIDS]
+        options: dict[str, Any] = {"progress": stage.note, "cache": motion_cache()}
+        motions = [solve_motion(plan, run, body.robot, **options) for run in finer]
+    joints = joint_jumps(motions, body.robot, GRIDS)
+    return Side(label, saved, plan, joints, str(saved.record.outcome.name))
 
 
-def ratio(row: Row) -> str:
-    """Second over first value, for a table."""
-    if row.ratio is None:
-        return ""
-    return "> 1000" if row.ratio > 1000.0 else "< 0.001" if row.ratio < 1e-3 else format_number(row.ratio, 3)
+def joint_jumps(motions: Sequence[WholeBodyMotion], robot: Robot, grids: Sequence[float]) -> Joints:
+    """Change of joint accelerations over the grid interval that ends at a switch, and what is left of it.
+
+    Args:
+        motions: of one gait, on finer and finer grids.
+        robot: the body.
+        grids: the largest step of each, only reported [s].
+    """
+    steps, changes = [], []
+    for motion in motions:
+        a, time = motion.acceleration[:, 6:], motion.time
+        switch = int(np.searchsorted(time, motion.double_support_start - 1e-9))
+        # The step begins with a switch too: the interval before it is the step's last one, mirrored.
+        changes.append(np.stack([a[switch] - a[switch - 1], a[0] - robot.mirror_joints(a[-2])]))
+        steps.append(np.array([time[switch] - time[switch - 1], time[-1] - time[-2]])[:, None])
+    # A continuous acceleration changes in proportion to the step; what is left at none is a jump.
+    h, finer = steps[-2:]
+    limit = np.abs((changes[-1] * h - changes[-2] * finer) / (h - finer))
+    jumps = tuple(float(np.abs(change).max()) for change in changes)
+    joint = robot.joint_names[int(limit.max(axis=0).argmax())]
+    return Joints(tuple(grids), jumps, float(limit.max()), joint)
+
+
+def pair_of(a: Side, b: Side, *, studies: tuple[Uncertainty, ...] = ()) -> Pair:
+    """All quantities of two walked sides, with the numerical uncertainty that the studies found."""
+    values = [side.values() for side in (a, b)]
+
+    def uncertainties(item: Quantity) -> list[float]:
+        """Of both sides, as shown: what is not walked has none, and without a study it is not known."""
+        if not (item.walked and studies):
+            return [math.nan if item.walked else 0.0] * 2
+        found = (study.bounds.get(item.studied_name, math.nan) for study in studies)
+        return [u / item.si_unit(side.weight)[0] for u, side in zip(found, (a, b), strict=True)]
+
+    rows = (
+        Row(item, *(found[item.name] for found in values), *uncertainties(item))
+        for item in quantities(a.plan.mass * a.plan.gravity)
+    )
+    return Pair(a, b, tuple(rows), studies)

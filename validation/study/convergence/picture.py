@@ -66,7 +66,7 @@ def draw(result: Convergence, path: Path) -> None:
 
 def _draw_study(axes: Axes, study: Study, items: Sequence[MetricStudy]) -> None:
     """One study; relative to the gait's own values."""
-    factor, unit = study.topic.shown
+    factor, unit = study.display
     at = factor * np.array(study.values)
     top = _LEAST
     for number, item in enumerate(items):
@@ -95,7 +95,7 @@ def _draw_study(axes: Axes, study: Study, items: Sequence[MetricStudy]) -> None:
             axes.plot(at, guide, color="0.6", lw=0.8, ls=":")
             axes.annotate(f"order {order}", (at[-1], guide[-1]), fontsize="x-small", color="0.4")
     axes.set_title(study.name)
-    axes.set_xlabel(f"{study.topic.title} [{unit or '1'}]")
+    axes.set_xlabel(f"{study.title} [{unit or '1'}]")
     axes.set_ylabel(f"{'error' if study.numerical else 'value'}, over the gait's own value [1]")
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xticks(at, [f"{value:.3g}" for value in at])

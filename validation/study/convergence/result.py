@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from validation.judge.metrics import MetricValue
 from validation.judge.profiles import Profile
@@ -15,11 +15,8 @@ from validation.store.environment import describe_environment
 from validation.store.identity import parameter_values, run_key
 from validation.study.convergence.order import Estimate, estimate, input_uncertainty
 from validation.study.convergence.studies import Study, numerical_studies
-from validation.study.convergence.walks import LevelResult, StudiedQuantity, studied_quantities
-
-if TYPE_CHECKING:
-    from ampm.parameters import RunParameters
-    from validation.trial.plan import Request
+from validation.study.convergence.walks import StudiedQuantity, Walks, studied_quantities
+from validation.trial.plan import Request
 
 TIME_STEP = "time_step"
 """The first of the studies: its order and extrapolated value stand for a metric."""
@@ -57,13 +54,11 @@ class MetricStudy(MetricResult):
     def as_dict(self) -> dict[str, Any]:
         """For ``convergence.json``."""
         head = self.headline
-        by_study: dict[str, Any] = {}
-        for study, values in self.levels.items():
-            by_study[study] = {"values": values}
-            if one := self.estimates.get(study):
-                by_study[study] |= {**vars(one), "asymptotic": one.asymptotic}
-            else:
-                by_study[study]["input_uncertainty"] = self.inputs[study]
+        by_study: dict[str, Any] = {study: {"values": values} for study, values in self.levels.items()}
+        for study, one in self.estimates.items():
+            by_study[study] |= {**vars(one), "asymptotic": one.asymptotic}
+        for study, deviation in self.inputs.items():
+            by_study[study]["input_uncertainty"] = deviation
         return {
             "value": self.value,
             "unit": self.of.unit,
@@ -94,16 +89,14 @@ class Convergence:
         uncertainty: numerical uncertainty that the studies leave.
         metrics: by name; those with a tolerance first.
         verdict: pass only where every metric is further from its limit than its uncertainty.
-        notes: what a reader has to know of single levels.
     """
 
     request: Request
     studies: tuple[Study, ...]
-    walks: Mapping[RunParameters, LevelResult]
+    walks: Walks
     uncertainty: Uncertainty
     metrics: Mapping[str, MetricStudy]
     verdict: Verdict
-    notes: tuple[str, ...]
 
     @property
     def completed(self) -> bool:
@@ -111,19 +104,32 @@ class Convergence:
         needed = {run for study in self.studies if study.numerical for run in study.runs}
         return all(self.walks[run].completed for run in needed | {self.request.run})
 
+    @property
+    def notes(self) -> list[str]:
+        """What a reader has to know of single levels."""
+        notes = []
+        for study in self.studies:
+            for run, value in zip(study.runs, study.values, strict=True):
+                walk, where = self.walks[run], f"{study.name}, {study.shown(value)}"
+                if not walk.completed:
+                    notes.append(f"{where}: {walk.outcome}, {walk.cause.rstrip('.') or 'no cause given'}.")
+                elif unsolved := walk.values.get("failed_qp"):
+                    notes.append(f"{where}: {unsolved:.0f} of the controller's QPs unsolved.")
+        return list(dict.fromkeys(notes))
+
     def as_dict(self) -> dict[str, Any]:
         """Contents of ``convergence.json``."""
         known, levels = self.uncertainty, {}
         for study in self.studies:
-            topic, walks = study.topic, [self.walks[run] for run in study.runs]
+            walks = [self.walks[run] for run in study.runs]
             levels[study.name] = {
                 "kind": "numerical" if study.numerical else "input",
-                "title": topic.title,
-                "key": topic.key,
-                "unit": topic.unit,
+                "title": study.title,
+                "key": study.key,
+                "unit": study.unit,
                 "values": study.values,
                 "own": study.own,
-                "ratio": topic.ratio or None,
+                "ratio": study.ratio or None,
                 "outcomes": [walk.outcome for walk in walks],
                 "causes": [walk.cause or None for walk in walks],
                 "seconds": [walk.seconds for walk in walks],
@@ -146,12 +152,7 @@ class Convergence:
         }
 
 
-def combine(
-    request: Request,
-    profile: Profile,
-    found: Sequence[Study],
-    walks: Mapping[RunParameters, LevelResult],
-) -> Convergence:
+def combine(request: Request, profile: Profile, found: Sequence[Study], walks: Walks) -> Convergence:
     """Estimates of every metric from the walks of all levels, and the verdict that they allow.
 
     The errors of time step, grids and tolerances are not random and may have one sign: their bounds are
@@ -163,13 +164,14 @@ def combine(
     values: dict[str, float] = {}
     incomplete: dict[str, tuple[str, ...]] = {}
     for name, value in own.values.items():
-        needed = _needed(known[name], every)
-        estimates = studied[name]["estimates"]
+        # The exact value of a self-check is zero: what the time step leaves is what it measures.
+        skipped = (TIME_STEP,) if known[name].is_self_check else every if studied[name]["exact"] else ()
+        needed, estimates = [study for study in every if study not in skipped], studied[name]["estimates"]
         counted = [estimates[study].uncertainty for study in needed if study in estimates]
-        if missing := tuple(study for study in needed if study not in estimates):
-            incomplete[name] = missing
+        if len(counted) < len(needed):
+            incomplete[name] = tuple(study for study in needed if study not in estimates)
         total = math.fsum(counted)
-        if (counted or not missing) and not math.isnan(value + total):
+        if (counted or not needed) and not math.isnan(value + total):
             values[name] = total
     uncertainty = Uncertainty(
         gait=request.name,
@@ -185,55 +187,26 @@ def combine(
     measured = {name: MetricValue(value, known[name].unit) for name, value in own.values.items()}
     verdict = judge_values(measured, profile, own.weight, uncertainty, ended=ended)
     metrics = {item.name: MetricStudy(**vars(item), **studied[item.name]) for item in verdict.metrics}
-    return Convergence(
-        request, tuple(found), dict(walks), uncertainty, metrics, verdict, _notes(found, walks)
-    )
+    return Convergence(request, tuple(found), walks, uncertainty, metrics, verdict)
 
 
-def _study(
-    name: str, known: StudiedQuantity, found: Sequence[Study], walks: Mapping[RunParameters, LevelResult]
-) -> dict[str, Any]:
+def _study(name: str, known: StudiedQuantity, found: Sequence[Study], walks: Walks) -> dict[str, Any]:
     """Entries of :class:`MetricStudy` beyond the verdict."""
-
-    def values(study: Study) -> tuple[float, ...]:
-        """At every level, NaN unless its walk came to the end: another way of walking is no level."""
-        level = [walks[run] for run in study.runs]
-        return tuple(walk.values.get(name, math.nan) if walk.completed else math.nan for walk in level)
-
-    levels, never = {study.name: values(study) for study in found}, _NEVER.get(known.nature, "")
-    estimates = {
-        study.name: estimate(levels[study.name], study.topic.ratio, forbidden=never)
-        for study in found
-        if study.numerical
-    }
-    inputs = {
-        study.name: input_uncertainty(levels[study.name], study.own) for study in found if not study.numerical
-    }
-    exact = known.nature == "count"
-    if exact:
-        words = "counted in the very run that it judges: exact"
-    else:  # the time step's study comes first, if it was made
-        words = next((item.reason for item in estimates.values()), "no numerical study")
-        if known.self_check and TIME_STEP in estimates:
-            words += "; a self-check whose exact value is zero: the time step is what it measures, and no "
-            words += "uncertainty of it"
-    return {"levels": levels, "estimates": estimates, "inputs": inputs, "found": words, "exact": exact}
-
-
-def _needed(known: StudiedQuantity, every: Sequence[str]) -> tuple[str, ...]:
-    """Numerical studies that the uncertainty of a quantity takes."""
-    if known.nature == "count":
-        return ()
-    return tuple(study for study in every if not (known.self_check and study == TIME_STEP))
-
-
-def _notes(found: Sequence[Study], walks: Mapping[RunParameters, LevelResult]) -> tuple[str, ...]:
-    notes = []
+    levels: dict[str, tuple[float, ...]] = {}
+    estimates: dict[str, Estimate] = {}
+    inputs: dict[str, float] = {}
     for study in found:
-        for run, value in zip(study.runs, study.values, strict=True):
-            walk, where = walks[run], f"{study.name}, {study.shown(value)}"
-            if not walk.completed:
-                notes.append(f"{where}: {walk.outcome}, {walk.cause.rstrip('.') or 'no cause given'}.")
-            elif walk.values.get("failed_qp"):
-                notes.append(f"{where}: {walk.values['failed_qp']:.0f} of the controller's QPs unsolved.")
-    return tuple(dict.fromkeys(notes))
+        # NaN unless the walk came to its end: another way of walking is no level.
+        ended = (walks[run].values if walks[run].completed else {} for run in study.runs)
+        values = levels[study.name] = tuple(level.get(name, math.nan) for level in ended)
+        if study.numerical:
+            estimates[study.name] = estimate(values, study.ratio, forbidden=_NEVER.get(known.nature, ""))
+        else:
+            inputs[study.name] = input_uncertainty(values, study.own)
+    exact, words = known.nature == "count", "counted in the very run that it judges: exact"
+    if not exact:
+        words = next((item.reason for item in estimates.values()), "no numerical study")
+    if known.is_self_check and TIME_STEP in estimates:
+        words += "; a self-check whose exact value is zero: the time step is what it measures, and no "
+        words += "uncertainty of it"
+    return {"levels": levels, "estimates": estimates, "inputs": inputs, "found": words, "exact": exact}

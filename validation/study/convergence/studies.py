@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
 
 from ampm.exceptions import InputError
-
-if TYPE_CHECKING:
-    from ampm.parameters import RunParameters
+from ampm.parameters import RunParameters
+from validation.store.identity import parameter_values
 
 LEVELS = 4
 """Of a numerical study, by default: two triplets, the least that can confirm an order."""
 
 
-class Topic(NamedTuple):
+@dataclass(frozen=True)
+class Topic:
     """One thing that can be varied: a step or tolerance whose limit is zero, or a parameter of the model.
 
     Attributes:
@@ -36,9 +35,23 @@ class Topic(NamedTuple):
     factors: tuple[float, ...] = ()
 
     @property
-    def shown(self) -> tuple[float, str]:
+    def numerical(self) -> bool:
+        """Whether its levels approach a limit."""
+        return self.ratio > 0.0
+
+    @property
+    def display(self) -> tuple[float, str]:
         """Factor and unit for people."""
         return {"s": (1e3, "ms"), "m": (1e3, "mm")}.get(self.unit, (1.0, ""))
+
+    def shown(self, value: float) -> str:
+        """A value for people, with its unit."""
+        factor, unit = self.display
+        return f"{factor * value:.4g} {unit}".rstrip()
+
+    def applies(self, qp: str) -> bool:
+        """Whether it is a parameter of the run's QP solver: an active-set method has no tolerance."""
+        return self.name != "qp_tolerance" or qp == "osqp"
 
 
 _ROOT = math.sqrt(0.5)
@@ -57,37 +70,20 @@ TOPICS: Mapping[str, Topic] = {item.name: item for item in _TOPICS}
 so what they give is a sensitivity, an input uncertainty, and no convergence."""
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Topic):
     """One topic about one run.
 
     Attributes:
-        topic: what is varied.
         values: of the key; of a numerical study from the own value down, of a parameter of the model
             ascending in stiffness.
         runs: complete parameters of every value; all studies share the run's own.
         own: index of the run's own value.
     """
 
-    topic: Topic
     values: tuple[float, ...]
     runs: tuple[RunParameters, ...]
     own: int
-
-    @property
-    def name(self) -> str:
-        """The topic's name."""
-        return self.topic.name
-
-    @property
-    def numerical(self) -> bool:
-        """Whether its levels approach a limit."""
-        return self.topic.ratio > 0.0
-
-    def shown(self, value: float) -> str:
-        """A value for people, with its unit."""
-        factor, unit = self.topic.shown
-        return f"{factor * value:.4g} {unit}".rstrip()
 
 
 def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVELS) -> list[Study]:
@@ -111,17 +107,22 @@ def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVE
         )
     found = []
     for topic in TOPICS.values():
-        if (names and topic.name not in names) or not _applies(topic, run.solver.qp):
+        if (names and topic.name not in names) or not topic.applies(run.solver.qp):
             continue
-        section, _, leaf = topic.key.partition(".")
-        own = float(getattr(getattr(run, section), leaf))
-        # Rounded, so that a tenth of 5e-5 is written as 5e-6.
-        finer = [float(f"{own / topic.ratio**level:.15g}") for level in range(1, levels) if topic.ratio]
-        values = [own, *finer] if topic.ratio else [own * factor for factor in topic.factors]
-        runs = {value: run if value == own else _varied(run, topic, value) for value in values}
-        kept = {value: changed for value, changed in runs.items() if changed is not None}
-        if len(kept) > 1:
-            found.append(Study(topic, tuple(kept), tuple(kept.values()), list(kept).index(own)))
+        own = parameter_values(run)[topic.key]
+        values = [own * factor for factor in topic.factors]
+        if topic.numerical:  # rounded, so that a tenth of 5e-5 is written as 5e-6
+            values = [own, *(float(f"{own / topic.ratio**level:.15g}") for level in range(1, levels))]
+        runs: dict[float, RunParameters] = {}
+        for value in values:
+            try:
+                runs[value] = run if value == own else run.replace({topic.key: value})
+            except InputError:
+                if topic.numerical:
+                    raise
+        if len(runs) > 1:  # a parameter of the model that can be varied within its bounds
+            place = list(runs).index(own)
+            found.append(Study(**vars(topic), values=tuple(runs), runs=tuple(runs.values()), own=place))
     return found
 
 
@@ -131,19 +132,4 @@ def numerical_studies(qp: str) -> tuple[str, ...]:
     Args:
         qp: the run's QP solver.
     """
-    return tuple(item.name for item in TOPICS.values() if item.ratio and _applies(item, qp))
-
-
-def _applies(topic: Topic, qp: str) -> bool:
-    """An active-set method stops at the solution: it has no tolerance."""
-    return topic.name != "qp_tolerance" or qp == "osqp"
-
-
-def _varied(run: RunParameters, topic: Topic, value: float) -> RunParameters | None:
-    """The run at another level; None where a parameter of the model would leave its bounds."""
-    try:
-        return run.replace({topic.key: value})
-    except InputError:
-        if topic.ratio:
-            raise
-        return None
+    return tuple(item.name for item in TOPICS.values() if item.numerical and item.applies(qp))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from validation.show.text import format_number, markdown_table
+from validation.show.text import BODY_WEIGHT, format_number, markdown_table
 from validation.study.convergence.order import Estimate
 from validation.study.convergence.result import Convergence, MetricStudy
 from validation.study.convergence.studies import Study
@@ -74,7 +74,7 @@ def markdown(result: Convergence) -> str:
             f"{study.shown(value)} {walk.outcome} ({walk.seconds:.1f} s, {format_number(walk.memory)} MB)"
             for value, walk in zip(study.values, walks, strict=True)
         )
-        parts += [f"## {study.name}: {study.topic.title}", _levels_table(study, items), f"Walks: {text}."]
+        parts += [f"## {study.name}: {study.title}", _levels_table(study, items), f"Walks: {text}."]
     why = markdown_table(("metric", ""), [(f"`{item.name}`", item.found) for item in items])
     return "\n\n".join([*parts, "## Why", why]) + "\n"
 
@@ -111,4 +111,4 @@ def _shown(item: MetricStudy, value: float, digits: int = 3) -> str:
 
 
 def _unit(item: MetricStudy) -> str:
-    return item.display_unit.replace("% of body weight", "% BW")
+    return item.display_unit.replace("% of body weight", BODY_WEIGHT)

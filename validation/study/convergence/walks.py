@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import time
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from ampm.exceptions import AmpmError, InputError, RefusedGait
+from ampm.parameters import RunParameters
 from validation.judge.compare import RUN
-from validation.judge.metrics import METRICS, dump_added, evaluate, load_added
-from validation.progress import Progress
-from validation.store.machine import hidden_main, memory_peak, one_blas_thread
-from validation.study.compare.metrics import SWITCH_UNITS, switch_values
+from validation.judge.metrics import METRICS, evaluate
+from validation.judge.signals import signals_table
+from validation.progress import Progress, Stage
+from validation.store.machine import memory_peak
+from validation.store.signals import Signals
+from validation.study.compare.metrics import SWITCH, switch_values
 from validation.trial.plan import Request
 
 if TYPE_CHECKING:
-    from ampm.parameters import RunParameters
     from validation.judge.compare import Comparison
 
 _PHASE_SIGNALS = {"zmp_x": "m", "zmp_y": "m", "force_x": "N", "force_y": "N", "force_z": "N"}
 _PHASES = ("single_support", "double_support")
-_SWITCH_EXTREMES = ("_peak", "_maximum", "_force_rate", "_vertical_force")
 
 
 class StudiedQuantity(NamedTuple):
@@ -31,7 +30,7 @@ class StudiedQuantity(NamedTuple):
 
     unit: str
     nature: str = "mean"
-    self_check: bool = False
+    is_self_check: bool = False
 
 
 def studied_quantities() -> dict[str, StudiedQuantity]:
@@ -43,10 +42,26 @@ def studied_quantities() -> dict[str, StudiedQuantity]:
     for signal, unit in _PHASE_SIGNALS.items():
         names = (*(f"{signal}_{phase}_rmse" for phase in _PHASES), f"{signal}_bias")
         found |= dict.fromkeys(names, StudiedQuantity(unit))
-    for name, unit in SWITCH_UNITS.items():
-        extreme = name.endswith(_SWITCH_EXTREMES)
-        found[f"switch_{name}"] = StudiedQuantity(unit, "extreme" if extreme else "mean")
+    for item in SWITCH:
+        found[item.studied_name] = StudiedQuantity(
+            item.si_unit(1.0)[1], "extreme" if item.extreme else "mean"
+        )
     return found
+
+
+def values_of(walk: Comparison) -> dict[str, float]:
+    """Values of all studied quantities, in SI units."""
+    values = {name: metric.value for name, metric in evaluate(walk).items()}
+    for name in _PHASE_SIGNALS:
+        windows = walk.signals[name]
+        values |= {f"{name}_{phase}_rmse": windows[phase].rmse for phase in _PHASES}
+        values[f"{name}_bias"] = windows[RUN].bias
+    if walk.record.outcome.completed:
+        table, weight = signals_table(walk), walk.record.mass * walk.record.gravity
+        signals = Signals({name: table.column(name).to_numpy() for name in table.column_names})
+        shown = switch_values(walk.plan, signals, walk.record)
+        values |= {item.studied_name: item.si_unit(weight)[0] * shown[item.name] for item in SWITCH}
+    return values
 
 
 @dataclass(frozen=True)
@@ -94,20 +109,9 @@ def walk_level(run: RunParameters, name: str) -> LevelResult:
     return LevelResult(outcome, cause, time.perf_counter() - start, memory_peak(), values, weight)
 
 
-def values_of(comparison: Comparison) -> dict[str, float]:
-    """Values of all studied quantities, in SI units."""
-    values = {name: metric.value for name, metric in evaluate(comparison).items()}
-    for name in _PHASE_SIGNALS:
-        windows = comparison.signals[name]
-        values |= {f"{name}_{phase}_rmse": windows[phase].rmse for phase in _PHASES}
-        values[f"{name}_bias"] = windows[RUN].bias
-    if comparison.record.outcome.completed:
-        values |= {f"switch_{name}": value for name, value in switch_values(comparison).items()}
-    return values
-
-
-Runner = Callable[["RunParameters", str], LevelResult]
+Runner = Callable[[RunParameters, str], LevelResult]
 """Function that walks one level; tests replace it."""
+Walks = dict[RunParameters, LevelResult]
 
 
 def walk_levels(
@@ -117,7 +121,7 @@ def walk_levels(
     workers: int = 2,
     progress: Progress | None = None,
     runner: Runner = walk_level,
-) -> dict[RunParameters, LevelResult]:
+) -> Walks:
     """Walk every level once.
 
     Args:
@@ -125,35 +129,34 @@ def walk_levels(
         name: of the gait.
         workers: processes; one walks in this very process.
         progress: where to report it.
-        runner: what walks one level; with more than one worker, it must be importable.
+        runner: what walks one level.
     """
     # The finest steps last longest: begun first, they leave no worker idle at the end.
     order = sorted(
         dict.fromkeys(runs), key=lambda run: -1.0 / run.simulation.time_step - 1.0 / run.solver.ik_time_step
     )
-    done: dict[RunParameters, LevelResult] = {}
     with (progress or Progress()).stage(f"{name}: convergence", "walks") as stage:
-        if workers == 1:
-            for run in order:
-                done[run] = runner(run, name)
-                stage.advance(len(done), len(order))
-            return done
-        one_blas_thread()
-        # Workers are started afresh: a fork would share the state of compiled libraries.
-        context = multiprocessing.get_context("spawn")
-        others = set(multiprocessing.active_children())
-        with ProcessPoolExecutor(
-            min(workers, len(order)), context, initializer=load_added, initargs=(dump_added(),)
-        ) as pool:
-            with hidden_main():
-                tasks = {pool.submit(runner, run, name): run for run in order}
-            try:
-                for task in as_completed(tasks):
-                    done[tasks[task]] = task.result()
-                    stage.advance(len(done), len(order))
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                for worker in set(multiprocessing.active_children()) - others:
-                    worker.terminate()  # a level under way is of no use to anybody
-                raise
+        if workers > 1:
+            return _walk_side_by_side(order, name, min(workers, len(order)), stage, runner)
+        done: Walks = {}
+        for run in order:
+            done[run] = runner(run, name)
+            stage.advance(len(done), len(order))
+        return done
+
+
+def _walk_side_by_side(
+    runs: list[RunParameters], name: str, workers: int, stage: Stage, runner: Runner
+) -> Walks:
+    from distributed import as_completed  # here, not above: dask takes long to load
+
+    from validation.study.sweep.workers import local_pool
+
+    done: Walks = {}
+    with local_pool(workers) as pool:
+        pool.client.wait_for_workers(workers, timeout=60.0)  # the levels are then handed out in their order
+        tasks = {pool.client.submit(runner, run, name, pure=False): run for run in runs}
+        for task in as_completed(tasks, loop=pool.client.loop):
+            done[tasks[task]] = task.result()
+            stage.advance(len(done), len(runs))
     return done
