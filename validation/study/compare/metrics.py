@@ -92,8 +92,8 @@ _ZMP, _TORQUE, _EFFORT = "ZMP error", "torque rates", "feedback: command minus p
 SWITCH = (
     Quantity(_FORCE, "planned_change", f"{_CHANGE}: planned", "m/s²", 0.01),
     Quantity(_FORCE, "measured_change", f"{_CHANGE}: measured", "m/s²", 0.01),
-    Quantity(_FORCE, "force_rate", "fastest change of the horizontal force", "body weights/s", 0.1),
-    Quantity(_FORCE, "vertical_force", "largest error of the vertical force", "% of body weight", 0.1),
+    Quantity(_FORCE, "force_rate", "fastest change of the horizontal force", "body weights/s", 0.1, True),
+    Quantity(_FORCE, "vertical_force", "largest error of the vertical force", "% of body weight", 0.1, True),
     Quantity(_ZMP, "zmp_x_near", f"x, RMSE within {_NEAR} of a switch", "mm", 0.05),
     Quantity(_ZMP, "zmp_x_far", "x, RMSE elsewhere", "mm", 0.05),
     Quantity(_ZMP, "zmp_y_near", f"y, RMSE within {_NEAR} of a switch", "mm", 0.05),
