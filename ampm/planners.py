@@ -46,7 +46,7 @@ class PeriodicWalk(WalkPlan):
 
 def periodic_walk(steps: StepPlan, motion: WholeBodyMotion, robot: Robot) -> PeriodicWalk:
     """A plan of equal steps and its periodic motion as one plan."""
-    return PeriodicWalk(steps.centroidal, steps.feet, PeriodicPosture(motion, robot))
+    return PeriodicWalk.of(steps, posture=PeriodicPosture(motion, robot))
 
 
 class AmpmPeriodic:

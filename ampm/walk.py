@@ -248,7 +248,7 @@ class WalkPlan(StepPlan):
     """A complete plan of a walk: COM, ZMP, force, momentum and feet, and a posture.
 
     Attributes:
-        posture: motion of the rest of the body; the centroidal plan takes its mean of L_y.
+        posture: motion of the rest of the body; the plan takes its mean of L_y.
     """
 
     posture: Posture
@@ -256,7 +256,8 @@ class WalkPlan(StepPlan):
     def __post_init__(self) -> None:
         offset = self.posture.angular_momentum_y_offset
         if self.constants.angular_momentum_y_offset != offset:
-            object.__setattr__(self, "centroidal", self.centroidal.with_angular_momentum_offset(offset))
+            shifted = self.with_angular_momentum_offset(offset)
+            object.__setattr__(self, "constants", shifted.constants)
 
     def at(self, time: float, timing: Timing = SHARP) -> Reference:
         """The reference at one instant [s].

@@ -112,7 +112,7 @@ def make_run(
         momentum_force=measured.force,
         angular_momentum_rate=_moment(sample.com[rows], measured.zmp + noise, measured.force),
     )
-    walk = WalkPlan(plan.centroidal, plan.feet, PlannedMomentum(lambda t: np.sin(5 * t)))
+    walk = WalkPlan.of(plan, posture=PlannedMomentum(lambda t: np.sin(5 * t)))
     comparison = compare(walk, record, measured, description=body.description)
     verdict = judge(comparison, evaluate(comparison), profile("default"))
     directory.mkdir(parents=True, exist_ok=True)

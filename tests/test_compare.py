@@ -75,7 +75,7 @@ def test_a_constant_error_is_bias_and_normalised(walk):
 
 def test_scales_are_what_they_are_called(walk):
     plan, scales = walk[0], compare(*walk).scales
-    height = plan.centroidal.com_height
+    height = plan.com_height
     assert scales["body_weight"] == pytest.approx(WEIGHT)
     assert scales["foot_length"] == pytest.approx(plan.feet.sole.length)
     assert scales["mass_height_velocity"] == pytest.approx(MASS * height * plan.constants.mean_velocity)

@@ -48,7 +48,7 @@ def rows_of(pair):
 
 
 def test_the_plan_of_one_side_jumps_and_that_of_the_other_does_not(pair):
-    l_s, h = pair.b.plan.constants.l_s, pair.b.plan.centroidal.com_height
+    l_s, h = pair.b.plan.constants.l_s, pair.b.plan.com_height
     rows = rows_of(pair)
     assert rows["plan_acceleration"].a < 1e-11
     assert rows["plan_acceleration"].b == pytest.approx(9.81 * l_s / h)

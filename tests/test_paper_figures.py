@@ -267,7 +267,7 @@ def test_the_papers_swing_lets_the_joints_jump_and_ours_does_not():
 
 
 def test_momentum_is_normalised_by_mass_speed_and_height(walk):
-    plan = walk.plan.centroidal
+    plan = walk.plan
     assert human.scale(plan) == pytest.approx(60.0 * 0.6 / plan.constants.step_duration * plan.com_height)
     found = human.peaks(walk)
     assert found["y"] * human.scale(plan) == pytest.approx(plan.constants.angular_momentum_y_offset, abs=0.3)

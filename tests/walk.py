@@ -121,7 +121,7 @@ def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
         self_checks=SelfChecks(0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0),
     )
     return (
-        WalkPlan(plan.centroidal, plan.feet, PlannedMomentum(lambda t: 0.5 * np.sin(3 * t))),
+        WalkPlan.of(plan, posture=PlannedMomentum(lambda t: 0.5 * np.sin(3 * t))),
         record,
         measured,
     )

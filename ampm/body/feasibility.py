@@ -182,7 +182,7 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     longest = leg_extension(plan, description, times) * description.leg_length
     what = (
         f"the leg is too short for gait.step_length = {contacts.step_length:.4g} m at gait.com_height = "
-        f"{plan.centroidal.com_height:.4g} m: the largest distance of hip and ankle"
+        f"{plan.com_height:.4g} m: the largest distance of hip and ankle"
     )
     less = "lower gait.com_height, shorten gait.step_length or raise body.height"
     yield Limit(what, "m", reach, AT_MOST, "leg_too_short", less), longest

@@ -76,8 +76,8 @@ def motion_key(plan: StepPlan, run: RunParameters, robot: Robot) -> str:
         "body": run.body.model_dump(),
         "foot": run.foot.model_dump(),
         "grid": run.solver.ik_time_step,
-        "mass": plan.centroidal.mass,
-        "gravity": plan.centroidal.gravity,
+        "mass": plan.mass,
+        "gravity": plan.gravity,
         "joints": robot.joint_names,
         "body_description": repr(robot.description),
     }

@@ -175,7 +175,7 @@ class _Search:
     def _refusal(self, cause: Unreachable, *, drop: float = 0.0, share: float = 1.0) -> BodilyRefusal:
         """Why there is no orbit; ``drop`` and ``share`` give how near the search came."""
         value, limit, unit = cause.value, cause.limit, cause.unit
-        why, way_out, height = str(cause), LESS, self.plan.centroidal.com_height
+        why, way_out, height = str(cause), LESS, self.plan.com_height
         if drop > 0.0:
             why += f", and one is found only with the COM {1000.0 * drop:.0f} mm lower"
             value, limit, unit = height, height - drop, "m"

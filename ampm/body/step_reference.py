@@ -78,10 +78,8 @@ def phase_grid(plan: StepPlan, n1: int, n2: int) -> Array:
 
 def step_reference(plan: StepPlan, time: Array) -> StepReference:
     """Evaluate a plan and its feet as task references, without the plan's constant of L_y."""
-    centroidal, feet = plan.centroidal, plan.feet.sample(time)
-    if plan.constants.angular_momentum_y_offset:
-        centroidal = centroidal.with_angular_momentum_offset(0.0)
-    sample, mass = centroidal.sample(time), centroidal.mass
+    feet, mass = plan.feet.sample(time), plan.mass
+    sample = plan.with_angular_momentum_offset(0.0).sample(time)
     n = len(time)
     position, velocity, acceleration = np.zeros((n, 3, 3)), np.zeros((n, TASK_ROWS)), np.zeros((n, TASK_ROWS))
     position[:, 0] = sample.com

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -199,6 +199,12 @@ class CentroidalPlan:
     phases: tuple[CentroidalPhase, ...]
     constants: PlanConstants
 
+    @classmethod
+    def of(cls, plan: CentroidalPlan, **more: Any) -> Self:
+        """A plan of this class with what another one has, and more."""
+        own = {f.name for f in fields(cls)}
+        return cls(**{f.name: getattr(plan, f.name) for f in fields(plan) if f.name in own} | more)
+
     @property
     def duration(self) -> float:
         """End of the last phase [s]."""
@@ -326,14 +332,15 @@ class CentroidalPlan:
         )
 
     def with_angular_momentum_offset(self, offset: float) -> CentroidalPlan:
-        """The same plan with another mean of L_y over a step [N m s].
+        """The same motion of the COM with another mean of L_y over a step [N m s].
 
         Raises:
             InputError: the offset is not finite.
         """
         if not math.isfinite(offset):
             raise InputError(f"the angular momentum offset is {offset}; give a finite number [N m s].")
-        return replace(self, constants=replace(self.constants, angular_momentum_y_offset=float(offset)))
+        constants = replace(self.constants, angular_momentum_y_offset=float(offset))
+        return CentroidalPlan.of(self, constants=constants)
 
 
 def _phase_of(starts: Array, time: Array) -> NDArray[np.intp]:

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ampm.description import SoleGeometry
 from ampm.geometry import convex_hull, polygon_margin
 from ampm.parameters import FootParameters, GaitParameters
-from ampm.planner.centroidal import CentroidalPlan, PlanConstants, PlanResiduals, PlanSample
-from ampm.planner.contacts import Contacts
+from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.feet import FeetPlan
 from ampm.planner.periodic import plan_gait
 from ampm.planner.stride import plan_feet
@@ -25,49 +24,14 @@ _BLOCK = 4096  # instants whose polygons are held at a time
 
 
 @dataclass(frozen=True)
-class StepPlan:
+class StepPlan(CentroidalPlan):
     """Centroidal motion and feet over the same contacts: what is planned before a body has a posture.
 
     Attributes:
-        centroidal: motion of COM and ZMP.
         feet: motion of both feet.
     """
 
-    centroidal: CentroidalPlan
     feet: FeetPlan
-
-    @property
-    def contacts(self) -> Contacts:
-        """Which foot stands where, and when."""
-        return self.centroidal.contacts
-
-    @property
-    def constants(self) -> PlanConstants:
-        """Constants of the gait."""
-        return self.centroidal.constants
-
-    @property
-    def mass(self) -> float:
-        """Mass of the body [kg]."""
-        return self.centroidal.mass
-
-    @property
-    def gravity(self) -> float:
-        """[m/s^2]."""
-        return self.centroidal.gravity
-
-    @property
-    def duration(self) -> float:
-        """End of the plan [s]."""
-        return self.centroidal.duration
-
-    def sample(self, times: ArrayLike) -> PlanSample:
-        """:meth:`CentroidalPlan.sample`."""
-        return self.centroidal.sample(times)
-
-    def residuals(self) -> PlanResiduals:
-        """:meth:`CentroidalPlan.residuals`."""
-        return self.centroidal.residuals()
 
     def points_in_contact(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
         """World (x, y) of all twelve sole points, (N, 12, 2) [m], and which are in contact, (N, 12)."""
@@ -85,7 +49,7 @@ class StepPlan:
         Raises:
             InputError: the time lies outside the plan.
         """
-        points, contact = self.points_in_contact(self.centroidal.clipped(time))
+        points, contact = self.points_in_contact(self.clipped(time))
         return convex_hull(points[0, contact[0]])
 
     def zmp_margin(self, times: ArrayLike) -> Array:
@@ -100,7 +64,7 @@ class StepPlan:
         Raises:
             InputError: a time lies outside the plan.
         """
-        time = self.centroidal.clipped(times)
+        time = self.clipped(times)
         margin = np.empty(len(time))
         for first in range(0, max(len(time), 1), _BLOCK):
             block = slice(first, first + _BLOCK)
@@ -124,7 +88,7 @@ class StepPlan:
         Raises:
             InputError: the plan ends earlier.
         """
-        end = self.duration if until is None else float(self.centroidal.clipped(until)[0])
+        end = self.duration if until is None else float(self.clipped(until)[0])
         changes = [self.contacts.switch_times, self.feet.left.start, self.feet.right.start]
         jumps = np.concatenate([[0.0, end], *changes])
         jumps = np.unique(jumps[(jumps >= 0.0) & (jumps <= end)])
@@ -142,10 +106,6 @@ class StepPlan:
         return least, at
 
 
-AnyPlan = CentroidalPlan | StepPlan
-"""A plan with or without feet."""
-
-
 def plan_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: SoleGeometry) -> StepPlan:
     """Plan a periodic straight gait and its feet.
 
@@ -161,4 +121,4 @@ def plan_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: So
     """
     plan = plan_gait(gait, mass)
     lift_speed = plan.constants.l_s / plan.constants.single_support_duration
-    return StepPlan(plan, plan_feet(plan.contacts, foot, sole, lift_speed))
+    return StepPlan.of(plan, feet=plan_feet(plan.contacts, foot, sole, lift_speed))

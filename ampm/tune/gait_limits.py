@@ -25,9 +25,10 @@ from ampm.body.feasibility import (
 from ampm.control.forces import TWIST_ARM
 from ampm.control.wrench_qp import TWIST_FRICTION
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
+from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.feet import HEEL
 from ampm.planner.rules import LEAST_MID_STANCE_SHARE
-from ampm.planner.support import AnyPlan, StepPlan
+from ampm.planner.support import StepPlan
 from ampm.walk import right_load
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def mid_stance_share(gait: GaitParameters) -> float:
     return 1.0 - l_s**2 * bracket * GRAVITY / (gait.com_height * gait.switching_velocity**2)
 
 
-def step_instants(plan: AnyPlan) -> tuple[Array, NDArray[np.bool_]]:
+def step_instants(plan: CentroidalPlan) -> tuple[Array, NDArray[np.bool_]]:
     """Times of the first step, and which lie in double support."""
     single, double = plan.contacts.phases[:2]
     end = double.start + double.duration * (1.0 - 1e-9)

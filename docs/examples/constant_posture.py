@@ -89,4 +89,4 @@ class UprightWalk:
         run, robot = request.run, request.robot
         steps = plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
         check_body(steps, robot.description)
-        return WalkPlan(steps.centroidal, steps.feet, ConstantPosture(steps, run, robot))
+        return WalkPlan.of(steps, posture=ConstantPosture(steps, run, robot))

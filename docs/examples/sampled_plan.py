@@ -57,7 +57,7 @@ class TablePlanner:
         )
         speed = plan.constants.l_s / plan.constants.single_support_duration
         feet = plan_feet(contacts, run.foot, request.robot.description.sole, speed)
-        return WalkPlan(plan, feet, AmpmPeriodic().plan(request).posture)
+        return WalkPlan.of(plan, feet=feet, posture=AmpmPeriodic().plan(request).posture)
 
 
 def main(gait: str, path: str) -> None:

@@ -21,7 +21,7 @@ from validation.show.text import format_number, print_line, print_table
 from validation.store.folders import check_folder_of, check_output_file, output_file
 
 if TYPE_CHECKING:
-    from ampm.planner.support import AnyPlan
+    from ampm.planner.centroidal import CentroidalPlan
     from validation.trial.plan import PlannedWalk, Request
 
 app = typer.Typer()
@@ -69,7 +69,7 @@ def plan(
         raise InputError(f"{plot} must end in .png, .svg or .pdf; the suffix chooses the format.")
     narrator = Narrator()
     walk = None if no_body else plan_walk(request, narrator)
-    planned: AnyPlan = plan_gait(run.gait, run.body.mass) if walk is None else walk.plan
+    planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walk is None else walk.plan
     if samples is not None:
         with output_file(samples) as work:
             write_columns(plan_table(planned, sample_times(planned.duration, rate)), work)
@@ -87,7 +87,7 @@ def plan(
     return Status.PASS
 
 
-def describe_plan(request: Request, plan: AnyPlan, walk: PlannedWalk | None = None) -> dict[str, Any]:
+def describe_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | None = None) -> dict[str, Any]:
     """A plan as a JSON object: parameters, derived constants, residuals, and with a body its margins."""
     return {
         "gait": request.name,
@@ -103,7 +103,7 @@ def describe_plan(request: Request, plan: AnyPlan, walk: PlannedWalk | None = No
     }
 
 
-def print_plan(request: Request, plan: AnyPlan, walk: PlannedWalk | None = None) -> None:
+def print_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | None = None) -> None:
     """Print a plan for a reader."""
     rows = []
     for field in fields(plan.constants):

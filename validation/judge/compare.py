@@ -240,7 +240,7 @@ def compare(
         "measured_double_support": run & (feet == 2),
         "measured_flight": run & (feet == 0),
     }
-    height, mass = plan.centroidal.com_height, measured.mass
+    height, mass = plan.com_height, measured.mass
     scales = {
         "body_weight": measured.weight,
         "mass_height_velocity": mass * height * plan.constants.mean_velocity,

@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from ampm.planner.support import AnyPlan, StepPlan
+from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.support import StepPlan
 from validation.show.style import file_style, legend
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ _POINTS = 1200
 _X, _Y, _Z, _ZMP = "#1f77b4", "#d62728", "#5b6270", "#2ca02c"
 
 
-def plot_plan(plan: AnyPlan, path: Path, *, title: str) -> None:
+def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
     """Draw a plan: COM, ZMP, ground force, moment and angular momentum over time, and the top view.
 
     Args:
@@ -64,7 +65,7 @@ def plot_plan(plan: AnyPlan, path: Path, *, title: str) -> None:
         figure.savefig(path, dpi=110)
 
 
-def _draw_times(axes: dict[str, Axes], plan: AnyPlan, sample: PlanSample) -> None:
+def _draw_times(axes: dict[str, Axes], plan: CentroidalPlan, sample: PlanSample) -> None:
     time = sample.time
     for name, index in (("x", 0), ("y", 1)):
         for label, values, colour in (
@@ -88,7 +89,7 @@ def _draw_times(axes: dict[str, Axes], plan: AnyPlan, sample: PlanSample) -> Non
         axes[name].set_ylabel(label)
 
 
-def _draw_margin(axis: Axes, plan: AnyPlan, times: NDArray[np.float64]) -> None:
+def _draw_margin(axis: Axes, plan: CentroidalPlan, times: NDArray[np.float64]) -> None:
     axis.set_ylabel("ZMP margin to the\nsupport polygon [mm]")
     if not isinstance(plan, StepPlan):
         axis.text(0.5, 0.5, "no body, no soles", transform=axis.transAxes, ha="center", va="center")
@@ -97,7 +98,7 @@ def _draw_margin(axis: Axes, plan: AnyPlan, times: NDArray[np.float64]) -> None:
     axis.axhline(0, color="k", lw=0.8)
 
 
-def _draw_top(axis: Axes, plan: AnyPlan, sample: PlanSample, times: NDArray[np.float64]) -> None:
+def _draw_top(axis: Axes, plan: CentroidalPlan, sample: PlanSample, times: NDArray[np.float64]) -> None:
     """Footprints, support polygons, COM and ZMP seen from above."""
     reach = sample.com[-1, 0] + plan.contacts.step_length
     for footstep in plan.contacts.footsteps:
@@ -122,7 +123,7 @@ def _draw_top(axis: Axes, plan: AnyPlan, sample: PlanSample, times: NDArray[np.f
     axis.set_title("from above: footprints (+), support polygons (shaded)")
 
 
-def _shade_double_support(axis: Axes, plan: AnyPlan, duration: float) -> None:
+def _shade_double_support(axis: Axes, plan: CentroidalPlan, duration: float) -> None:
     for phase in plan.contacts.phases:
         if phase.kind == "double_support" and phase.start < duration:
             axis.axvspan(

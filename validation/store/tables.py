@@ -14,7 +14,8 @@ import pyarrow.parquet as pq
 
 from ampm.description import SOLE_POINT_GROUPS
 from ampm.exceptions import InputError
-from ampm.planner.support import AnyPlan, StepPlan
+from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,7 +49,7 @@ def sample_times(duration: float, rate: float) -> NDArray[np.float64]:
     return np.minimum(np.arange(count) / rate, duration)
 
 
-def plan_table(plan: AnyPlan, times: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+def plan_table(plan: CentroidalPlan, times: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
     """A plan at given times, one column per scalar.
 
     Args:

@@ -127,7 +127,7 @@ class Case:
     @cached_property
     def normal(self) -> Numbers:
         """The plan of ``normal``, with the body's feet and constant of L_y."""
-        return Numbers("normal", self.body.planned.run.gait, self.body.plan.centroidal)
+        return Numbers("normal", self.body.planned.run.gait, self.body.plan)
 
     @cached_property
     def momentum(self) -> Numbers:

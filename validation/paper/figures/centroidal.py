@@ -53,11 +53,11 @@ def of_motion(sample: PostureState, robot: Robot, plan: StepPlan) -> Centroidal:
         pin.computeCentroidalMomentumTimeVariation(model, data, q, v, a)
         com[row], momentum[row] = data.com[0], data.hg.angular
         rate[row], turning[row] = data.dhg.linear, data.dhg.angular
-    force = rate + np.array([0.0, 0.0, plan.centroidal.mass * plan.centroidal.gravity])
+    force = rate + np.array([0.0, 0.0, plan.mass * plan.gravity])
     # About the ZMP the ground force has no horizontal moment.
     zmp = com[:, :2] - com[:, 2:] * force[:, :2] / force[:, 2:]
     zmp += np.column_stack([-turning[:, 1], turning[:, 0]]) / force[:, 2:]
-    return Centroidal(com, rate / plan.centroidal.mass, force, zmp, momentum)
+    return Centroidal(com, rate / plan.mass, force, zmp, momentum)
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ def figure_4(walk: Walk, sole: SoleGeometry) -> Figure:
         sole: for the soles' length.
     """
     plan = walk.plan
-    constants, height = plan.constants, plan.centroidal.com_height
+    constants, height = plan.constants, plan.com_height
     single, double = constants.single_support_duration, constants.double_support_duration
     figure, axes, panels = _paper((2.88, 3.68), (0.8, 4.75))
     for axis, start, duration, centre, letter in (
@@ -90,7 +90,7 @@ def figure_5(walk: Walk, sole: SoleGeometry) -> Figure:
         sole: for the soles' width.
     """
     plan = walk.plan
-    constants, height = plan.constants, plan.centroidal.com_height
+    constants, height = plan.constants, plan.com_height
     single, double = constants.single_support_duration, constants.double_support_duration
     half = 0.5 * walk.gait.step_width
     figure, axes, panels = _paper((3.6, 3.6), (0.8, 4.85))

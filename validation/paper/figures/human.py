@@ -62,7 +62,7 @@ def figure_human(walks: Walks) -> tuple[Figure, dict[str, Any]]:
     scans = ranges(load_run("normal"))
     for key, found in scans.items():
         found["measured"] = measured_range(partial(peak_of, walks, key), key, found["low"], found["high"])
-    plan = demos["normal"].plan.centroidal
+    plan = demos["normal"].plan
     offset = float(plan.constants.angular_momentum_y_offset)
     kept = ("low", "high", "measured")
     numbers: dict[str, Any] = {
@@ -87,7 +87,7 @@ def scale(plan: CentroidalPlan) -> float:
 def peaks(walk: Walk) -> dict[str, float]:
     """Largest simulated |L| / (m V H) about each axis, first step left out."""
     measured = walk.folded(walk.trial.measured.angular_momentum)
-    largest = np.abs(measured).max(axis=(0, 1)) / scale(walk.plan.centroidal)
+    largest = np.abs(measured).max(axis=(0, 1)) / scale(walk.plan)
     return {axis: float(value) for axis, value in zip("xyz", largest, strict=True)}
 
 

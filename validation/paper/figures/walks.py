@@ -144,7 +144,7 @@ class Walk:
         """Tolerances of the profile that judges this gait, in SI (forces in newton)."""
         profile = own_profile(self.trial.planned.request.name)
         tolerance = next(item for item in profile.tolerances if item.metric == metric)
-        weight = self.plan.centroidal.mass * self.plan.centroidal.gravity
+        weight = self.plan.mass * self.plan.gravity
         return tolerance.limit * (weight if metric.startswith("force_") else 1.0)
 
     def configuration(self, time: float) -> Array:

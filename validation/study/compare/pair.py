@@ -86,13 +86,13 @@ class Side:
 
     def values(self) -> dict[str, float]:
         """Every quantity, as shown."""
-        residuals, height = self.plan.residuals(), self.plan.centroidal.com_height
+        residuals, height = self.plan.residuals(), self.plan.com_height
         jump = residuals.acceleration * self.plan.gravity
         return {
             "plan_acceleration": jump,
             "plan_force": 100.0 * jump / self.plan.gravity,
             "plan_zmp": 1e3 * residuals.zmp * height,
-            "plan_moment": residuals.moment * self.plan.centroidal.weight * height,
+            "plan_moment": residuals.moment * self.plan.weight * height,
             "joint_limit": self.joints.limit,
             **{f"joint_{1e3 * h:g}ms": j for h, j in zip(self.joints.grid, self.joints.jump, strict=True)},
             **switch_values(self.plan, self.saved.signals, self.saved.record),

@@ -24,9 +24,8 @@ import pyarrow as pa
 
 from ampm.exceptions import AmpmError, InputError, RefusedGait
 from ampm.parameters import RunParameters
-from ampm.planner.centroidal import PlanConstants
+from ampm.planner.centroidal import CentroidalPlan, PlanConstants
 from ampm.planner.periodic import plan_gait
-from ampm.planner.support import AnyPlan
 from ampm.run_file import describe_keys
 from validation.judge.metrics import METRICS
 from validation.measure.instruments.names import INSTRUMENT_COLUMNS
@@ -137,7 +136,7 @@ def first_columns(run: int, name: str, values: Mapping[str, Any]) -> dict[str, A
     return {"run": run, "name": name, "key": run_key(values), **values}
 
 
-def plan_columns(plan: AnyPlan, *, with_motion: bool) -> dict[str, Any]:
+def plan_columns(plan: CentroidalPlan, *, with_motion: bool) -> dict[str, Any]:
     """Derived constants; that of L_y only if it is of a motion."""
     constants = plan.constants
     row = {f"plan_{field.name}": getattr(constants, field.name) for field in fields(constants)}
