@@ -30,7 +30,6 @@ from validation.store.environment import describe_environment
 from validation.store.json import write_json
 from validation.study.sweep.design import SweepDefinition, parse_sweep
 from validation.study.sweep.run import sweep as walk_sweep
-from validation.study.sweep.sampling import cases as cases_of
 from validation.study.sweep.workers import ONE_THREAD, environment
 from validation.trial.plan import Request, plan_walk
 
@@ -98,8 +97,7 @@ def time_sweep(gait: str, steps: int, runs: int, narrator: Progress) -> SweepTim
         raise InputError(f"--runs {runs} are too few for a result; take at least 32.")
     load = os.getloadavg()[0]
     definition = parse_sweep(_DEFINITION.format(gait=gait, steps=steps, runs=runs))
-    cases = cases_of(definition)
-    requests = [Request(cases.name(i), cases.run(i)) for i in range(runs)]
+    requests = [Request(definition.name_of(i), definition.parameters(i)) for i in range(runs)]
     with narrator.stage(f"{runs} bare runs"):
         bare = _bare([requests])
     with tempfile.TemporaryDirectory(prefix="ampm-benchmark-") as folder:

@@ -20,7 +20,6 @@ from validation.judge.metrics import BODY_WEIGHT
 from validation.judge.profiles import profile
 from validation.store.identity import parameter_values, run_key
 from validation.study.sweep.design import parse_sweep
-from validation.study.sweep.sampling import cases
 from validation.study.sweep.schema import schema
 from validation.study.sweep.store import TABLE_METADATA, table_metadata
 from validation.study.sweep.table import SweepTable
@@ -78,9 +77,10 @@ def make_table(
         block = {"method": "latin_hypercube", "count": count, **ranges}
     head = {"name": "synthetic", "gait": "normal", "steps": 6, "seed": seed, "profile": profile_name}
     definition = parse_sweep(tomli_w.dumps({"sweep": head, "vary": [block]}))
-    runs, rng = cases(definition), np.random.default_rng(seed)
-    count, numbers = len(runs), np.arange(len(runs))
-    parameters = {key: runs.column(key, numbers).tolist() for key in parameter_values(definition.run)}
+    rng = np.random.default_rng(seed)
+    count, numbers = len(definition), np.arange(len(definition))
+    keys = parameter_values(definition.shared)
+    parameters = {key: definition.column(key, numbers).tolist() for key in keys}
     rows = [dict(zip(parameters, row, strict=True)) for row in zip(*parameters.values(), strict=True)]
     at = {key: np.array(parameters[key], dtype=float) for key in (*RANGES, "body.mass")}
     v0, length = at["gait.switching_velocity"], at["gait.step_length"]

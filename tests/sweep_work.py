@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ampm.exceptions import BodilyRefusal
-from validation.study.sweep.task import Task, TaskResult, walk_task
+from validation.study.sweep.task import Result, Task, walk_task
 
 
-def act(task: Task) -> TaskResult:
+def act(task: Task) -> Result:
     """Do what the task's profile says."""
     return walk_task(task, _act)
 

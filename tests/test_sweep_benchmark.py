@@ -9,7 +9,6 @@ from benchmarks import sweeping
 from benchmarks.cli import main
 from validation.progress import Progress
 from validation.study.sweep.design import parse_sweep
-from validation.study.sweep.sampling import cases
 
 
 def test_too_few_runs_are_refused():
@@ -20,5 +19,4 @@ def test_too_few_runs_are_refused():
 
 def test_every_run_that_is_timed_is_another():
     definition = parse_sweep(sweeping._DEFINITION.format(gait="flat", steps=2, runs=32))
-    runs = cases(definition)
-    assert len({runs.run(number).model_dump_json() for number in range(32)}) == 32
+    assert len({definition.parameters(number).model_dump_json() for number in range(32)}) == 32

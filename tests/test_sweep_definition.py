@@ -14,7 +14,6 @@ from ampm.parameters import RunParameters, keys
 from ampm.run_file import dump_run, load_run
 from ampm.tune.free_choices import named_keys
 from validation.study.sweep.design import MOST_CASES, dump_sweep, load_sweep, parse_sweep
-from validation.study.sweep.sampling import cases
 
 DOCS = Path(__file__).parents[1] / "docs"
 EXAMPLES = [
@@ -27,9 +26,9 @@ SOBOL = '[[vary]]\nmethod = "sobol"\ncount = 8\n'
 
 
 def values(text):
-    """Values of every varied key in all cases."""
-    drawn = cases(parse_sweep(text))
-    return {key: drawn.column(key, np.arange(len(drawn))) for key in drawn.definition.keys}
+    """Values of every varied key in all runs."""
+    sweep = parse_sweep(text)
+    return {key: sweep.column(key, np.arange(len(sweep))) for key in sweep.keys}
 
 
 def sampled(lines, method="sobol", count=8, seed=1):
@@ -45,10 +44,8 @@ def test_examples_load_and_read_back(path):
     assert definition.name == path.stem
     again = parse_sweep(dump_sweep(definition))
     assert again == definition
-    assert ("worst" in again.model_fields_set) == ("worst" in definition.model_fields_set)
-    drawn = cases(definition)
-    for case in (0, len(drawn) - 1):
-        assert isinstance(drawn.run(case), RunParameters)
+    for run in (0, len(definition) - 1):
+        assert isinstance(definition.parameters(run), RunParameters)
 
 
 def test_the_examples_in_the_docs_are_sweeps():
@@ -66,9 +63,14 @@ def test_the_examples_in_the_docs_are_sweeps():
 def test_defaults():
     sweep = parse_sweep(GRID + "gait.c_y = [0.4, 1]")
     assert (sweep.name, sweep.gait, sweep.steps, sweep.seed, sweep.tune) == ("sweep", "normal", 30, 1, False)
-    assert (sweep.profile, sweep.recordings, sweep.worst, sweep.instrument) == ("default", "worst", 5, None)
-    assert sweep.limits.wall_clock == 600.0
-    assert sweep.run == load_run("normal")
+    assert (sweep.profile, sweep.recordings, sweep.worst, sweep.instrument) == (
+        "default",
+        "worst",
+        None,
+        None,
+    )
+    assert sweep.wall_clock == 600.0
+    assert sweep.shared == load_run("normal")
     assert sweep.keys == ("gait.c_y",)
 
 
@@ -77,9 +79,8 @@ def test_fixed_values_and_steps_are_in_every_run():
         '[sweep]\ngait = "momentum"\nsteps = 4\n[set]\nbody.height = 1.8\n"contact.friction" = 1\n'
         f'solver.qp = "daqp"\ngait.a_s = inf\n{GRID}gait.c_y = [0.4, 1]\nsolver.max_iterations = [500, 900]'
     )
-    drawn = cases(sweep)
-    assert len(drawn) == 4
-    run = drawn.run(2)
+    assert len(sweep) == 4
+    run = sweep.parameters(2)
     assert (run.gait.c_s, run.gait.c_y, run.gait.steps, run.gait.a_s) == (1.2, 1.0, 4, math.inf)
     assert (run.body.height, run.contact.friction, run.solver.qp) == (1.8, 1.0, "daqp")
     assert run.solver.max_iterations == 500
@@ -92,7 +93,7 @@ def test_a_sweep_that_tunes_leaves_open_what_nothing_names():
     named = {"gait.step_length", "gait.switching_velocity", "gait.c_s", "gait.c_y", "gait.steps"}
     for definition in (sweep, parse_sweep(dump_sweep(sweep))):
         assert definition.tune
-        assert named_keys(cases(definition).run(0)) == named | {"body.lean", "body.mass"}
+        assert named_keys(definition.parameters(0)) == named | {"body.lean", "body.mass"}
 
 
 def test_nested_quoted_and_dotted_keys_are_one_thing():
@@ -108,8 +109,8 @@ def test_nested_quoted_and_dotted_keys_are_one_thing():
 def test_blocks_are_crossed_and_the_last_key_changes_fastest():
     text = GRID + "gait.c_s = [0.9, 1.1]\ngait.c_y = [0.2, 0.4, 0.6]\n"
     text += LIST + "body.height = [1.6, 1.8]\nbody.mass = [50, 80]"
-    drawn = cases(parse_sweep(text))
-    rows = [tuple(drawn.row(i).values()) for i in range(len(drawn))]
+    sweep = parse_sweep(text)
+    rows = [tuple(sweep.varied(i).values()) for i in range(len(sweep))]
     assert rows == [
         (c_s, c_y, height, mass)
         for c_s in (0.9, 1.1)
@@ -117,10 +118,10 @@ def test_blocks_are_crossed_and_the_last_key_changes_fastest():
         for height, mass in ((1.6, 50.0), (1.8, 80.0))
     ]
     assert list(zip(*values(text).values(), strict=True)) == rows
-    assert [drawn.name(i) for i in (0, 11)] == ["00", "11"]
+    assert [sweep.name_of(i) for i in (0, 11)] == ["00", "11"]
     for outside in (-1, 12):
         with pytest.raises(IndexError):
-            drawn.row(outside)
+            sweep.varied(outside)
 
 
 def test_ranges_of_a_grid():
@@ -129,7 +130,7 @@ def test_ranges_of_a_grid():
         'controller.com_stiffness = { from = 1, to = 1000, count = 4, scale = "log" }\n'
         'solver.max_iterations = { from = 10, to = 13, count = 3 }\nsolver.qp = ["osqp", "daqp"]'
     )
-    columns = {axis.key: axis.values for axis in cases(sweep).axes}
+    columns = {key: axis.values for key, axis in sweep.axes.items()}
     # Exactly 1, where the moment about the COM is exactly zero.
     assert columns["gait.c_s"].tolist() == [0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4]
     np.testing.assert_allclose(columns["controller.com_stiffness"], [1, 10, 100, 1000], rtol=1e-12)
@@ -186,17 +187,15 @@ def test_any_number_of_sobol_points(count, recwarn):
 
 
 def test_ten_million_cases_are_not_held():
-    drawn = cases(
-        parse_sweep(
-            GRID + "gait.c_s = { from = 0.5, to = 1.5, count = 10000 }\n"
-            "gait.c_y = { from = 0.1, to = 1.1, count = 1000 }"
-        )
+    sweep = parse_sweep(
+        GRID + "gait.c_s = { from = 0.5, to = 1.5, count = 10000 }\n"
+        "gait.c_y = { from = 0.1, to = 1.1, count = 1000 }"
     )
-    assert len(drawn) == MOST_CASES == 10_000_000
-    assert sum(axis.values.size for axis in drawn.axes) == 11_000
-    last = drawn.run(len(drawn) - 1)
+    assert len(sweep) == MOST_CASES == 10_000_000
+    assert sum(axis.values.size for axis in sweep.axes.values()) == 11_000
+    last = sweep.parameters(len(sweep) - 1)
     assert (last.gait.c_s, last.gait.c_y) == (1.5, 1.1)
-    assert drawn.name(1) == "0000001"
+    assert sweep.name_of(1) == "0000001"
 
 
 def test_a_gait_from_a_file_is_carried_along(tmp_path):
@@ -210,7 +209,7 @@ def test_a_gait_from_a_file_is_carried_along(tmp_path):
     gait.unlink()
     again = parse_sweep(text)
     assert again == sweep
-    assert again.run == sweep.run
+    assert again.shared == sweep.shared
 
 
 def test_a_definition_cannot_be_changed():
@@ -262,12 +261,12 @@ def test_every_definition_reads_back(listed, ends, count, scale, method, seed, f
         ("[swep]\n", ["swep", "sweep"]),
         ("sweep = 3", ["[sweep]"]),
         ("[sweep]\nsede = 3", ["sweep.sede", "sweep.seed"]),
-        ("[limits]\nwallclock = 3", ["limits.wallclock", "limits.wall_clock"]),
-        ("[limits]\nwall_clock = 0\n", ["limits.wall_clock", "greater than 0"]),
+        ("[sweep]\nwallclock = 3", ["sweep.wallclock", "sweep.wall_clock"]),
+        ("[sweep]\nwall_clock = 0\n", ["sweep.wall_clock", "greater than 0"]),
         ('[sweep]\nsteps = "5"', ["sweep.steps", "whole number"]),
         ("[sweep]\nsteps = 0", ["sweep.steps", "at least 1"]),
         ("[sweep]\nseed = -1", ["sweep.seed", "at least 0"]),
-        ("[sweep]\ngait = 3", ["sweep.gait", "string"]),
+        ("[sweep]\ngait = 3", ["'3'", "normal"]),
         ('[sweep]\nname = ""', ["sweep.name"]),
         ('[sweep]\ngait = "nromal"', ["nromal", "normal"]),
         ('[sweep]\nprofile = "strct"\n' + GRID + "gait.c_y = [1.0]", ["strct", "strict"]),
@@ -323,8 +322,8 @@ def test_every_definition_reads_back(listed, ends, count, scale, method, seed, f
         ('[[vary]]\nmethod = "sobol"\ncount = 0\ngait.c_s = { from = 1, to = 2 }', ["count", "at least 1"]),
         ('[[vary]]\nmethod = "sobol"\ncount = "8"\ngait.c_s = { from = 1, to = 2 }', ["count"]),
         (SOBOL + "gait.c_s = { from = 1, to = 2, count = 3 }", ["block"]),
-        (SOBOL + "gait.c_s = [1, 2]", ["list", "block of its own"]),
-        (SOBOL + 'solver.qp = ["osqp"]', ["list"]),
+        (SOBOL + "gait.c_s = [1, 2]", ["range", "block of their own"]),
+        (SOBOL + 'solver.qp = ["osqp"]', ["range"]),
         (SOBOL.replace("8", str(10**12)) + "gait.c_s = { from = 1, to = 2 }", ["count", "at most 1e+06"]),
         (
             GRID + "".join(f"{k} = {{ from = 0.1, to = 1, count = 9999999 }}\n" for k in keys()[6:9]),
@@ -337,7 +336,7 @@ def test_every_definition_reads_back(listed, ends, count, scale, method, seed, f
 )
 def test_errors_name_the_value_and_a_way_out(text, words):
     with pytest.raises(InputError) as caught:
-        cases(parse_sweep(text))
+        _ = parse_sweep(text).axes
     message = str(caught.value)
     for word in words:
         assert word in message, message

@@ -7,6 +7,7 @@ import json
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
@@ -23,7 +24,7 @@ from validation.cli import app as cli
 from validation.judge.metrics import Metric, register, unregister
 from validation.progress import Progress, Stage
 from validation.store import identity
-from validation.study.sweep import execution, report, schema, store, task, workers
+from validation.study.sweep import report, schema, store, task, workers
 from validation.study.sweep import run as sweep_run
 from validation.study.sweep.design import parse_sweep
 from validation.study.sweep.exceptions import SweepStopped
@@ -44,22 +45,20 @@ gait.switching_velocity = [0.3, 0.7, -1.0]
 """
 
 
-class Direct(execution.Execution):
+class Direct:
     """Walks in this process, and not really."""
 
-    sent: list[int] = []
-    outcome: dict[int, Any] = {}
+    def __init__(self) -> None:
+        self.sent: list[int] = []
+        self.outcome: dict[int, Any] = {}
 
-    def run(self) -> None:
-        for item in self._tasks:
-            self.sent.append(item.run)
-            found = self.outcome.get(item.run, {})
+    def execute(self, _: object, runs: list[int], make: Callable[[int], task.Task]) -> Iterator[task.Result]:
+        for run in runs:
+            self.sent.append(run)
+            found = self.outcome.get(run, {})
             if isinstance(found, KeyboardInterrupt):
-                self._flush()
                 raise found
-            result = task.walk_task(replace(item, wall_clock=None), partial(_walk, found))
-            self._keep(result.row, result.trace)
-        self._flush()
+            yield task.walk_task(replace(make(run), wall_clock=None), partial(_walk, found))
 
 
 def _walk(found: Any, job: task.Task, timing: dict[str, float]) -> dict[str, Any]:
@@ -71,14 +70,13 @@ def _walk(found: Any, job: task.Task, timing: dict[str, float]) -> dict[str, Any
 
 
 @pytest.fixture
-def direct(monkeypatch: pytest.MonkeyPatch) -> type[Direct]:
+def direct(monkeypatch: pytest.MonkeyPatch) -> Direct:
     """No processes, no physics, no drawing."""
-    monkeypatch.setattr(Direct, "sent", [])
-    monkeypatch.setattr(Direct, "outcome", {})
+    found = Direct()
     monkeypatch.setattr(report, "write_sweep_report", lambda folder: (folder / "report.html").touch())
-    monkeypatch.setattr(workers, "local_pool", lambda count: nullcontext())
-    monkeypatch.setattr(execution, "Execution", Direct)
-    return Direct
+    monkeypatch.setattr(workers, "local_pool", lambda count: nullcontext(SimpleNamespace(size=lambda: 1)))
+    monkeypatch.setattr(workers, "execute", found.execute)
+    return found
 
 
 @pytest.fixture
@@ -227,7 +225,7 @@ def test_a_folder_takes_only_its_own_sweep(direct, file, tmp_path, capsys):
     out = tmp_path / "out"
     assert call(file, out) == 0
     renamed = file.rename(tmp_path / "other.toml")
-    renamed.write_text("[limits]\nwall_clock = 1e4\n" + SWEEP, encoding="utf-8")
+    renamed.write_text(SWEEP.replace("steps = 3", "steps = 3\nwall_clock = 1e4"), encoding="utf-8")
     assert call(renamed, out, "--resume") == 0
     assert read_sweep(out).name == "other"
     turned = SWEEP.splitlines()
@@ -235,7 +233,7 @@ def test_a_folder_takes_only_its_own_sweep(direct, file, tmp_path, capsys):
         (SWEEP.replace("steps = 3", "steps = 4"), "sweep.steps is 3 in the folder and 4 in the file"),
         (
             SWEEP.replace("0.8]", "0.9]"),
-            "[[vary]] 1.contact.friction is [0.6, 0.7, 0.8]",
+            "vary.1.contact.friction is [0.6, 0.7, 0.8]",
             "0.7, 0.9] in the file",
         ),
         (SWEEP.replace('"flat"', '"normal"'), "sweep.gait is 'flat' in the folder and 'normal'"),
@@ -373,7 +371,7 @@ def test_a_worker_of_other_code_is_refused():
 
 def test_a_refusal_of_the_body_still_has_the_plan():
     error = BodilyRefusal("no", reason="leg_too_short", value=1.0, limit=0.5, unit="m", way_out="bend")
-    row = task.walk_task(task.Task(3, "3", load_run("flat"), "default"), partial(_walk, error)).row
+    row, _ = task.walk_task(task.Task(3, "3", load_run("flat"), "default"), partial(_walk, error))
     assert (row["outcome"], row["reason"], row["cause"]) == ("refused", "leg_too_short", "no; bend.")
     assert row["plan_l_s"] == pytest.approx(0.1185)
     assert row["plan_angular_momentum_y_offset"] is None
@@ -396,12 +394,13 @@ def test_words_for_errors_name_no_place():
 
 def test_progress_in_words():
     counts = sweep_run.Counter({sweep_run.State.PASS: 1})
-    shown = sweep_run._Keeper(cast(Any, None), Stage(), Progress(), 10, 8, counts)
-    shown.ended({"outcome": "refused", "verdict": None, "environment_attempts": 0}, None)
-    for verdict in ("pass", "fail", "pass"):
-        shown.ended({"outcome": "completed", "verdict": verdict, "environment_attempts": 1}, None)
-    shown.ended({"outcome": "fell", "verdict": "not_measured", "environment_attempts": 1}, None)
-    shown.tick(2)
+    kept = cast(Any, SimpleNamespace(append=list))
+    shown = sweep_run._Keeper(kept, Stage(), Progress(), 10, 8, counts)
+    ends = [("refused", None), *(("completed", verdict) for verdict in ("pass", "fail", "pass"))]
+    for outcome, verdict in [*ends, ("fell", "not_measured")]:
+        attempts = int(outcome != "refused")
+        row = {"outcome": outcome, "verdict": verdict, "environment_attempts": attempts}
+        shown.take((row, ""), 2)
     assert shown.text().startswith("3 pass, 1 out of tolerance, 1 fell, 1 refused, ")
     assert shown.text().endswith(" left")
     assert shown.done == 6
@@ -409,7 +408,7 @@ def test_progress_in_words():
 
 def test_a_run_keeps_its_folder(tmp_path):
     run = load_run("flat", ["gait.steps=2"])
-    row = task.walk_task(task.Task(0, "0", run, "default", keep="all", folder=str(tmp_path))).row
+    row, _ = task.walk_task(task.Task(0, "0", run, "default", keep="all", folder=str(tmp_path)))
     folder = tmp_path / str(row["recording"])
     assert row["recording"] == "recordings/0"
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))

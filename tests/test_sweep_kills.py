@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import psutil
@@ -22,10 +22,9 @@ from ampm.parameters import RunParameters
 from tests.sweep_work import act
 from validation.study.sweep import workers
 from validation.study.sweep.exceptions import SweepStopped
-from validation.study.sweep.execution import Execution
 from validation.study.sweep.schema import reproducible_columns
 from validation.study.sweep.table import read_sweep
-from validation.study.sweep.task import Listener, Task, blas_threads
+from validation.study.sweep.task import Task
 
 SWEEP = """
 [sweep]
@@ -188,18 +187,15 @@ def test_a_full_disk_a_killed_program_and_ctrl_c_lose_nothing(undisturbed, file,
 
 
 def test_whatever_a_run_does_it_gets_its_row(tmp_path):
-    run = RunParameters()
     acts = ["fine", "die", "raise", "hang", "exit", "refuse", "die once", *["sleep"] * 6]
 
-    def tasks() -> Iterator[Task]:
-        for number, name in enumerate(acts):
-            yield Task(number, str(number), run, name, folder=str(tmp_path), wall_clock=5.0)
+    def task(run: int) -> Task:
+        return Task(run, str(run), RunParameters(), acts[run], folder=str(tmp_path), wall_clock=5.0)
 
-    listener = Listener()
     with workers.local_pool(2) as pool:
-        Execution(pool, tasks(), listener, act).run()
-    found = {row["run"]: row for row in listener.rows}
-    assert len(listener.rows) == len(found) == len(acts)
+        rows = [result[0] for result in workers.execute(pool, range(len(acts)), task, act) if result]
+    found = {row["run"]: row for row in rows}
+    assert len(rows) == len(found) == len(acts)
     ends = {name: (found[i]["outcome"], found[i]["reason"]) for i, name in enumerate(acts)}
     assert ends == {
         "fine": ("completed", None),
@@ -220,19 +216,18 @@ def test_workers_have_one_thread_whatever_the_shell_says(monkeypatch):
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     with workers.local_pool(1) as pool:
         pool.client.wait_for_workers(1, timeout=60)
-        assert list(pool.client.run(blas_threads).values()) == [1]
+        assert list(pool.client.run(workers.blas_threads).values()) == [1]
     assert os.environ["OMP_NUM_THREADS"] == "4"
     assert "OPENBLAS_NUM_THREADS" not in os.environ
 
 
 def test_workers_that_die_at_their_start_end_the_sweep(monkeypatch):
     monkeypatch.setattr(workers, "RESTART_TIMEOUT", 0.5)
-    monkeypatch.setattr(workers, "MAX_FAILED_RESTARTS", 2)
+    monkeypatch.setattr(workers, "GIVE_UP", 2.0)
     monkeypatch.setenv("PYTHONHOME", "/nowhere")  # no interpreter starts with it
-    listener = Listener()
     task = Task(0, "0", RunParameters(), "fine")
     with workers.local_pool(2) as pool, pytest.raises(SweepStopped, match="no worker process comes up"):
-        Execution(pool, iter([task]), listener, act).run()
+        list(workers.execute(pool, [0], lambda _: task, act))
 
 
 SCRIPT = """

@@ -19,7 +19,7 @@ from validation.store.identity import parameter_values, run_key
 from validation.study.sweep import store
 from validation.study.sweep.design import parse_sweep
 from validation.study.sweep.exceptions import SweepStopped
-from validation.study.sweep.schema import columns, tidy
+from validation.study.sweep.schema import columns, make_row
 from validation.study.sweep.table import read_sweep
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -27,7 +27,7 @@ DEFINITION = parse_sweep('[[vary]]\nmethod = "grid"\ngait.c_s = { from = 0.8, to
 
 
 def row(run: int, outcome: str = "completed", /, **values: object) -> dict[str, object]:
-    return tidy({"run": run, "name": f"{run:03d}", "outcome": outcome, **values})
+    return make_row(run, f"{run:03d}", {}, {"outcome": outcome, **values})
 
 
 @contextmanager
@@ -40,7 +40,7 @@ def opened(folder: Path) -> Iterator[store.Store]:
 def finished(folder: Path, *rows: dict[str, object]) -> Path:
     with opened(folder) as sweep:
         sweep.append(rows)
-        sweep.finish(sweep.rows())
+        sweep.finish()
     return folder
 
 
@@ -56,7 +56,7 @@ def test_rows_are_kept_one_per_run_and_the_last_counts(tmp_path):
         ongoing = read_sweep(folder)  # while it is written
         assert not ongoing.complete
         assert ongoing.words("outcome") == ["timed_out", "fell", *["timed_out"] * 4, "completed"]
-        again.finish(again.rows())
+        again.finish()
     done = read_sweep(folder)
     assert done.complete
     assert done.table.equals(ongoing.table)
@@ -80,7 +80,7 @@ def test_either_file_is_complete_whatever_is_killed(tmp_path):
     (folder / "recordings" / "001.partial-x").mkdir(parents=True)
     (folder / "recordings" / "002").mkdir()
     with opened(folder) as sweep:
-        sweep.finish(sweep.rows())
+        sweep.finish()
     assert not list(folder.glob(".*"))
     assert [path.name for path in (folder / "recordings").iterdir()] == ["002"]
 
@@ -96,7 +96,7 @@ def test_a_full_disk_is_told_and_loses_nothing(tmp_path, monkeypatch, number):
         with monkeypatch.context() as patch:
             patch.setattr(os, "fsync", full)
             with pytest.raises(SweepStopped, match=r"no room is left.*--resume"):
-                sweep.finish(sweep.rows())
+                sweep.finish()
         assert not (tmp_path / "a" / store.RESULTS).exists()
         sweep.append([row(1)])
         assert sweep.rows()["run"].to_pylist() == [0, 1]
@@ -178,7 +178,7 @@ def test_undefined_is_null_and_every_bit_is_kept(tmp_path):
     assert found["metric_zmp_x_rmse"] is None
     assert str(found["margin_knee"]) == "-0.0"
     with pytest.raises(KeyError):
-        tidy({"nonsense": 1})
+        row(0, nonsense=1)
 
 
 def test_every_parameter_and_metric_has_its_column(run_of):

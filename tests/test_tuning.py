@@ -194,12 +194,12 @@ def test_tuned_gaits_walk(settings):
 
 def test_a_sweep_tunes_its_runs():
     settings = ("gait.step_length=0.3", "gait.switching_velocity=0.7", "gait.steps=2")
-    row = walk_task(Task(0, "0", load_run("normal", settings), "default", tune=True)).row
+    row, _ = walk_task(Task(0, "0", load_run("normal", settings), "default", tune=True))
     assert row["outcome"] == "completed", row["cause"]
     assert row["gait.step_length"] == 0.3
     assert row["gait.a_s"] < 2.0  # the default's 2.63 is for long steps
     slow = load_run("normal", ["gait.step_length=0.75", "gait.switching_velocity=0.4", "gait.c_s=1.8"])
-    row = walk_task(Task(1, "1", slow, "default", tune=True)).row
+    row, _ = walk_task(Task(1, "1", slow, "default", tune=True))
     assert row["outcome"] == "refused", row["cause"]
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -23,7 +24,7 @@ class Interruption:
     Attributes:
         count: signals so far.
         answered: how many of them are handled.
-        holding: whether the first signal waits for :meth:`release`, for work that is worth finishing.
+        holding: whether the first signal waits, for work that is worth finishing; a second one interrupts.
         finished: whether the answer is out, so that a further signal may end the program at once.
     """
 
@@ -65,14 +66,6 @@ class Interruption:
         """Count what came so far as answered: a walk that was interrupted says so itself."""
         self.answered = self.count
 
-    def hold(self) -> None:
-        """Let the first signal wait; a second one still interrupts."""
-        self.holding = True
-
-    def release(self) -> None:
-        """End of :meth:`hold`."""
-        self.holding = False
-
 
 interruption = Interruption()
 """Of this process."""
@@ -103,3 +96,21 @@ class Progress:
 
     def say(self, text: str) -> None:
         """Report one line."""
+
+
+class Stopwatch(Progress):
+    """Keeps how long every stage took.
+
+    Attributes:
+        seconds: wall-clock time by the stage's label, without the name of the gait before a colon [s].
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, label: str, unit: str = "") -> Iterator[Stage]:
+        """Time one stage; one that raises is left out."""
+        start = time.perf_counter()
+        yield Stage()
+        self.seconds[label.rpartition(": ")[2]] = time.perf_counter() - start

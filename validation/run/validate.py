@@ -122,7 +122,7 @@ def validate(
             if record.outcome.name == OutcomeName.INTERRUPTED:
                 interruption.acknowledge()
             else:
-                interruption.hold()
+                interruption.holding = True
             _save_record(record, folder, planned, environment)
 
         try:
@@ -139,7 +139,7 @@ def validate(
             summary = write_results(folder, trial, environment, options.instrument)
             del trial  # drawing needs the room
         finally:
-            interruption.release()
+            interruption.holding = False
         if options.recording and not interruption.pending:
             late = _draw(folder, target, request.name, progress)
     if late is not None:

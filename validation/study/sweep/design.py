@@ -18,27 +18,36 @@
     body.mass = { from = 45, to = 95, scale = "log" }
 
 Several blocks are crossed: every case of the first with every one of the second, the last block changing
-fastest. ``docs/sweeps.md`` explains every word.
+fastest. Runs are numbered from 0. Nothing grows with their number but the points of sampled blocks: a case of
+a grid is found from its number. The same definition gives the same values on every machine with the same
+SciPy. ``docs/sweeps.md`` explains every word.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+import numpy as np
 import tomli_w
-from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters, keys
-from ampm.run_file import PRESETS, key_info, load_run
-from ampm.section import Real, Section, input_error, parameter, parse_toml, read_toml, unknown
+from ampm.run_file import PRESETS, KeyInfo, key_info, load_run
+from ampm.section import Real, Section, parse_toml, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
+from validation.store.identity import parameter_values
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Column = NDArray[Any]
 
 Value = float | int | str
 """A value of a key."""
@@ -49,28 +58,8 @@ MOST_POINTS = 1_000_000
 """Points of one sampled block at most: 8 MB for every key."""
 STEPS_KEY = "gait.steps"
 
-_TABLES = ("sweep", "limits", "set", "vary", "base")
-
-
-def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Namespaced keys of nested tables; ``gait.c_s = ...`` and ``"gait.c_s" = ...`` mean the same."""
-    flat: dict[str, Any] = {}
-    for name, value in table.items():
-        nested = isinstance(value, dict) and "." not in name
-        for key, item in {f"{name}.{k}": v for k, v in value.items()}.items() if nested else [(name, value)]:
-            if key in flat:
-                raise InputError(f"{key} stands twice; keep one.", key=key)
-            flat[key] = item
-    return flat
-
-
-@contextmanager
-def _place(where: str) -> Iterator[None]:
-    """Say in which part of the file an error is."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{where}: {error}", **error.details) from None
+_TABLES = ("sweep", "set", "vary", "base")
+_DIGITS = 12  # significant digits to which a grid's inner values are rounded
 
 
 # ----------------------------------------------------------------------- blocks
@@ -97,91 +86,322 @@ class Range(Section):
 
 
 class Block(Section):
-    """One ``[[vary]]`` block: what each varied key takes, a range or values in the order of the file."""
+    """One ``[[vary]]`` block: its method, and what each varied key takes."""
 
-    method: str
+    method: Literal["grid", "list", "latin_hypercube", "sobol"] = Field(
+        description="grid: all combinations; list: side by side; latin_hypercube, sobol: points in ranges"
+    )
+    count: int | None = Field(None, description="points of a sampled block", ge=1, le=MOST_POINTS)
     keys: Mapping[str, Range | tuple[Value, ...]]
 
-
-class Grid(Block):
-    """All combinations of the keys' values."""
-
-    method: Literal["grid"]
-
     @property
     def size(self) -> int:
         """Cases of this block alone."""
-        return math.prod(v.count or 0 if isinstance(v, Range) else len(v) for v in self.keys.values())
+        if self.count is not None:
+            return self.count
+        counts = [v.count or 0 if isinstance(v, Range) else len(v) for v in self.keys.values()]
+        return math.prod(counts) if self.method == "grid" else counts[0]
 
     @model_validator(mode="after")
-    def _check(self) -> Grid:
+    def _check(self) -> Block:
+        sampled = self.method in ("latin_hypercube", "sobol")
+        if sampled != (self.count is not None):
+            verb = "needs a" if sampled else "has no"
+            raise InputError(f"a {self.method} {verb} count of its own; correct it.", key="count")
+        wanted = {
+            "grid": "a list, or a range with its count: { from = ..., to = ..., count = 5 }",
+            "list": 'a list; for a range take method = "grid"',
+        }.get(
+            self.method, "a range without a count: { from = ..., to = ... }; give lists a block of their own"
+        )
+        lists: dict[str, tuple[Any, ...]] = {}
         for key, value in self.keys.items():
             if not isinstance(value, Range):
-                _check_distinct(value, key)
-            elif value.count is None:
-                raise InputError(f"{key} has no count; write for example count = 5.", key=key)
+                lists[key] = value
+                good = not sampled
+            else:
+                good = self.method != "list" and sampled == (value.count is None)
+            if not good:
+                raise InputError(f"{key} in a {self.method} must be {wanted}.", key=key)
+        if self.method == "list":
+            if len({len(values) for values in lists.values()}) > 1:
+                found = ", ".join(f"{key} has {len(values)}" for key, values in lists.items())
+                raise InputError(
+                    f"the lists stand side by side and must be equally long: {found}. For all combinations "
+                    'take method = "grid".'
+                )
+            lists = {"the list": tuple(zip(*lists.values(), strict=True))}
+        for place, items in lists.items():
+            item, number = Counter(items).most_common(1)[0]
+            if number > 1:
+                raise InputError(f"{place} has {item!r} twice, the same run; keep one.")
         return self
 
+    def columns(self, generator: np.random.Generator) -> dict[str, Column]:
+        """Values of every key: the distinct ones of a grid, those of all cases otherwise.
 
-class Listed(Block):
-    """The keys' lists side by side: their first values, their second values, and so on."""
-
-    method: Literal["list"]
-    keys: Mapping[str, tuple[Value, ...]]
-
-    @property
-    def size(self) -> int:
-        """Cases of this block alone."""
-        return len(next(iter(self.keys.values())))
-
-    @field_validator("keys", mode="before")
-    @classmethod
-    def _check(cls, columns: Mapping[str, Any]) -> Mapping[str, Any]:
-        for key, values in columns.items():
-            if isinstance(values, Range):
-                raise InputError(f'{key} is a range; list its values, or take method = "grid".', key=key)
-        if len({len(values) for values in columns.values()}) > 1:
-            found = ", ".join(f"{key} has {len(values)}" for key, values in columns.items())
-            raise InputError(
-                f"the lists stand side by side and must be equally long: {found}. For all combinations take "
-                'method = "grid".'
-            )
-        _check_distinct(list(zip(*columns.values(), strict=True)), "the list")
-        return columns
-
-
-class Sampled(Block):
-    """Points spread over ranges: evenly along every key, or (``sobol``) over all keys together."""
-
-    method: Literal["latin_hypercube", "sobol"]
-    count: int = Field(description="number of points", ge=1, le=MOST_POINTS)
-    keys: Mapping[str, Range]
-
-    @property
-    def size(self) -> int:
-        """Cases of this block alone."""
-        return self.count
-
-    @field_validator("keys", mode="before")
-    @classmethod
-    def _check(cls, ranges: Mapping[str, Any]) -> Mapping[str, Any]:
-        for key, value in ranges.items():
+        Raises:
+            InputError: a range of a grid leaves equal values.
+        """
+        unit = self._points(generator)
+        found = {}
+        for number, (key, value) in enumerate(self.keys.items()):
+            info = key_info(key)
             if not isinstance(value, Range):
-                raise InputError(
-                    f"{key} is a list, but points are drawn from ranges; write {{ from = ..., to = ... }}, "
-                    "or put the list into a [[vary]] block of its own, which is crossed with this one.",
-                    key=key,
-                )
-            if value.count is not None:
-                raise InputError(f"{key}: the count belongs to the block; write it below method.", key=key)
-        return ranges
+                kind: Any = {"text": object, "int": np.int64, "float": np.float64}[info.kind]
+                found[key] = np.array(value, dtype=kind)
+            elif unit is None:
+                found[key] = _spaced(info, value)
+            else:
+                found[key] = _scaled(info, value, unit[:, number])
+        return found
+
+    def _points(self, generator: np.random.Generator) -> NDArray[np.float64] | None:
+        """Points of a sampled block in 0 ... 1, shape (count, keys)."""
+        if self.count is None:
+            return None
+        from scipy.stats import qmc  # takes most of a second to import
+
+        if self.method == "latin_hypercube":
+            return qmc.LatinHypercube(d=len(self.keys), rng=generator).random(self.count)
+        engine = qmc.Sobol(d=len(self.keys), scramble=True, rng=generator)
+        # Only whole powers of two are balanced; of another number these are the first points.
+        return engine.random_base2((self.count - 1).bit_length())[: self.count]
 
 
-AnyBlock = Annotated[Grid | Listed | Sampled, Field(discriminator="method")]
-_BLOCK: TypeAdapter[Grid | Listed | Sampled] = TypeAdapter(AnyBlock)
+def _spaced(info: KeyInfo, value: Range) -> Column:
+    """Values of a range of a grid."""
+    count = value.count or 0
+    values = (np.geomspace if value.scale == "log" else np.linspace)(value.start, value.stop, count)
+    if info.kind == "int":
+        values = np.rint(values)
+    else:
+        # 1.0 rather than 1.0000000000000002: some gaits are exact only there.
+        largest = max(abs(value.start), abs(value.stop))
+        values = np.round(values, min(_DIGITS - math.ceil(math.log10(largest)), 300))
+        values[0], values[-1] = value.start, value.stop
+    if not (np.diff(values) > 0.0).all():
+        raise InputError(
+            f"{info.key}: {count} values from {value.start:g} to {value.stop:g} are not all different; lower "
+            "its count."
+        )
+    return values.astype(np.int64) if info.kind == "int" else values
 
 
-def _block(table: Mapping[str, Any]) -> Grid | Listed | Sampled:
+def _scaled(info: KeyInfo, value: Range, unit: NDArray[np.float64]) -> Column:
+    """Points of 0 ... 1 as values of a range; every whole number of an integer key gets an equal share."""
+    whole = info.kind == "int"
+    start, stop = (value.start - 0.5, value.stop + 0.5) if whole else (value.start, value.stop)
+    if value.scale == "log":
+        low, high = math.log(start), math.log(stop)
+        values = np.exp(low + unit * (high - low))
+    else:
+        values = start + unit * (stop - start)
+    if whole:
+        return np.clip(np.rint(values), value.start, value.stop).astype(np.int64)
+    return np.clip(values, value.start, value.stop)
+
+
+# ------------------------------------------------------------------- definition
+
+
+class Axis(NamedTuple):
+    """The values of one key over all runs: ``values[(run // stride) % len(values)]``.
+
+    Attributes:
+        values: float64, int64, or texts as objects; read-only.
+        stride: runs after which the value changes.
+    """
+
+    values: Column
+    stride: int
+
+
+class SweepDefinition(Section, section="sweep"):
+    """A sweep, complete: the same definition gives the same runs in the same order.
+
+    ``base`` is the run that ``gait`` names, as it was when the definition was read; :attr:`shared` is that
+    with steps and ``set``, and every run changes the varied keys of it.
+    """
+
+    name: str = Field("sweep", description="name of the sweep, for report and table", min_length=1)
+    gait: str = Field("normal", description="preset, or TOML file relative to the sweep's", min_length=1)
+    steps: int = Field(30, description="steps of every run", ge=1, le=100_000)
+    tune: bool = Field(False, description="make the free choices of every run first, as ampm tune does")
+    seed: int = Field(1, description="of the sampled blocks", ge=0, le=2**63 - 1)
+    profile: str = Field("default", description="tolerance profile that judges the runs")
+    recordings: Literal["none", "failures", "worst", "all"] = Field(
+        "worst", description="which runs keep a recording"
+    )
+    worst: int | None = Field(
+        None, description="how many runs keep one if recordings = worst", ge=1, le=10_000
+    )
+    instrument: str | None = Field(None, description="model of the sensors that measure beside the truth")
+    wall_clock: Real = Field(600.0, description="seconds after which a run counts as hung", gt=0)
+    set: Mapping[str, Value] = Field(default_factory=dict)
+    vary: tuple[Block, ...] = ()
+    base: RunParameters = Field(default_factory=RunParameters)
+
+    @model_validator(mode="after")
+    def _check(self) -> SweepDefinition:
+        find_profile(self.profile)
+        if not self.vary:
+            raise InputError(
+                "the sweep varies nothing; add a [[vary]] block, for example with "
+                'method = "grid" and gait.c_y = [0.4, 1.0].'
+            )
+        places = [(key, "[set]") for key in self.set]
+        for number, block in enumerate(self.vary, start=1):
+            places += [(key, f"[[vary]] block {number}") for key in block.keys]
+        where: dict[str, str] = {STEPS_KEY: "[sweep] as steps, the same for all runs"}
+        for key, place in places:
+            if key in where:
+                raise InputError(f"{key} stands in {place}, and in {where[key]}; keep one.", key=key)
+            where[key] = place
+        total = math.prod(block.size for block in self.vary)
+        if total > MOST_CASES:
+            raise InputError(
+                f"the sweep would have {total:,} runs, more than {MOST_CASES:,}; lower a count, or vary "
+                "several keys in one sobol block instead of crossing them."
+            )
+        _ = self.shared  # what all runs share must be possible
+        return self
+
+    def __len__(self) -> int:
+        """Number of runs."""
+        return math.prod(block.size for block in self.vary)
+
+    @cached_property
+    def shared(self) -> RunParameters:
+        """Parameters that all runs share: the gait with ``steps`` and ``set``."""
+        return self.base.replace({**self.set, STEPS_KEY: self.steps})
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Varied keys, in the order of the blocks."""
+        return tuple(key for block in self.vary for key in block.keys)
+
+    @cached_property
+    def axes(self) -> Mapping[str, Axis]:
+        """Values of every varied key; several blocks are crossed, the last changing fastest.
+
+        Raises:
+            InputError: ranges of a grid leave equal values.
+        """
+        axes: dict[str, Axis] = {}
+        stride = len(self)
+        for number, block in enumerate(self.vary):
+            inner, stride = stride, stride // block.size
+            for key, values in block.columns(np.random.default_rng([self.seed, number])).items():
+                values.setflags(write=False)
+                inner //= len(values)  # of a grid the last key changes fastest
+                axes[key] = Axis(values, inner if block.method == "grid" else stride)
+        return axes
+
+    def column(self, key: str, runs: NDArray[np.int64]) -> Column:
+        """Values of any key of the run, varied or not, in some runs, shape (n,)."""
+        if key in self.axes:
+            values, stride = self.axes[key]
+            return values[(runs // stride) % len(values)]
+        value = self.shared.value(key)
+        return np.full(len(runs), value, dtype=object if isinstance(value, str) else None)
+
+    def varied(self, run: int) -> dict[str, Value]:
+        """Varied keys of one run.
+
+        Raises:
+            IndexError: there is no such run.
+        """
+        if not 0 <= run < len(self):
+            raise IndexError(f"there is no run {run}: the sweep has {len(self)}")
+        return {key: self.column(key, np.array([run])).tolist()[0] for key in self.axes}
+
+    def values(self, run: int) -> dict[str, Value]:
+        """All keys of one run, within their bounds or not."""
+        return parameter_values(self.shared) | self.varied(run)
+
+    def parameters(self, run: int) -> RunParameters:
+        """Everything that describes one run.
+
+        Raises:
+            InputError: a value is beyond the bounds of its key.
+            IndexError: there is no such run.
+        """
+        return self.shared.replace(self.varied(run))
+
+    def name_of(self, run: int) -> str:
+        """Number of a run as text, with zeros in front so that names sort as numbers do."""
+        return f"{run:0{len(str(len(self) - 1))}d}"
+
+
+# ---------------------------------------------------------------- from and to TOML
+
+
+def load_sweep(path: str | Path) -> SweepDefinition:
+    """Read a sweep's definition.
+
+    Args:
+        path: TOML file; a gait that is a file is sought beside it.
+
+    Raises:
+        InputError: no such file, no valid TOML, or anything in it that makes no sweep.
+    """
+    path = Path(path)
+    stem = path.stem.encode("utf-8", "backslashreplace").decode()  # a name may be no UTF-8
+    try:
+        return _sweep_of(read_toml(path), stem, path.parent)
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"the sweep file {str(path)!r} does not exist.", value=str(path)) from None
+
+
+def parse_sweep(text: str) -> SweepDefinition:
+    """A sweep's definition from TOML text; files that it names are sought in the working directory.
+
+    Raises:
+        InputError: no valid TOML, or anything in it that makes no sweep.
+    """
+    return _sweep_of(parse_toml(text, "the definition"), "sweep", Path())
+
+
+def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinition:
+    for word, value in table.items():
+        if word in RunParameters.model_fields:
+            raise InputError(f"[{word}] is no table of a sweep; put its keys under [set].", key=word)
+        if word not in _TABLES:
+            raise unknown(word, _TABLES)
+        is_list = isinstance(value, list) and all(isinstance(item, dict) for item in value)
+        if not (is_list if word == "vary" else isinstance(value, dict)):
+            brackets = "[[vary]]" if word == "vary" else f"[{word}]"
+            raise InputError(f"{word} must be a table; write {brackets} and its keys below.", key=word)
+    head = dict(table.get("sweep", {}))
+    for word in head.keys() & set(_TABLES):
+        raise unknown(f"sweep.{word}", [f"sweep.{known}" for known in _HEAD])
+    if "base" in table:
+        base = RunParameters(**table["base"])
+    else:
+        base = load_run(_beside(folder, str(head.get("gait", "normal"))))
+    if isinstance(head.get("instrument"), str):
+        from validation.measure.instruments.model import load_instrument  # loads all that measures
+
+        head["instrument"] = _beside(folder, head["instrument"])
+        load_instrument(head["instrument"])
+    with _place("[set]"):
+        fixed = {key: key_info(key).convert(value) for key, value in _flat(table.get("set", {})).items()}
+    blocks = []
+    for number, item in enumerate(table.get("vary", []), start=1):
+        with _place(f"[[vary]] block {number}"):
+            blocks.append(_block(item))
+    head = {"name": name, "steps": base.gait.steps, **head}
+    return SweepDefinition(**head, set=fixed, vary=tuple(blocks), base=base)
+
+
+def _beside(folder: Path, name: str) -> str:
+    """A file beside the definition, or the name as it is."""
+    path = folder / name
+    return str(path.resolve()) if name not in PRESETS and path.is_file() else name
+
+
+def _block(table: Mapping[str, Any]) -> Block:
     """A block of the file, in which the varied keys stand beside the block's own words.
 
     Raises:
@@ -191,13 +411,7 @@ def _block(table: Mapping[str, Any]) -> Grid | Listed | Sampled:
     found = _flat({name: value for name, value in table.items() if name not in own})
     if not found:
         raise InputError("no key is varied; add for example gait.c_y = [0.4, 0.7, 1.0].")
-    if "count" in own and own.get("method") in ("grid", "list"):
-        raise InputError(f"a {own['method']} has no count of its own; give one with each range.", key="count")
-    values = {key: _values(key, value) for key, value in found.items()}
-    try:
-        return _BLOCK.validate_python({"method": "", **own, "keys": values})
-    except ValidationError as error:
-        raise input_error(error, Block) from None
+    return Block(**own, keys={key: _values(key, value) for key, value in found.items()})
 
 
 def _values(key: str, value: Any) -> Range | tuple[Value, ...]:
@@ -224,166 +438,25 @@ def _values(key: str, value: Any) -> Range | tuple[Value, ...]:
     return tuple(info.convert(item) for item in value)
 
 
-def _check_distinct(items: Sequence[Hashable], place: str) -> None:
-    item, number = Counter(items).most_common(1)[0]
-    if number > 1:
-        raise InputError(f"{place} has {item!r} twice, the same run; keep one.")
+def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Namespaced keys of nested tables; ``gait.c_s = ...`` and ``"gait.c_s" = ...`` mean the same."""
+    flat: dict[str, Any] = {}
+    for name, value in table.items():
+        nested = isinstance(value, dict) and "." not in name
+        for key, item in {f"{name}.{k}": v for k, v in value.items()}.items() if nested else [(name, value)]:
+            if key in flat:
+                raise InputError(f"{key} stands twice; keep one.", key=key)
+            flat[key] = item
+    return flat
 
 
-# ------------------------------------------------------------------- definition
-
-
-class Limits(Section):
-    """Limits that end a run. Simulated time and solver iterations are keys of the run itself."""
-
-    section: ClassVar[str] = "limits"
-
-    wall_clock: Real = parameter(
-        600.0,
-        "time after which a run counts as hung (timed_out); resume walks it again",
-        "s",
-        gt=0,
-    )
-
-
-class SweepDefinition(Section):
-    """A sweep, complete: the same definition gives the same runs in the same order.
-
-    ``base`` is the run that ``gait`` names, as it was when the definition was read; :attr:`run` is that with
-    steps and ``set``, and every case changes the varied keys of it.
-    """
-
-    section: ClassVar[str] = "sweep"
-
-    name: str = Field("sweep", description="name of the sweep, for report and table", min_length=1)
-    gait: str = Field("normal", description="preset, or TOML file relative to the sweep's", min_length=1)
-    steps: int = Field(30, description="steps of every run", ge=1, le=100_000)
-    tune: bool = Field(False, description="make the free choices of every run first, as ampm tune does")
-    seed: int = Field(1, description="of the sampled blocks", ge=0, le=2**63 - 1)
-    profile: str = Field("default", description="tolerance profile that judges the runs")
-    recordings: Literal["none", "failures", "worst", "all"] = Field(
-        "worst", description="which runs keep a recording"
-    )
-    worst: int = Field(5, description="how many runs keep one if recordings = worst", ge=1, le=10_000)
-    instrument: str | None = Field(None, description="model of the sensors that measure beside the truth")
-    limits: Limits = Field(default_factory=Limits)
-    set: Mapping[str, Value] = Field(default_factory=dict)
-    vary: tuple[AnyBlock, ...] = ()
-    base: RunParameters = Field(default_factory=RunParameters)
-
-    def __len__(self) -> int:
-        """Number of runs."""
-        return math.prod(block.size for block in self.vary)
-
-    @cached_property
-    def run(self) -> RunParameters:
-        """Parameters that all runs share: the gait with ``steps`` and ``set``."""
-        return self.base.replace({**self.set, STEPS_KEY: self.steps})
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Varied keys, in the order of the blocks."""
-        return tuple(key for block in self.vary for key in block.keys)
-
-    @model_validator(mode="after")
-    def _check(self) -> SweepDefinition:
-        find_profile(self.profile)
-        if not self.vary:
-            raise InputError(
-                "the sweep varies nothing; add a [[vary]] block, for example with "
-                'method = "grid" and gait.c_y = [0.4, 1.0].'
-            )
-        places = [(key, "[set]") for key in self.set]
-        for number, block in enumerate(self.vary, start=1):
-            places += [(key, f"[[vary]] block {number}") for key in block.keys]
-        where: dict[str, str] = {STEPS_KEY: "[sweep] as steps, the same for all runs"}
-        for key, place in places:
-            if key in where:
-                raise InputError(f"{key} stands in {place}, and in {where[key]}; keep one.", key=key)
-            where[key] = place
-        total = math.prod(block.size for block in self.vary)
-        if total > MOST_CASES:
-            raise InputError(
-                f"the sweep would have {total:,} runs, more than {MOST_CASES:,}; lower a count, or vary "
-                "several keys in one sobol block instead of crossing them."
-            )
-        _ = self.run  # what all runs share must be possible
-        return self
-
-
-def load_sweep(path: str | Path) -> SweepDefinition:
-    """Read a sweep's definition.
-
-    Args:
-        path: TOML file; a gait that is a file is sought beside it.
-
-    Raises:
-        InputError: no such file, no valid TOML, or anything in it that makes no sweep.
-    """
-    path = Path(path)
-    stem = path.stem.encode("utf-8", "backslashreplace").decode()  # a name may be no UTF-8
+@contextmanager
+def _place(where: str) -> Iterator[None]:
+    """Say in which part of the file an error is."""
     try:
-        return _sweep_of(read_toml(path), stem, path.parent)
-    except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"the sweep file {str(path)!r} does not exist.", value=str(path)) from None
-
-
-def parse_sweep(text: str, *, name: str = "sweep", folder: Path | None = None) -> SweepDefinition:
-    """A sweep's definition from TOML text.
-
-    Args:
-        text: of the file.
-        name: of the sweep, if the text gives none.
-        folder: where a gait that is a file is sought; the current one by default.
-
-    Raises:
-        InputError: no valid TOML, or anything in it that makes no sweep.
-    """
-    return _sweep_of(parse_toml(text, "the definition"), name, folder or Path())
-
-
-def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinition:
-    for word, value in table.items():
-        if word in RunParameters.model_fields:
-            raise InputError(f"[{word}] is no table of a sweep; put its keys under [set].", key=word)
-        if word not in _TABLES:
-            raise unknown(word, _TABLES)
-        is_list = isinstance(value, list) and all(isinstance(item, dict) for item in value)
-        if not (is_list if word == "vary" else isinstance(value, dict)):
-            brackets = "[[vary]]" if word == "vary" else f"[{word}]"
-            raise InputError(f"{word} must be a table; write {brackets} and its keys below.", key=word)
-    head = dict(table.get("sweep", {}))
-    for word in head.keys() & set(_TABLES):
-        raise unknown(f"sweep.{word}", [f"sweep.{known}" for known in _HEAD])
-    gait = head.get("gait", "normal")
-    if "base" in table:
-        base = RunParameters(**table["base"])
-    elif isinstance(gait, str):
-        beside = folder / gait
-        base = load_run(beside if gait not in PRESETS and beside.is_file() else gait)
-    else:
-        base = RunParameters()  # the word is refused below
-    instrument = head.get("instrument")
-    if isinstance(instrument, str):
-        # Here, not above: it loads all that measures.
-        from validation.measure.instruments.model import load_instrument
-
-        beside = folder / instrument
-        head["instrument"] = str(beside.resolve()) if beside.is_file() else instrument
-        load_instrument(head["instrument"])
-    with _place("[set]"):
-        fixed = {key: key_info(key).convert(value) for key, value in _flat(table.get("set", {})).items()}
-    blocks = []
-    for number, item in enumerate(table.get("vary", []), start=1):
-        with _place(f"[[vary]] block {number}"):
-            blocks.append(_block(item))
-    return SweepDefinition(
-        **{"name": name, "steps": base.gait.steps, **head},
-        limits=Limits(**table.get("limits", {})),
-        set=fixed,
-        vary=tuple(blocks),
-        base=base,
-    )
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}", **error.details) from None
 
 
 _HEAD = tuple(name for name in SweepDefinition.model_fields if name not in _TABLES)
@@ -392,19 +465,12 @@ _HEAD = tuple(name for name in SweepDefinition.model_fields if name not in _TABL
 def dump_sweep(definition: SweepDefinition) -> str:
     """TOML text that :func:`parse_sweep` reads back as an equal definition, without any other file."""
     head = definition.model_dump(include=set(_HEAD), exclude_none=True)
-    if "worst" not in definition.model_fields_set:  # then only runs that did not pass count as worst
-        del head["worst"]
     vary = []
     for block in definition.vary:
         words = block.model_dump(by_alias=True, exclude_none=True)
         values = words.pop("keys")
         vary.append({**words, **values})
-    table = {
-        "sweep": head,
-        "limits": definition.limits.model_dump(),
-        "set": dict(definition.set),
-        "vary": vary,
-    }
+    table = {"sweep": head, "set": dict(definition.set), "vary": vary}
     # The file of a gait may change or be out of reach: its contents go along.
     if definition.gait not in PRESETS or definition.base != load_run(definition.gait):
         table["base"] = definition.base.model_dump(exclude_unset=True)

@@ -6,27 +6,24 @@ One run is walked, to time it. Bounds and formula are checked for every run, sol
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ampm.exceptions import InputError, RefusedGait
-from ampm.parameters import RELATIONS, steps_per_tick
+from ampm.parameters import RELATIONS, RunParameters, steps_per_tick
 from ampm.planner import rules
 from ampm.planner.periodic import plan_gait
 from ampm.run_file import key_info
-from validation.judge.profiles import profile as find_profile
 from validation.progress import Progress
 from validation.study.sweep.design import STEPS_KEY, SweepDefinition
-from validation.study.sweep.sampling import Cases
-from validation.study.sweep.sampling import cases as cases_of
+from validation.study.sweep.task import Task
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from ampm.parameters import RunParameters
 
 REASONS = (*rules.REASONS, "bad_parameter")
 """Results of :func:`screen` for a run; its numbers are indices into this."""
@@ -37,7 +34,6 @@ TIMED_STEPS = 10
 """Steps of the walk that is timed, at most."""
 
 _TIMED = 8  # gaits that are tried until one of them can be walked and timed
-_GAIT = tuple(field.name for field in fields(rules.Gaits))
 _CHUNK = 16_384  # runs at a time: their arrays stay in the processor's cache
 _CHECKED_KEYS = ("gait.", "body.", "foot.", "controller.frequency", "simulation.time_step")
 
@@ -121,35 +117,33 @@ def forecast(definition: SweepDefinition, workers: int, *, progress: Progress | 
     """
     if workers < 1:
         raise InputError(f"--workers {workers} must be at least 1.", value=workers)
-    progress = progress or Progress()
-    cases = cases_of(definition)
-    code = screen(cases)
+    code = screen(definition)
     refused = [
-        Refused(REASONS[number], int(count), str(_refusal(cases, int(first))))
+        Refused(REASONS[number], int(count), str(_refusal(definition, int(first), _check_plan)))
         for number, first, count in zip(*np.unique(code, return_index=True, return_counts=True), strict=True)
         if number != ACCEPTED
     ]
     numbers = np.flatnonzero(code == ACCEPTED)
-    _, first, sharing = np.unique(_gaits(cases, numbers), return_index=True, return_counts=True)
+    _, first, sharing = np.unique(_motions(definition, numbers), return_index=True, return_counts=True)
     # At random: the first of a grid are its corner.
     chosen = np.random.default_rng(definition.seed).permutation(len(first))[:CHECKED]
     passing: list[int] = []
     found: dict[str, Refused] = {}
     for index in chosen.tolist():
-        case, runs = int(numbers[first[index]]), int(sharing[index])
-        error = None if definition.tune else _refusal(cases, case, with_body=True)
+        run = int(numbers[first[index]])
+        error = None if definition.tune else _refusal(definition, run, _check_body)
         if error is None:
-            passing.append(case)
+            passing.append(run)
         else:
             reason = getattr(error, "reason", REASONS[BAD])
             known = found.get(reason, Refused(reason, 0, str(error)))
-            found[reason] = Refused(reason, known.runs + runs, known.example)
-    looked_at = int(sharing[chosen].sum())
-    share = 1.0 - sum(item.runs for item in found.values()) / max(looked_at, 1)
-    seconds, motion_refused = _time_walk(cases, passing[:_TIMED], len(first) / max(len(numbers), 1), progress)
+            found[reason] = Refused(reason, known.runs + int(sharing[index]), known.example)
+    share = 1.0 - sum(item.runs for item in found.values()) / max(int(sharing[chosen].sum()), 1)
+    motions = len(first) / max(len(numbers), 1)
+    seconds, motion_refused = _time_walk(definition, passing[:_TIMED], motions, progress or Progress())
     return Forecast(
         definition=definition,
-        runs=len(cases),
+        runs=len(definition),
         refused=tuple(refused),
         gaits=len(first),
         checked=len(chosen),
@@ -161,84 +155,78 @@ def forecast(definition: SweepDefinition, workers: int, *, progress: Progress | 
     )
 
 
-def screen(cases: Cases) -> NDArray[np.int8]:
+def screen(definition: SweepDefinition) -> NDArray[np.int8]:
     """Which runs bounds and formula refuse, without planning them: a million in seconds.
 
     Returns:
         Of every run the place of its reason in :data:`REASONS`, :data:`ACCEPTED` if there is none, shape
         (N,). A sweep that tunes skips the formula: the choices that are found may make it feasible.
     """
-    code = np.full(len(cases), ACCEPTED, dtype=np.int8)
-    inside = [(axis, key_info(axis.key).inside(axis.values)) for axis in cases.axes]
-    for start in range(0, len(cases), _CHUNK):
-        numbers = np.arange(start, min(start + _CHUNK, len(cases)), dtype=np.int64)
+    code = np.full(len(definition), ACCEPTED, dtype=np.int8)
+    for start in range(0, len(code), _CHUNK):
+        runs = np.arange(start, min(start + _CHUNK, len(code)))
         part = code[start : start + _CHUNK]  # a view
-        for axis, good in inside:
-            part[~good[axis.index(numbers)]] = BAD
+        for key in definition.keys:
+            part[~key_info(key).inside(definition.column(key, runs))] = BAD
         for relation in RELATIONS:
-            both = cases.column(relation.key, numbers), cases.column(relation.other, numbers)
+            both = definition.column(relation.key, runs), definition.column(relation.other, runs)
             with np.errstate(over="ignore"):
                 part[~relation.holds(*both)] = BAD
-        if not cases.definition.tune:
+        if not definition.tune:
             left = np.flatnonzero(part == ACCEPTED)
-            columns = (cases.column(f"gait.{name}", numbers[left]) for name in _GAIT)
-            part[left] = rules.screen(rules.Gaits(*columns))
+            names = (field.name for field in fields(rules.Gaits))
+            part[left] = rules.screen(
+                rules.Gaits(*(definition.column(f"gait.{name}", runs[left]) for name in names))
+            )
     return code
 
 
-def _refusal(cases: Cases, case: int, *, with_body: bool = False) -> InputError | RefusedGait | None:
-    """Why a run is refused before its motion is solved.
-
-    Args:
-        cases: of the sweep.
-        case: number of the run.
-        with_body: check soles and legs, too.
-    """
+def _refusal(
+    definition: SweepDefinition, run: int, check: Callable[[RunParameters], None]
+) -> InputError | RefusedGait | None:
+    """Why a run is refused before its motion is solved."""
     try:
-        run = cases.run(case)
-        steps_per_tick(run.controller.frequency, run.simulation.time_step)
-        plan_gait(run.gait, run.body.mass)
-        if with_body:
-            _check_body(run)
+        check(definition.parameters(run))
     except (InputError, RefusedGait) as error:
         return error
     return None
 
 
-def _check_body(run: RunParameters) -> None:
-    """Check soles and legs, as planning does before it solves the motion.
+def _check_plan(run: RunParameters) -> None:
+    plan_gait(run.gait, run.body.mass)
 
-    Raises:
-        InputError, RefusedGait: the body cannot walk the plan.
-    """
+
+def _check_body(run: RunParameters) -> None:
+    """Check clock, soles and legs, as planning does before it solves the motion."""
     # Here, not above: the simulator takes a second to load.
     from ampm.body.feasibility import check_body
     from ampm.planner.support import plan_steps
     from models.human import build
 
+    steps_per_tick(run.controller.frequency, run.simulation.time_step)
     description = build(run.body, run.contact, run.simulation).description
     gait = run.gait.model_copy(update={"steps": min(run.gait.steps, 2)})  # the first step stands for all
     check_body(plan_steps(gait, run.body.mass, run.foot, description.sole), description)
 
 
-def _gaits(cases: Cases, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+def _motions(definition: SweepDefinition, runs: NDArray[np.int64]) -> NDArray[np.int64]:
     """Number of the whole-body motion of some runs: equal where all that it depends on is."""
-    motion = np.zeros(len(numbers), dtype=np.int64)
-    for axis in cases.axes:
-        if axis.key.startswith(_CHECKED_KEYS):
-            _, value = np.unique(axis.values, return_inverse=True)
-            motion = motion * (int(value.max()) + 1) + value[axis.index(numbers)]
-            _, motion = np.unique(motion, return_inverse=True)  # small again, whatever the number of axes
+    motion = np.zeros(len(runs), dtype=np.int64)
+    for key in definition.keys:
+        if key.startswith(_CHECKED_KEYS):
+            _, value = np.unique(definition.column(key, runs), return_inverse=True)
+            both = motion * (value.max(initial=0) + 1) + value
+            _, motion = np.unique(both, return_inverse=True)  # small again, whatever the number of keys
     return motion
 
 
 def _time_walk(
-    cases: Cases, candidates: Iterable[int], share: float, progress: Progress
+    definition: SweepDefinition, candidates: list[int], share: float, progress: Progress
 ) -> tuple[float | None, list[str]]:
     """Time a walk of few steps.
 
     Args:
-        cases: of the sweep.
+        definition: the sweep.
         candidates: runs of which the first that can be walked is.
         share: of the runs that solve a motion of their own [1].
         progress: where to report stages.
@@ -246,25 +234,21 @@ def _time_walk(
     Returns:
         Wall-clock time of one run, None if none of them can be walked [s]; the refusals before it, in words.
     """
-    # Here, not above: simulator and Pinocchio take a second to load.
-    from validation.run.walk import walk_planned
-    from validation.trial.plan import Request, plan_walk
-    from validation.trial.tune import tune_walk
-
-    definition = cases.definition
     steps = min(TIMED_STEPS, definition.steps)
     refused: list[str] = []
     start = time.perf_counter()
-    for case in candidates:
-        request = Request(cases.name(case), cases.run(case).replace({STEPS_KEY: steps}))
-        with progress.stage(f"walk of run {request.name}, to time it"):
+    for run in candidates:
+        task = Task.of(
+            definition, run, Path(), parameters=definition.parameters(run).replace({STEPS_KEY: steps})
+        )
+        with progress.stage(f"walk of run {task.name}, to time it"):
             try:
-                planned = tune_walk(request) if definition.tune else plan_walk(request)
+                planned = task.plan()
             except (InputError, RefusedGait) as error:
                 refused.append(str(error))
                 continue
             ready = time.perf_counter()
-            walk_planned(planned, find_profile(definition.profile))
+            task.walk(planned)
             walked = time.perf_counter() - ready
             planning = (ready - start) / (len(refused) + 1)  # refusals take their time, too
             return share * planning + walked * definition.steps / steps, refused

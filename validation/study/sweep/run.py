@@ -2,53 +2,39 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.planner.periodic import plan_gait
 from validation.progress import Progress, Stage, interruption
 from validation.show.text import format_duration
 from validation.store.folders import check_target
-from validation.store.identity import code_hash, parameter_values
 from validation.store.json import dump_json
 from validation.store.machine import cores
 from validation.study.sweep.design import SweepDefinition, load_sweep
 from validation.study.sweep.forecast import ACCEPTED, screen
-from validation.study.sweep.sampling import Cases, cases
-from validation.study.sweep.schema import (
-    OUTCOMES,
-    environment_columns,
-    first_columns,
-    refused_columns,
-    reproducible_columns,
-    tidy,
-)
+from validation.study.sweep.schema import OUTCOMES, error_columns, make_row
 from validation.study.sweep.store import (
     CRASHES,
     DEFINITION,
     LOCK,
-    RECORDINGS,
     REPORT,
     SUMMARY,
     Store,
-    check_identity,
     is_sweep,
     open_store,
 )
 from validation.study.sweep.table import STATES, State, SweepTable, read_sweep, wrap_table
-from validation.study.sweep.task import Listener, Task
+from validation.study.sweep.task import Result, Row, Task
 
 if TYPE_CHECKING:
     from validation.study.sweep.workers import WorkerPool
@@ -57,8 +43,10 @@ if TYPE_CHECKING:
 
 RETRIED = tuple(name for name in OUTCOMES if name != "completed")
 """Outcomes that can be walked again on request."""
-_WINDOW = 300.0  # over which the rate is taken [s]
-_BATCH = 1000  # refused runs that are kept at a time
+WORST = 5
+"""Runs that keep a recording if the definition does not say how many; of those that did not pass."""
+FLUSH = 1.0
+"""Time after which a finished row is on the disk at the latest [s]."""
 _LEAST = 3  # walks after which there is a rate
 
 
@@ -102,7 +90,6 @@ def sweep(
         if name not in RETRIED:
             raise InputError(f"--retry {name!r} must be of {', '.join(RETRIED)}; correct it.")
     progress = progress or Progress()
-    pool = partial(_pool, workers, scheduler, progress)
     if out is None:
         with tempfile.TemporaryDirectory(prefix="ampm-sweep-") as folder:
             unkept = definition.model_copy(update={"recordings": "none"})
@@ -110,6 +97,14 @@ def sweep(
                 unkept, Path(folder) / "out", workers=workers, scheduler=scheduler, progress=progress
             )
             return replace(found, directory=None, source=definition.name)
+
+    def pool(walks: int) -> AbstractContextManager[WorkerPool]:
+        from validation.study.sweep.workers import local_pool, remote_pool  # load dask
+
+        return (
+            remote_pool(scheduler, progress.say) if scheduler else local_pool(min(workers or cores(), walks))
+        )
+
     start, out = time.monotonic(), Path(out)
     way_out = "resume (--resume) to go on with its sweep"
     check_target(out, None, force=resume, what="sweep", marks=(DEFINITION, LOCK), way_out=way_out)
@@ -117,14 +112,12 @@ def sweep(
         with pool(1):  # first of all: a scheduler that does not answer leaves no folder behind
             pass
     with open_store(out) as store:
-        if check_identity(out, definition, force=force) and resume:
+        if not store.begin(definition, force=force) and resume:
             progress.say(f"nothing to resume in {out}; starting the sweep")
-        store.begin(definition)
-        jobs = _Jobs(definition, cases(definition), out.resolve())
-        _walk_missing(jobs, store, pool, retry, progress)
+        _walk_missing(definition, store, pool, retry, progress)
         if definition.recordings == "worst":
-            _keep_worst(jobs, store, pool, progress)
-        store.finish(store.rows())
+            _keep_worst(definition, store, pool, progress)
+        store.finish()
         found = read_sweep(out)
         summary = found.summary(time.monotonic() - start)
         if summary["environments"] > 1:
@@ -137,94 +130,62 @@ def sweep(
         return found
 
 
-def _pool(
-    workers: int | None, scheduler: str | None, progress: Progress, walks: int
-) -> AbstractContextManager[WorkerPool]:
-    """Workers for this many walks."""
-    from validation.study.sweep.workers import local_pool, remote_pool  # load dask
-
-    return remote_pool(scheduler, progress.say) if scheduler else local_pool(min(workers or cores(), walks))
-
-
-def _execute(pool: Pool, tasks: Iterator[Task], walks: int, listener: Listener) -> None:
-    from validation.study.sweep.execution import Execution  # loads dask
-
-    with pool(walks) as workers:
-        Execution(workers, tasks, listener).run()
-
-
-# ------------------------------------------------------------------------------ walking
-
-
-class _Jobs:
-    """Rows and tasks of a sweep's runs.
-
-    Args:
-        definition: of the sweep.
-        runs: of it.
-        folder: of the sweep.
-    """
-
-    def __init__(self, definition: SweepDefinition, runs: Cases, folder: Path) -> None:
-        self.definition, self.runs, self.folder = definition, runs, folder
-
-    def refused(self, case: int) -> dict[str, Any]:
-        """Row of a run without a plan, or with a parameter beyond its bounds."""
-        run = None
-        try:
-            run = self.runs.run(case)
-            plan_gait(run.gait, run.body.mass)
-        except (InputError, RefusedGait) as error:
-            values = self.runs.row(case) if run is None else {}
-            values = parameter_values(run or self.definition.run) | values
-            first = first_columns(case, self.runs.name(case), values)
-            return tidy({**first, **refused_columns(error, run), **environment_columns()})
-        raise ValueError(f"run {case} is not refused")
-
-    def task(self, case: int, **changes: Any) -> Task:
-        """One run, for a worker."""
-        definition = self.definition
-        task = Task(
-            run=case,
-            name=self.runs.name(case),
-            parameters=self.runs.run(case),
-            profile=definition.profile,
-            instrument=definition.instrument,
-            keep="none" if definition.recordings == "worst" else definition.recordings,
-            folder=str(self.folder),
-            wall_clock=definition.limits.wall_clock,
-            code=code_hash(),
-            tune=definition.tune,
-        )
-        return replace(task, **changes)
-
-
-def _walk_missing(jobs: _Jobs, store: Store, pool: Pool, retry: Sequence[str], progress: Progress) -> None:
+def _walk_missing(
+    definition: SweepDefinition, store: Store, pool: Pool, retry: Sequence[str], progress: Progress
+) -> None:
     """Walk the runs that have no row yet, one that is no answer, or an outcome to retry."""
     found = wrap_table(store.rows(), store.folder)
     again = found.unanswered | np.isin(np.array(found.words("outcome"), dtype=object), list(retry))
-    missing = np.ones(len(jobs.runs), dtype=bool)
+    missing = np.ones(len(definition), dtype=bool)
     missing[found.table["run"].to_numpy()[~again]] = False
     if not missing.any():
         return
-    accepted = screen(jobs.runs) == ACCEPTED
+    accepted = screen(definition) == ACCEPTED
     refused, walked = (np.flatnonzero(missing & rows).tolist() for rows in (~accepted, accepted))
     counts = Counter(STATES[state] for state in found.states[~again])
     with progress.stage("sweep", "runs") as stage:
-        listener = _Keeper(store, stage, progress, len(jobs.runs), len(walked), counts)
-        for start in range(0, len(refused), _BATCH):
-            rows = [jobs.refused(case) for case in refused[start : start + _BATCH]]
-            for row in rows:
-                listener.ended(row, None)
-            listener.keep(rows)
-            listener.tick(0)
-        if walked:
-            _execute(pool, map(jobs.task, walked), len(walked), listener)
-    progress.say(f"sweep: {listener.done} of {len(jobs.runs)} runs, {listener.text()}")
+        keeper = _Keeper(store, stage, progress, len(definition), len(walked), counts)
+        try:
+            for run in refused:
+                keeper.take((_refused(definition, run), ""))
+            if walked:
+                _walk(definition, walked, store, pool, keeper.take)
+        finally:
+            keeper.flush()
+    progress.say(f"sweep: {keeper.done} of {len(definition)} runs, {keeper.text()}")
     interruption.check()
 
 
-class _Keeper(Listener):
+def _refused(definition: SweepDefinition, run: int) -> Row:
+    """Row of a run without a plan, or with a parameter beyond its bounds."""
+    parameters = None
+    try:
+        parameters = definition.parameters(run)
+        plan_gait(parameters.gait, parameters.body.mass)
+    except (InputError, RefusedGait) as error:
+        found = error_columns(error, parameters)
+        return make_row(run, definition.name_of(run), definition.values(run), found)
+    raise ValueError(f"run {run} is not refused")
+
+
+def _walk(
+    definition: SweepDefinition,
+    runs: Sequence[int],
+    store: Store,
+    pool: Pool,
+    take: Callable[[Result | None, int], None],
+    **changes: Any,
+) -> None:
+    """Walk runs; ``take`` is given every result, or None while there is none, and the number of workers."""
+    from validation.study.sweep.workers import execute  # loads dask
+
+    folder = store.folder.resolve()
+    with pool(len(runs)) as found:
+        for result in execute(found, runs, lambda run: Task.of(definition, run, folder, **changes)):
+            take(result, found.size())
+
+
+class _Keeper:
     """Keeps rows and tracebacks in the folder, and reports how far the sweep is.
 
     Args:
@@ -246,87 +207,71 @@ class _Keeper(Listener):
         counts: Counter[State],
     ) -> None:
         self._store, self._stage, self._progress = store, stage, progress
-        self._total, self._left, self._counts = total, walks, counts
-        self._recent: deque[float] = deque()
-        self._start = time.monotonic()
-        self._workers = 0
+        self._total, self._walks, self._counts = total, walks, counts
+        self._rows: list[Row] = []
+        self._start = self._flushed = time.monotonic()
+        self._walked = self._workers = 0
 
     @property
     def done(self) -> int:
         """Runs that have ended, those of earlier calls included."""
         return sum(self._counts.values())
 
-    def keep(self, rows: list[dict[str, Any]]) -> None:
-        """Make rows durable; remove what an earlier row of the same run left."""
-        for row in rows:
-            if row["recording"] is None:
-                shutil.rmtree(self._store.folder / RECORDINGS / row["name"], ignore_errors=True)
-            if row["outcome"] != "crashed":
-                (self._store.folder / CRASHES / f"{row['name']}.txt").unlink(missing_ok=True)
-        self._store.append(rows)
-
-    def ended(self, row: Mapping[str, Any], trace: str | None) -> None:
-        """Count a run, and keep its traceback."""
-        self._counts[State.of(row["outcome"], row["verdict"])] += 1
-        if row["environment_attempts"]:
-            self._left -= 1
-            self._recent.append(time.monotonic())
-        if trace is not None:
-            self._progress.say(f"run {row['name']} crashed: {trace.strip().rpartition(chr(10))[2]}")
-            self._store.write_text(f"{CRASHES}/{row['name']}.txt", trace)
-
-    def tick(self, workers: int) -> None:
-        """Report, and answer Ctrl-C."""
-        interruption.check()
+    def take(self, result: Result | None, workers: int = 0) -> None:
+        """Keep a result; report, and answer Ctrl-C."""
         self._workers = workers
+        if result is not None:
+            row, trace = result
+            self._rows.append(row)
+            self._counts[State.of(row["outcome"], row["verdict"])] += 1
+            self._walked += row["environment_attempts"] > 0
+            if trace:
+                self._progress.say(f"run {row['name']} crashed: {trace.strip().rpartition(chr(10))[2]}")
+                self._store.write_text(f"{CRASHES}/{row['name']}.txt", trace)
+        if time.monotonic() - self._flushed > FLUSH:
+            self.flush()
+        interruption.check()
         self._stage.advance(self.done, self._total)
         self._stage.note(self.text())
+
+    def flush(self) -> None:
+        """Make rows durable."""
+        rows, self._rows = self._rows, []
+        self._store.append(rows)
+        self._flushed = time.monotonic()
 
     def text(self) -> str:
         """Counts, rate and time left."""
         parts = [f"{number} {state.label}" for state in State if (number := self._counts[state])]
-        now = time.monotonic()
-        while self._recent and now - self._recent[0] > _WINDOW:
-            self._recent.popleft()
-        if len(self._recent) >= _LEAST:
-            rate = len(self._recent) / max(min(now - self._start, _WINDOW), 1e-9)
+        left = self._walks - self._walked
+        if self._walked >= _LEAST:
+            rate = self._walked / max(time.monotonic() - self._start, 1e-9)
             parts.append(f"{rate:.3g}/s" if rate >= 1.0 else f"{60.0 * rate:.3g}/min")
-            if self._left > 0:
-                parts.append(f"{format_duration(self._left / rate)} left")
-        if not self._workers and self._left > 0:
+            if left > 0:
+                parts.append(f"{format_duration(left / rate)} left")
+        if not self._workers and left > 0:
             parts.append("waiting for workers")
         return ", ".join(parts)
 
 
-# ------------------------------------------------------------------------------ recordings
-
-
-def _keep_worst(jobs: _Jobs, store: Store, pool: Pool, progress: Progress) -> None:
-    """Walk the worst runs again and keep their folders."""
+def _keep_worst(definition: SweepDefinition, store: Store, pool: Pool, progress: Progress) -> None:
+    """Walk the worst runs again, to the same bits, and keep their folders."""
     found = wrap_table(store.rows(), store.folder)
-    definition, passed = jobs.definition, found.is_state(State.PASS)
+    passed = found.is_state(State.PASS)
     # Runs that passed keep a recording only if the definition says how many it wants.
-    chosen = [row for row in found.worst if "worst" in definition.model_fields_set or not passed[row]]
-    runs, names = found.table["run"].to_pylist(), found.words("name")
-    kept = {runs[row]: f"{RECORDINGS}/{names[row]}" for row in chosen[: definition.worst]}
-    wanted = [run for run, name in kept.items() if not (store.folder / name / REPORT).is_file()]
-    if wanted:
-        again = Listener()
-        # Without a guard on the clock: they have come to their end before.
-        tasks = (jobs.task(run, keep="all", wall_clock=None) for run in wanted)
-        with progress.stage(f"recordings of the worst runs ({len(wanted)})"):
-            _execute(pool, tasks, len(wanted), again)
+    chosen = [row for row in found.worst if definition.worst or not passed[row]][: definition.worst or WORST]
+    runs, kept = found.table["run"].to_numpy(), found.words("recording")
+    others = np.setdiff1d(np.flatnonzero(kept), chosen)
+    store.append([{**row, "recording": None} for row in found.table.take(others).to_pylist()])
+    wanted = [row for row in chosen if not (kept[row] and (store.folder / kept[row] / REPORT).is_file())]
+
+    def take(result: Result | None, workers: int) -> None:
         interruption.check()
-        for row in again.rows:
-            before = found.table.slice(runs.index(row["run"]), 1).to_pylist()[0]
-            compared = (name for name in reproducible_columns() if name != "recording")
-            if differing := next((name for name in compared if row[name] != before[name]), None):
-                progress.say(
-                    f"ampm: run {row['name']} gave another {differing} when it was walked again for its "
-                    "recording; the table keeps the first"
-                )
-    changed = [
-        kept.get(run) != path for run, path in zip(runs, found.table["recording"].to_pylist(), strict=True)
-    ]
-    rows = found.table.filter(pa.array(changed)).to_pylist()
-    store.append([{**row, "recording": kept.get(row["run"])} for row in rows])
+        if result and result[0]["recording"]:
+            store.append([result[0]])
+
+    if wanted:
+        with progress.stage(f"recordings of the worst runs ({len(wanted)})"):
+            # Without a guard on the clock: they have come to their end before.
+            _walk(definition, runs[wanted].tolist(), store, pool, take, keep="all", wall_clock=None)
+        interruption.check()

@@ -13,11 +13,12 @@ import errno
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from contextlib import suppress
+from dataclasses import fields
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 import pyarrow as pa
@@ -27,6 +28,7 @@ from ampm.parameters import RunParameters
 from ampm.planner.centroidal import CentroidalPlan, PlanConstants
 from ampm.planner.periodic import plan_gait
 from ampm.run_file import describe_keys
+from ampm.walk import LIMITED, UNSOLVED
 from validation.judge.metrics import METRICS
 from validation.measure.instruments.names import INSTRUMENT_COLUMNS
 from validation.store.environment import DISTRIBUTIONS, describe_environment
@@ -56,8 +58,7 @@ _ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
 _PATH = re.compile(r"(?<![\w.])(?:/[^\s/'\":,]+)+/([^\s/'\":,]+)")
 
 
-@dataclass(frozen=True)
-class Column:
+class Column(NamedTuple):
     """One column of the table.
 
     Attributes:
@@ -74,31 +75,27 @@ class Column:
 
 
 @cache
-def _listed(place: str) -> tuple[Column, ...]:
-    """Columns of one part of the table, as ``columns.csv`` has them."""
+def _columns(metrics: tuple[Column, ...]) -> tuple[Column, ...]:
     with Path(__file__).with_name("columns.csv").open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row.pop("place") == place]
-    return tuple(Column(**row) for row in rows)  # type: ignore[arg-type]  # kinds are checked by the schema
+        rows = list(csv.DictReader(file))
 
+    def listed(place: str) -> Iterator[Column]:
+        """Columns of one part of the table."""
+        for row in rows:
+            if row["place"] == place:
+                yield Column(row["name"], cast(Kind, row["kind"]), row["unit"], row["words"])
 
-def _parameters() -> Iterator[Column]:
-    for item in describe_keys():
-        kind = _KINDS[item.kind]
-        yield Column(item.key, kind, "" if kind == "text" else item.unit, item.meaning)
-
-
-@cache
-def _columns(metrics: tuple[tuple[str, str, str], ...]) -> tuple[Column, ...]:
+    keys = ((item, _KINDS[item.kind]) for item in describe_keys())
     constants = ((f"plan_{item.name}", item.metadata) for item in fields(PlanConstants))
     return (
-        *_listed("run"),
-        *_parameters(),
+        *listed("run"),
+        *(Column(item.key, kind, "" if kind == "text" else item.unit, item.meaning) for item, kind in keys),
         *(Column(name, "real", data["unit"], data["meaning"]) for name, data in constants),
-        *_listed("plan"),
-        *_listed("walk"),
-        *(Column(name, "real", unit, words) for name, unit, words in metrics),
+        *listed("plan"),
+        *listed("walk"),
+        *metrics,
         *(Column(name, "real", unit, words) for name, (unit, words) in INSTRUMENT_COLUMNS.items()),
-        *_listed("cost"),
+        *listed("cost"),
         *(Column(_version_column(name), "text", "", f"version of {name}") for name in DISTRIBUTIONS),
     )
 
@@ -109,7 +106,7 @@ def _version_column(distribution: str) -> str:
 
 def columns() -> tuple[Column, ...]:
     """All columns, in the order of the table; a metric that is registered later adds its own."""
-    return _columns(tuple((item.column, item.unit, item.meaning) for item in METRICS.values()))
+    return _columns(tuple(Column(item.column, "real", item.unit, item.meaning) for item in METRICS.values()))
 
 
 def schema() -> pa.Schema:
@@ -125,24 +122,64 @@ def reproducible_columns() -> list[str]:
 # ------------------------------------------------------------------------------ rows
 
 
-def first_columns(run: int, name: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Which run it is.
+def make_row(
+    run: int,
+    name: str,
+    values: Mapping[str, Any],
+    found: Mapping[str, Any],
+    worker: str | None = None,
+    attempts: int = 0,
+) -> dict[str, Any]:
+    """The row of a run that ended now, as the table holds it: undefined is null, texts are valid UTF-8.
 
     Args:
         run: number.
-        name: the same as text.
+        name: the same as text; of its folder.
         values: of every parameter, see :func:`validation.store.identity.parameter_values`.
+        found: columns that came out.
+        worker: name of the worker; None for a row that the sweep's own process makes.
+        attempts: times that the run was begun.
+
+    Raises:
+        KeyError: an entry has no column.
     """
-    return {"run": run, "name": name, "key": run_key(values), **values}
+    row = {
+        "run": run,
+        "name": name,
+        "key": run_key(values),
+        **values,
+        **found,
+        **_constant_environment(),
+        "environment_time": datetime.now(UTC).isoformat(timespec="milliseconds"),
+        "environment_worker": worker,
+        "environment_attempts": attempts,
+        "environment_memory_peak": None if worker is None else memory_peak(),
+    }
+    names = [item.name for item in columns()]
+    if unknown := row.keys() - set(names):
+        raise KeyError(f"no column for {', '.join(sorted(unknown))}")
+    return {name: _plain(row.get(name)) for name in names}
 
 
-def plan_columns(plan: CentroidalPlan, *, with_motion: bool) -> dict[str, Any]:
-    """Derived constants; that of L_y only if it is of a motion."""
-    constants = plan.constants
-    row = {f"plan_{field.name}": getattr(constants, field.name) for field in fields(constants)}
-    if not with_motion:
-        row["plan_angular_momentum_y_offset"] = None
-    return {**row, "plan_step_duration": constants.step_duration, "plan_duration": plan.duration}
+def _plain(value: Any) -> Any:
+    if isinstance(value, float) and math.isnan(value):
+        return None
+    return clean_text(value) if isinstance(value, str) else value
+
+
+def clean_text(text: str) -> str:
+    """Text that UTF-8 can hold: a lone surrogate, which stands for a byte that was none, is spelled out."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+@cache
+def _constant_environment() -> Mapping[str, Any]:
+    """Of this process."""
+    found = describe_environment()
+    names = ("revision", "modified", "python", "platform", "processor")
+    row = {f"environment_{name}": found[name] for name in names}
+    versions = {_version_column(name): version for name, version in found["versions"].items()}
+    return {**row, **versions, "environment_code": code_hash()}
 
 
 def walk_columns(walk: Trial) -> dict[str, Any]:
@@ -150,7 +187,7 @@ def walk_columns(walk: Trial) -> dict[str, Any]:
     record, verdict, report = walk.record, walk.verdict, walk.planned.motion.report
     outcome, margins = record.outcome, walk.comparison.costs["margins"]
     return {
-        **plan_columns(walk.planned.plan, with_motion=True),
+        **_plan_columns(walk.planned.plan),
         "plan_zmp_margin": walk.planned.zmp_margin,
         "plan_motion_residual": report.residual,
         "plan_motion_knee_minimum": report.knee_minimum.value,
@@ -166,26 +203,15 @@ def walk_columns(walk: Trial) -> dict[str, Any]:
         "margin_torque_joint": margins["torque"].where or None,
         "margin_joint_name": margins["joint"].where or None,
         "qp_ticks": int(record.qp_status.size),
-        "qp_limited": int(np.count_nonzero(record.qp_status == 1)),
-        "qp_unsolved": int(np.count_nonzero(record.qp_status == 2)),
+        "qp_limited": int(np.count_nonzero(record.qp_status == LIMITED)),
+        "qp_unsolved": int(np.count_nonzero(record.qp_status == UNSOLVED)),
         "qp_iterations_maximum": int(record.qp_iterations.max(initial=0)),
     }
 
 
-def refused_columns(error: RefusedGait | InputError, parameters: RunParameters | None) -> dict[str, Any]:
-    """A refusal, with the plan's constants where there is a plan."""
-    row = {
-        "outcome": "refused",
-        "reason": getattr(error, "reason", "bad_parameter"),
-        "cause": one_line(error),
-    }
-    if parameters is not None and getattr(error, "kind", "") != "mathematical":
-        try:
-            plan = plan_gait(parameters.gait, parameters.body.mass)
-        except AmpmError:
-            return row
-        row |= plan_columns(plan, with_motion=False)
-    return row
+def _plan_columns(plan: CentroidalPlan) -> dict[str, Any]:
+    constants = {f"plan_{item.name}": getattr(plan.constants, item.name) for item in fields(plan.constants)}
+    return constants | {"plan_step_duration": plan.constants.step_duration, "plan_duration": plan.duration}
 
 
 def error_columns(error: BaseException, parameters: RunParameters | None) -> dict[str, Any]:
@@ -193,29 +219,23 @@ def error_columns(error: BaseException, parameters: RunParameters | None) -> dic
 
     Args:
         error: that ended the run.
-        parameters: of the run, if the formula's plan is of interest.
+        parameters: of the run, if its plan by the formula is of interest.
     """
-    fault = _machine_fault(error)
-    if fault is None and isinstance(error, RefusedGait | InputError):
-        return refused_columns(error, parameters)
-    return {"outcome": "crashed", "reason": fault or type(error).__name__, "cause": one_line(error) or None}
-
-
-def _machine_fault(error: BaseException) -> str | None:
-    """The host's part in an error, a member of :data:`MACHINE_FAULTS`; None if it has none.
-
-    Libraries wrap what they meet, and bad input may be a file that could not be opened just now: what an
-    error was raised from, or beside, counts too.
-    """
-    for item in _chain(error, set()):
-        if isinstance(item, MemoryError):
-            return "MemoryError"
-        if isinstance(item, OSError) and item.errno in _TRANSIENT:
-            return errno.errorcode[item.errno]
-    return None
+    cause = one_line(error) or None
+    fault = next(filter(None, map(_host_fault, _chain(error, set()))), None)
+    if fault is not None or not isinstance(error, RefusedGait | InputError):
+        return {"outcome": "crashed", "reason": fault or type(error).__name__, "cause": cause}
+    row = {"outcome": "refused", "reason": getattr(error, "reason", "bad_parameter"), "cause": cause}
+    with suppress(AmpmError):
+        if parameters is not None:
+            plan = plan_gait(parameters.gait, parameters.body.mass)
+            # The offset of L_y is that of a motion, which there is not.
+            row |= _plan_columns(plan) | {"plan_angular_momentum_y_offset": None}
+    return row
 
 
 def _chain(error: BaseException | None, seen: set[int]) -> Iterator[BaseException]:
+    """An error and what it was raised from, or beside: libraries wrap what they meet."""
     if error is not None and id(error) not in seen:
         seen.add(id(error))
         yield error
@@ -223,57 +243,16 @@ def _chain(error: BaseException | None, seen: set[int]) -> Iterator[BaseExceptio
         yield from _chain(error.__context__, seen)
 
 
+def _host_fault(error: BaseException) -> str | None:
+    """The host's fault that an error stands for, a member of :data:`MACHINE_FAULTS`; None if it is none."""
+    if isinstance(error, MemoryError):
+        return "MemoryError"
+    transient = isinstance(error, OSError) and error.errno in _TRANSIENT
+    return errno.errorcode[error.errno] if transient else None  # type: ignore[attr-defined]
+
+
 def one_line(error: BaseException) -> str:
     """An error's text without what differs from process to process: addresses and folders."""
     text = " ".join(str(error).split())
     text = _PATH.sub(r"\1", _ADDRESS.sub("0x...", text))
     return text if len(text) <= _CAUSE_LENGTH else text[: _CAUSE_LENGTH - 3] + "..."
-
-
-@cache
-def _constant_environment() -> Mapping[str, Any]:
-    """Of this process."""
-    found = describe_environment()
-    names = ("revision", "modified", "python", "platform", "processor")
-    row = {f"environment_{name}": found[name] for name in names}
-    versions = {_version_column(name): version for name, version in found["versions"].items()}
-    return {**row, **versions, "environment_code": code_hash()}
-
-
-def environment_columns(worker: str | None = None, attempts: int = 0) -> dict[str, Any]:
-    """Environment of a run that ended now.
-
-    Args:
-        worker: name of the worker; None for a row that the sweep's own process makes.
-        attempts: times the run was begun.
-    """
-    return {
-        **_constant_environment(),
-        "environment_time": datetime.now(UTC).isoformat(timespec="milliseconds"),
-        "environment_worker": worker,
-        "environment_attempts": attempts,
-        "environment_memory_peak": None if worker is None else memory_peak(),
-    }
-
-
-def tidy(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row as the table holds it: what is undefined is null, and texts are what UTF-8 can hold.
-
-    Raises:
-        KeyError: an entry has no column.
-    """
-    names = [item.name for item in columns()]
-    if unknown := row.keys() - set(names):
-        raise KeyError(f"no column for {', '.join(sorted(unknown))}")
-    return {name: _plain(row.get(name)) for name in names}
-
-
-def clean_text(text: str) -> str:
-    """Text that UTF-8 can hold: a lone surrogate, which stands for a byte that was none, is spelled out."""
-    return text.encode("utf-8", "backslashreplace").decode("utf-8")
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, float) and math.isnan(value):
-        return None
-    return clean_text(value) if isinstance(value, str) else value

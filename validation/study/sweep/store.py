@@ -7,7 +7,6 @@ removed once ``results.parquet`` is on the disk. So either of the two is complet
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import json
 import os
@@ -25,6 +24,7 @@ import pyarrow.parquet as pq
 from ampm.exceptions import InputError
 from validation.judge.profiles import profile as find_profile
 from validation.store.environment import describe_environment
+from validation.store.folders import disk_is_full
 from validation.store.identity import code
 from validation.study.sweep.design import SweepDefinition, dump_sweep
 from validation.study.sweep.exceptions import SweepStopped
@@ -41,7 +41,6 @@ LOCK = "sweep.lock"
 TABLE_METADATA = b"ampm_sweep"
 """Schema metadata of a table: JSON, see :func:`table_metadata`."""
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _BATCH = 10_000  # rows that are turned into a table at a time
 _BUSY = 60.0  # time that reader and writer of the database wait for each other [s]
 
@@ -49,11 +48,6 @@ _BUSY = 60.0  # time that reader and writer of the database wait for each other 
 def disk_full(place: Path, error: object) -> SweepStopped:
     """No room is left to write a file or folder."""
     return SweepStopped(f"no room is left to write {place} ({error})")
-
-
-def disk_is_full(error: BaseException) -> bool:
-    """Whether an error says that there is no more room, on the disk or in the user's quota."""
-    return isinstance(error, OSError) and error.errno in _FULL
 
 
 def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
@@ -119,8 +113,9 @@ def read_rows(folder: Path) -> tuple[pa.Table | None, bool]:
 
 def _identity(definition: SweepDefinition) -> dict[str, Any]:
     """Part of the definition that must not change on resume; name and wall-clock limit may."""
-    settings = _flat(tomllib.loads(dump_sweep(definition)))
-    del settings["sweep.name"], settings["limits.wall_clock"]
+    table = tomllib.loads(dump_sweep(definition))
+    del table["sweep"]["name"], table["sweep"]["wall_clock"]
+    settings = _flat({**table, "vary": {str(n): block for n, block in enumerate(table["vary"], start=1)}})
     if definition.instrument is not None:
         from validation.measure.instruments.model import load_instrument  # loads all that measures
 
@@ -128,29 +123,27 @@ def _identity(definition: SweepDefinition) -> dict[str, Any]:
     return {"settings": settings, "code": code(), "revision": describe_environment()["revision"]}
 
 
-def _flat(value: Any, place: str = "") -> dict[str, str]:
+def _flat(table: Mapping[str, Any]) -> dict[str, str]:
     """Settings of nested tables: place to value, as texts."""
-    if isinstance(value, Mapping):
-        items = [(f"{place}.{key}" if place else str(key), item) for key, item in value.items()]
-    elif place == "vary":
-        items = [(f"[[vary]] {number}", item) for number, item in enumerate(value, start=1)]
-    else:
-        return {place: repr(value)}
-    return {key: text for inner, item in items for key, text in _flat(item, inner).items()}
+    flat: dict[str, str] = {}
+    for key, value in table.items():
+        inner = {f".{place}": text for place, text in _flat(value).items()} if isinstance(value, dict) else {}
+        flat |= {key + place: text for place, text in (inner or {"": repr(value)}).items()}
+    return flat
 
 
-def check_identity(folder: Path, definition: SweepDefinition, *, force: bool) -> bool:
+def _check_identity(folder: Path, definition: SweepDefinition, *, force: bool) -> bool:
     """Refuse to mix the rows of a folder with those of another definition, or of other code unless forced.
 
     Returns:
-        Whether there are no rows to mix with.
+        Whether there are rows.
 
     Raises:
         InputError: the rows are of another sweep, or of other code.
     """
     rows, now = read_rows(folder)[0], _identity(definition)
     if rows is None:
-        return True
+        return False
     before = json.loads(rows.schema.metadata[TABLE_METADATA])["identity"]
     kept, new = before["settings"], now["settings"]
     if list(kept.items()) != list(new.items()):  # the order of the keys numbers the runs
@@ -160,32 +153,17 @@ def check_identity(folder: Path, definition: SweepDefinition, *, force: bool) ->
             f"{kept.get(place, 'another')} in the folder and {new.get(place, 'another')} in the file; give "
             "another folder, or that definition."
         )
-    changed = [
-        f"{name} {before['code'].get(name)} -> {value}"
-        for name, value in now["code"].items()
-        if before["code"].get(name) != value
-    ]
+    old, new = before["code"], now["code"]
+    changed = [f"{name} {old.get(name)} -> {new[name]}" for name in new if old.get(name) != new[name]]
     if changed and not force:
         raise InputError(
             f"the rows in {folder} come from other code ({', '.join(changed)}), and results may "
             "differ; go back to it, give another folder, or --force to mix them (environment_code names it)."
         )
-    return False
+    return True
 
 
 # ------------------------------------------------------------------------------ writing
-
-
-@contextmanager
-def open_store(folder: Path) -> Iterator[Store]:
-    """A sweep's folder to write into, created if it is not there, and locked against a second program.
-
-    Raises:
-        InputError: another program writes there, or the folder cannot be written or read.
-        SweepStopped: the disk is full.
-    """
-    with _lock(folder), _database(folder) as rows:
-        yield Store(folder, rows)
 
 
 class Store:
@@ -199,12 +177,21 @@ class Store:
     def __init__(self, folder: Path, rows: sqlite3.Connection) -> None:
         self.folder, self._rows = folder, rows
 
-    def begin(self, definition: SweepDefinition) -> None:
+    def begin(self, definition: SweepDefinition, *, force: bool = False) -> bool:
         """Prepare for rows of this sweep; those of an earlier call stay.
 
+        Args:
+            definition: of the sweep.
+            force: mix rows of different code.
+
+        Returns:
+            Whether there are rows of an earlier call.
+
         Raises:
+            InputError: the folder holds rows of another sweep, or of other code.
             SweepStopped: the disk is full.
         """
+        earlier = _check_identity(self.folder, definition, force=force)
         _remove_partial(self.folder)
         metadata = table_metadata(definition)
         self.write_text(DEFINITION, metadata["definition"])
@@ -218,13 +205,21 @@ class Store:
                         _insert(rows, batch.to_pylist())
             rows.execute("DELETE FROM sweep")
             rows.execute("INSERT INTO sweep VALUES (?)", (json.dumps(metadata),))
+        return earlier
 
     def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Make rows durable, and return when they are; a row replaces an earlier one of its run.
 
+        What the earlier one left, folder and traceback, is removed if the new one has none.
+
         Raises:
             SweepStopped: the disk is full.
         """
+        for row in rows:
+            if row["recording"] is None:
+                shutil.rmtree(self.folder / RECORDINGS / row["name"], ignore_errors=True)
+            if row["outcome"] != "crashed":
+                (self.folder / CRASHES / f"{row['name']}.txt").unlink(missing_ok=True)
         with _errors(self.folder), self._rows:
             _insert(self._rows, rows)
 
@@ -233,14 +228,14 @@ class Store:
         with _errors(self.folder):
             return _table(self._rows)
 
-    def finish(self, table: pa.Table) -> None:
+    def finish(self) -> None:
         """Write the one table, then remove the database.
 
         Raises:
             SweepStopped: the disk is full; the rows are as they were.
         """
         with durable(self.folder / RESULTS) as file:
-            pq.write_table(table, file, compression="zstd")
+            pq.write_table(self.rows(), file, compression="zstd")
         self._rows.close()
         (self.folder / ROWS).unlink()
         _remove_partial(self.folder)
@@ -251,6 +246,71 @@ class Store:
         path.parent.mkdir(exist_ok=True)
         with durable(path) as file:
             file.write(text.encode(errors="backslashreplace"))
+
+
+@contextmanager
+def open_store(folder: Path) -> Iterator[Store]:
+    """A sweep's folder to write into, created if it is not there, and locked against a second program.
+
+    Raises:
+        InputError: another program writes there, or the folder cannot be written or read.
+        SweepStopped: the disk is full.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = (folder / LOCK).open("ab")
+    except OSError as error:
+        if disk_is_full(error):
+            raise disk_full(folder, error.strerror) from error
+        raise InputError(
+            f"--out {folder} cannot be written ({error.strerror}); give another folder."
+        ) from None
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(
+                f"another 'ampm sweep' is writing to {folder}; wait for it, or give another folder."
+            ) from None
+        with _database(folder) as rows:
+            yield Store(folder, rows)
+
+
+@contextmanager
+def durable(path: Path) -> Iterator[BinaryIO]:
+    """Write a file so that, whatever is killed, there is either the old one or the whole new one.
+
+    Raises:
+        SweepStopped: the disk is full.
+    """
+    work = path.with_name(f".{path.name}.tmp")
+    try:
+        with work.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        work.replace(path)
+        with suppress(OSError):  # where the file system makes a rename durable
+            folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
+    except BaseException as error:
+        with suppress(OSError):
+            work.unlink(missing_ok=True)
+        if isinstance(error, OSError) and disk_is_full(error):
+            raise disk_full(path, error.strerror) from error
+        raise
+
+
+def _remove_partial(folder: Path) -> None:
+    """Remove what a killed program left half written."""
+    for path in folder.glob(".*.tmp"):
+        path.unlink(missing_ok=True)
+    for pattern in ("*.partial-*", "*.old-*"):
+        for path in (folder / RECORDINGS).glob(pattern):
+            shutil.rmtree(path, ignore_errors=True)
 
 
 # ------------------------------------------------------------------------------ database
@@ -311,73 +371,6 @@ def _table(rows: sqlite3.Connection) -> pa.Table:
     except (ValueError, TypeError) as error:
         raise sqlite3.DatabaseError(_first_line(error)) from error
     return pa.Table.from_batches(batches, schema()).combine_chunks().replace_schema_metadata(metadata)
-
-
-# ------------------------------------------------------------------------------ files
-
-
-@contextmanager
-def _lock(folder: Path) -> Iterator[BinaryIO]:
-    """Hold the folder against a second program."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = (folder / LOCK).open("ab")
-    except OSError as error:
-        if disk_is_full(error):
-            raise disk_full(folder, error.strerror) from error
-        raise InputError(
-            f"--out {folder} cannot be written ({error.strerror}); give another folder."
-        ) from None
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(
-                f"another 'ampm sweep' is writing to {folder}; wait for it, or give another folder."
-            ) from None
-        yield lock
-
-
-@contextmanager
-def durable(path: Path) -> Iterator[BinaryIO]:
-    """Write a file so that, whatever is killed, there is either the old one or the whole new one.
-
-    Raises:
-        SweepStopped: the disk is full.
-    """
-    work = path.with_name(f".{path.name}.tmp")
-    try:
-        with work.open("wb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        work.replace(path)
-        _flush_folder(path.parent)
-    except BaseException as error:
-        with suppress(OSError):
-            work.unlink(missing_ok=True)
-        if disk_is_full(error):
-            raise disk_full(path, os.strerror(error.errno)) from error  # type: ignore[attr-defined]
-        raise
-
-
-def _flush_folder(folder: Path) -> None:
-    """Make a rename in a folder durable, where the file system knows such a thing."""
-    with suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
-
-def _remove_partial(folder: Path) -> None:
-    """Remove what a killed program left half written."""
-    for path in folder.glob(".*.tmp"):
-        path.unlink(missing_ok=True)
-    for pattern in ("*.partial-*", "*.old-*"):
-        for path in (folder / RECORDINGS).glob(pattern):
-            shutil.rmtree(path, ignore_errors=True)
 
 
 def _first_line(error: BaseException) -> str:

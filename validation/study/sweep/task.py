@@ -17,31 +17,30 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.judge.profiles import profile as find_profile
-from validation.progress import Progress, Stage, interruption
+from validation.progress import Progress, Stopwatch
+from validation.store.folders import disk_is_full
 from validation.store.identity import code, code_hash, parameter_values
-from validation.store.machine import THREAD_VARIABLES, cores
+from validation.study.sweep.design import SweepDefinition
 from validation.study.sweep.exceptions import SweepStopped
-from validation.study.sweep.schema import (
-    clean_text,
-    environment_columns,
-    error_columns,
-    first_columns,
-    tidy,
-    walk_columns,
-)
-from validation.study.sweep.store import RECORDINGS, disk_full, disk_is_full
+from validation.study.sweep.schema import clean_text, error_columns, make_row, walk_columns
+from validation.study.sweep.store import RECORDINGS, disk_full
 
 if TYPE_CHECKING:
     from validation.run.trial import Trial
+    from validation.trial.plan import PlannedWalk
+
+Row = dict[str, Any]
+Result = tuple[Row, str]
+"""Row of a run, and the traceback if it crashed, else an empty text."""
 
 MOTIONS_KEPT = 1500
 """Solved motions that the user's cache may hold; a sweep over gaits would fill the disk with them."""
@@ -67,12 +66,11 @@ class Task:
         parameters: all of them.
         profile: tolerances.
         instrument: sensor model beside the simulator's truth, if any.
+        tune: make the free choices first; the parameters know which keys were named.
         keep: which walks keep a run folder.
         folder: of the sweep; where it is kept.
         wall_clock: after which the process is ended [s]; None for no guard.
         code: hash of the code that the sweep's own process has, which must be the worker's.
-        attempt: times that the run was sent out, from 1.
-        tune: make the free choices first; the parameters know which keys were named.
     """
 
     run: int
@@ -80,113 +78,106 @@ class Task:
     parameters: RunParameters
     profile: str
     instrument: str | None = None
+    tune: bool = False
     keep: Literal["none", "failures", "all"] = "none"
     folder: str = ""
     wall_clock: float | None = None
     code: str = ""
-    attempt: int = 1
-    tune: bool = False
 
-    def row(self, columns: Mapping[str, Any], worker: str | None = None) -> dict[str, Any]:
+    @classmethod
+    def of(cls, definition: SweepDefinition, run: int, folder: Path, **changes: Any) -> Task:
+        """One run of a sweep, which is kept in a folder.
+
+        Raises:
+            InputError: a parameter is beyond its bounds.
+        """
+        task = cls(
+            run=run,
+            name=definition.name_of(run),
+            parameters=definition.parameters(run),
+            profile=definition.profile,
+            instrument=definition.instrument,
+            tune=definition.tune,
+            keep="none" if definition.recordings == "worst" else definition.recordings,
+            folder=str(folder),
+            wall_clock=definition.wall_clock,
+            code=code_hash(),
+        )
+        return replace(task, **changes)
+
+    def row(self, found: Row, worker: str | None = None) -> Row:
         """The run's row, with these columns beside those of its parameters and of where it ran."""
-        first = first_columns(self.run, self.name, parameter_values(self.parameters))
-        return tidy({**first, **columns, **environment_columns(worker, self.attempt)})
+        return make_row(self.run, self.name, parameter_values(self.parameters), found, worker, 1)
+
+    def plan(self, progress: Progress | None = None) -> PlannedWalk:
+        """Plan the walk, tuned first if the sweep tunes.
+
+        Raises:
+            InputError, RefusedGait: there is no such walk.
+        """
+        # Here, not above: the sweep's own process needs neither simulator nor body.
+        from validation.trial.plan import Request, plan_walk
+        from validation.trial.tune import tune_walk
+
+        request = Request(self.name, self.parameters)
+        return tune_walk(request, progress) if self.tune else plan_walk(request, progress)
+
+    def walk(self, planned: PlannedWalk, seconds: dict[str, float] | None = None) -> Trial:
+        """Walk and measure; ``seconds`` are of earlier stages."""
+        from validation.run.walk import walk_planned  # loads the simulator
+
+        return walk_planned(planned, find_profile(self.profile), seconds=seconds)
 
 
-Runner = Callable[[Task, dict[str, float]], dict[str, Any]]
-"""From a task to columns; adds wall-clock times to the table that it is given, even if it raises."""
-
-
-@dataclass(frozen=True)
-class TaskResult:
-    """Result that a worker sends back.
-
-    Attributes:
-        row: of the table, complete.
-        trace: traceback, if the run crashed.
-    """
-
-    row: dict[str, Any]
-    trace: str | None = None
-
-
-class Listener:
-    """Receives what an execution gives; this one collects the rows."""
-
-    def __init__(self) -> None:
-        self.rows: list[dict[str, Any]] = []
-
-    def keep(self, rows: list[dict[str, Any]]) -> None:
-        """Make rows durable, and return when they are."""
-        self.rows += rows
-
-    def ended(self, row: Mapping[str, Any], trace: str | None) -> None:
-        """A run has ended; with this traceback, if it has crashed."""
-
-    def tick(self, workers: int) -> None:
-        """Some time has passed."""
-        interruption.check()
-
-
-def walk_task(task: Task, trial: Runner | None = None) -> TaskResult:
+def walk_task(task: Task, trial: Callable[[Task, dict[str, float]], Row] | None = None) -> Result:
     """Walk one run on a worker: one at a time, guarded.
 
     Args:
         task: the run.
-        trial: plan and walk, by default.
+        trial: from a task to columns, plan and walk by default; adds wall-clock times to the table that it is
+            given, even if it raises.
 
     Raises:
         SweepStopped: the worker's code is another, or its disk is full.
     """
-    with _one_at_a_time:
-        if task.code and task.code != code_hash():
-            own = ", ".join(f"{name} {value}" for name, value in code().items())
-            raise SweepStopped(
-                f"a worker has other code or versions than this program, so its results would differ ({own})",
-                "install the same on both",
-            )
-        with _guard(task.wall_clock):
-            result = _perform(task, trial or _walk)
-        if task.run % _TRIM_EVERY == 0:
-            _trim_cache()
-        return result
-
-
-def _perform(task: Task, trial: Runner) -> TaskResult:
-    """The row of a run, whatever becomes of it."""
-    wall, cpu = time.perf_counter(), time.thread_time()
+    if task.code and task.code != code_hash():
+        own = ", ".join(f"{name} {value}" for name, value in code().items())
+        raise SweepStopped(
+            f"a worker has other code or versions than this program, so its results would differ ({own})",
+            "install the same on both",
+        )
     timing: dict[str, float] = {}
-    trace = None
-    try:
-        columns = trial(task, timing)
-    except SweepStopped:
-        raise
-    except (Exception, SystemExit) as error:
-        # The plan of a gait that could not be tuned is none that would walk.
-        columns = error_columns(error, None if task.tune else task.parameters)
-        if columns["outcome"] == "crashed":
-            trace = clean_text("".join(traceback.format_exception(error)))
-    timing |= {"total": time.perf_counter() - wall, "cpu_total": time.thread_time() - cpu}
-    columns |= {f"timing_{name}": value for name, value in timing.items()}
-    return TaskResult(task.row(columns, _worker_name()), trace)
+    trace = ""
+    with _one_at_a_time, _guard(task.wall_clock):
+        wall, cpu = time.perf_counter(), time.thread_time()
+        try:
+            found = (trial or _trial)(task, timing)
+        except SweepStopped:
+            raise
+        except (Exception, SystemExit) as error:
+            # The plan of a gait that could not be tuned is none that would walk.
+            found = error_columns(error, None if task.tune else task.parameters)
+            if found["outcome"] == "crashed":
+                trace = clean_text("".join(traceback.format_exception(error)))
+        timing |= {"total": time.perf_counter() - wall, "cpu_total": time.thread_time() - cpu}
+    if task.run % _TRIM_EVERY == 0:
+        _trim_cache()
+    found |= {f"timing_{name}": value for name, value in timing.items()}
+    return task.row(found, _worker_name()), trace
 
 
-def _walk(task: Task, timing: dict[str, float]) -> dict[str, Any]:
+def _trial(task: Task, timing: dict[str, float]) -> Row:
     """Plan, walk and measure."""
-    # Here, not above: the sweep's own process needs neither simulator nor body.
-    from validation.run.walk import walk_planned
-    from validation.trial.plan import Request, plan_walk
-    from validation.trial.tune import tune_walk
-
-    stages = _Clock()
-    cpu = time.thread_time()
+    stages = Stopwatch()
+    wall, cpu = time.perf_counter(), time.thread_time()
     try:
-        request = Request(task.name, task.parameters)
-        planned = tune_walk(request, stages) if task.tune else plan_walk(request, stages)
+        planned = task.plan(stages)
     finally:
-        timing |= stages.timing() | {"cpu_planning": time.thread_time() - cpu}
+        timing |= {"planning": time.perf_counter() - wall, "cpu_planning": time.thread_time() - cpu}
+        if motion := stages.seconds.get("whole-body motion"):
+            timing["motion"] = motion
     cpu = time.thread_time()
-    walked = walk_planned(planned, find_profile(task.profile), seconds={"planning": timing["planning"]})
+    walked = task.walk(planned, {"planning": timing["planning"]})
     timing |= {**walked.timing, "cpu_walk": time.thread_time() - cpu}
     del timing["simulated"]  # outcome_time has it
     row = parameter_values(planned.run) | walk_columns(walked)
@@ -199,28 +190,6 @@ def _walk(task: Task, timing: dict[str, float]) -> dict[str, Any]:
         row["recording"] = keep_run(walked, task)
         timing["recording"] = time.perf_counter() - start
     return row
-
-
-class _Clock(Progress):
-    """Times the stages of planning."""
-
-    def __init__(self) -> None:
-        self._start = time.perf_counter()
-        self._motion: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, label: str, unit: str = "") -> Iterator[Stage]:
-        start = time.perf_counter()
-        yield Stage()
-        if label.endswith("whole-body motion"):
-            self._motion["motion"] = time.perf_counter() - start
-
-    def timing(self) -> dict[str, float]:
-        """Seconds until now, and of the motion if it was reached."""
-        return {"planning": time.perf_counter() - self._start} | self._motion
-
-
-# ------------------------------------------------------------------------------ the run's folder
 
 
 def keep_run(trial: Trial, task: Task) -> str:
@@ -259,9 +228,6 @@ def keep_run(trial: Trial, task: Task) -> str:
     return relative
 
 
-# ------------------------------------------------------------------------------ the worker
-
-
 def _worker_name() -> str | None:
     """Name of this worker; None outside a cluster. An address is hashed: a table names no machines."""
     from distributed import get_worker  # of a worker; a call from Python needs no dask
@@ -271,15 +237,6 @@ def _worker_name() -> str | None:
     except ValueError:
         return None
     return str(name) if isinstance(name, int) else hashlib.sha256(str(name).encode()).hexdigest()[:8]
-
-
-def blas_threads() -> int:
-    """Threads that this process's BLAS takes, by the variables that it has read when it was loaded."""
-    for name in THREAD_VARIABLES:
-        value = os.environ.get(name, "").partition(",")[0]
-        if value.isdecimal() and int(value):
-            return int(value)
-    return cores()
 
 
 @contextmanager

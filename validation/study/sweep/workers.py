@@ -1,28 +1,34 @@
-"""Worker processes of a sweep, on this machine or on any dask scheduler.
+"""Worker processes of a sweep, on this machine or on any dask scheduler, and what they are given to do.
 
 Distribution is dask's. What is set here is that nothing of it shows (logs, dashboard), that it costs next to
-nothing (no profiler, no monitors), and that every worker has one thread, also in BLAS.
+nothing (no profiler), and that every worker has one thread, also in BLAS.
 """
 
 from __future__ import annotations
 
 import logging
 import os
+import queue
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, NamedTuple
+from uuid import uuid4
 
 import dask
-from distributed import Client, LocalCluster, Worker, WorkerPlugin
+from distributed import Client, Future, LocalCluster, Worker, WorkerPlugin
+from distributed.scheduler import KilledWorker
 
 from ampm.exceptions import InputError
 from validation.judge.metrics import dump_added, load_added
-from validation.store.machine import THREAD_VARIABLES, hidden_main
+from validation.store.machine import THREAD_VARIABLES, cores, hidden_main
 from validation.study.sweep.exceptions import SweepStopped
-from validation.study.sweep.task import blas_threads
+from validation.study.sweep.schema import WORKER_DIED, one_line
+from validation.study.sweep.task import Result, Task, walk_task
 
 ONE_THREAD = {
     **dict.fromkeys(THREAD_VARIABLES, "1"),
@@ -30,39 +36,128 @@ ONE_THREAD = {
     "MUJOCO_GL": "disable",
 }
 """Environment of a worker that is started here, whatever the shell says."""
+DEATHS = 5
+"""Times that a run may end its worker's process before it is blamed; others may have killed it."""
+RESTART_TIMEOUT = 20.0
+"""Time for a nanny to start its worker again, before another nanny takes its place [s]."""
+GIVE_UP = 120.0
+"""Time without any worker after which a sweep on this machine stops [s]."""
 
 _SETTINGS: dict[str, Any] = {
     "distributed.worker.profile.enabled": False,
-    "distributed.worker.daemon": True,
-    "distributed.worker.memory.target": False,
-    "distributed.worker.memory.spill": False,
-    "distributed.worker.memory.pause": False,
-    "distributed.worker.memory.terminate": False,
     "distributed.admin.tick.interval": "1s",
-    "distributed.admin.tick.limit": "1h",
     "distributed.admin.system-monitor.interval": "10s",
-    "distributed.admin.system-monitor.disk": False,
-    "distributed.admin.system-monitor.gil.enabled": False,
     "distributed.scheduler.worker-ttl": None,  # a run stuck in C sends no heartbeat; the guard ends it
     "distributed.scheduler.allowed-failures": 0,  # the first death of a worker is reported
-    "distributed.nanny.pre-spawn-environ": ONE_THREAD,
 }
 _COUNT_EVERY = 2.0
-RESTART_TIMEOUT = 20.0  # time for a nanny to start its worker again [s]
-MAX_FAILED_RESTARTS = 4  # times that all workers may be replaced without one of them coming up
 _CLOSE_TIME = 10.0
+_WAIT = 0.5
+_LATE = 60.0  # time after which a guard has failed [s]
+_GATHER = 20.0
 
 
-class _Registered(WorkerPlugin):
-    """Registers on every worker the metrics that a user has registered here."""
+# ------------------------------------------------------------------------------ execution
 
-    name = "ampm-metrics"
 
-    def __init__(self, metrics: bytes) -> None:
-        self._metrics = metrics
+class _Flight(NamedTuple):
+    """A run that is out, for the so-manieth time."""
 
-    def setup(self, worker: Worker) -> None:
-        load_added(self._metrics)
+    task: Task
+    future: Future
+    began: float
+    attempt: int
+
+    def ended(self, outcome: str, reason: str, cause: str) -> Result:
+        """Row of a run of which the worker does not tell, and no traceback."""
+        row = self.task.row({"outcome": outcome, "reason": reason, "cause": cause})
+        return {**row, "environment_attempts": self.attempt}, ""
+
+    def timed_out(self, late: float = 0.0) -> Result | None:
+        """The same if the run is out for longer than it may, and that much more [s]; None if it is not."""
+        limit = self.task.wall_clock
+        if limit is None or time.monotonic() - self.began < limit + late:
+            return None
+        return self.ended("timed_out", "wall_clock", f"the run had not ended after wall_clock = {limit:g} s")
+
+    def result(self) -> Result | None:
+        """Row and traceback of a run that has ended; None if it was lost with its worker.
+
+        Raises:
+            TimeoutError: the result was lost with its worker after all; dask walks the run again.
+            SweepStopped: a full disk, or a worker that cannot work.
+        """
+        try:
+            row, trace = self.future.result(timeout=_GATHER)
+        except (TimeoutError, SweepStopped):
+            raise
+        except (KilledWorker, CancelledError):  # the latter where the connection to the scheduler was lost
+            if self.attempt < DEATHS or self.timed_out():
+                return self.timed_out()
+            cause = f"the worker's process died in this run, {DEATHS} times out of {DEATHS}"
+            return self.ended("crashed", WORKER_DIED, cause)
+        except Exception as error:
+            raise SweepStopped(
+                f"a worker could not take a run ({type(error).__name__}: {one_line(error)})",
+                "install this version of ampm on every worker",
+            ) from error
+        return {**row, "environment_attempts": self.attempt}, trace
+
+
+def execute(
+    pool: WorkerPool,
+    runs: Iterable[int],
+    task: Callable[[int], Task],
+    work: Callable[[Task], Result] = walk_task,
+) -> Iterator[Result | None]:
+    """Walk runs; yield row and traceback of each as it ends, and now and then None while nothing ends.
+
+    Every worker has one run at a time, so that millions of runs never flood a scheduler, and the run that is
+    to blame for a dead worker is known. A run that ends its worker's process :data:`DEATHS` times, or is
+    still going when the guard on the wall clock ends it, gets a row that says so.
+
+    Args:
+        pool: the workers.
+        runs: their numbers.
+        task: of a number.
+        work: what a worker does with a task.
+
+    Raises:
+        SweepStopped: a full disk, a lost scheduler, a worker that cannot work.
+    """
+    waiting, attempts = deque(runs), Counter[int]()
+    flying: dict[str, _Flight] = {}
+    done: queue.SimpleQueue[Future] = queue.SimpleQueue()
+    while waiting or flying:
+        pool.check()
+        while waiting and len(flying) < pool.size():
+            run = waiting.popleft()
+            attempts[run] += 1
+            item, key = task(run), f"ampm-{uuid4().hex}"
+            future = pool.client.submit(work, item, key=key, pure=False)
+            flying[key] = _Flight(item, future, time.monotonic(), attempts[run])
+            future.add_done_callback(done.put)
+        found = None
+        with suppress(queue.Empty):
+            future = done.get(timeout=_WAIT)
+            flight = flying.get(str(future.key))
+            try:
+                found = flight and flight.result()
+            except TimeoutError:
+                future.add_done_callback(done.put)
+            else:
+                flying.pop(str(future.key), None)
+                if flight and not found:
+                    waiting.append(flight.task.run)  # last, so that it holds up nothing else
+        yield found
+        for key, flight in list(flying.items()):
+            if late := flight.timed_out(_LATE):  # its guard should have ended it
+                del flying[key]
+                flight.future.cancel()
+                yield late
+
+
+# ------------------------------------------------------------------------------ workers
 
 
 class WorkerPool:
@@ -76,16 +171,18 @@ class WorkerPool:
 
     def __init__(self, client: Client, cluster: LocalCluster | None = None, wanted: int = 0) -> None:
         self.client, self._cluster, self._wanted = client, cluster, wanted
-        self._size, self._counted, self._failed_restarts = 0, -_COUNT_EVERY, 0
-        self._short = time.monotonic()
+        self._size, self._counted = 0, -_COUNT_EVERY
+        self._complete = self._alive = time.monotonic()  # when all workers, and when any were there last
         if metrics := dump_added():
             client.register_plugin(_Registered(metrics))
         if cluster is not None:
             cluster.scale(wanted)
 
     def size(self) -> int:
-        """Workers at present; 0 while there are none yet."""
+        """Workers that can be reached; 0 while there are none yet, or the connection is sought again."""
         now = time.monotonic()
+        if self.client.status != "running":
+            return 0
         if self._cluster is not None:
             self._size = len(self._cluster.scheduler.workers) if self._cluster.scheduler else 0
         elif now - self._counted > _COUNT_EVERY:
@@ -97,8 +194,8 @@ class WorkerPool:
     def check(self) -> None:
         """See that there are workers; called now and then.
 
-        A nanny starts a worker again that has died, but not one that dies while it starts; another takes its
-        place here.
+        A nanny starts a worker again that has died, but not one that dies while it starts; another nanny
+        takes its place here.
 
         Raises:
             SweepStopped: the scheduler is gone, or no worker comes up.
@@ -107,17 +204,30 @@ class WorkerPool:
             raise SweepStopped("the dask scheduler is gone", "start it again")
         if self._cluster is None:
             return
-        now, missing = time.monotonic(), self._wanted - self.size()
-        if missing <= 0:
-            self._short, self._failed_restarts = now, 0
-        elif now - self._short > RESTART_TIMEOUT:
-            self._failed_restarts = 0 if missing < self._wanted else self._failed_restarts + 1
-            if self._failed_restarts > MAX_FAILED_RESTARTS:
-                raise SweepStopped(
-                    "no worker process comes up on this machine", "find out what ends them (memory?)"
-                )
-            self._short = now
-            self._cluster.scale(len(self._cluster.worker_spec) + missing)
+        now, size = time.monotonic(), self.size()
+        if size:
+            self._alive = now
+        if size >= self._wanted:
+            self._complete = now
+        if now - self._alive > GIVE_UP:
+            raise SweepStopped(
+                "no worker process comes up on this machine", "find out what ends them (memory?)"
+            )
+        if now - self._complete > RESTART_TIMEOUT:
+            self._complete = now
+            self._cluster.scale(len(self._cluster.worker_spec) + self._wanted - size)
+
+
+class _Registered(WorkerPlugin):
+    """Registers on every worker the metrics that a user has registered here."""
+
+    name = "ampm-metrics"
+
+    def __init__(self, metrics: bytes) -> None:
+        self._metrics = metrics
+
+    def setup(self, worker: Worker) -> None:
+        load_added(self._metrics)
 
 
 @contextmanager
@@ -143,7 +253,6 @@ def local_pool(workers: int) -> Iterator[WorkerPool]:
                 silence_logs=logging.CRITICAL,
                 memory_limit=0,
                 local_directory=scratch,
-                env=dict(ONE_THREAD),
                 protocol="tcp://",
             )
             client = Client(cluster, set_as_default=False)
@@ -175,28 +284,35 @@ def remote_pool(address: str, report: Callable[[str], None], timeout: float = 30
         InputError: nothing answers at that address.
     """
     _silence()
-    settings = {name: value for name, value in _SETTINGS.items() if name.startswith("distributed.admin")}
-    with dask.config.set(settings):
-        # What 'dask scheduler --scheduler-file' has written is as good as an address.
-        where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
-        try:
-            client = Client(**where, timeout=timeout, set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as error:
-            reason = " ".join(str(error).split())
-            raise InputError(
-                f"no dask scheduler answers at --scheduler {address} ({reason}); start one with 'dask "
-                "scheduler', or leave the option out to run on this machine."
-            ) from None
-        try:
-            with suppress(Exception):  # a worker without ampm, which its first run will report
-                if max(client.run(blas_threads).values(), default=1) > 1:
-                    report(
-                        "ampm: a worker has several BLAS threads; walks are slower so, and may differ in "
-                        "their last bits: start workers with OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1."
-                    )
-            yield WorkerPool(client)
-        finally:
-            _close(client)
+    # What 'dask scheduler --scheduler-file' has written is as good as an address.
+    where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
+    try:
+        client = Client(**where, timeout=timeout, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(
+            f"no dask scheduler answers at --scheduler {address} ({reason}); start one with 'dask "
+            "scheduler', or leave the option out to run on this machine."
+        ) from None
+    try:
+        with suppress(Exception):  # a worker without ampm, which its first run will report
+            if max(client.run(blas_threads).values(), default=1) > 1:
+                report(
+                    "ampm: a worker has several BLAS threads; walks are slower so, and may differ in "
+                    "their last bits: start workers with OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1."
+                )
+        yield WorkerPool(client)
+    finally:
+        _close(client)
+
+
+def blas_threads() -> int:
+    """Threads that this process's BLAS takes, by the variables that it has read when it was loaded."""
+    for name in THREAD_VARIABLES:
+        value = os.environ.get(name, "").partition(",")[0]
+        if value.isdecimal() and int(value):
+            return int(value)
+    return cores()
 
 
 @contextmanager
@@ -206,16 +322,13 @@ def environment(variables: Mapping[str, str]) -> Iterator[None]:
     Processes inherit them before they load any library. A nanny's own setting yields to a variable that the
     shell has set, or comes when numpy is loaded already.
     """
-    before = {name: os.environ.get(name) for name in variables}
+    before = dict(os.environ)
     os.environ.update(variables)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        os.environ.clear()
+        os.environ.update(before)
 
 
 def _close(opened: Client | LocalCluster) -> None:
