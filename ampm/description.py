@@ -66,15 +66,15 @@ class LegDescription:
         sole_points: six sites: heel left/right, ball left/right, tip left/right.
     """
 
-    hip: tuple[str, str, str]
+    hip: tuple[str, ...]
     knee: str
-    ankle: tuple[str, str]
+    ankle: tuple[str, ...]
     toe: str
     foot_segment: str
     toe_segment: str
     sole_frame: str
     toe_frame: str
-    sole_points: tuple[str, str, str, str, str, str]
+    sole_points: tuple[str, ...]
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -103,13 +103,16 @@ HIP_HALF_WIDTH = 0.050
 
 # The sole, from the reference point, as shares of stature; foot length .152 (WINTER), ball at 74 % of it,
 # ankle at 25 %. The reference point lies a little in front of the middle between heel and ball.
-SOLE_HEEL_X = -0.100 / 1.70
-SOLE_BALL_X = 0.090 / 1.70
-SOLE_TIP_X = 0.158 / 1.70
-SOLE_ANKLE_X = -0.035 / 1.70
-SOLE_HEEL_HALF_WIDTH = 0.028 / 1.70
-SOLE_BALL_HALF_WIDTH = 0.040 / 1.70
-SOLE_TIP_HALF_WIDTH = 0.032 / 1.70
+SOLE = {
+    "heel_x": -0.100 / 1.70,
+    "ball_x": 0.090 / 1.70,
+    "tip_x": 0.158 / 1.70,
+    "heel_half_width": 0.028 / 1.70,
+    "ball_half_width": 0.040 / 1.70,
+    "tip_half_width": 0.032 / 1.70,
+    "ankle_x": -0.035 / 1.70,
+    "ankle_height": ANKLE_HEIGHT,
+}
 """Foot breadth .055 of stature (WINTER), less the soft rim that carries no load."""
 
 TOE_MASS_SHARE = 0.2166 / (0.1 + 1.25 + 0.2166)
@@ -119,55 +122,32 @@ TOE_THICKNESS = 0.012
 FOOT_COM_HEIGHT = 0.45
 """Height of the foot's centre of mass over the sole, as a share of the ankle's height (a wedge)."""
 
-RANGES: dict[str, tuple[float, float]] = {
+JOINTS: dict[str, tuple[float, float, float]] = {
     # Flexion of hip, shoulder and elbow is negative about +y, of knee and trunk positive; ankle and toe: + is
     # plantar flexion. Left side for roll and yaw: abduction, eversion and outward rotation are positive.
-    "waist_yaw": (-0.6, 0.6),
-    "waist_roll": (-0.5, 0.5),
-    "waist_pitch": (-0.6, 0.8),
-    "chest_yaw": (-0.6, 0.6),
-    "chest_roll": (-0.6, 0.6),
-    "chest_pitch": (-0.5, 0.6),
-    "hip_pitch": (-2.10, 0.52),
-    "hip_roll": (-0.52, 0.79),
-    "hip_yaw": (-0.79, 0.79),
-    "knee_pitch": (0.0, 2.40),
-    "ankle_pitch": (-0.80, 0.87),
-    "ankle_roll": (-0.61, 0.35),
-    "toe_pitch": (-1.22, 0.79),
-    "shoulder_pitch": (-3.14, 1.05),
-    "shoulder_roll": (-0.52, 3.14),
-    "shoulder_yaw": (-1.22, 1.57),
-    "elbow_pitch": (-2.62, 0.17),
-    "elbow_yaw": (-1.40, 1.40),
-    "wrist_pitch": (-0.35, 0.58),
-    "wrist_roll": (-1.27, 1.24),
+    "waist_yaw": (-0.6, 0.6, 0.10),
+    "waist_roll": (-0.5, 0.5, 0.16),
+    "waist_pitch": (-0.6, 0.8, 0.22),
+    "chest_yaw": (-0.6, 0.6, 0.10),
+    "chest_roll": (-0.6, 0.6, 0.14),
+    "chest_pitch": (-0.5, 0.6, 0.20),
+    "hip_pitch": (-2.10, 0.52, 0.161),
+    "hip_roll": (-0.52, 0.79, 0.105),
+    "hip_yaw": (-0.79, 0.79, 0.06),
+    "knee_pitch": (0.0, 2.40, 0.163),
+    "ankle_pitch": (-0.80, 0.87, 0.139),
+    "ankle_roll": (-0.61, 0.35, 0.035),
+    "toe_pitch": (-1.22, 0.79, 0.04),
+    "shoulder_pitch": (-3.14, 1.05, 0.07),
+    "shoulder_roll": (-0.52, 3.14, 0.06),
+    "shoulder_yaw": (-1.22, 1.57, 0.035),
+    "elbow_pitch": (-2.62, 0.17, 0.06),
+    "elbow_yaw": (-1.40, 1.40, 0.010),
+    "wrist_pitch": (-0.35, 0.58, 0.012),
+    "wrist_roll": (-1.27, 1.24, 0.012),
 }
-"""Range of each hinge [rad]; those of a right limb are mirrored. Sources, joint by joint: docs/body.md."""
-
-TORQUE_SHARES: dict[str, float] = {
-    "waist_yaw": 0.10,
-    "waist_roll": 0.16,
-    "waist_pitch": 0.22,
-    "chest_yaw": 0.10,
-    "chest_roll": 0.14,
-    "chest_pitch": 0.20,
-    "hip_pitch": 0.161,
-    "hip_roll": 0.105,
-    "hip_yaw": 0.06,
-    "knee_pitch": 0.163,
-    "ankle_pitch": 0.139,
-    "ankle_roll": 0.035,
-    "toe_pitch": 0.04,
-    "shoulder_pitch": 0.07,
-    "shoulder_roll": 0.06,
-    "shoulder_yaw": 0.035,
-    "elbow_pitch": 0.06,
-    "elbow_yaw": 0.010,
-    "wrist_pitch": 0.012,
-    "wrist_roll": 0.012,
-}
-"""Largest torque of each hinge as a share of weight times stature [1]. Sources: docs/body.md."""
+"""Least and largest angle [rad] and largest torque as a share of weight times stature [1] of each hinge; the
+ranges of a right limb are mirrored. Sources, joint by joint: docs/body.md."""
 
 SOURCES: tuple[str, ...] = (
     "de Leva 1996 (segment masses, centres of mass, radii of gyration; male)",

@@ -7,7 +7,6 @@ only the floor.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,6 @@ import mujoco
 import numpy as np
 
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription, LegDescription, SoleGeometry
-from ampm.exceptions import InputError
 from models import anthropometry as table
 from models._pymjcf import mjcf
 
@@ -34,7 +32,6 @@ Vector = tuple[float, float, float]
 Colour = tuple[float, float, float, float]
 
 _AXES = {"roll": (1, 0, 0), "pitch": (0, 1, 0), "yaw": (0, 0, 1)}
-_INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast")
 # Twelve digits: legible, the same text on every platform, and 1e-11 kg at most in the total mass.
 _XML_PRECISION = 12
 
@@ -86,6 +83,10 @@ class _Inertial:
         com = (self.mass * self.com + other.mass * other.com) / mass
         return _Inertial(mass, com, self.about(com) + other.about(com))
 
+    def seen_from(self, point: NDArray[np.float64]) -> _Inertial:
+        """The same body in a frame with its origin at ``point`` (3,) [m]."""
+        return replace(self, com=self.com - point)
+
     def minus(self, part: _Inertial) -> _Inertial:
         """The remainder when ``part`` is cut off."""
         mass = self.mass - part.mass
@@ -115,32 +116,16 @@ def _box_inertial(mass: float, com: Vector, size: Vector) -> _Inertial:
 
 def sole_geometry(height: float) -> SoleGeometry:
     """Outline of the sole of a body of stature ``height`` [m]."""
-    return SoleGeometry(
-        heel_x=table.SOLE_HEEL_X * height,
-        ball_x=table.SOLE_BALL_X * height,
-        tip_x=table.SOLE_TIP_X * height,
-        heel_half_width=table.SOLE_HEEL_HALF_WIDTH * height,
-        ball_half_width=table.SOLE_BALL_HALF_WIDTH * height,
-        tip_half_width=table.SOLE_TIP_HALF_WIDTH * height,
-        ankle_x=table.SOLE_ANKLE_X * height,
-        ankle_height=table.ANKLE_HEIGHT * height,
-    )
+    return SoleGeometry(**{name: share * height for name, share in table.SOLE.items()})
 
 
-def joint_range(joint: str) -> tuple[float, float]:
-    """Range of a hinge [rad], least and largest angle; a right limb's roll and yaw are mirrored."""
-    side, _, rest = joint.partition("_")
-    if side not in SIDES:
-        return table.RANGES[joint]
-    low, high = table.RANGES[rest]
+def _joint(name: str) -> tuple[tuple[float, float], float]:
+    """Range [rad] and share of torque [1] of a hinge; a right limb's roll and yaw are mirrored."""
+    side, _, rest = name.partition("_")
+    low, high, torque = table.JOINTS[rest if side in SIDES else name]
     if side == "right" and not rest.endswith("pitch"):
-        return (0.0 - high, 0.0 - low)
-    return (low, high)
-
-
-def _torque_share(joint: str) -> float:
-    side, _, rest = joint.partition("_")
-    return table.TORQUE_SHARES[rest if side in SIDES else joint]
+        low, high = 0.0 - high, 0.0 - low
+    return (low, high), torque
 
 
 class _Builder:
@@ -155,8 +140,6 @@ class _Builder:
         self.table_mass = self.mass / table.TOTAL_MASS_SHARE
         self.sole = sole_geometry(self.height)
         self.root = mjcf.RootElement(model="human")
-        self.joints: list[str] = []
-        self.groups: dict[str, tuple[str, ...]] = {}
         # De Leva's trunk, set upon Winter's hip, would make the body 1.6 % too tall.
         rows = (table.HEAD, table.UPPER_TRUNK, table.MIDDLE_TRUNK, table.LOWER_TRUNK)
         trunk = sum(row.length for row in rows)
@@ -228,8 +211,7 @@ class _Builder:
     def _hinges(self, body: Any, prefix: str, kinds: tuple[str, ...]) -> tuple[str, ...]:
         names = tuple(f"{prefix}_{kind}" for kind in kinds)
         for name, kind in zip(names, kinds, strict=True):
-            body.add("joint", name=name, type="hinge", axis=_AXES[kind], range=joint_range(name))
-        self.joints.extend(names)
+            body.add("joint", name=name, type="hinge", axis=_AXES[kind], range=_joint(name)[0])
         return names
 
     def _capsule(self, body: Any, start: Vector, end: Vector, radius: float, rgba: Colour) -> None:
@@ -238,19 +220,16 @@ class _Builder:
     def _limb(self, body: Any, length: float, radius: float, rgba: Colour) -> None:
         self._capsule(body, (0, 0, 0), (0, 0, -length), radius, rgba)
 
-    def _shape(self, body: Any, kind: str, pos: Any, size: Vector, rgba: Colour) -> None:
-        body.add("geom", type=kind, pos=pos, size=size, rgba=rgba)
-
     def _ellipsoid(self, body: Any, pos: Any, size: Vector, rgba: Colour) -> None:
-        self._shape(body, "ellipsoid", pos, size, rgba)
+        body.add("geom", type="ellipsoid", pos=pos, size=size, rgba=rgba)
 
     def build(self) -> BodyModel:
-        thorax, shoulder_z = self._trunk()
-        legs = tuple(self._leg(side) for side in SIDES)
-        arms = tuple(self._arm(thorax, side, shoulder_z) for side in SIDES)
+        waist, chest = self._trunk()
+        left_leg, right_leg = map(self._leg, SIDES)
+        left_arm, right_arm = map(self._arm, SIDES)
         self._sensors()
         limits = tuple(
-            (name, _torque_share(name) * self.mass * GRAVITY * self.height) for name in self._chain_order()
+            (name, _joint(name)[1] * self.mass * GRAVITY * self.height) for name in self._chain_order()
         )
         for name, limit in limits:
             both = (-limit, limit)
@@ -265,12 +244,12 @@ class _Builder:
             root_joint="root",
             root_segment="pelvis",
             trunk_segment="thorax",
-            left_leg=legs[0],
-            right_leg=legs[1],
-            waist=self.groups["waist"],
-            chest=self.groups["chest"],
-            left_arm=arms[0],
-            right_arm=arms[1],
+            left_leg=left_leg,
+            right_leg=right_leg,
+            waist=waist,
+            chest=chest,
+            left_arm=left_arm,
+            right_arm=right_arm,
             sole=self.sole,
             hip_height=table.HIP_HEIGHT * self.height,
             hip_half_width=table.HIP_HALF_WIDTH * self.height,
@@ -287,7 +266,8 @@ class _Builder:
         joints = self.root.find_all("joint", exclude_attachments=True)
         return [joint.name for joint in joints if joint.tag == "joint"]
 
-    def _trunk(self) -> tuple[Any, float]:
+    def _trunk(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Hinges of waist and chest."""
         h, scale = self.height, self.trunk_scale
         lower, middle = table.LOWER_TRUNK.length * scale, table.MIDDLE_TRUNK.length * scale
         upper, head = table.UPPER_TRUNK.length * scale, table.HEAD.length * scale
@@ -308,13 +288,13 @@ class _Builder:
         self._ellipsoid(pelvis, (0, 0, 0.035 * h), (0.068 * h, 0.099 * h, 0.062 * h), _TROUSERS)
 
         abdomen = self._segment(pelvis, "abdomen", (0, 0, lower), table.MIDDLE_TRUNK, middle, upward=True)
-        self.groups["waist"] = self._hinges(abdomen, "waist", _TRUNK_JOINTS)
+        waist = self._hinges(abdomen, "waist", _TRUNK_JOINTS)
         self._ellipsoid(abdomen, (0, 0, 0.45 * middle), (0.062 * h, 0.088 * h, 0.105 * h), _SHIRT)
 
         skull = _inertial(table.HEAD, self.table_mass, head, (0, 0, upper + (1 - table.HEAD.com) * head))
         both = self._inertial(table.UPPER_TRUNK, upper, upward=True).plus(skull)
         thorax = self._body(abdomen, "thorax", (0, 0, middle), both)
-        self.groups["chest"] = self._hinges(thorax, "chest", _TRUNK_JOINTS)
+        chest = self._hinges(thorax, "chest", _TRUNK_JOINTS)
         self._ellipsoid(thorax, (0, 0, 0.40 * upper), (0.068 * h, 0.102 * h, 0.112 * h), _SHIRT)
         shoulder_z = table.SHOULDER_HEIGHT * h - table.HIP_HEIGHT * h - lower - middle
         half = table.SHOULDER_HALF_WIDTH * h
@@ -326,8 +306,8 @@ class _Builder:
         nose = (0.064 * h, 0, upper + 0.46 * head)
         self._ellipsoid(thorax, nose, (0.010 * h, 0.007 * h, 0.013 * h), _SKIN)
         thorax.add("site", name="imu", pos=(0, 0, 0.5 * upper))
-        self.pelvis = pelvis
-        return thorax, shoulder_z
+        self.pelvis, self.thorax, self.shoulder_z = pelvis, thorax, shoulder_z
+        return waist, chest
 
     def _leg(self, side: str) -> LegDescription:
         h, sole = self.height, self.sole
@@ -352,44 +332,35 @@ class _Builder:
 
         foot_inertial, toe_inertial = self._foot_inertials()
         to_ankle = np.array([sole.ankle_x, 0.0, sole.ankle_height])  # of the foot's frame, in the sole frame
-        foot = self._body(
-            shank,
-            f"{side}_foot",
-            (0, 0, -shank_length),
-            _Inertial(foot_inertial.mass, foot_inertial.com - to_ankle, foot_inertial.inertia),
-        )
+        foot_inertial = foot_inertial.seen_from(to_ankle)
+        foot = self._body(shank, f"{side}_foot", (0, 0, -shank_length), foot_inertial)
         ankle = self._hinges(foot, f"{side}_ankle", ("pitch", "roll"))
         foot.add("site", name=f"{side}_sole", pos=-to_ankle)
         back, front = sole.heel_x - 0.004 * h, sole.ball_x
         thickness = table.TOE_THICKNESS * h
         pos = np.array([0.5 * (back + front), 0, 0.5 * thickness + 0.001]) - to_ankle
         size = (0.5 * (front - back), 0.9 * sole.ball_half_width, 0.5 * thickness)
-        self._shape(foot, "box", pos, size, _SHOE)
+        foot.add("geom", type="box", pos=pos, size=size, rgba=_SHOE)
         pos = np.array([0.35 * front + 0.65 * back, 0, 0.55 * sole.ankle_height]) - to_ankle
         size = (0.46 * (front - back), 0.8 * sole.ball_half_width, 0.46 * sole.ankle_height)
         self._ellipsoid(foot, pos, size, _SHOE)
 
         to_toe = np.array([sole.ball_x, 0.0, 0.0])
-        toe = self._body(
-            foot,
-            f"{side}_toe",
-            tuple(to_toe - to_ankle),
-            _Inertial(toe_inertial.mass, toe_inertial.com - to_toe, toe_inertial.inertia),
-        )
+        toe = self._body(foot, f"{side}_toe", tuple(to_toe - to_ankle), toe_inertial.seen_from(to_toe))
         (toe_joint,) = self._hinges(toe, f"{side}_toe", ("pitch",))
         toe.add("site", name=f"{side}_toe_axis")
         length = sole.tip_x - sole.ball_x + 0.003 * h
         size = (0.5 * length, 0.9 * sole.ball_half_width, 0.5 * thickness)
-        self._shape(toe, "box", (0.5 * length, 0, 0.5 * thickness + 0.001), size, _TOE_CAP)
+        pos = (0.5 * length, 0, 0.5 * thickness + 0.001)
+        toe.add("geom", type="box", pos=pos, size=size, rgba=_TOE_CAP)
 
-        xs = {"heel": sole.heel_x, "ball": sole.ball_x, "tip": sole.tip_x}
-        widths = {"heel": sole.heel_half_width, "ball": sole.ball_half_width, "tip": sole.tip_half_width}
-        points: list[str] = []
+        points = []
         for group in SOLE_POINT_GROUPS:
             body, origin = (toe, to_toe) if group == "tip" else (foot, to_ankle)
+            x, half_width = getattr(sole, f"{group}_x"), getattr(sole, f"{group}_half_width")
             for edge, edge_sign in (("left", 1.0), ("right", -1.0)):
                 name = f"{side}_{group}_{edge}"
-                pos = np.array([xs[group], edge_sign * widths[group], 0.0]) - origin
+                pos = np.array([x, edge_sign * half_width, 0.0]) - origin
                 body.add("site", name=name, pos=pos)
                 # The sphere stands on the site, so the point that touches the floor is the site.
                 body.add(
@@ -399,15 +370,15 @@ class _Builder:
                 )  # fmt: skip
                 points.append(name)
         return LegDescription(
-            hip=(hip[0], hip[1], hip[2]),
+            hip=hip,
             knee=knee,
-            ankle=(ankle[0], ankle[1]),
+            ankle=ankle,
             toe=toe_joint,
             foot_segment=f"{side}_foot",
             toe_segment=f"{side}_toe",
             sole_frame=f"{side}_sole",
             toe_frame=f"{side}_toe_axis",
-            sole_points=(points[0], points[1], points[2], points[3], points[4], points[5]),
+            sole_points=tuple(points),
         )
 
     def _foot_inertials(self) -> tuple[_Inertial, _Inertial]:
@@ -432,13 +403,13 @@ class _Builder:
         )
         return whole.minus(toes), toes
 
-    def _arm(self, thorax: Any, side: str, shoulder_z: float) -> tuple[str, ...]:
+    def _arm(self, side: str) -> tuple[str, ...]:
         h = self.height
         sign = 1.0 if side == "left" else -1.0
         upper_length, fore_length = table.UPPER_ARM.length * h, table.FOREARM.length * h
         hand_length = table.HAND.length * h
-        shoulder = (0, sign * table.SHOULDER_HALF_WIDTH * h, shoulder_z)
-        upper = self._segment(thorax, f"{side}_upper_arm", shoulder, table.UPPER_ARM, upper_length)
+        shoulder = (0, sign * table.SHOULDER_HALF_WIDTH * h, self.shoulder_z)
+        upper = self._segment(self.thorax, f"{side}_upper_arm", shoulder, table.UPPER_ARM, upper_length)
         joints = list(self._hinges(upper, f"{side}_shoulder", _SHOULDER_JOINTS))
         self._capsule(upper, (0, 0, -0.3 * upper_length), (0, 0, -upper_length), 0.023 * h, _SKIN)
         self._ellipsoid(
@@ -487,18 +458,5 @@ def build(body: BodyParameters, contact: ContactParameters, simulation: Simulati
     Returns:
         MJCF text and description. At ``q = 0`` the body stands upright with hanging arms, its hips at x = 0
         and its soles on the floor.
-
-    Raises:
-        InputError: if stature or mass is not a positive number, or the integrator is unknown.
     """
-    for name, value, unit in (("body.height", body.height, "m"), ("body.mass", body.mass, "kg")):
-        if not (math.isfinite(value) and value > 0.0):
-            raise InputError(
-                f"{name} = {value} {unit} must be a positive number; take 1.70 m and 60 kg, for example."
-            )
-    if simulation.integrator not in _INTEGRATORS:
-        raise InputError(
-            f"simulation.integrator = {simulation.integrator!r} is unknown; "
-            f"choose one of {', '.join(_INTEGRATORS)}."
-        )
     return _Builder(body, contact, simulation).build()
