@@ -161,8 +161,8 @@ def test_strides_are_two_steps_each_and_leave_out_the_first(run_dir):
     plan = saved.plan()
     assert plan is not None
     strides = figures.strides(saved.signals)
-    assert [round(saved.signals.time[s.first] / plan.constants.step_duration, 2) for s in strides] == [2.0]
-    length = (strides[0].last - strides[0].first) * saved.record.time_step
+    assert [round(saved.signals.time[s.start] / plan.constants.step_duration, 2) for s in strides] == [2.0]
+    length = (strides[0].stop - strides[0].start) * saved.record.time_step
     assert length == pytest.approx(2 * plan.constants.step_duration, abs=saved.record.time_step)
     first = saved.signals.first_step()
     assert saved.signals.time[first] == pytest.approx(plan.constants.step_duration, abs=0.002)

@@ -22,7 +22,7 @@ from validation.measure.instruments.observe import observe_folder
 from validation.progress import Progress
 from validation.show.instrument import draw
 from validation.show.plan import plot_plan
-from validation.show.rerun.merge import PHASE
+from validation.show.rerun.views import PHASE
 from validation.trial.plan import load_request, plan_walk
 
 HERE = Path(__file__).resolve().parent

@@ -85,8 +85,7 @@ def write_sources(sources: Sequence[Source], path: Path, progress: Progress, *, 
     Raises:
         InputError: a source is no recording.
     """
-    from validation.show.rerun.beside import merge  # here, not above: rerun takes long to load
-    from validation.show.rerun.merge import read_part
+    from validation.show.rerun.merge import merge, read_part  # here, not above: rerun takes long to load
 
     if len(sources) == 1:
         read_part(sources[0].path, "", "")

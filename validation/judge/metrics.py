@@ -420,20 +420,25 @@ _COSTS: tuple[tuple[str, str, str, str, str], ...] = (
 """Section of the summary, name in it, unit, label and meaning."""
 
 
-def _cost(walk: Comparison, section: str, name: str) -> float:
-    """A number of a section, an :class:`~validation.judge.margins.Extreme`, or a component of a vector."""
-    found = walk.costs[section]
-    if section == "effort":
+def cost_entry(costs: Mapping[str, Any], metric: Metric) -> Any:
+    """What the cost of a walk, or its summary, has of a metric with a section: a number or an extreme."""
+    section, name = costs[metric.section], metric.name.partition("_")[2]
+    if metric.section == "effort":  # components of a vector
         vector, _, axis = name.rpartition("_")
-        return float(found[vector]["xyz".index(axis)])
-    return float(getattr(found[name], "value", found[name]))
+        return section[vector]["xyz".index(axis)]
+    return section[name]
+
+
+def _cost(walk: Comparison, name: str) -> float:
+    found = cost_entry(walk.costs, METRICS[name])
+    return float(getattr(found, "value", found))
 
 
 def _costs() -> Iterator[Metric]:
     for section, name, unit, label, meaning in _COSTS:
-        compute = partial(_cost, section=section, name=name)
-        nature: Literal["mean", "extreme"] = "extreme" if section == "margins" else "mean"
         key = f"{section.removesuffix('s')}_{name}"
+        compute = partial(_cost, name=key)
+        nature: Literal["mean", "extreme"] = "extreme" if section == "margins" else "mean"
         yield Metric(key, unit, label, meaning, "cost", compute, nature=nature, section=section)
 
 

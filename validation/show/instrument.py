@@ -67,7 +67,7 @@ def _pictures(saved: SavedRun) -> list[Picture]:
                 (f"instrument_zmp_compensated_{axis}", "latency taken out", style.PLAN),
             ):
                 error = 1e3 * (table[name].to_numpy() - true)
-                rows = slice(window.first, min(window.last, len(error)))
+                rows = slice(window.start, min(window.stop, len(error)))
                 panel.plot(signals.time[rows], error[rows], color=color, linewidth=0.9, label=label)
             panel.set(xlabel="time [s]", ylabel="[mm]", title=f"ZMP {axis}: instrument \u2212 truth")
             panel.margins(x=0)

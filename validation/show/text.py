@@ -89,6 +89,12 @@ def with_unit(value: Any, unit: str, digits: int = 3) -> str:
     return text if text == "–" or unit in ("", "1") else f"{text} {unit}".replace(" ", "\u00a0")
 
 
+def limit_with_unit(limit: float, unit: str) -> str:
+    """A tolerance as it was set, without trailing zeros, and its unit."""
+    plain = limit == 0.0 or 1e-3 <= limit < 1e5
+    return with_unit(f"{limit:.6g}" if plain else number(limit, 2).replace(".0·", "·"), unit)
+
+
 def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table in Markdown, without a line break at its end."""
     lines = [header, ["---"] * len(header), *rows]

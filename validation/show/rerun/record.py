@@ -1,21 +1,28 @@
 """The recording: a run folder drawn as a Rerun file with its own blueprint.
 
-World frame, SI units, timeline ``sim_time``. What is drawn in 3D is float32 and about 100 pictures a second;
-the curves are float64, one sample every 2 ms at most, and both sides of every switch: a screen shows no more,
-and a small time step would only make the file large. ``signals.parquet`` has every step.
+World frame, SI units. What is drawn in 3D is float32 and about 100 pictures a second; the curves are float64,
+one sample every 2 ms at most, and both sides of every switch: a screen shows no more, and a small time step
+would only make the file large. ``signals.parquet`` has every step.
+
+There are two timelines: ``sim_time`` counts seconds, ``gait_phase`` walking steps: 3.4 is within the fourth.
+On the latter a single support takes the first :data:`SINGLE_SUPPORT` of a step and a double support the rest,
+whatever their durations, so that touch-downs and lift-offs of different gaits coincide. A second on it is a
+step: Rerun has no timeline without a unit.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -27,16 +34,16 @@ from validation.show.rerun.views import (
     FAINT,
     LEFT,
     MEASURED,
+    PHASE,
     PLAN,
     RIGHT,
     TIMELINE,
     Color,
-    plain_text,
     run_blueprint,
-    verdict_markdown,
 )
 from validation.store.saved import RECORDING_FILE as RECORDING_FILE
 from validation.store.saved import SavedRun, load_saved_run, run_events
+from validation.store.signals import Signals
 
 Array = NDArray[np.float64]
 
@@ -45,6 +52,9 @@ PICTURE_RATE = 100.0
 
 CURVE_STEP = 0.002
 """Least time between samples of a curve [s]; both sides of every switch come on top."""
+
+SINGLE_SUPPORT = 0.8
+"""Share of a step on ``gait_phase`` that a single support takes; about that of a walk."""
 
 FORCE_SCALE = 1.0 / 500.0
 """Length of a force arrow [m/N]: the weight of a person reaches from the floor past the COM, so that one sees
@@ -58,7 +68,7 @@ _SHAPES: dict[int, Any] = {
     int(_GEOM.mjGEOM_ELLIPSOID): rr.Ellipsoids3D,
     int(_GEOM.mjGEOM_SPHERE): rr.Ellipsoids3D,
 }
-"""How a kind of MuJoCo's geoms is drawn."""
+"""How a kind of MuJoCo's geoms is drawn; planes and meshes are not: the floor is the grid."""
 
 _LEAST_SHAPE = 0.005
 """Radius from which a shape of the body is drawn [m]."""
@@ -69,10 +79,11 @@ _FEET = {"left": LEFT, "right": RIGHT}
 
 
 class _Log:
-    """One recording stream with the project's conventions: columns only, one timeline."""
+    """One recording stream with the project's conventions: columns only, on both timelines."""
 
-    def __init__(self, stream: rr.RecordingStream) -> None:
+    def __init__(self, stream: rr.RecordingStream, saved: SavedRun) -> None:
         self.stream = stream
+        self.pace = _gait_phase(saved.signals, saved.record.outcome.time)
 
     def static(self, entity: str, *archetypes: Any) -> None:
         for archetype in archetypes:
@@ -80,9 +91,11 @@ class _Log:
 
     def columns(self, entity: str, times: Array, columns: Iterable[Any]) -> None:
         # Rounded: the SDK cuts seconds off to nanoseconds, and 2.05 s would become 2.049999999 s.
-        nanoseconds = np.round(1e9 * np.asarray(times)).astype("timedelta64[ns]")
-        index = rr.TimeColumn(TIMELINE, duration=nanoseconds)
-        self.stream.send_columns(entity, indexes=[index], columns=columns)
+        indexes = [
+            rr.TimeColumn(name, duration=np.round(1e9 * np.asarray(at)).astype("timedelta64[ns]"))
+            for name, at in ((TIMELINE, times), (PHASE, np.interp(times, *self.pace)))
+        ]
+        self.stream.send_columns(entity, indexes=indexes, columns=columns)
 
     def shapes(
         self, entity: str, times: Array, kind: Any, color: Color, radius: float, **parts: Array
@@ -122,32 +135,50 @@ def write_recording(run: str | Path | SavedRun) -> Path:
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path = saved.directory / RECORDING_FILE
-    # The SDK announces on its own logger what it saves; a library keeps quiet.
-    logging.getLogger("rerun").setLevel(logging.ERROR)
-    # A fixed id: two identical runs give identical recordings (`rerun rrd compare`).
-    stream = rr.RecordingStream("ampm", recording_id="ampm-run", send_properties=False)
-    stream.save(str(path), default_blueprint=run_blueprint())
-    try:
-        log = _Log(stream)
-        plan = saved.plan()
-        frames = _frames(saved)
+    with open_stream("ampm", "ampm-run", path, run_blueprint()) as stream:
+        log, plan = _Log(stream, saved), saved.plan()
         log.static("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         log.static("verdict", rr.TextDocument(verdict_markdown(saved), media_type=rr.MediaType.MARKDOWN))
+        frames = np.arange(0, len(saved.signals), _stride(saved, 1.0 / PICTURE_RATE))
         _log_body(log, saved, frames)
-        _log_ground(log, saved, frames, plan)
-        _log_series(log, saved)
-        _log_states(log, saved)
-        _log_events(log, saved)
+        if len(frames):
+            _log_ground(log, saved, frames, plan)
+            _log_series(log, saved)
+            _log_states(log, saved.signals)
+        times, levels, texts = zip(*sorted(run_events(saved), key=lambda event: event[0]), strict=True)
+        words = rr.TextLog.columns(text=[plain_text(text) for text in texts], level=levels)
+        log.columns("events", np.array(times), words)
+    return path
+
+
+@contextmanager
+def open_stream(name: str, key: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
+    """A stream into a file, with a fixed key: equal runs give equal files (``rerun rrd compare``)."""
+    # The SDK announces on its own logger what it saves; a library keeps quiet.
+    logging.getLogger("rerun").setLevel(logging.ERROR)
+    stream = rr.RecordingStream(name, recording_id=key, send_properties=False)
+    stream.save(str(path), default_blueprint=blueprint)
+    try:
+        yield stream
     finally:
         # Without the footer that this writes the file does not verify.
         stream.flush()
         stream.disconnect()
-    return path
 
 
-def _frames(saved: SavedRun) -> NDArray[np.intp]:
-    """Rows of the signals of which a picture is drawn."""
-    return np.arange(0, len(saved.signals), _stride(saved, 1.0 / PICTURE_RATE))
+def _gait_phase(signals: Signals, end: float) -> tuple[Array, Array]:
+    """Times at which the planned phases begin, and their places on ``gait_phase``; last of all the end."""
+    begun = signals.switches()
+    if not len(begun):
+        return np.zeros(1), np.zeros(1)
+    starts, both = signals.time[begun], signals["phase"][begun] == "double_support"
+    phases = np.maximum(np.cumsum(~both) - 1.0, 0.0) + np.where(both, SINGLE_SUPPORT, 0.0)
+    # The last phase may have been cut short: it keeps the pace of its kind.
+    length = np.diff(starts)[both[:-1] == both[-1]]
+    left = max(end, float(signals.time[-1])) - starts[-1]
+    usual = float(np.median(length)) if len(length) else max(left, 1e-9)
+    share = 1.0 - SINGLE_SUPPORT if both[-1] else SINGLE_SUPPORT
+    return np.append(starts, starts[-1] + left), np.append(phases, phases[-1] + share * left / usual)
 
 
 def _stride(saved: SavedRun, least: float) -> int:
@@ -155,20 +186,30 @@ def _stride(saved: SavedRun, least: float) -> int:
     return max(1, math.ceil(least / saved.record.time_step * (1.0 - 1e-9)))
 
 
-def _curve_rows(saved: SavedRun) -> NDArray[np.intp]:
-    """Rows of the signals that the curves have: evenly spread, before and at every switch, and the last."""
-    signals = saved.signals
-    rows = len(signals)
-    kept = np.zeros(rows, dtype=bool)
-    kept[:: _stride(saved, CURVE_STEP)] = True
-    kept[-1:] = True
-    changes = [signals.switches()[1:]]
-    for foot in ("left", "right"):
-        contact = signals[f"{foot}_contact"]
-        changes.append(np.flatnonzero(contact[1:] != contact[:-1]) + 1)
-    change = np.concatenate(changes)
-    kept[change] = kept[change - 1] = True
-    return np.flatnonzero(kept)
+def verdict_markdown(saved: SavedRun) -> str:
+    """The verdict and its metrics as Markdown, for the recording's first panel."""
+    summary = saved.summary
+    lines = [f"# {summary['verdict']} ({saved.record.outcome.name})", "", summary["reason"], ""]
+    lines += ["| | value | tolerance | |", "|---|---|---|---|"]
+    for name, metric in summary["metrics"].items():
+        shown = metric["display"]
+        if shown["tolerance"] is None:
+            continue
+        value = "not measured" if shown["value"] is None else f"{shown['value']:.3g} {shown['unit']}"
+        passed = {True: "pass", False: "**FAIL**", None: ""}[metric["pass"]]
+        lines.append(f"| {name.replace('_', ' ')} | {value} | {shown['tolerance']:.3g} | {passed} |")
+    step = f"{1e3 * saved.record.time_step:g} ms"
+    lines += [
+        "",
+        "Curves: one sample every 2 ms at most, and both sides of every switch of phase or contact.",
+        f"Every time step ({step}) is in `signals.parquet`.",
+    ]
+    return plain_text("\n".join(lines) + "\n")
+
+
+def plain_text(text: str) -> str:
+    """Keep what the viewer's one font surely has: some versions end at the first glyph that it lacks."""
+    return text.encode("latin-1", errors="replace").decode("latin-1")
 
 
 # ----------------------------------------------------------------------------------------------- body
@@ -189,31 +230,26 @@ def _log_body(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None:
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
         position[row], rotation[row] = data.geom_xpos[drawn], data.geom_xmat[drawn]
-    times = saved.record.time[frames]
-    for kind in np.unique(model.geom_type[drawn]).tolist():
+    for kind, shape in _SHAPES.items():
         mine = np.flatnonzero(model.geom_type[drawn] == kind)
+        if not len(mine):
+            continue
         size = model.geom_size[drawn[mine]]
-        color = [_shape_color(model.geom_rgba[geom]) for geom in drawn[mine]]
-        place = position[:, mine]
-        style: dict[str, Any] = {"colors": color, "fill_mode": rr.components.FillMode.Solid}
-        shape: Any = _SHAPES.get(kind)
-        if shape is None:
-            continue  # planes and meshes: the floor is the grid
+        place, at = position[:, mine], "centers"
+        style: dict[str, Any] = {"colors": [_shape_color(model.geom_rgba[geom]) for geom in drawn[mine]]}
         if shape in (rr.Capsules3D, rr.Cylinders3D):
             style |= {"lengths": 2 * size[:, 1], "radii": size[:, 0]}
         else:
             style["half_sizes"] = np.repeat(size[:, :1], 3, axis=1) if kind == _GEOM.mjGEOM_SPHERE else size
         if shape is rr.Capsules3D:
             # MuJoCo centres a capsule, Rerun starts it at its lower hemisphere's centre.
-            place = place - rotation[:, mine][..., 2::3] * size[:, 1:2]
+            place, at = place - rotation[:, mine][..., 2::3] * size[:, 1:2], "translations"
         entity = f"world/body/{mujoco.mjtGeom(kind).name.removeprefix('mjGEOM_').lower()}"
-        log.static(entity, shape.from_fields(**style))
-        if not len(frames):
-            continue
-        turned = Rotation.from_matrix(rotation[:, mine].reshape(-1, 3, 3)).as_quat()
-        at = "translations" if shape is rr.Capsules3D else "centers"
-        poses = shape.columns(**{at: place.reshape(-1, 3)}, quaternions=turned)
-        log.columns(entity, times, poses.partition(np.full(len(frames), len(mine))))
+        log.static(entity, shape.from_fields(fill_mode=rr.components.FillMode.Solid, **style))
+        if len(frames):
+            turned = Rotation.from_matrix(rotation[:, mine].reshape(-1, 3, 3)).as_quat()
+            poses = shape.columns(**{at: place.reshape(-1, 3)}, quaternions=turned)
+            log.columns(entity, saved.record.time[frames], poses.partition(np.full(len(frames), len(mine))))
 
 
 def _shape_color(rgba: Array) -> Color:
@@ -227,10 +263,8 @@ def _shape_color(rgba: Array) -> Color:
 
 def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: StepPlan | None) -> None:
     """Soles, contact points, support polygon, ZMPs, forces and COM."""
-    if not len(frames):
-        return
-    record, signals = saved.record, saved.signals
-    times = signals.time[frames]
+    record, signals = saved.record, saved.signals.take(frames)
+    times = signals.time
 
     def dot(entity: str, position: Array, color: Color, radius: float) -> None:
         log.shapes(entity, times, rr.Points3D, color, radius, positions=position)
@@ -239,41 +273,41 @@ def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: Step
         log.shapes(entity, times, rr.Arrows3D, color, radius, origins=origin, vectors=force * FORCE_SCALE)
 
     # The views stand on this frame, so the body walks on the spot and the floor passes by.
-    com = signals.vector("plan_com")[frames]
-    follow = np.column_stack([com[:, 0], np.zeros((len(frames), 2))])
+    follow = np.column_stack([signals["plan_com_x"], np.zeros((len(times), 2))])
     log.columns("world/follow", times, rr.Transform3D.columns(translation=follow))
 
     point, force = record.point_position[frames], record.point_force[frames]
-    load = force[..., 2]
     for foot, (name, color) in enumerate(_FEET.items()):
         mine = np.flatnonzero(record.point_foot == foot)
-        sole = f"world/feet/{name}/sole"
+        sole, contact = f"world/feet/{name}/sole", f"world/feet/{name}/contact"
         log.static(sole, rr.LineStrips3D.from_fields(colors=[color], radii=[0.004]))
         outline = point[:, mine[[0, 2, 4, 5, 3, 1, 0]]].astype(np.float32)
         log.columns(sole, times, rr.LineStrips3D.columns(strips=outline))
         # The area of a point's disc is its share of the load; an unloaded one vanishes.
-        radius = 0.028 * np.sqrt(np.clip(load[:, mine], 0.0, None) / (record.mass * record.gravity))
-        log.static(f"world/feet/{name}/contact", rr.Points3D.from_fields(colors=[color]))
+        load = force[:, mine, 2]
+        radius = 0.028 * np.sqrt(np.clip(load, 0.0, None) / (record.mass * record.gravity))
+        log.static(contact, rr.Points3D.from_fields(colors=[color]))
         discs = rr.Points3D.columns(positions=point[:, mine].reshape(-1, 3), radii=radius.ravel())
-        log.columns(f"world/feet/{name}/contact", times, discs.partition(np.full(len(frames), len(mine))))
-        total = load[:, mine].sum(axis=1)
+        log.columns(contact, times, discs.partition(np.full(len(frames), len(mine))))
+        total = load.sum(axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
-            centre = np.einsum("np,npd->nd", load[:, mine], point[:, mine]) / total[:, None]
+            centre = np.einsum("np,npd->nd", load, point[:, mine]) / total[:, None]
         centre[total < 1.0] = np.nan
         arrow(f"world/force/{name}", _on_floor(centre[:, :2]), force[:, mine].sum(axis=1), color, 0.005)
 
-    zmp = {kind: _on_floor(signals.vector(f"{kind}_zmp", "xy")[frames]) for kind in SERIES}
+    zmp = {kind: _on_floor(signals.vector(f"{kind}_zmp", "xy")) for kind in SERIES}
     # Concentric from above: the smaller ones lie higher.
     for (kind, color), size, lift in zip(
         SERIES.items(), (0.016, 0.011, 0.007), (0.01, 0.03, 0.05), strict=True
     ):
         dot(f"world/floor/zmp/{kind}", zmp[kind] + (0.0, 0.0, lift), color, size)
     # The plan's arrow is thin and a third longer: it goes on where the measured one ends, if the two agree.
-    for kind, scale, size in (("plan", 1.33, 0.006), ("measured", 1.0, 0.013)):
-        wanted = scale * signals.vector(f"{kind}_force")[frames]
-        arrow(f"world/force/{kind}", zmp[kind], wanted, SERIES[kind], size)
-    for kind, size, lift in (("plan", 0.004, 0.0), ("measured", 0.002, 0.002)):
-        color, path = SERIES[kind], signals.vector(f"{kind}_com")[frames]
+    for kind, scale, width, size, lift in (
+        ("plan", 1.33, 0.006, 0.004, 0.0),
+        ("measured", 1.0, 0.013, 0.002, 0.002),
+    ):
+        color, path = SERIES[kind], signals.vector(f"{kind}_com")
+        arrow(f"world/force/{kind}", zmp[kind], scale * signals.vector(f"{kind}_force"), color, width)
         # From above everything lies on the floor: nearer things would hide and outgrow the ZMP.
         shadow, rise = _on_floor(path[:, :2]), np.array([0.0, 0.0, lift])
         dot(f"world/com/{kind}", path, color, 0.03)
@@ -283,7 +317,10 @@ def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: Step
         log.static(f"world/floor/zmp/{kind}/trail", _line(zmp[kind] + rise, color, size))
 
     if plan is not None:
-        log.static("world/plan/footprints", _footprints(plan))
+        steps = plan.contacts.footsteps
+        prints = [_on_floor(footprint(plan.feet.sole, step)) - (0.0, 0.0, 0.001) for step in steps]
+        outlines = rr.LineStrips3D(prints, colors=[FAINT] * len(steps), radii=0.002)
+        log.static("world/plan/footprints", outlines)
         _log_polygon(log, plan, times)
 
 
@@ -299,10 +336,9 @@ def _line(path: Array, color: Color, radius: float) -> rr.LineStrips3D:
 
 def _log_polygon(log: _Log, plan: StepPlan, times: Array) -> None:
     """Support polygon of the points planned in contact: sent when it changes, it stands still in between."""
-    within = np.minimum(times, plan.duration)
-    feet = plan.feet.sample(within)
+    feet = plan.feet.sample(np.minimum(times, plan.duration))
     contact = np.concatenate([foot.contact for foot in feet], axis=1)
-    change = np.flatnonzero(np.r_[True, (contact[1:] != contact[:-1]).any(axis=1)])
+    change = _changes(contact)
     points = np.concatenate([foot.sole_points[change, :, :2] for foot in feet], axis=1)
     loaded = contact[change].repeat(2, axis=1)
     polygons = [_on_floor(convex_hull(mine[here])) for mine, here in zip(points, loaded, strict=True)]
@@ -312,11 +348,10 @@ def _log_polygon(log: _Log, plan: StepPlan, times: Array) -> None:
     log.columns(entity, times[change], rr.LineStrips3D.columns(strips=strips))
 
 
-def _footprints(plan: StepPlan) -> rr.LineStrips3D:
-    """Outlines of all planned footsteps."""
-    steps = plan.contacts.footsteps
-    outlines = [_on_floor(footprint(plan.feet.sole, step)) - np.array([0.0, 0.0, 0.001]) for step in steps]
-    return rr.LineStrips3D(outlines, colors=[FAINT] * len(steps), radii=0.002)
+def _changes(values: NDArray[Any]) -> NDArray[np.intp]:
+    """Rows that differ from the one before, and the first; ``values`` has a row an instant."""
+    differs = values[1:] != values[:-1]
+    return np.flatnonzero(np.r_[True, differs.any(axis=1) if differs.ndim == 2 else differs])
 
 
 # ------------------------------------------------------------------------------------------ time series
@@ -324,77 +359,56 @@ def _footprints(plan: StepPlan) -> rr.LineStrips3D:
 
 def _log_series(log: _Log, saved: SavedRun) -> None:
     """Plan, command and measurement, and what lies between them."""
-    if not len(saved.signals):
-        return
-    rows = _curve_rows(saved)
-    signals = saved.signals.take(rows)
-    times = signals.time
-    weight = saved.record.mass * saved.record.gravity
+    # Rows evenly spread, before and at every switch, and the last.
+    every = saved.signals
+    change = np.concatenate(
+        [every.switches()[1:], *(_changes(every[f"{foot}_contact"])[1:] for foot in _FEET)]
+    )
+    even = np.arange(0, len(every), _stride(saved, CURVE_STEP))
+    rows = np.unique(np.concatenate([even, change, change - 1, [len(every) - 1]]))
+    signals = every.take(rows)
+    times, weight = signals.time, saved.record.mass * saved.record.gravity
 
     def three(name: str) -> Array:
         return np.column_stack([signals[f"{kind}_{name}"] for kind in SERIES])
-
-    def gap(measured: str, planned: str, axes: str, scale: float = 1.0) -> Array:
-        return scale * (signals.vector(measured, axes) - signals.vector(planned, axes))
 
     # Metres walked would flatten every curve: x is drawn about the planned COM.
     com_x = signals["plan_com_x"][:, None]
     log.series("signals/zmp_x", times, 1e3 * (three("zmp_x") - com_x), SERIES)
     log.series("signals/zmp_y", times, 1e3 * three("zmp_y"), SERIES)
     log.series("signals/com_x", times, three("com_x") - com_x, SERIES)
-    for name in (
-        "force_x",
-        "force_y",
-        "force_z",
-        "angular_momentum_x",
-        "angular_momentum_y",
-        "com_y",
-        "com_z",
-    ):
+    momentum = ("angular_momentum_x", "angular_momentum_y")
+    for name in ("force_x", "force_y", "force_z", *momentum, "com_y", "com_z"):
         log.series(f"signals/{name}", times, three(name), SERIES)
-    yaw = [signals[f"{kind}_angular_momentum_z"] for kind in ("motion", "measured")]
-    lines = {"motion": PLAN, "measured": MEASURED}
-    log.series("signals/angular_momentum_z", times, np.column_stack(yaw), lines)
-    xy = {axis: _AXES[axis] for axis in "xy"}
-    errors = {
-        "residual/zmp": gap("measured_zmp", "plan_zmp", "xy", 1e3),
-        "residual/force": gap("measured_force", "plan_force", "xyz", 100.0 / weight),
-        "residual/angular_momentum": gap("measured_angular_momentum", "plan_angular_momentum", "xy"),
-        "residual/com": gap("measured_com", "plan_com", "xyz", 1e3),
-        "feedback/zmp": gap("command_zmp", "plan_zmp", "xy", 1e3),
-        "selfcheck/zmp": gap("measured_zmp_momentum", "measured_zmp", "xy", 1e3),
-    }
-    for entity, error in errors.items():
-        log.series(entity, times, error, xy if error.shape[1] == 2 else _AXES)
+    yaw = np.column_stack([signals[f"{kind}_angular_momentum_z"] for kind in ("motion", "measured")])
+    log.series("signals/angular_momentum_z", times, yaw, {"motion": PLAN, "measured": MEASURED})
+    for entity, one, other, axes, scale in (
+        ("residual/zmp", "measured_zmp", "plan_zmp", "xy", 1e3),
+        ("residual/force", "measured_force", "plan_force", "xyz", 100.0 / weight),
+        ("residual/angular_momentum", "measured_angular_momentum", "plan_angular_momentum", "xy", 1.0),
+        ("residual/com", "measured_com", "plan_com", "xyz", 1e3),
+        ("feedback/zmp", "command_zmp", "plan_zmp", "xy", 1e3),
+        ("selfcheck/zmp", "measured_zmp_momentum", "measured_zmp", "xy", 1e3),
+    ):
+        gap = scale * (signals.vector(one, axes) - signals.vector(other, axes))
+        log.series(entity, times, gap, {axis: _AXES[axis] for axis in axes})
     feet = np.column_stack([signals["left_force_z"], signals["right_force_z"], signals["plan_force_z"]])
     log.series("signals/foot_force_z", times, feet, {**_FEET, "plan, both": PLAN})
-    torque = saved.record.torque
-    if len(torque) == len(saved.signals):
-        use = np.abs(torque[rows]) / saved.record.torque_limit
-        log.series("effort/torque", times, 100 * use.max(axis=1)[:, None], {"busiest motor": MEASURED})
+    use = np.abs(saved.record.torque[rows]) / saved.record.torque_limit
+    log.series("effort/torque", times, 100 * use.max(axis=1)[:, None], {"busiest motor": MEASURED})
 
 
-def _log_states(log: _Log, saved: SavedRun) -> None:
+def _log_states(log: _Log, signals: Signals) -> None:
     """Phase of the plan and contact of the feet as lanes."""
-    signals = saved.signals
-    if not len(signals):
-        return
     stances = ["both feet" if stance == "both" else f"{stance} foot" for stance in signals["stance"]]
-    lanes = {"planned stance": np.array(stances, dtype=object)}
+    lanes = {"planned_stance": np.array(stances, dtype=object)}
     for foot in _FEET:
-        lanes[f"{foot} foot on the floor"] = np.where(signals[f"{foot}_contact"], foot, "")
+        lanes[f"{foot}_foot_on_the_floor"] = np.where(signals[f"{foot}_contact"], foot, "")
     feet = {"left foot": LEFT, "right foot": RIGHT, **_FEET}
     colors: dict[str, Color] = {"both feet": (*FAINT[:3], 255), **feet}
+    style = rr.StateConfiguration(values=list(colors), colors=list(colors.values()))
     for name, states in lanes.items():
-        entity = "phase/" + name.replace(" ", "_")
-        log.static(entity, rr.StateConfiguration(values=list(colors), colors=list(colors.values())))
-        change = np.flatnonzero(np.r_[True, states[1:] != states[:-1]])
+        log.static(f"phase/{name}", style)
+        change = _changes(states)
         begun = [str(state) for state in states[change]]
-        log.columns(entity, signals.time[change], rr.StateChange.columns(state=begun))
-
-
-def _log_events(log: _Log, saved: SavedRun) -> None:
-    """Write events as text: footfalls, the largest error, unsolved QPs, how it ended."""
-    times, levels, texts = zip(*sorted(run_events(saved), key=lambda event: event[0]), strict=True)
-    words = rr.TextLog.columns(text=[plain_text(text) for text in texts], level=levels)
-    log.columns("events", np.array(times), words)
+        log.columns(f"phase/{name}", signals.time[change], rr.StateChange.columns(state=begun))

@@ -1,19 +1,21 @@
-"""Views of a recording: colours, panels, and the layout that shows at once whether a walk passes."""
+"""Views of recordings: colours, panels, and layouts that show at once whether a walk passes.
+
+A layout is of one run, of several beside each other, or of several revisions of one gait over each other.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
 
-if TYPE_CHECKING:
-    from validation.store.saved import SavedRun
-
 Color = tuple[int, int, int, int]
+Labels = Mapping[str, str]
+"""First part of the names of a run's entities, such as ``/a``, to its name for people."""
 
-TIMELINE = "sim_time"
+TIMELINE, PHASE = "sim_time", "gait_phase"
 
 PLAN: Color = (86, 180, 233, 255)
 COMMAND: Color = (46, 200, 140, 255)
@@ -23,44 +25,11 @@ RIGHT: Color = (255, 213, 79, 255)
 FAINT: Color = (130, 140, 155, 90)
 GROUND: Color = (24, 27, 33, 255)
 
-
-def verdict_markdown(saved: SavedRun) -> str:
-    """The verdict and its figures as Markdown, for the recording's first panel."""
-    summary = saved.summary
-    verdict = str(summary.get("verdict", "not measured"))
-    lines = [f"# {verdict} ({saved.record.outcome.name})", ""]
-    if summary.get("reason"):
-        lines += [str(summary["reason"]), ""]
-    lines += ["| | value | tolerance | |", "|---|---|---|---|"]
-    for name, metric in summary.get("metrics", {}).items():
-        shown = metric.get("display") or metric
-        if shown.get("tolerance") is None:
-            continue
-        value = "not measured" if shown["value"] is None else f"{shown['value']:.3g} {shown['unit']}"
-        passed = {True: "pass", False: "**FAIL**", None: ""}[metric.get("pass")]
-        lines.append(f"| {name.replace('_', ' ')} | {value} | {shown['tolerance']:.3g} | {passed} |")
-    step = f"{1e3 * saved.record.time_step:g} ms"
-    lines += [
-        "",
-        "Curves: one sample every 2 ms at most, and both sides of every switch of phase or contact.",
-        f"Every time step ({step}) is in `signals.parquet`.",
-    ]
-    return plain_text("\n".join(lines) + "\n")
-
-
-def plain_text(text: str) -> str:
-    """Keep what the viewer's one font surely has: some versions end at the first glyph that it lacks."""
-    return text.encode("latin-1", errors="replace").decode("latin-1")
-
-
-def near(seconds: float = 1.5) -> rrb.TimeAxis:
-    """Time axis that follows the cursor."""
-    window = rr.TimeRange(
-        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-seconds),
-        end=rrb.TimeRangeBoundary.cursor_relative(seconds=seconds / 3.0),
-    )
-    return rrb.TimeAxis(view_range=window)
-
+RUN_COLORS: Mapping[str, Color] = {
+    "blue": (86, 180, 233, 255), "orange": (255, 138, 61, 255), "green": (120, 220, 120, 255),
+    "violet": (230, 140, 255, 255), "yellow": (255, 213, 79, 255), "pink": (240, 98, 146, 255),
+}  # fmt: skip
+"""Of runs that lie over each other."""
 
 TITLES = {
     "signals/zmp_x": "ZMP x about the planned COM [mm]",
@@ -82,36 +51,135 @@ TITLES = {
 """Entities that are curves. Signals are shown about the cursor, the others over the whole run."""
 
 
-def plot(entity: str, prefixes: Sequence[str] = ("",), title: str = "") -> rrb.TimeSeriesView:
+def run_blueprint() -> rrb.Blueprint:
+    """Of one run: body and ZMP from above on the left; verdict and curves on the right."""
+    left = rrb.Vertical(
+        _body_view(
+            "Body, with planned (blue) and measured (orange) ground force",
+            "/world/follow",
+            _body_contents(""),
+        ),
+        _above_view(
+            "From above: planned (blue), commanded (green), measured (orange) ZMP; planned support (blue)",
+            "/world/follow",
+            _above_contents(""),
+        ),
+        row_shares=[3, 2],
+    )
+    curves = _tabs(
+        {
+            "ZMP": [*_of_axes("zmp", "xy"), "residual/zmp"],
+            "Force": [*_of_axes("force", "xyz"), "signals/foot_force_z", "residual/force"],
+            "Momentum": [*_of_axes("angular_momentum", "xyz"), "residual/angular_momentum"],
+            "COM": [*_of_axes("com", "xyz"), "residual/com"],
+            "Cost": ["feedback/zmp", "effort/torque", "selfcheck/zmp"],
+        },
+        [""],
+    )
+    words = rrb.TextDocumentView(name="Verdict", origin="/verdict")
+    right = rrb.Vertical(
+        rrb.Horizontal(words, _events_view("", TIMELINE), column_shares=[3, 2]),
+        curves,
+        rrb.StateTimelineView(name="Phase and contact", origin="/phase", time_view=_near()),
+        row_shares=[8, 14, 5],
+    )
+    return _laid_out(rrb.Horizontal(left, right, column_shares=[1, 1]), TIMELINE)
+
+
+def beside_blueprint(runs: Labels) -> rrb.Blueprint:
+    """One column per run, all at the same phase of the gait."""
+    columns = []
+    for at, label in runs.items():
+        follow = f"{at}/world/follow"
+        more = [
+            _plot(entity, [at])
+            for entity in ("signals/zmp_x", "residual/force", "residual/angular_momentum", "effort/torque")
+        ]
+        verdict = rrb.TextDocumentView(name="Verdict", origin=f"{at}/verdict")
+        views: list[rrb.Container | rrb.View] = [
+            _body_view(f"{label}: plan (blue), measured (orange)", follow, _body_contents(at)),
+            _above_view(f"{label} from above", follow, _above_contents(at)),
+            _plot("residual/zmp", [at], f"{label}: {TITLES['residual/zmp']}"),
+            rrb.Tabs(*more, verdict, _events_view(at, PHASE), active_tab=len(more)),
+        ]
+        columns.append(rrb.Vertical(*views, row_shares=[5, 3, 2, 3]))
+    lanes = _lanes("Planned stance", [f"{at}/phase/planned_stance" for at in runs])
+    return _laid_out(rrb.Vertical(rrb.Horizontal(*columns), lanes, row_shares=[13, 2]), PHASE)
+
+
+def overlay_blueprint(runs: Labels) -> rrb.Blueprint:
+    """All runs in one scene and on the same axes, each in its colour of :data:`RUN_COLORS`."""
+    first = f"{next(iter(runs))}/world"  # the plan is the same
+    bodies = [f"{first}/follow", f"{first}/plan/footprints"]
+    floors = [f"{first}/follow", f"{first}/plan/**", f"{first}/floor/zmp/plan/**"]
+    for at in runs:
+        bodies += [f"{at}/world/{what}" for what in ("body/**", "force/measured", "com/measured")]
+        shown = ("feet/**", "floor/zmp/measured/**", "floor/com/measured/**")
+        floors += [f"{at}/world/{what}" for what in shown]
+    colours = ", ".join(f"{label} ({name})" for label, name in zip(runs.values(), RUN_COLORS, strict=False))
+    above = "From above: soles and measured ZMP; planned support and ZMP (grey)"
+    left = rrb.Vertical(
+        _body_view(colours, f"{first}/follow", bodies),
+        _above_view(above, f"{first}/follow", floors),
+        row_shares=[3, 2],
+    )
+    curves = _tabs(
+        {
+            "ZMP": ["residual/zmp", *_of_axes("zmp", "xy")],
+            "Force": ["residual/force", *_of_axes("force", "xyz")],
+            "Momentum": ["residual/angular_momentum", *_of_axes("angular_momentum", "xy")],
+            "Cost": ["feedback/zmp", "effort/torque", "residual/com"],
+        },
+        list(runs),
+    )
+    words = [rrb.TextDocumentView(name=label, origin=f"{at}/verdict") for at, label in runs.items()]
+    events = [_events_view(at, PHASE, f"Events of {label}") for at, label in runs.items()]
+    right = rrb.Vertical(
+        rrb.Horizontal(*words) if len(words) <= 2 else rrb.Tabs(*words),
+        curves,
+        rrb.Tabs(_lanes("Feet on the floor", [f"{at}/phase/**" for at in runs]), *events),
+        row_shares=[7, 14, 5],
+    )
+    return _laid_out(rrb.Horizontal(left, right), PHASE)
+
+
+def _of_axes(signal: str, axes: str) -> list[str]:
+    """Entities of a signal, one an axis."""
+    return [f"signals/{signal}_{axis}" for axis in axes]
+
+
+def _near(seconds: float = 1.5) -> rrb.TimeAxis:
+    """Time axis that follows the cursor."""
+    boundary = rrb.TimeRangeBoundary.cursor_relative
+    window = rr.TimeRange(start=boundary(seconds=-seconds), end=boundary(seconds=seconds / 3.0))
+    return rrb.TimeAxis(view_range=window)
+
+
+def _plot(entity: str, runs: Sequence[str], title: str = "") -> rrb.TimeSeriesView:
     """Curves of one entity of :data:`TITLES`, of one or several runs."""
-    origins = [f"{prefix}/{entity}" for prefix in prefixes]
-    options: dict[str, Any] = {"axis_x": near()} if entity.startswith("signals/") else {}
+    origins = [f"{at}/{entity}" for at in runs]
+    options: dict[str, Any] = {"axis_x": _near()} if entity.startswith("signals/") else {}
     where: dict[str, Any] = {"origin": origins[0]} if len(origins) == 1 else {"contents": origins}
     return rrb.TimeSeriesView(name=title or TITLES[entity], **where, **options)
 
 
-def tabs(layout: Mapping[str, Sequence[str]], prefixes: Sequence[str] = ("",)) -> rrb.Tabs:
-    """Tabs of curves: name to entities, see :func:`plot`."""
+def _tabs(layout: Mapping[str, Sequence[str]], runs: Sequence[str]) -> rrb.Tabs:
+    """Tabs of curves: name to entities."""
     columns = [
-        rrb.Vertical(*(plot(entity, prefixes) for entity in entities), name=name)
+        rrb.Vertical(*(_plot(entity, runs) for entity in entities), name=name)
         for name, entities in layout.items()
     ]
     return rrb.Tabs(*columns, active_tab=0)
 
 
-def of_axes(signal: str, axes: str) -> list[str]:
-    """Entities of a signal, one an axis."""
-    return [f"signals/{signal}_{axis}" for axis in axes]
-
-
-def body_view(name: str, origin: str, contents: Sequence[str]) -> rrb.Spatial3DView:
+def _body_view(name: str, origin: str, contents: Sequence[str]) -> rrb.Spatial3DView:
     """The body from the side; it walks on the spot and the floor passes by."""
     eye = rrb.EyeControls3D(position=(1.0, -1.85, 1.15), look_target=(0.05, 0.0, 0.82), eye_up=(0, 0, 1))
     grid = rrb.LineGrid3D(visible=True, spacing=0.2, color=(90, 98, 110, 120))
     return _scene(name, origin, contents, grid, eye)
 
 
-def above_view(name: str, origin: str, contents: Sequence[str]) -> rrb.Spatial3DView:
+def _above_view(name: str, origin: str, contents: Sequence[str]) -> rrb.Spatial3DView:
     """Soles and ZMP from above."""
     eye = rrb.EyeControls3D(position=(0, 0, 0.85), look_target=(0, 0, 0), eye_up=(0, 1, 0))
     return _scene(name, origin, contents, rrb.LineGrid3D(visible=False), eye)
@@ -126,24 +194,27 @@ def _scene(
     )
 
 
-def body_contents(prefix: str = "") -> list[str]:
-    """Contents of the body's view for one run."""
-    world = f"{prefix}/world"
+def _body_contents(at: str) -> list[str]:
+    world = f"{at}/world"
     return [f"{world}/**", f"- {world}/floor/**", f"- {world}/feet/**", f"+ {world}/feet/+/contact"]
 
 
-def above_contents(prefix: str = "") -> list[str]:
-    """Contents of the view from above for one run."""
-    return [f"{prefix}/world/{part}" for part in ("follow", "feet/**", "floor/**", "plan/**")]
+def _above_contents(at: str) -> list[str]:
+    return [f"{at}/world/{part}" for part in ("follow", "feet/**", "floor/**", "plan/**")]
 
 
-def events_view(origin: str, timeline: str, name: str = "Events") -> rrb.TextLogView:
+def _events_view(at: str, timeline: str, name: str = "Events") -> rrb.TextLogView:
     """List of events with their times."""
     columns = rrb.TextLogColumns(timeline_columns=[timeline], text_log_columns=["loglevel", "body"])
-    return rrb.TextLogView(name=name, origin=origin, columns=columns)
+    return rrb.TextLogView(name=name, origin=f"{at}/events", columns=columns)
 
 
-def laid_out(root: Any, timeline: str) -> rrb.Blueprint:
+def _lanes(name: str, contents: Sequence[str]) -> rrb.StateTimelineView:
+    title = f"{name}; a second on this timeline is a step"
+    return rrb.StateTimelineView(name=title, contents=contents, time_view=_near())
+
+
+def _laid_out(root: Any, timeline: str) -> rrb.Blueprint:
     """A blueprint that shows one thing and plays."""
     return rrb.Blueprint(
         root,
@@ -153,36 +224,3 @@ def laid_out(root: Any, timeline: str) -> rrb.Blueprint:
         auto_layout=False,
         auto_views=False,
     )
-
-
-def run_blueprint() -> rrb.Blueprint:
-    """Of one run: body and ZMP from above on the left; verdict and curves on the right."""
-    body = body_view(
-        "Body, with planned (blue) and measured (orange) ground force", "/world/follow", body_contents()
-    )
-    above = above_view(
-        "From above: planned (blue), commanded (green), measured (orange) ZMP; planned support (blue)",
-        "/world/follow",
-        above_contents(),
-    )
-    curves = tabs(
-        {
-            "ZMP": [*of_axes("zmp", "xy"), "residual/zmp"],
-            "Force": [*of_axes("force", "xyz"), "signals/foot_force_z", "residual/force"],
-            "Momentum": [*of_axes("angular_momentum", "xyz"), "residual/angular_momentum"],
-            "COM": [*of_axes("com", "xyz"), "residual/com"],
-            "Cost": ["feedback/zmp", "effort/torque", "selfcheck/zmp"],
-        }
-    )
-    right = rrb.Vertical(
-        rrb.Horizontal(
-            rrb.TextDocumentView(name="Verdict", origin="/verdict"),
-            events_view("/events", TIMELINE),
-            column_shares=[3, 2],
-        ),
-        curves,
-        rrb.StateTimelineView(name="Phase and contact", origin="/phase", time_view=near()),
-        row_shares=[8, 14, 5],
-    )
-    left = rrb.Vertical(body, above, row_shares=[3, 2])
-    return laid_out(rrb.Horizontal(left, right, column_shares=[1, 1]), TIMELINE)
