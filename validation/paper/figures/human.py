@@ -5,7 +5,7 @@ Momentum is made dimensionless as Herr & Popovic (2008) do: by mass, mean speed 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,18 @@ from ampm.parameters import RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.periodic import plan_gait
 from ampm.run_file import load_run
-from validation.paper.figures.canvas import BAND, FAINT, INK, LEFT, MEASURED, PLAN, inches, legend_above
+from validation.paper.figures.canvas import (
+    BAND,
+    DASHED,
+    FAINT,
+    INK,
+    LEFT,
+    MEASURED,
+    PLAN,
+    inches,
+    legend_above,
+    zero_line,
+)
 from validation.paper.figures.walks import Walk, Walks
 
 Array = NDArray[np.float64]
@@ -71,11 +82,10 @@ def figure_human(walks: Walks) -> tuple[Figure, dict[str, Any]]:
         "angular_momentum_y_offset": {"Nms": offset, "of_m_V_H": offset / scale(plan)},
     }
     figure = Figure(figsize=(9.6, 9.9))
-    _bars([inches(figure, 1.2 + 2.88 * k, 0.62, 2.4, 2.3) for k in range(3)], numbers["peaks"])
+    _bars(figure, numbers["peaks"])
     for k, (key, axis) in enumerate(AXIS.items()):
         _range(inches(figure, 0.85 + 4.55 * k, 4.1, 3.95, 1.75), key, axis, scans[key])
-    panels = [inches(figure, 0.8 + 3.0 * k, 7.0, 2.45, 2.3) for k in range(3)]
-    numbers["forces"] = _forces(panels, demos["normal"])
+    numbers["forces"] = forces(figure, demos["normal"])
     return figure, numbers
 
 
@@ -100,7 +110,7 @@ def ranges(run: RunParameters) -> dict[str, dict[str, Any]]:
         By parameter: ``values``, ``peaks``, and ``low`` and ``high`` of the range within the human bound.
     """
     answer = {}
-    for axis, key in enumerate(AXIS):
+    for component, (key, axis) in enumerate(AXIS.items()):
         values, found = [], []
         for value in _SCAN[key]:
             gait = run.gait.model_copy(update={key: float(value), "steps": 2})
@@ -110,20 +120,13 @@ def ranges(run: RunParameters) -> dict[str, dict[str, Any]]:
                 continue
             sample = plan.sample(np.linspace(0.0, plan.duration, 801))
             values.append(float(value))
-            found.append(float(np.abs(sample.angular_momentum[:, axis]).max()) / scale(plan))
-        low, high = _within(np.array(values), np.array(found), HUMAN_MOMENTUM["xy"[axis]])
-        answer[key] = {"values": values, "peaks": found, "low": low, "high": high}
+            found.append(float(np.abs(sample.angular_momentum[:, component]).max()) / scale(plan))
+        least, bound = int(np.argmin(found)), HUMAN_MOMENTUM[axis]
+        # The peak grows to both sides of 1, where it is zero.
+        low = np.interp(bound, found[least::-1], values[least::-1])
+        high = np.interp(bound, found[least:], values[least:])
+        answer[key] = {"values": values, "peaks": found, "low": float(low), "high": float(high)}
     return answer
-
-
-def _within(values: Array, found: Array, bound: float) -> tuple[float, float]:
-    """Ends of the range about 1 in which a scanned curve is at most the bound, between the scanned values."""
-    inside = np.flatnonzero(found <= bound)
-    ends = []
-    for inner, outer in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
-        share = (bound - found[inner]) / (found[outer] - found[inner])
-        ends.append(float(values[inner] + share * (values[outer] - values[inner])))
-    return ends[0], ends[1]
 
 
 def inward(ends: Mapping[str, Any]) -> str:
@@ -151,137 +154,111 @@ def measured_range(peak: Callable[[float], float], key: str, low: float, high: f
         ``walked``, every value and its peak.
     """
     bound, walked = HUMAN_MOMENTUM[AXIS[key]], {}
-
-    def excess(value: float) -> float:
-        walked[value] = peak(value)
-        return walked[value] - bound
-
-    ends = []
-    for planned in (low, high):
-        # The peak grows almost linearly with the distance from 1, so the planned end is a good guess.
-        inner, outer = 1.0 + 0.7 * (planned - 1.0), 1.0 + 1.3 * (planned - 1.0)
-        at, fit = planned, planned
+    for at in (low, high):
         for _ in range(6):
-            found = excess(at)
-            if found > 0:
-                outer = at
-            else:
-                inner = fit = at
-            if abs(outer - inner) <= _CLOSE:
-                break
-            # Regula falsi on the line from 1, kept inside what is known; just within: an end must be walked.
+            walked[at] = peak(at)
+            # The peak grows almost linearly with the distance from 1. Just within: an end must be walked.
             guess = 1.0 + (at - 1.0) * bound / walked[at] * (1.0 - 0.2 * _CLOSE)
-            at = guess if min(inner, outer) < guess < max(inner, outer) else 0.5 * (inner + outer)
-            if found <= 0 and abs(guess - fit) <= _CLOSE:
+            if walked[at] <= bound and abs(guess - at) <= _CLOSE:
                 break
-        ends.append(fit)
+            at = guess
+    within = [value for value, found in walked.items() if found <= bound]
     pairs = [[value, walked[value]] for value in sorted(walked)]
-    return {"low": ends[0], "high": ends[1], "walked": pairs}
+    return {"low": min(within), "high": max(within), "walked": pairs}
 
 
-def _bars(axes: Sequence[Axes], found: Mapping[str, Mapping[str, float]]) -> None:
-    for axes_, (letter, name) in zip(axes, AXES.items(), strict=True):
-        bound = HUMAN_MOMENTUM[letter]
+def _bars(figure: Figure, found: Mapping[str, Mapping[str, float]]) -> None:
+    """Largest momenta of the demos about the three axes."""
+    for k, (letter, name) in enumerate(AXES.items()):
+        axis, bound = inches(figure, 1.2 + 2.88 * k, 0.62, 2.4, 2.3), HUMAN_MOMENTUM[letter]
         values = [item[letter] for item in found.values()]
-        axes_.axvspan(0.0, bound, color=BAND, alpha=0.45, linewidth=0)
-        axes_.barh(
-            range(len(values)), values, height=0.62, color=[PLAN if v > bound else LEFT for v in values]
-        )
+        axis.axvspan(0.0, bound, color=BAND, alpha=0.45, linewidth=0)
+        colors = [PLAN if value > bound else LEFT for value in values]
+        axis.barh(range(len(values)), values, height=0.62, color=colors)
         for row, value in enumerate(values):
-            axes_.text(value, row, f" {value:.3f}", va="center", fontsize=7.5)
-        first = letter == "x"
-        axes_.set_yticks(range(len(values)), list(found) if first else [""] * len(values))
-        axes_.invert_yaxis()
-        axes_.grid(False, axis="y")
-        axes_.set_xlim(0, 1.28 * max(*values, bound))
-        axes_.set_title(f"$L_{letter}$: {name}\nshaded: people, ≤ {bound:g}", fontsize=8.5)
-    axes[1].set_xlabel("largest |L| / (m V H) in the simulation")
+            axis.text(value, row, f" {value:.3f}", va="center", fontsize=7.5)
+        axis.set_yticks(range(len(values)), [label if k == 0 else "" for label in found])
+        axis.invert_yaxis()
+        axis.grid(False, axis="y")
+        axis.set_xlim(0, 1.28 * max(*values, bound))
+        axis.set_title(f"$L_{letter}$: {name}\nshaded: people, ≤ {bound:g}", fontsize=8.5)
+        if k == 1:
+            axis.set_xlabel("largest |L| / (m V H) in the simulation")
 
 
 def _range(axis: Axes, key: str, letter: str, found: Mapping[str, Any]) -> None:
-    bound = HUMAN_MOMENTUM[letter]
+    bound, measured = HUMAN_MOMENTUM[letter], found["measured"]
     axis.axhspan(0, bound, color=BAND, alpha=0.45, linewidth=0, label=f"people: ≤ {bound:g}")
     axis.plot(found["values"], found["peaks"], color=INK, linewidth=1.4, label="plan")
     axis.axvspan(found["low"], found["high"], color=PLAN, alpha=0.35, linewidth=0)
-    measured = found["measured"]
     axis.plot(*np.transpose(measured["walked"]), "o", color=MEASURED, markersize=4, label="simulation")
     for end in (measured["low"], measured["high"]):
-        axis.axvline(end, color=MEASURED, linewidth=0.9, linestyle=(0, (3, 2)))
-    axis.set_ylim(0, 3 * bound)
-    axis.set_xlim(0.65, 1.35)
+        axis.axvline(end, color=MEASURED, linewidth=0.9, linestyle=DASHED)
+    axis.set(xlabel=f"${key}$", xlim=(0.65, 1.35), ylim=(0, 3 * bound))
     axis.set_title(
         f"peak of $|L_{letter}|$ / (m V H); within people's bound:\n"
         f"plan: ${key}$ {inward(found)}; simulation: {inward(measured)}",
         fontsize=8.5,
     )
-    axis.set_xlabel(f"${key}$")
     legend_above(axis)
 
 
-def human_force() -> dict[str, Array]:
+def human_force() -> Any:
     """Columns of :data:`HUMAN_FORCE`, shape (n,): ``stance_percent`` [%], the others [body weight]."""
-    lines = [
-        line for line in HUMAN_FORCE.read_text(encoding="utf-8").splitlines() if not line.startswith("#")
-    ]
-    names = lines[0].split(",")
-    columns = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]]).T
-    return dict(zip(names, columns, strict=True))
+    lines = HUMAN_FORCE.read_text(encoding="utf-8").splitlines()
+    return np.genfromtxt([line for line in lines if not line.startswith("#")], delimiter=",", names=True)
 
 
-def _forces(axes: Sequence[Axes], walk: Walk) -> dict[str, dict[str, float]]:
-    """One foot's ground force over its stance, beside people's."""
+def forces(figure: Figure, walk: Walk) -> dict[str, dict[str, float]]:
+    """Draw one foot's ground force over its stance beside people's; return the largest and the smallest."""
     measured = walk.trial.measured
     force = measured.foot_force[:, 0] / measured.weight
-    constants = walk.plan.constants
     # The left foot lands one double support before its single support, and leaves one after.
-    stance = constants.single_support_duration + 2 * constants.double_support_duration
     share = np.linspace(0.0, 1.0, 501)
-    first = walk.stride_starts - constants.double_support_duration
-    folds = np.stack(
-        [
-            np.column_stack([np.interp(start + share * stance, measured.time, force[:, k]) for k in range(3)])
-            for start in first
-        ]
-    )
-    people = human_force()
-    values = {}
-    panels = (("vertical", 2, 1.0), ("forward", 0, 1.0), ("medial", 1, -1.0))
-    for axis, (name, component, sign) in zip(axes, panels, strict=True):
-        ours = sign * folds[..., component]
-        at = people["stance_percent"]
-        axis.axhline(0.0, color=FAINT, linewidth=0.6)
+    times = [start - walk.double + share * (walk.single + 2 * walk.double) for start in walk.stride_starts]
+    people, values = human_force(), {}
+    for k, (name, component, sign) in enumerate(
+        (("vertical", 2, 1.0), ("forward", 0, 1.0), ("medial", 1, -1.0))
+    ):
+        axis = inches(figure, 0.8 + 3.0 * k, 7.0, 2.45, 2.3)
+        ours = sign * np.stack([np.interp(time, measured.time, force[:, component]) for time in times])
+        at, mean = people["stance_percent"], ours.mean(axis=0)
+        zero_line(axis)
         values[name] = {"simulated_largest": float(ours.max()), "simulated_smallest": float(ours.min())}
-        for (end, speed), color, line in zip(SPEEDS.items(), (INK, FAINT), ("-", (0, (4, 2))), strict=True):
-            mean, deviation = people[f"{name}_mean_{end}"], people[f"{name}_sd_{end}"]
+        if name == "vertical":
+            values[name] |= _humps(mean, "simulated")
+        for (end, speed), color, line, alpha in zip(
+            SPEEDS.items(), (INK, FAINT), ("-", (0, (4, 2))), (0.8, 0.35), strict=True
+        ):
+            theirs, deviation = people[f"{name}_mean_{end}"], people[f"{name}_sd_{end}"]
             axis.fill_between(
-                at, mean - deviation, mean + deviation, color=BAND, alpha=0.8 if end == "0p8" else 0.35,
-                linewidth=0,
-            )  # fmt: skip
-            axis.plot(at, mean, color=color, linewidth=1.3, linestyle=line, label=f"people, {speed:g} m/s")
-            least, largest = float(mean.min()), float(mean.max())
-            values[name] |= {f"people_{end}_largest": largest, f"people_{end}_smallest": least}
-        axis.fill_between(
-            100 * share, ours.min(axis=0), ours.max(axis=0), color=MEASURED, alpha=0.3, linewidth=0
-        )
-        speed = walk.plan.constants.mean_velocity
-        label = f"simulation, {speed:.2f} m/s"
-        axis.plot(100 * share, ours.mean(axis=0), color=MEASURED, linewidth=1.3, label=label)
+                at, theirs - deviation, theirs + deviation, color=BAND, alpha=alpha, linewidth=0
+            )
+            label = f"people, {speed:g} m/s"
+            axis.plot(at, theirs, color=color, linewidth=1.3, linestyle=line, label=label)
+            largest, smallest = float(theirs.max()), float(theirs.min())
+            values[name] |= {f"people_{end}_largest": largest, f"people_{end}_smallest": smallest}
+            if name == "vertical":
+                values[name] |= _humps(theirs, f"people_{end}")
+        band = ours.min(axis=0), ours.max(axis=0)
+        axis.fill_between(100 * share, *band, color=MEASURED, alpha=0.3, linewidth=0)
+        label = f"simulation, {walk.plan.constants.mean_velocity:.2f} m/s"
+        axis.plot(100 * share, mean, color=MEASURED, linewidth=1.3, label=label)
         axis.set_xlim(0, 100)
-        axis.set_title(f"{name} force on one foot")
-    # What the double hump is, in numbers: two peaks over the least force between them.
-    for end in SPEEDS:
-        values["vertical"] |= _humps(people[f"vertical_mean_{end}"], f"people_{end}")
-    values["vertical"] |= _humps(folds.mean(axis=0)[:, 2], "simulated")
-    axes[0].set_ylabel("[body weight]")
-    axes[1].set_xlabel("share of the foot's stance [%]; bands: people's standard deviation")
-    legend_above(axes[0], 3)
-    for axis in axes[1:]:
-        axis.set_title(axis.get_title(loc="left"), pad=19)
+        axis.set_title(f"{name} force on one foot", pad=19)
+        if name == "vertical":
+            axis.set_ylabel("[body weight]")
+            legend_above(axis, 3)
+        if name == "forward":
+            axis.set_xlabel("share of the foot's stance [%]; bands: people's standard deviation")
     return values
 
 
 def _humps(force: Array, who: str) -> dict[str, float]:
-    """Largest force in the first and in the last 45 % of stance, and the least between 35 and 65 %."""
+    """Largest force in the first and in the last 45 % of stance, and the least between 35 and 65 %.
+
+    What the double hump is, in numbers: two peaks over the least force between them.
+    """
     count = len(force) - 1
     return {
         f"{who}_first": float(force[: round(0.45 * count) + 1].max()),

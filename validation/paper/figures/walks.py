@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from ampm.body.motion import WholeBodyMotion
@@ -16,7 +18,6 @@ from ampm.parameters import GaitParameters
 from ampm.planner.support import StepPlan
 from ampm.walk import PostureState
 from validation.judge.profiles import own_profile
-from validation.paper.figures.centroidal import Centroidal, DeviationFromPlan, of_motion
 from validation.progress import Progress
 from validation.run.trial import Trial
 from validation.run.walk import walk_planned
@@ -24,12 +25,62 @@ from validation.trial.bridge import to_pinocchio
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
 
 Array = NDArray[np.float64]
+Numbers = dict[str, dict[str, float | str]]
+"""How far two curves are apart, by name."""
 
 STEPS = 12
 """Steps walked for a figure: five strides beside the first one, to show how far they differ."""
 
 _GRID = 0.002
 """Spacing of the curves of a stride [s]."""
+
+
+class Centroidal(NamedTuple):
+    """Centre of mass and momentum of a body's motion, at n times.
+
+    The motion has no contact forces. What the ground would have to give follows from its own momentum rates,
+    so its ZMP is no copy of the plan's.
+
+    Attributes:
+        com: shape (n, 3) [m].
+        acceleration: of the COM, shape (n, 3) [m/s²].
+        force: that the ground has to give, shape (n, 3) [N].
+        zmp: on the floor z = 0, shape (n, 2) [m].
+        angular_momentum: about the COM, shape (n, 3) [N m s].
+    """
+
+    com: Array
+    acceleration: Array
+    force: Array
+    zmp: Array
+    angular_momentum: Array
+
+
+def of_motion(sample: PostureState, robot: Robot, plan: StepPlan) -> Centroidal:
+    """Evaluate a sampled motion of a body; of the plan only mass and gravity are used."""
+    model, data = robot.model, robot.model.createData()
+    com, rate, momentum, turning = (np.empty((len(sample.q), 3)) for _ in range(4))
+    for row, (q, v, a) in enumerate(zip(sample.q, sample.v, sample.acceleration, strict=True)):
+        pin.computeCentroidalMomentumTimeVariation(model, data, q, v, a)
+        com[row], momentum[row] = data.com[0], data.hg.angular
+        rate[row], turning[row] = data.dhg.linear, data.dhg.angular
+    force = rate + np.array([0.0, 0.0, plan.mass * plan.gravity])
+    # About the ZMP the ground force has no horizontal moment.
+    zmp = com[:, :2] - com[:, 2:] * force[:, :2] / force[:, 2:]
+    zmp += np.column_stack([-turning[:, 1], turning[:, 0]]) / force[:, 2:]
+    return Centroidal(com, rate / plan.mass, force, zmp, momentum)
+
+
+def agreement(error: Array, unit: str) -> dict[str, float | str]:
+    """RMSE and largest value of an error, for the figures' numbers."""
+    rmse, maximum = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
+    return {"rmse": rmse, "maximum": maximum, "unit": unit}
+
+
+def less_plan(name: str, motion: Array, simulation: Array, unit: str) -> Numbers:
+    """:func:`agreement` of motion and of simulation with the plan."""
+    both = (("motion", motion), ("simulation", simulation))
+    return {f"{name}: {who} less plan": agreement(error, unit) for who, error in both}
 
 
 @dataclass(frozen=True)
@@ -65,15 +116,30 @@ class Walk:
         return self.trial.planned.body.robot
 
     @property
+    def single(self) -> float:
+        """Duration of a single support [s]."""
+        return float(self.plan.constants.single_support_duration)
+
+    @property
+    def double(self) -> float:
+        """Duration of a double support [s]."""
+        return float(self.plan.constants.double_support_duration)
+
+    @property
     def stride(self) -> float:
         """Duration of two steps [s]."""
         return 2.0 * float(self.plan.constants.step_duration)
 
+    @property
+    def double_supports(self) -> tuple[tuple[float, float], ...]:
+        """Planned double supports of a stride [s]."""
+        step = self.plan.constants.step_duration
+        return ((self.single, step), (step + self.single, 2 * step))
+
     @cached_property
     def phase(self) -> Array:
         """Times within a stride, from the start of a left stance, shape (n,) [s]."""
-        count = int(self.stride / _GRID)
-        return np.linspace(0.0, self.stride, count + 1)
+        return np.linspace(0.0, self.stride, int(self.stride / _GRID) + 1)
 
     @cached_property
     def stride_starts(self) -> Array:
@@ -87,13 +153,6 @@ class Walk:
         """Start of a stride in the middle of the walk [s]."""
         return float(self.stride_starts[len(self.stride_starts) // 2])
 
-    @cached_property
-    def double_supports(self) -> tuple[tuple[float, float], ...]:
-        """Planned double supports of a stride [s]."""
-        constants = self.plan.constants
-        single, step = constants.single_support_duration, constants.step_duration
-        return ((single, step), (step + single, 2 * step))
-
     def folded(self, values: Array, time: Array | None = None) -> Array:
         """Recorded values of every stride on the stride's own times.
 
@@ -106,11 +165,12 @@ class Walk:
         """
         rows = np.atleast_2d(values.T)
         at = self.trial.record.time[: rows.shape[1]] if time is None else time
-        folds = [
-            np.column_stack([np.interp(start + self.phase, at, row) for row in rows])
-            for start in self.stride_starts
-        ]
-        stack = np.stack(folds)
+        stack = np.stack(
+            [
+                np.column_stack([np.interp(s + self.phase, at, row) for row in rows])
+                for s in self.stride_starts
+            ]
+        )
         return stack[..., 0] if values.ndim == 1 else stack
 
     @cached_property
@@ -125,20 +185,24 @@ class Walk:
         return of_motion(sample, self.robot, self.plan)
 
     @cached_property
-    def deviation(self) -> dict[str, DeviationFromPlan]:
-        """Distance from the plan, by name: ``com``, ``zmp``, ``force``, ``angular_momentum``."""
-        measured, planned = self.trial.measured, self.plan.sample(self.trial.measured.time)
-        first = self.plan.sample(self.stride_starts[0] + self.phase)
-        both = {
-            "com": (self.ik.com - first.com, measured.com - planned.com),
-            "zmp": (self.ik.zmp - first.zmp, measured.zmp - planned.zmp),
-            "force": (self.ik.force - first.force, measured.force - planned.force),
-            "angular_momentum": (
-                self.ik.angular_momentum[:, :2] - first.angular_momentum,
-                measured.angular_momentum[:, :2] - planned.angular_momentum,
-            ),
-        }
-        return {name: DeviationFromPlan(motion, self.folded(error)) for name, (motion, error) in both.items()}
+    def deviation(self) -> dict[str, tuple[Array, Array]]:
+        """Distance of motion (n, d) and simulation (strides, n, d) from the plan over a stride, by name.
+
+        Names are ``com``, ``zmp``, ``force``, ``angular_momentum`` (about x and y).
+        """
+        measured, found = self.trial.measured, {}
+        planned, first = self.plan.sample(measured.time), self.plan.sample(self.stride_starts[0] + self.phase)
+        for name in ("com", "zmp", "force", "angular_momentum"):
+            target = getattr(planned, name)
+            columns = target.shape[1]
+            motion = getattr(self.ik, name)[:, :columns] - getattr(first, name)
+            found[name] = motion, self.folded(getattr(measured, name)[:, :columns] - target)
+        return found
+
+    def away(self, name: str, index: int) -> tuple[Array, Array]:
+        """One component of a :attr:`deviation`: of the motion (n,), of the simulation (strides, n)."""
+        motion, simulation = self.deviation[name]
+        return motion[:, index], simulation[..., index]
 
     def limit(self, metric: str) -> float:
         """Tolerances of the profile that judges this gait, in SI (forces in newton)."""
@@ -147,11 +211,14 @@ class Walk:
         weight = self.plan.mass * self.plan.gravity
         return tolerance.limit * (weight if metric.startswith("force_") else 1.0)
 
-    def configuration(self, time: float) -> Array:
-        """Simulated configuration, in Pinocchio's coordinates, at the recorded instant next to ``time``."""
+    def configuration(self, row: int) -> Array:
+        """Simulated configuration, in Pinocchio's coordinates, of a row of the record."""
         record = self.trial.record
-        row = int(np.argmin(np.abs(record.time - time)))
         return to_pinocchio(record.q[row], record.qd[row])[0]
+
+    def row(self, time: float) -> int:
+        """Row of the record next to a time [s]."""
+        return int(np.argmin(np.abs(self.trial.record.time - time)))
 
 
 class Walks:
@@ -170,31 +237,27 @@ class Walks:
         """Plan a gait, and solve its motion, without walking it."""
         return plan_walk(load_request(gait, settings), self.stages)
 
-    def walk(
-        self, gait: str, settings: Sequence[str] = (), label: str = "", *, steps: int | None = None
-    ) -> Walk:
+    def walk(self, gait: str, settings: Sequence[str] = (), *, steps: int | None = None) -> Walk:
         """Walk a gait, or take the walk that was had before.
 
         Args:
             gait: preset.
             settings: what to change in it.
-            label: what the figures call it.
             steps: to walk, if not as many as every figure.
 
         Raises:
             InputError, MathematicalRefusal, BodilyRefusal: the gait cannot be walked.
             SolverError: the walk did not come to its end.
         """
-        count = self.steps if steps is None else steps
-        key = (gait, *settings, f"gait.steps={count}")
+        key = (gait, *settings, f"gait.steps={self.steps if steps is None else steps}")
         if key not in self._walks:
-            request = load_request(gait, key[1:])
-            trial = walk_planned(plan_walk(request, self.stages), progress=self.stages)
+            label = " ".join(key[:-1])
+            trial = walk_planned(self.plan(gait, key[1:]), progress=self.stages)
             outcome = trial.record.outcome
             if not outcome.completed:
                 raise SolverError(
-                    f"{' '.join(key[:-1])}: {outcome.name} after {outcome.time:.2f} s ({outcome.cause}); "
+                    f"{label}: {outcome.name} after {outcome.time:.2f} s ({outcome.cause}); "
                     "a figure needs a whole walk. Give fewer --steps, or leave it out with --only."
                 )
-            self._walks[key] = Walk(label or " ".join(key[:-1]), trial)
+            self._walks[key] = Walk(label, trial)
         return self._walks[key]
