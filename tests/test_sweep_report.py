@@ -23,7 +23,6 @@ from validation.study.sweep.report import (
     judge_sweep,
     links_of,
     render,
-    repeat_command,
     run_rows,
     share,
     worst_rows,
@@ -319,7 +318,7 @@ def test_a_tolerance_of_zero(undrawn):
 
 def test_a_run_is_repeated_with_every_digit(folder):
     sweep = read_sweep(folder)
-    (shown,) = run_rows(sweep, [5], repeat_command(sweep), sweep.varied)
+    (shown,) = run_rows(sweep, [5], sweep.varied)
     command = shown["repeat"].split()
     assert command[:3] == ["ampm", "validate", "normal"]
     run = load_run("normal", [command[i + 1] for i, word in enumerate(command) if word == "--set"])

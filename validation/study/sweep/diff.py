@@ -1,24 +1,44 @@
-"""Two sweeps compared run by run: what got better, what got worse, and what is only noise."""
+"""Two sweeps compared run by run: what got better, what got worse, and what is only noise.
+
+Two runs of one revision on one machine have the same bits, so there is no scatter to estimate. What remains
+between two revisions or machines that compute the same thing is rounding: perturbing the body's mass by 1e-15
+to 1e-12 of itself moves every metric of `normal` and `momentum` that is not rounding itself by less than 1e-9
+of its value. The default noise floor is a thousand times that. A convergence study gives a wider one: the
+numerical uncertainty of every metric, below which a difference says more of the time step than of the gait.
+"""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, defaultdict, deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import false_discovery_control
+from numpy.typing import NDArray
+from scipy.stats import false_discovery_control, wilcoxon
 
 from ampm.exceptions import InputError
 from validation.judge.uncertainty import Uncertainty, load_uncertainty
-from validation.study.sweep.metric_change import MetricChange, Rows, Runs
 from validation.study.sweep.table import METRIC, STATES, State, SweepTable, read_sweep
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Runs = tuple[SweepTable, Rows]
+"""A sweep, and rows of it, shape (N,)."""
 
 TOLERANCE = 0.1
 """Share of its limit by which a metric may grow before that is a regression [1]."""
+RELATIVE_FLOOR = 1e-6
+"""Share of a metric's value below which a difference is rounding [1]."""
+ABSOLUTE_FLOOR: Mapping[str, float] = {"m": 1e-11, "N": 1e-8, "N m s": 1e-10, "1": 1e-12}
+"""The same in a metric's unit, for values near zero: ten times what rounding did to any metric."""
+SIGNIFICANCE = 0.05
+LEAST_PAIRS = 8
+"""Pairs below which no shift over all runs is claimed: of 8, chance alone moves all one way in 1 of 128."""
 KINDS: Mapping[str, str] = {
     "newly_failing": "newly failing",
     "worse_outcome": "with a worse outcome",
@@ -31,20 +51,69 @@ KINDS: Mapping[str, str] = {
 """Possible changes of a run; the first three are regressions."""
 _REGRESSIONS = tuple(KINDS)[:3]
 _SEVERITY: Mapping[State, int] = {
-    state: severity
-    for severity, states in enumerate(
-        (
-            (State.PASS,),
-            (State.OUT_OF_TOLERANCE, State.NOT_MEASURED),
-            (State.REFUSED,),
-            (State.FELL, State.DIVERGED, State.INFEASIBLE),
-            (State.CRASHED, State.TIMED_OUT, State.INTERRUPTED),
-        )
-    )
-    for state in states
+    State.PASS: 0,
+    State.OUT_OF_TOLERANCE: 1,
+    State.NOT_MEASURED: 1,
+    State.REFUSED: 2,
+    State.FELL: 3,
+    State.DIVERGED: 3,
+    State.INFEASIBLE: 3,
+    State.CRASHED: 4,
+    State.TIMED_OUT: 4,
+    State.INTERRUPTED: 4,
 }
 """From good to bad. A refusal is an honest answer, better than a fall; a crash is none."""
 _MACHINE = ("processor", "platform", "version_mujoco", "version_numpy", "version_pin", "version_osqp")
+
+
+@dataclass(frozen=True)
+class MetricChange:
+    """One metric of the N runs that both sweeps have; every array of shape (N,).
+
+    Attributes:
+        name: of the metric.
+        unit: SI unit of all values.
+        before, after: values in the first and in the second sweep.
+        both: whether the run completed in both, with a finite value.
+        growth: second minus first; infinite where only the second sweep lacks a value, else zero without one.
+        noise: what a difference must exceed to be one; infinite if the study has no bound.
+        noise_from: ``floating point`` or ``convergence study``.
+        allowed: growth that is no regression; NaN without a limit.
+        better: whether it fell by more than the noise.
+        worse: whether it grew by more than the noise, or lost its value.
+        regressed: whether it got worse by more than is allowed, too, or lost its value.
+        over_a, over_b: whether it is over its limit.
+        p: probability of the differences by chance (Wilcoxon's signed-rank test, differences within the noise
+            count as none), corrected for the number of metrics (Benjamini-Hochberg); NaN with too few runs.
+    """
+
+    name: str
+    unit: str
+    before: Array
+    after: Array
+    both: Mask
+    growth: Array
+    noise: Array
+    noise_from: str
+    allowed: Array
+    better: Mask
+    worse: Mask
+    regressed: Mask
+    over_a: Mask
+    over_b: Mask
+    p: float
+
+    def median(self, values: Array) -> float:
+        """Median over the runs with a value in both sweeps."""
+        return float(np.median(values[self.both])) if self.both.any() else math.nan
+
+    @property
+    def verdict(self) -> str:
+        """Judgement of the shift over all runs: ``better``, ``worse``, ``same``, or ``too few`` runs."""
+        shift = self.median(self.growth)
+        if self.p < SIGNIFICANCE and abs(shift) > self.median(self.noise):
+            return "worse" if shift > 0.0 else "better"
+        return "too few" if math.isnan(self.p) else "same"
 
 
 @dataclass(frozen=True)
@@ -77,7 +146,6 @@ class SweepDiff:
         rows_a, rows_b: rows of the runs that both have, shape (N,) each.
         changes: runs that changed, the worst outcome first.
         metrics: in the profile's order.
-        p_values: of the shift of every metric, corrected for their number (Benjamini-Hochberg).
         notes: what a reader must know to believe the rest.
         require_all: whether missing runs are regressions.
     """
@@ -88,7 +156,6 @@ class SweepDiff:
     rows_b: Rows
     changes: tuple[Change, ...]
     metrics: tuple[MetricChange, ...]
-    p_values: tuple[float, ...]
     notes: tuple[str, ...]
     require_all: bool = False
 
@@ -99,12 +166,12 @@ class SweepDiff:
     @property
     def missing(self) -> list[str]:
         """Names of runs that only the first sweep has."""
-        return _others(self.a, self.rows_a)
+        return np.delete(self.a.words("name"), self.rows_a).tolist()
 
     @property
     def new(self) -> list[str]:
         """Names of runs that only the second sweep has."""
-        return _others(self.b, self.rows_b)
+        return np.delete(self.b.words("name"), self.rows_b).tolist()
 
     @property
     def transitions(self) -> list[tuple[State, State, int]]:
@@ -122,16 +189,13 @@ class SweepDiff:
     def lacking(self) -> list[str]:
         """Runs that are not compared, in words; empty if every run of either has a partner."""
         found = []
-        for names, own, other in ((self.missing, "A", "B"), (self.new, "B", "A")):
-            sweep, partner = (self.a, self.b) if own == "A" else (self.b, self.a)
-            unfinished = partner.planned > len(partner)
-            # Runs that only B has are no gap, unless A was to have them.
-            if names and (own == "A" or unfinished):
-                state = ", which is not finished" if unfinished else ""
-                found.append(f"{len(names):,} of the {len(sweep):,} runs of {own} missing in {other}{state}")
-        return found or [
-            f"{name} is not finished" for name, s in (("A", self.a), ("B", self.b)) if s.planned > len(s)
-        ]
+        (a, late_a), (b, late_b) = ((len(side), side.planned > len(side)) for side in (self.a, self.b))
+        if self.missing:
+            state = ", which is not finished" if late_b else ""
+            found.append(f"{len(self.missing):,} of the {a:,} runs of A missing in B{state}")
+        if self.new and late_a:  # runs that only B has are no gap, unless A was to have them
+            found.append(f"{len(self.new):,} of the {b:,} runs of B missing in A, which is not finished")
+        return found or [f"{name} is not finished" for name, late in (("A", late_a), ("B", late_b)) if late]
 
     @property
     def sentence(self) -> str:
@@ -141,18 +205,13 @@ class SweepDiff:
         if self.regressions:
             return f"Regression in {runs}: {', '.join(self.regressions)}{end}"
         gained = len(self.of_kind("newly_passing"))
-        better = sum(item.verdict(p) == "better" for item, p in zip(self.metrics, self.p_values, strict=True))
+        better = sum(item.verdict == "better" for item in self.metrics)
         parts = [f"{gained} newly passing"] if gained else []
         parts += [f"{better} metric{'' if better == 1 else 's'} better over all runs"] if better else []
         if parts:
             return f"No regression in {runs}; {', '.join(parts)}{end}"
         changed = self.changes or any((item.better | item.worse).any() for item in self.metrics)
         return f"No {'regression' if changed else 'difference beyond noise'} in {runs}{end}"
-
-
-def _others(sweep: SweepTable, rows: Rows) -> list[str]:
-    names = sweep.words("name")
-    return [names[row] for row in np.setdiff1d(np.arange(len(sweep)), rows)]
 
 
 def compare_sweeps(
@@ -178,48 +237,39 @@ def compare_sweeps(
     a, b = (side if isinstance(side, SweepTable) else read_sweep(side) for side in (a, b))
     known = load_uncertainty(uncertainty) if isinstance(uncertainty, Path) else uncertainty
     bounds = known.bounds if known is not None else {}
-    allowed = read_tolerances(tolerances, {*a.metrics, *b.metrics})
+    allowed = _read_tolerances(tolerances, {*a.metrics, *b.metrics})
     rows_a, rows_b, notes = join(a, b)
+    one, two = (a, rows_a), (b, rows_b)
     metrics = [
-        MetricChange.of(name, (a, rows_a), (b, rows_b), allowed.get(name, allowed[""]), bounds.get(name))
+        _compare_metric(name, one, two, allowed.get(name, allowed[""]), bounds.get(name))
         for name in a.metrics
         if METRIC + name in b and (name in a.limits or name in b.limits)
     ]
-    metrics = [item for item in metrics if item.completed.any()]
-    p = np.array([item.p_value for item in metrics])
-    p[~np.isnan(p)] = false_discovery_control(p[~np.isnan(p)]) if np.isfinite(p).any() else []
-    changes = _changes((a, rows_a), (b, rows_b), metrics)
+    metrics = [item for item in metrics if (item.both | item.worse).any()]
+    p = np.array([item.p for item in metrics])
+    if len(tested := np.flatnonzero(~np.isnan(p))):
+        p[tested] = false_discovery_control(p[tested])
+    metrics = [replace(item, p=value) for item, value in zip(metrics, p.tolist(), strict=True)]
     notes += [*_notes(a, b), *_study_notes(known)]
-    return SweepDiff(
-        a, b, rows_a, rows_b, tuple(changes), tuple(metrics), tuple(p.tolist()), tuple(notes), require_all
-    )
+    changes = _changes(one, two, metrics)
+    return SweepDiff(a, b, rows_a, rows_b, tuple(changes), tuple(metrics), tuple(notes), require_all)
 
 
-def read_tolerances(texts: Sequence[str], metrics: set[str]) -> dict[str, float]:
-    """Shares of the limits by metric; that of the empty name holds for all others.
-
-    Raises:
-        InputError: no such metric, or no number of at least 0.
-    """
+def _read_tolerances(texts: Sequence[str], metrics: set[str]) -> dict[str, float]:
+    """Shares of the limits by metric; that of the empty name holds for all others."""
     found = {"": TOLERANCE}
     for text in texts:
-        name, equals, number = text.rpartition("=")
-        name = name.strip()
-        if equals and name not in metrics:
-            raise InputError(
-                f"--tolerance {text}: neither sweep has a metric {name!r}; use one of "
-                f"{', '.join(sorted(metrics))}."
-            )
+        name, _, number = text.rpartition("=")
         try:
             value = float(number)
         except ValueError:
             value = math.nan
-        if not 0.0 <= value < math.inf:
+        if name.strip() not in {"", *metrics} or not 0.0 <= value < math.inf:
             raise InputError(
-                f"--tolerance {text}: {number!r} is no number of at least 0; give the share of its limit by "
-                "which a metric may grow, such as 0.1, or METRIC=0.1."
+                f"--tolerance {text}: give the share of its limit by which a metric may grow, such as 0.1, "
+                f"or METRIC=0.1 with one of {', '.join(sorted(metrics))}."
             )
-        found[name] = value
+        found[name.strip()] = value
     return found
 
 
@@ -245,14 +295,10 @@ def join(a: SweepTable, b: SweepTable) -> tuple[Rows, Rows, list[str]]:
             if one != two:
                 notes.append(f"{key} is {one} in all runs of the first sweep, {two} in those of the second")
     if not pairs:
-        ranges = [", ".join(sorted(sweep.varied)) or "nothing" for sweep in (a, b)]
-        why = "they vary " + " and ".join(ranges)
-        if ranges[0] == ranges[1]:
-            why = f"both vary {ranges[0]}, but at other values"
-        if not (len(a) and len(b)):
-            why = "one of them has no run"
+        ranges = " and ".join(", ".join(sorted(sweep.varied)) or "nothing" for sweep in (a, b))
         raise InputError(
-            f"no run of {a.source} is in {b.source} ({why}); give two sweeps of the same definition."
+            f"no run of {a.source} is in {b.source} (they have {len(a)} and {len(b)} runs, and vary "
+            f"{ranges}); give two sweeps of the same definition."
         )
     rows = np.array(pairs, dtype=np.int64)
     return rows[:, 0], rows[:, 1], notes
@@ -260,17 +306,10 @@ def join(a: SweepTable, b: SweepTable) -> tuple[Rows, Rows, list[str]]:
 
 def _pairs(a: Sequence[Any], b: Sequence[Any]) -> list[tuple[int, int]]:
     """Rows of equal identity; runs that were repeated are paired in their order."""
-    place = {identity: row for row, identity in enumerate(_numbered(b))}
-    return [(row, place[identity]) for row, identity in enumerate(_numbered(a)) if identity in place]
-
-
-def _numbered(identities: Sequence[Any]) -> list[tuple[str, int]]:
-    seen: Counter[str] = Counter()
-    found = []
-    for identity in map(str, identities):
-        found.append((identity, seen[identity]))
-        seen[identity] += 1
-    return found
+    places: defaultdict[str, deque[int]] = defaultdict(deque)
+    for row, identity in enumerate(b):
+        places[str(identity)].append(row)
+    return [(row, places[str(i)].popleft()) for row, i in enumerate(a) if places[str(i)]]
 
 
 def _notes(a: SweepTable, b: SweepTable) -> list[str]:
@@ -284,14 +323,14 @@ def _notes(a: SweepTable, b: SweepTable) -> list[str]:
     if gone:
         found.append(f"only the first sweep has {', '.join(gone)}")
     for entry in _MACHINE:
-        first, second = (_distinct(sweep, f"environment_{entry}") for sweep in (a, b))
+        first, second = (sweep.distinct(f"environment_{entry}") for sweep in (a, b))
         if first and second and first != second:
             found.append(
                 f"{entry.removeprefix('version_')}: {' and '.join(first)}, then {' and '.join(second)}; bits "
                 "may differ for that alone"
             )
     for sweep, which in ((a, "first"), (b, "second")):
-        if len(_distinct(sweep, "environment_revision")) > 1:
+        if len(sweep.distinct("environment_revision")) > 1:
             found.append(f"the {which} sweep mixes revisions")
     return found
 
@@ -312,31 +351,63 @@ def _study_notes(uncertainty: Uncertainty | None) -> list[str]:
     return found
 
 
-def revision(sweep: SweepTable) -> str:
-    """Revisions of a sweep, shortened."""
-    found = _distinct(sweep, "environment_revision")
-    modified = found and "True" in sweep.words("environment_modified")
-    return ", ".join(word[:10] for word in found) + (" (changed since)" if modified else "")
-
-
-def _distinct(sweep: SweepTable, column: str) -> list[str]:
-    return sorted({word for word in sweep.words(column) if word})
-
-
 # ------------------------------------------------------------------------------------------ what changed
+
+
+def _compare_metric(name: str, a: Runs, b: Runs, share: float, bound: float | None) -> MetricChange:
+    """Compare a metric.
+
+    Args:
+        name: of the metric.
+        a: first sweep and the rows to compare.
+        b: second sweep, likewise.
+        share: of its limit by which it may grow.
+        bound: numerical uncertainty, None without a study of it.
+    """
+    (first, rows_a), (second, rows_b) = a, b
+    unit = first.unit(METRIC + name)
+    before, after = first.numbers(METRIC + name)[rows_a], second.numbers(METRIC + name)[rows_b]
+    limit = second.limit_values(name)[rows_b]
+    limit = np.where(np.isnan(limit), first.limit_values(name)[rows_a], limit)
+    allowed, rounding = share * limit, RELATIVE_FLOOR * np.fmax(np.abs(before), np.abs(after))
+    noise = np.maximum(np.maximum(rounding, ABSOLUTE_FLOOR.get(unit, 0.0)), bound or 0.0)
+    completed = first.measured[rows_a] & second.measured[rows_b] & np.isfinite(before)
+    both = completed & np.isfinite(after)
+    lost = completed & ~both
+    growth = np.where(both, after - before, np.where(lost, np.inf, 0.0))
+    better, worse = -growth > noise, lost | (growth > noise)
+    beyond_noise, p = np.where(worse | better, growth, 0.0)[both], math.nan
+    if len(beyond_noise) >= LEAST_PAIRS:
+        p = float(wilcoxon(beyond_noise, zero_method="zsplit").pvalue) if beyond_noise.any() else 1.0
+    return MetricChange(
+        name=name,
+        unit=unit,
+        before=before,
+        after=after,
+        both=both,
+        growth=growth,
+        noise=noise,
+        noise_from="floating point" if bound is None else "convergence study",
+        allowed=allowed,
+        better=better,
+        worse=worse,
+        regressed=lost | (worse & (growth > allowed)),
+        over_a=first.used(name)[rows_a] > 1.0,
+        over_b=second.used(name)[rows_b] > 1.0,
+        p=p,
+    )
 
 
 def _changes(a: Runs, b: Runs, metrics: Sequence[MetricChange]) -> list[Change]:
     (first, rows_a), (second, rows_b) = a, b
     names_a, names_b = first.words("name"), second.words("name")
     varied = [key for key in dict.fromkeys((*first.varied, *second.varied)) if key in first]
-    regressed = [item.regressed for item in metrics]
-    moved = np.any([first.states[rows_a] != second.states[rows_b], *regressed], axis=0)
+    moved = np.any([first.states[rows_a] != second.states[rows_b], *(m.regressed for m in metrics)], axis=0)
     found = []
     for i in np.flatnonzero(moved).tolist():
         left, right = int(rows_a[i]), int(rows_b[i])
-        before, after = STATES[first.states[left]], STATES[second.states[right]]
-        grown = [item.name for item, mask in zip(metrics, regressed, strict=True) if mask[i]]
+        before, after = first.state(left), second.state(right)
+        grown = [item.name for item in metrics if item.regressed[i]]
         kind = _kind(before, after, bool(grown), metrics, i)
         if kind in ("newly_failing", "verdict_only"):
             over = (item.name for item in metrics if item.over_b[i] and not item.over_a[i])

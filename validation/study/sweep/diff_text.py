@@ -14,14 +14,16 @@ from validation.judge.metrics import display_unit, metric_label
 from validation.show.page import render_page
 from validation.show.text import format_number, print_line, print_table
 from validation.store.folders import output_file
-from validation.study.sweep.diff import KINDS, SweepDiff, revision
-from validation.study.sweep.metric_change import MetricChange
+from validation.study.sweep.diff import KINDS, MetricChange, SweepDiff
 from validation.study.sweep.report import value_text
 from validation.study.sweep.table import State, SweepTable
 
 _SHOWN, _SHOWN_IN_PAGE = 12, 100
-_RIGHT = frozenset(["runs", "better", "worse", "beyond", "shift", "p", "noise"]) | {"median A", "median B"}
 _COLOURS = {"worse": "red", "better": "green"}
+_METRICS = (
+    "metric", "all runs", ">better", ">worse", ">beyond", ">median A", ">median B", "unit", ">shift", ">p",
+    ">noise", "worst",
+)  # fmt: skip
 _NOTE = (
     "Better, worse: runs that differ by more than the noise. Beyond: grown by more than the tolerance, too. "
     "p: Wilcoxon's signed-rank test, corrected for the number of metrics."
@@ -34,7 +36,7 @@ class Table:
 
     Attributes:
         title: line above.
-        columns: names.
+        columns: names; a ``>`` before it aligns a column to the right.
         rows: cells; a :class:`State` is one with a colour of its own.
     """
 
@@ -59,42 +61,42 @@ def describe_diff(diff: SweepDiff) -> dict[str, Any]:
         **{kind: [asdict(change) for change in diff.of_kind(kind)] for kind in KINDS},
         "missing": diff.missing,
         "new": diff.new,
-        "metrics": {
-            item.name: _describe(diff, item, p) for item, p in zip(diff.metrics, diff.p_values, strict=True)
-        },
+        "metrics": {item.name: _describe(diff, item) for item in diff.metrics},
     }
 
 
 def _side(sweep: SweepTable) -> dict[str, Any]:
+    revisions = ", ".join(word[:10] for word in sweep.distinct("environment_revision"))
+    modified = revisions and "True" in sweep.words("environment_modified")
     return {
         "source": sweep.source,
         "name": sweep.name,
         "runs": len(sweep),
         "profile": sweep.profile,
-        "revision": revision(sweep),
+        "revision": revisions + (" (changed since)" if modified else ""),
         "counts": {state.value: count for state, count in sweep.counts.items() if count},
     }
 
 
-def _describe(diff: SweepDiff, item: MetricChange, p: float) -> dict[str, Any]:
-    medians = {"a": item.median(item.before), "b": item.median(item.after), "shift": item.median(item.growth)}
+def _describe(diff: SweepDiff, item: MetricChange) -> dict[str, Any]:
     worst = None
     if item.worse.any():
         row = int(np.argmax(np.where(item.worse, item.growth, -np.inf)))
         name = diff.a.words("name")[diff.rows_a[row]]
         worst = {"run": name, "a": float(item.before[row]), "b": float(item.after[row])}
+    medians = {"a": item.before, "b": item.after, "shift": item.growth}
     return {
         "unit": item.unit,
         "pairs": int(item.both.sum()),
         "better": int(item.better.sum()),
         "worse": int(item.worse.sum()),
         "regressed": int(item.regressed.sum()),
-        "lost": int((item.completed & ~item.both).sum()),
+        "lost": int((item.worse & ~item.both).sum()),
         "noise": {"value": item.median(item.noise), "from": item.noise_from},
         "allowed": item.median(item.allowed),
-        "median": medians,
-        "p": p,
-        "verdict": item.verdict(p),
+        "median": {key: item.median(values) for key, values in medians.items()},
+        "p": item.p,
+        "verdict": item.verdict,
         "worst": worst,
     }
 
@@ -106,14 +108,10 @@ def tables(diff: SweepDiff, most: int) -> list[Table]:
         diff: the comparison.
         most: rows of a table of runs.
     """
-    metrics = ("metric", "all runs", "better", "worse", "beyond", "median A", "median B")
+    metrics = [_metric_cells(item.name, _describe(diff, item)) for item in diff.metrics]
     found = [
-        Table("outcomes", ("in A", "in B", "runs"), [[a, b, f"{n:,}"] for a, b, n in diff.transitions]),
-        Table(
-            "metrics of the runs that completed in both",
-            (*metrics, "unit", "shift", "p", "noise", "worst"),
-            [_metric_cells(name, item) for name, item in describe_diff(diff)["metrics"].items()],
-        ),
+        Table("outcomes", ("in A", "in B", ">runs"), [[a, b, f"{n:,}"] for a, b, n in diff.transitions]),
+        Table("metrics of the runs that completed in both", _METRICS, metrics),
     ]
     for kind, title in KINDS.items():
         changes = diff.of_kind(kind)
@@ -155,8 +153,7 @@ def print_diff(diff: SweepDiff) -> None:
     for note in diff.notes:
         print_line(f"note: {note}")
     for table in tables(diff, _SHOWN):
-        columns = [f">{name}" if name in _RIGHT else name for name in table.columns]
-        print_table(table.title, columns, [[_marked(cell) for cell in row] for row in table.rows])
+        print_table(table.title, table.columns, [[_marked(cell) for cell in row] for row in table.rows])
     style = "bold red" if diff.regressions else "bold yellow" if diff.lacking else "bold green"
     print_line(diff.sentence, style)
 
@@ -178,7 +175,6 @@ def write_page(diff: SweepDiff, path: Path, *, force: bool) -> None:
         diff=diff,
         sides=[_side(diff.a), _side(diff.b)],
         tables=tables(diff, _SHOWN_IN_PAGE),
-        right=_RIGHT,
         note=_NOTE,
     )
     with output_file(path, force=force) as work:

@@ -17,6 +17,7 @@ import numpy as np
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
+from validation.judge.metrics import metric_label
 from validation.study.sweep.table import BROKEN, STATES, State, SweepTable
 
 Array = NDArray[np.float64]
@@ -120,24 +121,23 @@ class Axis:
 
 def parameter_axis(sweep: SweepTable, key: str) -> Axis:
     """A parameter as an axis: levels if it has words or few values, else a range."""
-    if not sweep.is_number(key):
-        levels, index = np.unique(sweep.words(key), return_inverse=True)
-        return Axis(key, key, "", index.astype(float), tuple(levels.tolist()), True)
-    values, unit = sweep.numbers(key), sweep.unit(key).replace("1", "")
+    values, unit = sweep.values(key), sweep.unit(key).replace("1", "")
     distinct, index = np.unique(values, return_inverse=True)
+    if values.dtype.kind == "U":
+        return Axis(key, key, "", index.astype(float), tuple(distinct.tolist()), True)
     if len(distinct) <= MOST_LEVELS and (len(distinct) <= len(sweep) / 2 or not np.isfinite(distinct).all()):
         names = tuple(f"{value:.6g}" for value in distinct if not np.isnan(value))
         return Axis(key, key, unit, np.where(np.isnan(values), np.nan, index), names, True)
     return Axis(key, key, unit, values, None, True)
 
 
-def metric_axes(sweep: SweepTable, labels: Mapping[str, str]) -> list[Axis]:
+def metric_axes(sweep: SweepTable) -> list[Axis]:
     """Judged metrics as axes or colours, in the units that people read; first the worst of them all."""
     found = [Axis("used", "largest share of a tolerance", "%", 100.0 * sweep.worst_used, limit=100.0)]
-    for metric, label in labels.items():
+    for metric in sweep.judged:
         values, limit, unit = sweep.shown(metric)
         unit = unit.replace("of body weight", "BW")
-        found.append(Axis(f"metric:{metric}", label, unit, values, limit=limit))
+        found.append(Axis(f"metric:{metric}", metric_label(metric), unit, values, limit=limit))
     return [axis for axis in found if np.isfinite(axis.values).any()]
 
 

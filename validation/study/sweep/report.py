@@ -37,8 +37,6 @@ _PER_RUN = ("environment_worker", "environment_attempts", "environment_memory_pe
 """Columns of the environment that differ between runs by their nature."""
 
 Row = tuple[str, ...]
-Repeat = tuple[str, str]
-"""Beginning and end of the command that walks a run again; the varied keys go between."""
 
 
 def write_sweep_report(directory: Path) -> Path:
@@ -66,15 +64,15 @@ def render(sweep: SweepTable) -> str:
     Returns:
         A complete HTML document; its only references are relative links to kept runs.
     """
-    varied = {key: sweep.numbers(key) if sweep.is_number(key) else sweep.words(key) for key in sweep.varied}
+    varied = {key: sweep.values(key) for key in sweep.varied}
     targets = analyse(varied, targets_of(sweep)) if varied else []
     keys = by_strength(sweep.varied, targets)
     lost, furthest = worst_rows(sweep)
-    repeat = repeat_command(sweep)
-    still, data = _map(sweep, keys, repeat, [*lost, *furthest])
-    judged = [n for n in sweep.metrics if n in sweep.limits and np.isfinite(sweep.shown(n)[0]).any()]
+    still, data = _map(sweep, keys, [*lost, *furthest])
+    judged = [name for name in sweep.judged if np.isfinite(sweep.shown(name)[0]).any()]
     own = [name for name in judged if name in METRICS and METRICS[name].kind == "instrument"]
     walked = [name for name in judged if name not in own]
+    environment = environment_rows(sweep)
     return render_page(
         "sweep.html.j2",
         styles=["report.css", "sweep.css"],
@@ -91,38 +89,44 @@ def render(sweep: SweepTable) -> str:
             for title, names in (("", walked), ("The instrument itself", own))
         ],
         worst=[
-            ("Did not complete, the earliest end first", run_rows(sweep, lost, repeat, keys)),
-            ("Out of tolerance, or closest to it", run_rows(sweep, furthest, repeat, keys)),
+            ("Did not complete, the earliest end first", run_rows(sweep, lost, keys)),
+            ("Out of tolerance, or closest to it", run_rows(sweep, furthest, keys)),
         ],
         targets=targets,
         entangled=[(a, b, number(rho, 2)) for a, b, rho in entangled(varied)[:6]],
         unwalked=unwalked_rows(sweep),
-        **{
-            make.__name__: make(sweep)
-            for make in (facts, warnings, varied_rows, fixed_rows, timing_rows, environment_rows, reason_rows)
-        },
+        computing_time=format_duration(float(np.nansum(sweep.numbers("timing_total")))),
+        varied_rows=varied_rows(sweep),
+        fixed_rows=fixed_rows(sweep),
+        timing_rows=timing_rows(sweep),
+        environment_rows=environment,
+        mixed=[name for name, _, mark in environment if mark],
+        modified="True" in sweep.words("environment_modified"),
+        reason_rows=[(metric_label(n), _limit(sweep, n), limit.reason) for n, limit in sweep.limits.items()],
     )
 
 
-def _map(sweep: SweepTable, keys: Sequence[str], repeat: Repeat, keep: list[int]) -> tuple[Markup, Markup]:
+def _map(sweep: SweepTable, keys: Sequence[str], keep: Sequence[int]) -> tuple[Markup, Markup]:
     """Still picture and data of the map; empty without a parameter that varies."""
     if not keys:
         return Markup(), Markup()
-    labels = {name: metric_label(name) for name in sweep.metrics if name in sweep.limits}
-    axes = [figures.parameter_axis(sweep, key) for key in keys] + figures.metric_axes(sweep, labels)
-    data = figures.map_data(sweep, axes, links_of(sweep), repeat, keep)
+    axes = [figures.parameter_axis(sweep, key) for key in keys] + figures.metric_axes(sweep)
+    data = figures.map_data(sweep, axes, links_of(sweep), repeat_command(sweep), keep)
     text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     # "<" only as an escape: no text in the data can end the script element.
-    return figures.still_map(data, "Outcome of runs over two parameters"), Markup(
-        text.replace("<", "\\u003c")
-    )
+    still = figures.still_map(data, "Outcome of runs over two parameters")
+    return still, Markup(text.replace("<", "\\u003c"))
 
 
 # ------------------------------------------------------------------------------------------------ runs
 
 
-def repeat_command(sweep: SweepTable) -> Repeat:
-    """Shortest command for the runs of a sweep: a preset, and what differs from it."""
+def repeat_command(sweep: SweepTable) -> tuple[str, str]:
+    """Shortest command for the runs of a sweep: a preset, and what differs from it.
+
+    Returns:
+        Its beginning and its end; the varied keys go between.
+    """
     shared = {key: sweep.table.column(key)[0].as_py() for key in sweep.parameters if key not in sweep.varied}
     found: list[list[str]] = []
     for preset in PRESETS:
@@ -163,11 +167,9 @@ def links_of(sweep: SweepTable) -> dict[int, list[tuple[str, str]]]:
     return found
 
 
-def run_rows(
-    sweep: SweepTable, rows: Sequence[int], repeat: Repeat, keys: Sequence[str]
-) -> list[dict[str, Any]]:
+def run_rows(sweep: SweepTable, rows: Sequence[int], keys: Sequence[str]) -> list[dict[str, Any]]:
     """Rows of a table of runs, each with its first :data:`MOST_SHOWN` parameters of ``keys``."""
-    links, names, found = links_of(sweep), sweep.words("name"), []
+    links, names, repeat, found = links_of(sweep), sweep.words("name"), repeat_command(sweep), []
     for row in rows:
         varied = [(key, sweep.table.column(key)[row].as_py()) for key in keys]
         settings = [_setting(key, value) for key, value in varied if value is not None]
@@ -186,8 +188,7 @@ def run_rows(
 
 def _why(sweep: SweepTable, row: int) -> str:
     """The metric that used most of its tolerance, or why and when the walk ended."""
-    shares = {name: sweep.used(name)[row] for name in sweep.metrics if name in sweep.limits}
-    shares = {name: value for name, value in shares.items() if not np.isnan(value)}
+    shares = {name: value for name in sweep.judged if not np.isnan(value := sweep.used(name)[row])}
     if not shares:
         time, steps = sweep.numbers("outcome_time")[row], sweep.numbers("steps_completed")[row]
         why = sweep.words("cause")[row] or sweep.words("reason")[row].replace("_", " ")
@@ -226,11 +227,6 @@ def _limit(sweep: SweepTable, metric: str) -> str:
     return with_unit(f"{limit:.6g}" if limit == 0.0 or 1e-3 <= limit < 1e5 else number(limit, 2), unit)
 
 
-def reason_rows(sweep: SweepTable) -> list[Row]:
-    """Why the tolerances are what they are."""
-    return [(metric_label(name), _limit(sweep, name), limit.reason) for name, limit in sweep.limits.items()]
-
-
 def targets_of(sweep: SweepTable) -> dict[str, figures.Array]:
     """Targets of the influence analysis: refusal, failure of a walk, every metric above rounding."""
     known, refused = ~sweep.is_state(*BROKEN), sweep.is_state(State.REFUSED)
@@ -240,9 +236,9 @@ def targets_of(sweep: SweepTable) -> dict[str, figures.Array]:
         for name, (among, which) in events.items()
         if 0 < which[among].sum() < among.sum()
     }
-    for metric in sweep.metrics:
+    for metric in sweep.judged:
         used = sweep.used(metric)
-        if metric in sweep.limits and np.isfinite(used).any() and np.nanmedian(used) >= IDLE:
+        if np.isfinite(used).any() and np.nanmedian(used) >= IDLE:
             found[metric_label(metric)] = np.where(np.isfinite(used), used, np.nan)
     return found
 
@@ -288,7 +284,7 @@ def varied_rows(sweep: SweepTable) -> list[Row]:
     """Parameters that vary: key, lowest and highest value, number of values, meaning."""
     found = []
     for key in sweep.varied:
-        values = np.unique(sweep.numbers(key) if sweep.is_number(key) else sweep.words(key))
+        values = np.unique(sweep.values(key))
         ends = [with_unit(value_text(value.item()), sweep.unit(key)) for value in (values[0], values[-1])]
         found.append((key, *ends, f"{len(values):,}", sweep.describe(key)))
     return found
@@ -299,16 +295,6 @@ def fixed_rows(sweep: SweepTable) -> list[Row]:
     fixed = [key for key in sweep.parameters if len(sweep) and key not in sweep.varied]
     return [
         (key, with_unit(value_text(sweep.table.column(key)[0].as_py()), sweep.unit(key))) for key in fixed
-    ]
-
-
-def facts(sweep: SweepTable) -> list[tuple[str, str]]:
-    """The few numbers beside the verdict."""
-    of = f" of {sweep.planned:,}" if sweep.planned > len(sweep) else ""
-    return [
-        ("runs", f"{len(sweep):,}{of}"),
-        ("parameters that vary", f"{len(sweep.varied)}"),
-        ("computing time", format_duration(float(np.nansum(sweep.numbers("timing_total"))))),
     ]
 
 
@@ -337,20 +323,6 @@ def environment_rows(sweep: SweepTable) -> list[Row]:
             rows.append((label, text, "mixed" if mixed else ""))
     times = sorted(word for word in sweep.words("environment_time") if word)
     return [*rows, ("walked from, to (UTC)", f"{times[0]}, {times[-1]}", "")] if times else rows
-
-
-def warnings(sweep: SweepTable) -> list[str]:
-    """Limitations of a sweep."""
-    found = []
-    mixed = [name for name, _, mark in environment_rows(sweep) if mark]
-    if mixed:
-        found.append(
-            "These runs were not all made by the same program on the same kind of machine and are not one "
-            f"measurement. They differ in: {', '.join(mixed)}."
-        )
-    if "True" in sweep.words("environment_modified"):
-        found.append("The code differed from its revision: the revision alone does not reproduce these runs.")
-    return found
 
 
 def judge_sweep(sweep: SweepTable) -> tuple[str, str, str]:

@@ -140,7 +140,7 @@ class SweepTable:
     def counts(self) -> Mapping[State, int]:
         """Runs in every state, zeros included."""
         counted = np.bincount(self.states, minlength=len(STATES))
-        return {state: int(counted[number]) for number, state in enumerate(STATES)}
+        return dict(zip(STATES, counted.tolist(), strict=True))
 
     @cached_property
     def measured(self) -> NDArray[np.bool_]:
@@ -161,14 +161,14 @@ class SweepTable:
         that used most of a tolerance. Ties go to the lower row.
         """
         lost = np.flatnonzero(self.is_state(*LOST))
-        ends = [
+        steps, time = (
             np.nan_to_num(self.numbers(name)[lost], nan=np.inf)
             for name in ("steps_completed", "outcome_time")
-        ]
+        )
         measured = np.flatnonzero(self.measured)
         used = np.nan_to_num(self.worst_used[measured], nan=-np.inf)
         return [
-            *lost[np.lexsort((lost, *ends[::-1]))].tolist(),
+            *lost[np.lexsort((lost, time, steps))].tolist(),
             *measured[np.argsort(-used, kind="stable")].tolist(),
         ]
 
@@ -197,10 +197,15 @@ class SweepTable:
             return [""] * len(self)
         return ["" if value is None else str(value) for value in self.table.column(name).to_pylist()]
 
-    def is_number(self, name: str) -> bool:
-        """Whether a column holds numbers."""
+    def distinct(self, name: str) -> list[str]:
+        """Different texts of a column, sorted, without the empty one."""
+        return sorted(set(self.words(name)) - {""})
+
+    def values(self, name: str) -> NDArray[Any]:
+        """A column as numbers, or as texts if it holds none, shape (N,)."""
         kind = self.table.schema.field(name).type
-        return pa.types.is_floating(kind) or pa.types.is_integer(kind)
+        numeric = pa.types.is_floating(kind) or pa.types.is_integer(kind)
+        return self.numbers(name) if numeric else np.array(self.words(name))
 
     def unit(self, name: str) -> str:
         """Unit of a column, ``1`` if it has none."""
@@ -224,7 +229,7 @@ class SweepTable:
         """Parameters with more than one value in this sweep, those that the definition varies first."""
         found = [name for name in self.parameters if len(self.table.column(name).unique()) > 1]
         first = [name for name in self.metadata["varied"] if name in found]
-        return (*first, *(name for name in found if name not in first))
+        return tuple(dict.fromkeys((*first, *found)))
 
     # -------------------------------------------------------------------------- metrics and limits
 
@@ -232,8 +237,12 @@ class SweepTable:
     def metrics(self) -> tuple[str, ...]:
         """Metrics with a column, judged ones first, in the profile's order."""
         present = [name.removeprefix(METRIC) for name in self.table.column_names if name.startswith(METRIC)]
-        judged = [name for name in self.limits if name in present]
-        return (*judged, *(name for name in present if name not in self.limits))
+        return tuple(dict.fromkeys((*self.judged, *present)))
+
+    @cached_property
+    def judged(self) -> tuple[str, ...]:
+        """Metrics with a column and a tolerance, in the profile's order."""
+        return tuple(name for name in self.limits if METRIC + name in self)
 
     @cached_property
     def limits(self) -> Mapping[str, Tolerance]:
@@ -270,8 +279,7 @@ class SweepTable:
     @cached_property
     def worst_used(self) -> Array:
         """Largest share of a tolerance that any judged metric of a run used, shape (N,); NaN unmeasured."""
-        shares = [self.used(name) for name in self.metrics if name in self.limits]
-        return np.fmax.reduce(shares) if shares else np.full(len(self), np.nan)
+        return np.fmax.reduce([np.full(len(self), np.nan), *map(self.used, self.judged)])
 
     def shown(self, metric: str) -> tuple[Array, float | None, str]:
         """A metric as people read it.
@@ -318,7 +326,7 @@ class SweepTable:
                 "workers": float(np.nansum(self.numbers("timing_total"))),
                 "unit": "s",
             },
-            "memory_peak": {"value": None if np.isnan(memory).all() else np.nanmax(memory), "unit": "MB"},
+            "memory_peak": {"value": np.fmax.reduce(memory, initial=np.nan), "unit": "MB"},
         }
 
 
