@@ -349,18 +349,12 @@ def test_a_registered_metric_is_a_column(direct, file, tmp_path):
         unregister("knees")
 
 
-@pytest.mark.parametrize(
-    "last", ["OSError: [Errno 28] No space left", "OSError 28", "RuntimeError: io (os error 28)"]
-)
-def test_a_full_disk_is_told_while_a_recording_is_drawn(tmp_path, monkeypatch, last):
+def test_a_recording_that_cannot_be_drawn_stops_the_sweep(tmp_path, monkeypatch):
     trial = cast(Any, SimpleNamespace(save=lambda *_, **__: None))
-    code = f"import sys; sys.stderr.buffer.write(b'\\xff\\n' + {last!r}.encode()); sys.exit(1)"
+    code = r"import sys; sys.stderr.buffer.write(b'\xff\nOSError: [Errno 28] No space left'); sys.exit(1)"
     monkeypatch.setattr(task, "_DRAW", code)
     job = task.Task(0, "0", RunParameters(), "default", folder=str(tmp_path))
-    with pytest.raises(SweepStopped, match=r"no room is left to write .*free some space"):
-        task.keep_run(trial, job)
-    monkeypatch.setattr(task, "_DRAW", "raise ValueError('4280')")
-    with pytest.raises(SweepStopped, match="could not be drawn"):
+    with pytest.raises(SweepStopped, match=r"could not be drawn .*No space left.*free some space"):
         task.keep_run(trial, job)
 
 

@@ -54,6 +54,7 @@ Kind = Literal["real", "whole", "text", "flag"]
 _TYPES = {"real": pa.float64(), "whole": pa.int64(), "text": pa.string(), "flag": pa.bool_()}
 _KINDS: Mapping[str, Kind] = {"float": "real", "int": "whole", "text": "text"}
 _CAUSE_LENGTH = 400
+_DEPTH = 20  # errors that one was raised from, at most
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
 _PATH = re.compile(r"(?<![\w.])(?:/[^\s/'\":,]+)+/([^\s/'\":,]+)")
 
@@ -222,7 +223,7 @@ def error_columns(error: BaseException, parameters: RunParameters | None) -> dic
         parameters: of the run, if its plan by the formula is of interest.
     """
     cause = one_line(error) or None
-    fault = next(filter(None, map(_host_fault, _chain(error, set()))), None)
+    fault = _host_fault(error)
     if fault is not None or not isinstance(error, RefusedGait | InputError):
         return {"outcome": "crashed", "reason": fault or type(error).__name__, "cause": cause}
     row = {"outcome": "refused", "reason": getattr(error, "reason", "bad_parameter"), "cause": cause}
@@ -234,21 +235,19 @@ def error_columns(error: BaseException, parameters: RunParameters | None) -> dic
     return row
 
 
-def _chain(error: BaseException | None, seen: set[int]) -> Iterator[BaseException]:
-    """An error and what it was raised from, or beside: libraries wrap what they meet."""
-    if error is not None and id(error) not in seen:
-        seen.add(id(error))
-        yield error
-        yield from _chain(error.__cause__, seen)
-        yield from _chain(error.__context__, seen)
-
-
 def _host_fault(error: BaseException) -> str | None:
-    """The host's fault that an error stands for, a member of :data:`MACHINE_FAULTS`; None if it is none."""
-    if isinstance(error, MemoryError):
-        return "MemoryError"
-    transient = isinstance(error, OSError) and error.errno in _TRANSIENT
-    return errno.errorcode[error.errno] if transient else None  # type: ignore[attr-defined]
+    """The host's part in an error, a member of :data:`MACHINE_FAULTS`; None if it has none.
+
+    Libraries wrap what they meet: what an error was raised from, or beside, counts too.
+    """
+    found: BaseException | None = error
+    for _ in range(_DEPTH):
+        if isinstance(found, MemoryError):
+            return "MemoryError"
+        if isinstance(found, OSError) and found.errno in _TRANSIENT:
+            return errno.errorcode[found.errno]
+        found = found and (found.__cause__ or found.__context__)
+    return None
 
 
 def one_line(error: BaseException) -> str:

@@ -102,7 +102,7 @@ def read_rows(folder: Path) -> tuple[pa.Table | None, bool]:
         InputError: what is there cannot be read.
     """
     if (folder / ROWS).is_file():
-        with _database(folder) as rows, _errors(folder):
+        with _database(folder) as rows, _errors(folder / ROWS):
             if _exists(rows):
                 return _table(rows), False
     return (read_table(folder / RESULTS), True) if (folder / RESULTS).is_file() else (None, False)
@@ -195,7 +195,7 @@ class Store:
         _remove_partial(self.folder)
         metadata = table_metadata(definition)
         self.write_text(DEFINITION, metadata["definition"])
-        with _errors(self.folder), self._rows as rows:
+        with _errors(self.folder / ROWS), self._rows as rows:
             rows.execute("BEGIN IMMEDIATE")
             if not _exists(rows):
                 rows.execute("CREATE TABLE sweep (metadata TEXT)")
@@ -220,12 +220,12 @@ class Store:
                 shutil.rmtree(self.folder / RECORDINGS / row["name"], ignore_errors=True)
             if row["outcome"] != "crashed":
                 (self.folder / CRASHES / f"{row['name']}.txt").unlink(missing_ok=True)
-        with _errors(self.folder), self._rows:
+        with _errors(self.folder / ROWS), self._rows:
             _insert(self._rows, rows)
 
     def rows(self) -> pa.Table:
         """Rows stored so far, sorted by run."""
-        with _errors(self.folder):
+        with _errors(self.folder / ROWS):
             return _table(self._rows)
 
     def finish(self) -> None:
@@ -256,15 +256,9 @@ def open_store(folder: Path) -> Iterator[Store]:
         InputError: another program writes there, or the folder cannot be written or read.
         SweepStopped: the disk is full.
     """
-    try:
+    with _errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         lock = (folder / LOCK).open("ab")
-    except OSError as error:
-        if disk_is_full(error):
-            raise disk_full(folder, error.strerror) from error
-        raise InputError(
-            f"--out {folder} cannot be written ({error.strerror}); give another folder."
-        ) from None
     with lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -281,27 +275,25 @@ def durable(path: Path) -> Iterator[BinaryIO]:
     """Write a file so that, whatever is killed, there is either the old one or the whole new one.
 
     Raises:
+        InputError: it cannot be written.
         SweepStopped: the disk is full.
     """
     work = path.with_name(f".{path.name}.tmp")
-    try:
-        with work.open("wb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        work.replace(path)
-        with suppress(OSError):  # where the file system makes a rename durable
-            folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-            try:
-                os.fsync(folder)
-            finally:
-                os.close(folder)
-    except BaseException as error:
-        with suppress(OSError):
+    with _errors(path):
+        try:
+            with work.open("wb") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            work.replace(path)
+        finally:
             work.unlink(missing_ok=True)
-        if isinstance(error, OSError) and disk_is_full(error):
-            raise disk_full(path, error.strerror) from error
-        raise
+    with suppress(OSError):  # where the file system makes a rename durable
+        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def _remove_partial(folder: Path) -> None:
@@ -319,28 +311,28 @@ def _remove_partial(folder: Path) -> None:
 @contextmanager
 def _database(folder: Path) -> Iterator[sqlite3.Connection]:
     """The folder's database, created empty if there is none."""
-    with _errors(folder):
+    with _errors(folder / ROWS):
         rows = sqlite3.connect(folder / ROWS, timeout=_BUSY)
     with closing(rows):
-        with _errors(folder):
+        with _errors(folder / ROWS):
             rows.execute("PRAGMA synchronous = FULL")
         yield rows
 
 
 @contextmanager
-def _errors(folder: Path) -> Iterator[None]:
-    """Errors of the database in a sentence."""
+def _errors(place: Path) -> Iterator[None]:
+    """Errors of disk and database in a sentence."""
     try:
         yield
-    except sqlite3.Error as error:
+    except (OSError, sqlite3.Error) as error:
         code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
-        if code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
-            raise disk_full(folder / ROWS, error) from error
+        if disk_is_full(error) or code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
+            raise disk_full(place, error) from error
         damaged = code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
-        way_out = (
-            "remove it, and --resume walks its runs again" if damaged else "free it, or give another folder"
-        )
-        raise InputError(f"{folder / ROWS} cannot be used ({error}); {way_out}.") from error
+        way_out = "free it, or give another folder"
+        if damaged and isinstance(error, sqlite3.Error):
+            way_out = "remove it, and --resume walks its runs again"
+        raise InputError(f"{place} cannot be used ({error}); {way_out}.") from error
 
 
 def _exists(rows: sqlite3.Connection) -> bool:

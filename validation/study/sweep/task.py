@@ -11,7 +11,6 @@ from __future__ import annotations
 import faulthandler
 import hashlib
 import os
-import re
 import subprocess
 import sys
 import threading
@@ -47,12 +46,6 @@ MOTIONS_KEPT = 1500
 _TRIM_EVERY = 100  # runs of a sweep
 
 _DRAW = "import sys, pathlib, validation.run.trial as run; run.draw_run(pathlib.Path(sys.argv[1]))"
-_FULL = re.compile(
-    r"no space left|no room is left|quota exceeded|file too large|(?:errno|os error|OSError) (?:27|28|122)\b",
-    re.IGNORECASE,
-)
-"""Words of a full disk or quota, by whichever library meets it."""
-
 _one_at_a_time = threading.Lock()  # a worker with several threads still walks one run after the other
 
 
@@ -210,7 +203,12 @@ def keep_run(trial: Trial, task: Task) -> str:
         trial.save(target, force=True, recording=False, instrument=instrument)
         # Drawing needs the viewer's library and matplotlib, which a worker is better off without.
         command = [sys.executable, "-c", _DRAW, str(target)]
-        done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", check=False)
+        subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", check=True)
+    except subprocess.CalledProcessError as error:
+        last = error.stderr.strip().rpartition("\n")[2] or f"exit status {error.returncode}"
+        raise SweepStopped(
+            f"recording and report of {target} could not be drawn ({last})", "mend that, or free some space"
+        ) from error
     except OSError as error:
         if disk_is_full(error):
             raise disk_full(target, error.strerror) from error
@@ -220,11 +218,6 @@ def keep_run(trial: Trial, task: Task) -> str:
         ) from error
     except InputError as error:  # of the folder, not of the run
         raise SweepStopped(str(error).partition(";")[0], "clear the folder") from error
-    if done.returncode:
-        last = done.stderr.strip().rpartition("\n")[2] or f"exit status {done.returncode}"
-        if _FULL.search(done.stderr):
-            raise disk_full(target, last)
-        raise SweepStopped(f"recording and report of {target} could not be drawn ({last})", "fix the cause")
     return relative
 
 
@@ -233,10 +226,10 @@ def _worker_name() -> str | None:
     from distributed import get_worker  # of a worker; a call from Python needs no dask
 
     try:
-        name = get_worker().name
+        name = str(get_worker().name)
     except ValueError:
         return None
-    return str(name) if isinstance(name, int) else hashlib.sha256(str(name).encode()).hexdigest()[:8]
+    return name if name.isdecimal() else hashlib.sha256(name.encode()).hexdigest()[:8]
 
 
 @contextmanager
