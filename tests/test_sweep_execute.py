@@ -410,3 +410,50 @@ def test_a_run_keeps_its_folder(tmp_path):
     assert (folder / "recording.rrd").is_file()
     assert (folder / "report.html").is_file()
     assert row["timing_recording"] > 0.0
+
+
+OWN = """
+[sweep]
+gait = "flat"
+steps = 2
+recordings = "none"
+controller = "tests.test_api:{name}"
+push = ["chest,20,0,0,0.5,0.1"]
+
+[[vary]]
+method = "list"
+contact.friction = [0.8]
+"""
+
+
+def test_a_controller_and_pushes_of_ones_own_walk_every_run(tmp_path):
+    limp, broken = (parse_sweep(OWN.format(name=name)) for name in ("Limp", "Broken"))
+    row, _ = task.walk_task(task.Task.of(limp, 0, tmp_path, keep="all", wall_clock=None))
+    assert row["outcome"] == "fell"
+    summary = json.loads((tmp_path / "recordings" / "0" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["controller"] == "Limp"
+    assert "force=(20.0, 0.0, 0.0)" in summary["disturbances"][0]
+    row, trace = task.walk_task(task.Task.of(broken, 0, tmp_path, wall_clock=None))
+    assert (row["outcome"], row["reason"]) == ("crashed", "UsersError")
+    assert "the controller Broken failed" in row["cause"]
+    assert "Traceback" in trace
+
+
+def test_a_controller_and_pushes_are_part_of_the_sweeps_identity(direct, tmp_path, monkeypatch, capsys):
+    file, out = tmp_path / "sweep.toml", tmp_path / "out"
+    mine = tmp_path / "own_controller.py"
+    mine.write_text("class Limp: ...\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    text = OWN.format(name="Limp").replace("tests.test_api", "own_controller")
+    file.write_text(text, encoding="utf-8")
+    assert call(file, out) == 0
+    assert read_sweep(out).metadata["options"] == [
+        *("--controller", "own_controller:Limp", "--push", "chest,20,0,0,0.5,0.1")
+    ]
+    file.write_text(text.replace("20,0", "30,0"), encoding="utf-8")
+    assert call(file, out, "--resume") == 2
+    assert "sweep.push" in capsys.readouterr().err
+    file.write_text(text, encoding="utf-8")
+    mine.write_text("class Limp:\n    changed = True\n", encoding="utf-8")
+    assert call(file, out, "--resume") == 2
+    assert "sweep.controller" in capsys.readouterr().err

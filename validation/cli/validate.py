@@ -93,14 +93,15 @@ def validate(
     real mass distribution, unilateral contact, friction and limited torque can realise the plan, how closely,
     and at what effort.
     """
-    from validation.cli.plugins import load_object, make_object, parse_push
     from validation.cli.summary_text import print_result
     from validation.judge import profiles
     from validation.judge.uncertainty import load_uncertainty, matching
     from validation.measure.instruments.model import load_instrument
     from validation.run import validate as run
+    from validation.trial.disturbances import parse_push
     from validation.trial.plan import load_requests
     from validation.trial.tune import tune_walk
+    from validation.trial.users import load_object, make_object
 
     extra = [*with_steps(settings, steps), *([] if qp is None else [f'solver.qp="{qp}"'])]
     gaits = gaits or ["normal"]

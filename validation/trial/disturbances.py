@@ -127,3 +127,19 @@ class Push:
         """Push while it lasts."""
         if self.at - _CLOCK <= time < self.at + self.duration - _CLOCK:
             plant.push(self.segment, self.force)
+
+
+def parse_push(text: str) -> Push:
+    """A push from ``SEGMENT,FX,FY,FZ,AT,DURATION``.
+
+    Raises:
+        InputError: the text is none.
+    """
+    segment, *parts = (part.strip() for part in text.split(","))
+    try:
+        x, y, z, at, duration = (float(part) for part in parts)
+    except ValueError:
+        raise InputError(
+            f"the push {text!r} must be SEGMENT,FX,FY,FZ,AT,DURATION; write for example chest,50,0,0,2.0,0.1."
+        ) from None
+    return Push(segment, (x, y, z), at, duration)

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import sys
+from importlib import import_module
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from ampm.exceptions import AmpmError, InputError
+
+
+class UsersError(InputError):
+    """Something went wrong in code that a user brought along."""
 
 
 class UsersCode:
@@ -16,7 +23,7 @@ class UsersCode:
         thing: the class, factory or object.
 
     Raises:
-        InputError: anything was raised but an :class:`AmpmError`, which passes.
+        UsersError: anything was raised but an :class:`AmpmError`, which passes.
     """
 
     def __init__(self, what: str, thing: Any) -> None:
@@ -29,7 +36,36 @@ class UsersCode:
         """Name the class."""
         if isinstance(error, Exception) and not isinstance(error, AmpmError):
             name = getattr(self.thing, "__qualname__", None) or type(self.thing).__name__
-            raise InputError(
+            raise UsersError(
                 f"the {self.what} {name} failed ({type(error).__name__}: {error}); correct it, --debug shows "
                 "the traceback."
             ) from error
+
+
+def load_object(option: str, text: str) -> Any:
+    """Import what ``module:name`` means; modules of the working directory are found, too.
+
+    Raises:
+        InputError: there is no such module, or no such name in it.
+    """
+    module, colon, name = text.partition(":")
+    if not (module and colon and name):
+        raise InputError(f"{option} {text!r} must be MODULE:CLASS, for example mine:Controller.")
+    sys.path.insert(0, str(Path.cwd()))
+    try:
+        return getattr(import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"{option} {text!r} cannot be imported ({error}); correct the name.") from error
+    finally:
+        sys.path.pop(0)
+
+
+def make_object(option: str, text: str) -> Any:
+    """Call what :func:`load_object` imports.
+
+    Raises:
+        InputError: as it does, or the call fails.
+    """
+    factory = load_object(option, text)
+    with UsersCode("class", factory):
+        return factory()

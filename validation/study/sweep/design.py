@@ -43,6 +43,7 @@ from ampm.run_file import PRESETS, KeyInfo, key_info, load_run
 from ampm.section import Real, Section, parse_toml, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
 from validation.store.identity import parameter_values
+from validation.trial.users import load_object
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -237,6 +238,10 @@ class SweepDefinition(Section, section="sweep"):
         None, description="how many runs keep one if recordings = worst", ge=1, le=10_000
     )
     instrument: str | None = Field(None, description="model of the sensors that measure beside the truth")
+    controller: str | None = Field(None, description="controller of your own, MODULE:CLASS")
+    push: tuple[str, ...] = Field(
+        (), description="pushes of every run, each SEGMENT,FX,FY,FZ,AT,DURATION", strict=False
+    )
     wall_clock: Real = Field(600.0, description="seconds after which a run counts as hung", gt=0)
     set: Mapping[str, Value] = Field(default_factory=dict)
     vary: tuple[Block, ...] = ()
@@ -392,7 +397,15 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
         with _place(f"[[vary]] block {number}"):
             blocks.append(_block(item))
     head = {"name": name, "steps": base.gait.steps, **head}
-    return SweepDefinition(**head, set=fixed, vary=tuple(blocks), base=base)
+    definition = SweepDefinition(**head, set=fixed, vary=tuple(blocks), base=base)
+    if definition.controller is not None:
+        load_object("sweep.controller", definition.controller)
+    if definition.push:
+        from validation.trial.disturbances import parse_push  # loads the simulator
+
+        for text in definition.push:
+            parse_push(text)
+    return definition
 
 
 def _beside(folder: Path, name: str) -> str:

@@ -134,7 +134,7 @@ def repeat_command(sweep: SweepTable) -> tuple[str, str]:
         settings = [_setting(key, v) for key, v in shared.items() if v is not None and base.get(key) != v]
         found.append([f"ampm validate {preset}", *settings])
     shortest = min(found, key=len)
-    return " ".join(shortest), f"--profile {sweep.profile}"
+    return " ".join(shortest), shlex.join(["--profile", sweep.profile, *sweep.metadata["options"]])
 
 
 def _setting(key: str, value: Any) -> str:

@@ -34,6 +34,7 @@ from validation.measure.instruments.names import INSTRUMENT_COLUMNS
 from validation.store.environment import DISTRIBUTIONS, describe_environment
 from validation.store.identity import code_hash, run_key
 from validation.store.machine import memory_peak
+from validation.trial.users import UsersError
 
 if TYPE_CHECKING:
     from validation.run.trial import Trial
@@ -224,7 +225,8 @@ def error_columns(error: BaseException, parameters: RunParameters | None) -> dic
     """
     cause = one_line(error) or None
     fault = _host_fault(error)
-    if fault is not None or not isinstance(error, RefusedGait | InputError):
+    refused = isinstance(error, RefusedGait | InputError) and not isinstance(error, UsersError)
+    if fault is not None or not refused:
         return {"outcome": "crashed", "reason": fault or type(error).__name__, "cause": cause}
     row = {"outcome": "refused", "reason": getattr(error, "reason", "bad_parameter"), "cause": cause}
     with suppress(AmpmError):

@@ -8,6 +8,8 @@ removed once ``results.parquet`` is on the disk. So either of the two is complet
 from __future__ import annotations
 
 import fcntl
+import hashlib
+import inspect
 import json
 import os
 import shutil
@@ -29,6 +31,7 @@ from validation.store.identity import code
 from validation.study.sweep.design import SweepDefinition, dump_sweep
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import columns, schema
+from validation.trial.users import load_object
 
 DEFINITION = "sweep.toml"
 ROWS = "rows.sqlite"
@@ -54,6 +57,7 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
     """Description of a table, JSON-ready.
 
     ``definition`` (TOML), ``name``, ``seed``, ``steps``, ``runs``, ``varied`` (keys), ``profile``,
+    ``options`` (of ``ampm validate``, beside ``--set``, that walk one of the runs),
     ``tolerances`` (metric to ``limit``, ``unit`` and ``reason``; forces in body weights), ``columns``
     (name to ``unit`` and ``words``) and ``identity`` (what must not change on resume).
     """
@@ -66,6 +70,10 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
         "runs": len(definition),
         "varied": list(definition.keys),
         "profile": profile.name,
+        "options": [
+            *(["--controller", definition.controller] if definition.controller else []),
+            *(word for push in definition.push for word in ("--push", push)),
+        ],
         "tolerances": {
             item.metric: {"limit": item.limit, "unit": item.unit, "reason": item.reason}
             for item in profile.tolerances
@@ -120,6 +128,10 @@ def _identity(definition: SweepDefinition) -> dict[str, Any]:
         from validation.measure.instruments.model import load_instrument  # loads all that measures
 
         settings["sweep.instrument"] = repr(load_instrument(definition.instrument))  # a file may change
+    if definition.controller is not None:
+        source = inspect.getfile(load_object("sweep.controller", definition.controller))
+        digest = hashlib.sha256(Path(source).read_bytes()).hexdigest()
+        settings["sweep.controller"] = f"{definition.controller} of a file {digest[:8]}"
     return {"settings": settings, "code": code(), "revision": describe_environment()["revision"]}
 
 

@@ -32,6 +32,7 @@ from validation.study.sweep.design import SweepDefinition
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import clean_text, error_columns, make_row, walk_columns
 from validation.study.sweep.store import RECORDINGS, disk_full
+from validation.trial.users import load_object
 
 if TYPE_CHECKING:
     from validation.run.trial import Trial
@@ -60,6 +61,8 @@ class Task:
         profile: tolerances.
         instrument: sensor model beside the simulator's truth, if any.
         tune: make the free choices first; the parameters know which keys were named.
+        controller: of the user's own, ``module:Class``, if any.
+        push: pushes, as texts.
         keep: which walks keep a run folder.
         folder: of the sweep; where it is kept.
         wall_clock: after which the process is ended [s]; None for no guard.
@@ -72,6 +75,8 @@ class Task:
     profile: str
     instrument: str | None = None
     tune: bool = False
+    controller: str | None = None
+    push: tuple[str, ...] = ()
     keep: Literal["none", "failures", "all"] = "none"
     folder: str = ""
     wall_clock: float | None = None
@@ -91,6 +96,8 @@ class Task:
             profile=definition.profile,
             instrument=definition.instrument,
             tune=definition.tune,
+            controller=definition.controller,
+            push=definition.push,
             keep="none" if definition.recordings == "worst" else definition.recordings,
             folder=str(folder),
             wall_clock=definition.wall_clock,
@@ -118,8 +125,16 @@ class Task:
     def walk(self, planned: PlannedWalk, seconds: dict[str, float] | None = None) -> Trial:
         """Walk and measure; ``seconds`` are of earlier stages."""
         from validation.run.walk import walk_planned  # loads the simulator
+        from validation.trial.disturbances import parse_push
 
-        return walk_planned(planned, find_profile(self.profile), seconds=seconds)
+        own = self.controller
+        return walk_planned(
+            planned,
+            find_profile(self.profile),
+            controller=None if own is None else load_object("sweep.controller", own),
+            disturbances=[parse_push(text) for text in self.push],
+            seconds=seconds,
+        )
 
 
 def walk_task(task: Task, trial: Callable[[Task, dict[str, float]], Row] | None = None) -> Result:
