@@ -109,11 +109,10 @@ class MetricResult:
         if self.uncertainty is None and not self.not_studied:
             return entry
         entry["undecided"] = self.undecided
+        # What the other studies leave is no uncertainty of the value; an infinite one is the word "inf".
+        key = "uncertainty_at_least" if self.not_studied else "uncertainty"
         for place, known in ((entry, self.uncertainty), (display, self.displayed(self.uncertainty))):
-            known = json_ready(known)  # an infinite one is the word "inf"
-            place["uncertainty"] = known
-            if self.not_studied:  # what the other studies leave is no uncertainty of the value
-                place |= {"uncertainty": None, "uncertainty_at_least": known}
+            place |= {"uncertainty": None, key: json_ready(known)}
         if self.not_studied:
             entry["not_studied"] = self.not_studied
         return entry

@@ -15,13 +15,19 @@ from validation.show.style import file_style, legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
     from ampm.planner.centroidal import PlanSample
 
 _SHOWN_STEPS = 4  # a periodic gait repeats itself every two
 _POINTS = 1200
-_X, _Y, _Z, _ZMP = "#1f77b4", "#d62728", "#5b6270", "#2ca02c"
+_COLORS = {
+    "COM": "#1f77b4",
+    "DCM": "#5b6270",
+    "ZMP": "#2ca02c",
+    "x": "#1f77b4",
+    "y": "#d62728",
+    "z": "#5b6270",
+}
 
 
 def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
@@ -38,94 +44,61 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
     duration = min(plan.duration, _SHOWN_STEPS * plan.constants.step_duration)
     times = np.linspace(0.0, duration, _POINTS)
     sample = plan.sample(times)
+    paths = {"COM": sample.com, "DCM": sample.dcm, "ZMP": sample.zmp}
+    force = 100 * sample.force / (plan.mass * plan.gravity)
+    curves = {
+        "x [m]": {name: values[:, 0] for name, values in paths.items()},
+        "y [m]": {name: values[:, 1] for name, values in paths.items()},
+        "COM velocity [m/s]": dict(zip("xy", sample.com_velocity.T, strict=False)),
+        "COM acceleration [m/s²]": dict(zip("xy", sample.com_acceleration.T, strict=False)),
+        "ground force\n[% of body weight]": dict(zip("xyz", force.T, strict=True)),
+        "moment about the\nCOM [N m]": dict(zip("xyz", sample.moment.T, strict=False)),
+        "angular momentum about\nthe COM [N m s]": dict(zip("xyz", sample.angular_momentum.T, strict=False)),
+        "ZMP margin to the\nsupport polygon [mm]": {},
+    }
     with file_style():
         # Made without pyplot: no global state, no display, safe in any thread.
         figure = Figure(figsize=(14, 13), layout="constrained")
         figure.suptitle(title)
-        axes = figure.subplot_mosaic(
-            [
-                ["x", "y"],
-                ["velocity", "acceleration"],
-                ["force", "moment"],
-                ["momentum", "margin"],
-                ["top", "top"],
-            ],
-            height_ratios=[1, 1, 1, 1, 1.3],
-        )
-        _draw_times(axes, plan, sample)
-        _draw_margin(axes["margin"], plan, times)
-        for name, axis in axes.items():
-            if name != "top":
-                axis.set_xlabel("time [s]")
-                axis.set_xlim(0, duration)
-                _shade_double_support(axis, plan, duration)
-        _draw_top(axes["top"], plan, sample, times)
-        for axis in axes.values():
+        grid = figure.add_gridspec(5, 2, height_ratios=[1, 1, 1, 1, 1.3])
+        for cell, (label, lines) in enumerate(curves.items()):
+            axis = figure.add_subplot(grid[cell // 2, cell % 2])
+            for name, values in lines.items():
+                axis.plot(times, values, color=_COLORS[name], label=name)
+            if isinstance(plan, StepPlan) and not lines:
+                axis.plot(times, 1000 * plan.zmp_margin(times), color=_COLORS["ZMP"])
+                axis.axhline(0, color="k", lw=0.8)
+            elif not lines:
+                axis.text(0.5, 0.5, "no body, no soles", transform=axis.transAxes, ha="center", va="center")
+            for phase in plan.contacts.phases:
+                if phase.kind == "double_support" and phase.start < duration:
+                    end = min(phase.start + phase.duration, duration)
+                    axis.axvspan(phase.start, end, color="0.92", zorder=0, lw=0)
+            axis.set(xlabel="time [s]", ylabel=label, xlim=(0, duration))
             legend(axis)
+        _draw_top(figure.add_subplot(grid[4, :]), plan, sample)
         figure.savefig(path, dpi=110)
 
 
-def _draw_times(axes: dict[str, Axes], plan: CentroidalPlan, sample: PlanSample) -> None:
-    time = sample.time
-    for name, index in (("x", 0), ("y", 1)):
-        for label, values, colour in (
-            ("COM", sample.com, _X),
-            ("DCM", sample.dcm, _Z),
-            ("ZMP", sample.zmp, _ZMP),
-        ):
-            axes[name].plot(time, values[:, index], color=colour, label=label)
-        axes[name].set_ylabel(f"{name} [m]")
-    weight = plan.mass * plan.gravity
-    pairs: tuple[tuple[str, NDArray[np.float64], str], ...] = (
-        ("velocity", sample.com_velocity[:, :2], "COM velocity [m/s]"),
-        ("acceleration", sample.com_acceleration[:, :2], "COM acceleration [m/s²]"),
-        ("force", 100 * sample.force / weight, "ground force\n[% of body weight]"),
-        ("moment", sample.moment, "moment about the\nCOM [N m]"),
-        ("momentum", sample.angular_momentum, "angular momentum about\nthe COM [N m s]"),
-    )
-    for name, values, label in pairs:
-        for column, letter, colour in zip(values.T, "xyz", (_X, _Y, _Z), strict=False):
-            axes[name].plot(time, column, color=colour, label=letter)
-        axes[name].set_ylabel(label)
-
-
-def _draw_margin(axis: Axes, plan: CentroidalPlan, times: NDArray[np.float64]) -> None:
-    axis.set_ylabel("ZMP margin to the\nsupport polygon [mm]")
-    if not isinstance(plan, StepPlan):
-        axis.text(0.5, 0.5, "no body, no soles", transform=axis.transAxes, ha="center", va="center")
-        return
-    axis.plot(times, 1000 * plan.zmp_margin(times), color=_ZMP)
-    axis.axhline(0, color="k", lw=0.8)
-
-
-def _draw_top(axis: Axes, plan: CentroidalPlan, sample: PlanSample, times: NDArray[np.float64]) -> None:
+def _draw_top(axis: Axes, plan: CentroidalPlan, sample: PlanSample) -> None:
     """Footprints, support polygons, COM and ZMP seen from above."""
     reach = sample.com[-1, 0] + plan.contacts.step_length
     for footstep in plan.contacts.footsteps:
         position = footstep.position[:2]
-        if position[0] > reach:
-            continue
-        axis.plot(*position, marker="+", color="k", ms=8)
-        axis.annotate(footstep.foot[0].upper(), position, xytext=(4, 4), textcoords="offset points")
+        if position[0] <= reach:
+            axis.plot(*position, marker="+", color="k", ms=8)
+            axis.annotate(footstep.foot[0].upper(), position, xytext=(4, 4), textcoords="offset points")
     if isinstance(plan, StepPlan):
         drawn: set[tuple[float, ...]] = set()
-        for time in times[:: max(1, _POINTS // 150)]:
+        for time in sample.time[:: max(1, _POINTS // 150)]:
             corners = plan.support_polygon(float(time))
             key = tuple(np.round(corners, 6).ravel())
             if len(corners) >= 3 and key not in drawn:
                 drawn.add(key)
                 axis.add_patch(Polygon(corners, closed=True, fc="#ffbf00", ec="0.4", alpha=0.12, lw=0.6))
-    axis.plot(sample.com[:, 0], sample.com[:, 1], color=_X, label="COM")
-    axis.plot(sample.zmp[:, 0], sample.zmp[:, 1], color=_ZMP, label="ZMP")
+    for name, values in (("COM", sample.com), ("ZMP", sample.zmp)):
+        axis.plot(values[:, 0], values[:, 1], color=_COLORS[name], label=name)
     axis.set_aspect("equal", adjustable="datalim")
-    axis.set_xlabel("x, forward [m]")
-    axis.set_ylabel("y, left [m]")
+    axis.set(xlabel="x, forward [m]", ylabel="y, left [m]")
     axis.set_title("from above: footprints (+), support polygons (shaded)")
-
-
-def _shade_double_support(axis: Axes, plan: CentroidalPlan, duration: float) -> None:
-    for phase in plan.contacts.phases:
-        if phase.kind == "double_support" and phase.start < duration:
-            axis.axvspan(
-                phase.start, min(phase.start + phase.duration, duration), color="0.92", zorder=0, lw=0
-            )
+    legend(axis)

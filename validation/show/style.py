@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from html import escape
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -57,7 +57,7 @@ def figure_style(ink: str, faint: str, grid: str) -> dict[str, Any]:
     }
 
 
-# Stand-ins that no other colour equals; `to_svg` replaces each by the CSS variable of its name.
+# Stand-ins that no other colour equals; `picture` replaces each by the CSS variable of its name.
 INK, FAINT, GRID, SHADE = "#010101", "#010102", "#010103", "#010104"
 PLAN, COMMAND, MEASURED = "#010105", "#010106", "#010107"
 LEFT, RIGHT, GOOD, BAD = "#010108", "#010109", "#01010a", "#01010b"
@@ -71,20 +71,11 @@ _VARIABLES: Mapping[str, str] = {
 WIDTH = 5.2
 """Width of an ordinary figure [in]: 500 px, so that its 9 pt text stays readable on a telephone."""
 
-_STYLE: Any = figure_style(INK, FAINT, GRID) | {
-    "svg.fonttype": "none",
-    "axes.titlesize": 9,
-    "lines.linewidth": 1.3,
-}
-
-_FILE_STYLE: Any = figure_style("#1b1e24", "#5b6270", "#dfe3ea")
-
 _BUCKETS = 420
 """Buckets over a whole run: each keeps its smallest and largest sample, so no spike is lost."""
 
 
-@dataclass(frozen=True)
-class Picture:
+class Picture(NamedTuple):
     """One figure of a page.
 
     Attributes:
@@ -94,18 +85,20 @@ class Picture:
     """
 
     svg: Markup
-    caption: str = ""
-    wide: bool = False
-
-
-def picture(figure: Figure, name: str, label: str, caption: str = "", *, wide: bool = False) -> Picture:
-    """A figure for a page; see :func:`to_svg`."""
-    return Picture(Markup(to_svg(figure, name, label)), caption, wide)
+    caption: str
+    wide: bool
 
 
 def style() -> Any:
     """Context in which figures for pages are drawn and written."""
-    return mpl.rc_context(_STYLE)
+    own: Any = {"svg.fonttype": "none", "axes.titlesize": 9, "lines.linewidth": 1.3}
+    return mpl.rc_context(figure_style(INK, FAINT, GRID) | own)
+
+
+def file_style() -> Any:
+    """Context in which figures for picture files are drawn and written."""
+    settings: Any = figure_style("#1b1e24", "#5b6270", "#dfe3ea")
+    return mpl.rc_context(settings)
 
 
 def new_figure(
@@ -145,13 +138,15 @@ def new_figure(
     return figure, list(axes)
 
 
-def to_svg(figure: Figure, name: str, label: str) -> str:
+def picture(figure: Figure, name: str, label: str, caption: str = "", *, wide: bool = False) -> Picture:
     """Render a figure for inlining in HTML.
 
     Args:
         figure: the figure.
         name: unique in the page; prefixes every id.
         label: what the picture shows, for those who cannot see it.
+        caption: what to look at.
+        wide: whether it spans the page.
     """
     buffer = io.StringIO()
     FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
@@ -165,18 +160,12 @@ def to_svg(figure: Figure, name: str, label: str) -> str:
         text = text.replace(color, f"var(--{variable})")
     # The page's own type; matplotlib lists every font of the family it was configured with.
     text = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1", text)
-    escaped = label.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
     width, height = (72 * size for size in figure.get_size_inches())
     head = (
-        f'<svg role="img" aria-label="{escaped}" viewBox="0 0 {width:g} {height:g}" '
+        f'<svg role="img" aria-label="{escape(label)}" viewBox="0 0 {width:g} {height:g}" '
         'xmlns:xlink="http://www.w3.org/1999/xlink" xmlns="http://www.w3.org/2000/svg">'
     )
-    return re.sub(r"\s*\n\s*", "\n", head + text[text.index(">") + 1 :])
-
-
-def file_style() -> Any:
-    """Context in which figures for picture files are drawn and written."""
-    return mpl.rc_context(_FILE_STYLE)
+    return Picture(Markup(re.sub(r"\s*\n\s*", "\n", head + text[text.index(">") + 1 :])), caption, wide)
 
 
 def decimate(time: Array, value: Array, buckets: int = _BUCKETS) -> tuple[Array, Array]:

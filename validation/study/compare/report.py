@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -129,7 +128,7 @@ def render(pair: Pair) -> str:
     """The report as one self-contained page."""
     a, b = pair.a.label, pair.b.label
     with style.style():
-        switches = style.to_svg(draw_switches(pair, _PAGE), "s", f"{a} and {b} about the switches")
+        switches = style.picture(draw_switches(pair, _PAGE), "s", f"{a} and {b} about the switches")
     return render_page(
         "pair.html.j2",
         styles=["report.css"],
@@ -138,7 +137,7 @@ def render(pair: Pair) -> str:
         even=EVEN,
         facts=facts(pair),
         parameters=pair.parameters,
-        switches=Markup(switches),
+        switches=switches.svg,
         groups=tables(pair),
         known=known(pair),
         notes=notes(pair),
