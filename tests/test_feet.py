@@ -222,22 +222,54 @@ def test_samples_cannot_be_changed(plan):
         plan.feet.left.path[0] = 0.0
 
 
-@pytest.mark.parametrize("time", [-0.1, 100.0, np.nan])
-def test_times_outside_are_refused(plan, time):
-    with pytest.raises(InputError, match="outside the plan"):
-        plan.feet.sample(time)
+def test_what_has_no_feet_is_refused():
+    foot = SCHEDULES["roll"]
+    plan = planned(foot)
+    contacts, steps = plan.contacts, plan.contacts.footsteps
+    turned = (*steps[:-1], replace(steps[-1], heading=0.1))
+    for wrong in (replace(contacts, phases=contacts.phases[1:]), replace(contacts, footsteps=turned)):
+        with pytest.raises(InputError):
+            plan_feet(wrong, foot, SOLE, 0.4)
+    for lead in (0.9, -0.9):
+        with pytest.raises(InputError, match=rf"foot\.heel_rise_lead = {lead:g} s"):
+            planned(FootParameters(heel_rise_lead=lead))
+    for time in (-0.1, 100.0, np.nan):
+        with pytest.raises(InputError, match="outside the plan"):
+            plan.feet.sample(time)
 
 
-@pytest.mark.parametrize("lead", [0.9, -0.9])
-def test_heel_rises_while_the_foot_stands(lead):
-    with pytest.raises(InputError, match=rf"foot\.heel_rise_lead = {lead:g} s"):
-        planned(FootParameters(heel_rise_lead=lead))
+# --------------------------------------------------------------------------------- the support polygon
 
 
-def test_phases_must_alternate():
-    plan = planned(SCHEDULES["roll"])
-    with pytest.raises(InputError, match="in turn"):
-        plan_feet(replace(plan.contacts, phases=plan.contacts.phases[1:]), SCHEDULES["roll"], SOLE, 0.4)
+def test_the_support_polygon_of_flat_feet():
+    plan = planned(SCHEDULES["flat"], step_length=0.4, switching_velocity=0.8)
+    single = plan.support_polygon(0.1)
+    np.testing.assert_allclose([single[:, 0].min(), single[:, 0].max()], [-0.1, 0.16])
+    np.testing.assert_allclose([single[:, 1].min(), single[:, 1].max()], [0.05, 0.13])
+    double = plan.support_polygon(plan.contacts.switch_times[0] + 0.01)
+    np.testing.assert_allclose([double[:, 0].min(), double[:, 0].max()], [-0.1, 0.56])
+    times = np.linspace(0.0, plan.duration, 300)
+    margin = plan.zmp_margin(times)
+    assert margin.min() > 0.0
+    # In single support the nearest edge is the heel, the toe or a side.
+    middle = plan.zmp_margin(plan.constants.single_support_duration / 2)[0]
+    assert 0.03 < middle < 0.04
+
+
+def test_no_instant_undercuts_the_least_margin(plan):
+    least, time = plan.least_zmp_margin()
+    assert plan.zmp_margin(time)[0] == least
+    beside = np.concatenate([plan.contacts.switch_times + shift for shift in (-1e-9, 0.0, 1e-9)])
+    assert least <= plan.zmp_margin(beside).min() + 1e-12
+    # What a grid sees approaches it from above.
+    grid = plan.zmp_margin(np.linspace(0.0, plan.duration, 20001)).min()
+    assert least - 1e-12 <= grid
+    part, time = plan.least_zmp_margin(0.1)
+    assert 0.0 <= time <= 0.1
+    assert part >= least
+    assert np.isfinite(plan.least_zmp_margin(0.0)[0])
+    with pytest.raises(InputError, match="outside"):
+        plan.least_zmp_margin(plan.duration + 1.0)
 
 
 # ------------------------------------------------------------------------------------- the paper's swing

@@ -174,18 +174,6 @@ def test_integration_keeps_to_the_constraints(solved):
         assert velocity < 1e-9
 
 
-def test_velocity_and_acceleration_are_the_positions_rates(solved):
-    """Within rounding of the grid: the integration is of second order."""
-    ik, _, motion = solved
-    model = ik.robot.model
-    for k in NODES[1:-1]:
-        h = motion.time[k + 1] - motion.time[k]
-        step = pin.difference(model, motion.q[k - 1], motion.q[k + 1]) / (2 * h)
-        np.testing.assert_allclose(step[6:], motion.v[k, 6:], atol=2e-2)
-        step = (motion.v[k + 1] - motion.v[k - 1]) / (2 * h)
-        np.testing.assert_allclose(step[6:], motion.acceleration[k, 6:], atol=2.0)
-
-
 def test_second_order_in_the_grid():
     """The end of a step from one start: the error falls by four when the grid is halved."""
     run, plan, robot = walk_of()

@@ -105,13 +105,6 @@ def test_table_has_a_column_for_every_number(motion, robot):
 # -------------------------------------------------------------------------- cache
 
 
-def test_kept_and_found_to_the_last_bit(motion, robot, tmp_path):
-    motion.sample([0.1], robot)  # what sampling keeps for itself is not stored
-    keep_motion(motion, tmp_path / "new", "key")
-    assert same(find_motion(tmp_path / "new", "key"), motion)
-    assert find_motion(tmp_path, "key") is None
-
-
 DAMAGE = {
     "empty": lambda data: b"",
     "cut": lambda data: data[: len(data) // 2],

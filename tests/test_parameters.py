@@ -67,11 +67,6 @@ def test_a_file_gives_back_the_same_bits(tmp_path_factory, com_height, c_s, a_s,
     assert again.gait.c_s.hex() == run.gait.c_s.hex()
 
 
-def test_an_infinite_a_s_round_trips(tmp_path):
-    run = load_run("normal", ["gait.a_s=inf"])
-    assert read_back(run, tmp_path / "run.toml").gait.a_s == math.inf
-
-
 def test_overrides_come_last_and_take_toml_or_plain_values():
     run = load_run(
         "momentum", ["gait.c_s=1.4", "foot.schedule=flat", "gait.steps=7", 'solver.qp="daqp"', "gait.c_y=.5"]

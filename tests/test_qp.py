@@ -11,7 +11,7 @@ import osqp
 import pytest
 
 from ampm.exceptions import InputError, SolverError
-from ampm.qp import OsqpBackend, Pattern, QPSettings, QPStatus, make_backend
+from ampm.qp import OsqpBackend, QPSettings, QPStatus, make_backend
 
 EXACT = QPSettings(tolerance=1e-10, max_iterations=20000)
 N, M = 12, 16
@@ -179,15 +179,3 @@ def test_missing_package_says_how_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "daqp", None)
     with pytest.raises(InputError, match=r"pip install -e \.\[daqp\]"):
         backend("daqp")
-
-
-def test_pattern_gathers_in_the_order_of_the_sparse_matrix():
-    rng = np.random.default_rng(0)
-    mask = rng.random((5, 7)) < 0.5
-    dense = np.where(mask, rng.normal(size=(5, 7)), 0.0)
-    dense[tuple(np.argwhere(mask)[0])] = 0.0  # an explicit zero belongs to the pattern
-    pattern = Pattern(mask)
-    matrix = pattern.matrix(dense)
-    assert matrix.nnz == mask.sum()
-    np.testing.assert_array_equal(matrix.toarray(), dense)
-    np.testing.assert_array_equal(pattern.values(dense), matrix.data)

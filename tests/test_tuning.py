@@ -16,9 +16,9 @@ from ampm.exceptions import MathematicalRefusal
 from ampm.parameters import keys
 from ampm.planner.support import plan_steps
 from ampm.run_file import PRESETS, dump_run, load_run
-from ampm.tune.certificate import NoFeasibleChoice, way_out
 from ampm.tune.free_choices import FREE_KEYS, FreeChoices, named_keys
 from ampm.tune.gait_limits import LIMITS, plan_margins, step_torques
+from ampm.tune.refusal import NoFeasibleChoice, way_out
 from ampm.tune.search import RoughOrbits
 from ampm.tune.tuning import tune
 from validation.cli.app import Status, call
@@ -160,11 +160,11 @@ def test_an_infeasible_gait_is_refused_with_the_limit_and_the_best_that_was_foun
     run, robot = body_of("gait.com_height=0.8", "gait.steps=2")
     with pytest.raises(NoFeasibleChoice, match="ankle") as refusal:
         tune(run, robot, fixed=[*held, *named_keys(default)])
-    certificate = refusal.value.certificate
-    assert certificate.limit == "ankle"
-    assert refusal.value.value == certificate.value < certificate.bound == 0.0
-    assert certificate.tried > 3
-    assert set(certificate.choice) == {"body.lean", "foot.swing_lag"}
+    error = refusal.value
+    assert error.broken == "ankle"
+    assert error.value < error.limit == 0.0
+    assert error.tried > 3
+    assert set(error.choice) == {"body.lean", "foot.swing_lag"}
 
 
 def test_a_gait_that_no_choice_lets_pass_over_the_foot_is_refused_by_the_formula():

@@ -284,6 +284,23 @@ class ChoiceSearch:
         return jacobian
 
 
+@dataclass
+class Approach:
+    """How far the continuation from an easy neighbour led.
+
+    Attributes:
+        share: of the way [1].
+        search: at that place.
+        candidate: the choice there.
+        why: what was in the way farther on.
+    """
+
+    share: float
+    search: ChoiceSearch
+    candidate: Candidate
+    why: Unreachable | None = None
+
+
 class SearchFinished(Exception):
     """The search is finished: every margin is wide enough, or the budget is spent."""
 

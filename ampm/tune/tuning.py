@@ -27,10 +27,10 @@ from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import GaitParameters, RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.planners import AmpmPeriodic, PeriodicWalk, WalkRequest
-from ampm.tune.certificate import Approach, Certificate, NoFeasibleChoice, no_feasible_choice, numbers
 from ampm.tune.free_choices import FreeChoices, named_keys
 from ampm.tune.gait_limits import LIMITS, orbit_margins, plan_margins
-from ampm.tune.search import ENOUGH, Candidate, ChoiceSearch, RoughOrbits
+from ampm.tune.refusal import NoFeasibleChoice, no_feasible_choice
+from ampm.tune.search import ENOUGH, Approach, Candidate, ChoiceSearch, RoughOrbits
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -89,7 +89,7 @@ def tune(
     Raises:
         InputError: the gait is the plain inverted pendulum's.
         MathematicalRefusal: no choice gives the formula a solution.
-        BodilyRefusal: every choice breaks a limit; ``certificate`` says which, and the best that was found.
+        NoFeasibleChoice: every choice breaks a limit.
     """
     report = progress or (lambda text: None)
     if run.gait.model != "ampm":  # its ZMP jumps, so no choice could keep it in a support that grows
@@ -137,7 +137,7 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, cache: Path | No
 
 def _nearness(error: RefusedGait) -> float:
     """How near a search came to the limit that it broke [1]."""
-    return error.certificate.margin if isinstance(error, NoFeasibleChoice) else -math.inf
+    return error.margin if isinstance(error, NoFeasibleChoice) else -math.inf
 
 
 def _twists(space: FreeChoices, robot: Robot, report: Report) -> bool:
@@ -265,11 +265,18 @@ def _confirmed(search: ChoiceSearch, best: Candidate, cache: Path | None) -> Tun
     try:
         plan = AmpmPeriodic().plan(WalkRequest(run, search.orbits.robot, cache=cache))
     except BodilyRefusal as error:
-        reason, tried, choice = error.reason, len(search.candidates), numbers(space.found(run))
-        what = f"{str(error).partition(';')[0]} ({tried} choices tried)"
-        certificate = Certificate(reason, what, error.value, error.limit, error.unit, tried, choice)
-        fault = "the best choice just fails"
-        raise NoFeasibleChoice(fault, certificate, reason=reason, way_out=error.way_out) from error
+        tried = len(search.candidates)
+        raise NoFeasibleChoice(
+            f"the best choice just fails: {str(error).partition(';')[0]} ({tried} choices tried)",
+            broken=error.reason,
+            tried=tried,
+            choice=space.found(run),
+            reason=error.reason,
+            value=error.value,
+            limit=error.limit,
+            unit=error.unit,
+            way_out=error.way_out,
+        ) from error
     return _tuned(plan, run, space, best.values, len(search.candidates))
 
 

@@ -34,7 +34,7 @@ def tune_walk(request: Request, progress: Progress | None = None) -> TunedWalk:
 
     Raises:
         InputError: every free choice is named already.
-        MathematicalRefusal, BodilyRefusal: no choice walks; :class:`ampm.tune.certificate.NoFeasibleChoice`,
+        MathematicalRefusal, BodilyRefusal: no choice walks; :class:`ampm.tune.refusal.NoFeasibleChoice`,
             a BodilyRefusal, says which limit stayed broken.
     """
     from ampm.tune.tuning import tune  # here, not above: Pinocchio takes long to load
