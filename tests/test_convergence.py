@@ -24,6 +24,7 @@ from validation.judge.profiles import DEFAULT, STRICT
 from validation.judge.uncertainty import FILE, Uncertainty, load_uncertainty, matching
 from validation.judge.verdict import VerdictName, build_summary, judge
 from validation.show.report import render
+from validation.store.identity import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import load_saved_run
 from validation.study.convergence import run as convergence
@@ -57,17 +58,9 @@ def test_what_is_studied():
 def test_one_thing_changes_at_a_time_and_all_share_the_own_walk():
     run = load_run("normal")
     for study in studies(run):
-        section, _, leaf = study.key.partition(".")
         assert study.runs[study.own] == run
         for value, changed in zip(study.values, study.runs, strict=True):
-            assert getattr(getattr(changed, section), leaf) == value
-            assert changed.replace({study.key: study.values[study.own]}) == run
-
-
-@pytest.mark.parametrize(("names", "levels"), [(["step"], 4), ([], 2), ([], 7)])
-def test_a_bad_study_is_refused(names, levels):
-    with pytest.raises(InputError, match=r"use one of|choose 3"):
-        studies(load_run("normal"), names, levels=levels)
+            assert parameter_values(changed) == parameter_values(run) | {study.key: value}
 
 
 # ------------------------------------------------------------------- stand-in walks
@@ -154,7 +147,7 @@ def test_a_level_that_falls_leaves_the_uncertainty_without_a_bound():
     found = study(partial(walker, falls=lambda run: run.simulation.time_step == 0.0005))
     assert (found.completed, found.verdict.name) == (False, VerdictName.UNDECIDED)
     assert math.isinf(found.metrics["zmp_x_rmse"].uncertainty)
-    assert any("0.5 ms: fell, It stumbled." in note for note in found.notes)
+    assert "time_step, 0.5 ms: fell, It stumbled." in found.notes
     assert json_ready(found.as_dict())["metrics"]["zmp_x_rmse"]["uncertainty"] == "inf"
 
 
@@ -170,13 +163,12 @@ def test_a_gait_that_falls_at_its_own_parameters_has_no_verdict():
     assert found.metrics == {}
 
 
-def test_the_tables_say_it_in_words(result, capsys):
+def test_tables(result, capsys):
     print_convergence(result)
-    out = capsys.readouterr().out
-    for text in ("no asymptotic range", "zmp_x_rmse", "1.00", "u_input", "normal: PASS", "1.4 ± 0.5"):
+    out, page = capsys.readouterr().out, markdown(result)
+    for text in ("no asymptotic range", "zmp_x_rmse", "1.4 ± 0.5", "normal: PASS"):
         assert text in out, text
-    page = markdown(result)
-    for text in ("## time_step: time step", "| 2 ms | 1 ms | 0.5 ms | 0.25 ms |", "**1.00, 1.00**"):
+    for text in ("| 2 ms | 1 ms | 0.5 ms | 0.25 ms |", "**1.00, 1.00**"):
         assert text in page, text
 
 
@@ -210,10 +202,7 @@ def test_what_was_not_studied_is_never_a_zero_nor_a_pass(only, lacking, capsys):
     assert entries["metrics"]["zmp_x_rmse"]["uncertainty"] is None
     assert entries["not_studied"] == list(lacking)
     print_convergence(found)
-    out = capsys.readouterr().out
-    assert "normal: UNDECIDED" in out
-    assert f"not studied: {', '.join(lacking)}" in out
-    assert ("± not studied" if only == ("contact_stiffness",) else "± ≥ ") in out
+    assert ("± not studied" if only == ("contact_stiffness",) else "± ≥ ") in capsys.readouterr().out
 
 
 def test_a_self_check_needs_no_time_step_and_an_exact_solver_no_tolerance():
@@ -256,22 +245,18 @@ def test_a_study_serves_any_number_of_steps_of_its_gait_and_no_other_gait(folder
 
 
 @pytest.mark.parametrize(
-    ("text", "why"),
+    ("metrics", "why"),
     [
-        ("{", "Invalid JSON"),
-        ("[]", "is no convergence study"),
-        ('{"metrics": {"a": {"uncertainty": 1}}, "steps": "six"}', "is no convergence study"),
+        (None, "is no convergence study"),
         ({}, "holds no metrics"),
-        ({"zmp_x_rmse": -1}, r"metrics.zmp_x_rmse.uncertainty_at_least: .*greater than or equal to 0"),
-        ({"zmp_x_rmse": "much"}, r"metrics.zmp_x_rmse.uncertainty_at_least: .*number"),
+        ({"zmp_x_rmse": -1}, r"metrics.zmp_x_rmse.uncertainty_at_least"),
+        ({"zmp_x_rmse": "much"}, r"metrics.zmp_x_rmse.uncertainty_at_least"),
     ],
 )
-def test_a_file_that_is_no_study_is_refused(tmp_path, text, why):
-    path = tmp_path / FILE
-    if isinstance(text, str):
-        path.write_text(text)
-    else:
-        make_study(tmp_path, text)
+def test_a_file_that_is_no_study_is_refused(tmp_path, metrics, why):
+    path = make_study(tmp_path, metrics or {})
+    if metrics is None:
+        path.write_text("{")
     with pytest.raises(InputError, match=why):
         load_uncertainty(path)
 
@@ -294,24 +279,17 @@ def summary_with(known):
     return build_summary(comparison, verdict, timing=timing, gait="x", uncertainty=known.as_dict())
 
 
-def printed(summary, tmp_path, capsys):
-    print_result(summary, tmp_path)
-    return capsys.readouterr().out
-
-
-def test_the_terminal_quotes_it(tmp_path, capsys):
+def test_the_terminal_quotes_it_and_a_summary_is_no_study(tmp_path, capsys):
     values = {"zmp_x_rmse": 0.0003, "zmp_x_maximum": math.inf}
     summary = summary_with(Uncertainty("x", 6, "abc", values, {}, studies=("time_step", "ik_grid")))
-    out = printed(summary, tmp_path, capsys)
+    print_result(summary, tmp_path)
+    out = capsys.readouterr().out
     for text in ("1.8 ± 0.3", "± inf", "undecided", "x: UNDECIDED", "(time_step + ik_grid)"):
         assert text in out, text
-    path = tmp_path / "summary.json"  # of a run: it has metrics, and is no study
+    path = tmp_path / "summary.json"  # it has metrics, too
     path.write_text(json.dumps(summary))
-    assert call(["validate", "normal", "--uncertainty", str(path), "--out", str(tmp_path / "run")]) == 2
-    error = capsys.readouterr().err
-    assert "is no convergence study" in error
-    assert error.count("\n") == 1
-    assert not (tmp_path / "run").exists()
+    with pytest.raises(InputError, match="is no convergence study"):
+        load_uncertainty(path)
 
 
 @pytest.mark.parametrize(
@@ -325,9 +303,8 @@ def test_a_study_of_too_little_decides_no_run(only, shown, inside, tmp_path, cap
     assert (entry["uncertainty"], entry["pass"], entry["undecided"]) == (None, None, True)
     assert "qp_tolerance" in entry["not_studied"]
     assert summary["uncertainty"]["studies"] == inside
-    out = printed(summary, tmp_path, capsys)
-    assert f"± {shown}" in out
-    assert "not studied, so nothing is decided" in out
+    print_result(summary, tmp_path)
+    assert f"± {shown}" in capsys.readouterr().out
 
 
 def test_the_report_quotes_it(tmp_path):
@@ -363,6 +340,7 @@ def test_the_report_quotes_it(tmp_path):
         (["normal", "--set", "gait.switching_velocity=0.2"], "too slow"),
         (["normal", "--steps", "1"], "walk 2 at least"),
         (["normal", "--levels", "2"], "choose 3"),
+        (["normal", "--levels", "7"], "choose 3"),
         (["normal", "--study", "steps"], "use one of time_step"),
         (["normal", "--workers", "0"], "at least one process"),
         (["normal", "--profile", "lenient"], "use one of default"),
@@ -373,7 +351,7 @@ def test_bad_input_is_one_sentence_and_status_2(arguments, why, capsys):
     assert call(["convergence", *arguments]) == Status.REFUSED
     error = capsys.readouterr().err
     assert why in error
-    assert "Traceback" not in error
+    assert error.count("\n") == 1
 
 
 def test_folders_that_cannot_be_written_or_read_are_refused_before_anything_walks(folder, tmp_path, capsys):
