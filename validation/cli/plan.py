@@ -17,7 +17,7 @@ from ampm.parameters import keys as parameter_keys
 from ampm.run_file import PRESETS, key_info
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import Force, Gait, Gaits, Json, Settings, Status, answer, option
-from validation.show.text import format_number, print_line, print_table
+from validation.show.text import format_number, format_value, print_line, print_table
 from validation.store.folders import check_folder_of, check_output_file, output_file
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ def print_motion(described: dict[str, Any]) -> None:
         elif isinstance(value, dict):
             text = f"{format_number(value['value'], 5)} at {value['time']:.3f} s ({value['where']})"
         else:
-            text = format_number(value, 5) if isinstance(value, float) else str(value)
+            text = format_value(value)
         if name != "gait":
             rows.append((name, text, MOTION_UNITS.get(name, "")))
     print_table(f"motion of {described['gait']}, one step", ("quantity", "value", "unit"), rows)

@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.text import Text
 
-from validation.show.text import format_number, judged, print_line, print_table, print_verdict
+from validation.show.text import ABSENT, format_number, judged, print_line, print_table, print_verdict
 
 _SHORT = {"% of body weight": "% of weight"}
 """Units as a terminal of 80 columns has room for them."""
@@ -97,4 +97,4 @@ def _millimetres(values: Any, digits: int) -> str:
 
 
 def _scaled(value: float | None, scale: float, unit: str, decimals: int = 0) -> str:
-    return "-" if value is None else f"{scale * value:.{decimals}f}{unit}"
+    return ABSENT if value is None else f"{scale * value:.{decimals}f}{unit}"

@@ -14,7 +14,7 @@ from ampm.exceptions import InputError
 from ampm.run_file import dump_run
 from validation.cli.console import Narrator
 from validation.cli.options import Force, Gait, Json, Settings, Status, answer, option
-from validation.show.text import format_number, print_line, print_table
+from validation.show.text import format_value, print_line, print_table
 from validation.store.folders import check_output_file, output_file
 
 if TYPE_CHECKING:
@@ -79,10 +79,7 @@ def describe_tuned(walk: TunedWalk) -> dict[str, Any]:
 def print_tuned(walk: TunedWalk) -> None:
     """Print the choices and the tightest margins for a reader."""
     tuned = walk.tuned
-    rows = [
-        (key, format_number(value, 5) if isinstance(value, float) else str(value))
-        for key, value in tuned.found.items()
-    ]
+    rows = [(key, format_value(value)) for key, value in tuned.found.items()]
     print_table(f"free choices of {walk.request.name}", ("key", ">value"), rows)
     count = "1 choice" if tuned.tried == 1 else f"{tuned.tried} choices"
     print_line(f"{count} tried; smallest margins:")

@@ -110,7 +110,7 @@ def _size(item: Mapping[str, Any]) -> float:
 
 def _row(label: str, item: Mapping[str, Any]) -> Row:
     values = _numbers((*item["rmse"], *item["maximum"]))
-    x, y, most_x, most_y = (f"{1e3 * value:.3g}" if math.isfinite(value) else "-" for value in values)
+    x, y, most_x, most_y = (f"{1e3 * value:.3g}" if math.isfinite(value) else "–" for value in values)
     return label, x, y, most_x, most_y
 
 

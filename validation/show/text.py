@@ -12,6 +12,8 @@ from rich.text import Text
 
 BODY_WEIGHT = "% BW"
 """Percent of body weight, as tables have room for it."""
+ABSENT = "–"
+"""Stands for a number that is absent or not defined."""
 _FILE_WIDTH = 160
 """Columns of a table that is written to a file or a pipe."""
 
@@ -57,15 +59,18 @@ def print_verdict(name: str, verdict: str, reason: str) -> None:
 
 def format_number(value: float | None, digits: int = 4) -> str:
     """A number for a table: significant digits, or a dash where there is none."""
-    if value is None or math.isnan(value):
-        return "-"
-    return f"{value:.{digits}g}"
+    return ABSENT if value is None or math.isnan(value) else f"{value:.{digits}g}"
+
+
+def format_value(value: Any) -> str:
+    """A parameter's value for a table: five digits of a float, anything else as it is."""
+    return format_number(value, 5) if value is None or isinstance(value, float) else str(value)
 
 
 def number(value: Any, digits: int = 3) -> str:
     """Write a number for people: ``digits`` significant ones, a dash for what is absent."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
-        return "–"
+        return ABSENT
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int):
@@ -86,7 +91,7 @@ def with_unit(value: Any, unit: str, digits: int = 3) -> str:
     """A number and its unit, with a space that does not break."""
     text = number(value, digits)
     unit = BODY_WEIGHT if unit == "% of body weight" else unit
-    return text if text == "–" or unit in ("", "1") else f"{text} {unit}".replace(" ", "\u00a0")
+    return text if text == ABSENT or unit in ("", "1") else f"{text} {unit}".replace(" ", "\u00a0")
 
 
 def limit_with_unit(limit: float, unit: str) -> str:
@@ -117,7 +122,7 @@ def replace_between(page: str, name: str, text: str) -> str:
 def format_duration(seconds: float) -> str:
     """A time in words: ``250 µs``, ``12 s``, ``45 min``, ``3 h 20 min``, ``11.6 days``; a dash for NaN."""
     if math.isnan(seconds):
-        return "-"
+        return ABSENT
     for unit, size, most in (("µs", 1e-6, 1000), ("ms", 1e-3, 1000), ("s", 1.0, 90)):
         if seconds < most * size:
             return f"{seconds / size:.3g} {unit}"

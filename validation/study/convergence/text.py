@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from validation.show.text import BODY_WEIGHT, format_number, markdown_table
+from validation.show.text import ABSENT, BODY_WEIGHT, format_number, markdown_table
 from validation.study.convergence.order import Estimate
 from validation.study.convergence.result import Convergence, MetricStudy
 from validation.study.convergence.studies import Study
@@ -102,7 +102,7 @@ def _levels_table(study: Study, items: Sequence[MetricStudy]) -> str:
 
 def _orders(found: Estimate) -> str:
     """Observed orders of all triplets; bold where they confirm one another."""
-    text = ", ".join("–" if math.isnan(order) else f"{order:.2f}" for order in found.orders)
+    text = ", ".join(ABSENT if math.isnan(order) else f"{order:.2f}" for order in found.orders)
     return f"**{text}**" if found.asymptotic else text
 
 

@@ -12,10 +12,9 @@ from rich.text import Text
 
 from validation.judge.metrics import display_unit, metric_label
 from validation.show.page import render_page
-from validation.show.text import format_number, print_line, print_table
+from validation.show.text import format_number, format_value, print_line, print_table
 from validation.store.folders import output_file
 from validation.study.sweep.diff import KINDS, MetricChange, SweepDiff
-from validation.study.sweep.report import value_text
 from validation.study.sweep.table import State, SweepTable
 
 _SHOWN, _SHOWN_IN_PAGE = 12, 100
@@ -118,7 +117,7 @@ def tables(diff: SweepDiff, most: int) -> list[Table]:
         rows: list[list[str]] = []
         for change in changes[:most]:
             name = change.a if change.a == change.b else f"{change.a} / {change.b}"
-            values = ", ".join(f"{key} {value_text(value)}" for key, value in change.parameters.items())
+            values = ", ".join(f"{key} {format_value(value)}" for key, value in change.parameters.items())
             grown = "; ".join(map(metric_label, change.metrics))
             rows.append([name, change.before, change.after, grown, values])
         if len(changes) > most:

@@ -13,16 +13,17 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import false_discovery_control, kruskal, spearmanr
 
 Array = NDArray[np.float64]
-Parameters = Mapping[str, Sequence[object] | NDArray[np.generic]]
-"""Values by key, each of length N: numbers, or words (a parameter without order)."""
+Parameters = Mapping[str, NDArray[Any]]
+"""Values by key, each of shape (N,): numbers, or words (a parameter without order)."""
 
 LEAST_RUNS = 30
 """Runs below which no influence is computed."""
@@ -116,33 +117,25 @@ def _target(parameters: Parameters, name: str, values: Array, rng: np.random.Gen
         return Target(name, len(rows), silent=f"{len(rows)} runs are too few; {LEAST_RUNS} needed")
     if len(rows) > MOST_RUNS:
         rows = np.sort(rng.choice(rows, MOST_RUNS, replace=False))
-    y = np.asarray(values, dtype=float)[rows]
-    if np.ptp(y) <= 1e-12 * np.abs(y).max():
-        return Target(name, len(y), silent="it does not vary")
+    y = values[rows]
     others = len(y) - int(np.unique(y, return_counts=True)[1].max())
-    if others < LEAST_EVENTS:
-        return Target(name, len(y), silent=f"all but {others} of {len(y)} runs agree, too few to say why")
-    return Target(
-        name, len(y), tuple(_influence(key, np.asarray(x)[rows], y) for key, x in parameters.items())
-    )
+    silent = f"all but {others} of {len(y)} runs agree, too few to say why" if others < LEAST_EVENTS else ""
+    if np.ptp(y) <= 1e-12 * np.abs(y).max():
+        silent = "it does not vary"
+    influences = () if silent else tuple(_influence(key, x[rows], y) for key, x in parameters.items())
+    return Target(name, len(y), influences, silent)
 
 
-def _influence(key: str, values: NDArray[np.generic], y: Array) -> Influence:
+def _influence(key: str, values: NDArray[Any], y: Array) -> Influence:
     ordered, x = _numbers(values)
     label = classes(x)
     groups = [y[label == number] for number in range(label.max() + 1)]
     if len(groups) == 1:
         return Influence(key)
-    test = kruskal(*groups)
-    share = (test.statistic - len(groups) + 1) / (len(y) - len(groups))
-    rho = spearmanr(x, y) if ordered else None
-    return Influence(
-        key,
-        math.nan if rho is None else float(rho.statistic),
-        float(np.clip(share, 0.0, 1.0)),
-        math.nan if rho is None else float(rho.pvalue),
-        float(test.pvalue),
-    )
+    statistic, p_share = kruskal(*groups)
+    share = np.clip((statistic - len(groups) + 1) / (len(y) - len(groups)), 0.0, 1.0)
+    rho, p_rho = spearmanr(x, y) if ordered else (math.nan, math.nan)
+    return Influence(key, float(rho), float(share), float(p_rho), float(p_share))
 
 
 def entangled(parameters: Parameters, limit: float = 0.5) -> list[tuple[str, str, float]]:
@@ -155,7 +148,7 @@ def entangled(parameters: Parameters, limit: float = 0.5) -> list[tuple[str, str
     Returns:
         Both keys and their rank correlation, strongest first.
     """
-    columns = {name: _numbers(np.asarray(values)) for name, values in parameters.items()}
+    columns = {name: _numbers(values) for name, values in parameters.items()}
     numbers = {name: x for name, (ordered, x) in columns.items() if ordered and len(np.unique(x)) > 1}
     pairs = [
         (a, b, float(spearmanr(numbers[a], numbers[b]).statistic))
@@ -177,7 +170,7 @@ def classes(column: Array) -> NDArray[np.int64]:
     return np.unique(np.searchsorted(edges, column, side="right"), return_inverse=True)[1]
 
 
-def _numbers(values: NDArray[np.generic]) -> tuple[bool, Array]:
+def _numbers(values: NDArray[Any]) -> tuple[bool, Array]:
     """Whether the values have an order, and numbers that stand for them."""
     if values.dtype.kind in "biuf":
         column = values.astype(float)

@@ -19,7 +19,7 @@ from markupsafe import Markup
 from ampm.run_file import PRESETS, load_run
 from validation.judge.metrics import METRICS, metric_label
 from validation.show.page import render_page
-from validation.show.text import format_duration, number, with_unit
+from validation.show.text import format_duration, format_value, number, with_unit
 from validation.store.identity import parameter_values
 from validation.study.sweep import figures, store
 from validation.study.sweep.influence import Target, analyse, entangled
@@ -141,11 +141,6 @@ def _setting(key: str, value: Any) -> str:
     return shlex.join(["--set", f"{key}={value}"])
 
 
-def value_text(value: Any) -> str:
-    """A parameter's value for people."""
-    return "–" if value is None else f"{value:.5g}" if isinstance(value, float) else str(value)
-
-
 def worst_rows(sweep: SweepTable) -> tuple[list[int], list[int]]:
     """Rows of the worst runs: those that did not complete, those that used most of a tolerance."""
     lost = [row for row in sweep.worst if not sweep.measured[row]]
@@ -179,7 +174,7 @@ def run_rows(sweep: SweepTable, rows: Sequence[int], keys: Sequence[str]) -> lis
                 "state": sweep.state(row),
                 "why": _why(sweep, row),
                 "links": links.get(row, []),
-                "parameters": [(key, value_text(value)) for key, value in varied[:MOST_SHOWN]],
+                "parameters": [(key, format_value(value)) for key, value in varied[:MOST_SHOWN]],
                 "repeat": " ".join([repeat[0], *settings, repeat[1]]),
             }
         )
@@ -285,7 +280,7 @@ def varied_rows(sweep: SweepTable) -> list[Row]:
     found = []
     for key in sweep.varied:
         values = np.unique(sweep.values(key))
-        ends = [with_unit(value_text(value.item()), sweep.unit(key)) for value in (values[0], values[-1])]
+        ends = [with_unit(format_value(value.item()), sweep.unit(key)) for value in (values[0], values[-1])]
         found.append((key, *ends, f"{len(values):,}", sweep.describe(key)))
     return found
 
@@ -294,7 +289,7 @@ def fixed_rows(sweep: SweepTable) -> list[Row]:
     """Parameters that all runs share, with their values."""
     fixed = [key for key in sweep.parameters if len(sweep) and key not in sweep.varied]
     return [
-        (key, with_unit(value_text(sweep.table.column(key)[0].as_py()), sweep.unit(key))) for key in fixed
+        (key, with_unit(format_value(sweep.table.column(key)[0].as_py()), sweep.unit(key))) for key in fixed
     ]
 
 
