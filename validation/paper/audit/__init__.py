@@ -50,13 +50,12 @@ def audit(stages: Progress | None = None) -> tuple[Row, ...]:
         section_4,
     )
     from validation.paper.audit.case import Case
-    from validation.paper.audit.rows import Ledger, assemble
+    from validation.paper.audit.rows import statements
 
     stages = stages or Progress()
-    case = Case()
-    ledger = Ledger()
+    case, rows = Case(), statements()
     for module in (section_1, section_2, section_2_1, section_2_2, section_2_3, section_3, section_4):
         name = module.__name__.rpartition("section_")[2].replace("_", ".")
         with stages.stage(f"section {name}"):
-            module.check(case, ledger)
-    return assemble(ledger)
+            module.check(case, rows)
+    return tuple(rows.values())

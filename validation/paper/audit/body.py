@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -18,11 +17,7 @@ from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from ampm.body.motion import WholeBodyMotion
-    from ampm.body.robot import Robot
-    from ampm.planner.feet import FeetPlan, FootSample
+    from ampm.planner.feet import FootSample
     from validation.trial.plan import PlannedWalk
 
 Array = NDArray[np.float64]
@@ -33,62 +28,23 @@ PAPER_ROWS = 18
 """Rows of Eq. 11: COM 3, angular momentum 3, two feet of 6; the body here adds its toes."""
 
 
-@dataclass(frozen=True)
-class Rates:
-    """A rate by Jacobian against the same rate by differences, for COM, momentum over mass, and feet.
-
-    Attributes:
-        jacobian: shape (18,).
-        difference: shape (18,).
-    """
-
-    jacobian: Array
-    difference: Array
-
-    def mismatch(self, rows: slice) -> float:
-        """Largest difference over some rows [SI]."""
-        return float(np.abs(self.jacobian[rows] - self.difference[rows]).max())
-
-
-@dataclass(frozen=True)
 class BodyEvidence:
     """One gait, planned with the body and solved as a periodic motion.
 
     Attributes:
-        planned: the gait.
+        run: parameters of the gait.
+        plan: with feet and the body's constant of L_y.
+        motion: its periodic step.
+        robot: the body.
+        constant: constant of L_y that closes its posture [N m s].
+        inverse_kinematics: the paper's section 2.3, as the project has it.
     """
 
-    planned: PlannedWalk
-
-    @property
-    def plan(self) -> StepPlan:
-        """Its plan, with feet and the body's constant of L_y."""
-        return self.planned.plan
-
-    @cached_property
-    def motion(self) -> WholeBodyMotion:
-        """Its periodic step."""
-        return self.planned.motion
-
-    @property
-    def constant(self) -> float:
-        """Constant of L_y that closes its posture [N m s]."""
-        return self.motion.report.angular_momentum_y_offset
-
-    @cached_property
-    def robot(self) -> Robot:
-        """The body."""
-        return self.planned.body.robot
-
-    @cached_property
-    def feet(self) -> FeetPlan:
-        """Its planned feet."""
-        return self.plan.feet
-
-    @cached_property
-    def inverse_kinematics(self) -> InverseKinematics:
-        """The paper's section 2.3, as the project has it."""
-        return InverseKinematics(self.robot, self.planned.request.run)
+    def __init__(self, planned: PlannedWalk) -> None:
+        self.run, self.robot, self.motion = planned.run, planned.body.robot, planned.motion
+        self.plan: StepPlan = planned.plan
+        self.constant = self.motion.report.angular_momentum_y_offset
+        self.inverse_kinematics = InverseKinematics(self.robot, planned.run)
 
     @property
     def middle(self) -> tuple[Array, Array, Array]:
@@ -99,27 +55,12 @@ class BodyEvidence:
     # ------------------------------------------------------------------ trunk
 
     @cached_property
-    def _trunk(self) -> Array:
-        """Roll and pitch of the trunk over one step, shape (n+1, 2) [rad]."""
-        angles = []
-        for rotation in self.robot.trunk_rotations(self.motion.q):
-            angles.append(
-                (
-                    math.atan2(rotation[2, 1], rotation[2, 2]),
-                    math.atan2(rotation[0, 2], rotation[2, 2]),
-                )
-            )
-        return np.array(angles)
-
-    @property
-    def trunk_roll(self) -> float:
-        """Peak to peak roll of the trunk; the next step is this one mirrored [rad]."""
-        return float(2.0 * np.abs(self._trunk[:, 0]).max())
-
-    @property
-    def trunk_pitch(self) -> float:
-        """Peak to peak pitch of the trunk [rad]."""
-        return float(np.ptp(self._trunk[:, 1]))
+    def trunk_swing(self) -> tuple[float, float]:
+        """Peak to peak roll and pitch of the trunk over a stride [rad]."""
+        rotations = self.robot.trunk_rotations(self.motion.q)
+        roll = [math.atan2(rotation[2, 1], rotation[2, 2]) for rotation in rotations]
+        pitch = [math.atan2(rotation[0, 2], rotation[2, 2]) for rotation in rotations]
+        return 2.0 * float(np.abs(roll).max()), float(np.ptp(pitch))  # the next step is this one mirrored
 
     def trunk_drift(self, constant: float, steps: int) -> float:
         """Mean trunk pitch that the body gains when it walks on with another constant of L_y.
@@ -131,46 +72,45 @@ class BodyEvidence:
         Returns:
             Mean pitch over the last step less that over the periodic one [rad].
         """
-        grid = step_grid(self.plan, self.planned.run.solver.ik_time_step)
-        reference = step_reference(self.plan, grid)
+        reference = step_reference(self.plan, step_grid(self.plan, self.run.solver.ik_time_step))
         q, v = self.motion.q[0], self.motion.v[0]
         for _ in range(steps):
             trajectory = self.inverse_kinematics.integrate(reference, q, v, constant, draft=True)
             q = self.robot.mirror_q(trajectory.q[-1], -self.motion.step_length)
             v = self.robot.mirror_v(trajectory.v[-1])
-        time = reference.time
-        mean = float(np.trapezoid(trajectory.trunk_pitch, time) / time[-1])
-        return mean - self.motion.report.mean_trunk_pitch
+        mean = np.trapezoid(trajectory.trunk_pitch, reference.time) / reference.time[-1]
+        return float(mean) - self.motion.report.mean_trunk_pitch
 
     # -------------------------------------------------------------- Jacobians
 
-    @cached_property
-    def jacobian(self) -> Array:
-        """J_all of Eq. 11 at the middle of the single support, shape (18, nv)."""
-        q, v, _ = self.middle
+    def _jacobian(self, q: Array, v: Array) -> Array:
+        """J_all of Eq. 11, shape (18, nv)."""
         return self.robot.jacobian(q, v).jacobian[:PAPER_ROWS].copy()
 
-    def _nearby(self, h: float) -> tuple[Array, Array]:
-        """State ``h`` [s] after :attr:`middle`, at its acceleration."""
+    @cached_property
+    def jacobian(self) -> Array:
+        """J_all at the middle of the single support."""
+        return self._jacobian(*self.middle[:2])
+
+    def _nearby(self) -> list[tuple[Array, Array]]:
+        """States just before and just after :attr:`middle`, at its acceleration."""
         q, v, a = self.middle
-        return pin.integrate(self.robot.model, q, h * v + 0.5 * h * h * a), v + h * a
+        steps = (-_DIFFERENCE, _DIFFERENCE)
+        return [(pin.integrate(self.robot.model, q, h * v + 0.5 * h * h * a), v + h * a) for h in steps]
 
     @cached_property
-    def velocities(self) -> Rates:
-        """``J qd`` against differences of positions; the momentum's rows against the bodies' own sum."""
+    def velocity_errors(self) -> Array:
+        """``J qd`` less differences of positions, and for the momentum less the bodies' own sum, shape (18,).
+
+        Of COM [m/s], momentum over mass, and feet.
+        """
         q, v, _ = self.middle
-        by_jacobian = self.robot.jacobian(q, v).jacobian[:PAPER_ROWS] @ v
-        places = []
-        for h in (-_DIFFERENCE, _DIFFERENCE):
-            terms = self.robot.jacobian(*self._nearby(h))
-            places.append((terms.com, terms.soles))
-        (com_0, soles_0), (com_1, soles_1) = places
-        width = 2.0 * _DIFFERENCE
-        rows = [(com_1 - com_0) / width, self._momentum(q, v) / self.robot.mass]
-        for before, after in zip(soles_0, soles_1, strict=True):
-            rows.append((after.translation - before.translation) / width)
-            rows.append(pin.log3(after.rotation @ before.rotation.T) / width)
-        return Rates(by_jacobian, np.concatenate(rows))
+        before, after = (self.robot.jacobian(*state) for state in self._nearby())
+        rows = [(after.com - before.com) / (2.0 * _DIFFERENCE), self._momentum(q, v) / self.robot.mass]
+        for first, last in zip(before.soles, after.soles, strict=True):
+            rows.append((last.translation - first.translation) / (2.0 * _DIFFERENCE))
+            rows.append(pin.log3(last.rotation @ first.rotation.T) / (2.0 * _DIFFERENCE))
+        return np.asarray(np.abs(self.jacobian @ v - np.concatenate(rows)))
 
     def _momentum(self, q: Array, v: Array) -> Array:
         """Angular momentum about the COM, segment by segment, shape (3,) [N m s]."""
@@ -187,27 +127,24 @@ class BodyEvidence:
         return total
 
     @cached_property
-    def accelerations(self) -> Rates:
-        """``J qdd + dJ/dt qd`` against differences of velocities."""
+    def acceleration_errors(self) -> Array:
+        """``J qdd + dJ/dt qd`` less differences of velocities, shape (18,)."""
         q, v, a = self.middle
-        jacobian = self.robot.jacobian(q, v).jacobian[:PAPER_ROWS] @ a
-        by_jacobian = jacobian + self.robot.drift(q, v)[:PAPER_ROWS]
-        before, after = (
-            self.robot.jacobian(*state).jacobian[:PAPER_ROWS] @ state[1]
-            for state in (self._nearby(-_DIFFERENCE), self._nearby(_DIFFERENCE))
-        )
-        return Rates(by_jacobian, (after - before) / (2.0 * _DIFFERENCE))
+        by_jacobian = self.jacobian @ a + self.robot.drift(q, v)[:PAPER_ROWS]
+        before, after = (self._jacobian(*state) @ state[1] for state in self._nearby())
+        return np.asarray(np.abs(by_jacobian - (after - before) / (2.0 * _DIFFERENCE)))
 
     # -------------------------------------------------------------- posture form
 
-    def flat_directions(self) -> int:
+    @cached_property
+    def flat_directions(self) -> float:
         """Dimensions in which the printed cost (loins and chest) does not distinguish two accelerations.
 
         "Rotation of the loins" is read as generously as can be: the root's rotation and all trunk joints.
         """
         free = null_space(self.jacobian)
         weighed = free[np.concatenate([np.arange(3, 6), self.robot.trunk_joints])]
-        return int(free.shape[1] - np.linalg.matrix_rank(weighed))
+        return float(free.shape[1] - np.linalg.matrix_rank(weighed))
 
     def least_curvature(self) -> float:
         """Least eigenvalue of the project's cost on the directions that the constraints leave free [1]."""
@@ -223,15 +160,13 @@ class BodyEvidence:
         Args:
             swing: ``foot.swing`` to plan the feet with; None for the gait's own.
         """
-        feet = self.feet
+        feet, constants = self.plan.feet, self.plan.constants
         if swing is not None:
-            foot = self.planned.request.run.replace({"foot.swing": swing}).foot
-            constants = self.plan.constants
+            foot = self.run.replace({"foot.swing": swing}).foot
             lift_speed = constants.l_s / constants.single_support_duration
             feet = plan_feet(self.plan.contacts, foot, feet.sole, lift_speed)
-        lift = self.plan.constants.step_duration  # the left foot has stood, and leaves here
-        before = feet.sample(lift - _BESIDE)[0]
-        after = feet.sample(lift + _BESIDE)[0]
+        lift = constants.step_duration  # the left foot has stood, and leaves here
+        before, after = (feet.sample(lift + beside)[0] for beside in (-_BESIDE, _BESIDE))
         return (
             float(np.abs(after.velocity - before.velocity).max()),
             float(np.abs(after.acceleration - before.acceleration).max()),
@@ -247,32 +182,25 @@ class BodyEvidence:
         Returns:
             [rad/s^2]
         """
-        ik = self.inverse_kinematics
+        ik, robot = self.inverse_kinematics, self.robot
+        jacobian = robot.jacobian(self.motion.q[0], self.motion.v[0]).jacobian
         if foot_jump is None:
-            step = self.plan.constants.step_duration
-            before, after = step_reference(
-                self.plan, np.array([2.0 * step - _BESIDE, 2.0 * step + _BESIDE])
-            ).acceleration
+            lift = 2.0 * self.plan.constants.step_duration
+            before, after = step_reference(self.plan, lift + np.array([-_BESIDE, _BESIDE])).acceleration
             jump = after - before
         else:
-            jump = np.zeros(len(self.robot.jacobian(self.motion.q[0], self.motion.v[0]).jacobian))
+            jump = np.zeros(len(jacobian))
             jump[12] = foot_jump  # right foot, x
-        jacobian = self.robot.jacobian(self.motion.q[0], self.motion.v[0]).jacobian[ik.rows]
-        scaled = jacobian / ik.weights
-        change = scaled.T @ np.linalg.solve(jacobian @ scaled.T, jump[ik.rows])
-        return float(np.abs(change[list(self._flexion())]).max())
-
-    def _flexion(self) -> Iterator[int]:
-        """Velocity indices of the joints of hips and knees that turn about the lateral axis."""
-        for leg in self.robot.description.legs:
-            yield int(self.robot.velocity_indices((leg.knee,))[0])
-            hip = [name for name in leg.hip if "pitch" in name]
-            yield from (int(i) for i in self.robot.velocity_indices(tuple(hip)))
+        scaled = jacobian[ik.rows] / ik.weights
+        change = scaled.T @ np.linalg.solve(jacobian[ik.rows] @ scaled.T, jump[ik.rows])
+        legs = robot.description.legs
+        flexions = [leg.knee for leg in legs] + [name for leg in legs for name in leg.hip if "pitch" in name]
+        return float(np.abs(change[robot.velocity_indices(tuple(flexions))]).max())
 
     def permuted_constraints(self) -> float:
         """Largest error of the feet's entries if Eq. 11 takes them in one order and Eq. 10 in the other."""
         times = np.linspace(0.0, self.plan.constants.single_support_duration, 201)
-        left, right = self.feet.sample(times)
+        left, right = self.plan.feet.sample(times)
 
         def turning(foot: FootSample) -> Array:
             zero = np.zeros_like(foot.pitch_acceleration)

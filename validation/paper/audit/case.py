@@ -7,27 +7,22 @@ that they would spoil is zero. Such numbers are given for both gaits.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ampm.exceptions import RefusedGait
-from ampm.planner.centroidal import CentroidalPlan
+from ampm.parameters import GaitParameters
+from ampm.planner.centroidal import CentroidalPlan, PlanConstants
 from ampm.planner.periodic import plan_gait
 from validation.paper.audit.body import BodyEvidence
 from validation.trial.plan import load_request, plan_walk
 from validation.trial.simulate import simulate
 
 if TYPE_CHECKING:
-    from ampm.parameters import GaitParameters
-    from ampm.planner.centroidal import PlanConstants, PlanSample
+    from ampm.planner.centroidal import PlanSample
     from validation.trial.outcome import Outcome
-
-Array = NDArray[np.float64]
 
 SAMPLES_PER_STEP = 2001
 COARSE = 0.004
@@ -89,6 +84,11 @@ class Numbers:
         """Half the lateral distance of the feet, s + beta [m]."""
         return 0.5 * self.gait.step_width
 
+    @property
+    def lift_speed(self) -> float:
+        """Forward speed that section 2.3 gives a foot at lift-off, l_s over T_ss [m/s]."""
+        return self.constants.l_s / self.t_ss
+
     @cached_property
     def switch(self) -> PlanSample:
         """The plan at the first switch from single to double support."""
@@ -101,11 +101,6 @@ class Numbers:
         return self.plan.sample(np.linspace(0.0, 2.0 * step, 2 * SAMPLES_PER_STEP - 1))
 
     @property
-    def lift_speed(self) -> float:
-        """Forward speed that section 2.3 gives a foot at lift-off, l_s over T_ss [m/s]."""
-        return self.constants.l_s / self.t_ss
-
-    @property
     def largest_jump(self) -> float:
         """Largest jump of the COM's acceleration over all switches [m/s^2]."""
         return self.plan.residuals().acceleration * self.plan.gravity
@@ -115,59 +110,44 @@ class Numbers:
         return float(np.ptp(self.stride.angular_momentum[:, axis]))
 
 
-@dataclass(frozen=True)
 class Case:
     """The gaits of the audit, each planned when it is first used."""
 
     @cached_property
     def body(self) -> BodyEvidence:
         """``normal`` walked by the body's inverse kinematics."""
-        return self._walked()
+        return BodyEvidence(plan_walk(load_request("normal")))
 
     @cached_property
     def normal(self) -> Numbers:
         """The plan of ``normal``, with the body's feet and constant of L_y."""
-        return Numbers("normal", self.body.planned.run.gait, self.body.plan)
+        return Numbers("normal", self.body.run.gait, self.body.plan)
 
     @cached_property
     def momentum(self) -> Numbers:
         """The plan of ``momentum``, without a body: mean L_y zero."""
-        return self._numbers("momentum", "momentum")
+        return self.varied("momentum")
 
     @cached_property
     def ipm(self) -> Numbers:
         """The plan of ``ipm``, the plain inverted pendulum with the normal gait's steps."""
-        return self._numbers("ipm", "ipm")
+        return self.varied("ipm")
 
     def outcome(self, name: str, steps: int) -> Outcome:
-        """How a preset's walk in physics ends.
-
-        Args:
-            name: of the preset.
-            steps: to be walked.
-        """
+        """How a preset's walk in physics ends after so many steps, if not before."""
         planned = plan_walk(load_request(name, (f"gait.steps={steps}",)))
         return simulate(planned.plan, planned.run, planned.body.model, steps=steps).outcome
 
-    def varied(self, **gait: float) -> Numbers:
-        """The plan of ``normal`` with some of its gait changed, without a body."""
-        settings = [f"gait.{name}={value!r}" for name, value in gait.items()]
-        label = ", ".join(f"{name} {value:g}" for name, value in gait.items())
-        return self._numbers(f"normal, {label}", "normal", settings)
+    def varied(self, preset: str = "normal", /, **gait: float) -> Numbers:
+        """The plan of a preset with some of its gait changed, without a body."""
+        run = load_request(preset, _settings(gait)).run
+        return Numbers(preset, run.gait, plan_gait(run.gait, run.body.mass))
 
-    def walked(self, **gait: float) -> BodyEvidence | None:
-        """``normal`` with some of its gait changed, on a coarse grid; None if the body cannot."""
-        changed = [f"gait.{name}={value!r}" for name, value in gait.items()]
-        try:
-            return self._walked(f"solver.ik_time_step={COARSE!r}", *changed)
-        except RefusedGait:
-            return None
-
-    def _walked(self, *settings: str) -> BodyEvidence:
+    def walked(self, **gait: float) -> BodyEvidence:
+        """``normal`` with some of its gait changed, walked by the body on a coarse grid."""
+        settings = [f"solver.ik_time_step={COARSE!r}", *_settings(gait)]
         return BodyEvidence(plan_walk(load_request("normal", settings)))
 
-    @staticmethod
-    def _numbers(label: str, preset: str, settings: Sequence[str] = ()) -> Numbers:
-        """Plan without a body."""
-        run = load_request(preset, settings).run
-        return Numbers(label, run.gait, plan_gait(run.gait, run.body.mass))
+
+def _settings(gait: dict[str, float]) -> list[str]:
+    return [f"gait.{name}={value!r}" for name, value in gait.items()]

@@ -9,7 +9,7 @@ import sympy as sp
 
 from validation.paper.audit.case import Case, Numbers
 from validation.paper.audit.mechanics import H, g, m, moment_y, of_law, t
-from validation.paper.audit.rows import Ledger
+from validation.paper.audit.rows import Rows
 
 a, b, d, x, y, x_0, v_0, w_1, w_2 = sp.symbols("a b d x y x_0 v_0 omega_1 omega_2", real=True)
 c, c_y = sp.symbols("c c_y", positive=True)
@@ -34,19 +34,19 @@ def momentum_formula(sign: int) -> Any:
     return m * (turning - g * (sign * (a - 1) * d / c + b) * t)
 
 
-def check(case: Case, row: Ledger) -> None:
+def check(case: Case, rows: Rows) -> None:
     """Section 2, from top to bottom."""
-    _law(case, row)
-    _momentum(case, row)
+    _law(case, rows)
+    _momentum(case, rows)
 
 
-def _law(case: Case, row: Ledger) -> None:
-    row("2", "moving ZMP").symbolic(
+def _law(case: Case, rows: Rows) -> None:
+    rows["2", "moving ZMP"].symbolic(
         "M_y less -m g ((a + c - 1) x + b + d)",
         moment_y(a * x + b, x, g / H * (c * x + d)) + m * g * ((a + c - 1) * x + b + d),
     )
     force, vector = sp.Matrix([m * g / H * (c * x + d), m * g]), sp.Matrix([c * x + d, H])
-    parallel = row("2", "Fig. 3, force")
+    parallel = rows["2", "Fig. 3, force"]
     parallel.symbolic("force times vector, zero for a normal", force.dot(vector))
     across = force[0] * vector[1] - force[1] * vector[0]
     parallel.symbolic("force across vector, zero for a parallel", corrected=across)
@@ -54,19 +54,19 @@ def _law(case: Case, row: Ledger) -> None:
     force_y = m * g / H * c_y * y
     sample = case.normal.switch.force[0]
     wanted = case.normal.switch.com_acceleration[0, 0] / case.normal.plan.gravity
-    ratio = row("2", "force ratio")
+    ratio = rows["2", "force ratio"]
     ratio.symbolic("F_x/F_y - (c x + d)/H", m * acceleration / force_y - (c * x + d) / H)
     ratio.zero("F_x/F_y - x''/g at the first switch", "1", sample[0] / sample[1] - wanted)
     ratio.symbolic("F_x/F_z - (c x + d)/H", corrected=m * acceleration / (m * g) - (c * x + d) / H)
     ratio.zero("F_x/F_z - x''/g at the first switch", "1", corrected=sample[0] / sample[2] - wanted)
-    row("2", "Eq. 1").symbolic(
+    rows["2", "Eq. 1"].symbolic(
         "force parallel to (c x + d, H) with F_z = m g", m * g * (c * x + d) / H / m - acceleration
     )
-    row("2", "Eq. 1, solution").symbolic("x'' - (g/H)(c x + d)", of_law(COM, g / H * c, g / H * d))
+    rows["2", "Eq. 1, solution"].symbolic("x'' - (g/H)(c x + d)", of_law(COM, g / H * c, g / H * d))
     start = COM.subs(CONSTANTS)
     ends = (start.subs(t, 0) - x_0, sp.diff(start, t).subs(t, 0) - v_0)
-    row("2", "C_1, C_2").symbolic("position and velocity at t = 0", ends)
-    row("2", "F_x, F_z").symbolic("F_x - m x''", m / T_e**2 * (MINUS + PLUS) - m * sp.diff(COM, t, 2))
+    rows["2", "C_1, C_2"].symbolic("position and velocity at t = 0", ends)
+    rows["2", "F_x, F_z"].symbolic("F_x - m x''", m / T_e**2 * (MINUS + PLUS) - m * sp.diff(COM, t, 2))
 
 
 def second_step(numbers: Numbers) -> dict[Any, float]:
@@ -93,27 +93,27 @@ def _on_gait(formula: Any, numbers: Numbers, times: Any) -> Any:
     return np.broadcast_to(found, np.shape(times))  # a formula may be the same at all times
 
 
-def _momentum(case: Case, row: Ledger) -> None:
+def _momentum(case: Case, rows: Rows) -> None:
     normal, signs = case.normal, (1, -1)  # of the printed and the corrected form
     times = np.linspace(0.0, normal.t_ss * (1.0 - 1e-9), 201)
     step = normal.plan.sample(normal.constants.step_duration + times)
     apart = [
         np.abs(_on_gait(moment_formula(sign), normal, times) - step.moment[:, 1]).max() for sign in signs
     ]
-    moment = row("2", "moment r")
+    moment = rows["2", "moment r"]
     moment.symbolic("r - ((p - c) x F)_y", *(moment_formula(sign) - TRUE_MOMENT for sign in signs))
     where = "mismatch in the second single support, written in world axes"
-    moment.zero(where, "N m", *apart, scale=normal.plan.weight)
+    moment.zero(where, "N m", *apart)
     gained = step.angular_momentum[-1, 1] - step.angular_momentum[0, 1]
     off = [
         float(np.diff(_on_gait(momentum_formula(sign), normal, times[[0, -1]]))[0] - gained) for sign in signs
     ]
     rates = (sp.diff(momentum_formula(sign), t) - TRUE_MOMENT for sign in signs)
-    omega = row("2", "momentum omega").symbolic("d omega/dt - ((p - c) x F)_y", *rates)
+    omega = rows["2", "momentum omega"].symbolic("d omega/dt - ((p - c) x F)_y", *rates)
     where = "mismatch over the second single support, in world axes"
-    omega.zero(where, "N m s", *off, scale=normal.plan.weight)
+    omega.zero(where, "N m s", *off)
     start = float(case.momentum.stride.angular_momentum[0, 1])
-    meaning = row("2", "meaning of omega").symbolic(
+    meaning = rows["2", "meaning of omega"].symbolic(
         "omega_{t1,t3} - omega_{t1,t2} - omega_{t2,t3}",
         _generated(t_1, t_3, w_1) - _generated(t_1, t_2, w_1) - _generated(t_2, t_3, w_2),
     )
@@ -122,7 +122,7 @@ def _momentum(case: Case, row: Ledger) -> None:
         "the same without omega_1",
         corrected=_generated(t_1, t_3, 0) - _generated(t_1, t_2, 0) - _generated(t_2, t_3, 0),
     )
-    row("2", "what follows").against(
+    rows["2", "what follows"].against(
         "sections 2.1 and 2.2, which follow, are headed sagittal plane and frontal plane"
     )
 

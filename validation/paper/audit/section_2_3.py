@@ -10,25 +10,24 @@ import sympy as sp
 from validation.paper.audit.body import PAPER_ROWS
 from validation.paper.audit.case import Case
 from validation.paper.audit.mechanics import t
-from validation.paper.audit.rows import Ledger
+from validation.paper.audit.rows import Rows
 
 k, d, T, travel, lift_speed = sp.symbols("k d T D v", positive=True)
 DRIFT_STEPS = 3
-COM_ROWS, MOMENTUM_ROWS, FEET_ROWS = slice(0, 3), slice(3, 6), slice(6, PAPER_ROWS)
 DIFFERENCES = 1e-6
 """Error of a rate by central differences [SI]."""
 SWITCH = 1e-5
-"""Allowed change of a path within a nanosecond on either side of a switch, of 10 m/s^2."""
+"""Allowed change of a path within a nanosecond on either side of a switch [SI]."""
 
 
-def check(case: Case, row: Ledger) -> None:
+def check(case: Case, rows: Rows) -> None:
     """Section 2.3, from top to bottom."""
-    _defined(case, row)
-    _feet(case, row)
-    _jacobians(case, row)
-    _constraints(case, row)
-    _posture(case, row)
-    _integration(case, row)
+    _defined(case, rows)
+    _feet(case, rows)
+    _jacobians(case, rows)
+    _constraints(case, rows)
+    _posture(case, rows)
+    _integration(case, rows)
 
 
 def cubic(start_speed: sp.Expr, end_speed: sp.Expr) -> sp.Expr:
@@ -48,46 +47,42 @@ def cubic_jump(case: Case) -> float:
     return float(sp.diff(cubic(lift_speed, sp.Integer(0)), t, 2).subs(t, 0).subs(values))
 
 
-def _defined(case: Case, row: Ledger) -> None:
-    body, defined = case.body, row("2.3", "what is defined")
+def _defined(case: Case, rows: Rows) -> None:
+    body, defined = case.body, rows["2.3", "what is defined"]
     drift, kept = (body.trunk_drift(constant, DRIFT_STEPS) for constant in (0.0, body.constant))
     gained = f"trunk pitch gained in {DRIFT_STEPS} steps"
-    defined.zero(f"{gained} with mean L_y zero", "rad", drift, rounding=1e-3)
+    defined.zero(f"{gained} with mean L_y zero", "rad", drift, within=1e-6)
     found = abs(body.constant) > 1e-3
     defined.claim("corrected", "constant of L_y that closes the posture", found, body.constant, "N m s")
-    defined.zero(f"{gained} with that constant", "rad", corrected=kept, rounding=1e-3)
+    defined.zero(f"{gained} with that constant", "rad", corrected=kept, within=1e-6)
 
 
-def _feet(case: Case, row: Ledger) -> None:
+def _feet(case: Case, rows: Rows) -> None:
     normal, body = case.normal, case.body
-    row(
-        "2.3",
-        "Fig. 6, body",
+    rows["2.3", "Fig. 6, body"].why = (
         "Its masses, lengths and joints are not printed, nor whether the root's six count. The body here "
-        f"has {body.robot.nv} with them.",
+        f"has {body.robot.nv} with them."
     )
     # The left foot, from the middle of one of its single supports to that of the next.
     times = 0.5 * normal.t_ss + np.array([0.0, 2.0 * normal.constants.step_duration])
-    advance = np.diff(body.feet.sample(times)[0].position[:, 0])[0] - 2.0 * normal.gait.step_length
-    row("2.3", "foot steps").zero("stance foot's advance in two steps less 4 (l_s + l_d)", "m", advance)
+    advance = np.diff(body.plan.feet.sample(times)[0].position[:, 0])[0] - 2.0 * normal.gait.step_length
+    rows["2.3", "foot steps"].zero("stance foot's advance in two steps less 4 (l_s + l_d)", "m", advance)
     jump_v, jump_a = body.swing_foot_jump()
     paper_v, paper_a = body.swing_foot_jump("paper")
-    swing = row("2.3", "v_swing")
+    swing = rows["2.3", "v_swing"]
     swing.zero("jump of the velocity of a foot that has stood", "m/s", normal.lift_speed)
     swing.zero("the same as planned with foot.swing = paper", "m/s", paper_v)
-    swing.zero("jump of the swing foot's velocity at lift-off", "m/s", corrected=jump_v, rounding=SWITCH)
+    swing.zero("jump of the swing foot's velocity at lift-off", "m/s", corrected=jump_v, within=SWITCH)
     path, still = cubic(lift_speed, sp.Integer(0)), cubic(sp.Integer(0), sp.Integer(0))
-    row("2.3", "landing").symbolic("speed of the cubic at T", sp.diff(path, t).subs(t, T))
-    spline = row("2.3", "cubic spline")
+    rows["2.3", "landing"].symbolic("speed of the cubic at T", sp.diff(path, t).subs(t, T))
+    spline = rows["2.3", "cubic spline"]
     start = sp.diff(path, t, 2).subs(t, 0)
     spline.symbolic("acceleration at lift-off after standing, D the foot's travel", start)
     spline.symbolic("the same if it leaves from rest", sp.diff(still, t, 2).subs(t, 0))
     spline.zero("jump of the foot's x'' at lift-off", "m/s^2", cubic_jump(case))
     spline.zero("the same of the rolling foot, planned with foot.swing = paper", "m/s^2", paper_a)
     spline.symbolic("quintic: velocity and acceleration at both ends", corrected=_quintic_ends())
-    spline.zero(
-        "jump of the swing foot's acceleration", "m/s^2", corrected=jump_a, scale=10.0, rounding=SWITCH
-    )
+    spline.zero("jump of the swing foot's acceleration", "m/s^2", corrected=jump_a, within=SWITCH)
 
 
 def _quintic_ends() -> list[sp.Expr]:
@@ -96,45 +91,45 @@ def _quintic_ends() -> list[sp.Expr]:
     return [sp.diff(path, t, order).subs(t, at) for order in (1, 2) for at in (0, T)]
 
 
-def _jacobians(case: Case, row: Ledger) -> None:
+def _jacobians(case: Case, rows: Rows) -> None:
     body, where = case.body, "against differences along the walk, mid single support"
-    speeds, rates, mass = body.velocities, body.accelerations, body.robot.mass
+    mass, speeds, rates = body.robot.mass, body.velocity_errors, body.acceleration_errors
     for place, mismatch, unit, how in (
-        ("J_cog", speeds.mismatch(COM_ROWS), "m/s", where),
-        ("Eq. 8", rates.mismatch(COM_ROWS), "m/s^2", where),
-        ("R", speeds.mismatch(MOMENTUM_ROWS) * mass, "N m s", "against the sum over all segments"),
-        ("Eq. 9", rates.mismatch(MOMENTUM_ROWS) * mass, "N m", where),
-        ("Eq. 10", rates.mismatch(FEET_ROWS), "m/s^2", where),
+        ("J_cog", speeds[:3], "m/s", where),
+        ("Eq. 8", rates[:3], "m/s^2", where),
+        ("R", mass * speeds[3:6], "N m s", "against the sum over all segments"),
+        ("Eq. 9", mass * rates[3:6], "N m", where),
+        ("Eq. 10", rates[6:], "m/s^2", where),
     ):
-        row("2.3", place).zero(how, unit, mismatch, rounding=DIFFERENCES)
-    row("2.3", "r, meaning").against(
+        rows["2.3", place].zero(how, unit, mismatch.max(), within=DIFFERENCES)
+    rows["2.3", "r, meaning"].against(
         "section 2 calls r the moment [N m] and omega the angular momentum [N m s]"
     )
 
 
-def _constraints(case: Case, row: Ledger) -> None:
+def _constraints(case: Case, rows: Rows) -> None:
     body, residual = case.body, case.body.motion.report.constraint_acceleration
     rank = float(np.linalg.matrix_rank(body.jacobian) - PAPER_ROWS)
-    stacked = row("2.3", "Eq. 11").zero("rank of J_all less its 18 rows, mid single support", "1", rank)
-    stacked.zero("largest residual over the step", "m/s^2", residual, rounding=1e-7)
-    order, error = row("2.3", "order of lambda"), body.permuted_constraints()
+    stacked = rows["2.3", "Eq. 11"].zero("rank of J_all less its 18 rows, mid single support", "1", rank)
+    stacked.zero("largest residual over the step", "m/s^2", residual)
+    order, error = rows["2.3", "order of lambda"], body.permuted_constraints()
     order.zero("largest error of an entry in single support", "SI", error)
-    order.zero("largest residual of the project's one order", "SI", corrected=residual, rounding=1e-7)
-    heights, blocks = (3, 3, PAPER_ROWS - 6), row("2.3", "J_all")
+    order.zero("largest residual of the project's one order", "SI", corrected=residual)
+    heights, blocks = (3, 3, PAPER_ROWS - 6), rows["2.3", "J_all"]
     apart = float(max(heights) - min(heights))
     blocks.zero("difference of the blocks' heights, which stand side by side", "1", apart)
     apart = float(body.jacobian.shape[1] - body.robot.nv)
     blocks.zero("difference of the blocks' widths, stacked", "1", corrected=apart)
     planned = case.normal.switch.moment.shape[1]
     yaw = float(abs(body.motion.angular_momentum_z).max())
-    why = f"Free here: it swings by {yaw:.3g} N m s about zero on the normal gait."
-    vertical = row("2.3", "r_z in lambda", why)
+    vertical = rows["2.3", "r_z in lambda"]
+    vertical.why = f"Free here: it swings by {yaw:.3g} N m s about zero on the normal gait."
     vertical.zero("components of r' that the mode plans, less 3", "1", float(planned - 3))
     vertical.zero("components of r' that the mode plans, less 2", "1", corrected=float(planned - 2))
 
 
-def _posture(case: Case, row: Ledger) -> None:
-    body = case.body.planned.request.run.body
+def _posture(case: Case, rows: Rows) -> None:
+    body = case.body.run.body
     stiffness, damping = body.posture_stiffness, body.posture_damping
     rate = sp.Symbol("lambda")
     growth = {sign: sp.solve(rate**2 + d * rate + sign * k, rate) for sign in (-1, 1)}
@@ -144,37 +139,37 @@ def _posture(case: Case, row: Ledger) -> None:
     }
     runaway = max(growth[-1], key=lambda root: float(sp.re(root.subs({k: 1, d: 1}))))
     total, product = sp.simplify(sum(growth[1])), sp.simplify(sp.prod(growth[1]))
-    sign = row("2.3", "Eq. 12, sign")
+    sign = rows["2.3", "Eq. 12, sign"]
     what = "rate of the free minimiser, to be negative; positive for all k > 0"
-    sign.expression("printed", what, runaway, bool(runaway.is_negative))
+    sign.claim("printed", what, runaway.is_negative, runaway)
     sign.sign("negative", f"that rate at k = {stiffness:g}/s^2, d = {damping:g}/s", "1/s", fastest[-1])
-    sign.expression("corrected", "sum of both rates, to be negative", total, bool(total.is_negative))
-    sign.expression("corrected", "product of both, to be positive", product, bool(product.is_positive))
+    sign.claim("corrected", "sum of both rates, to be negative", total.is_negative, total)
+    sign.claim("corrected", "product of both, to be positive", product.is_positive, product)
     sign.sign("negative", "the largest rate", "1/s", corrected=fastest[1])
     column = sp.MatrixSymbol("q", 40, 1)
     heights = (float((left * right).shape[0] - 1) for left, right in ((column, column.T), (column.T, column)))
-    row("2.3", "Eq. 12, product").zero("rows of the product less 1", "1", *heights, gait="")
-    weights = row("2.3", "Eq. 12, weights")
-    weights.zero("directions without any cost", "1", float(case.body.flat_directions()))
+    rows["2.3", "Eq. 12, product"].zero("rows of the product less 1", "1", *heights, gait="")
+    weights = rows["2.3", "Eq. 12, weights"]
+    weights.zero("directions without any cost", "1", case.body.flat_directions)
     least = case.body.least_curvature()
     weights.sign("positive", "least curvature of the project's cost", "1", corrected=least)
 
 
-def _integration(case: Case, row: Ledger) -> None:
+def _integration(case: Case, rows: Rows) -> None:
     report = case.body.motion.report
     residual = report.constraint_acceleration
-    row("2.3", "QP").zero("largest residual of Eq. 11 over the step", "m/s^2", residual, rounding=1e-7)
+    rows["2.3", "QP"].zero("largest residual of Eq. 11 over the step", "m/s^2", residual)
     grows = max(abs(complex(*pair)) for pair in report.multipliers)
-    body = case.body.planned.request.run.body
+    body = case.body.run.body
     stiffness, damping = body.posture_stiffness, body.posture_damping
     runaway = 0.5 * (math.sqrt(damping**2 + 4.0 * stiffness) - damping)
     printed = math.exp(runaway * case.normal.constants.step_duration)
-    why = (
+    steps = rows["2.3", "step by step"]
+    steps.why = (
         "Of an endless gait: integrated on, the posture leaves the periodic motion exponentially. With "
         f"Eq. 12 corrected a deviation doubles in {math.log(2.0) / math.log(grows):.0f} steps, so a demo of "
         "a few steps need not show it."
     )
-    steps = row("2.3", "step by step", why)
     what = "growth of a deviation per step, to be at most 1: free minimiser of Eq. 12 as printed"
     steps.claim("printed", what, printed <= 1.0, printed, "1")
     steps.claim("printed", "the same of the whole body, Eq. 12 corrected (E14)", grows <= 1.0, grows, "1")

@@ -83,7 +83,7 @@ def _decisive(row: Row) -> str:
 
 def _line(check: Check, *, short: bool = False) -> str:
     """One check in words: what, how much, on which gait."""
-    value = check.shown()
+    value = check.shown
     if short and check.kind == "symbolic" and len(value) > _LONGEST:
         value = "not zero"
     words = check.quantity if not value else f"{check.quantity}: {value}"
