@@ -393,7 +393,7 @@ class ControlOutput(NamedTuple):
         angular_momentum: about the COM, commanded, shape (3,) [N m s].
         point_force: force commanded at every sole point, shape (P, 3) [N].
         status: SOLVED, LIMITED or UNSOLVED.
-        residual: of its optimisation.
+        residual: of its optimisation; NaN where there is none.
         iterations: of its optimisation.
         seconds: wall-clock time of its optimisation [s].
     """

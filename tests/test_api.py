@@ -98,6 +98,7 @@ def test_a_fall_without_qp_has_its_folder_and_report(tmp_path, monkeypatch, caps
     settings = ["--set=gait.steps=2", "--set=solver.ik_time_step=0.01", "--out", str(tmp_path / "a")]
     assert call(["validate", "normal", "--controller", f"{name}:Limp", *settings]) == Status.NOT_COMPLETED
     assert "QP                none" in capsys.readouterr().out
+    assert "failed_qp" not in val.load(tmp_path / "a").summary["metrics"]
     assert "no QP" in (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
 
 

@@ -32,6 +32,7 @@ import cloudpickle
 import numpy as np
 
 from ampm.exceptions import InputError
+from ampm.walk import UNSOLVED
 from validation.judge.compare import FIRST_STEP, SIGNALS
 
 if TYPE_CHECKING:
@@ -300,6 +301,12 @@ def _force_gaps(walk: Comparison) -> Array:
     return np.asarray(np.linalg.norm(gap[walk.inside], axis=1))
 
 
+def _failed_qp(walk: Comparison) -> float | None:
+    """Control ticks whose QP stayed unsolved; None for a controller that reports no QP."""
+    failed = np.count_nonzero(walk.record.qp_status == UNSOLVED)
+    return None if not failed and np.isnan(walk.record.qp_residual).all() else float(failed)
+
+
 def _rms(values: Array) -> float:
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known * known))) if known.size else math.nan
@@ -366,7 +373,7 @@ _INSTRUMENT = (
     ),
     _instrument(
         "failed_qp", "1", "unsolved QPs", "control ticks whose QP stayed unsolved",
-        lambda walk: float(np.count_nonzero(walk.record.qp_status == 2)), 0.0,
+        _failed_qp, 0.0,
         "The controller's fallback exists to survive a bad tick, not to walk: one unsolved QP means "
         "that the metrics do not describe the controller that is documented.", nature="count",
     ),

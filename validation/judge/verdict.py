@@ -109,10 +109,10 @@ class MetricResult:
         if self.uncertainty is None and not self.not_studied:
             return entry
         entry["undecided"] = self.undecided
-        # What the other studies leave is no uncertainty of the value; an infinite one is the word "inf".
+        # What the other studies leave is no uncertainty of the value.
         key = "uncertainty_at_least" if self.not_studied else "uncertainty"
         for place, known in ((entry, self.uncertainty), (display, self.displayed(self.uncertainty))):
-            place |= {"uncertainty": None, key: json_ready(known)}
+            place |= {"uncertainty": None, key: known}
         if self.not_studied:
             entry["not_studied"] = self.not_studied
         return entry
@@ -184,7 +184,7 @@ def judge_values(
     happen. They are reported all the same, unjudged.
 
     Args:
-        metrics: name to value.
+        metrics: name to value. A tolerance on a metric that is not among them does not apply.
         profile: tolerances.
         weight: of the body [N].
         uncertainty: numerical uncertainty of the metrics. A metric whose distance to its tolerance is below
@@ -192,13 +192,13 @@ def judge_values(
             metric that is not named is judged by its value.
         ended: how the walk ended, a sentence; empty if it completed.
     """
-    limits = {item.metric: item for item in profile.tolerances}
-    names = [name for name in limits if name in metrics] + [name for name in metrics if name not in limits]
+    limits = {item.metric: item for item in profile.tolerances if item.metric in metrics}
+    names = [*limits, *(name for name in metrics if name not in limits)]
     results = tuple(
         _result(name, metrics[name], limits.get(name), weight, uncertainty, judged=not ended)
         for name in names
     )
-    missing = [name for name in limits if name not in metrics or math.isnan(metrics[name].value)]
+    missing = [name for name in limits if math.isnan(metrics[name].value)]
     name, reason = (VerdictName.NOT_MEASURED, ended) if ended else _conclude(results, missing, len(limits))
     return Verdict(name, profile.name, reason, results)
 
@@ -293,7 +293,7 @@ def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> d
         "environment": {},
         **entries,
     }
-    return dict(json_ready(summary, infinity=None))
+    return dict(json_ready(summary))
 
 
 def _solver(record: SimulationRecord) -> dict[str, Any]:
