@@ -13,19 +13,9 @@ from typing import Any
 from validation.store.machine import cores
 
 DISTRIBUTIONS = (
-    "ampm",
-    "mujoco",
-    "dm-control",
-    "pin",
-    "osqp",
-    "daqp",
-    "numpy",
-    "scipy",
-    "pyarrow",
-    "rerun-sdk",
-    "matplotlib",
-    "pydantic",
-)
+    "ampm", "mujoco", "dm-control", "pin", "osqp", "daqp", "numpy", "scipy", "pyarrow", "rerun-sdk",
+    "matplotlib", "pydantic",
+)  # fmt: skip
 """Distributions whose version can change a result."""
 
 
@@ -41,7 +31,7 @@ def describe_environment() -> dict[str, Any]:
     return {
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
         "python": platform.python_version(),
-        "versions": {name: _version(name) for name in DISTRIBUTIONS},
+        "versions": {name: version_of(name) for name in DISTRIBUTIONS},
         "platform": f"{platform.system()} {platform.machine()}, {_system()}",
         "processor": _processor(),
         "cores": cores(),
@@ -51,9 +41,10 @@ def describe_environment() -> dict[str, Any]:
     }
 
 
-def _version(name: str) -> str | None:
+def version_of(distribution: str) -> str | None:
+    """Installed version of a distribution, None if it is not installed."""
     try:
-        return metadata.version(name)
+        return metadata.version(distribution)
     except metadata.PackageNotFoundError:
         return None
 
@@ -87,15 +78,12 @@ def _revision() -> tuple[str | None, bool | None]:
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():  # installed elsewhere: an enclosing repository would not be ours
         return None, None
+
+    def git(*words: str) -> str:
+        command = ["git", "-C", str(root), *words]
+        return subprocess.run(command, check=True, capture_output=True, text=True, timeout=10).stdout.strip()
+
     try:
-        commit = _git(root, "rev-parse", "HEAD").strip()
-        modified = bool(_git(root, "status", "--porcelain", "--untracked-files=no").strip())
+        return git("rev-parse", "HEAD"), bool(git("status", "--porcelain", "--untracked-files=no"))
     except (OSError, subprocess.SubprocessError):
         return None, None
-    return commit, modified
-
-
-def _git(root: Path, *arguments: str) -> str:
-    return subprocess.run(
-        ["git", "-C", str(root), *arguments], check=True, capture_output=True, text=True, timeout=10
-    ).stdout

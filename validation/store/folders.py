@@ -14,8 +14,9 @@ import os
 import shutil
 import tempfile
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from uuid import uuid4
 
 from ampm.exceptions import InputError
 
@@ -24,23 +25,12 @@ INSTRUMENT_FILE = "instrument.parquet"
 
 RUN_FILES = frozenset(
     {
-        "run.toml",
-        "model.xml",
-        "environment.json",
-        "summary.json",
-        "signals.parquet",
-        "joints.parquet",
-        "contacts.parquet",
-        "states.parquet",
-        "ticks.parquet",
-        "external.parquet",
-        "recording.rrd",
-        "report.html",
-        INSTRUMENT_FILE,
+        "run.toml", "model.xml", "environment.json", "summary.json", "signals.parquet", "joints.parquet",
+        "contacts.parquet", "states.parquet", "ticks.parquet", "external.parquet", "recording.rrd",
+        "report.html", INSTRUMENT_FILE,
     }
-)
+)  # fmt: skip
 """All that a run folder may hold; a folder with anything else in it is never replaced."""
-
 
 RECORDED = "joints.parquet"
 """File from which on a folder is worth keeping."""
@@ -124,35 +114,45 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
     """
     target = target.resolve()
     check_run_folder(target, force=force)
-    if target.is_dir() and not any(target.iterdir()):
-        with _tidied(target):
-            yield target
-        return
     _remove_leftovers(target)
+    in_place = target.is_dir() and not any(target.iterdir())
+    work = target if in_place else target.with_name(f"{target.name}.partial-{uuid4().hex[:8]}")
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(prefix=f"{target.name}.partial-", dir=target.parent))
-        work.chmod(0o777 & ~_umask())
+        work.mkdir(parents=True, exist_ok=in_place)
     except OSError as error:
         raise InputError(f"{target} cannot be created ({error.strerror}); give another folder.") from error
-    with _locked(work), _tidied(work):
-        yield work
+    with _locked(work):
+        try:
+            yield work
+        except BaseException as error:
+            if (work / RECORDED).exists():
+                error.add_note(f"what was recorded is in {work}")
+            elif in_place:
+                for name in RUN_FILES:
+                    (work / name).unlink(missing_ok=True)
+            else:
+                shutil.rmtree(work, ignore_errors=True)
+            raise
+    if in_place:
+        return
     check_run_folder(target, force=force)  # something may have appeared there in the meantime
+    old = work.with_name(f"{work.name}.old")
     if target.exists():
-        old = Path(tempfile.mkdtemp(prefix=f"{target.name}.old-", dir=target.parent))
-        target.rename(old / target.name)
-        work.rename(target)
-        shutil.rmtree(old)
-    else:
-        work.rename(target)
+        target.rename(old)
+    work.rename(target)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 @contextmanager
-def _locked(work: Path) -> Iterator[None]:
-    """Hold a lock on a folder, which ends with this process whatever ends it."""
-    handle = os.open(work, os.O_RDONLY)
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold a lock on a folder, which ends with this process whatever ends it.
+
+    Raises:
+        OSError: another process holds it.
+    """
+    handle = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield
     finally:
         os.close(handle)
@@ -161,36 +161,14 @@ def _locked(work: Path) -> Iterator[None]:
 def _remove_leftovers(target: Path) -> None:
     """Remove partial folders of a target that a killed process left, unless they hold a record."""
     for work in target.parent.glob(f"{glob.escape(target.name)}.partial-*"):
-        handle = os.open(work, os.O_RDONLY)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with suppress(OSError), _locked(work):
             if not (work / RECORDED).exists() and {path.name for path in work.iterdir()} <= RUN_FILES:
                 shutil.rmtree(work)
-        except OSError:  # somebody writes there
-            pass
-        finally:
-            os.close(handle)
 
 
 def disk_is_full(error: BaseException) -> bool:
     """Whether an error says that there is no more room, on the disk or in the user's quota."""
     return isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-
-
-@contextmanager
-def _tidied(work: Path) -> Iterator[None]:
-    """On an exception, keep a folder that holds a record, and empty one that holds none."""
-    try:
-        yield
-    except BaseException as error:
-        if (work / RECORDED).exists():
-            error.add_note(f"what was recorded is in {work}")
-        else:  # parameters and model: the command line says as much
-            for name in RUN_FILES:
-                (work / name).unlink(missing_ok=True)
-            if ".partial-" in work.name and not any(work.iterdir()):
-                work.rmdir()
-        raise
 
 
 @contextmanager
@@ -201,16 +179,10 @@ def output_file(target: Path, *, force: bool = True) -> Iterator[Path]:
         InputError: the target exists and ``force`` is off, is a folder, or cannot be created.
     """
     check_output_file(target, force=force)
+    work = target.with_name(f".{target.stem}-{uuid4().hex[:8]}{target.suffix}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{target.stem}-", suffix=target.suffix, dir=target.parent)
-    except OSError as error:
-        raise InputError(f"{target} cannot be written ({error.strerror}); give another file.") from error
-    os.close(handle)
-    work = Path(name)
-    try:
         yield work
-        work.chmod(0o666 & ~_umask())
         work.replace(target)
     finally:
         work.unlink(missing_ok=True)
@@ -237,9 +209,3 @@ def check_folder_of(target: Path) -> None:
     """
     if not target.parent.is_dir():
         raise InputError(f"there is no folder {target.parent} for {target}; create it, or give another file.")
-
-
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current

@@ -7,11 +7,11 @@ import json
 import platform
 from collections.abc import Mapping
 from functools import cache
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from ampm.parameters import RunParameters
+from validation.store.environment import version_of
 
 _ROOT = Path(__file__).resolve().parents[2]
 _FOLDERS = (
@@ -57,12 +57,7 @@ def code() -> dict[str, str]:
         digest.update(path.relative_to(_ROOT).as_posix().encode())
         digest.update(path.read_bytes())
     found = {"sources": digest.hexdigest()[:_DIGITS], "machine": platform.machine()}
-    for name in _VERSIONS:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = "none"
-    return found
+    return found | {name: version_of(name) or "none" for name in _VERSIONS}
 
 
 @cache

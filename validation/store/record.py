@@ -229,7 +229,7 @@ class StoredRecord:
             InputError: a file or one of its columns is missing or damaged.
         """
         files = dict.fromkeys(block.file for block in self._blocks.values())
-        tables = {file: _read_table(self.directory / file) for file in files}
+        tables = {file: read_table(self.directory / file) for file in files}
         values: dict[str, Any] = {"sensors": {}}
         for block in self._blocks.values():
             name, _, sensor = block.field.partition(":")
@@ -252,7 +252,7 @@ def load_record(directory: str | Path) -> SimulationRecord:
 
 def _array(block: _Block, path: Path, table: pa.Table | None = None) -> NDArray[Any]:
     """One array, from its file or from the table of it."""
-    table = _read_table(path, block.columns) if table is None else table
+    table = read_table(path, block.columns) if table is None else table
     try:
         columns = [table.column(name).slice(0, block.shape[0]).to_numpy() for name in block.columns]
         array = np.stack(columns, axis=-1).reshape(block.shape)
@@ -266,7 +266,7 @@ def _array(block: _Block, path: Path, table: pa.Table | None = None) -> NDArray[
 
 def _read_header(path: Path) -> dict[str, Any]:
     """The description of a recorded run."""
-    raw = (readable(path, pq.read_schema).metadata or {}).get(_METADATA_KEY)
+    raw = (_readable(path, pq.read_schema).metadata or {}).get(_METADATA_KEY)
     try:
         header: dict[str, Any] = json.loads(raw or "")
         written = header["format"]
@@ -295,25 +295,24 @@ def _constants(header: Mapping[str, Any]) -> dict[str, Any]:
     return found | {"outcome": Outcome(**header["outcome"])}
 
 
-def _read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read one file of a record, or some of its columns; those that are absent are left out."""
+def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """Read a file of a run, or some of its columns; those that are absent are left out.
+
+    Raises:
+        InputError: it is missing or cannot be read.
+    """
 
     def read(path: Path) -> pa.Table:
         with pq.ParquetFile(path) as file:
             return file.read(columns=None if columns is None else list(columns))
 
-    return readable(path, read)
+    return _readable(path, read)
 
 
-def readable(path: Path, read: Callable[[Path], Any]) -> Any:
-    """Read a file of a run.
-
-    Raises:
-        InputError: it is missing or cannot be read.
-    """
+def _readable(path: Path, read: Callable[[Path], Any]) -> Any:
     try:
         return read(path)
     except FileNotFoundError:
-        raise InputError(f"{path} is missing; give the folder of a recorded run") from None
+        raise InputError(f"{path} is missing; give the folder of a recorded run.") from None
     except (pa.ArrowException, OSError) as error:
-        raise InputError(f"{path} cannot be read ({error}); simulate the run again") from error
+        raise InputError(f"{path} cannot be read ({error}); walk the gait again.") from error

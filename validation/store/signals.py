@@ -13,11 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
-from validation.store.record import write_table
+from validation.store.record import read_table, write_table
 
 Array = NDArray[np.float64]
 
@@ -159,12 +158,7 @@ def load_signals(path: str | Path) -> Signals:
         InputError: the file is missing or is no table of signals.
     """
     path = Path(path)
-    try:
-        table = pq.read_table(path)
-    except FileNotFoundError:
-        raise InputError(f"{path} is missing; give the folder of a finished run") from None
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(f"{path} cannot be read ({error}); run the validation again") from error
+    table = read_table(path)
     arrays: dict[str, NDArray[Any]] = {}
     for field in table.schema:
         column = table.column(field.name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,6 @@ from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
 
 MOST_SAMPLES = 5_000_000
 """Samples of one table at most: about 2 GB of memory."""
@@ -66,32 +65,23 @@ def plan_table(plan: CentroidalPlan, times: NDArray[np.float64]) -> dict[str, ND
         "phase": sample.phase_name.astype(object),
         "stance": sample.stance_name.astype(object),
     }
-    for name, axes in (
-        ("com", "xyz"),
-        ("com_velocity", "xyz"),
-        ("com_acceleration", "xyz"),
-        ("dcm", "xy"),
-        ("zmp", "xy"),
-        ("force", "xyz"),
-        ("moment", "xy"),
-        ("angular_momentum", "xy"),
-    ):
-        values = getattr(sample, name)
-        for index, axis in enumerate(axes):
-            columns[f"{name}_{axis}"] = values[:, index]
+
+    def add(name: str, values: NDArray[Any], endings: Sequence[str]) -> None:
+        columns.update((f"{name}_{ending}", values[:, index]) for index, ending in enumerate(endings))
+
+    for name in ("com", "com_velocity", "com_acceleration"):
+        add(name, getattr(sample, name), "xyz")
+    for name, axes in (("dcm", "xy"), ("zmp", "xy"), ("force", "xyz"), ("moment", "xy")):
+        add(name, getattr(sample, name), axes)
+    add("angular_momentum", sample.angular_momentum, "xy")
     for foot in FEET:
-        placement = getattr(sample, f"{foot}_placement")
-        for index, axis in enumerate("xy"):
-            columns[f"{foot}_placement_{axis}"] = placement[:, index]
+        add(f"{foot}_placement", getattr(sample, f"{foot}_placement"), "xy")
     if not isinstance(plan, StepPlan):
         return columns
     for foot, motion in zip(FEET, plan.feet.sample(times), strict=True):
-        for index, axis in enumerate("xyz"):
-            columns[f"{foot}_foot_{axis}"] = motion.position[:, index]
-        columns[f"{foot}_foot_pitch"] = motion.pitch
-        columns[f"{foot}_toe"] = motion.toe
-        for index, group in enumerate(SOLE_POINT_GROUPS):
-            columns[f"{foot}_{group}_contact"] = motion.contact[:, index]
+        add(f"{foot}_foot", motion.position, "xyz")
+        columns |= {f"{foot}_foot_pitch": motion.pitch, f"{foot}_toe": motion.toe}
+        add(foot, motion.contact, [f"{group}_contact" for group in SOLE_POINT_GROUPS])
     return columns
 
 
@@ -109,33 +99,22 @@ def write_columns(
         InputError: another suffix.
     """
     check_suffix(path)
-    if path.suffix == ".csv":
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            texts = [_texts(column) for column in columns.values()]
-            writer.writerows(zip(*texts, strict=True))
+    arrays = {
+        name: pa.array(column.tolist() if column.dtype == object else column, from_pandas=True)
+        for name, column in columns.items()
+    }
+    if path.suffix == ".parquet":
+        table = pa.table(arrays).replace_schema_metadata(dict(metadata or {}) or None)
+        pq.write_table(table, path, compression="zstd")
         return
-    arrays = [
-        pa.array(column, from_pandas=True) if column.dtype != object else pa.array(column.tolist())
-        for column in columns.values()
-    ]
-    schema = pa.schema(
-        [pa.field(name, array.type) for name, array in zip(columns, arrays, strict=True)],
-        metadata={key.encode(): value.encode() for key, value in (metadata or {}).items()} or None,
-    )
-    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), path, compression="zstd")
+    flags = {name: array.cast(pa.string()) for name, array in arrays.items() if array.type == pa.bool_()}
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(arrays)
+        writer.writerows(zip(*(array.to_pylist() for array in (arrays | flags).values()), strict=True))
 
 
 def check_suffix(path: Path) -> None:
     """Raise :class:`InputError` unless the path ends in a suffix that :func:`write_columns` knows."""
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path} must end in {' or '.join(SUFFIXES)}; the suffix chooses the format.")
-
-
-def _texts(column: NDArray[Any]) -> list[str]:
-    if column.dtype == bool:
-        return ["true" if value else "false" for value in column.tolist()]
-    if column.dtype == object:
-        return [str(value) for value in column.tolist()]
-    return ["" if value != value else repr(value) for value in column.tolist()]  # NaN is empty
