@@ -16,8 +16,8 @@ from ampm.run_file import load_run
 from tests.saved_run import make_run, make_study
 from tests.walk import STILL, perfect_walk, with_state
 from validation.cli.app import Status, call
-from validation.cli.convergence import print_convergence
-from validation.cli.summary_text import print_result
+from validation.cli.studies import print_convergence
+from validation.cli.validate import print_result
 from validation.judge.compare import compare
 from validation.judge.metrics import Metric, evaluate, register, unregister
 from validation.judge.profiles import DEFAULT, STRICT

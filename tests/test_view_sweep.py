@@ -14,7 +14,7 @@ from tests.saved_run import make_run
 from tests.sweep_table import make_table, replaced, write_sweep
 from tests.test_rerun_log import assert_rrd
 from validation.cli.app import Status, call
-from validation.cli.view_sources import choose, parse_runs
+from validation.cli.view import choose, parse_runs
 from validation.show.rerun.merge import read_part, same_gait
 from validation.show.rerun.record import SINGLE_SUPPORT, write_recording
 from validation.show.rerun.views import PHASE
@@ -150,7 +150,7 @@ def test_what_is_no_recording_is_refused(walks, tmp_path, capsys):
     for targets, words in (
         ([walks["one"], bad], "cannot be read as a recording"),
         ([bad], "cannot be read as a recording"),
-        ([loop, loop], "there is no recording"),
+        ([loop, loop], "is no recording"),
     ):
         assert save(*targets, "--save", tmp_path / "x.rrd") == Status.REFUSED
         assert words in capsys.readouterr().err

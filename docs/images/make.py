@@ -15,8 +15,7 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from validation.cli.view import write_sources
-from validation.cli.view_sources import choose
+from validation.cli.view import choose, write_sources
 from validation.measure.instruments.model import load_instrument
 from validation.measure.instruments.observe import observe_folder
 from validation.progress import Progress

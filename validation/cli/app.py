@@ -16,7 +16,7 @@ from typing import Annotated
 import typer
 
 import ampm
-from validation.cli import compare, convergence, instrument, paper, plan, sweeps, tune, validate, view
+from validation.cli import gaits, studies, validate, view
 from validation.cli.console import print_json
 from validation.cli.errors import describe_error, explain, keep_traceback
 from validation.cli.options import Status, option
@@ -33,7 +33,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="rich",
 )
-for group in (plan, validate, tune, compare, view, sweeps, convergence, instrument, paper):
+for group in (gaits, validate, view, studies):
     app.add_typer(group.app)
 
 
@@ -91,10 +91,6 @@ def call(arguments: Sequence[str]) -> int:
         if debug:
             traceback.print_exception(error)
         elif status is Status.CRASH:
-            kept = keep_traceback(error)
-            text += (
-                f"; the traceback is in {kept}" if kept else "; run it again with --debug for the traceback"
-            )
-            text += ", please report it."
+            text += f"; {keep_traceback(error)}, please report it."
         print(f"ampm: {text}", file=sys.stderr)  # noqa: T201
         return status

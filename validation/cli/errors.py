@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 import traceback
-from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import typer
@@ -17,13 +14,21 @@ from validation.store.folders import disk_is_full
 from validation.study.sweep.exceptions import SweepStopped
 
 _TUNE = " Values that you did not give may be found by 'ampm tune', or by 'ampm validate --tune'."
-
-
+_STATUSES: tuple[tuple[type[BaseException], Status], ...] = (
+    (KeyboardInterrupt, Status.INTERRUPTED),
+    (typer.Abort, Status.INTERRUPTED),
+    (typer.TyperException, Status.REFUSED),
+    (SweepStopped, Status.STOPPED),
+    (SolverError, Status.NOT_COMPLETED),
+    (AmpmError, Status.REFUSED),
+)
+"""The first class that an error is of gives its exit status."""
 _KINDS = {
     Status.REFUSED: "input",
     Status.NOT_COMPLETED: "solver",
     Status.STOPPED: "stopped",
     Status.INTERRUPTED: "interrupted",
+    Status.CRASH: "crash",
 }
 
 
@@ -36,7 +41,7 @@ def describe_error(error: BaseException) -> dict[str, Any]:
     ``nearest``.
     """
     status, message = explain(error)
-    answer: dict[str, Any] = {"kind": _KINDS.get(status, "crash"), "message": message}
+    answer: dict[str, Any] = {"kind": _KINDS[status], "message": message}
     if isinstance(error, RefusedGait):
         answer["kind"] = error.kind
         for name in ("reason", "value", "limit", "unit", "way_out"):
@@ -48,35 +53,28 @@ def describe_error(error: BaseException) -> dict[str, Any]:
 
 def explain(error: BaseException) -> tuple[Status, str]:
     """Exit status and one sentence for an error."""
-    if isinstance(error, KeyboardInterrupt | typer.Abort):
-        return Status.INTERRUPTED, "interrupted" + _notes(error)
-    if isinstance(error, typer.TyperException):
+    status = next((status for kind, status in _STATUSES if isinstance(error, kind)), Status.CRASH)
+    text, way_out = _one_line(str(error)), ""
+    if status is Status.INTERRUPTED:
+        text = "interrupted"
+    elif isinstance(error, typer.TyperException):
         context = getattr(error, "ctx", None)  # of the command that did not understand its options
-        command = "ampm" if context is None else context.command_path
-        return Status.REFUSED, f"{_sentence(error.format_message())} See '{command} --help'."
-    if isinstance(error, SweepStopped):
-        return Status.STOPPED, _sentence(str(error))
-    if isinstance(error, SolverError):
-        return Status.NOT_COMPLETED, _sentence(str(error) + _notes(error))
-    if isinstance(error, RefusedGait):
-        tuned = type(error).__name__ == "NoFeasibleChoice"  # of ampm.tune, which takes long to load
-        return Status.REFUSED, _sentence(str(error)) + ("" if tuned else _TUNE)
-    if isinstance(error, AmpmError):
-        return Status.REFUSED, _sentence(str(error))
-    if disk_is_full(error):
-        return Status.STOPPED, _sentence(
-            f"no room is left on the disk ({_one_line(str(error))}){_notes(error)}; free some, or give "
-            "a folder on another disk"
+        text = error.format_message()
+        way_out = f" See '{'ampm' if context is None else context.command_path} --help'."
+    elif isinstance(error, RefusedGait) and type(error).__name__ != "NoFeasibleChoice":  # of a tuning
+        way_out = _TUNE
+    elif disk_is_full(error):
+        status, text = (
+            Status.STOPPED,
+            f"no room is left on the disk ({text}); free some, or give another disk",
         )
-    if isinstance(error, OSError) and error.filename is not None:
-        return Status.REFUSED, f"{error.filename}: {error.strerror}; give another file or folder."
-    name = type(error).__name__
-    return Status.CRASH, f"crash of ampm itself ({name}: {_one_line(str(error))})" + _notes(error)
-
-
-def _notes(error: BaseException) -> str:
-    """Notes added to an error."""
-    return "".join(f"; {_one_line(note)}" for note in getattr(error, "__notes__", ()))
+    elif isinstance(error, OSError) and error.filename is not None:
+        status = Status.REFUSED
+        text = f"{error.filename}: {error.strerror}; give another file or folder"
+    elif status is Status.CRASH:
+        text = f"crash of ampm itself ({type(error).__name__}: {text})"
+    text += "".join(f"; {_one_line(note)}" for note in getattr(error, "__notes__", ()))
+    return status, text if status in (Status.INTERRUPTED, Status.CRASH) else _sentence(text) + way_out
 
 
 def _one_line(text: str) -> str:
@@ -89,13 +87,13 @@ def _sentence(text: str) -> str:
     return text if text.endswith((".", "?", "!")) else f"{text}."
 
 
-def keep_traceback(error: BaseException) -> Path | None:
-    """Write an error's traceback to a file of its own."""
-    stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
+def keep_traceback(error: BaseException) -> str:
+    """Write an error's traceback to a file of its own, and say where it is."""
     try:
-        handle, name = tempfile.mkstemp(prefix=f"ampm-crash-{stamp}-", suffix=".txt")
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="ampm-crash-", suffix=".txt", delete=False, encoding="utf-8"
+        ) as file:
             traceback.print_exception(error, file=file)
     except OSError:
-        return None
-    return Path(name)
+        return "run it again with --debug for the traceback"
+    return f"the traceback is in {file.name}"

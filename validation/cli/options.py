@@ -9,8 +9,12 @@ from typing import Annotated, Any, TypeVar
 
 import typer
 
+from ampm.exceptions import InputError
 from ampm.run_file import preset_names
 from validation.cli.console import print_json
+from validation.store.folders import check_folder_of, check_output_file
+
+PICTURES = (".png", ".svg", ".pdf")
 
 
 class Status(IntEnum):
@@ -64,6 +68,18 @@ Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout
 def with_steps(settings: list[str] | None, steps: int | None) -> list[str]:
     """Settings of ``--set``, and that of ``--steps``."""
     return [*(settings or ()), *([] if steps is None else [f"gait.steps={steps}"])]
+
+
+def check_picture(path: Path) -> None:
+    """Refuse a picture that cannot be written; an earlier one is replaced, as it can be drawn again.
+
+    Raises:
+        InputError: another suffix, no folder, or nothing can be written there.
+    """
+    if path.suffix not in PICTURES:
+        raise InputError(f"{path} must end in {' or '.join(PICTURES)}; the suffix chooses the format.")
+    check_folder_of(path)
+    check_output_file(path, force=True)
 
 
 def answer(

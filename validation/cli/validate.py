@@ -1,15 +1,18 @@
-"""``ampm validate``, ``ampm replay`` and ``ampm report``: one trial, and what its folder gives again.
+"""``ampm validate``, and what a run's folder gives again: ``replay``, ``report`` and ``instrument``.
 
 Commands import what they run: simulator, Pinocchio and NumPy take long to load.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.text import Text
 
 from ampm.exceptions import RefusedGait
 from validation.cli.console import Narrator, print_json
@@ -23,11 +26,17 @@ from validation.cli.options import (
     Status,
     Steps,
     Uncertainty,
+    answer,
+    check_picture,
     option,
     with_steps,
 )  # fmt: skip
 from validation.progress import interruption
-from validation.show.text import print_line
+from validation.show.text import ABSENT, format_number, judged, print_line, print_table, print_verdict
+from validation.store.folders import check_output_file, output_file
+
+if TYPE_CHECKING:
+    from validation.measure.instruments.observe import Observation
 
 app = typer.Typer()
 
@@ -93,7 +102,6 @@ def validate(
     real mass distribution, unilateral contact, friction and limited torque can realise the plan, how closely,
     and at what effort.
     """
-    from validation.cli.summary_text import print_result
     from validation.judge import profiles
     from validation.judge.uncertainty import load_uncertainty, matching
     from validation.measure.instruments.model import load_instrument
@@ -190,3 +198,144 @@ def report(
             path = write_report(directory)
     print_line(str(path))
     return Status.PASS
+
+
+@app.command()
+def instrument(
+    directory: RunFolder,
+    name: Annotated[
+        str,
+        option("--instrument", "force-plate, foot-ft, imu, or a TOML file of your own.", "NAME|FILE"),
+    ] = "force-plate",
+    plot: Annotated[Path | None, option("--plot", "Draw the ZMP, its error, its causes.", "FILE.png")] = None,
+    out: Annotated[
+        Path | None, option("--out", "Write truth and readings at every step.", "FILE.parquet|.csv")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> int:
+    """Show a finished run as an instrument would have shown it, and which of its faults matters.
+
+    A model of force plates, foot force/torque sensors or an IMU is put beside the simulator's truth: noise,
+    bias, cross-talk, low-pass, sampling, delay, range and resolution. Nothing is simulated again, and nothing
+    is judged: the status is 0.
+    """
+    from validation.measure.instruments.model import load_instrument
+    from validation.measure.instruments.observe import Observation, observe_folder
+    from validation.store.tables import check_suffix, write_columns
+
+    if plot is not None:
+        check_picture(plot)
+    if out is not None:
+        check_suffix(out)
+        check_output_file(out, force=force)
+    observed = observe_folder(directory, load_instrument(name))
+    if out is not None:
+        with output_file(out, force=force) as work:
+            write_columns(observed.signal_columns(), work)
+    if plot is not None:
+        from validation.show.instrument import draw  # loads matplotlib
+
+        draw(observed, plot)
+    answer(observed, Observation.as_dict, print_observation, as_json=as_json)
+    Narrator().wrote(out, plot)
+    return Status.PASS
+
+
+def print_observation(observed: Observation) -> None:
+    """Print the error and its causes."""
+    from validation.show.instrument import cause_rows, error_rows
+
+    name, found, columns = (
+        observed.instrument.name,
+        observed.as_dict(),
+        ("", ">RMSE x", ">y", ">largest x", ">y"),
+    )
+    print_table(f"{name}: error that it adds to the ZMP, mm", columns, error_rows(found))
+    print_table("each cause alone, whole walk, mm", columns, cause_rows(found))
+    print_line(f"  latency           {1e3 * observed.latency:.3g} ms")
+    error = observed.errors["run"]
+    if error.unmeasured:
+        print_line(f"  no ZMP            at {error.unmeasured} of {error.count + error.unmeasured} instants")
+    for note in observed.notes:
+        print_line(f"  {note}")
+
+
+# ------------------------------------------------------------------------------------- a trial for a reader
+
+
+def print_result(summary: Mapping[str, Any], folder: Path) -> None:
+    """Print a trial's ``summary.json`` for a reader.
+
+    Args:
+        summary: contents of the file.
+        folder: that holds it.
+    """
+    print_table(
+        f"{summary['gait']}: measured against plan, without the first step (profile {summary['profile']})",
+        ("metric", ">value", ">limit", "unit", ""),
+        [_row(name, item) for name, item in summary["metrics"].items() if item["tolerance"] is not None],
+    )
+    for name, text in _cost(summary).items():
+        print_line(f"  {name:<18}{text}")
+    print_verdict(summary["gait"], summary["verdict"], summary["reason"])
+    if known := summary.get("uncertainty"):
+        inside = " + ".join(known.get("studies") or ())
+        text = f"± numerical uncertainty{f' ({inside})' if inside else ''} of a convergence study of "
+        text += f"{known['steps']} steps; a value closer to its limit than that is undecided"
+        if lacking := known.get("not_studied"):
+            text += f"; not studied, so nothing is decided: {', '.join(lacking)}"
+        print_line(f"  {text}")
+    for file, what in (("recording.rrd", f"ampm view {folder}"), ("report.html", "open in a browser")):
+        if (folder / file).is_file():
+            print_line(f"  {folder / file}  ({what})")
+    print_line()
+
+
+def _row(name: str, metric: Mapping[str, Any]) -> tuple[str | Text, ...]:
+    shown = metric["display"]
+    mark = "undecided" if metric.get("undecided") else {True: "pass", False: "FAIL"}.get(metric["pass"])
+    value = format_number(shown["value"], 3)
+    if metric.get("not_studied"):
+        known = shown["uncertainty_at_least"]
+        value += " ± not studied" if known is None else f" ± ≥ {format_number(float(known), 2)}"
+    elif "uncertainty" in shown:
+        value += f" ± {format_number(float(shown['uncertainty']), 2)}"
+    unit = shown["unit"].replace("% of body weight", "% of weight")  # a terminal has 80 columns
+    return name, value, format_number(shown["tolerance"], 3), unit, judged(mark) if mark else "not judged"
+
+
+def _cost(summary: Mapping[str, Any]) -> dict[str, str]:
+    """Cost of the walk, by name."""
+    margins, solver, timing = summary["margins"], summary["solver"], summary["timing"]
+    torque, support = margins["torque"], margins["measured_polygon"]["value"]
+    simulated, friction = format_number(timing["simulated"]), format_number(margins["friction"]["value"], 2)
+    lines = {
+        "outcome": f"{summary['outcome']}, {summary['steps_completed']} steps in {simulated} s",
+        "feedback": f"command minus plan, RMS: ZMP x y {_millimetres(summary['effort']['zmp'], 2)} mm",
+        "torque": f"{_scaled(torque['value'], 100, ' %')} of a motor's limit at most ({torque['where']})",
+        "friction": f"{friction} used of {format_number(margins['friction_available'], 2)}",
+        "support": f"measured ZMP at least {_scaled(support, 1000, ' mm', 1)} inside",
+        "knee": f"bent by {format_number(margins['knee']['value'], 3)} rad at least",
+        "QP": f"{solver['ticks']} ticks, {solver['unsolved']} unsolved, "
+        f"{_scaled(solver['time_median'], 1e6, ' us')} median, "
+        f"{_scaled(solver['time_p99'], 1e6, ' us')} at the 99th percentile",
+        "speed": f"closed loop at {format_number(timing['real_time_factor'], 3)} times real time",
+    }
+    if solver["time_median"] is None:  # of a controller of one's own
+        lines["QP"] = "none"
+    if observed := summary.get("instrument"):
+        sizes = {cause: windows["run"]["rmse"] for cause, windows in observed["causes"].items()}
+        known = {cause: math.hypot(*rmse) for cause, rmse in sizes.items() if None not in rmse}
+        most = f", most of it by {max(known, key=known.__getitem__).replace('_', ' ')}" if known else ""
+        off = _millimetres(observed["zmp_error"]["run"]["rmse"], 3)
+        lines["instrument"] = f"{observed['name']} shows the ZMP x y {off} mm off (RMS){most}"
+    return lines
+
+
+def _millimetres(values: list[float | None], digits: int) -> str:
+    return " ".join(format_number(None if value is None else 1000 * value, digits) for value in values)
+
+
+def _scaled(value: float | None, scale: float, unit: str, decimals: int = 0) -> str:
+    return ABSENT if value is None else f"{scale * value:.{decimals}f}{unit}"

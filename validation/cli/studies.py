@@ -1,4 +1,4 @@
-"""Commands on many runs: ``ampm sweep``, and those that work with what it leaves.
+"""``ampm sweep``, ``diff``, ``compare``, ``convergence``, ``audit`` and ``figures``: more than one walk.
 
 Commands import what they run: simulator, Pinocchio and NumPy take long to load.
 """
@@ -14,11 +14,25 @@ import typer
 
 from ampm.exceptions import InputError
 from validation.cli.console import Narrator
-from validation.cli.options import Force, Json, Status, Workers, answer, option
-from validation.show.text import format_duration, print_line, print_table
+from validation.cli.options import (
+    Force,
+    Gait,
+    Json,
+    Settings,
+    Status,
+    Steps,
+    Uncertainty,
+    Workers,
+    answer,
+    option,
+    with_steps,
+)  # fmt: skip
+from validation.show.text import format_duration, judged, print_line, print_table, print_verdict
 from validation.store.machine import cores
 
 if TYPE_CHECKING:
+    from validation.study.compare.pair import Pair
+    from validation.study.convergence.result import Convergence
     from validation.study.sweep.forecast import Forecast
     from validation.study.sweep.table import SweepTable
 
@@ -30,9 +44,14 @@ SWEEP_EPILOG = (
     "--resume goes on, 130 interrupted: --resume goes on. --dry-run: 0, or 2 if it is sure that every run is "
     "refused."
 )
-
-
 DIFF_EPILOG = "Exit status: 0 no regression beyond tolerance, 1 some, 2 bad input."
+CONVERGENCE_EPILOG = (
+    "Exit status: 0 every metric is within its limit by more than its numerical uncertainty, 1 one is over "
+    "it, undecided or not measured, 2 bad input or refused, 3 a walk of a numerical study did not complete, "
+    "4 crash of ampm itself, 130 interrupted."
+)
+_ENDED = {"completed": Status.PASS, "interrupted": Status.INTERRUPTED}
+_STUDIES = "time_step, ik_grid, qp_tolerance, contact_stiffness or contact_depth"
 
 
 @app.command(epilog=SWEEP_EPILOG)
@@ -91,19 +110,11 @@ def sweep(
         )  # fmt: skip
     except KeyboardInterrupt as error:
         if is_sweep(out):
-            again = ["ampm", "sweep", str(file), "--out", str(out), "--resume"]
-            again += ["--workers", str(workers)] if workers is not None else []
-            again += ["--scheduler", scheduler] if scheduler is not None else []
-            again += ["--retry", ",".join(words)] if words else []
-            again += ["--force"] if force else []
-            error.add_note(f"every finished row is kept; go on with: {shlex.join(again)}")
+            again = shlex.join(["ampm", "sweep", str(file), "--out", str(out), "--resume"])
+            error.add_note(f"every finished row is kept; go on with the same options and --resume: {again}")
         raise
-    answer(
-        found,
-        lambda _: json.loads((out / SUMMARY).read_text(encoding="utf-8")) | {"directory": str(out)},
-        _print_sweep,
-        as_json=as_json,
-    )
+    summary = {**json.loads((out / SUMMARY).read_text(encoding="utf-8")), "directory": str(out)}
+    answer(found, lambda _: summary, _print_sweep, as_json=as_json)
     return _sweep_status(found)
 
 
@@ -203,3 +214,144 @@ def diff(
     answer(found, diff_text.describe_diff, diff_text.print_diff, as_json=as_json)
     Narrator().wrote(out)
     return Status.OUT_OF_TOLERANCE if found.regressions else Status.PASS
+
+
+@app.command()
+def compare(
+    a: Annotated[
+        str, typer.Argument(help="Preset, TOML file, or folder of a run.", metavar="[A]")
+    ] = "normal",
+    b: Annotated[str, typer.Argument(help="What it is compared with.", metavar="[B]")] = "ipm",
+    settings: Settings = None,
+    steps: Steps = None,
+    uncertainty: Uncertainty = None,
+    out: Annotated[Path | None, option("--out", "Keep the report, the numbers and the runs.", "DIR")] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> int:
+    """Walk or load two gaits and put them side by side, at the switches of support above all.
+
+    The default shows what continuity up to the acceleration buys: the paper's gait beside the plain inverted
+    pendulum. No tolerances are judged: 0 means that both walked to the end.
+    """
+    from validation.study.compare.pair import compare_pair
+
+    extra = with_steps(settings, steps)
+    pair = compare_pair(a, b, extra, uncertainty=uncertainty or (), out=out, force=force, stages=Narrator())
+    answer(pair, type(pair).as_dict, print_pair, as_json=as_json)
+    if out is not None:
+        from validation.study.compare.report import write_pair  # loads matplotlib
+
+        write_pair(pair, out)
+    return max(_ENDED.get(side.outcome, Status.NOT_COMPLETED) for side in (pair.a, pair.b))
+
+
+def print_pair(pair: Pair) -> None:
+    """Print both sides for a reader."""
+    from validation.study.compare.report import facts, known, notes, tables  # loads matplotlib
+
+    columns = ["", f">{pair.a.label}", f">{pair.b.label}"]
+    print_table(f"{pair.a.label} and {pair.b.label}", columns, facts(pair))
+    if pair.parameters:
+        differ = [(key, str(one), str(two)) for key, (one, two) in pair.parameters.items()]
+        print_table("parameters that differ", columns, differ)
+    for group, rows in tables(pair).items():
+        short = [[text.replace("% of body weight", "% of weight") for text in row] for row in rows]
+        print_table(group, [*columns, "unit", ">ratio", "better"], short)
+    for line in (*notes(pair), known(pair)):
+        print_line(line)
+
+
+@app.command(epilog=CONVERGENCE_EPILOG)
+def convergence(
+    gait: Gait = "normal",
+    settings: Settings = None,
+    steps: Annotated[int, option("--steps", "Walked at every level: the gait is periodic.", "N")] = 6,
+    levels: Annotated[
+        int, option("--levels", "Of every numerical study, 3 ... 6; 4 can confirm an order.", "N")
+    ] = 4,
+    only: Annotated[
+        list[str] | None, option("--study", f"{_STUDIES}; repeatable, all by default.", "NAME")
+    ] = None,
+    profile: Annotated[
+        str, option("--profile", "Tolerance profile: default, strict, or wide.", "P")
+    ] = "default",
+    workers: Workers = None,
+    out: Annotated[
+        Path | None, option("--out", "Write convergence.json, a table and a picture.", "DIR")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> int:
+    """Measure how far a gait's metrics depend on time step, grids, tolerances and contact parameters.
+
+    The time step is halved again and again, at the same control frequency; so is the grid of the inverse
+    kinematics; the QP's tolerance is tightened; contact stiffness is varied. Every metric gets its observed
+    order, extrapolated value and numerical uncertainty, or "no asymptotic range"; 'ampm validate
+    --uncertainty' quotes the uncertainty in its verdict.
+    """
+    from validation.study.convergence.run import FILES, study_gait, write
+
+    progress = Narrator()
+    result = study_gait(
+        gait, settings or (), steps=steps, levels=levels, only=only or (), profile=profile, workers=workers,
+        out=out, force=force, progress=progress,
+    )  # fmt: skip
+    answer(result, type(result).as_dict, print_convergence, as_json=as_json)
+    if out is not None:
+        write(result, out)
+        progress.wrote(*(out / name for name in FILES))
+    if not result.completed:
+        return Status.NOT_COMPLETED
+    return Status.PASS if result.verdict.passed else Status.OUT_OF_TOLERANCE
+
+
+def print_convergence(result: Convergence) -> None:
+    """Print what the studies found: metrics with their uncertainty, and the verdict on them."""
+    from validation.study.convergence.text import cells, header, legend, shortlist
+
+    left = ("metric", "unit", "verdict", "observed order")
+    print_table(
+        f"{result.request.name}: value ± numerical uncertainty, {result.request.run.gait.steps} steps "
+        f"(profile {result.verdict.profile})",
+        [text if text in left else f">{text}" for text in header(result)],
+        [(*row[:4], judged(row[4]), *row[5:]) for row in map(cells, shortlist(result))],
+    )
+    print_line(f"  {legend(result)}")
+    for note in result.notes:
+        print_line(f"  note: {note}")
+    print_verdict(result.request.name, result.verdict.name, result.verdict.reason)
+
+
+@app.command()
+def audit(as_json: Json = False) -> int:
+    """Check every equation and claim of the paper, and report where it is wrong and by how much.
+
+    The status is 0 if every corrected form passes its checks.
+    """
+    from validation.paper.audit import audit as audit_paper
+
+    narrator = Narrator()
+    rows = audit_paper(narrator)
+    from validation.paper.audit.table import describe, print_rows  # after the check for sympy
+
+    answer(rows, describe, print_rows, as_json=as_json)
+    failed = [row for row in rows if not row.consistent]
+    for row in failed:
+        narrator.say(f"section {row.section}, {row.place}: the corrected form fails its checks")
+    return Status.OUT_OF_TOLERANCE if failed else Status.PASS
+
+
+@app.command()
+def figures(
+    out: Annotated[Path, option("--out", "Folder to write SVG and PNG into.", "DIR")],
+    steps: Annotated[int, option("--steps", "Steps walked for a figure.", "N")] = 12,
+    only: Annotated[str | None, option("--only", "Of 4, 5, 7, 8, 9, 10, 11, 12, human.", "8,9")] = None,
+    force: Force = False,
+) -> int:
+    """Draw the paper's figures from data: plan, inverse kinematics and simulation on the same axes."""
+    from validation.paper.figures import make_figures
+
+    for path in make_figures(out, only, steps, force=force, stages=Narrator()):
+        print_line(str(path))
+    return Status.PASS

@@ -1,12 +1,12 @@
-"""``ampm plan``, ``ampm motion`` and ``ampm keys``: what is known before anything walks.
+"""``ampm plan``, ``motion``, ``keys`` and ``tune``: what is known before anything walks.
 
-Commands import what plans and draws: NumPy, Pinocchio and matplotlib take long to load.
+Commands import what they run: NumPy, Pinocchio and matplotlib take long to load.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,22 +14,23 @@ import typer
 
 from ampm.exceptions import InputError
 from ampm.parameters import keys as parameter_keys
-from ampm.run_file import PRESETS, key_info
-from validation.cli.console import Narrator, print_json
-from validation.cli.options import Force, Gait, Gaits, Json, Settings, Status, answer, option
+from ampm.run_file import PRESETS, dump_run, key_info
+from validation.cli.console import Narrator
+from validation.cli.options import Force, Gait, Gaits, Json, Settings, Status, answer, check_picture, option
 from validation.show.text import format_number, format_value, print_line, print_table
 from validation.store.folders import check_folder_of, check_output_file, output_file
 
 if TYPE_CHECKING:
     from ampm.planner.centroidal import CentroidalPlan
+    from ampm.tune.tuning import Tuned
     from validation.trial.plan import PlannedWalk, Request
+    from validation.trial.tune import TunedWalk
 
 app = typer.Typer()
 
 MOTION_METADATA = "ampm_motion"
 """Schema metadata of a motion's Parquet file: JSON, gait to what the orbit says of itself."""
 
-PICTURES = (".png", ".svg", ".pdf")
 _PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.items())
 _SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 
@@ -59,14 +60,12 @@ def plan(
 
     request = load_request(gait, settings or ())
     run = request.run
-    for path in (samples, plot):
-        if path is not None:
-            check_folder_of(path)
     if samples is not None:  # what could not be written is refused before anything is computed
+        check_folder_of(samples)
         check_suffix(samples)
         sample_times(plan_gait(run.gait, run.body.mass).duration, rate)
-    if plot is not None and plot.suffix not in PICTURES:
-        raise InputError(f"{plot} must end in .png, .svg or .pdf; the suffix chooses the format.")
+    if plot is not None:
+        check_picture(plot)
     narrator = Narrator()
     walk = None if no_body else plan_walk(request, narrator)
     planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walk is None else walk.plan
@@ -79,10 +78,12 @@ def plan(
         changed = f" with {', '.join(settings)}" if settings else ""
         with output_file(plot) as work:
             plot_plan(planned, work, title=f"plan of {request.name}{changed}")
-    if as_json:
-        print_json(describe_plan(request, planned, walk))
-    else:
-        print_plan(request, planned, walk)
+    answer(
+        planned,
+        lambda planned: describe_plan(request, planned, walk),
+        lambda planned: print_plan(request, planned, walk),
+        as_json=as_json,
+    )
     narrator.wrote(samples, plot)
     return Status.PASS
 
@@ -92,12 +93,10 @@ def describe_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | No
     return {
         "gait": request.name,
         "parameters": request.run.model_dump(),
-        **{field.name: getattr(plan.constants, field.name) for field in fields(plan.constants)},
+        **asdict(plan.constants),
         "step_duration": plan.constants.step_duration,
         "duration": plan.duration,
-        "residuals": {
-            field.name: getattr(plan.residuals(), field.name) for field in fields(plan.residuals())
-        },
+        "residuals": plan.residuals(),
         "zmp_margin": None if walk is None else walk.zmp_margin,
         "motion": None if walk is None else walk.motion.report.as_dict(),
     }
@@ -122,28 +121,24 @@ def motion(
     gaits: Gaits = None,
     settings: Settings = None,
     out: Annotated[
-        Path | None,
-        option("--out", "Write one step's joints, all gaits in one.", "FILE.parquet|.csv"),
+        Path | None, option("--out", "Write one step's joints, all gaits in one.", "FILE.parquet|.csv")
     ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> int:
     """Solve the periodic whole-body motion of one step: what every joint does."""
+    from validation.store.tables import check_suffix
     from validation.trial.plan import load_requests, plan_walk
 
     if out is not None:
+        check_suffix(out)
         check_output_file(out, force=force)
     requests = load_requests(gaits or ["normal"], settings or ())
     narrator = Narrator()
     walks = [plan_walk(request, narrator) for request in requests]
-    described = [describe_motion(walk) for walk in walks]
     if out is not None:
         write_motions(walks, out, force=force)
-    if as_json:
-        print_json(described)
-    else:
-        for item in described:
-            print_motion(item)
+    answer([describe_motion(walk) for walk in walks], list, print_motions, as_json=as_json)
     narrator.wrote(out)
     return Status.PASS
 
@@ -154,30 +149,30 @@ def describe_motion(walk: PlannedWalk) -> dict[str, Any]:
     return {"gait": walk.name, **step, **walk.motion.report.as_dict()}
 
 
-def print_motion(described: dict[str, Any]) -> None:
-    """Print the report of a motion, see :func:`describe_motion`."""
+def print_motions(motions: list[dict[str, Any]]) -> None:
+    """Print the reports of motions, see :func:`describe_motion`."""
     from ampm.body.motion import MOTION_UNITS
 
-    rows = []
-    for name, value in described.items():
-        if name == "multipliers":
-            text = ", ".join(f"{re:.4g}{im:+.2g}i" if im else f"{re:.4g}" for re, im in value[:4])
-        elif isinstance(value, dict):
-            text = f"{format_number(value['value'], 5)} at {value['time']:.3f} s ({value['where']})"
-        else:
-            text = format_value(value)
-        if name != "gait":
+    for described in motions:
+        rows = []
+        for name, value in described.items():
+            if name == "multipliers":
+                text = ", ".join(f"{re:.4g}{im:+.2g}i" if im else f"{re:.4g}" for re, im in value[:4])
+            elif isinstance(value, dict):
+                text = f"{format_number(value['value'], 5)} at {value['time']:.3f} s ({value['where']})"
+            else:
+                text = format_value(value)
             rows.append((name, text, MOTION_UNITS.get(name, "")))
-    print_table(f"motion of {described['gait']}, one step", ("quantity", "value", "unit"), rows)
+        # The first row is the gait.
+        print_table(f"motion of {described['gait']}, one step", ("quantity", "value", "unit"), rows[1:])
 
 
 def write_motions(walks: list[PlannedWalk], path: Path, *, force: bool) -> None:
     """Write one step of every motion into one table, whose column ``gait`` names them."""
     import numpy as np
 
-    from validation.store.tables import check_suffix, write_columns
+    from validation.store.tables import write_columns
 
-    check_suffix(path)
     tables = []
     for walk in walks:
         table = walk.motion.table()
@@ -222,9 +217,79 @@ def describe_keys(request: Request) -> list[dict[str, Any]]:
 
 def print_keys(request: Request) -> None:
     """Print all parameters, section by section."""
-    rows: dict[str, list[list[str]]] = {}
-    for item in describe_keys(request):
-        rows.setdefault(item["key"].partition(".")[0], []).append([str(value) for value in item.values()])
-    for section, cells in rows.items():
-        columns = ("key", "value", "default", "unit", "bounds", "meaning")
-        print_table(f"{section} of {request.name}", columns, cells)
+    described = describe_keys(request)
+    for section in dict.fromkeys(item["key"].partition(".")[0] for item in described):
+        own = [item for item in described if item["key"].startswith(f"{section}.")]
+        rows = [[str(value) for value in item.values()] for item in own]
+        print_table(f"{section} of {request.name}", list(own[0]), rows)
+
+
+@app.command()
+def tune(
+    gait: Gait = "normal",
+    settings: Settings = None,
+    out: Annotated[
+        Path | None, option("--out", "Write the complete run, for 'ampm validate'.", "FILE.toml")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> int:
+    """Find what a gait leaves open: share of single support, roll, heights, foot timing and angles, lean.
+
+    What the preset, the file or --set names stays as it is. An optimiser works on plan and whole-body motion
+    alone; nothing is simulated. Where no choice walks, the refusal names the limit and the best it found.
+    """
+    from validation.trial.plan import load_request
+    from validation.trial.tune import tune_walk
+
+    if out is not None:
+        if out.suffix != ".toml":
+            raise InputError(f"{out} must end in .toml; a gait is read from such a file.")
+        check_output_file(out, force=force)
+    narrator = Narrator()
+    walk = tune_walk(load_request(gait, settings or ()), narrator)
+    if out is not None:
+        margins = "".join(f"# {text}\n" for text in _margins(walk.tuned))
+        with output_file(out, force=force) as work:
+            head = f"# {walk.request.name}, free choices made: {', '.join(walk.tuned.found)}.\n{margins}"
+            work.write_text(head + dump_run(walk.tuned.run), encoding="utf-8")
+    answer(walk, describe_tuned, print_tuned, as_json=as_json)
+    narrator.wrote(out)
+    return Status.PASS
+
+
+def describe_tuned(walk: TunedWalk) -> dict[str, Any]:
+    """A tuned gait as a JSON object."""
+    from ampm.tune.gait_limits import LIMITS
+
+    tuned, margins = walk.tuned, {}
+    for name, value in tuned.margins.items():
+        limit = LIMITS[name]
+        facts = {"what": limit.what, "value": value, "unit": limit.unit, "bound": limit.bound}
+        margins[name] = facts | {"target": limit.target, "margin": limit.margin(value)}
+    return {
+        "gait": walk.request.name,
+        "found": dict(tuned.found),
+        "margins": margins,
+        "tried": tuned.tried,
+        "parameters": tuned.run.model_dump(),
+    }
+
+
+def print_tuned(walk: TunedWalk) -> None:
+    """Print the choices and the tightest margins for a reader."""
+    tuned = walk.tuned
+    rows = [(key, format_value(value)) for key, value in tuned.found.items()]
+    print_table(f"free choices of {walk.request.name}", ("key", ">value"), rows)
+    count = "1 choice" if tuned.tried == 1 else f"{tuned.tried} choices"
+    print_line(f"{count} tried; smallest margins:")
+    for text in _margins(tuned)[:4]:
+        print_line(f"  {text}")
+
+
+def _margins(tuned: Tuned) -> list[str]:
+    """Every margin in words, the tightest first."""
+    from ampm.tune.gait_limits import LIMITS
+
+    items = sorted(tuned.margins.items(), key=lambda item: LIMITS[item[0]].margin(item[1]))
+    return [f"{LIMITS[n].what}: {LIMITS[n].quantity(value, 3)}, {LIMITS[n].rule()}" for n, value in items]
