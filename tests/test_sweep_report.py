@@ -17,15 +17,14 @@ from tests.browser import look
 from tests.sweep_table import RANGES, make_table, replaced, sweep_of, write_sweep
 from tests.test_report import Page
 from validation.cli.app import call
+from validation.store.saved import REPORT_FILE
 from validation.study.sweep import figures
 from validation.study.sweep.report import (
-    REPORT_FILE,
     judge_sweep,
     links_of,
     render,
     run_rows,
     share,
-    worst_rows,
     write_sweep_report,
 )
 from validation.study.sweep.table import STATES, State, read_sweep
@@ -279,7 +278,8 @@ def test_shares_never_round_to_all_or_nothing(part, whole, text):
 
 def test_worst_runs_come_first(folder):
     sweep = read_sweep(folder)
-    lost, furthest = worst_rows(sweep)
+    lost = [row for row in sweep.worst if not sweep.measured[row]]
+    furthest = [row for row in sweep.worst if sweep.measured[row]]
     assert {STATES[sweep.states[row]] for row in lost} <= {State.FELL, State.DIVERGED, State.INFEASIBLE}
     used = sweep.worst_used[furthest]
     assert (np.diff(used) <= 0).all()

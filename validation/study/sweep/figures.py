@@ -216,7 +216,7 @@ def map_data(
         keep: rows that must be among the points.
     """
     rows, counted = drawn_rows(sweep, keep)
-    states = [STATES[state] for state in sweep.states[rows]]
+    states = [sweep.state(row) for row in rows]
     names, causes, reasons = (sweep.words(name) for name in ("name", "cause", "reason"))
     columns = {
         "row": rows.tolist(),
@@ -229,15 +229,12 @@ def map_data(
         "why": [(causes[row] or reasons[row].replace("_", " "))[:240] for row in rows],
         **{f"a{number}": axis.column(rows) for number, axis in enumerate(axes)},
     }
-    facts = ("key", "label", "unit", "limit", "levels", "parameter")
-    entries = [
-        {
-            "field": f"a{n}",
-            **{name: getattr(axis, name) for name in facts},
-            **{name: axis.channels(name, f"a{n}") for name in ("x", "y")},
-        }
-        for n, axis in enumerate(axes)
-    ]
+    entries = []
+    for number, axis in enumerate(axes):
+        field = f"a{number}"
+        channels = {name: axis.channels(name, field) for name in ("x", "y")}
+        entries.append({**vars(axis), "field": field, **channels})
+        del entries[-1]["values"]
     return {
         "total": len(sweep),
         "spec": points([state for state in SHAPES if sweep.counts[state]]),

@@ -7,6 +7,7 @@ fetched; without scripts the page lacks nothing but the choice of the map's axes
 from __future__ import annotations
 
 import json
+import re
 import shlex
 from collections import Counter
 from collections.abc import Sequence
@@ -19,13 +20,13 @@ from markupsafe import Markup
 from ampm.run_file import PRESETS, load_run
 from validation.judge.metrics import METRICS, metric_label
 from validation.show.page import render_page
-from validation.show.text import format_duration, format_value, number, with_unit
+from validation.show.text import format_duration, format_value, limit_with_unit, number, with_unit
 from validation.store.identity import parameter_values
+from validation.store.saved import RECORDING_FILE, REPORT_FILE
 from validation.study.sweep import figures, store
 from validation.study.sweep.influence import Target, analyse, entangled
 from validation.study.sweep.table import BROKEN, STATES, State, SweepTable, read_sweep
 
-REPORT_FILE = store.REPORT
 WORST = 10
 """Rows of a table of worst runs."""
 MOST_SHOWN = 8
@@ -35,6 +36,9 @@ IDLE = 0.01
 _REFUSED, _FAILS = "is refused", "fails, if it walks"
 _PER_RUN = ("environment_worker", "environment_attempts", "environment_memory_peak", "environment_time")
 """Columns of the environment that differ between runs by their nature."""
+
+_KEPT = {"report": REPORT_FILE, "recording": RECORDING_FILE}
+"""Files of a run that is kept."""
 
 Row = tuple[str, ...]
 
@@ -67,7 +71,9 @@ def render(sweep: SweepTable) -> str:
     varied = {key: sweep.values(key) for key in sweep.varied}
     targets = analyse(varied, targets_of(sweep)) if varied else []
     keys = by_strength(sweep.varied, targets)
-    lost, furthest = worst_rows(sweep)
+    lost, furthest = (
+        [row for row in sweep.worst if sweep.measured[row] == ended][:WORST] for ended in (False, True)
+    )
     still, data = _map(sweep, keys, [*lost, *furthest])
     judged = [name for name in sweep.judged if np.isfinite(sweep.shown(name)[0]).any()]
     own = [name for name in judged if name in METRICS and METRICS[name].kind == "instrument"]
@@ -97,7 +103,11 @@ def render(sweep: SweepTable) -> str:
         unwalked=unwalked_rows(sweep),
         computing_time=format_duration(float(np.nansum(sweep.numbers("timing_total")))),
         varied_rows=varied_rows(sweep),
-        fixed_rows=fixed_rows(sweep),
+        fixed_rows=[
+            (key, with_unit(format_value(sweep.table.column(key)[0].as_py()), sweep.unit(key)))
+            for key in sweep.parameters
+            if key not in sweep.varied
+        ],
         timing_rows=timing_rows(sweep),
         environment_rows=environment,
         mixed=[name for name, _, mark in environment if mark],
@@ -141,25 +151,16 @@ def _setting(key: str, value: Any) -> str:
     return shlex.join(["--set", f"{key}={value}"])
 
 
-def worst_rows(sweep: SweepTable) -> tuple[list[int], list[int]]:
-    """Rows of the worst runs: those that did not complete, those that used most of a tolerance."""
-    lost = [row for row in sweep.worst if not sweep.measured[row]]
-    furthest = [row for row in sweep.worst if sweep.measured[row]]
-    return lost[:WORST], furthest[:WORST]
-
-
 def links_of(sweep: SweepTable) -> dict[int, list[tuple[str, str]]]:
     """Text and address, relative to the page, of what is kept of every run that is kept."""
     found = {}
     for row, name in enumerate(sweep.words("recording")):
-        if not name or ":" in name or "\\" in name or name.startswith("/") or ".." in name.split("/"):
-            continue  # only what lies beside the page
-        folder = None if sweep.directory is None else sweep.directory / name
-        files = (("report", f"{name}/report.html"), ("recording", f"{name}/recording.rrd"))
-        links = [item for item in files if folder is None or (folder / Path(item[1]).name).is_file()]
-        if links:
-            found[row] = links
-    return found
+        if re.fullmatch(rf"{store.RECORDINGS}/\w+", name):  # only what lies beside the page
+            kept = [(text, f"{name}/{file}") for text, file in _KEPT.items()]
+            if sweep.directory is not None:
+                kept = [item for item in kept if (sweep.directory / item[1]).is_file()]
+            found[row] = kept
+    return {row: kept for row, kept in found.items() if kept}
 
 
 def run_rows(sweep: SweepTable, rows: Sequence[int], keys: Sequence[str]) -> list[dict[str, Any]]:
@@ -217,9 +218,7 @@ def _amount(value: float, unit: str) -> str:
 
 def _limit(sweep: SweepTable, metric: str) -> str:
     _, limit, unit = sweep.shown(metric)
-    if limit is None:
-        return ""
-    return with_unit(f"{limit:.6g}" if limit == 0.0 or 1e-3 <= limit < 1e5 else number(limit, 2), unit)
+    return "" if limit is None else limit_with_unit(limit, unit)
 
 
 def targets_of(sweep: SweepTable) -> dict[str, figures.Array]:
@@ -259,10 +258,8 @@ def unwalked_rows(sweep: SweepTable) -> list[dict[str, Any]]:
         rows = np.flatnonzero(sweep.is_state(state)).tolist()
         for reason, count in Counter(reasons[row] for row in rows).most_common():
             row = next(row for row in rows if reasons[row] == reason)
-            trace = f"{store.CRASHES}/{names[row]}.txt"
-            kept = (
-                sweep.directory is not None and "/" not in names[row] and (sweep.directory / trace).is_file()
-            )
+            trace = f"{store.CRASHES}/{Path(names[row]).name}.txt"
+            kept = sweep.directory is not None and (sweep.directory / trace).is_file()
             found.append(
                 {
                     "state": state,
@@ -285,14 +282,6 @@ def varied_rows(sweep: SweepTable) -> list[Row]:
     return found
 
 
-def fixed_rows(sweep: SweepTable) -> list[Row]:
-    """Parameters that all runs share, with their values."""
-    fixed = [key for key in sweep.parameters if len(sweep) and key not in sweep.varied]
-    return [
-        (key, with_unit(format_value(sweep.table.column(key)[0].as_py()), sweep.unit(key))) for key in fixed
-    ]
-
-
 def timing_rows(sweep: SweepTable) -> list[Row]:
     """Median and largest of every time, and the workers' memory."""
     rows: list[Row] = []
@@ -302,21 +291,21 @@ def timing_rows(sweep: SweepTable) -> list[Row]:
         if values.size:
             middle, high = (with_unit(float(f(values)), sweep.unit(name)) for f in (np.median, np.max))
             rows.append((name.partition("_")[2].replace("_", " "), f"{middle}, up to {high}"))
-    workers = {name for name in sweep.words("environment_worker") if name}
-    return [*rows, ("workers", f"{len(workers)}")]
+    return [*rows, ("workers", f"{len(sweep.distinct('environment_worker'))}")]
 
 
 def environment_rows(sweep: SweepTable) -> list[Row]:
     """Versions and platform: name, value, ``mixed`` where runs differ in it."""
     rows: list[Row] = []
     for column in sweep.table.column_names:
-        counted = Counter(word for word in sweep.words(column) if word).most_common()
-        if column.startswith("environment_") and column not in _PER_RUN and counted:
+        if not column.startswith("environment_") or column in _PER_RUN:
+            continue
+        if counted := Counter(filter(None, sweep.words(column))).most_common():
             mixed = len(counted) > 1
             text = ", ".join(f"{word} ({n:,} runs)" if mixed else word for word, n in counted[:6])
             label = column.removeprefix("environment_").removeprefix("version_").replace("_", " ")
             rows.append((label, text, "mixed" if mixed else ""))
-    times = sorted(word for word in sweep.words("environment_time") if word)
+    times = sweep.distinct("environment_time")
     return [*rows, ("walked from, to (UTC)", f"{times[0]}, {times[-1]}", "")] if times else rows
 
 
