@@ -13,8 +13,9 @@ from scipy.integrate import solve_ivp
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import GaitParameters
 from ampm.planner.contacts import Contacts, Footstep, Phase
-from ampm.planner.periodic import CONTINUOUS, plan_gait
-from ampm.planner.rules import REASONS, RESIDUAL_LIMIT, Gaits, screen
+from ampm.planner.gaits import Gaits
+from ampm.planner.periodic import plan_gait
+from ampm.planner.rules import REASONS, RESIDUAL_LIMIT, screen
 
 G, MASS = 9.81, 60.0
 GOLDEN = GaitParameters(
@@ -394,7 +395,10 @@ def check_plan_or_refusal(parameters):
     else:
         with np.errstate(all="ignore"):
             bound = Gaits.of(parameters).rounding
-        assert plan.residuals().largest_of(CONTINUOUS[parameters.model]) <= bound <= RESIDUAL_LIMIT
+        residuals = plan.residuals()
+        if parameters.model == "ipm":  # its acceleration and ZMP jump at every switch
+            residuals = replace(residuals, acceleration=0.0, zmp=0.0)
+        assert residuals.largest <= bound <= RESIDUAL_LIMIT
         s = plan.sample(np.linspace(0.0, plan.duration, 60))
         for name in "com com_velocity com_acceleration zmp force moment angular_momentum".split():
             assert np.isfinite(getattr(s, name)).all(), name

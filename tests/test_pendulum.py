@@ -9,38 +9,24 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
+from ampm.parameters import GaitParameters
+from ampm.planner.gaits import Gaits
 from ampm.planner.pendulum import (
     AffineLaw,
     double_support_root,
-    frontal_plane,
     odd_double_integral,
     position_integral,
-    sagittal_plane,
-    sagittal_time_constant,
     solution,
 )
 
 G = 9.81
 H = 0.88
 MASS = 60.0
-GOLDEN = {
-    "com_height": H, "step_length": 0.6, "single_support_ratio": 0.7, "switching_velocity": 1.0,
-    "inverse_a_s": 0.25, "c_s": 1.2, "gravity": G,
-}  # fmt: skip
-C_Y, W = 0.6, 0.09
 
 
-@pytest.fixture(scope="module")
-def sagittal():
-    return sagittal_plane(**GOLDEN)
-
-
-@pytest.fixture(scope="module")
-def frontal(sagittal):
-    return frontal_plane(
-        com_height=H, half_width=W, c_y=C_Y, single_support_duration=sagittal.single.duration,
-        double_support_duration=sagittal.double.duration, gravity=G,
-    )  # fmt: skip
+def sagittal_plane(**changed):
+    golden = {"com_height": H, "step_length": 0.6, "single_support_ratio": 0.7, "a_s": 4.0, "c_s": 1.2}
+    return Gaits.of(GaitParameters(**{**golden, **changed})).sagittal
 
 
 # --- the laws ---
@@ -90,9 +76,9 @@ def test_the_root_of_double_support_vectorises():
 
 
 def test_mid_stance_speed_near_the_least_speed_keeps_its_digits():
-    t_s = sagittal_time_constant(H, 0.95, G)
+    t_s = math.sqrt(H / (0.95 * G))
     least = 0.21 / t_s
-    plane = sagittal_plane(**{**GOLDEN, "switching_velocity": float(least) * (1 + 1e-9)})
+    plane = sagittal_plane(switching_velocity=least * (1 + 1e-9))
     middle = plane.single.evaluate(0.5 * plane.single.duration)
     assert middle.position == pytest.approx(0.0, abs=1e-15)
     assert middle.velocity == pytest.approx(least * math.sqrt(2e-9), rel=1e-6)
@@ -104,8 +90,8 @@ def test_mid_stance_speed_near_the_least_speed_keeps_its_digits():
 def test_the_bracket_of_double_support_is_negative_where_the_other_is_positive(inverse_a_s, c_s, share):
     if c_s - inverse_a_s < 1e-3:
         return
-    shape = {"inverse_a_s": inverse_a_s, "c_s": c_s, "single_support_ratio": share}
-    plane = sagittal_plane(**{**GOLDEN, **shape, "switching_velocity": 50.0})
+    a_s = 1.0 / inverse_a_s if inverse_a_s else math.inf
+    plane = sagittal_plane(a_s=a_s, c_s=c_s, single_support_ratio=share, switching_velocity=50.0)
     assert plane.double.rate < 0.0
     bracket = plane.double.force_slope - plane.double.zmp_slope
     assert plane.double.rate == pytest.approx(G / H * bracket, rel=1e-9)

@@ -9,7 +9,6 @@ Conventions: world x forward, y left, z up, floor z = 0; forces and moments act 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol, Self
@@ -106,12 +105,7 @@ class PlanResiduals:
     @property
     def largest(self) -> float:
         """The largest of them [1]; infinite if one is not a number."""
-        return self.largest_of([f.name for f in fields(self)])
-
-    def largest_of(self, names: Iterable[str]) -> float:
-        """The largest of those named [1]; infinite if one is not a number."""
-        values = [getattr(self, name) for name in names]
-        return max(math.inf if math.isnan(v) else v for v in values)
+        return max(math.inf if math.isnan(value) else value for value in vars(self).values())
 
 
 @dataclass(frozen=True)

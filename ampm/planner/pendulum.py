@@ -21,7 +21,6 @@ See ``docs/theory.md`` for the derivation, ``docs/errata.md`` for the errata of 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -29,22 +28,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-
-
-def _elementwise(function: Callable[..., float], arguments: int) -> Callable[..., Array]:
-    """A function of :mod:`math` on numbers and arrays.
-
-    NumPy's own differ in the last bit between processors, and between one number and many; a gait is to have
-    one plan, alone or among a million.
-    """
-    ufunc = np.frompyfunc(function, arguments, 1)
-    return lambda *values: np.asarray(ufunc(*values), dtype=np.float64)
-
-
-_ASINH, _ATAN2 = _elementwise(math.asinh, 1), _elementwise(math.atan2, 2)
-_COSH, _TANH = _elementwise(math.cosh, 1), _elementwise(math.tanh, 1)
-_HYPOT = _elementwise(math.hypot, 2)
-_LARGEST_COSH = 700.0  # argument at which cosh still fits a double
 
 
 class LawState(NamedTuple):
@@ -169,164 +152,6 @@ def odd_double_integral(rate: float, odd: float, duration: float) -> float:
     else:
         difference = math.sin(h) - h * math.cos(h)
     return 2.0 * odd / rate * difference
-
-
-@dataclass(frozen=True)
-class SagittalPlane:
-    """Sagittal constants of a periodic gait (paper, section 2.1) and its two laws.
-
-    Attributes:
-        l_s: half the COM's travel in single support [m].
-        l_d: half the COM's travel in double support [m].
-        inverse_a_s: ZMP slope in single support, ``1/a_s`` [1].
-        a_d: COM travel over ZMP travel in double support [1].
-        c_d: force slope in double support [1].
-        single: law of single support, from the stance foot's reference point.
-        double: law of double support, from the midpoint of both feet's reference points.
-    """
-
-    l_s: Any
-    l_d: Any
-    inverse_a_s: Any
-    a_d: Any
-    c_d: Any
-    single: AffineLaw
-    double: AffineLaw
-
-
-@dataclass(frozen=True)
-class FrontalPlane:
-    """Frontal constants of a periodic gait (paper, section 2.2) and its two laws, for left stance.
-
-    Attributes:
-        s: lateral distance of COM and stance foot at a switch [m].
-        beta: lateral distance of COM and midline at a switch [m].
-        velocity: lateral speed of the COM at a switch, ``v`` [m/s].
-        single: law of single support, from the stance foot.
-        double: law of the double support after it, from the midline.
-    """
-
-    s: Any
-    beta: Any
-    velocity: Any
-    single: AffineLaw
-    double: AffineLaw
-
-
-def sagittal_time_constant(com_height: Any, bracket: Any, gravity: float) -> Array:
-    """``T_s = sqrt(H / ((c_s - 1/a_s) g))`` [s]; the bracket must be positive."""
-    return np.sqrt(com_height / (bracket * gravity))
-
-
-def sagittal_plane(
-    *,
-    com_height: Any,
-    step_length: Any,
-    single_support_ratio: Any,
-    switching_velocity: Any,
-    inverse_a_s: Any,
-    c_s: Any,
-    gravity: float,
-    plain: Any = False,
-) -> SagittalPlane:
-    """Close the sagittal plane of one gait, or of arrays of gaits.
-
-    Continuity of ZMP and force at the switches fixes the double support:
-    ``c_s l_s + c_d l_d = l_s + l_d`` (paper Eq. 4, corrected) and ``l_s/a_s + l_d/a_d = l_s + l_d``.
-
-    The plain inverted pendulum (paper, section 1.2; Kajita et al., IROS 2001) has a double support at the
-    velocity of the switch: the ground force is vertical and the ZMP under the COM, so both jump at a switch.
-
-    Args:
-        com_height: H [m].
-        step_length: S [m].
-        single_support_ratio: l_s / (l_s + l_d) [1].
-        switching_velocity: v0 [m/s], greater than ``l_s / T_s``.
-        inverse_a_s: 1/a_s [1], less than ``c_s``; 0 for the plain pendulum.
-        c_s: force slope in single support [1]; 1 for the plain pendulum.
-        gravity: g [m/s^2].
-        plain: whether it is the plain inverted pendulum.
-    """
-    half = 0.5 * step_length
-    l_s = half * single_support_ratio
-    l_d = half * (1.0 - single_support_ratio)
-    ratio = l_s / l_d
-    # Written from 1, so that c_s = 1 leaves c_d exactly 1 and the moment exactly zero.
-    c_d = 1.0 - (c_s - 1.0) * ratio
-    inverse_a_d = np.where(plain, 1.0, 1.0 + (1.0 - inverse_a_s) * ratio)
-    # From both continuity conditions: the bracket of double support is negative where the other is positive.
-    rate_s = gravity / com_height * (c_s - inverse_a_s)
-    rate_d = -rate_s * ratio
-    k_s, k_d = np.sqrt(rate_s), np.sqrt(-rate_d)
-    reach_s, reach_d = switching_velocity / k_s, switching_velocity / k_d  # v0 T_s, v0 T_d
-    odd_s = np.sqrt((reach_s - l_s) * (reach_s + l_s))
-    duration_s = 2.0 / k_s * _ASINH(l_s / odd_s)
-    duration_d = np.where(plain, 2.0 * l_d / switching_velocity, 2.0 / k_d * _ATAN2(l_d, reach_d))
-    odd_d = np.where(plain, switching_velocity, _HYPOT(l_d, reach_d))
-    return SagittalPlane(
-        l_s=l_s,
-        l_d=l_d,
-        inverse_a_s=inverse_a_s,
-        a_d=1.0 / inverse_a_d,
-        c_d=c_d,
-        single=AffineLaw(rate_s, inverse_a_s, c_s, duration_s, 0.0, odd_s),
-        double=AffineLaw(np.where(plain, 0.0, rate_d), inverse_a_d, c_d, duration_d, 0.0, odd_d),
-    )
-
-
-def frontal_plane(
-    *,
-    com_height: Any,
-    half_width: Any,
-    c_y: Any,
-    single_support_duration: Any,
-    double_support_duration: Any,
-    gravity: float,
-    plain: Any = False,
-) -> FrontalPlane:
-    """Close the frontal plane of one gait, or of arrays of gaits: both durations are given, beta is unknown.
-
-    Of the plain inverted pendulum beta is what the COM drifts in half a double support: ``beta = v T_DS / 2``
-    with ``v = s k tanh(k T_SS / 2)``.
-
-    Args:
-        com_height: H [m].
-        half_width: half the lateral distance of the feet, ``w = s + beta`` [m].
-        c_y: force slope of single support [1], positive; 1 for the plain pendulum.
-        single_support_duration: T_SS [s].
-        double_support_duration: T_DS [s].
-        gravity: g [m/s^2].
-        plain: whether it is the plain inverted pendulum.
-    """
-    k = np.sqrt(c_y * gravity / com_height)  # 1 / T_l
-    h = 0.5 * k * single_support_duration
-    tau = _TANH(h)
-    rho = double_support_root(tau, 0.5 * k * double_support_duration)
-    drift = 0.5 * k * double_support_duration * tau  # beta / s of the plain pendulum
-    s = half_width / (1.0 + np.where(plain, drift, rho * rho))
-    velocity = s * k * tau
-    slope = 1.0 / (rho * rho)  # s / beta
-    return FrontalPlane(
-        s=s,
-        beta=np.where(plain, s * drift, s * rho * rho),
-        velocity=velocity,
-        single=AffineLaw(
-            rate=np.where(plain, gravity / com_height, k * k),
-            zmp_slope=0.0,
-            force_slope=c_y,
-            duration=single_support_duration,
-            even=-s / _COSH(np.minimum(h, _LARGEST_COSH)),
-            odd=0.0,
-        ),
-        double=AffineLaw(
-            rate=np.where(plain, 0.0, -k * k * slope),
-            zmp_slope=np.where(plain, 1.0, 1.0 + slope),
-            force_slope=np.where(plain, 1.0, 1.0 + (1.0 - c_y) * slope),
-            duration=double_support_duration,
-            even=0.0,
-            odd=np.where(plain, -velocity, -s * rho * _HYPOT(rho, tau)),
-        ),
-    )
 
 
 def double_support_root(tau: Any, half_angle: Any) -> Array:

@@ -6,7 +6,6 @@ t = 0 is the start of the first single support, on the left foot, whose referenc
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -15,15 +14,9 @@ from ampm.exceptions import InputError
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
 from ampm.planner.contacts import Contacts, Footstep, Phase
-from ampm.planner.pendulum import AffineLaw, FrontalPlane, SagittalPlane, odd_double_integral
-from ampm.planner.rules import RULES, Gaits
-
-CONTINUOUS: Mapping[str, tuple[str, ...]] = {
-    "ampm": ("position", "velocity", "acceleration", "zmp", "moment", "angular_momentum"),
-    "ipm": ("position", "velocity", "moment", "angular_momentum"),
-}
-"""Residuals that are zero but for rounding, by model. The acceleration and the ZMP of the plain inverted
-pendulum jump at every switch; its residuals give by how much."""
+from ampm.planner.gaits import Gaits
+from ampm.planner.pendulum import AffineLaw, odd_double_integral
+from ampm.planner.rules import RULES
 
 
 def plan_gait(gait: GaitParameters, mass: float, *, angular_momentum_y_offset: float = 0.0) -> CentroidalPlan:
@@ -50,7 +43,7 @@ def plan_gait(gait: GaitParameters, mass: float, *, angular_momentum_y_offset: f
         for rule in RULES:
             if rule.refused(one):
                 raise rule.refusal(one)
-    return _assemble(gait, float(mass), one.sagittal, one.frontal, float(angular_momentum_y_offset))
+    return _assemble(gait, float(mass), one, float(angular_momentum_y_offset))
 
 
 def _numbers(law: AffineLaw) -> AffineLaw:
@@ -63,10 +56,9 @@ def _mirrored(law: AffineLaw) -> AffineLaw:
     return replace(law, even=-law.even, odd=-law.odd, zmp_offset=-law.zmp_offset)
 
 
-def _assemble(
-    gait: GaitParameters, mass: float, sagittal: SagittalPlane, frontal: FrontalPlane, offset: float
-) -> CentroidalPlan:
+def _assemble(gait: GaitParameters, mass: float, one: Gaits, offset: float) -> CentroidalPlan:
     """Lay the closed form out over the footsteps."""
+    sagittal, frontal = one.sagittal, one.frontal
     single_x, double_x, single, double = map(
         _numbers, (sagittal.single, sagittal.double, frontal.single, frontal.double)
     )
@@ -104,7 +96,8 @@ def _assemble(
         middle = (x + 0.5 * length, 0.0)
         phases.append(CentroidalPhase(start + t_ss, t_ds, middle, double_x, double_y, (gained, start_y)))
     constants = PlanConstants(
-        **{name: float(getattr(sagittal, name)) for name in ("l_s", "l_d", "inverse_a_s", "a_d", "c_d")},
+        **{name: float(getattr(sagittal, name)) for name in ("l_s", "l_d", "a_d", "c_d")},
+        inverse_a_s=float(one.inverse_a_s),
         single_support_duration=t_ss,
         double_support_duration=t_ds,
         s=float(frontal.s),

@@ -27,7 +27,7 @@ from ampm.control.wrench_qp import TWIST_FRICTION
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.feet import HEEL
-from ampm.planner.rules import LEAST_MID_STANCE_SHARE
+from ampm.planner.gaits import LEAST_MID_STANCE_SHARE
 from ampm.planner.support import StepPlan
 from ampm.walk import right_load
 

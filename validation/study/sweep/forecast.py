@@ -16,6 +16,7 @@ import numpy as np
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import RELATIONS, RunParameters, steps_per_tick
 from ampm.planner import rules
+from ampm.planner.gaits import Gaits
 from ampm.planner.periodic import plan_gait
 from ampm.run_file import key_info
 from validation.progress import Progress
@@ -174,9 +175,9 @@ def screen(definition: SweepDefinition) -> NDArray[np.int8]:
                 part[~relation.holds(*both)] = BAD
         if not definition.tune:
             left = np.flatnonzero(part == ACCEPTED)
-            names = (field.name for field in fields(rules.Gaits))
+            names = (field.name for field in fields(Gaits))
             part[left] = rules.screen(
-                rules.Gaits(*(definition.column(f"gait.{name}", runs[left]) for name in names))
+                Gaits(*(definition.column(f"gait.{name}", runs[left]) for name in names))
             )
     return code
 

@@ -1,0 +1,279 @@
+"""Parameters of one gait, or of arrays of gaits, and the closed form that follows from them.
+
+Every number that a plan is made of, and every one that a rule of refusal reads, is computed here, for one
+gait as for a million.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ampm.parameters import GRAVITY, GaitParameters
+from ampm.planner.pendulum import AffineLaw, double_support_root
+
+Array = NDArray[np.float64]
+
+LEAST_MID_STANCE_SHARE = 0.2
+"""Least speed over the foot, as a share of v0: below it the pendulum nearly stops and every error grows."""
+
+_ROUNDING = 8.0 * np.finfo(np.float64).eps
+
+
+def _elementwise(function: Callable[..., float], arguments: int) -> Callable[..., Array]:
+    """A function of :mod:`math` on numbers and arrays.
+
+    NumPy's own differ in the last bit between processors, and between one number and many; a gait is to have
+    one plan, alone or among a million.
+    """
+    ufunc = np.frompyfunc(function, arguments, 1)
+    return lambda *values: np.asarray(ufunc(*values), dtype=np.float64)
+
+
+_ASINH, _ATAN2 = _elementwise(math.asinh, 1), _elementwise(math.atan2, 2)
+_COSH, _TANH = _elementwise(math.cosh, 1), _elementwise(math.tanh, 1)
+_HYPOT = _elementwise(math.hypot, 2)
+_LARGEST_COSH = 700.0  # argument at which cosh still fits a double
+
+
+@dataclass(frozen=True)
+class SagittalPlane:
+    """Sagittal constants of a periodic gait (paper, section 2.1) and its two laws.
+
+    Attributes:
+        l_s: half the COM's travel in single support [m].
+        l_d: half the COM's travel in double support [m].
+        a_d: COM travel over ZMP travel in double support [1].
+        c_d: force slope in double support [1].
+        single: law of single support, from the stance foot's reference point.
+        double: law of double support, from the midpoint of both feet's reference points.
+    """
+
+    l_s: Any
+    l_d: Any
+    a_d: Any
+    c_d: Any
+    single: AffineLaw
+    double: AffineLaw
+
+
+@dataclass(frozen=True)
+class FrontalPlane:
+    """Frontal constants of a periodic gait (paper, section 2.2) and its two laws, for left stance.
+
+    Attributes:
+        s: lateral distance of COM and stance foot at a switch [m].
+        beta: lateral distance of COM and midline at a switch [m].
+        velocity: lateral speed of the COM at a switch, ``v`` [m/s].
+        single: law of single support, from the stance foot.
+        double: law of the double support after it, from the midline.
+    """
+
+    s: Any
+    beta: Any
+    velocity: Any
+    single: AffineLaw
+    double: AffineLaw
+
+
+@dataclass(frozen=True)
+class Gaits:
+    """Parameters of one gait as numbers, or of n gaits as arrays (n,), and what follows from them.
+
+    Attributes:
+        model: ``ampm`` or ``ipm``.
+
+    All others: see :class:`ampm.parameters.GaitParameters`. Numbers too far apart give infinities or NaN,
+    which the last rule refuses.
+    """
+
+    model: Any
+    com_height: Any
+    step_length: Any
+    switching_velocity: Any
+    single_support_ratio: Any
+    a_s: Any
+    c_s: Any
+    c_y: Any
+    step_width: Any
+    steps: Any
+
+    @classmethod
+    def of(cls, gait: GaitParameters) -> Gaits:
+        """One gait."""
+        return cls(**{field.name: np.asarray(getattr(gait, field.name)) for field in fields(cls)})
+
+    def part(self, which: slice) -> Gaits:
+        """Some of n gaits."""
+        return Gaits(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
+
+    @cached_property
+    def plain(self) -> NDArray[np.bool_]:
+        """Whether it is the plain inverted pendulum."""
+        return np.asarray(self.model == "ipm")
+
+    @cached_property
+    def inverse_a_s(self) -> Array:
+        """``1/a_s`` [1]."""
+        return 1.0 / self.a_s
+
+    @cached_property
+    def bracket(self) -> Array:
+        """``c_s - 1/a_s`` [1]."""
+        return self.c_s - self.inverse_a_s
+
+    @cached_property
+    def least_velocity(self) -> Array:
+        """``l_s / T_s``, above which the COM passes over the foot [m/s]."""
+        l_s = 0.5 * self.step_length * self.single_support_ratio
+        return l_s / np.sqrt(self.com_height / (self.bracket * GRAVITY))
+
+    @cached_property
+    def mid_stance_velocity(self) -> Array:
+        """Speed of the COM over the foot [m/s]."""
+        v0, least = self.switching_velocity, self.least_velocity
+        return np.sqrt((v0 - least) * (v0 + least))
+
+    @property
+    def least_mid_stance_velocity(self) -> Array:
+        """Speed over the foot below which the pendulum nearly stops [m/s]."""
+        return LEAST_MID_STANCE_SHARE * self.switching_velocity
+
+    @property
+    def sufficient_velocity(self) -> str:
+        """Switching velocity of one gait from which the COM passes over the foot fast enough [m/s]."""
+        return _rounded_up(float(self.least_velocity) / math.sqrt(1.0 - LEAST_MID_STANCE_SHARE**2))
+
+    @property
+    def sufficient_a_s(self) -> str:
+        """The a_s above which one gait is driven off the stance foot, if there is one, as a way out."""
+        return f" or gait.a_s above {1.0 / self.c_s:.6g}" if self.c_s > 0.0 else ""
+
+    @cached_property
+    def sagittal(self) -> SagittalPlane:
+        """Closed form of the sagittal plane.
+
+        Continuity of ZMP and force at the switches fixes the double support:
+        ``c_s l_s + c_d l_d = l_s + l_d`` (paper Eq. 4, corrected) and ``l_s/a_s + l_d/a_d = l_s + l_d``.
+
+        The plain inverted pendulum (paper, section 1.2; Kajita et al., IROS 2001) has a double support at the
+        velocity of the switch: the ground force is vertical and the ZMP under the COM, so both jump at a
+        switch.
+        """
+        v0, plain = self.switching_velocity, self.plain
+        half = 0.5 * self.step_length
+        l_s = half * self.single_support_ratio
+        l_d = half * (1.0 - self.single_support_ratio)
+        ratio = l_s / l_d
+        # Written from 1, so that c_s = 1 leaves c_d exactly 1 and the moment exactly zero.
+        c_d = 1.0 - (self.c_s - 1.0) * ratio
+        inverse_a_d = np.where(plain, 1.0, 1.0 + (1.0 - self.inverse_a_s) * ratio)
+        # From both continuity conditions: the bracket of double support is negative where the other is
+        # positive.
+        rate_s = GRAVITY / self.com_height * self.bracket
+        rate_d = -rate_s * ratio
+        k_s, k_d = np.sqrt(rate_s), np.sqrt(-rate_d)
+        reach_s, reach_d = v0 / k_s, v0 / k_d  # v0 T_s, v0 T_d
+        odd_s = np.sqrt((reach_s - l_s) * (reach_s + l_s))
+        duration_s = 2.0 / k_s * _ASINH(l_s / odd_s)
+        duration_d = np.where(plain, 2.0 * l_d / v0, 2.0 / k_d * _ATAN2(l_d, reach_d))
+        odd_d = np.where(plain, v0, _HYPOT(l_d, reach_d))
+        return SagittalPlane(
+            l_s=l_s,
+            l_d=l_d,
+            a_d=1.0 / inverse_a_d,
+            c_d=c_d,
+            single=AffineLaw(rate_s, self.inverse_a_s, self.c_s, duration_s, 0.0, odd_s),
+            double=AffineLaw(np.where(plain, 0.0, rate_d), inverse_a_d, c_d, duration_d, 0.0, odd_d),
+        )
+
+    @cached_property
+    def time_constants(self) -> Array:
+        """Duration of single support over the time constant of the lateral pendulum [1]."""
+        return np.sqrt(self.c_y * GRAVITY / self.com_height) * self.sagittal.single.duration
+
+    @cached_property
+    def frontal(self) -> FrontalPlane:
+        """Closed form of the frontal plane: both durations are known, beta is not.
+
+        Of the plain inverted pendulum beta is what the COM drifts in half a double support:
+        ``beta = v T_DS / 2`` with ``v = s k tanh(k T_SS / 2)``.
+        """
+        plain, c_y = self.plain, self.c_y
+        t_ss, t_ds = self.sagittal.single.duration, self.sagittal.double.duration
+        k = np.sqrt(c_y * GRAVITY / self.com_height)  # 1 / T_l
+        h = 0.5 * k * t_ss
+        tau = _TANH(h)
+        rho = double_support_root(tau, 0.5 * k * t_ds)
+        drift = 0.5 * k * t_ds * tau  # beta / s of the plain pendulum
+        s = 0.5 * self.step_width / (1.0 + np.where(plain, drift, rho * rho))
+        velocity = s * k * tau
+        slope = 1.0 / (rho * rho)  # s / beta
+        return FrontalPlane(
+            s=s,
+            beta=np.where(plain, s * drift, s * rho * rho),
+            velocity=velocity,
+            single=AffineLaw(
+                rate=np.where(plain, GRAVITY / self.com_height, k * k),
+                zmp_slope=0.0,
+                force_slope=c_y,
+                duration=t_ss,
+                even=-s / _COSH(np.minimum(h, _LARGEST_COSH)),
+                odd=0.0,
+            ),
+            double=AffineLaw(
+                rate=np.where(plain, 0.0, -k * k * slope),
+                zmp_slope=np.where(plain, 1.0, 1.0 + slope),
+                force_slope=np.where(plain, 1.0, 1.0 + (1.0 - c_y) * slope),
+                duration=t_ds,
+                even=0.0,
+                odd=np.where(plain, -velocity, -s * rho * _HYPOT(rho, tau)),
+            ),
+        )
+
+    @cached_property
+    def rounding(self) -> Array:
+        """Bound on what rounding may make a plan jump at a switch, in the scales of ``PlanResiduals`` [1].
+
+        The closed form joins exactly, so whatever jumps is rounding. Every law is purely even or purely odd:
+        its amplitude at the ends of the phase bounds what is rounded.
+        """
+        height, v0 = self.com_height, self.switching_velocity
+        sagittal, frontal = self.sagittal, self.frontal
+        far, near = (self.steps + 1) * self.step_length, 0.5 * self.step_width
+        worst = np.zeros_like(height)
+        for law, origin, sway in (
+            (sagittal.single, far, v0 / np.sqrt(sagittal.single.rate)),
+            (sagittal.double, far, np.abs(sagittal.double.odd)),
+            (frontal.single, near, frontal.s),
+            (frontal.double, near, np.abs(frontal.double.odd)),
+        ):
+            k = np.sqrt(np.abs(law.rate))
+            uniform = law.rate == 0.0  # then ``odd`` is a velocity
+            speed = np.where(uniform, sway, k * sway)
+            sway = np.where(uniform, sway * law.duration, sway)
+            arm = (np.abs(law.force_slope) + 1.0) * sway
+            jumps = np.abs(law.rate) * sway / GRAVITY, (origin + np.abs(law.zmp_slope) * sway) / height
+            for term in (
+                (origin + sway) / height,
+                speed / v0,
+                arm / height,
+                arm * law.duration * GRAVITY / (height * v0),
+                np.where(self.plain, 0.0, np.maximum(*jumps)),
+            ):
+                worst = np.maximum(worst, term * (1.0 + 0.5 * k * law.duration))  # a NaN stays one
+        return np.where(np.isnan(worst), math.inf, _ROUNDING * worst)
+
+
+def _rounded_up(value: float) -> str:
+    """``value`` with four digits, never below it."""
+    if value < 1e-300 or not math.isfinite(value):
+        return f"{value:g}"
+    unit = 10.0 ** (math.floor(math.log10(value)) - 3)
+    return f"{math.ceil(value / unit * (1.0 + 1e-12)) * unit:.4g}"
