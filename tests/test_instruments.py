@@ -16,7 +16,7 @@ from ampm.run_file import load_run
 from models.human import build
 from tests.saved_run import make_run
 from validation.cli.app import Status, call
-from validation.measure.instruments.chain import Chain, RandomStreams
+from validation.measure.instruments.chain import Chain, random_stream
 from validation.measure.instruments.model import (
     PRESETS,
     Acquisition,
@@ -32,17 +32,17 @@ from validation.store.record import load_record
 from validation.trial.outcome import Outcome, OutcomeName
 
 DT = 2e-3
+FACTS = {"kind": "force-plate"}
 
 
 def times(rows: int) -> np.ndarray:
     return np.asarray(DT * np.arange(rows), dtype=np.float64)
 
 
-FACTS = {"kind": "force-plate"}
-
-
-def chain(channel: Channel, acquisition: Acquisition | None = None, rows: int = 20_000, **options) -> Chain:
-    return Chain([channel], acquisition or Acquisition(), RandomStreams(3, "run"), times(rows), DT, **options)
+def chain(rows: int = 20_000, seed: int = 3, key: str = "run", **figures) -> Chain:
+    """A chain of one channel; ``figures`` are of the channel or of the acquisition."""
+    passed = {name: figures.pop(name) for name in set(figures) & set(Acquisition.model_fields)}
+    return Chain([Channel(**figures)], Acquisition(**passed), seed, key, times(rows), DT)
 
 
 def rms(values) -> float:
@@ -83,90 +83,78 @@ def look(instrument, record, human, key="run") -> Observation:
 # ------------------------------------------------------------------------------------------ one by one
 
 
-def test_bias_is_a_constant_within_its_bound():
+@pytest.mark.parametrize("bias", [0.4, 0.0])
+def test_bias_is_a_constant_within_its_bound(bias):
     truth = np.sin(np.arange(500.0))[:, None]
-    for bias in (0.4, 0.0):
-        error = chain(Channel(bias=bias, offset=2.0), rows=500).read(truth, {"bias"}) - truth
-        assert np.ptp(error) < 1e-12
-        assert abs(error[0, 0] - 2.0) <= bias + 1e-12
+    error = chain(500, bias=bias, offset=2.0).read(truth, {"bias"}) - truth
+    assert np.ptp(error) < 1e-12
+    assert abs(error[0, 0] - 2.0) <= bias + 1e-12
 
 
-def test_noise_without_a_filter_fills_the_whole_band():
-    read = chain(Channel(noise=0.1)).read(np.zeros((20_000, 1)), {"noise"})
-    assert rms(read) == pytest.approx(0.1 * math.sqrt(0.5 / DT), rel=0.02)
-    assert abs(read.mean()) < 5 * rms(read) / math.sqrt(len(read))
-
-
-@pytest.mark.parametrize(("order", "cutoff"), [(1, 20.0), (2, 50.0), (4, 100.0)])
-def test_noise_through_a_low_pass_has_its_noise_bandwidth(order, cutoff):
-    acquisition = Acquisition(cutoff=cutoff, order=order)
-    frequency, response = sosfreqz(butter(order, cutoff, fs=1 / DT, output="sos"), worN=8192, fs=1 / DT)
-    bandwidth = np.trapezoid(np.abs(response) ** 2, frequency)
-    read = chain(Channel(noise=0.1), acquisition, rows=200_000).read(np.zeros((200_000, 1)), {"noise"})
+@pytest.mark.parametrize(("order", "cutoff"), [(4, None), (1, 20.0), (2, 50.0), (4, 100.0)])
+def test_noise_has_the_bandwidth_of_the_low_pass_or_of_the_steps(order, cutoff):
+    bandwidth = 0.5 / DT
+    if cutoff is not None:
+        sections = butter(order, cutoff, fs=1 / DT, output="sos")
+        frequency, response = sosfreqz(sections, worN=8192, fs=1 / DT)
+        bandwidth = np.trapezoid(np.abs(response) ** 2, frequency)
+    noisy = chain(200_000, noise=0.1, cutoff=cutoff, order=order)
+    read = noisy.read(np.zeros((200_000, 1)), {"noise"})
     assert rms(read) == pytest.approx(0.1 * math.sqrt(bandwidth), rel=0.03)
     assert rms(read[:200]) == pytest.approx(rms(read), rel=0.5), "noise is there from the start"
+    assert abs(read.mean()) < 25 * rms(read) / math.sqrt(len(read))
 
 
-def test_quantisation_errs_by_its_step_over_root_twelve():
+def test_quantisation_errs_by_its_step_over_root_twelve_and_range_cuts_off():
     truth = np.cumsum(np.random.default_rng(0).normal(size=(20_000, 1)), axis=0)
-    read = chain(Channel(resolution=0.25)).read(truth, {"quantisation"})
+    coarse = chain(resolution=0.25, range=1.5)
+    read = coarse.read(truth, {"quantisation"})
     assert rms(read - truth) == pytest.approx(0.25 / math.sqrt(12), rel=0.02)
     np.testing.assert_array_equal(read / 0.25, np.round(read / 0.25))
+    np.testing.assert_array_equal(coarse.read(truth, {"saturation"}), np.clip(truth, -1.5, 1.5))
 
 
-def test_delay_errs_by_the_delay_times_the_slope():
-    time = times(5000)
-    truth = np.sin(2 * np.pi * 0.7 * time)[:, None]
-    slope = 2 * np.pi * 0.7 * np.cos(2 * np.pi * 0.7 * time)[:, None]
-    for delay in (0.004, 0.0035):
-        late = chain(Channel(), Acquisition(delay=delay), rows=5000)
-        error = (late.read(truth, {"delay"}) - truth)[10:]
-        np.testing.assert_allclose(error, -delay * slope[10:], atol=2e-4)
-        assert late.latency() == pytest.approx(delay, rel=1e-6)
+@pytest.mark.parametrize("delay", [0.004, 0.0035])
+def test_delay_errs_by_the_delay_times_the_slope(delay):
+    angle = 2 * np.pi * 0.7 * times(5000)[:, None]
+    late = chain(5000, delay=delay)
+    error = (late.read(np.sin(angle), {"delay"}) - np.sin(angle))[10:]
+    np.testing.assert_allclose(error, -delay * 2 * np.pi * 0.7 * np.cos(angle[10:]), atol=2e-4)
+    assert late.latency() == pytest.approx(delay, rel=1e-6)
 
 
 def test_low_pass_is_a_causal_butterworth():
     time = times(20_000)
-    acquisition = Acquisition(cutoff=30.0, order=2)
-    _, response = sosfreqz(
-        butter(2, 30.0, fs=1 / DT, output="sos"), worN=[2 * np.pi * 10.0 * DT, 2 * np.pi * 0.1 * DT]
-    )
-    seen = chain(Channel(), acquisition)
+    sections = butter(2, 30.0, fs=1 / DT, output="sos")
+    _, (fast, slow) = sosfreqz(sections, worN=[2 * np.pi * 10.0 * DT, 2 * np.pi * 0.1 * DT])
+    seen = chain(cutoff=30.0, order=2)
     read = seen.read(np.cos(2 * np.pi * 10.0 * time)[:, None], {"filter"})[5000:, 0]
-    expected = np.abs(response[0]) * np.cos(2 * np.pi * 10.0 * time[5000:] + np.angle(response[0]))
+    expected = np.abs(fast) * np.cos(2 * np.pi * 10.0 * time[5000:] + np.angle(fast))
     np.testing.assert_allclose(read, expected, atol=1e-9)
-    assert seen.latency() == pytest.approx(-np.angle(response[1]) / (2 * np.pi * 0.1), rel=1e-3)
+    assert seen.latency() == pytest.approx(-np.angle(slow) / (2 * np.pi * 0.1), rel=1e-3)
     step = seen.read(np.full((20_000, 1), 5.0), {"filter"})
     np.testing.assert_allclose(step, 5.0, atol=1e-9)  # no transient at the start
 
 
 def test_sampling_holds_each_sample():
     time = times(5000)
-    held = chain(Channel(), Acquisition(rate=100.0), rows=5000)
+    held, every = chain(5000, rate=100.0), chain(5000, rate=500.0)
     read = held.read(time[:, None], {"sampling"})[:, 0]
     np.testing.assert_allclose(read, np.floor(time * 100.0 + 1e-6) / 100.0, atol=1e-12)
     assert held.latency() == pytest.approx(0.004, rel=1e-6)  # of ages 0, 2, ... 8 ms
-    every = chain(Channel(), Acquisition(rate=500.0), rows=5000)
     np.testing.assert_array_equal(every.read(time[:, None], {"sampling"})[:, 0], time)
-
-
-def test_range_cuts_off():
-    truth = np.linspace(-3, 3, 101)[:, None]
-    read = chain(Channel(range=1.5), rows=101).read(truth, {"saturation"})
-    np.testing.assert_array_equal(read, np.clip(truth, -1.5, 1.5))
 
 
 def test_cross_talk_is_a_share_of_the_other_channels_range():
     channels = [Channel(range=10.0), Channel(range=200.0)]
-    pair = Chain(channels, Acquisition(), RandomStreams(1, "a"), times(3), DT, cross_talk=0.02)
+    pair = Chain(channels, Acquisition(), 1, "a", times(3), DT, cross_talk=0.02)
     read = pair.read(np.array([[0.0, 100.0]] * 3), {"cross_talk"})
     assert 0 < abs(read[0, 0]) <= 0.02 * 10.0 * 0.5
     assert read[0, 1] == 100.0
 
 
 def test_all_together_in_the_physical_order():
-    acquisition = Acquisition(cutoff=40.0, rate=100.0, delay=0.004)
-    both = chain(Channel(noise=0.1, bias=1.0, resolution=0.5, range=3.0), acquisition, rows=2000)
+    both = chain(2000, noise=0.1, bias=1.0, resolution=0.5, range=3.0, cutoff=40.0, rate=100.0, delay=0.004)
     read = both.read(np.full((2000, 1), 2.9), both.effects)
     assert np.abs(read).max() <= 3.0
     np.testing.assert_array_equal(read / 0.5, np.round(read / 0.5))
@@ -174,7 +162,7 @@ def test_all_together_in_the_physical_order():
 
 def test_draws_depend_on_seed_run_and_use():
     first, again, *others = (
-        RandomStreams(seed, run).stream(use).normal(size=8)
+        random_stream(seed, run, use).normal(size=8)
         for seed, run, use in ((1, "a", 1), (1, "a", 1), (1, "b", 1), (2, "a", 1), (1, "a", 2))
     )
     np.testing.assert_array_equal(first, again)
@@ -202,6 +190,12 @@ def test_plate_bias_moves_the_zmp_by_moment_over_force(record, human):
     np.testing.assert_allclose(seen.zmp - seen.true_zmp, expected, atol=1e-12)
     assert set(seen.causes) == {"method", "bias"}
     assert seen.causes["bias"]["run"].rmse == pytest.approx(seen.errors["run"].rmse)
+    run, single, double = (window.count for window in seen.errors.values())
+    assert run == single + double  # by measured contact
+    assert min(single, double) > 0
+    force = seen.signals[:, 2]
+    arm = np.abs(seen.signals[force > 50.0, 4] / force[force > 50.0])
+    assert arm.max() < 0.3  # within a foot's length of the plate's middle, however far the walk goes
 
 
 def test_delay_moves_the_zmp_and_can_be_taken_out(record, human):
@@ -214,13 +208,6 @@ def test_delay_moves_the_zmp_and_can_be_taken_out(record, human):
     assert late.unmeasured == 2
 
 
-def test_plates_lie_where_the_feet_stand_and_moments_are_read_there(record, human):
-    seen = look(FACTS, record, human)
-    force = seen.signals[:, 2]
-    arm = np.abs(seen.signals[force > 50.0, 4] / force[force > 50.0])
-    assert arm.max() < 0.3  # within a foot's length of the plate's middle, however far the walk goes
-
-
 def test_threshold_leaves_out_a_foot_that_hardly_presses(record, human):
     seen = look({**FACTS, "threshold": 60.0}, record, human)
     assert seen.errors["run"].rmse[0] > 0.0
@@ -229,13 +216,6 @@ def test_threshold_leaves_out_a_foot_that_hardly_presses(record, human):
     assert pushed.errors["run"].count == 0
     assert pushed.errors["run"].unmeasured == len(pushed.time)
     json.dumps(pushed.row(), allow_nan=False)
-
-
-def test_phases_are_those_of_the_measured_contacts(record, human):
-    seen = look({**FACTS, "moment_xy": {"offset": 1.0}}, record, human)
-    run, single, double = (seen.errors[name].count for name in seen.errors)
-    assert run == single + double
-    assert min(single, double) > 0
 
 
 def test_same_seed_and_run_give_the_same_readings(record, human):

@@ -30,7 +30,7 @@ MOMENTUM = {
     "force_z": (1.0, inf), "angular_momentum_x": (0.15, inf), "angular_momentum_y": (0.15, inf),
 }  # fmt: skip
 
-PRESETS = [("normal", {}, NORMAL, 1.0), ("momentum", {}, MOMENTUM, 1.0), ("flat", {}, MOMENTUM, 1.0)]
+PRESETS = [("normal", None, NORMAL, 1.0), ("momentum", None, MOMENTUM, 1.0), ("flat", None, MOMENTUM, 1.0)]
 
 
 def slopes(key, *values):

@@ -28,20 +28,9 @@ _SETTLING = 5.0
 """Periods of the cut-off after which the start of filtered noise is forgotten."""
 
 
-class RandomStreams:
-    """Draws that depend on the instrument's seed, the run's key, and what they are for; on nothing else.
-
-    Args:
-        seed: of the instrument.
-        key: of the run, any text.
-    """
-
-    def __init__(self, seed: int, key: str) -> None:
-        self.root = (seed, int.from_bytes(sha256(key.encode()).digest()[:8], "big"))
-
-    def stream(self, *use: int) -> np.random.Generator:
-        """The generator of one use."""
-        return np.random.default_rng([*self.root, *use])
+def random_stream(seed: int, key: str, *use: int) -> np.random.Generator:
+    """Draws that depend on the instrument's seed, the run's key, and what they are for; on nothing else."""
+    return np.random.default_rng([seed, int.from_bytes(sha256(key.encode()).digest()[:8], "big"), *use])
 
 
 @dataclass(frozen=True)
@@ -51,7 +40,8 @@ class Chain:
     Attributes:
         channels: figures of each of C channels.
         acquisition: what all of them pass.
-        streams: where biases, noise and coupling come from.
+        seed: of the instrument, for biases, noise and coupling.
+        key: of the run, any text, for the same.
         time: start of each of K steps [s].
         time_step: dt [s].
         cross_talk: bound of the coupling, relative to the ranges [1].
@@ -60,7 +50,8 @@ class Chain:
 
     channels: Sequence[Channel]
     acquisition: Acquisition
-    streams: RandomStreams
+    seed: int
+    key: str
     time: Array
     time_step: float
     cross_talk: float = 0.0
@@ -90,15 +81,18 @@ class Chain:
         }
         return frozenset(name for name, active in there.items() if active)
 
+    def _draws(self, effect: str, *use: int) -> np.random.Generator:
+        return random_stream(self.seed, self.key, _STREAMS[effect], self.number, *use)
+
     def bias(self) -> Array:
         """Constant of each channel, shape (C,) [its unit]."""
-        draw = self.streams.stream(_STREAMS[BIAS], self.number).uniform(-1.0, 1.0, len(self.channels))
+        draw = self._draws(BIAS).uniform(-1.0, 1.0, len(self.channels))
         return np.array([c.offset for c in self.channels]) + draw * [c.bias for c in self.channels]
 
     def coupling(self) -> Array:
         """Share of channel j in the reading of channel i, shape (C, C) [unit of i / unit of j]."""
         count = len(self.channels)
-        draw = self.streams.stream(_STREAMS[CROSS_TALK], self.number).uniform(-1.0, 1.0, (count, count))
+        draw = self._draws(CROSS_TALK).uniform(-1.0, 1.0, (count, count))
         full = np.array([c.range if math.isfinite(c.range) else 1.0 for c in self.channels])
         coupling = self.cross_talk * draw * full[:, None] / full[None, :]
         np.fill_diagonal(coupling, 0.0)
@@ -146,10 +140,8 @@ class Chain:
         sigma = np.array([c.noise for c in self.channels]) * math.sqrt(0.5 / self.time_step)
         cutoff = math.inf if self.low_pass is None else self.acquisition.cutoff or math.inf
         early = math.ceil(_SETTLING / (cutoff * self.time_step))
-        columns = [
-            self.streams.stream(_STREAMS[NOISE], self.number, index).standard_normal(early + rows)
-            for index in range(len(self.channels))
-        ]
+        channels = range(len(self.channels))
+        columns = [self._draws(NOISE, index).standard_normal(early + rows) for index in channels]
         white = sigma * np.column_stack(columns)
         return self._filtered(white, start=np.zeros(white.shape[1]))[early:]
 

@@ -6,6 +6,7 @@ What is true comes from the record alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,7 +16,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ampm.exceptions import InputError
-from validation.measure.instruments.chain import Chain, RandomStreams
+from validation.measure.instruments.chain import Chain, random_stream
 from validation.measure.instruments.model import (
     Acquisition,
     Channel,
@@ -96,8 +97,9 @@ class Rig:
         self.least = LEAST_SUPPORT * record.mass * record.gravity
         self.zmp = centre_of_pressure(self.foot_force.sum(axis=1), self.foot_torque.sum(axis=1), self.least)
         self.names, self.units, figures = zip(*channels, strict=True)
-        streams = RandomStreams(instrument.seed, key)
-        self.chain = Chain(figures, instrument.acquisition, streams, self.time, record.time_step, cross_talk)
+        self.chain = Chain(
+            figures, instrument.acquisition, instrument.seed, key, self.time, record.time_step, cross_talk
+        )
         self.effects = self.chain.effects
         self.drawn: Mapping[str, float] = {}
 
@@ -219,13 +221,10 @@ class FootRig(_WrenchRig):
         if instrument.pose == "encoders":
             names = [name for leg in description.legs for name in leg.joints[:-1]]  # toes are beyond it
             self.columns = [int(model.jnt_qposadr[model.joint(name).id]) for name in names]
-            self.encoders = Chain(
-                [instrument.encoder] * len(names),
-                Acquisition(),  # read with the pelvis's pose, at the same instant
-                self.chain.streams,
-                self.time,
-                record.time_step,
-                number=1,
+            # Read with the pelvis's pose, at the same instant.
+            figures = [instrument.encoder] * len(names)
+            self.encoders = replace(
+                self.chain, channels=figures, acquisition=Acquisition(), cross_talk=0.0, number=1
             )
             self.effects = self.effects | {KINEMATICS}
             self.pin_model = pinocchio_model(model)
@@ -328,7 +327,8 @@ class ImuRig(Rig):
         super().__init__(instrument, record, key, channels)
         motion = _pelvis_motion if instrument.mount == "pelvis" else _chest_motion
         self.signals, self.rotation = motion(record, len(self.time))
-        self.lean = instrument.tilt * self.chain.streams.stream(_TILT_STREAM).uniform(-1.0, 1.0, 2)
+        draws = random_stream(instrument.seed, key, _TILT_STREAM)
+        self.lean = instrument.tilt * draws.uniform(-1.0, 1.0, 2)
         if instrument.tilt > 0.0:
             self.effects = self.effects | {TILT}
             self.drawn = {f"{TILT}_{axis}": float(v) for axis, v in zip("xy", self.lean, strict=True)}
