@@ -4,26 +4,20 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from ampm.exceptions import InputError
+from ampm.qp import BACKENDS
 from ampm.run_file import PRESETS
-from validation.cli.app import Status, explain
 from validation.cli.console import Narrator
+from validation.cli.errors import explain
+from validation.cli.options import Status, option
+from validation.show.text import print_table
 from validation.store.folders import check_output_file, output_file
 from validation.store.json import dump_json
-
-
-class Solvers(StrEnum):
-    """Choices of ``--qp``."""
-
-    OSQP = "osqp"
-    DAQP = "daqp"
-    BOTH = "both"
-
 
 app = typer.Typer(
     name="benchmarks",
@@ -32,30 +26,28 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+Gait = Annotated[str, option("--gait", f"Preset ({', '.join(PRESETS)}) or TOML file.", "GAIT")]
 
 
-@app.command()
+@app.callback(invoke_without_command=True)
 def benchmark(
-    gait: Annotated[
-        str, typer.Option("--gait", help=f"Preset ({', '.join(PRESETS)}) or TOML file.", metavar="GAIT")
-    ] = "normal",
+    context: typer.Context,
+    gait: Gait = "normal",
     settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change one parameter; repeatable."),
+        list[str] | None, option("--set", "Change one parameter; repeatable.", "KEY=VALUE")
     ] = None,
     steps: Annotated[int, typer.Option("--steps", min=1, help="Walking steps of every walk.")] = 30,
     walks: Annotated[
         int, typer.Option("--walks", min=1, help="Equal walks; of every tick the least time counts.")
     ] = 3,
-    qp: Annotated[Solvers, typer.Option("--qp", help="QP solver of the controller.")] = Solvers.BOTH,
+    qp: Annotated[str, option("--qp", "QP solver of the controller.", "osqp|daqp|both")] = "both",
     json_file: Annotated[
-        Path | None,
-        typer.Option("--json", metavar="FILE", help="Write all figures as JSON as well; - for stdout alone."),
+        Path | None, option("--json", "Write everything as JSON as well; - for stdout alone.", "FILE")
     ] = None,
     to_document: Annotated[
-        bool, typer.Option("--markdown", help="Put the table into docs/benchmarks.md as well.")
+        bool, option("--markdown", "Put the table into docs/benchmarks.md as well.")
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace an earlier FILE.")] = False,
+    force: Annotated[bool, option("--force", "Replace an earlier FILE.")] = False,
 ) -> int:
     """Time planning, whole-body motion, control and physics of one gait.
 
@@ -64,50 +56,73 @@ def benchmark(
     same every time and on one thread, so that of every tick the least time counts. The default takes about a
     minute.
     """
+    if context.invoked_subcommand is not None:
+        return Status.PASS
     # Here, not above: '--help' need not wait for simulator and Pinocchio.
     from benchmarks.run import run_benchmarks
     from benchmarks.table import print_result, update_document
 
-    alone = json_file is not None and str(json_file) == "-"
+    solvers = BACKENDS if qp == "both" else (qp,)
+    if qp not in (*BACKENDS, "both"):
+        raise InputError(f"--qp {qp!r} must be of {', '.join(BACKENDS)}, both; correct it.")
+    alone = str(json_file) == "-"
     if json_file is not None and not alone:
         check_output_file(json_file, force=force)
-    solvers = ("osqp", "daqp") if qp is Solvers.BOTH else (qp.value,)
     narrator = Narrator()
-    result = run_benchmarks(gait, settings or (), steps=steps, walks=walks, solvers=solvers, stages=narrator)
-    text = dump_json(result.as_dict())
+    result = run_benchmarks(
+        gait, settings or (), steps=steps, walks=walks, solvers=solvers, progress=narrator
+    )
     if alone:
-        print(text)
+        print(dump_json(result))
     else:
         print_result(result)
-    if json_file is not None and not alone:
-        with output_file(json_file, force=force) as work:
-            work.write_text(text + "\n", encoding="utf-8")
-        narrator.say(f"wrote {json_file}")
+        _write(json_file, result, force=force)
     if to_document:
         update_document(result)
         narrator.say("wrote docs/benchmarks.md")
     return Status.PASS
 
 
+@app.command()
+def sweep(
+    gait: Gait = "normal",
+    steps: Annotated[int, typer.Option("--steps", min=2, help="Walking steps of every run.")] = 30,
+    runs: Annotated[int, typer.Option("--runs", help="Runs of every sweep.")] = 64,
+    json_file: Annotated[Path | None, option("--json", "Write everything as JSON as well.", "FILE")] = None,
+) -> int:
+    """Time a sweep with one worker and with two, beside the same runs without a sweep.
+
+    The default takes about fifteen minutes on an idle machine of two cores, and means little on a busy one.
+    Exit status 1 if a target is missed.
+    """
+    from benchmarks.sweeping import is_met, rows, time_sweep  # load dask
+
+    timing = time_sweep(gait, steps, runs, Narrator())
+    title = f"{runs} runs of {gait}, {steps} steps each, load {timing['load']:.1f} at the start"
+    print_table(title, ("", ">measured", ">target"), rows(timing))
+    _write(json_file, timing, force=True)
+    return Status.PASS if is_met(timing) else Status.OUT_OF_TOLERANCE
+
+
+def _write(file: Path | None, result: object, *, force: bool) -> None:
+    if file is not None:
+        with output_file(file, force=force) as work:
+            work.write_text(dump_json(result) + "\n", encoding="utf-8")
+        Narrator().wrote(file)
+
+
 def main(arguments: Sequence[str]) -> int:
     """Run one command line; errors become one sentence on stderr.
 
     Args:
-        arguments: without the program's name; if the first is ``sweep``, sweeping is timed.
+        arguments: without the program's name.
 
     Returns:
         The exit status, as of the command ``ampm``.
     """
-    if arguments and arguments[0] == "sweep":
-        from benchmarks.sweeping import app as sweeping  # loads dask
-
-        return _call(sweeping, "python -m benchmarks sweep", arguments[1:])
-    return _call(app, "python -m benchmarks", arguments)
-
-
-def _call(command: typer.Typer, name: str, arguments: Sequence[str]) -> int:
+    command = typer.main.get_command(app)
     try:
-        with typer.main.get_command(command).make_context(name, list(arguments)) as context:
+        with command.make_context("python -m benchmarks", list(arguments)) as context:
             return int(context.command.invoke(context) or 0)
     except typer.Exit as end:
         return end.exit_code

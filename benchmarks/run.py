@@ -4,43 +4,47 @@ from __future__ import annotations
 
 import os
 import tempfile
+import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ampm.body.feasibility import check_body
-from ampm.planner.support import plan_steps
+from ampm.body.inverse_kinematics import InverseKinematics
+from ampm.body.motion import WholeBodyMotion
+from ampm.body.orbit import solve_motion
+from ampm.body.robot import Robot
+from ampm.body.step_reference import step_grid, step_reference
+from ampm.parameters import RunParameters
+from ampm.planner.periodic import plan_gait
+from ampm.planner.support import StepPlan, plan_steps
 from ampm.planners import periodic_walk
-from ampm.qp import BACKENDS
 from ampm.run_file import dump_run
-from benchmarks.clock import Statistics
-from benchmarks.planning import time_ik_tick, time_motion, time_plan
-from benchmarks.recording import RecordingCost, time_recording
-from benchmarks.walking import WalkBenchmark, WalkTiming
+from benchmarks.clock import Line, Samples, least, repeat
+from benchmarks.recording import time_recording
+from benchmarks.walking import time_walk
 from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.store.machine import THREAD_VARIABLES, memory_peak
 from validation.trial.plan import load_request, make_body
 
-DEFAULT_STEPS = 30
-DEFAULT_WALKS = 3
+_PLANS = 200  # how often a plan is made
+_STEPS = 5  # how often a step of the inverse kinematics is integrated
 
 
 @dataclass(frozen=True)
 class BenchmarkResult:
-    """Everything that was timed; times in seconds.
+    """Everything that was timed.
 
     Attributes:
         gait: name of the gait.
         settings: what was changed of it.
         steps: walking steps.
-        plan: one plan, the closed form alone.
-        plan_with_feet: one plan with the feet's motion.
-        orbit: the search for the periodic motion, without a cache.
-        ik_tick: one tick of the inverse kinematics.
-        walks: by QP solver.
-        recording: what the recording of a trial with the first solver costs.
+        sections: lines by heading: what is done once, walks by QP solver, a trial with its recording.
         memory_peak: largest resident memory of the process [MB].
         threads: limits of the numerical libraries' threads by environment variable.
         load: processes that ran at the start, mean of the last minute [1]; above 1, others took time.
@@ -50,33 +54,15 @@ class BenchmarkResult:
     gait: str
     settings: tuple[str, ...]
     steps: int
-    plan: Statistics
-    plan_with_feet: Statistics
-    orbit: Statistics
-    ik_tick: Statistics
-    walks: dict[str, WalkTiming]
-    recording: RecordingCost
+    sections: dict[str, list[Line]]
     memory_peak: float | None
     threads: dict[str, str | None]
     load: float
     environment: dict[str, Any]
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON, times in s."""
-        plain = asdict(self)
-        plain["walks"] = {name: walk.as_dict() for name, walk in self.walks.items()}
-        plain["recording"] = self.recording.as_dict()
-        return {"unit": "s", **plain}
-
 
 def run_benchmarks(
-    gait: str = "normal",
-    settings: Sequence[str] = (),
-    *,
-    steps: int = DEFAULT_STEPS,
-    walks: int = DEFAULT_WALKS,
-    solvers: Sequence[str] = BACKENDS,
-    stages: Progress | None = None,
+    gait: str, settings: Sequence[str], *, steps: int, walks: int, solvers: Sequence[str], progress: Progress
 ) -> BenchmarkResult:
     """Time planning, motion and closed loop of one gait.
 
@@ -86,49 +72,76 @@ def run_benchmarks(
         steps: walking steps.
         walks: equal walks of which the least time of every tick counts.
         solvers: QP solvers of the controller.
-        stages: where to report progress.
+        progress: where to report stages.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: the gait cannot be met.
     """
-    stages = stages or Progress()
     load = os.getloadavg()[0]
-    requests = {
-        solver: load_request(gait, [*settings, f"gait.steps={steps}", f"solver.qp={solver}"])
-        for solver in solvers
-    }
-    name, run = (first := next(iter(requests.values()))).name, first.run
-    with stages.stage("body"):
+    settings_of = {name: [*settings, f"gait.steps={steps}", f"solver.qp={name}"] for name in solvers}
+    requests = {name: load_request(gait, item) for name, item in settings_of.items()}
+    first = requests[solvers[0]]
+    run = first.run
+    with progress.stage("body"):
         body = make_body(run)
-    with stages.stage("plan"):
-        pure, with_feet = time_plan(run, body)
-    plan = plan_steps(run.gait, run.body.mass, run.foot, body.model.description.sole)
+    mass, sole = run.body.mass, body.model.description.sole
+    with progress.stage("plan"):
+        pure = repeat(lambda: plan_gait(run.gait, mass), _PLANS)
+        with_feet = repeat(lambda: plan_steps(run.gait, mass, run.foot, sole), _PLANS)
+    plan = plan_steps(run.gait, mass, run.foot, sole)
     check_body(plan, body.model.description)
-    with stages.stage("periodic motion"):
-        motion, orbit = time_motion(run, body.robot, plan)
-    with stages.stage("inverse kinematics"):
-        ik_tick = time_ik_tick(run, body.robot, plan, motion)
-    whole, timed = periodic_walk(plan, motion, body.robot), {}
+    with progress.stage("periodic motion"):
+        start = time.perf_counter()
+        motion = solve_motion(plan, run, body.robot, cache=None)
+        orbit = time.perf_counter() - start
+    with progress.stage("inverse kinematics"):
+        ticks = _time_ik(run, body.robot, plan, motion)
+    sections = {
+        "once per gait": [
+            Line.of("plan, closed form", pure),
+            Line.of("plan with feet", with_feet),
+            Line.of("periodic motion", orbit),
+            Line.of("tick of the inverse kinematics", ticks),
+        ]
+    }
+    whole = periodic_walk(plan, motion, body.robot)
     for solver, item in requests.items():
-        walk = WalkBenchmark(whole, item.run, body.model, steps=steps, walks=walks)
-        with stages.stage(f"{2 * walks} walks with {solver.upper()}", "steps") as stage:
-            timed[solver] = walk.time_all(stage.advance)
-    with stages.stage(f"{walks} trials with their recording"), tempfile.TemporaryDirectory() as folder:
+        with progress.stage(f"{2 * walks} walks with {solver.upper()}", "steps") as stage:
+            ending, lines = time_walk(whole, item.run, body.model, walks, stage.advance)
+        sections[f"walk with {solver.upper()}, {ending}"] = lines
+    with progress.stage(f"{walks} trials with their recording"), tempfile.TemporaryDirectory() as folder:
         run_file = Path(folder) / "gait.toml"
         run_file.write_text(dump_run(run), encoding="utf-8")
-        recording = time_recording(run_file, rounds=walks)
+        sections["trial in a process of its own"] = time_recording(run_file, walks)
     return BenchmarkResult(
-        gait=name,
+        gait=first.name,
         settings=tuple(settings),
         steps=steps,
-        plan=pure,
-        plan_with_feet=with_feet,
-        orbit=orbit,
-        ik_tick=ik_tick,
-        walks=timed,
-        recording=recording,
+        sections=sections,
         memory_peak=memory_peak(),
         threads={name: os.environ.get(name) for name in THREAD_VARIABLES},
         load=load,
         environment=describe_environment(),
     )
+
+
+def _time_ik(run: RunParameters, robot: Robot, plan: StepPlan, motion: WholeBodyMotion) -> Samples:
+    """Times of the ticks of one step of the inverse kinematics: drift correction, QP and integration [s]."""
+    kinematics = _TimedKinematics(robot, run)
+    reference = step_reference(plan, step_grid(plan, run.solver.ik_time_step))
+    rounds = []
+    for _ in range(_STEPS):
+        kinematics.times = []
+        kinematics.integrate(reference, motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset)
+        rounds.append(np.diff(kinematics.times))
+    return least(rounds)
+
+
+class _TimedKinematics(InverseKinematics):
+    """Notes when each tick reaches its QP; from one to the next is a whole tick."""
+
+    times: list[float]
+
+    def _accelerate(self, *arguments: Any, **named: Any) -> NDArray[np.float64]:
+        self.times.append(time.perf_counter())
+        return super()._accelerate(*arguments, **named)

@@ -1,81 +1,68 @@
-"""The benchmark runs and says what it measured; no test judges a time."""
+"""The benchmarks run and say what they measured; no test judges a time."""
 
 from __future__ import annotations
 
 import json
+import math
 
 import numpy as np
 import pytest
 
-from benchmarks import cli, table
-from benchmarks.clock import Statistics, Stopwatch, least, repeat
+from ampm.exceptions import InputError
+from benchmarks import cli, sweeping, table
+from benchmarks.clock import Line, Stopwatch, least, repeat
 from benchmarks.run import BenchmarkResult, run_benchmarks
 from benchmarks.walking import PARTS
-from validation.cli.app import Status
+from validation.cli.options import Status
+from validation.progress import Progress
 from validation.show.text import format_duration
+from validation.study.sweep.design import parse_sweep
 
 STEPS = 2
+SOLVERS = ("osqp", "daqp")
 
 
 @pytest.fixture(scope="module")
 def result() -> BenchmarkResult:
-    return run_benchmarks("normal", steps=STEPS, walks=1)
+    return run_benchmarks("normal", (), steps=STEPS, walks=1, solvers=SOLVERS, progress=Progress())
 
 
-def test_everything_is_measured_for_both_solvers(result):
-    found = result.as_dict()
-    assert set(found["walks"]) == {"osqp", "daqp"}
-    assert found["memory_peak"] > 50.0
-    assert found["environment"]["processor"]
-    for once in (found[name] for name in ("plan", "plan_with_feet", "orbit", "ik_tick")):
-        assert 0.0 < once["median"] <= once["p99"] <= once["maximum"]
-        assert once["count"] >= 1
+def test_everything_is_measured(result):
+    assert result.environment["processor"]
+    # Nothing else is noted in a heading: the walks complete, every QP is solved, the clocks change no bit.
+    walks = [f"walk with {name.upper()}, {STEPS} steps" for name in SOLVERS]
+    assert [*result.sections] == ["once per gait", *walks, "trial in a process of its own"]
+    for heading, lines in result.sections.items():
+        for line in lines:
+            assert 0.0 < line.median <= line.p99 <= line.maximum, (heading, line)
+    for heading in walks:
+        lines = {line.name: line for line in result.sections[heading]}
+        tick = lines["control tick"].count
+        assert tick == lines["closed loop, one control period"].count + 1 == lines["QP: iterations"].count
+        parts = [lines[f"control tick, {part}"] for part in PARTS]
+        assert all(part.count == tick for part in parts)
+        assert lines["physics alone, one control period"].count in (tick, tick - 1)
+        assert lines["closed loop, one control period"].of_loop == 1.0
+    cost = {line.name: line for line in result.sections["trial in a process of its own"]}
+    size = cost["recording, per simulated second"]
+    assert size.limit is not None
+    assert size.median < size.limit, "a recording takes at most 1 MB per simulated second"
+    assert min(cost["memory peak"].median, result.memory_peak or 0.0) > 50.0
 
 
-def test_the_recordings_cost_is_of_a_whole_trial(result):
-    cost = result.recording
-    assert cost.share == pytest.approx(cost.recording / cost.run)
-    assert cost.recording > 0.0
-    assert 0.0 < cost.rate < 1e6, "a recording takes at most 1 MB per simulated second"
-    assert cost.memory_peak > 50.0
-
-
-@pytest.mark.parametrize("solver", ["osqp", "daqp"])
-def test_a_walk_is_the_same_with_and_without_clocks(result, solver):
-    walk = result.walks[solver]
-    assert walk.outcome == "completed"
-    assert walk.steps_completed == STEPS
-    assert walk.same_walk
-
-
-@pytest.mark.parametrize("solver", ["osqp", "daqp"])
-def test_the_parts_of_a_tick_are_all_there(result, solver):
-    walk = result.walks[solver]
-    ticks = walk.control_tick.count
-    assert ticks == walk.closed_loop_tick.count + 1 == walk.qp.count == walk.iterations.count
-    assert tuple(walk.parts) == tuple(PARTS)
-    assert all(part.count == ticks and part.median > 0.0 for part in walk.parts.values())
-    assert walk.physics_tick.count in (ticks, ticks - 1)
-    assert min(walk.times_real_time, walk.times_real_time_whole, walk.times_real_time_undisturbed) > 0.0
-    assert all(np.isfinite(ratio) and ratio > 0.0 for ratio in walk.ratios.values())
-    assert {f"{name}_to_control" for name in PARTS} < set(walk.ratios)
-
-
-def test_the_table_shows_every_row(result, capsys):
+def test_the_table_shows_every_line(result, capsys, tmp_path):
     table.print_result(result)
     shown = capsys.readouterr().out
-    for name, *_ in table.rows(result):
-        assert name in shown
-    assert f"| **walk with OSQP, {STEPS} steps** |" in table.markdown(result)
-
-
-def test_the_table_of_the_documentation_is_replaced(result, tmp_path):
+    for heading, lines in result.sections.items():
+        assert heading in shown
+        assert all(line.name in shown for line in lines)
     document = tmp_path / "benchmarks.md"
     document.write_bytes(table.DOCUMENT.read_bytes())
     for _ in range(2):
         table.update_document(result, document)
     text = document.read_text(encoding="utf-8")
     assert table.markdown(result) in text
+    assert f"| **walk with OSQP, {STEPS} steps** |" in text
     assert text.splitlines()[0] == table.DOCUMENT.read_text(encoding="utf-8").splitlines()[0]
 
 
@@ -93,7 +80,7 @@ def test_the_command_line_writes_json(result, tmp_path, monkeypatch, capsys, to)
     assert cli.main([*options, "--json", "-" if to == "stdout" else str(file)]) == Status.PASS
     shown = capsys.readouterr()
     found = json.loads(shown.out if to == "stdout" else file.read_text(encoding="utf-8"))
-    assert found["walks"]["osqp"]["parts"].keys() == PARTS.keys()
+    assert [*found["sections"]] == [*result.sections]
     assert (asked["gait"], asked["settings"], asked["steps"]) == ("flat", ("gait.c_y=0.9",), 2)
     assert asked["solvers"] == ("osqp",)
     if to == "file":
@@ -109,6 +96,7 @@ def test_the_command_line_writes_json(result, tmp_path, monkeypatch, capsys, to)
         (["--steps", "0"], "--steps"),
         (["--qp", "magic"], "magic"),
         (["--set", "gait.stride=1"], "stride"),
+        (["sweep", "--runs", "4"], "at least 32"),
     ],
 )
 def test_bad_requests_are_refused_in_one_sentence(capsys, options, said):
@@ -146,12 +134,36 @@ def test_a_stopwatch_charges_every_part_for_its_own_time_only(monkeypatch):
         watch.time("out", work, "renamed")
 
 
-def test_statistics():
-    found = Statistics.of(range(101))
-    assert (found.median, found.p99, found.maximum, found.count) == (50.0, 99.0, 100.0, 101)
-    assert np.isnan(Statistics.of([]).median)
+def test_lines():
+    found = Line.of("a", range(101), loop=100.0)
+    assert (found.median, found.p99, found.maximum, found.count, found.of_loop) == (
+        50.0,
+        99.0,
+        100.0,
+        101,
+        0.5,
+    )
+    assert math.isnan(Line.of("a", []).median)
+    assert Line.of("a", 3.0, "MB", limit=4.0).cells() == ("a", "3 MB", "", "", "at most 4 MB")
     np.testing.assert_array_equal(least([[1.0, 5.0], [2.0, 3.0]]), [1.0, 3.0])
-    assert repeat(lambda: None, 3).count == 3
+    assert len(repeat(lambda: None, 3)) == 3
+
+
+def test_every_run_of_a_timed_sweep_is_another():
+    definition = parse_sweep(sweeping.DEFINITION.format(gait="flat", steps=2, runs=32))
+    assert len({definition.parameters(number).model_dump_json() for number in range(32)}) == 32
+
+
+@pytest.mark.slow
+def test_a_sweep_is_timed(monkeypatch):
+    """The benchmark itself, with runs that are too few to mean anything."""
+    monkeypatch.setattr(sweeping, "_FEWEST", 2)
+    timing = sweeping.time_sweep("flat", 2, 2, Progress())
+    assert timing["overhead"] > 0.0
+    assert not sweeping.is_met({**timing, "overhead": 1.0})
+    assert all(text for _, text, _ in sweeping.rows(timing))
+    with pytest.raises(InputError):
+        sweeping.time_sweep("flat", 2, 1, Progress())
 
 
 @pytest.mark.parametrize(

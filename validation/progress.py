@@ -98,7 +98,7 @@ class Progress:
         """Report one line."""
 
 
-class Stopwatch(Progress):
+class StageClock(Progress):
     """Keeps how long every stage took.
 
     Attributes:

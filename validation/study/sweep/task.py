@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.judge.profiles import profile as find_profile
-from validation.progress import Progress, Stopwatch
+from validation.progress import Progress, StageClock
 from validation.store.folders import disk_is_full
 from validation.store.identity import code, code_hash, parameter_values
 from validation.study.sweep.design import SweepDefinition
@@ -176,7 +176,7 @@ def walk_task(task: Task, trial: Callable[[Task, dict[str, float]], Row] | None 
 
 def _trial(task: Task, timing: dict[str, float]) -> Row:
     """Plan, walk and measure."""
-    stages = Stopwatch()
+    stages = StageClock()
     wall, cpu = time.perf_counter(), time.thread_time()
     try:
         planned = task.plan(stages)
