@@ -11,10 +11,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from pages import between
-
 from ampm.run_file import dump_run, load_run
 from validation.cli.console import Narrator
+from validation.show.text import markdown_table, replace_between
 from validation.study.compare.pair import Pair, compare_pair
 from validation.study.compare.report import draw_file, facts, shown
 
@@ -58,8 +57,8 @@ def main() -> None:
     with DATA.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows([header, *rows])
     shown_rows = [row[1:] for row in rows if row[1] in SHOWN]
-    lines = [f"| {' | '.join(row)} |" for row in (header[1:], ("---",) * (len(header) - 1), *shown_rows)]
-    PAGE.write_text(between(PAGE.read_text(encoding="utf-8"), "values", "\n".join(lines)), encoding="utf-8")
+    page = replace_between(PAGE.read_text(encoding="utf-8"), "values", markdown_table(header[1:], shown_rows))
+    PAGE.write_text(page, encoding="utf-8")
 
 
 def _pair(a: str, b: str) -> Pair:

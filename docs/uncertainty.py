@@ -12,8 +12,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from pages import between
-
+from validation.show.text import replace_between
 from validation.study.convergence.picture import draw
 from validation.study.convergence.result import Convergence
 from validation.study.convergence.run import study_gait
@@ -41,7 +40,7 @@ def main() -> None:
     for gait in GAITS:
         found = study_gait(gait)
         print(gait, found.verdict.name, found.verdict.reason, file=sys.stderr, flush=True)  # noqa: T201
-        page = between(page, gait, summary_table(found, [found.metrics[name] for name in SHOWN]))
+        page = replace_between(page, gait, summary_table(found, [found.metrics[name] for name in SHOWN]))
         rows += _levels(found)
         if gait == GAITS[0]:
             draw(found, PICTURE)
