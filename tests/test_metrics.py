@@ -6,50 +6,76 @@ That it appears in a convergence study, too, is in test_convergence.
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 
 import pyarrow.parquet as pq
 import pytest
 
+from ampm.exceptions import InputError
 from tests.saved_run import make_run
+from tests.test_verdict import compared, named, verdict_of
+from tests.walk import perfect_walk
 from validation.cli.app import call
-from validation.judge.metrics import Metric, register, unregister
-from validation.judge.profiles import DEFAULT
+from validation.judge.metrics import (
+    METRICS,
+    Metric,
+    dump_added,
+    evaluate,
+    load_added,
+    register,
+    unregister,
+)
+from validation.judge.profiles import DEFAULT, STRICT, WIDE
+from validation.judge.verdict import build_summary
 from validation.show.report import render
 from validation.store.saved import load_saved_run
 
-LABEL = "COM, mean height"
 
-
-@pytest.fixture(scope="module")
-def metric():
+@pytest.fixture
+def drop():
     entry = Metric(
-        name="com_height",
+        name="com_drop",
         unit="m",
-        label=LABEL,
-        meaning="mean height of the COM",
+        label="COM, lowest below the plan",
+        meaning="largest distance of the COM below its planned height",
         kind="walk",
-        compute=lambda walk: float(walk.measured.com[walk.inside, 2].mean()),
-        tolerances={"default": 2.0},
-        reason="Nobody is taller.",
+        compute=lambda walk: float((walk.sample.com - walk.measured.com)[walk.inside, 2].max()),
+        tolerances={"default": 0.01},
+        reason="More is visible.",
+        by_window=True,
     )
     yield register(entry)
     unregister(entry.name)
 
 
-def test_profile_report_and_summary(metric, tmp_path):
-    assert DEFAULT.tolerances[-1].metric == metric.name
+def test_profiles_verdict_summary_and_worker_processes(drop):
+    assert [item.tolerances[-1].limit for item in (DEFAULT, STRICT, WIDE)] == [0.01, 0.01, 0.02]
+    comparison = compared(perfect_walk(), com_shift=(0.0, 0.0, -0.015))
+    verdict = verdict_of(comparison, DEFAULT)
+    assert drop.name in [item.name for item in verdict.failed]
+    entry = build_summary(comparison, verdict)["metrics"][drop.name]
+    assert (entry["value"], entry["first_step"]) == (pytest.approx(0.015), pytest.approx(0.015))
+    assert entry["display"]["tolerance"] == 10.0
+    assert verdict_of(comparison, WIDE).passed
+    data = dump_added()
+    unregister(drop.name)
+    load_added(data)  # as in a worker process
+    load_added(data)
+    assert METRICS[drop.name].compute(comparison) == pytest.approx(0.015)
+
+
+def test_report_also_of_a_process_that_does_not_know_the_metric(drop, tmp_path):
     folder = make_run(tmp_path / "run")
-    summary = json.loads((folder / "summary.json").read_text())
-    assert summary["metrics"][metric.name]["pass"] is True
-    assert LABEL in render(load_saved_run(folder))
-    unregister(metric.name)  # as a new process would be
+    assert drop.label in render(load_saved_run(folder))
+    unregister(drop.name)
     try:
-        assert LABEL in render(load_saved_run(folder))
+        assert drop.label in render(load_saved_run(folder))
     finally:
-        register(metric)
+        register(drop)
 
 
-def test_sweep_its_report_and_diff(metric, tmp_path, capsys):
+def test_sweep_its_report_and_diff(drop, tmp_path, capsys):
     """Workers are processes of their own, which have never seen the entry's file."""
     (tmp_path / "sweep.toml").write_text(
         'sweep = { gait = "flat", steps = 2, recordings = "none" }\n'
@@ -60,15 +86,36 @@ def test_sweep_its_report_and_diff(metric, tmp_path, capsys):
     (table,) = out.glob("*.parquet")
     rows = pq.read_table(table).to_pylist()
     assert [row["outcome"] for row in rows] == ["completed"] * 2
-    assert all(0.8 < row["metric_com_height"] < 1.0 for row in rows)
-    assert LABEL in (out / "report.html").read_text()
+    assert all(abs(row["metric_com_drop"]) < 0.1 for row in rows)
+    assert drop.label in (out / "report.html").read_text()
     capsys.readouterr()
     assert call(["diff", str(out), str(out), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["metrics"][metric.name]
+    found = json.loads(capsys.readouterr().out)["metrics"][drop.name]
     assert (found["unit"], found["worse"]) == ("m", 0)
 
 
-def test_comparison(metric, tmp_path, capsys):
+def test_comparison(drop, tmp_path, capsys):
     folder = str(make_run(tmp_path / "run"))
     assert call(["compare", folder, folder, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["quantities"][metric.name]["label"] == LABEL
+    assert json.loads(capsys.readouterr().out)["quantities"][drop.name]["label"] == drop.label
+
+
+def test_one_that_fails_names_itself_and_one_without_an_instant_is_not_measured(drop):
+    assert math.isnan(named(verdict_of(compared(perfect_walk(count=40)), DEFAULT), drop.name).value)
+    register(replace(drop, name="broken", compute=lambda walk: walk.nonsense))
+    try:
+        with pytest.raises(InputError, match="metric 'broken' cannot be computed"):
+            evaluate(compared(perfect_walk()))
+    finally:
+        unregister("broken")
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [({}, "exists"), ({"name": "a b"}, "identifier"), ({"name": "new", "reason": ""}, "reason")],
+)
+def test_one_that_cannot_be_is_refused(drop, change, why):
+    with pytest.raises(InputError, match=why):
+        register(replace(drop, **change))
+    with pytest.raises(InputError, match=drop.name):
+        unregister("zmp_x_rmse")

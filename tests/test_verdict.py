@@ -13,16 +13,7 @@ from ampm.exceptions import InputError
 from ampm.run_file import preset_names
 from tests.walk import STILL, perfect_walk, with_state
 from validation.judge.compare import compare
-from validation.judge.metrics import (
-    BODY_WEIGHT,
-    METRICS,
-    Metric,
-    dump_added,
-    evaluate,
-    load_added,
-    register,
-    unregister,
-)
+from validation.judge.metrics import BODY_WEIGHT, METRICS, evaluate
 from validation.judge.profiles import DEFAULT, PROFILES, STRICT, WIDE, own_profile, profile
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, build_summary, judge
@@ -249,59 +240,3 @@ def test_profiles_are_found_by_name_and_by_preset():
     wide = {name for name in preset_names() if own_profile(name) is WIDE}
     assert wide == {"roll-0.1", "pitch"}  # no other demo may take twice the limits
     assert all(own_profile(name) is DEFAULT for name in {*preset_names(), "my-gait"} - wide)
-
-
-@pytest.fixture
-def tilt():
-    """A metric of one entry."""
-    metric = Metric(
-        name="com_drop",
-        unit="m",
-        label="COM, lowest below the plan",
-        meaning="largest distance of the COM below its planned height",
-        kind="walk",
-        compute=lambda walk: float((walk.sample.com - walk.measured.com)[walk.inside, 2].max()),
-        tolerances={"default": 0.01},
-        reason="More is visible.",
-        by_window=True,
-    )
-    yield register(metric)
-    unregister(metric.name)
-
-
-def test_a_registered_metric_is_judged_and_summarised(walk, tilt):
-    comparison = compared(walk, com_shift=(0.0, 0.0, -0.015))
-    assert [item.tolerances[-1].limit for item in (DEFAULT, STRICT, WIDE)] == [0.01, 0.01, 0.02]
-    verdict = verdict_of(comparison, DEFAULT)
-    assert tilt.name in [item.name for item in verdict.failed]
-    entry = build_summary(comparison, verdict)["metrics"][tilt.name]
-    assert (entry["value"], entry["first_step"]) == (pytest.approx(0.015), pytest.approx(0.015))
-    assert entry["display"]["tolerance"] == 10.0
-    assert verdict_of(comparison, WIDE).name is VerdictName.PASS
-    data = dump_added()
-    unregister(tilt.name)
-    load_added(data)  # as in a worker process
-    load_added(data)
-    assert METRICS[tilt.name].compute(comparison) == pytest.approx(0.015)
-
-
-def test_a_metric_that_fails_names_itself_and_one_without_an_instant_is_not_measured(walk, tilt):
-    short = verdict_of(compared(perfect_walk(count=40)), DEFAULT)
-    assert math.isnan(named(short, tilt.name).value)
-    register(replace(tilt, name="broken", compute=lambda walk: walk.nonsense))
-    try:
-        with pytest.raises(InputError, match="metric 'broken' cannot be computed"):
-            evaluate(compared(walk))
-    finally:
-        unregister("broken")
-
-
-@pytest.mark.parametrize(
-    ("change", "why"),
-    [({}, "exists"), ({"name": "a b"}, "identifier"), ({"name": "new", "reason": ""}, "reason")],
-)
-def test_a_metric_that_cannot_be_is_refused(tilt, change, why):
-    with pytest.raises(InputError, match=why):
-        register(replace(tilt, **change))
-    with pytest.raises(InputError, match="com_drop"):
-        unregister("zmp_x_rmse")
