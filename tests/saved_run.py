@@ -20,7 +20,7 @@ from models.human import build
 from tests.walk import PlannedMomentum
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
-from validation.judge.profiles import profile
+from validation.judge.profiles import DEFAULT
 from validation.judge.signals import signals_table
 from validation.judge.verdict import build_summary, judge
 from validation.measure.measure import measure
@@ -114,7 +114,7 @@ def make_run(
     )
     walk = WalkPlan.of(plan, posture=PlannedMomentum(lambda t: np.sin(5 * t)))
     comparison = compare(walk, record, measured, description=body.description)
-    verdict = judge(comparison, evaluate(comparison), profile("default"))
+    verdict = judge(evaluate(comparison), DEFAULT, measured.weight, ended=ends.ending)
     directory.mkdir(parents=True, exist_ok=True)
     save_record(record, directory)
     save_signals(signals_table(comparison), directory / "signals.parquet")

@@ -274,7 +274,7 @@ def summary_with(known):
     planned, record, measured = perfect_walk()
     off = with_state(planned, measured, com_shift=(0.0018, 0.0, 0.0))
     comparison = compare(planned, record, off, standing=STILL)
-    verdict = judge(comparison, evaluate(comparison), STRICT, known)
+    verdict = judge(evaluate(comparison), STRICT, comparison.scales["body_weight"], known)
     timing = {"simulated": 2.0, "real_time_factor": 5.0}
     return build_summary(comparison, verdict, timing=timing, gait="x", uncertainty=known.as_dict())
 

@@ -11,7 +11,7 @@ import pytest
 
 from ampm.exceptions import InputError
 from ampm.run_file import preset_names
-from tests.walk import STILL, perfect_walk, with_state
+from tests.walk import MASS, STILL, perfect_walk, with_state
 from validation.judge.compare import compare
 from validation.judge.metrics import BODY_WEIGHT, METRICS, evaluate
 from validation.judge.profiles import DEFAULT, PROFILES, STRICT, WIDE, own_profile, profile
@@ -37,8 +37,10 @@ def verdict_of(comparison, limits, known=None, incomplete=None, **values):
     """Verdict; numerical uncertainties and other values of single metrics."""
     metrics = evaluate(comparison)
     metrics |= {name: replace(metrics[name], value=value) for name, value in values.items()}
-    study = Uncertainty("x", 6, "", known or {}, {}, incomplete=incomplete or {})
-    return judge(comparison, metrics, limits, None if known is None else study)
+    study = None
+    if known is not None:
+        study = Uncertainty("x", 6, "", known, {}, incomplete=incomplete or {})
+    return judge(metrics, limits, MASS * 9.81, study, ended=comparison.record.outcome.ending)
 
 
 def named(verdict, name="zmp_x_rmse"):

@@ -11,7 +11,7 @@ import json
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from validation.paper.figures import make_figures
 from validation.paper.figures.foot_roll import GRIDS
 from validation.paper.figures.human import AXIS, HUMAN_MOMENTUM, SPEEDS, inward
 from validation.paper.figures.make import NUMBERS
-from validation.show.text import replace_between
+from validation.show.text import markdown_table, replace_between
 
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "paper.md"
@@ -29,10 +29,13 @@ FOLDER = HERE / "paper"
 
 def swings(said: Mapping[str, Mapping[str, float]]) -> str:
     """Momentum and swing of the trunk against c_y."""
-    lines = ["| `gait.c_y` | L_x peak, plan [N m s] | trunk roll, peak to peak, IK [°] |", "|---|---|---|"]
-    for value, item in said.items():
-        lines.append(f"| {value} | {item['planned_L_x_peak_Nms']:.2f} | {item['trunk_roll_swing_deg']:.1f} |")
-    return "\n".join(lines)
+    return markdown_table(
+        ("`gait.c_y`", "L_x peak, plan [N m s]", "trunk roll, peak to peak, IK [°]"),
+        [
+            (value, f"{item['planned_L_x_peak_Nms']:.2f}", f"{item['trunk_roll_swing_deg']:.1f}")
+            for value, item in said.items()
+        ],
+    )
 
 
 def foot_roll_table(numbers: Mapping[str, Any]) -> str:
@@ -41,32 +44,32 @@ def foot_roll_table(numbers: Mapping[str, Any]) -> str:
     Args:
         numbers: as :func:`validation.paper.figures.foot_roll.figure_7` gives them.
     """
-    lines = ["| | " + " | ".join(f"`{form}`" for form in numbers) + " |", "|---|" + "---|" * len(numbers)]
-
-    def row(label: str, values: Sequence[str]) -> None:
-        lines.append(f"| {label} | " + " | ".join(values) + " |")
-
-    for key, label, unit in (
-        ("velocity", "joint velocity", "rad/s"),
-        ("acceleration", "joint acceleration", "rad/s²"),
-        ("difference", "joint velocity per time", "rad/s²"),
-    ):
-        row(
-            f"IK, largest change of {label} at a switch, grid "
-            + ", ".join(f"{1e3 * grid:g}" for grid in GRIDS)
-            + f" ms [{unit}]",
-            [", ".join(_digits(item[key]) for item in said["jumps"].values()) for said in numbers.values()],
+    grids = ", ".join(f"{1e3 * grid:g}" for grid in GRIDS)
+    rows = [
+        (
+            f"IK, largest change of {label} at a switch, grid {grids} ms [{unit}]",
+            *(", ".join(_digits(item[key]) for item in said["jumps"].values()) for said in numbers.values()),
         )
-
-    def walked(label: str, *names: str, digits: int = 2) -> None:
-        row(label, [", ".join(f"{said['walk'][n]:.{digits}f}" for n in names) for said in numbers.values()])
-
-    walked("simulation, ZMP RMSE x, y [mm]", "zmp_x_rmse", "zmp_y_rmse")
-    walked("simulation, ZMP maximum x, y [mm]", "zmp_x_maximum", "zmp_y_maximum", digits=1)
-    walked("simulation, force RMSE x, y, z [% of weight]", "force_x_rmse", "force_y_rmse", "force_z_rmse")
-    walked("simulation, largest torque [% of the motor's limit]", "torque_share_percent", digits=0)
-    walked("simulation, largest torque rate [kN m/s]", "torque_rate_peak_kNm_per_s")
-    return "\n".join(lines)
+        for key, label, unit in (
+            ("velocity", "joint velocity", "rad/s"),
+            ("acceleration", "joint acceleration", "rad/s²"),
+            ("difference", "joint velocity per time", "rad/s²"),
+        )
+    ]
+    rows += [
+        (
+            f"simulation, {label}",
+            *(", ".join(f"{said['walk'][n]:.{digits}f}" for n in names) for said in numbers.values()),
+        )
+        for label, digits, names in (
+            ("ZMP RMSE x, y [mm]", 2, ("zmp_x_rmse", "zmp_y_rmse")),
+            ("ZMP maximum x, y [mm]", 1, ("zmp_x_maximum", "zmp_y_maximum")),
+            ("force RMSE x, y, z [% of weight]", 2, [f"force_{axis}_rmse" for axis in "xyz"]),
+            ("largest torque [% of the motor's limit]", 0, ["torque_share_percent"]),
+            ("largest torque rate [kN m/s]", 2, ["torque_rate_peak_kNm_per_s"]),
+        )
+    ]
+    return markdown_table(("", *(f"`{form}`" for form in numbers)), rows)
 
 
 def _digits(value: float) -> str:
@@ -80,53 +83,52 @@ def human_table(numbers: Mapping[str, Any]) -> str:
     Args:
         numbers: as :func:`validation.paper.figures.human.figure_human` gives them.
     """
-    lines = ["| gait | L_x / (m V H) | L_y / (m V H) | L_z / (m V H) |", "|---|---|---|---|"]
-    bounds = " | ".join(f"≤ {HUMAN_MOMENTUM[axis]:g}" for axis in "xyz")
-    lines.append(f"| people | {bounds} |")
+    rows = [("people", *(f"≤ {HUMAN_MOMENTUM[axis]:g}" for axis in "xyz"))]
     for gait, found in numbers["peaks"].items():
-        cells = [f"{found[a]:.3f}" + (" (within)" if found[a] <= HUMAN_MOMENTUM[a] else "") for a in "xyz"]
-        lines.append(f"| `{gait}` | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        within = {axis: " (within)" if found[axis] <= HUMAN_MOMENTUM[axis] else "" for axis in "xyz"}
+        rows.append((f"`{gait}`", *(f"{found[axis]:.3f}{within[axis]}" for axis in "xyz")))
+    return markdown_table(("gait", *(f"L_{axis} / (m V H)" for axis in "xyz")), rows)
 
 
 def ranges_table(numbers: Mapping[str, Any]) -> str:
     """The ranges of c_y and c_s within the human bounds, by plan and by simulation, as a Markdown table."""
-    lines = [
-        "| parameter | bound on people | within, by the plan alone | within, walked |",
-        "|---|---|---|---|",
-    ]
+    rows = []
     for key, axis in AXIS.items():
         found = numbers["ranges"][key]
         bound = f"L_{axis} / (m V H) ≤ {HUMAN_MOMENTUM[axis]:g}"
-        planned, walked = inward(found), inward(found["measured"])
-        lines.append(f"| `gait.{key}` | {bound} | {planned} | {walked} |")
+        rows.append((f"`gait.{key}`", bound, inward(found), inward(found["measured"])))
+    table = markdown_table(
+        ("parameter", "bound on people", "within, by the plan alone", "within, walked"), rows
+    )
     offset = numbers["angular_momentum_y_offset"]
-    lines += [
-        "",
-        f"(The constant of L_y of `normal` is {offset['Nms']:.2f} N m s, {offset['of_m_V_H']:.3f} of m V H.)",
-    ]
-    return "\n".join(lines)
+    said = f"{offset['Nms']:.2f} N m s, {offset['of_m_V_H']:.3f} of m V H"
+    return f"{table}\n\n(The constant of L_y of `normal` is {said}.)"
 
 
 def forces_table(numbers: Mapping[str, Any]) -> str:
     """One foot's ground force as a Markdown table."""
     who = {**{f"people_{end}": f"people, {speed:g} m/s" for end, speed in SPEEDS.items()},
            "simulated": "simulation, `normal`"}  # fmt: skip
-    lines = [
-        f"| force on one foot [body weight] | {' | '.join(who.values())} |",
-        "|---|" + "---|" * len(who),
-    ]
     forces = numbers["forces"]
-    vertical = forces["vertical"]
-    for name, label in (("first", "first peak"), ("valley", "least in mid-stance"), ("second", "last peak")):
-        cells = [f"{vertical[f'{key}_{name}']:.2f}" for key in who]
-        lines.append(f"| vertical, {label} | {' | '.join(cells)} |")
-    for name in ("forward", "medial"):
-        cells = [
-            f"{forces[name][f'{key}_smallest']:.2f} to {forces[name][f'{key}_largest']:.2f}" for key in who
-        ]
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    rows = [
+        (f"vertical, {label}", *(f"{forces['vertical'][f'{key}_{name}']:.2f}" for key in who))
+        for name, label in (
+            ("first", "first peak"),
+            ("valley", "least in mid-stance"),
+            ("second", "last peak"),
+        )
+    ]
+    rows += [
+        (
+            name,
+            *(
+                f"{forces[name][f'{key}_smallest']:.2f} to {forces[name][f'{key}_largest']:.2f}"
+                for key in who
+            ),
+        )
+        for name in ("forward", "medial")
+    ]
+    return markdown_table(("force on one foot [body weight]", *who.values()), rows)
 
 
 TABLES: Mapping[str, tuple[tuple[str, Callable[[Any], str]], ...]] = {

@@ -157,20 +157,6 @@ class Verdict:
 
 
 def judge(
-    comparison: Comparison,
-    metrics: Mapping[str, MetricValue],
-    profile: Profile,
-    uncertainty: Uncertainty | None = None,
-) -> Verdict:
-    """Hold the metrics of a walk against a profile; see :func:`judge_values`."""
-    outcome, ended = comparison.record.outcome, ""
-    if not outcome.completed:
-        ended = f"{outcome.name.sentence[:-1]}, at {outcome.time:.3f} s"
-        ended += f": {outcome.cause.rstrip('.')}." if outcome.cause else "."
-    return judge_values(metrics, profile, comparison.scales["body_weight"], uncertainty, ended=ended)
-
-
-def judge_values(
     metrics: Mapping[str, MetricValue],
     profile: Profile,
     weight: float,
@@ -190,7 +176,7 @@ def judge_values(
         uncertainty: numerical uncertainty of the metrics. A metric whose distance to its tolerance is below
             it is undecided: neither met nor missed. So is one that lacks a study, whatever its value. A
             metric that is not named is judged by its value.
-        ended: how the walk ended, a sentence; empty if it completed.
+        ended: how the walk ended, see :attr:`validation.trial.outcome.Outcome.ending`; empty if it completed.
     """
     limits = {item.metric: item for item in profile.tolerances if item.metric in metrics}
     names = [*limits, *(name for name in metrics if name not in limits)]

@@ -132,7 +132,7 @@ def walk_planned(
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, standing=standing)
         metrics = MappingProxyType(evaluate(comparison))
-        verdict = judge(comparison, metrics, profile, uncertainty)
+        verdict = judge(metrics, profile, measured.weight, uncertainty, ended=record.outcome.ending)
     extra: dict[str, Any] = {}
     if controller is not None:
         extra["controller"] = getattr(controller, "__qualname__", repr(controller))

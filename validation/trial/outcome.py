@@ -61,3 +61,11 @@ class Outcome:
     def completed(self) -> bool:
         """Whether the whole plan was walked."""
         return self.name is OutcomeName.COMPLETED
+
+    @property
+    def ending(self) -> str:
+        """How, when and why a walk ended before its plan did, a sentence; empty if it completed."""
+        if self.completed:
+            return ""
+        cause = f": {self.cause.rstrip('.')}" if self.cause else ""
+        return f"{self.name.sentence[:-1]}, at {self.time:.3f} s{cause}."

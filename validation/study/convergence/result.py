@@ -10,7 +10,7 @@ from typing import Any
 from validation.judge.metrics import MetricValue
 from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
-from validation.judge.verdict import MetricResult, Verdict, judge_values
+from validation.judge.verdict import MetricResult, Verdict, judge
 from validation.store.environment import describe_environment
 from validation.store.identity import parameter_values, run_key
 from validation.study.convergence.order import Estimate, estimate, input_uncertainty
@@ -185,7 +185,7 @@ def combine(request: Request, profile: Profile, found: Sequence[Study], walks: W
     )
     ended = "" if own.completed else f"The walk at the gait's own parameters {own.outcome}: {own.cause}"
     measured = {name: MetricValue(value, known[name].unit) for name, value in own.values.items()}
-    verdict = judge_values(measured, profile, own.weight, uncertainty, ended=ended)
+    verdict = judge(measured, profile, own.weight, uncertainty, ended=ended)
     metrics = {item.name: MetricStudy(**vars(item), **studied[item.name]) for item in verdict.metrics}
     return Convergence(request, tuple(found), walks, uncertainty, metrics, verdict)
 
