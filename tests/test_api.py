@@ -169,23 +169,6 @@ def test_help_shows_units_and_an_unknown_kind_of_metric_is_refused(capsys):
         val.Metric("a", "m", "a", "a", kind="foo", compute=lambda walk: 0.0)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("option", "text", "words"),
-    [
-        ("--controller", "mine", "MODULE:CLASS"),
-        ("--controller", "no_such_module:A", "no_such_module"),
-        ("--planner", "json:Planner", "Planner"),
-        ("--push", "chest,1,2", "SEGMENT"),
-        ("--push", "chest,1,2,x,1,1", "SEGMENT"),
-        ("--push", "chest,10,0,0,-0.5,-0.1", "-0.5"),
-    ],
-)
-def test_bad_options_are_refused_before_anything_walks(option, text, words, tmp_path, capsys):
-    assert call(["validate", "normal", option, text, "--out", str(tmp_path / "a")]) == Status.REFUSED
-    assert words in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
 def test_python_m_ampm_lists_the_keys(capsys):
     assert call(["keys", "momentum", "--set", "gait.c_y=0.7", "--json"]) == Status.PASS
     keys = {item["key"]: item for item in json.loads(capsys.readouterr().out)}

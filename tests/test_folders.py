@@ -142,9 +142,6 @@ def test_a_file_appears_whole(tmp_path):
 
 KILLED = """
 import os, sys
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 from validation.store.folders import run_folder
 

@@ -177,12 +177,19 @@ def test_a_walk_is_recorded_without_a_copy():
     assert all(array.base is not None and not array.base.flags.writeable for array in arrays)
 
 
-def test_both_solvers_walk_alike():
-    one, other = plain(), plain("solver.qp=daqp")
+@pytest.mark.parametrize(
+    ("setting", "tolerance"),
+    [
+        ("solver.qp=daqp", 0.02),  # the arms' share of L_z is the least decided
+        ("simulation.integrator=implicitfast", 1e-4),  # without damping both are semi-implicit Euler
+    ],
+)
+def test_solvers_and_integrators_walk_alike(setting, tolerance):
+    one, other = plain(), plain(setting)
     assert other.outcome == one.outcome
     assert set(other.qp_status) == {SOLVED}
     np.testing.assert_allclose(other.com, one.com, atol=1e-4)
-    np.testing.assert_allclose(other.q, one.q, atol=0.02)  # the arms' share of L_z is the least decided
+    np.testing.assert_allclose(other.q, one.q, atol=tolerance)
     np.testing.assert_allclose(zmp_error(other), zmp_error(one), atol=1e-4)
 
 
@@ -204,13 +211,6 @@ def test_walks_replay_whatever_integrator_and_clock(settings):
     held = round(period / record.time_step)
     assert record.torque.shape[0] == record.steps
     assert (np.diff(record.torque[:held], axis=0) == 0.0).all()
-
-
-def test_implicit_steps_are_the_same_walk():
-    """The body has no damping, so both integrators are semi-implicit Euler; the velocities lag alike."""
-    one, other = plain(), plain("simulation.integrator=implicitfast")
-    np.testing.assert_allclose(zmp_error(other), zmp_error(one), atol=1e-4)
-    np.testing.assert_allclose(other.q, one.q, atol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -373,33 +373,22 @@ def check_interrupted(record, steps, tmp_path):
     assert first_difference(record, load_record(tmp_path)) is None
 
 
-@pytest.mark.parametrize("at", [0, 100])
-def test_interrupt_between_steps_keeps_the_record(tmp_path, at):
-    def stop(done, _):
-        if done == at:
-            interrupt()
-
-    check_interrupted(walk(progress=stop), at, tmp_path)
-
-
 @pytest.mark.parametrize("at", [0, FAIL_AT])
-def test_interrupt_within_a_solve_keeps_the_record(spoil, tmp_path, at):
+@pytest.mark.parametrize("where", ["between steps", "within a solve", "after the physics has moved on"])
+def test_an_interrupt_keeps_whole_steps(monkeypatch, spoil, tmp_path, where, at):
     """OSQP catches the signal itself, and its backend raises ``KeyboardInterrupt`` afterwards."""
-    spoil(interrupt, [at])
-    check_interrupted(walk(), at, tmp_path)
+    keep, progress = RunLog.keep_contacts, None
 
+    def stop_late(self, k, *contacts):
+        return interrupt() if k == at else keep(self, k, *contacts)
 
-@pytest.mark.parametrize("at", [0, FAIL_AT])
-def test_interrupt_after_the_physics_has_moved_on_keeps_whole_steps(monkeypatch, tmp_path, at):
-    keep = RunLog.keep_contacts
-
-    def stop(self, k, *contacts):
-        if k == at:
-            interrupt()
-        return keep(self, k, *contacts)
-
-    monkeypatch.setattr(RunLog, "keep_contacts", stop)
-    check_interrupted(walk(), at, tmp_path)
+    if where == "within a solve":
+        spoil(interrupt, [at])
+    elif where == "between steps":
+        progress = lambda done, _: interrupt() if done == at else None  # noqa: E731
+    else:
+        monkeypatch.setattr(RunLog, "keep_contacts", stop_late)
+    check_interrupted(walk(progress=progress), at, tmp_path)
 
 
 def test_interrupt_at_the_very_end_keeps_the_whole_walk():
