@@ -24,8 +24,7 @@ from ampm.tune.tuning import tune
 from validation.cli.app import Status, call
 from validation.run.walk import walk_planned
 from validation.study.sweep.task import Task, walk_task
-from validation.trial.plan import Request, make_body
-from validation.trial.tune import tune_walk
+from validation.trial.plan import Request, make_body, tune_walk
 
 LONG = ("gait.step_length=0.7", "gait.switching_velocity=1.2", "gait.steps=3")
 

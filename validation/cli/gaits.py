@@ -23,8 +23,7 @@ from validation.store.folders import check_folder_of, check_output_file, output_
 if TYPE_CHECKING:
     from ampm.planner.centroidal import CentroidalPlan
     from ampm.tune.tuning import Tuned
-    from validation.trial.plan import PlannedWalk, Request
-    from validation.trial.tune import TunedWalk
+    from validation.trial.plan import PlannedWalk, Request, TunedWalk
 
 app = typer.Typer()
 
@@ -239,8 +238,7 @@ def tune(
     What the preset, the file or --set names stays as it is. An optimiser works on plan and whole-body motion
     alone; nothing is simulated. Where no choice walks, the refusal names the limit and the best it found.
     """
-    from validation.trial.plan import load_request
-    from validation.trial.tune import tune_walk
+    from validation.trial.plan import load_request, tune_walk
 
     if out is not None:
         if out.suffix != ".toml":

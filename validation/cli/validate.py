@@ -107,8 +107,7 @@ def validate(
     from validation.measure.instruments.model import load_instrument
     from validation.run import validate as run
     from validation.trial.disturbances import parse_push
-    from validation.trial.plan import load_requests
-    from validation.trial.tune import tune_walk
+    from validation.trial.plan import load_requests, tune_walk
     from validation.trial.users import load_object, make_object
 
     extra = [*with_steps(settings, steps), *([] if qp is None else [f'solver.qp="{qp}"'])]

@@ -71,8 +71,7 @@ def targets(requests: Sequence[Request], out: Path | None, *, force: bool) -> li
         InputError: a folder must not be written.
     """
     if out is None:
-        stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-        folders = [_unused(RUNS / f"{item.name}-{stamp}") for item in requests]
+        folders = [RUNS / f"{item.name}-{datetime.now():%Y%m%d-%H%M%S-%f}" for item in requests]
     elif len(requests) == 1:
         folders = [out]
     else:
@@ -141,7 +140,12 @@ def validate(
         finally:
             interruption.holding = False
         if options.recording and not interruption.pending:
-            late = _draw(folder, target, request.name, progress)
+            try:  # what goes wrong here must not cost the run its folder
+                draw_run(folder, request.name, progress)
+                interruption.check()
+            except (Exception, KeyboardInterrupt) as error:
+                error.add_note(f"the run itself is complete in {target}, and 'ampm report' draws it again")
+                late = error
     if late is not None:
         raise late
     return summary
@@ -164,23 +168,3 @@ def _save_record(
         with suppress(OSError):
             (folder / "joints.parquet").unlink()
         raise
-
-
-def _draw(folder: Path, target: Path, name: str, progress: Progress) -> BaseException | None:
-    """Write recording and report from the saved files; what goes wrong must not cost the run its folder."""
-    try:
-        draw_run(folder, name, progress)
-        interruption.check()
-    except (Exception, KeyboardInterrupt) as error:
-        error.add_note(f"the run itself is complete in {target}, and 'ampm report' draws it again")
-        return error
-    return None
-
-
-def _unused(folder: Path) -> Path:
-    """The folder, with a number behind it if there is one of that name already."""
-    candidate, number = folder, 2
-    while candidate.exists():
-        candidate = folder.with_name(f"{folder.name}-{number}")
-        number += 1
-    return candidate

@@ -21,10 +21,9 @@ from validation.measure.standing import weigh
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
 from validation.trial.bridge import to_pinocchio
-from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk
+from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk, tune_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
-from validation.trial.tune import tune_walk
 
 if TYPE_CHECKING:
     from ampm.planners import WalkRequest

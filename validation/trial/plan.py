@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
     from ampm.body.robot import Robot
     from ampm.planners import WalkRequest
+    from ampm.tune.tuning import Tuned
     from ampm.walk import Planner, WalkPlan
     from models.human import BodyModel
 
@@ -99,6 +100,17 @@ class PlannedWalk:
     def zmp_margin(self) -> float:
         """Least distance of the planned ZMP from the edge of the support polygon [m]."""
         return self.plan.least_zmp_margin()[0]
+
+
+@dataclass(frozen=True)
+class TunedWalk(PlannedWalk):
+    """A walk whose free choices are made; its plan is the one that the search has confirmed.
+
+    Attributes:
+        tuned: choices and margins.
+    """
+
+    tuned: Tuned = field(kw_only=True)
 
 
 def load_request(gait: str, settings: Sequence[str] = ()) -> Request:
@@ -186,6 +198,33 @@ def plan_walk(
             if not isinstance(plan, WalkPlan):
                 raise TypeError(f"it made a {type(plan).__name__}, not a WalkPlan")
     return PlannedWalk(request, plan, body, name)
+
+
+def tune_walk(request: Request, progress: Progress | None = None) -> TunedWalk:
+    """Make the free choices of a gait; what a preset, a file or a setting names stays as it is.
+
+    Args:
+        request: the gait; ``request.run`` knows which keys were named.
+        progress: where to report stages.
+
+    Raises:
+        InputError: every free choice is named already.
+        MathematicalRefusal, BodilyRefusal: no choice walks; :class:`ampm.tune.refusal.NoFeasibleChoice`,
+            a BodilyRefusal, says which limit stayed broken.
+    """
+    # Here, not above: Pinocchio takes long to load.
+    from ampm.tune.free_choices import FREE_KEYS, named_keys
+    from ampm.tune.tuning import tune
+
+    if set(FREE_KEYS) <= named_keys(request.run):
+        raise InputError(
+            f"{request.name} names every free choice, so there is nothing to tune; leave out what is to be "
+            "found, for example gait.com_height."
+        )
+    with (progress or Progress()).stage(f"{request.name}: free choices") as stage:
+        body = make_body(request.run)
+        tuned = tune(request.run, body.robot, progress=stage.note, cache=motion_cache())
+    return TunedWalk(Request(request.name, tuned.run), tuned.plan, body, tuned=tuned)
 
 
 def motion_cache() -> Path | None:

@@ -116,8 +116,7 @@ class Task:
             InputError, RefusedGait: there is no such walk.
         """
         # Here, not above: the sweep's own process needs neither simulator nor body.
-        from validation.trial.plan import Request, plan_walk
-        from validation.trial.tune import tune_walk
+        from validation.trial.plan import Request, plan_walk, tune_walk
 
         request = Request(self.name, self.parameters)
         return tune_walk(request, progress) if self.tune else plan_walk(request, progress)
