@@ -109,25 +109,18 @@ class QPBackend(Protocol):
         ...
 
 
-class Pattern:
+class _Pattern:
     """Sparsity pattern of a matrix, and the gather that takes a dense array to its CSC values."""
 
     def __init__(self, mask: NDArray[np.bool_]) -> None:
-        self.shape = mask.shape
+        self._csc = sparse.csc_matrix(mask, dtype=np.float64)
         columns, rows = np.nonzero(mask.T)  # column-major order, as CSC wants
         self.gather = rows * mask.shape[1] + columns
-        self.rows, self.columns = rows, columns
-        self.indptr = np.concatenate([[0], np.cumsum(mask.sum(axis=0))]).astype(np.int32)
-
-    def values(self, dense: Array) -> Array:
-        """CSC values of ``dense`` (C-contiguous, same shape as the mask)."""
-        return dense.reshape(-1).take(self.gather)
 
     def matrix(self, dense: Array) -> sparse.csc_matrix:
         """The sparse matrix itself, explicit zeros kept."""
-        return sparse.csc_matrix(
-            (self.values(dense), self.rows.astype(np.int32), self.indptr), shape=self.shape
-        )
+        values, csc = dense.reshape(-1).take(self.gather), self._csc
+        return sparse.csc_matrix((values, csc.indices, csc.indptr), shape=csc.shape)
 
 
 class OsqpBackend:
@@ -140,7 +133,7 @@ class OsqpBackend:
     """
 
     def __init__(self, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings) -> None:
-        self._P, self._A = Pattern(np.triu(P_mask)), Pattern(A_mask)
+        self._P, self._A = _Pattern(np.triu(P_mask)), _Pattern(A_mask)
         self._settings = settings
         self._solver: Any = None
 

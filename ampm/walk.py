@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ampm.planner.centroidal import PlanSample
-from ampm.planner.feet import FootPath, FootSample
+from ampm.planner.feet import FootPath, FootSample, pitch_rotation
 from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:
@@ -444,15 +444,9 @@ def _feet_state(feet: tuple[FootSample, FootSample], held: tuple[FootSample, Foo
         turn[..., 1] = values
         return turn
 
-    pitch = _both(feet, "pitch")
-    rotation = np.zeros((*pitch.shape, 3, 3))
-    rotation[..., 0, 0] = rotation[..., 2, 2] = np.cos(pitch)
-    rotation[..., 0, 2] = np.sin(pitch)
-    rotation[..., 2, 0] = -rotation[..., 0, 2]
-    rotation[..., 1, 1] = 1.0
     return FeetState.of(
         np.stack([_both(feet, "position"), _both(feet, "velocity"), _both(held, "acceleration")], axis=2),
-        rotation,
+        pitch_rotation(_both(feet, "pitch")),
         np.stack(
             [about_y(_both(feet, "pitch_velocity")), about_y(_both(held, "pitch_acceleration"))], axis=2
         ),

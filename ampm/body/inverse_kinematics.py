@@ -197,20 +197,17 @@ class InverseKinematics:
             Unreachable: Newton does not converge; the legs are too short for this instant.
         """
         robot, time = self.robot, float(reference.time[k])
-        for iteration in range(25):
+        for iteration in range(26):
             terms = robot.jacobian(q, v)
             error = self._position_error(reference, k, q, terms)
             size = float(np.abs(error).max())
-            if size < 1e-13 or (iteration >= 6 and size < 1e-11):
+            if size < (1e-13 if iteration < 6 else 1e-11 if iteration < 25 else 1e-10):
                 break
+            if iteration == 25:
+                raise self._miss(reference, k, error)
             step = self._pull(*self._factor(terms.jacobian, self.position_rows, time), error)
             largest = float(np.abs(step).max())
             q = pin.integrate(robot.model, q, step * min(1.0, 0.3 / largest) if largest > 0.3 else step)
-        else:
-            terms = robot.jacobian(q, v)
-            error = self._position_error(reference, k, q, terms)
-            if not float(np.abs(error).max()) < 1e-10:
-                raise self._miss(reference, k, error)
         self._check_knees(reference, k, q)
         scaled, factor = self._factor(terms.jacobian, self.rows, time)
         v = v + self._pull(scaled, factor, self._velocity_error(reference, k, terms.jacobian, v, offset))

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from ampm.exceptions import InputError
 from ampm.walk import PostureState
@@ -76,9 +77,7 @@ class MotionReport:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> MotionReport:
         """Of what :meth:`as_dict` gave, read back from JSON."""
-        extremes = {name: Extreme(**values[name]) for name in ("knee_minimum", "joint_limit_margin")}
-        multipliers = tuple((float(real), float(imaginary)) for real, imaginary in values["multipliers"])
-        return cls(**{**values, **extremes, "multipliers": multipliers})
+        return TypeAdapter(cls).validate_python(values)
 
 
 MOTION_UNITS: Mapping[str, str] = {

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ampm.body.robot import TASK_ROWS
+from ampm.planner.feet import pitch_rotation
 
 if TYPE_CHECKING:
     from ampm.geometry import Array
@@ -42,11 +43,7 @@ class StepReference:
     @cached_property
     def rotation(self) -> Array:
         """Orientation of left and right sole, shape (n+1, 2, 3, 3)."""
-        rotation = np.zeros((*self.pitch.shape, 3, 3))
-        rotation[..., 0, 0] = rotation[..., 2, 2] = np.cos(self.pitch)
-        rotation[..., 0, 2] = np.sin(self.pitch)
-        rotation[..., 2, 0] = -rotation[..., 0, 2]
-        rotation[..., 1, 1] = 1.0
+        rotation = pitch_rotation(self.pitch)
         rotation.setflags(write=False)
         return rotation
 

@@ -106,6 +106,16 @@ class FeetPlan:
         return _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
 
 
+def pitch_rotation(pitch: Array) -> Array:
+    """Rotation of a foot to world, (..., 3, 3), by its pitch (...) [rad]."""
+    rotation = np.zeros((*pitch.shape, 3, 3))
+    rotation[..., 0, 0] = rotation[..., 2, 2] = np.cos(pitch)
+    rotation[..., 0, 2] = np.sin(pitch)
+    rotation[..., 2, 0] = -rotation[..., 0, 2]
+    rotation[..., 1, 1] = 1.0
+    return rotation
+
+
 def _evaluate(coefficients: Array, t: Array) -> tuple[Array, Array, Array]:
     """Value and two derivatives of polynomials (..., K) at times broadcast against their leading axes."""
     value = np.zeros(np.broadcast_shapes(coefficients.shape[:-1], t.shape))

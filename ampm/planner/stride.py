@@ -146,15 +146,10 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift
     start, single, double = np.array(
         [(s.start, s.duration, d.duration) for s, d in zip(singles, doubles, strict=True)]
     ).T
-    if foot.schedule == "roll" and not foot.heel_rise_lead < single.min():
+    if foot.schedule == "roll" and not -double.min() < foot.heel_rise_lead < single.min():
         raise InputError(
             f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets the heel rise before the foot stands "
-            f"alone: the single support lasts {single.min():.4g} s; take less than that."
-        )
-    if foot.schedule == "roll" and not foot.heel_rise_lead > -double.min():
-        raise InputError(
-            f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets the heel rise when the foot has left: the "
-            f"double support lasts {double.min():.4g} s; take more than {-double.min():.4g} s."
+            f"alone, or after it has left; take one between {-double.min():.4g} s and {single.min():.4g} s."
         )
     placement = np.array([f.position for f in contacts.footsteps])
     n = len(singles)

@@ -18,7 +18,6 @@ import contextlib
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from ampm.body.continuation import Continuation
@@ -277,7 +276,7 @@ def _confirmed(search: ChoiceSearch, best: Candidate, cache: Path | None) -> Tun
             unit=error.unit,
             way_out=error.way_out,
         ) from error
-    return _tuned(plan, run, space, best.values, len(search.candidates))
+    return Tuned(run, plan, space.found(run), best.values, len(search.candidates))
 
 
 def _defaults(space: FreeChoices, robot: Robot, cache: Path | None) -> Tuned | None:
@@ -292,11 +291,4 @@ def _defaults(space: FreeChoices, robot: Robot, cache: Path | None) -> Tuned | N
     values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, robot)
     if min(LIMITS[name].margin(value) for name, value in values.items()) < -_GRID:
         return None
-    return _tuned(plan, run, space, values, 1)
-
-
-def _tuned(
-    plan: PeriodicWalk, run: RunParameters, space: FreeChoices, values: Mapping[str, float], tried: int
-) -> Tuned:
-    margins, found = MappingProxyType(dict(values)), MappingProxyType(space.found(run))
-    return Tuned(run, plan, found, margins, tried)
+    return Tuned(run, plan, space.found(run), values, 1)
