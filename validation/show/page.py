@@ -14,11 +14,14 @@ _ENVIRONMENT = Environment(
 )
 
 
-def render_page(template: str, *, styles: Sequence[str], scripts: Sequence[str] = (), **context: Any) -> str:
+def render_page(
+    template: str, title: str, *, styles: Sequence[str], scripts: Sequence[str] = (), **context: Any
+) -> str:
     """Render a self-contained page.
 
     Args:
-        template: its name among the templates; it finds the sheets as ``css`` and the scripts as ``script``.
+        template: name of its content among the templates; it finds the scripts as ``script``.
+        title: of the page.
         styles: names of style sheets among the templates, in order.
         scripts: names of scripts, in order.
         context: what else the template needs.
@@ -27,4 +30,6 @@ def render_page(template: str, *, styles: Sequence[str], scripts: Sequence[str] 
         Markup("".join(_LOADER.get_source(_ENVIRONMENT, name)[0] for name in names))
         for names in (styles, scripts)
     )
-    return _ENVIRONMENT.get_template(template).render(css=css, script=script, **context)
+    return _ENVIRONMENT.get_template("page.html.j2").render(
+        template=template, title=title, css=css, script=script, **context
+    )

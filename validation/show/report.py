@@ -116,12 +116,14 @@ def render(saved: SavedRun) -> str:
         reason = reason.replace(name, summary["metrics"][name]["label"])
     with style():
         pictures = RunFigures(saved, plan).sections() if len(saved.signals) > 1 else {}
+    headline = headline if outcome.completed else f"{outcome.name}, {headline}"
     return render_page(
         "report.html.j2",
+        f"{summary['gait']}: {headline}",
         styles=["report.css"],
         gait=summary["gait"],
         verdict_class="fail" if outcome.name in _LOST else verdict if verdict in ("pass", "fail") else "open",
-        headline=headline if outcome.completed else f"{outcome.name}, {headline}",
+        headline=headline,
         reason=reason.replace("% of body weight", BODY_WEIGHT),
         outcome_sentence=outcome.name.sentence,
         profile=summary["profile"],

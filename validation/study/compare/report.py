@@ -73,8 +73,10 @@ def notes(pair: Pair) -> list[str]:
     }
     found = [row.better for row in pair.rows]
     lines = [f"{text} {found.count(better)} of {len(found)} quantities" for better, text in words.items()]
-    ratios = (f"{row.of.group}, {row.of.label} ({_ratio(row)})" for row in largest_undecided(pair))
-    return [*lines, f"largest ratios of the undecided: {', '.join(ratios) or 'none'}"]
+    return lines + [
+        f"undecided, with a ratio of {_ratio(row)}: {row.of.group}, {row.of.label}"
+        for row in largest_undecided(pair)
+    ]
 
 
 def largest_undecided(pair: Pair, count: int = 5) -> list[Row]:
@@ -131,12 +133,13 @@ def render(pair: Pair) -> str:
         switches = style.picture(draw_switches(pair, _PAGE), "s", f"{a} and {b} about the switches")
     return render_page(
         "pair.html.j2",
+        f"{a} and {b}",
         styles=["report.css"],
         a=a,
         b=b,
         even=EVEN,
         facts=facts(pair),
-        parameters=pair.parameters,
+        parameters=[(key, str(one), str(two)) for key, (one, two) in pair.parameters.items()],
         switches=switches.svg,
         groups=tables(pair),
         known=known(pair),

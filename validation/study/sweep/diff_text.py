@@ -168,8 +168,11 @@ def write_page(diff: SweepDiff, path: Path, *, force: bool) -> None:
     Raises:
         InputError: the file exists and ``force`` is off, or it cannot be written.
     """
+    end = " in the runs that both have" if diff.lacking else ""
+    headline = "regression" if diff.regressions else f"no regression{end}"
     text = render_page(
         "diff.html.j2",
+        f"{diff.b.name} against {diff.a.name}: {headline}",
         styles=["report.css", "sweep.css"],
         diff=diff,
         sides=[_side(diff.a), _side(diff.b)],

@@ -33,6 +33,7 @@ MOST_SHOWN = 8
 """Parameters of a run in a table; the command that repeats it has them all."""
 IDLE = 0.01
 """Median share of its tolerance below which a metric is rounding, and what drives it of no interest [1]."""
+_MIXED = "mixed: "
 _REFUSED, _FAILS = "is refused", "fails, if it walks"
 _PER_RUN = ("environment_worker", "environment_attempts", "environment_memory_peak", "environment_time")
 """Columns of the environment that differ between runs by their nature."""
@@ -79,13 +80,15 @@ def render(sweep: SweepTable) -> str:
     own = [name for name in judged if name in METRICS and METRICS[name].kind == "instrument"]
     walked = [name for name in judged if name not in own]
     environment = environment_rows(sweep)
+    verdict = judge_sweep(sweep)
     return render_page(
         "sweep.html.j2",
+        f"{sweep.name}: {verdict[1]}",
         styles=["report.css", "sweep.css"],
         scripts=["sweep.js"],
         vega=figures.vega_script() if data else "",
         sweep=sweep,
-        verdict=judge_sweep(sweep),
+        verdict=verdict,
         share=share,
         still=still,
         data=data,
@@ -110,7 +113,7 @@ def render(sweep: SweepTable) -> str:
         ],
         timing_rows=timing_rows(sweep),
         environment_rows=environment,
-        mixed=[name for name, _, mark in environment if mark],
+        mixed=[name for name, text in environment if text.startswith(_MIXED)],
         modified="True" in sweep.words("environment_modified"),
         reason_rows=[(metric_label(n), _limit(sweep, n), limit.reason) for n, limit in sweep.limits.items()],
     )
@@ -295,18 +298,17 @@ def timing_rows(sweep: SweepTable) -> list[Row]:
 
 
 def environment_rows(sweep: SweepTable) -> list[Row]:
-    """Versions and platform: name, value, ``mixed`` where runs differ in it."""
+    """Versions and platform: name, and value or, where runs differ in it, values and their runs."""
     rows: list[Row] = []
     for column in sweep.table.column_names:
         if not column.startswith("environment_") or column in _PER_RUN:
             continue
         if counted := Counter(filter(None, sweep.words(column))).most_common():
-            mixed = len(counted) > 1
-            text = ", ".join(f"{word} ({n:,} runs)" if mixed else word for word, n in counted[:6])
+            text = _MIXED + ", ".join(f"{word} ({n:,} runs)" for word, n in counted[:6])
             label = column.removeprefix("environment_").removeprefix("version_").replace("_", " ")
-            rows.append((label, text, "mixed" if mixed else ""))
+            rows.append((label, text if len(counted) > 1 else counted[0][0]))
     times = sweep.distinct("environment_time")
-    return [*rows, ("walked from, to (UTC)", f"{times[0]}, {times[-1]}", "")] if times else rows
+    return [*rows, ("walked from, to (UTC)", f"{times[0]}, {times[-1]}")] if times else rows
 
 
 def judge_sweep(sweep: SweepTable) -> tuple[str, str, str]:
