@@ -20,16 +20,19 @@ from validation.measure.measure import measure, standing_check
 WEIGHT = (MASS + ARM_MASS) * GRAVITY
 
 
+def measured_of(record, **changed):
+    return measure(replace(record, **changed), pinocchio_model(), to_pinocchio)
+
+
 @pytest.fixture(scope="module")
 def swing():
     record = swinging()
-    return record, measure(record, pinocchio_model(), to_pinocchio)
+    return record, measured_of(record)
 
 
 @pytest.fixture(scope="module")
 def still():
-    record = simulate(steps=2000)
-    return record, measure(record, pinocchio_model(), to_pinocchio)
+    return measured_of(simulate(steps=2000))
 
 
 def test_measurement_never_sees_a_plan_or_the_simulator():
@@ -44,27 +47,21 @@ def test_measurement_never_sees_a_plan_or_the_simulator():
 
 
 def test_a_still_block_weighs_its_weight_under_its_com(still):
-    _, measured = still
-    check = standing_check(measured, settle=3.5)
+    check = standing_check(still, settle=3.5)
     assert check.still
     assert check.relative_error < 1e-6
     # The hinge has no damping, so the arm must hang plumb for the block to be still: it does.
     np.testing.assert_allclose(check.zmp_error, 0.0, atol=1e-6)
-    np.testing.assert_allclose(measured.zmp[-1], [0.0, 0.02 * ARM_MASS / (MASS + ARM_MASS)], atol=1e-5)
-    assert abs(measured.self_checks.impulse_residual) < 1e-6
-
-
-def test_standing_needs_something_recorded(still):
+    np.testing.assert_allclose(still.zmp[-1], [0.0, 0.02 * ARM_MASS / (MASS + ARM_MASS)], atol=1e-5)
+    assert abs(still.self_checks.impulse_residual) < 1e-6
     with pytest.raises(InputError, match="nothing was recorded after 99 s"):
-        standing_check(still[1], settle=99.0)
+        standing_check(still, settle=99.0)
 
 
 def test_falling_body_has_no_zmp_and_loses_momentum_by_its_weight():
-    record = simulate(steps=50, height=1.0)
-    measured = measure(record, pinocchio_model(), to_pinocchio)
-    assert np.isnan(measured.zmp).all()
-    assert np.isnan(measured.zmp_momentum).all()
-    assert np.isnan(measured.polygon_margin).all()
+    measured = measured_of(simulate(steps=50, height=1.0))
+    for name in ("zmp", "zmp_momentum", "polygon_margin"):
+        assert np.isnan(getattr(measured, name)).all(), name
     assert measured.self_checks.unsupported == 50
     np.testing.assert_allclose(measured.momentum_force, 0.0, atol=1e-9)
     np.testing.assert_allclose(measured.com_acceleration, np.tile([0, 0, -GRAVITY], (50, 1)), atol=1e-9)
@@ -77,9 +74,7 @@ def test_contact_zmp_of_hand_made_forces(swing):
     position = np.zeros_like(record.point_position)
     force[:, 0], force[:, 3] = [10.0, -5.0, 90.0], [0.0, 5.0, 30.0]
     position[:, 0], position[:, 3] = [0.3, 0.2, 0.0], [-0.1, -0.4, -0.01]
-    made = measure(
-        replace(record, point_force=force, point_position=position), pinocchio_model(), to_pinocchio
-    )
+    made = measured_of(record, point_force=force, point_position=position)
     # A force under the floor is carried up its own line of action: (0, 5, 30) moves by 0.01 / 6 in y.
     np.testing.assert_allclose(made.zmp[:, 0], (0.3 * 90 - 0.1 * 30) / 120)
     np.testing.assert_allclose(made.zmp[:, 1], (0.2 * 90 + (-0.4 + 0.01 * 5 / 30) * 30) / 120)
@@ -100,8 +95,7 @@ def test_the_two_zmps_agree_while_the_zmp_moves_by_centimetres(swing):
 def test_the_gap_of_the_two_zmps_shrinks_with_the_time_step():
     gaps = []
     for dt in (0.002, 0.001, 0.0005):
-        record = swinging(steps=round(0.6 / dt), dt=dt)
-        measured = measure(record, pinocchio_model(), to_pinocchio)
+        measured = measured_of(swinging(steps=round(0.6 / dt), dt=dt))
         rows = measured.time > 0.2  # the block lands on its points before that
         gaps.append(np.sqrt(np.mean((measured.zmp - measured.zmp_momentum)[rows, 0] ** 2)))
     order = np.log2(np.array(gaps[:-1]) / np.array(gaps[1:]))
@@ -110,7 +104,7 @@ def test_the_gap_of_the_two_zmps_shrinks_with_the_time_step():
 
 @pytest.mark.parametrize("index", [None, 0, 1, 2, 3])
 def test_a_contact_left_out_of_the_log_breaks_the_agreement(swing, index):
-    broken = measure(without_point(swing[0], index), pinocchio_model(), to_pinocchio)
+    broken = measured_of(without_point(swing[0], index))
     assert broken.self_checks.zmp_agreement > 5e-3
     assert max(broken.self_checks.force_agreement) > 0.05 * WEIGHT
     assert abs(broken.self_checks.impulse_residual) > 0.05
@@ -132,9 +126,7 @@ def test_slip_is_the_way_slid_since_touch_down(swing):
     velocity, force = np.zeros_like(record.point_velocity), np.zeros_like(record.point_force)
     velocity[..., 0], velocity[..., 1] = 0.03, 0.04
     force[10:60, 0, 2] = force[100:150, 0, 2] = 50.0
-    made = measure(
-        replace(record, point_velocity=velocity, point_force=force), pinocchio_model(), to_pinocchio
-    )
+    made = measured_of(record, point_velocity=velocity, point_force=force)
     np.testing.assert_allclose(made.slip_speed[20, 0], 0.05)
     np.testing.assert_allclose(made.slip[[9, 59, 60, 149], 0], [0.0, 0.005, 0.0, 0.005], atol=1e-12)
     assert made.slip[:, 1].max() == 0.0
@@ -148,22 +140,13 @@ def test_another_body_is_refused(swing):
 
 
 def test_measuring_ten_thousand_steps_takes_less_than_a_second(swing):
-    record = swing[0]
-    many = {
-        name: np.resize(value, (10_000 + extra, *value.shape[1:]))
-        for name, value, extra in (
-            (name, getattr(record, name), int(getattr(record, name).shape[0] == record.steps + 1))
-            for name in (
-                "time", "q", "qd", "torque", "warmstart", "point_force", "point_position",
-                "point_penetration", "point_velocity", "com", "angular_momentum", "foot_position",
-                "foot_rotation", "command_com", "command_zmp", "command_force", "command_angular_momentum",
-                "command_point_force",
-            )
-        )
-    }  # fmt: skip
+    record, many = swing[0], {}
+    for name, value in vars(record).items():
+        extra = len(value) - record.steps if isinstance(value, np.ndarray) else -1
+        if extra in (0, 1):
+            many[name] = np.resize(value, (10_000 + extra, *value.shape[1:]))
     long = replace(record, **many, sensors={})
-    model = pinocchio_model()
     q, v = to_pinocchio(long.q, long.qd)  # the test's own conversion is a slow loop
     start = time.perf_counter()
-    measure(long, model, lambda qpos, qvel: (q[: len(qpos)], v[: len(qvel)]))
+    measure(long, pinocchio_model(), lambda qpos, qvel: (q[: len(qpos)], v[: len(qvel)]))
     assert time.perf_counter() - start < 1.0

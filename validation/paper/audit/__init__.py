@@ -54,8 +54,15 @@ def audit(stages: Progress | None = None) -> tuple[Row, ...]:
 
     stages = stages or Progress()
     case, rows = Case(), statements()
-    for module in (section_1, section_2, section_2_1, section_2_2, section_2_3, section_3, section_4):
-        name = module.__name__.rpartition("section_")[2].replace("_", ".")
-        with stages.stage(f"section {name}"):
-            module.check(case, rows)
-    return tuple(rows.values())
+    for module, sections in (
+        (section_1, ("abstract", "1", "1.1", "1.2")),
+        (section_2, ("2",)),
+        (section_2_1, ("2.1",)),
+        (section_2_2, ("2.2",)),
+        (section_2_3, ("2.3",)),
+        (section_3, ("3",)),
+        (section_4, ("4",)),
+    ):
+        with stages.stage(f"section {sections[-1]}"):
+            module.check(case, {row.place: row for row in rows if row.section in sections})
+    return tuple(rows)

@@ -7,7 +7,7 @@ erratum where a corrected form exists, and a contradiction where the statement i
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from importlib import resources
@@ -189,17 +189,16 @@ class Row:
         }
 
 
-Rows = dict[tuple[str, str], Row]
-"""Statements by section and place: ``rows["2.1", "Eq. 4"].symbolic(...)``."""
+Rows = Mapping[str, Row]
+"""Statements of a section by place: ``rows["Eq. 4"].symbolic(...)``."""
 
 
-def statements() -> Rows:
+def statements() -> list[Row]:
     """All statements in the order of the paper, without checks."""
-    rows = {}
     text = resources.files(__package__).joinpath("statements.toml").read_text(encoding="utf-8")
-    for statement in tomllib.loads(text)["statement"]:
-        failure = Verdict(statement.pop("failure", Verdict.ERRATUM))
-        rows[statement["section"], statement["place"]] = Row(**statement, failure=failure)
+    rows = [Row(**statement) for statement in tomllib.loads(text)["statement"]]
+    for row in rows:
+        row.failure = Verdict(row.failure)
     return rows
 
 

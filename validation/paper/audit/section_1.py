@@ -37,31 +37,29 @@ def check(case: Case, rows: Rows) -> None:
 
 def _claims(case: Case, rows: Rows) -> None:
     normal = case.normal
-    rows["abstract", "C2 at the switches"].zero(
+    rows["C2 at the switches"].zero(
         "largest jump of the COM's acceleration over all switches", "m/s^2", normal.largest_jump
     )
     demanded, turned = mu * x, -m * g * (c - 1) * x
-    rows["abstract", "angular momentum"].symbolic(
+    rows["angular momentum"].symbolic(
         "M_y demanded as mu x, less M_y at c = 1 - mu/(m g)", demanded - turned.subs(c, 1 - mu / (m * g))
     )
-    rows["1", "IPM"].symbolic(
-        "moment about the COM at a = 0, c = 1", moment_y(0, x, acceleration_towards(0, x))
-    )
-    rows["1", "bottom-up"].zero(
+    rows["IPM"].symbolic("moment about the COM at a = 0, c = 1", moment_y(0, x, acceleration_towards(0, x)))
+    rows["bottom-up"].zero(
         "constant of L_y that the body asks for, less the plan's own zero mean", "N m s", case.body.constant
     )
     best = min(_seconds_to_plan(case) for _ in range(5))
-    rows["1", "real time, COG"].claim(
+    rows["real time, COG"].claim(
         "printed",
         f"planning takes less than {REAL_TIME_SHARE:.0%} of the walk's duration",
         best < REAL_TIME_SHARE * normal.plan.duration,
     )
-    jump = rows["1", "beyond the IPM, jump"]
+    jump = rows["beyond the IPM, jump"]
     what = "largest jump of an IPM with the same steps, its double support at constant velocity"
     jump.sign("positive", what, "m/s^2", case.ipm.largest_jump, gait="ipm")
     jump.zero("largest jump of the AMPM", "m/s^2", normal.largest_jump)
     ended = case.outcome("ipm", IPM_STEPS)
-    rows["1", "beyond the IPM, stability"].claim(
+    rows["beyond the IPM, stability"].claim(
         "printed",
         f"{IPM_STEPS} steps of the IPM in physics, with that jump at every switch, to be lost",
         not ended.completed,
@@ -79,24 +77,22 @@ def _seconds_to_plan(case: Case) -> float:
 def _pendulum(case: Case, rows: Rows) -> None:
     e = np.eye(3)
     apart = float(np.abs(np.cross(e[2], e[0]) - e[1]).max())
-    rows["1.1", "Fig. 1, axes"].zero("e_z x e_x - e_y, with y to the left", "1", apart, gait="")
+    rows["Fig. 1, axes"].zero("e_z x e_x - e_y, with y to the left", "1", apart, gait="")
     largest = float(np.abs(case.ipm.stride.moment).max())
-    rows["1.2", "Fig. 2"].zero("largest moment about the COM over a stride", "N m", largest, gait="ipm")
+    rows["Fig. 2"].zero("largest moment about the COM over a stride", "N m", largest, gait="ipm")
     fall_x = sp.solve(moment_y(0, x, mu), mu)[0]
     fall_y = sp.solve(moment_x(0, y, mu), mu)[0]
-    rows["1.2", "IPM, law"].symbolic(
-        "against zero moment about the COM", (fall_x - g / H * x, fall_y - g / H * y)
-    )
+    rows["IPM, law"].symbolic("against zero moment about the COM", (fall_x - g / H * x, fall_y - g / H * y))
     lift = sp.Symbol("zdd", real=True)
     falling = sp.solve(moment((0, 0, 0), (x, y, z), (m * mu, 0, m * (g + lift)))[1], mu)[0]
-    rows["1.2", "planes"].symbolic("dx''/dy at constant height", sp.diff(falling.subs({lift: 0, z: H}), y))
+    rows["planes"].symbolic("dx''/dy at constant height", sp.diff(falling.subs({lift: 0, z: H}), y))
     period = sp.sqrt(H / g)
     fall = x_0 * sp.cosh(t / period) + v_0 * period * sp.sinh(t / period)
-    rows["1.2", "IPM, solution"].symbolic(
+    rows["IPM, solution"].symbolic(
         "law; position and velocity at t = 0",
         (of_law(fall, g / H), fall.subs(t, 0) - x_0, sp.diff(fall, t).subs(t, 0) - v_0),
     )
-    rows["1.2", "ZMP"].symbolic(
+    rows["ZMP"].symbolic(
         "moment (x, y) of three forces on a flat floor about the centre of F_z", _moment_about_centre()
     )
 

@@ -41,12 +41,12 @@ def check(case: Case, rows: Rows) -> None:
 
 
 def _law(case: Case, rows: Rows) -> None:
-    rows["2", "moving ZMP"].symbolic(
+    rows["moving ZMP"].symbolic(
         "M_y less -m g ((a + c - 1) x + b + d)",
         moment_y(a * x + b, x, g / H * (c * x + d)) + m * g * ((a + c - 1) * x + b + d),
     )
     force, vector = sp.Matrix([m * g / H * (c * x + d), m * g]), sp.Matrix([c * x + d, H])
-    parallel = rows["2", "Fig. 3, force"]
+    parallel = rows["Fig. 3, force"]
     parallel.symbolic("force times vector, zero for a normal", force.dot(vector))
     across = force[0] * vector[1] - force[1] * vector[0]
     parallel.symbolic("force across vector, zero for a parallel", corrected=across)
@@ -54,19 +54,19 @@ def _law(case: Case, rows: Rows) -> None:
     force_y = m * g / H * c_y * y
     sample = case.normal.switch.force[0]
     wanted = case.normal.switch.com_acceleration[0, 0] / case.normal.plan.gravity
-    ratio = rows["2", "force ratio"]
+    ratio = rows["force ratio"]
     ratio.symbolic("F_x/F_y - (c x + d)/H", m * acceleration / force_y - (c * x + d) / H)
     ratio.zero("F_x/F_y - x''/g at the first switch", "1", sample[0] / sample[1] - wanted)
     ratio.symbolic("F_x/F_z - (c x + d)/H", corrected=m * acceleration / (m * g) - (c * x + d) / H)
     ratio.zero("F_x/F_z - x''/g at the first switch", "1", corrected=sample[0] / sample[2] - wanted)
-    rows["2", "Eq. 1"].symbolic(
+    rows["Eq. 1"].symbolic(
         "force parallel to (c x + d, H) with F_z = m g", m * g * (c * x + d) / H / m - acceleration
     )
-    rows["2", "Eq. 1, solution"].symbolic("x'' - (g/H)(c x + d)", of_law(COM, g / H * c, g / H * d))
+    rows["Eq. 1, solution"].symbolic("x'' - (g/H)(c x + d)", of_law(COM, g / H * c, g / H * d))
     start = COM.subs(CONSTANTS)
     ends = (start.subs(t, 0) - x_0, sp.diff(start, t).subs(t, 0) - v_0)
-    rows["2", "C_1, C_2"].symbolic("position and velocity at t = 0", ends)
-    rows["2", "F_x, F_z"].symbolic("F_x - m x''", m / T_e**2 * (MINUS + PLUS) - m * sp.diff(COM, t, 2))
+    rows["C_1, C_2"].symbolic("position and velocity at t = 0", ends)
+    rows["F_x, F_z"].symbolic("F_x - m x''", m / T_e**2 * (MINUS + PLUS) - m * sp.diff(COM, t, 2))
 
 
 def second_step(numbers: Numbers) -> dict[Any, float]:
@@ -100,7 +100,7 @@ def _momentum(case: Case, rows: Rows) -> None:
     apart = [
         np.abs(_on_gait(moment_formula(sign), normal, times) - step.moment[:, 1]).max() for sign in signs
     ]
-    moment = rows["2", "moment r"]
+    moment = rows["moment r"]
     moment.symbolic("r - ((p - c) x F)_y", *(moment_formula(sign) - TRUE_MOMENT for sign in signs))
     where = "mismatch in the second single support, written in world axes"
     moment.zero(where, "N m", *apart)
@@ -109,11 +109,11 @@ def _momentum(case: Case, rows: Rows) -> None:
         float(np.diff(_on_gait(momentum_formula(sign), normal, times[[0, -1]]))[0] - gained) for sign in signs
     ]
     rates = (sp.diff(momentum_formula(sign), t) - TRUE_MOMENT for sign in signs)
-    omega = rows["2", "momentum omega"].symbolic("d omega/dt - ((p - c) x F)_y", *rates)
+    omega = rows["momentum omega"].symbolic("d omega/dt - ((p - c) x F)_y", *rates)
     where = "mismatch over the second single support, in world axes"
     omega.zero(where, "N m s", *off)
     start = float(case.momentum.stride.angular_momentum[0, 1])
-    meaning = rows["2", "meaning of omega"].symbolic(
+    meaning = rows["meaning of omega"].symbolic(
         "omega_{t1,t3} - omega_{t1,t2} - omega_{t2,t3}",
         _generated(t_1, t_3, w_1) - _generated(t_1, t_2, w_1) - _generated(t_2, t_3, w_2),
     )
@@ -122,7 +122,7 @@ def _momentum(case: Case, rows: Rows) -> None:
         "the same without omega_1",
         corrected=_generated(t_1, t_3, 0) - _generated(t_1, t_2, 0) - _generated(t_2, t_3, 0),
     )
-    rows["2", "what follows"].against(
+    rows["what follows"].against(
         "sections 2.1 and 2.2, which follow, are headed sagittal plane and frontal plane"
     )
 

@@ -33,27 +33,23 @@ def _figure_4(case: Case, rows: Rows) -> None:
     start, switch, end = normal.plan.sample([0.0, normal.t_ss, constants.step_duration]).zmp[:, 0]
     roll, lag = constants.l_s * constants.inverse_a_s, constants.l_d / constants.a_d
     in_place = np.array([start + roll, switch - roll, switch - half + lag, end - half - lag])
-    rows["2.1", "Fig. 4, positions"].zero("largest mismatch of Z_0, Z_1, Z_0'", "m", np.abs(in_place).max())
-    rows["2.1", "Fig. 4, Z_1"].zero("l_s/a_s + l_d/a_d - l_s - l_d", "m", roll + lag - half)
+    rows["Fig. 4, positions"].zero("largest mismatch of Z_0, Z_1, Z_0'", "m", np.abs(in_place).max())
+    rows["Fig. 4, Z_1"].zero("l_s/a_s + l_d/a_d - l_s - l_d", "m", roll + lag - half)
     jumps = switch - start, switch - (half - lag)
-    rows["2.1", "Fig. 4, ZMP"].zero("jump of the ZMP at the switch", "m", *jumps)
+    rows["Fig. 4, ZMP"].zero("jump of the ZMP at the switch", "m", *jumps)
 
 
 def _laws(rows: Rows) -> None:
     for number, slope, force in ((2, a_s, c_s), (3, a_d, c_d)):
         ratio = acceleration_towards(x / slope, force * x) / g
-        rows["2.1", f"Eq. {number}"].symbolic(
-            "force line from x/a to c x", ratio - x * (force - 1 / slope) / H
-        )
+        rows[f"Eq. {number}"].symbolic("force line from x/a to c x", ratio - x * (force - 1 / slope) / H)
     T_s, T_d = sp.sqrt(H / (BRACKET_S * g)), sp.sqrt(H / (BRACKET_D * g))
     single = C_1 * sp.cosh(t / T_s) + C_2 * sp.sinh(t / T_s)
     double = C_1 * sp.cos(t / T_d) + C_2 * sp.sin(t / T_d)
-    rows["2.1", "single support"].symbolic("Eq. 2, p = c_s - 1/a_s", of_law(single, g / H * BRACKET_S))
-    rows["2.1", "double support"].symbolic("Eq. 3, q = 1/a_d - c_d", of_law(double, -g / H * BRACKET_D))
+    rows["single support"].symbolic("Eq. 2, p = c_s - 1/a_s", of_law(single, g / H * BRACKET_S))
+    rows["double support"].symbolic("Eq. 3, q = 1/a_d - c_d", of_law(double, -g / H * BRACKET_D))
     bracket_d = sp.solve(FORCE_CONDITION, c_d)[0] - 1 / a_d
-    rows["2.1", "signs"].symbolic(
-        "(c_d - 1/a_d)/(c_s - 1/a_s) + l_s/l_d", bracket_d / (c_s - 1 / a_s) + l_s / l_d
-    )
+    rows["signs"].symbolic("(c_d - 1/a_d)/(c_s - 1/a_s) + l_s/l_d", bracket_d / (c_s - 1 / a_s) + l_s / l_d)
 
 
 def force_slope(numbers: Numbers, *, printed: bool) -> float:
@@ -77,7 +73,7 @@ def _continuity(case: Case, rows: Rows) -> None:
     inverse = sp.Symbol("i", real=True)
     conditions = [condition.subs(a_d, 1 / inverse) for condition in (FORCE_CONDITION, ZMP_CONDITION)]
     derived = sp.solve(conditions, [c_d, inverse], dict=True)[0][c_d]
-    equation = rows["2.1", "Eq. 4"]
+    equation = rows["Eq. 4"]
     equation.symbolic(
         "l_s/c_s + l_d/c_d - l_s - l_d with the c_d of a continuous force and ZMP",
         l_s / c_s + l_d / derived - l_s - l_d,
@@ -94,14 +90,14 @@ def _continuity(case: Case, rows: Rows) -> None:
         equation.zero(label, "m/s^2", *jumps, gait=numbers.name)
     single_only = sp.solve(FORCE_CONDITION, c_d)[0]
     with_zmp = single_only.subs(a_d, sp.solve(ZMP_CONDITION, a_d)[0])
-    derivation = rows["2.1", "Eq. 4, derivation"]
+    derivation = rows["Eq. 4, derivation"]
     derivation.symbolic(
         "c_s l_s + c_d l_d - l_s - l_d with the c_d of Eqs. 2 and 3 alone",
         c_s * l_s + single_only * l_d - l_s - l_d,
     )
     derivation.symbolic("the same with the ZMP's condition", corrected=c_s * l_s + with_zmp * l_d - l_s - l_d)
     alone = acceleration_jump(normal, force_slope(normal, printed=False), normal.constants.inverse_a_s)
-    suffices = rows["2.1", "Eq. 4 suffices"]
+    suffices = rows["Eq. 4 suffices"]
     suffices.zero("jump of x'' with Eq. 4 (corrected) alone and a_d = a_s", "m/s^2", alone)
     for numbers in (normal, momentum):
         suffices.zero(
@@ -118,12 +114,10 @@ def _symmetry(case: Case, rows: Rows) -> None:
     arm_d = moment_y(caught / a_d, caught, acceleration_towards(caught / a_d, c_d * caught))
     step = momentum.constants.step_duration
     ends = momentum.plan.sample([0.0, momentum.t_ss, step]).angular_momentum[:, 1]
-    symmetry = rows["2.1", "symmetry"].symbolic(
+    symmetry = rows["symmetry"].symbolic(
         "integral of M_y over a phase from -T to T, both phases",
         (sp.integrate(arm, (t, -half, half)), sp.integrate(arm_d, (t, -half, half))),
     )
     change = np.abs(np.diff(ends)).max()
     symmetry.zero("largest change of L_y over a phase", "N m s", change, gait="momentum")
-    rows["2.1", "nothing to tune"].zero(
-        "net change of L_y over a step", "N m s", ends[2] - ends[0], gait="momentum"
-    )
+    rows["nothing to tune"].zero("net change of L_y over a step", "N m s", ends[2] - ends[0], gait="momentum")

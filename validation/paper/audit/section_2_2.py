@@ -48,24 +48,24 @@ def check(case: Case, rows: Rows) -> None:
 def _single(normal: Numbers, rows: Rows) -> None:
     constants = normal.constants
     lateral = normal.plan.sample([0.0, normal.t_ss, constants.step_duration]).com[:, 1]
-    feet = rows["2.2", "feet"]
+    feet = rows["feet"]
     apart = constants.s + constants.beta - normal.half_width
     feet.zero("s + beta less half the feet's distance", "m", apart)
     travel = lateral[1] - lateral[2] - 2.0 * constants.beta
     feet.zero("COM's travel in double support less 2 beta", "m", travel)
-    rows["2.2", "way and back"].symbolic(
+    rows["way and back"].symbolic(
         "y(T - t) - y(t); speed at T/2",
         (exponential(SINGLE.subs(t, T - t) - SINGLE), exponential(sp.diff(SINGLE, t).subs(t, T / 2))),
     )
-    rows["2.2", "Eq. 5"].symbolic(
+    rows["Eq. 5"].symbolic(
         "force line from the foot to c_y y", acceleration_towards(0, c_y * y) / g - c_y * y / H
     )
-    rows["2.2", "Eq. 6"].symbolic("Eq. 5; y(0) - s", (of_law(SINGLE, g / H * c_y), SINGLE.subs(t, 0) - s))
-    rows["2.2", "v_ex"].symbolic(
+    rows["Eq. 6"].symbolic("Eq. 5; y(0) - s", (of_law(SINGLE, g / H * c_y), SINGLE.subs(t, 0) - s))
+    rows["v_ex"].symbolic(
         "y(T) - s; v_ex - s tanh(T/(2 T_ls))",
         (exponential(SINGLE.subs(t, T) - s), exponential(V_EX - s * sp.tanh(T / (2 * T_l)))),
     )
-    meaning, speed = rows["2.2", "v_ex, meaning"], constants.lateral_switching_velocity
+    meaning, speed = rows["v_ex, meaning"], constants.lateral_switching_velocity
     meaning.symbolic("-y'(0) - v_ex, tau = tanh(T/(2 T_ls))", s * TAU / T_LS - s * TAU)
     meaning.zero("lateral speed at the switch less v_ex as a number", "m/s", speed - normal.v_ex)
     start = -sp.diff(SINGLE, t).subs(t, 0)
@@ -75,18 +75,18 @@ def _single(normal: Numbers, rows: Rows) -> None:
 
 
 def _single_force(normal: Numbers, rows: Rows) -> None:
-    rows["2.2", "single support, F_y"].symbolic(
+    rows["single support, F_y"].symbolic(
         "F_y - m y'', y_0 = s", m / T_l**2 * SINGLE - m * sp.diff(SINGLE, t, 2)
     )
     state, weight, signs = normal.switch, normal.plan.weight, (-1, 1)  # of the printed, the corrected F_z
     vertical = sp.Symbol("F_z", real=True)
     held = sp.solve(sp.Eq(vertical - m * g, 0), vertical)[0]  # Newton: the height does not change
-    force = rows["2.2", "F_z"].symbolic(
+    force = rows["F_z"].symbolic(
         "vertical force on a body at constant height, less F_z", *(held - sign * m * g for sign in signs)
     )
     apart = (state.force[0, 2] - sign * weight for sign in signs)
     force.zero("vertical force of the plan less F_z", "N", *apart)
-    rising, moment = g / H * c_y * y, rows["2.2", "single support, r_x"]
+    rising, moment = g / H * c_y * y, rows["single support, r_x"]
     printed = y * (-m * g) - H * m * rising - moment_x(0, y, rising)
     moment.symbolic("r_x - ((p - c) x F)_x, F_z = -m g", printed)
     corrected = H * m * rising - y * m * g - moment_x(0, y, rising)
@@ -108,7 +108,7 @@ def _double_law(case: Case, rows: Rows) -> None:
     constants, width = normal.constants, normal.half_width
     at_foot = sp.solve(sp.Eq(SLOPE * beta, beta + s), SLOPE)[0]
     slopes = (beta / (beta + s), (beta + s) / beta)
-    zmp_slope = rows["2.2", "z_y"].symbolic(
+    zmp_slope = rows["z_y"].symbolic(
         "slope less the one that puts the ZMP at the foot at y = beta", *(slope - at_foot for slope in slopes)
     )
     numbers = (constants.beta / width, width / constants.beta)
@@ -116,7 +116,7 @@ def _double_law(case: Case, rows: Rows) -> None:
     zmp_slope.zero("jump of the ZMP at the switch", "m", *jumps)
     middle = momentum.plan.sample([momentum.t_ss, momentum.t_ss + 0.5 * momentum.t_ds])
     moments, levels = np.abs(middle.moment[:, 0]), np.abs(middle.angular_momentum[:, 0])
-    towards = rows["2.2", "towards the origin"]
+    towards = rows["towards the origin"]
     growth = "growth of |{}| from the switch to the midline"
     towards.sign("negative", growth.format("L_x"), "N m s", levels[1] - levels[0], gait="momentum")
     grown = moments[1] - moments[0]
@@ -125,14 +125,14 @@ def _double_law(case: Case, rows: Rows) -> None:
     zmp = (beta + s) / beta * y
     before = -g / H * c_y * s  # at y = beta: the foot pulls the COM back as in single support
     matched = sp.solve(sp.Eq((g / H * c_3 * (y - zmp)).subs(y, beta), before), c_3)[0]
-    equation = rows["2.2", "Eq. 7"].symbolic("c_3 that continues the force, less c_y", matched - c_y)
+    equation = rows["Eq. 7"].symbolic("c_3 that continues the force, less c_y", matched - c_y)
     equation.symbolic(
         "M_x - m g (c_y - 1)(y - z_y) with that c_3",
         moment_x(zmp, y, g / H * c_y * (y - zmp)) - m * g * (c_y - 1) * (y - zmp),
     )
     printed, slope = (beta + (1 - c_y) * s) / beta, _printed_c_3(normal)
     wanted = -normal.gait.c_y * normal.g_over_h * constants.s
-    third = rows["2.2", "c_3"]
+    third = rows["c_3"]
     third.symbolic("c_3 less the one that continues the force, a_cogy = c_y", printed - matched)
     third.sign("negative", "c_3", "1", slope)
     jump = normal.g_over_h * slope * (constants.beta - width) - wanted
@@ -147,7 +147,7 @@ def _double_law(case: Case, rows: Rows) -> None:
 def _double_constants(normal: Numbers, rows: Rows) -> None:
     """The general solution, its offset b and its time constant."""
     constants, t_c = normal.constants, 1.0 / math.sqrt(normal.g_over_h)
-    offset = rows["2.2", "double support, b"]
+    offset = rows["double support, b"]
     law = "law of the double support"
     offset.symbolic(f"{law}, its own T_c in both terms", of_law(GENERAL - b * W_D**2, RATE))
     offset.zero(
@@ -160,7 +160,7 @@ def _double_constants(normal: Numbers, rows: Rows) -> None:
     offset.zero("y(t_2) + y(t_3)", "m", corrected=float(ends.sum()))
     pulled = normal.switch.com_acceleration[0, 1]  # left foot: the COM, left of the midline, is caught
     own_rate = C_1 * sp.cos(t / T_c) + C_2 * sp.sin(t / T_c)
-    period = rows["2.2", "double support, T_c"].symbolic(law, of_law(own_rate, RATE), of_law(GENERAL, RATE))
+    period = rows["double support, T_c"].symbolic(law, of_law(own_rate, RATE), of_law(GENERAL, RATE))
     jumps = (-constants.beta / t_c**2 - pulled, -(normal.w_d**2) * constants.beta - pulled)
     period.zero("jump of y'' at the switch", "m/s^2", *jumps)
 
@@ -170,14 +170,14 @@ def _double_ends(normal: Numbers, rows: Rows) -> None:
     constants, t_c = normal.constants, 1.0 / math.sqrt(normal.g_over_h)
     end, speed = -normal.switch.com[0, 1], -normal.switch.com_velocity[0, 1]
     left = s + beta - SINGLE.subs(t, T)
-    cosine = rows["2.2", "double support, cos"].symbolic(
+    cosine = rows["double support, cos"].symbolic(
         "distance from the midline at t_2, less what Eq. 6 leaves of s + beta",
         exponential(beta + s - left),
         exponential(beta - left),
     )
     jumps = constants.beta + constants.s - abs(end), -constants.beta - end
     cosine.zero("jump of the COM at the switch, distances from the midline", "m", *jumps)
-    sine = rows["2.2", "double support, sin"].symbolic(
+    sine = rows["double support, sin"].symbolic(
         "speed at t_2 less that of Eq. 6 at T, right rate; v_ex = s tau", s * TAU * OMEGA_D - s * TAU / T_LS
     )
     jump = normal.v_ex * normal.w_d - speed
@@ -187,12 +187,12 @@ def _double_ends(normal: Numbers, rows: Rows) -> None:
     sine.symbolic("speed at t_2 less that of Eq. 6 at T", corrected=kept)
     jump = constants.lateral_switching_velocity / normal.w_d * normal.w_d - speed
     sine.zero("jump of the lateral speed", "m/s", corrected=jump)
-    signs = rows["2.2", "double support, signs"].symbolic(
+    signs = rows["double support, signs"].symbolic(
         "y(t_2) v + y'(t_2) beta, zero if the COG comes from its foot at speed v", _outward(1), _outward(-1)
     )
     turned = (sign * constants.lateral_switching_velocity - speed for sign in (-1, 1))
     signs.zero("jump of the lateral velocity towards the midline", "m/s", *turned)
-    lateral = rows["2.2", "double support, F_y"].symbolic(
+    lateral = rows["double support, F_y"].symbolic(
         "F_y - m y'' at t_2, magnitudes",
         -m / T_c**2 * (beta + s) - m * RATE * beta,
         -m * W_D**2 * beta - m * RATE * beta,
@@ -216,12 +216,12 @@ def _closing(case: Case, rows: Rows) -> None:
     stride, weight = momentum.stride, momentum.plan.weight
     formula = weight * (momentum.gait.c_y - 1.0) * (stride.com[:, 1] - stride.zmp[:, 1])
     apart = float(np.abs(stride.moment[:, 0] - formula).max())
-    rows["2.2", "double support, moment"].zero(
+    rows["double support, moment"].zero(
         "M_x - m g (c_y - 1)(y - z_y), largest over a stride", "N m", apart, gait="momentum"
     )
     gained = momentum.plan.sample([0.0, momentum.t_ss]).angular_momentum[:, 0]
     whole = stride.angular_momentum[[0, -1], 0]
-    symmetry = rows["2.2", "symmetry"].symbolic(
+    symmetry = rows["symmetry"].symbolic(
         "integral of M_x over a single support, y ~ cosh(t)",
         sp.integrate(m * g * (c_y - 1) * sp.cosh(t), (t, -T, T)),
     )
@@ -229,7 +229,7 @@ def _closing(case: Case, rows: Rows) -> None:
     gain = whole[1] - whole[0]
     symmetry.zero("L_x gained in two steps", "N m s", corrected=gain, gait="momentum")
     durations = (_duration(normal, width) for width in (0.5 * normal.half_width, normal.constants.beta))
-    rows["2.2", "s and beta"].zero(
+    rows["s and beta"].zero(
         "lateral double support less the sagittal one, printed with s = beta",
         "s",
         *(duration - normal.t_ds for duration in durations),

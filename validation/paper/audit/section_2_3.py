@@ -48,7 +48,7 @@ def cubic_jump(case: Case) -> float:
 
 
 def _defined(case: Case, rows: Rows) -> None:
-    body, defined = case.body, rows["2.3", "what is defined"]
+    body, defined = case.body, rows["what is defined"]
     drift, kept = (body.trunk_drift(constant, DRIFT_STEPS) for constant in (0.0, body.constant))
     gained = f"trunk pitch gained in {DRIFT_STEPS} steps"
     defined.zero(f"{gained} with mean L_y zero", "rad", drift, within=1e-6)
@@ -59,23 +59,23 @@ def _defined(case: Case, rows: Rows) -> None:
 
 def _feet(case: Case, rows: Rows) -> None:
     normal, body = case.normal, case.body
-    rows["2.3", "Fig. 6, body"].why = (
+    rows["Fig. 6, body"].why = (
         "Its masses, lengths and joints are not printed, nor whether the root's six count. The body here "
         f"has {body.robot.nv} with them."
     )
     # The left foot, from the middle of one of its single supports to that of the next.
     times = 0.5 * normal.t_ss + np.array([0.0, 2.0 * normal.constants.step_duration])
     advance = np.diff(body.plan.feet.sample(times)[0].position[:, 0])[0] - 2.0 * normal.gait.step_length
-    rows["2.3", "foot steps"].zero("stance foot's advance in two steps less 4 (l_s + l_d)", "m", advance)
+    rows["foot steps"].zero("stance foot's advance in two steps less 4 (l_s + l_d)", "m", advance)
     jump_v, jump_a = body.swing_foot_jump()
     paper_v, paper_a = body.swing_foot_jump("paper")
-    swing = rows["2.3", "v_swing"]
+    swing = rows["v_swing"]
     swing.zero("jump of the velocity of a foot that has stood", "m/s", normal.lift_speed)
     swing.zero("the same as planned with foot.swing = paper", "m/s", paper_v)
     swing.zero("jump of the swing foot's velocity at lift-off", "m/s", corrected=jump_v, within=SWITCH)
     path, still = cubic(lift_speed, sp.Integer(0)), cubic(sp.Integer(0), sp.Integer(0))
-    rows["2.3", "landing"].symbolic("speed of the cubic at T", sp.diff(path, t).subs(t, T))
-    spline = rows["2.3", "cubic spline"]
+    rows["landing"].symbolic("speed of the cubic at T", sp.diff(path, t).subs(t, T))
+    spline = rows["cubic spline"]
     start = sp.diff(path, t, 2).subs(t, 0)
     spline.symbolic("acceleration at lift-off after standing, D the foot's travel", start)
     spline.symbolic("the same if it leaves from rest", sp.diff(still, t, 2).subs(t, 0))
@@ -101,28 +101,26 @@ def _jacobians(case: Case, rows: Rows) -> None:
         ("Eq. 9", mass * rates[3:6], "N m", where),
         ("Eq. 10", rates[6:], "m/s^2", where),
     ):
-        rows["2.3", place].zero(how, unit, mismatch.max(), within=DIFFERENCES)
-    rows["2.3", "r, meaning"].against(
-        "section 2 calls r the moment [N m] and omega the angular momentum [N m s]"
-    )
+        rows[place].zero(how, unit, mismatch.max(), within=DIFFERENCES)
+    rows["r, meaning"].against("section 2 calls r the moment [N m] and omega the angular momentum [N m s]")
 
 
 def _constraints(case: Case, rows: Rows) -> None:
     body, residual = case.body, case.body.motion.report.constraint_acceleration
     rank = float(np.linalg.matrix_rank(body.jacobian) - PAPER_ROWS)
-    stacked = rows["2.3", "Eq. 11"].zero("rank of J_all less its 18 rows, mid single support", "1", rank)
+    stacked = rows["Eq. 11"].zero("rank of J_all less its 18 rows, mid single support", "1", rank)
     stacked.zero("largest residual over the step", "m/s^2", residual)
-    order, error = rows["2.3", "order of lambda"], body.permuted_constraints()
+    order, error = rows["order of lambda"], body.permuted_constraints()
     order.zero("largest error of an entry in single support", "SI", error)
     order.zero("largest residual of the project's one order", "SI", corrected=residual)
-    heights, blocks = (3, 3, PAPER_ROWS - 6), rows["2.3", "J_all"]
+    heights, blocks = (3, 3, PAPER_ROWS - 6), rows["J_all"]
     apart = float(max(heights) - min(heights))
     blocks.zero("difference of the blocks' heights, which stand side by side", "1", apart)
     apart = float(body.jacobian.shape[1] - body.robot.nv)
     blocks.zero("difference of the blocks' widths, stacked", "1", corrected=apart)
     planned = case.normal.switch.moment.shape[1]
     yaw = float(abs(body.motion.angular_momentum_z).max())
-    vertical = rows["2.3", "r_z in lambda"]
+    vertical = rows["r_z in lambda"]
     vertical.why = f"Free here: it swings by {yaw:.3g} N m s about zero on the normal gait."
     vertical.zero("components of r' that the mode plans, less 3", "1", float(planned - 3))
     vertical.zero("components of r' that the mode plans, less 2", "1", corrected=float(planned - 2))
@@ -139,7 +137,7 @@ def _posture(case: Case, rows: Rows) -> None:
     }
     runaway = max(growth[-1], key=lambda root: float(sp.re(root.subs({k: 1, d: 1}))))
     total, product = sp.simplify(sum(growth[1])), sp.simplify(sp.prod(growth[1]))
-    sign = rows["2.3", "Eq. 12, sign"]
+    sign = rows["Eq. 12, sign"]
     what = "rate of the free minimiser, to be negative; positive for all k > 0"
     sign.claim("printed", what, runaway.is_negative, runaway)
     sign.sign("negative", f"that rate at k = {stiffness:g}/s^2, d = {damping:g}/s", "1/s", fastest[-1])
@@ -148,8 +146,8 @@ def _posture(case: Case, rows: Rows) -> None:
     sign.sign("negative", "the largest rate", "1/s", corrected=fastest[1])
     column = sp.MatrixSymbol("q", 40, 1)
     heights = (float((left * right).shape[0] - 1) for left, right in ((column, column.T), (column.T, column)))
-    rows["2.3", "Eq. 12, product"].zero("rows of the product less 1", "1", *heights, gait="")
-    weights = rows["2.3", "Eq. 12, weights"]
+    rows["Eq. 12, product"].zero("rows of the product less 1", "1", *heights, gait="")
+    weights = rows["Eq. 12, weights"]
     weights.zero("directions without any cost", "1", case.body.flat_directions)
     least = case.body.least_curvature()
     weights.sign("positive", "least curvature of the project's cost", "1", corrected=least)
@@ -158,13 +156,13 @@ def _posture(case: Case, rows: Rows) -> None:
 def _integration(case: Case, rows: Rows) -> None:
     report = case.body.motion.report
     residual = report.constraint_acceleration
-    rows["2.3", "QP"].zero("largest residual of Eq. 11 over the step", "m/s^2", residual)
+    rows["QP"].zero("largest residual of Eq. 11 over the step", "m/s^2", residual)
     grows = max(abs(complex(*pair)) for pair in report.multipliers)
     body = case.body.run.body
     stiffness, damping = body.posture_stiffness, body.posture_damping
     runaway = 0.5 * (math.sqrt(damping**2 + 4.0 * stiffness) - damping)
     printed = math.exp(runaway * case.normal.constants.step_duration)
-    steps = rows["2.3", "step by step"]
+    steps = rows["step by step"]
     steps.why = (
         "Of an endless gait: integrated on, the posture leaves the periodic motion exponentially. With "
         f"Eq. 12 corrected a deviation doubles in {math.log(2.0) / math.log(grows):.0f} steps, so a demo of "
