@@ -80,6 +80,7 @@ def test_a_gait_is_walked_once_and_a_fall_is_not_drawn(monkeypatch):
 
     monkeypatch.setattr("validation.paper.figures.walks.plan_walk", lambda asked, _: asked)
     monkeypatch.setattr("validation.paper.figures.walks.walk_planned", walk)
+    monkeypatch.setattr("validation.paper.figures.walks.Walk", lambda *_: object())
     walks = Walks(5)
     first = walks.walk("normal")
     assert walks.walk("normal") is first

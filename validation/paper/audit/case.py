@@ -7,14 +7,13 @@ that they would spoil is zero. Such numbers are given for both gaits.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ampm.parameters import GaitParameters
-from ampm.planner.centroidal import CentroidalPlan, PlanConstants
+from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.periodic import plan_gait
 from validation.paper.audit.body import BodyEvidence
 from validation.trial.plan import load_request, plan_walk
@@ -29,7 +28,6 @@ COARSE = 0.004
 """Largest step of the inverse kinematics' grid where bodies are compared with each other [s]."""
 
 
-@dataclass(frozen=True)
 class Numbers:
     """One gait's constants under the paper's names; the plan is the one thing they come from.
 
@@ -37,57 +35,27 @@ class Numbers:
         name: of the gait.
         gait: its parameters.
         plan: of the gait.
+        constants: of the plan.
+        g_over_h: gravity over height, g / H [1/s^2].
+        t_ss, t_ds: durations of single and of double support [s].
+        t_l: T_ls, time constant of the lateral single support [s].
+        w_d: rate of the lateral double support, ``sqrt(g c_y s / (H beta))`` [1/s].
+        v_ex: from the paper's own formula [m].
+        half_width: half the lateral distance of the feet, s + beta [m].
+        lift_speed: forward speed that section 2.3 gives a foot at lift-off, l_s over T_ss [m/s].
     """
 
-    name: str
-    gait: GaitParameters
-    plan: CentroidalPlan
-
-    @property
-    def constants(self) -> PlanConstants:
-        """Result that follows from it."""
-        return self.plan.constants
-
-    @property
-    def g_over_h(self) -> float:
-        """Gravity over height, g / H [1/s^2]."""
-        return self.plan.gravity / self.gait.com_height
-
-    @property
-    def t_ss(self) -> float:
-        """Duration of a single support [s]."""
-        return self.constants.single_support_duration
-
-    @property
-    def t_ds(self) -> float:
-        """Duration of a double support [s]."""
-        return self.constants.double_support_duration
-
-    @property
-    def t_l(self) -> float:
-        """T_ls, time constant of the lateral single support [s]."""
-        return 1.0 / math.sqrt(self.gait.c_y * self.g_over_h)
-
-    @property
-    def w_d(self) -> float:
-        """Rate of the lateral double support, ``sqrt(g c_y s / (H beta))`` [1/s]."""
-        return math.sqrt(self.gait.c_y * self.g_over_h * self.constants.s / self.constants.beta)
-
-    @property
-    def v_ex(self) -> float:
-        """The paper's v_ex, from its own formula [m]."""
+    def __init__(self, name: str, gait: GaitParameters, plan: CentroidalPlan) -> None:
+        self.name, self.gait, self.plan = name, gait, plan
+        self.constants = constants = plan.constants
+        self.g_over_h = plan.gravity / gait.com_height
+        self.t_ss, self.t_ds = constants.single_support_duration, constants.double_support_duration
+        self.t_l = 1.0 / math.sqrt(gait.c_y * self.g_over_h)
+        self.w_d = math.sqrt(gait.c_y * self.g_over_h * constants.s / constants.beta)
         angle = self.t_ss / self.t_l
-        return self.constants.s * (math.cosh(angle) - 1.0) / math.sinh(angle)
-
-    @property
-    def half_width(self) -> float:
-        """Half the lateral distance of the feet, s + beta [m]."""
-        return 0.5 * self.gait.step_width
-
-    @property
-    def lift_speed(self) -> float:
-        """Forward speed that section 2.3 gives a foot at lift-off, l_s over T_ss [m/s]."""
-        return self.constants.l_s / self.t_ss
+        self.v_ex = constants.s * (math.cosh(angle) - 1.0) / math.sinh(angle)
+        self.half_width = 0.5 * gait.step_width
+        self.lift_speed = constants.l_s / self.t_ss
 
     @cached_property
     def switch(self) -> PlanSample:

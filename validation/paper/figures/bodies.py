@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,8 +76,7 @@ class Segment(NamedTuple):
     side: str
 
 
-@dataclass(frozen=True)
-class Pose:
+class Pose(NamedTuple):
     """A posed body.
 
     Attributes:
@@ -86,16 +84,12 @@ class Pose:
         head: centre of the head, shape (3,) [m].
         head_radius: [m].
         com: centre of mass, shape (3,) [m].
-        roll: rotation of the trunk about +x, to the right positive [rad].
-        pitch: rotation of the trunk about +y, forward positive [rad].
     """
 
     segments: tuple[Segment, ...]
     head: Array
     head_radius: float
     com: Array
-    roll: float
-    pitch: float
 
 
 def pose(robot: Robot, q: Array) -> Pose:
@@ -146,8 +140,6 @@ def pose(robot: Robot, q: Array) -> Pose:
         head=head,
         head_radius=_HEAD_RADIUS * body.height,
         com=com,
-        roll=float(np.arctan2(-rotation[1, 2], rotation[2, 2])),
-        pitch=float(np.arctan2(rotation[0, 2], rotation[2, 2])),
     )
 
 
@@ -395,29 +387,38 @@ def trunk(walk: Walk, what: str) -> tuple[Array, Array, Array]:
     Returns:
         Share of the stride, shape (n,); angle in the motion, (n,), and in the simulation, (strides, n) [°].
     """
-
-    def angles(configurations: Iterable[Array]) -> Array:
-        return np.degrees([getattr(pose(walk.robot, q), what) for q in configurations])
-
     record = walk.trial.record
     rows = np.unique([*range(0, len(record.time), 3), len(record.time) - 1])
-    simulated = angles(walk.configuration(row) for row in rows)
+    simulated = lean(walk.robot, walk.configuration(rows), what)
     return (
         walk.phase[::4] / walk.stride,
-        angles(walk.motion_sample.q[::4]),
+        lean(walk.robot, walk.motion_sample.q[::4], what),
         walk.folded(simulated, record.time[rows])[:, ::4],
     )
+
+
+def lean(robot: Robot, q: Array, what: str) -> Array:
+    """Roll (about +x, to the right positive) or pitch (about +y, forward positive) of the trunk [°].
+
+    Args:
+        robot: the body.
+        q: Pinocchio configurations, shape (n, nq).
+        what: ``roll`` or ``pitch``.
+    """
+    upwards = robot.trunk_rotations(q)[:, :, 2]
+    sideways = -upwards[:, 1] if what == "roll" else upwards[:, 0]
+    return np.degrees(np.arctan2(sideways, upwards[:, 2]))
 
 
 def _swing(planned: PlannedWalk) -> dict[str, float]:
     """Planned momentum about the forward axis and the trunk's roll in the motion, without a walk."""
     robot, plan = planned.body.robot, planned.plan
     stride = np.linspace(0.0, 2.0 * float(plan.constants.step_duration), 200, endpoint=False)
-    roll = [pose(robot, q).roll for q in planned.motion.sample(stride, robot).q]
+    roll = lean(robot, planned.motion.sample(stride, robot).q, "roll")
     momentum = plan.sample(stride[stride <= plan.duration]).angular_momentum[:, 0]
     return {
         "planned_L_x_peak_Nms": float(np.abs(momentum).max()),
-        "trunk_roll_swing_deg": float(np.degrees(np.ptp(roll))),
+        "trunk_roll_swing_deg": float(np.ptp(roll)),
     }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -11,10 +10,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ampm.body.motion import WholeBodyMotion
 from ampm.body.robot import Robot
 from ampm.exceptions import SolverError
-from ampm.parameters import GaitParameters
 from ampm.planner.support import StepPlan
 from ampm.walk import PostureState
 from validation.judge.profiles import own_profile
@@ -83,58 +80,32 @@ def less_plan(name: str, motion: Array, simulation: Array, unit: str) -> Numbers
     return {f"{name}: {who} less plan": agreement(error, unit) for who, error in both}
 
 
-@dataclass(frozen=True)
 class Walk:
     """One gait, walked.
 
     Attributes:
         label: what the figures call it.
         trial: plan, motion, record, measurement, comparison.
+        plan: the closed-form plan, with the body's constant of L_y.
+        gait: parameters of the plan.
+        motion: the periodic whole-body motion.
+        robot: the body.
+        single, double: durations of single and of double support [s].
+        stride: duration of two steps [s].
+        double_supports: begin and end of the planned double supports of a stride [s].
     """
 
-    label: str
-    trial: Trial
-
-    @property
-    def plan(self) -> StepPlan:
-        """The closed-form plan, with the body's constant of L_y."""
-        return self.trial.planned.plan
-
-    @property
-    def gait(self) -> GaitParameters:
-        """Parameters of the plan."""
-        return self.trial.planned.run.gait
-
-    @property
-    def motion(self) -> WholeBodyMotion:
-        """The periodic whole-body motion."""
-        return self.trial.planned.motion
-
-    @property
-    def robot(self) -> Robot:
-        """The body."""
-        return self.trial.planned.body.robot
-
-    @property
-    def single(self) -> float:
-        """Duration of a single support [s]."""
-        return float(self.plan.constants.single_support_duration)
-
-    @property
-    def double(self) -> float:
-        """Duration of a double support [s]."""
-        return float(self.plan.constants.double_support_duration)
-
-    @property
-    def stride(self) -> float:
-        """Duration of two steps [s]."""
-        return 2.0 * float(self.plan.constants.step_duration)
-
-    @property
-    def double_supports(self) -> tuple[tuple[float, float], ...]:
-        """Planned double supports of a stride [s]."""
-        step = self.plan.constants.step_duration
-        return ((self.single, step), (step + self.single, 2 * step))
+    def __init__(self, label: str, trial: Trial) -> None:
+        self.label, self.trial = label, trial
+        planned = trial.planned
+        self.plan: StepPlan = planned.plan
+        self.gait, self.motion, self.robot = planned.run.gait, planned.motion, planned.body.robot
+        constants = self.plan.constants
+        self.single = float(constants.single_support_duration)
+        self.double = float(constants.double_support_duration)
+        step = float(constants.step_duration)
+        self.stride = 2.0 * step
+        self.double_supports = ((self.single, step), (step + self.single, 2 * step))
 
     @cached_property
     def phase(self) -> Array:
@@ -211,8 +182,8 @@ class Walk:
         weight = self.plan.mass * self.plan.gravity
         return tolerance.limit * (weight if metric.startswith("force_") else 1.0)
 
-    def configuration(self, row: int) -> Array:
-        """Simulated configuration, in Pinocchio's coordinates, of a row of the record."""
+    def configuration(self, row: int | NDArray[np.intp]) -> Array:
+        """Simulated configurations, in Pinocchio's coordinates, of a row or of several rows of the record."""
         record = self.trial.record
         return to_pinocchio(record.q[row], record.qd[row])[0]
 
