@@ -318,11 +318,10 @@ def _largest(values: Array) -> float:
 
 def _instrument(
     name: str, unit: str, label: str, meaning: str, compute: Callable[[Comparison], float | None],
-    limit: float, reason: str, **more: Any,
+    limit: float | None = None, reason: str = "", **more: Any,
 ) -> Metric:  # fmt: skip
-    return Metric(
-        name, unit, label, meaning, "instrument", compute, {"default": limit}, reason=reason, **more
-    )
+    limits = {} if limit is None else {"default": limit}
+    return Metric(name, unit, label, meaning, "instrument", compute, limits, reason=reason, **more)
 
 
 _INSTRUMENT = (
@@ -383,11 +382,11 @@ _INSTRUMENT = (
         "A walk has no flight, and an instant without a ZMP would silently be missing from its error.",
         nature="count",
     ),
-)  # fmt: skip
-_LARGEST_GAP = Metric(
-    "zmp_agreement_maximum", "m", "both measured ZMPs, largest distance",
-    "largest distance of the ZMP by contact and by momentum", "instrument",
-    lambda walk: _largest(_zmp_gaps(walk)), scales=("foot_length",), nature="extreme",
+    _instrument(
+        "zmp_agreement_maximum", "m", "both measured ZMPs, largest distance",
+        "largest distance of the ZMP by contact and by momentum",
+        lambda walk: _largest(_zmp_gaps(walk)), scales=("foot_length",), nature="extreme",
+    ),
 )  # fmt: skip
 
 _SOLE = "into the polygon of the points that carried force"
@@ -449,16 +448,5 @@ def _costs() -> Iterator[Metric]:
         yield Metric(key, unit, label, meaning, "cost", compute, nature=nature, section=section)
 
 
-_SIGNAL_ERRORS = tuple(_errors())
-_METRICS.update(
-    {
-        item.name: item
-        for item in (
-            *_SIGNAL_ERRORS[: len(_LIMITS)],
-            *_INSTRUMENT,
-            *_SIGNAL_ERRORS[len(_LIMITS) :],
-            _LARGEST_GAP,
-            *_costs(),
-        )
-    }
-)
+_EVERY = sorted([*_errors(), *_INSTRUMENT, *_costs()], key=lambda item: not item.tolerances)
+_METRICS.update((item.name, item) for item in _EVERY)

@@ -1,4 +1,4 @@
-"""An instrument's view of a run: rows of tables, the section of a report, a picture."""
+"""An instrument's view of a run: rows of tables, words for a report, a picture."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
 from validation.measure.instruments.names import CAUSES, RUN, WINDOWS
-from validation.show import run_figures as figures
 from validation.show import style
-from validation.show.style import Picture
-from validation.store.folders import INSTRUMENT_FILE, output_file
+from validation.store.folders import output_file
 
 if TYPE_CHECKING:
     from validation.measure.instruments.observe import Observation
@@ -32,7 +29,7 @@ _MEANINGS = {
 
 
 def instrument_section(saved: SavedRun) -> dict[str, Any]:
-    """Words, tables and pictures of the section; pictures only if the run has its instrument's signals."""
+    """Words and tables of the section of a report."""
     observed = saved.summary["instrument"]
     latency = observed["latency"]["value"]
     error = observed["zmp_error"]["run"]
@@ -42,41 +39,11 @@ def instrument_section(saved: SavedRun) -> dict[str, Any]:
         "latency": f"{1e3 * latency:.3g}\u00a0ms",
         "unmeasured": error["unmeasured"],
         "notes": observed["notes"],
-        "pictures": _pictures(saved),
         "tables": [
             ("Error that it adds to the ZMP", error_rows(observed)),
             ("Each cause alone", cause_rows(observed)),
         ],
     }
-
-
-def _pictures(saved: SavedRun) -> list[Picture]:
-    """Errors in x and in y over one stride from the middle of the walk."""
-    path, signals = saved.directory / INSTRUMENT_FILE, saved.signals
-    if not path.is_file() or len(signals) < 2:
-        return []
-    table, window, pictures = pq.read_table(path), figures.middle(signals), []
-    with style.style():
-        for axis in "xy":
-            figure, (panel,) = style.new_figure(2.4)
-            figures.shade_double_support(panel, signals, window)
-            panel.axhline(0.0, color=style.FAINT, linewidth=0.7)
-            true = table[f"true_zmp_{axis}"].to_numpy()
-            for name, label, color in (
-                (f"instrument_zmp_{axis}", "as read", style.MEASURED),
-                (f"instrument_zmp_compensated_{axis}", "latency taken out", style.PLAN),
-            ):
-                error = 1e3 * (table[name].to_numpy() - true)
-                rows = slice(window.start, min(window.stop, len(error)))
-                panel.plot(signals.time[rows], error[rows], color=color, linewidth=0.9, label=label)
-            panel.set(xlabel="time [s]", ylabel="[mm]", title=f"ZMP {axis}: instrument \u2212 truth")
-            panel.margins(x=0)
-            panel.legend(
-                loc="lower right", bbox_to_anchor=(1.01, 1.0), ncols=2, borderaxespad=0.2, handlelength=1.2
-            )
-            label = f"Error that the instrument adds to the ZMP in {axis}"
-            pictures.append(style.picture(figure, f"instrument-{axis}", label))
-    return pictures
 
 
 def error_rows(observed: Mapping[str, Any]) -> list[Row]:

@@ -7,6 +7,8 @@ from itertools import count, pairwise
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -33,6 +35,7 @@ from validation.show.style import (
     legend,
     new_figure,
 )  # fmt: skip
+from validation.store.folders import INSTRUMENT_FILE
 from validation.store.saved import SavedRun
 from validation.store.signals import Signals
 
@@ -130,6 +133,10 @@ class RunFigures:
                 "Commanded minus planned ZMP",
             )
         )  # fmt: skip
+        path = self.saved.directory / INSTRUMENT_FILE
+        if path.is_file():
+            table = pq.read_table(path)
+            found["instrument"] = [self.instrument(table, axis) for axis in "xy"]
         return found
 
     def tracking(
@@ -346,6 +353,21 @@ class RunFigures:
         _finish(upper, "ZMP x about the planned COM" if axis == "x" else "ZMP y", "[mm]", xlabel="")
         self._finish_run(lower, "", "error [mm]")
         return self._picture(figure, f"ZMP {axis} of the first steps")
+
+    def instrument(self, table: pa.Table, axis: str) -> Picture:
+        """Error that an instrument adds to the ZMP, over one stride."""
+        figure, (axes,) = new_figure(2.4)
+        shade_double_support(axes, self.signals, self.window)
+        axes.axhline(0.0, color=FAINT, linewidth=0.7)
+        time = self.signals.time[self.window]
+        for name, label, color in (
+            ("instrument_zmp", "as read", MEASURED),
+            ("instrument_zmp_compensated", "latency taken out", PLAN),
+        ):
+            error = 1e3 * (table[f"{name}_{axis}"].to_numpy() - table[f"true_zmp_{axis}"].to_numpy())
+            axes.plot(time, error[self.window], color=color, linewidth=0.9, label=label)
+        _finish(axes, f"ZMP {axis}: instrument − truth", "[mm]")
+        return self._picture(figure, f"Error that the instrument adds to the ZMP in {axis}")
 
     def _picture(self, figure: Figure, label: str, caption: str = "", *, wide: bool = False) -> Picture:
         return style.picture(figure, f"f{next(self._count)}", label, caption, wide=wide)
