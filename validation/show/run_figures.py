@@ -43,6 +43,8 @@ Array = NDArray[np.float64]
 
 _DASHED = (0, (4, 3))
 _FEET = {"left": LEFT, "right": RIGHT}
+_KINDS = (("plan", PLAN, 2.4), ("command", COMMAND, 1.1), ("measured", MEASURED, 1.1))
+"""Kind, colour and width of a curve; the plan is drawn broad beneath the others."""
 
 
 def strides(signals: Signals) -> list[slice]:
@@ -170,16 +172,12 @@ class RunFigures:
         base = signals[about] if about else np.zeros(len(signals))
         time = signals.time[rows]
         shade_double_support(upper, signals, rows)
-        low, high = ((scale * ((planned - base)[rows] + edge)) for edge in self._spread(gap))
+        low, high = (scale * ((planned - base)[rows] + edge) for edge in self._spread(gap))
         upper.fill_between(time, low, high, color=MEASURED, alpha=0.25, linewidth=0)
         for foot, color in _FEET.items():
             if f"{foot}_{name}" in signals:
                 upper.plot(time, signals[f"{foot}_{name}"][rows], color=color, linewidth=0.9, label=foot)
-        for kind, color, width in (
-            (reference, PLAN, 2.4),
-            ("command", COMMAND, 1.1),
-            ("measured", MEASURED, 1.1),
-        ):
+        for kind, color, width in ((reference, *_KINDS[0][1:]), *_KINDS[1:]):
             column = f"{kind}_{name}"
             if column in signals and np.isfinite(signals[column]).any():
                 values = scale * (signals[column] - base)
@@ -235,16 +233,13 @@ class RunFigures:
         # As high as equal scales make it, plus legend and labels.
         inner = (width - left - 0.12) * 2 * side / (high - low)
         figure, (axis,) = new_figure(inner + top + 0.42, width=width, left=left, top=top)
-        for step in self.plan.contacts.footsteps if self.plan is not None else ():
-            if self.plan is not None and com[0, 0] - 0.5 < step.position[0] < com[-1, 0] + 0.5:
-                foot = footprint(self.plan.feet.sole, step)
-                axis.fill(*foot.T, color=SHADE, linewidth=0)
-                axis.plot(*foot.T, color=_FEET[step.foot], linewidth=0.9)
-        for kind, color, thick in (
-            ("plan", PLAN, 2.4),
-            ("command", COMMAND, 1.0),
-            ("measured", MEASURED, 1.0),
-        ):
+        if self.plan is not None:
+            for step in self.plan.contacts.footsteps:
+                if com[0, 0] - 0.5 < step.position[0] < com[-1, 0] + 0.5:
+                    foot = footprint(self.plan.feet.sole, step)
+                    axis.fill(*foot.T, color=SHADE, linewidth=0)
+                    axis.plot(*foot.T, color=_FEET[step.foot], linewidth=0.9)
+        for kind, color, thick in _KINDS:
             axis.plot(*points(f"{kind}_zmp").T, color=color, linewidth=thick, label=f"ZMP, {kind}")
         for kind, color in (("plan", PLAN), ("measured", MEASURED)):
             x, y = points(f"{kind}_com").T
@@ -340,11 +335,7 @@ class RunFigures:
         base = signals["plan_com_x"][part] if axis == "x" else 0.0
         for panel in (upper, lower):
             shade_double_support(panel, signals, part)
-        for kind, color, width in (
-            ("plan", PLAN, 2.4),
-            ("command", COMMAND, 1.1),
-            ("measured", MEASURED, 1.1),
-        ):
+        for kind, color, width in _KINDS:
             values = 1e3 * (signals[f"{kind}_zmp_{axis}"][part] - base)
             upper.plot(time, values, color=color, linewidth=width, label=kind)
         error = 1e3 * (signals[f"measured_zmp_{axis}"] - signals[f"plan_zmp_{axis}"])[part]

@@ -130,11 +130,11 @@ def merge(sources: Sequence[tuple[str, str, Path]], path: Path, *, overlay: bool
 def _paint(stream: rr.RecordingStream, part: Part, color: Color, *, first: bool) -> None:
     """The colour of a run instead of those of plan and measurement; the plan of the first one is grey."""
 
-    def darker(share: float, base: float = 0.0) -> Color:
+    def mixed(share: float, base: float = 0.0) -> Color:
         r, g, b = (round(share * value + base) for value in color[:3])
         return (r, g, b, 255)
 
-    shades, who = [color, darker(0.55), darker(0.5, 127.0)], part.label
+    shades, who = [color, mixed(0.55), mixed(0.5, 127.0)], part.label
     for chunk in part.chunks:
         if not chunk.is_static:
             continue
