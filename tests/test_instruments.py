@@ -26,7 +26,7 @@ from validation.measure.instruments.model import (
 )
 from validation.measure.instruments.names import CAUSES, INSTRUMENT_COLUMNS
 from validation.measure.instruments.observe import Observation, observe, observe_folder
-from validation.measure.instruments.rigs import make_rig
+from validation.measure.instruments.rigs import RIGS
 from validation.measure.measure import foot_wrenches
 from validation.store.record import load_record
 from validation.trial.outcome import Outcome, OutcomeName
@@ -234,7 +234,8 @@ def test_foot_sensor_feels_what_mujocos_own_sensor_feels(run_of):
     description = build(run.body, run.contact, run.simulation).description
     text = (directory / "model.xml").read_text(encoding="utf-8")
     model = mujoco.MjModel.from_xml_string(text)
-    rig = make_rig(make_instrument({"kind": "foot-ft"}), record, "", lambda: (model, description))
+    instrument = make_instrument({"kind": "foot-ft"})
+    rig = RIGS[type(instrument)](instrument, record, "", lambda: (model, description))
     spec = mujoco.MjSpec.from_string(text)
     for leg in description.legs:
         spec.body(leg.foot_segment).add_site(name=f"ft_{leg.foot_segment}")

@@ -39,14 +39,13 @@ SETTLE = 1.5
 """Time in which contacts and controller come to rest before the body is weighed [s]."""
 
 
-def stand(run: RunParameters, body_model: BodyModel, *, duration: float = DURATION) -> SimulationRecord:
+def stand(run: RunParameters, body_model: BodyModel) -> SimulationRecord:
     """Let the body stand on both flat feet, the COM over their middle, and record it.
 
     Args:
         run: body, contact, controller, simulation and solver parameters; of the gait only the COM's height
             and the lateral distance of the feet.
         body_model: the body.
-        duration: [s].
 
     Raises:
         BodilyRefusal: the body cannot stand with its COM at that height.
@@ -55,15 +54,23 @@ def stand(run: RunParameters, body_model: BodyModel, *, duration: float = DURATI
     robot = physics.robot
     com = np.array([0.0, 0.0, run.gait.com_height])
     feet = 0.5 * run.gait.step_width * np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-    q = _posture(robot, run, com, feet)
-    total = round(duration / physics.time_step)
-    references = repeat(_still(robot, q, com, feet))
+    q = _posture(robot, run, np.vstack([com, feet]))
+    still = np.zeros(robot.nv)
+    centre, linear, contact = np.zeros((5, 3)), np.zeros((2, 3, 3)), np.ones((2, 3), dtype=bool)
+    centre[0], linear[:, 0] = com, feet
+    reference = Reference(
+        time=0.0,
+        centre=centre,
+        right_load=0.5,
+        feet=FeetState.of(linear, np.stack([np.eye(3)] * 2), np.zeros((2, 2, 3)), np.zeros((2, 3))),
+        contacts=ContactState(contact, contact, np.full((2, 3), np.inf)),
+        posture=PostureState(q, still, still, robot.trunk_rotations(q[None])[0], np.zeros(())),
+    )
     start = q.copy()
     start[2] -= run.simulation.start_depth
-    physics.place(start, np.zeros(robot.nv))
-    return ClosedLoop(
-        physics, TrackingController(robot, run), references, run, np.array([duration]), total, None
-    ).run()
+    physics.place(start, still)
+    controller, steps = TrackingController(robot, run), round(DURATION / physics.time_step)
+    return ClosedLoop(physics, controller, repeat(reference), run, np.array([DURATION]), steps, None).run()
 
 
 def weigh(run: RunParameters, body_model: BodyModel, robot: Robot) -> StandingCheck:
@@ -84,20 +91,13 @@ def weigh(run: RunParameters, body_model: BodyModel, robot: Robot) -> StandingCh
     return standing_check(measure(record, robot.model, to_pinocchio), settle=settle)
 
 
-def _posture(
-    robot: Robot, run: RunParameters, com: NDArray[np.float64], feet: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Upright configuration with the COM and both soles in place, shape (nq,)."""
-    ik = InverseKinematics(robot, run)
-    still = np.zeros((1, TASK_ROWS))
+def _posture(robot: Robot, run: RunParameters, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Upright configuration with COM and both soles in their places, shape (3, 3) [m]; shape (nq,)."""
+    ik, still = InverseKinematics(robot, run), np.zeros((1, TASK_ROWS))
     reference = StepReference(
-        time=np.zeros(1),
-        position=np.concatenate([com[None], feet])[None],
-        velocity=still,
-        acceleration=still.copy(),
-        pitch=np.zeros((1, 2)),
-        toe=np.zeros((1, 2)),
-    )
+        time=np.zeros(1), position=places[None], velocity=still, acceleration=still,
+        pitch=np.zeros((1, 2)), toe=np.zeros((1, 2)),
+    )  # fmt: skip
     try:
         return ik.upright(reference, 0, standing(ik, reference))
     except Unreachable as error:
@@ -109,25 +109,3 @@ def _posture(
             unit="m",
             way_out="lower gait.com_height",
         ) from error
-
-
-def _still(
-    robot: Robot, q: NDArray[np.float64], com: NDArray[np.float64], feet: NDArray[np.float64]
-) -> Reference:
-    """A reference that stays where it is."""
-    centre, linear, contact = np.zeros((5, 3)), np.zeros((2, 3, 3)), np.ones((2, 3), dtype=bool)
-    centre[0], linear[:, 0] = com, feet
-    return Reference(
-        time=0.0,
-        centre=centre,
-        right_load=0.5,
-        feet=FeetState.of(linear, np.stack([np.eye(3)] * 2), np.zeros((2, 2, 3)), np.zeros((2, 3))),
-        contacts=ContactState(contact, contact, np.full((2, 3), np.inf)),
-        posture=PostureState(
-            q,
-            np.zeros(robot.nv),
-            np.zeros(robot.nv),
-            robot.trunk_rotations(q[None])[0],
-            np.zeros(()),
-        ),
-    )

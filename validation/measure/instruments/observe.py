@@ -18,7 +18,7 @@ from ampm.run_file import dump_run, load_run
 from validation.measure.instruments.chain import BIAS, FILTER
 from validation.measure.instruments.model import Instrument, load_instrument
 from validation.measure.instruments.names import CAUSES, INSTRUMENT_COLUMNS, METHOD, RUN, STATISTICS, WINDOWS
-from validation.measure.instruments.rigs import Rig, make_rig, usable_rows
+from validation.measure.instruments.rigs import RIGS, Rig, usable_rows
 
 if TYPE_CHECKING:
     import mujoco
@@ -226,7 +226,7 @@ def observe(instrument: Instrument, record: SimulationRecord, key: str, body: Bo
     """
     if usable_rows(record) < 2:
         return None
-    rig = make_rig(instrument, record, key, body)
+    rig = RIGS[type(instrument)](instrument, record, key, body)
     chain, effects = rig.chain, rig.effects
     rows = _windows(rig)
     readings = chain.read(rig.signals, effects)
@@ -299,8 +299,7 @@ def _plain(windows: Windows) -> dict[str, Any]:
 def _set_back(readings: Array, time: Array, latency: float) -> Array:
     """Readings as of ``latency`` earlier; NaN at the end, where they have not arrived."""
     at = time + latency
-    moved = np.column_stack([np.interp(at, time, column, right=np.nan) for column in readings.T])
-    return moved
+    return np.column_stack([np.interp(at, time, column, right=np.nan) for column in readings.T])
 
 
 def _notes(rig: Rig) -> tuple[str, ...]:

@@ -82,6 +82,16 @@ class Rig:
         signals: what faultless channels read, shape (K, C).
         effects: that it has.
         drawn: further constants that were drawn, by name.
+
+    Args:
+        instrument: which.
+        record: of the walk, of two usable steps or more.
+        key: of the run, for the draws.
+        channels: name, unit and figures of each.
+        cross_talk: bound of the coupling, relative to the ranges [1].
+
+    Raises:
+        InputError: the record lacks what the instrument needs.
     """
 
     signals: Array
@@ -372,23 +382,9 @@ def _chest_motion(record: SimulationRecord, rows: int) -> tuple[Array, Array]:
     return np.concatenate([gyro, pull], axis=1), _rotation(wxyz).as_matrix()
 
 
-_RIGS: Mapping[type[Instrument], Callable[..., Rig]] = {
+RIGS: Mapping[type[Instrument], Callable[..., Rig]] = {
     ForcePlate: PlateRig,
     FootForceTorque: FootRig,
     Imu: ImuRig,
 }
-
-
-def make_rig(instrument: Instrument, record: SimulationRecord, key: str, body: Body) -> Rig:
-    """Attach an instrument to a walk.
-
-    Args:
-        instrument: which.
-        record: of the walk, of two usable steps or more.
-        key: of the run, for the draws.
-        body: gives the compiled model and its description, if they are needed.
-
-    Raises:
-        InputError: the record lacks what the instrument needs.
-    """
-    return _RIGS[type(instrument)](instrument, record, key, body)
+"""What attaches an instrument to a walk: called with instrument, record, key and body."""
