@@ -158,7 +158,7 @@ def test_the_limit_of_joint_jumps_is_exact_for_a_jump_on_a_slope():
         return SimpleNamespace(acceleration=a, time=time, double_support_start=0.4)
 
     robot: Any = SimpleNamespace(mirror_joints=lambda x: x, joint_names=("knee", "hip"))
-    joints = joint_jumps([motion(h) for h in GRIDS], robot, GRIDS)
+    joints = joint_jumps([motion(h) for h in GRIDS], robot)
     assert joints.limit == pytest.approx(7.0, abs=1e-9)
     assert joints.jump == pytest.approx([7.0 + 3.0 * h for h in GRIDS])
     assert joints.joint == "knee"

@@ -294,17 +294,15 @@ def load_side(label: str, folder: Path, stages: Progress) -> Side:
         finer = [run.replace({"solver.ik_time_step": step}) for step in GRIDS]
         options: dict[str, Any] = {"progress": stage.note, "cache": motion_cache()}
         motions = [solve_motion(plan, run, body.robot, **options) for run in finer]
-    joints = joint_jumps(motions, body.robot, GRIDS)
-    return Side(label, saved, plan, joints, str(saved.record.outcome.name))
+    return Side(label, saved, plan, joint_jumps(motions, body.robot), str(saved.record.outcome.name))
 
 
-def joint_jumps(motions: Sequence[WholeBodyMotion], robot: Robot, grids: Sequence[float]) -> Joints:
+def joint_jumps(motions: Sequence[WholeBodyMotion], robot: Robot) -> Joints:
     """Change of joint accelerations over the grid interval that ends at a switch, and what is left of it.
 
     Args:
-        motions: of one gait, on finer and finer grids.
+        motions: of one gait, on the grids of :data:`GRIDS`.
         robot: the body.
-        grids: the largest step of each, only reported [s].
     """
     steps, changes = [], []
     for motion in motions:
@@ -318,7 +316,7 @@ def joint_jumps(motions: Sequence[WholeBodyMotion], robot: Robot, grids: Sequenc
     limit = np.abs((changes[-1] * h - changes[-2] * finer) / (h - finer))
     jumps = tuple(float(np.abs(change).max()) for change in changes)
     joint = robot.joint_names[int(limit.max(axis=0).argmax())]
-    return Joints(tuple(grids), jumps, float(limit.max()), joint)
+    return Joints(GRIDS, jumps, float(limit.max()), joint)
 
 
 def pair_of(a: Side, b: Side, *, studies: tuple[Uncertainty, ...] = ()) -> Pair:

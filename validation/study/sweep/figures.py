@@ -141,20 +141,19 @@ def metric_axes(sweep: SweepTable) -> list[Axis]:
     return [axis for axis in found if np.isfinite(axis.values).any()]
 
 
-def drawn_rows(sweep: SweepTable, keep: Sequence[int] = (), seed: int = 1) -> tuple[Rows, Mask]:
+def drawn_rows(sweep: SweepTable, keep: Sequence[int]) -> tuple[Rows, Mask]:
     """Runs that are in the page one by one: all, or a random draw, and beside it some of every state.
 
     Args:
         sweep: the sweep.
         keep: rows to take in any case.
-        seed: of the draw.
 
     Returns:
         Rows from the state in the back of the map to that in front, and which of them are of the draw: the
         others must not count where shares are shown. Both of shape (n,).
     """
     place = np.array([list(SHAPES).index(state) for state in STATES])
-    order = np.random.default_rng(seed).permutation(len(sweep))
+    order = np.random.default_rng(1).permutation(len(sweep))
     draw, beside = order, order[:0]
     if len(order) > MOST_POINTS:
         rare = [order[sweep.states[order] == state][:MOST_OF_RARE] for state in range(len(STATES))]
@@ -204,7 +203,7 @@ def map_data(
     axes: Sequence[Axis],
     links: Mapping[int, Sequence[tuple[str, str]]],
     repeat: tuple[str, str],
-    keep: Sequence[int] = (),
+    keep: Sequence[int],
 ) -> Spec:
     """All that the page's script needs, ready for JSON.
 

@@ -36,6 +36,9 @@ LEVELS = 12
 PER_CLASS, MOST_CLASSES = 12, 20
 """Runs to a class of a parameter with more values than that, and most classes."""
 SIGNIFICANCE = 0.01
+ENTANGLED = 0.5
+"""Magnitude of the rank correlation of two parameters above which they vary together [1]."""
+_SEED = 1
 
 
 @dataclass(frozen=True)
@@ -88,17 +91,14 @@ class Target:
         return tuple(sorted((i for i in self.influences if i.clear), key=lambda item: -item.strength))
 
 
-def analyse(parameters: Parameters, targets: Mapping[str, Array], seed: int = 1) -> list[Target]:
-    """Say what drives each of several metrics.
+def analyse(parameters: Parameters, targets: Mapping[str, Array]) -> list[Target]:
+    """Influences on each of several metrics.
 
     Args:
         parameters: of N runs.
         targets: values by name of the metric, each of shape (N,); NaN where the run has none.
-        seed: of the draw.
     """
-    found = [
-        _target(parameters, name, values, np.random.default_rng(seed)) for name, values in targets.items()
-    ]
+    found = [_target(parameters, name, values) for name, values in targets.items()]
     p = np.array([value for item in found for i in item.influences for value in (i.p_rho, i.p_share)])
     known = ~np.isnan(p)
     if known.any():
@@ -111,12 +111,12 @@ def analyse(parameters: Parameters, targets: Mapping[str, Array], seed: int = 1)
     return [replace(item, influences=tuple(map(correct, item.influences))) for item in found]
 
 
-def _target(parameters: Parameters, name: str, values: Array, rng: np.random.Generator) -> Target:
+def _target(parameters: Parameters, name: str, values: Array) -> Target:
     rows = np.flatnonzero(np.isfinite(values))
     if len(rows) < LEAST_RUNS:
         return Target(name, len(rows), silent=f"{len(rows)} runs are too few; {LEAST_RUNS} needed")
     if len(rows) > MOST_RUNS:
-        rows = np.sort(rng.choice(rows, MOST_RUNS, replace=False))
+        rows = np.sort(np.random.default_rng(_SEED).choice(rows, MOST_RUNS, replace=False))
     y = values[rows]
     others = len(y) - int(np.unique(y, return_counts=True)[1].max())
     silent = f"all but {others} of {len(y)} runs agree, too few to say why" if others < LEAST_EVENTS else ""
@@ -138,12 +138,8 @@ def _influence(key: str, values: NDArray[Any], y: Array) -> Influence:
     return Influence(key, float(rho), float(share), float(p_rho), float(p_share))
 
 
-def entangled(parameters: Parameters, limit: float = 0.5) -> list[tuple[str, str, float]]:
+def entangled(parameters: Parameters) -> list[tuple[str, str, float]]:
     """Pairs of parameters that vary together, whose effects a sweep therefore cannot separate.
-
-    Args:
-        parameters: of N runs.
-        limit: of the magnitude of the rank correlation [1].
 
     Returns:
         Both keys and their rank correlation, strongest first.
@@ -154,7 +150,7 @@ def entangled(parameters: Parameters, limit: float = 0.5) -> list[tuple[str, str
         (a, b, float(spearmanr(numbers[a], numbers[b]).statistic))
         for a, b in itertools.combinations(numbers, 2)
     ]
-    return sorted((pair for pair in pairs if abs(pair[2]) > limit), key=lambda pair: -abs(pair[2]))
+    return sorted((pair for pair in pairs if abs(pair[2]) > ENTANGLED), key=lambda pair: -abs(pair[2]))
 
 
 def classes(column: Array) -> NDArray[np.int64]:
