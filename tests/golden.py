@@ -52,45 +52,28 @@ TEXTS = ("outcome", "verdict", "pass", "text", "failed", "regression", "better")
 Values = dict[str, Any]
 
 
-# ---------------------------------------------------------------- all that is known of the project's layout
-
-
-def call_cli(arguments: Sequence[str]) -> int:
-    """Run one command line in this process; the exit status."""
-    from validation.cli.app import call
-
-    return int(call(arguments))
-
-
-def record_of(folder: Path) -> Any:
-    """The simulation record of a run folder: a dataclass of arrays, mappings of arrays, and scalars."""
-    from validation.store.record import load_record
-
-    return load_record(folder)
-
-
 # ----------------------------------------------------------------------------------- calls, digests, tables
 
 
 def ampm(*arguments: str | Path, json_out: bool = True) -> tuple[int, Any]:
     """Run ``ampm``: exit status, and its JSON or its text."""
+    from validation.cli.app import call
+
     texts = [str(item) for item in arguments] + (["--json"] if json_out else [])
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
-        status = call_cli(texts)
+        status = int(call(texts))
     if status not in (0, 1, 2, 3):
         raise RuntimeError(f"ampm {' '.join(texts)} ended with status {status}: {err.getvalue()[-2000:]}")
     return status, json.loads(out.getvalue()) if json_out else {"text": out.getvalue().strip()}
 
 
 def values_of(*arguments: str | Path) -> Values:
-    """Output of ``ampm``, by path."""
     status, answer = ampm(*arguments)
     return {"status": status, **leaves(answer)}
 
 
 def digest(array: Any) -> str:
-    """Over type, shape and bytes."""
     import numpy as np
 
     array = np.ascontiguousarray(array)
@@ -100,7 +83,6 @@ def digest(array: Any) -> str:
 
 
 def text_digest(value: Any) -> str:
-    """Of any JSON."""
     return "#" + hashlib.sha256(json.dumps(value).encode()).hexdigest()[:12]
 
 
@@ -125,12 +107,14 @@ def record_values(folder: Path) -> Values:
     """Every field of the record, and each of its files as one."""
     import numpy as np
 
+    from validation.store.record import load_record
+
     found: Values = {name: text_digest(columns(folder / name)) for name in RECORD_FILES}
-    record = record_of(folder)
-    for name in [
-        field.name for field in fields(record) if not skipped(field.name) and field.name[:9] != "external_"
-    ]:
+    record = load_record(folder)
+    for name in (field.name for field in fields(record)):
         value = getattr(record, name)
+        if skipped(name) or name.startswith("external_"):
+            continue
         if isinstance(value, Mapping):
             found[name] = text_digest([[key, digest(item)] for key, item in value.items()])
         elif isinstance(value, np.ndarray):
@@ -188,7 +172,6 @@ def leaves(value: Any) -> Values:
 
 
 def preset(name: str, folder: Path) -> Values:
-    """Plan, motion, walk and replay of one gait."""
     steps, run = f"gait.steps={STEPS}", folder / "run"
     plan = values_of("plan", name, "--set", steps, "--samples", folder / "plan.parquet")
     motion = values_of("motion", name, "--out", folder / "motion.parquet")
@@ -212,7 +195,6 @@ def preset(name: str, folder: Path) -> Values:
 
 
 def walk_sweep(folder: Path, text: str) -> Values:
-    """Final table of a sweep, row by row."""
     import pyarrow.parquet as pq
 
     folder.mkdir()
@@ -258,7 +240,6 @@ def diff(folder: Path) -> Values:
 
 
 def audit(folder: Path) -> Values:
-    """Verdict and numbers of every row; a digest of its words."""
     status, said = ampm("audit")
     found: Values = {"status": status, "counts": said["counts"]}
     for number, row in enumerate(said["rows"]):
@@ -268,18 +249,15 @@ def audit(folder: Path) -> Values:
 
 
 def convergence(folder: Path) -> Values:
-    """Order and uncertainty of every metric in the time step."""
     options = "--steps 2 --levels 4 --study time_step --workers 2"
     return values_of("convergence", "normal", *options.split())
 
 
 def compare(folder: Path) -> Values:
-    """Two gaits side by side."""
     return values_of("compare", "normal", "ipm", "--steps", "3", "--out", folder / "pair")
 
 
 def instruments(folder: Path) -> Values:
-    """One walk as three instruments show it."""
     ampm("validate", "normal", "--steps", "3", "--out", folder / "run")
     found: Values = {}
     for name in ("force-plate", "foot-ft", "imu"):

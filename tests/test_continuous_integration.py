@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -94,8 +93,6 @@ def test_the_sweep_is_small_and_accepted():
 @pytest.fixture
 def workspace(tmp_path):
     """Two checkouts whose ``ampm sweep`` lays a prepared sweep down; everything else is the real thing."""
-    if shutil.which("bash") is None:
-        pytest.skip("no bash on this machine")
     vary = {"gait.c_s": (0.9, 1.1), "gait.c_y": (0.8, 1.1)}
     table = make_table(8, vary=vary, failures=False)
     write_sweep(tmp_path / "prepared" / "good", table)
@@ -128,13 +125,7 @@ def merge(folder: Path, changed: str) -> None:
 
     folder.mkdir()
     run("init", "--quiet", "--initial-branch=main")
-    for name in (
-        "validation/run/validate.py",
-        "docs/sweeps.md",
-        "docs/examples/gate.toml",
-        "README.md",
-        changed,
-    ):
+    for name in ("validation/run/validate.py", "docs/sweeps.md", "README.md", changed):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text("before\n", encoding="utf-8")
         run("add", name)
@@ -158,9 +149,6 @@ def merge(folder: Path, changed: str) -> None:
     ],
 )
 def test_what_is_walked(tmp_path, changed, walked):
-    for needed in ("bash", "git"):
-        if shutil.which(needed) is None:
-            pytest.skip(f"no {needed} on this machine")
     merge(tmp_path / "head", changed)
     output, summary = tmp_path / "output.txt", tmp_path / "summary.md"
     summary.touch()

@@ -57,18 +57,18 @@ def test_a_body_far_off_the_plan_fell(error):
     assert end.name == OutcomeName.FELL
 
 
-@pytest.mark.parametrize("axis", [0, 1])
-def test_a_trunk_that_lies_over_fell(axis):
-    end, k = watched(lambda k: ((0.0, 0.0, 0.0), leaning(0.1 * k, axis), SOLVED))
-    assert end.name == OutcomeName.FELL
-    assert k == 601
-    assert "leaned over by 60 degrees" in end.cause
-    assert "first sign was a trunk 10 degrees off" in end.cause
-
-
-def test_an_upside_down_trunk_fell():
-    end, k = watched(lambda k: ((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), SOLVED))
-    assert (end.name, k) == (OutcomeName.FELL, 0)
+@pytest.mark.parametrize(
+    ("trunk", "tick"),
+    [
+        (lambda k: leaning(0.1 * k, 0), 601),
+        (lambda k: leaning(0.1 * k, 1), 601),
+        (lambda k: (0.0, 0.0, -1.0), 0),
+    ],
+)
+def test_a_trunk_that_lies_over_fell(trunk, tick):
+    end, k = watched(lambda k: ((0.0, 0.0, 0.0), trunk(k), SOLVED))
+    assert (end.name, k) == (OutcomeName.FELL, tick)
+    assert "first sign was a trunk 1" in end.cause
 
 
 def test_a_qp_that_stays_unsolved_on_the_plan_is_infeasible():
@@ -118,9 +118,3 @@ def test_a_sign_that_was_got_over_is_not_the_cause_of_what_comes_later():
     assert "knee" not in end.cause
     end, _ = watched(lambda k: (*late(k + 3 * calm - 100)[:2], LIMITED if k == 10 else SOLVED))
     assert "first sign was a torque or joint limit at 0.020 s (knee at 100%)" in end.cause
-
-
-def test_accelerations_out_of_bounds_diverged():
-    end = Watch(0.05).blown_up(1.25)
-    assert end.name == OutcomeName.DIVERGED
-    assert "1.250 s" in end.cause

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -78,17 +80,17 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
     data.qpos[2] = height - sink
     if spin is not None:
         data.qvel[:] = spin
-    log: dict[str, list] = {
-        name: [] for name in ("q", "qd", "torque", "warm", "force", "place", "depth", "velocity", "com", "l")
-    }
+    log: dict[str, list] = defaultdict(list)
     geoms = [model.geom(f"p{i}").id for i in range(4)]
     jacobian = np.zeros((3, model.nv))
+
+    def keep(**values):
+        for name, value in values.items():
+            log[name].append(np.array(value))
+
     for k in range(steps):
-        log["q"].append(data.qpos.copy())
-        log["qd"].append(data.qvel.copy())
-        log["warm"].append(data.qacc_warmstart.copy())
         data.ctrl[:] = torque(k * dt)
-        log["torque"].append(data.ctrl.copy())
+        keep(q=data.qpos, qd=data.qvel, warmstart=data.qacc_warmstart, torque=data.ctrl)
         velocity = data.qvel.copy()
         mujoco.mj_step1(model, data)
         positions = data.geom_xpos[geoms].copy()
@@ -105,42 +107,26 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
             force[i] = contact.frame.reshape(3, 3).T @ local[:3]
             positions[i] = contact.pos
             depth[i] = max(0.0, -contact.dist)
-        log["force"].append(force)
-        log["place"].append(positions)
-        log["depth"].append(depth)
-        log["velocity"].append(speeds)
-        log["com"].append(data.sensor("com").data.copy())
-        log["l"].append(data.sensor("momentum").data.copy())
-    log["q"].append(data.qpos.copy())
-    log["qd"].append(data.qvel.copy())
+        keep(point_force=force, point_position=positions, point_penetration=depth, point_velocity=speeds)
+        keep(com=data.sensor("com").data, angular_momentum=data.sensor("momentum").data)
+    keep(q=data.qpos, qd=data.qvel)
     mujoco.mj_forward(model, data)
-    log["com"].append(data.sensor("com").data.copy())
-    log["l"].append(data.sensor("momentum").data.copy())
-    q = np.array(log["q"])
-    force = np.array(log["force"])
-    net = force.sum(axis=1)
+    keep(com=data.sensor("com").data, angular_momentum=data.sensor("momentum").data)
+    arrays: dict[str, Any] = {name: np.array(values) for name, values in log.items()}
+    q, force = arrays["q"], arrays["point_force"]
     ticks = np.arange(0, steps, 2)
     return SimulationRecord(
         time=np.arange(steps + 1) * dt,
-        q=q,
-        qd=np.array(log["qd"]),
-        torque=np.array(log["torque"]),
-        warmstart=np.array(log["warm"]),
-        point_force=force,
-        point_position=np.array(log["place"]),
-        point_penetration=np.array(log["depth"]),
-        point_velocity=np.array(log["velocity"]),
+        **arrays,
         point_foot=np.array([0, 0, 1, 1], dtype=np.int8),
         point_group=np.array([0, 2, 0, 2], dtype=np.int8),
-        com=np.array(log["com"]),
-        angular_momentum=np.array(log["l"]),
         foot_position=np.stack([q[:, :3], q[:, :3]], axis=1),
         foot_rotation=np.stack([q[:, 3:7], q[:, 3:7]], axis=1),
-        sensors={"gyro": np.array(log["qd"])[:, 3:6], "clock": np.arange(steps + 1.0)},
-        command_com=np.array(log["com"])[:-1],
+        sensors={"gyro": arrays["qd"][:, 3:6], "clock": np.arange(steps + 1.0)},
+        command_com=arrays["com"][:-1],
         command_zmp=np.zeros((steps, 2)),
-        command_force=net,
-        command_angular_momentum=np.array(log["l"])[:-1],
+        command_force=force.sum(axis=1),
+        command_angular_momentum=arrays["angular_momentum"][:-1],
         command_point_force=force,
         tick_time=ticks * dt,
         qp_status=np.zeros(ticks.size, dtype=np.int8),
