@@ -87,12 +87,11 @@ def test_either_file_is_complete_whatever_is_killed(tmp_path):
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
 def test_a_full_disk_is_told_and_loses_nothing(tmp_path, monkeypatch, number):
+    def full(_: int) -> None:
+        raise OSError(number, os.strerror(number))
+
     with opened(tmp_path / "a") as sweep:
         sweep.append([row(0)])
-
-        def full(_: int) -> None:
-            raise OSError(number, os.strerror(number))
-
         with monkeypatch.context() as patch:
             patch.setattr(os, "fsync", full)
             with pytest.raises(SweepStopped, match=r"no room is left.*--resume"):
@@ -123,16 +122,23 @@ def test_one_program_at_a_time(tmp_path):
         pass
 
 
-def _foreign_database(path: Path) -> None:
+def foreign_database(path: Path) -> None:
     with sqlite3.connect(path) as rows:
         rows.execute("CREATE TABLE rows (a)")
+
+
+def cut_database(path: Path) -> None:
+    with opened(path.parent) as sweep:
+        sweep.append([row(run) for run in range(200)])
+    path.write_bytes(path.read_bytes()[:10_000])
 
 
 @pytest.mark.parametrize(
     ("name", "damage"),
     [
         (store.ROWS, lambda path: path.write_bytes(b"no database at all" * 1000)),
-        (store.ROWS, _foreign_database),
+        (store.ROWS, foreign_database),
+        (store.ROWS, cut_database),
         (store.RESULTS, lambda path: path.write_bytes(b"PAR1 no PAR1")),
     ],
 )
@@ -143,15 +149,6 @@ def test_a_damaged_file_is_named(tmp_path, name, damage):
         read_sweep(folder)
     with pytest.raises(InputError, match=name), opened(folder) as sweep:
         sweep.rows()
-
-
-def test_a_database_cut_short_is_named(tmp_path):
-    with opened(tmp_path / "a") as sweep:
-        sweep.append([row(run) for run in range(200)])
-    file = tmp_path / "a" / store.ROWS
-    file.write_bytes(file.read_bytes()[:10_000])
-    with pytest.raises(InputError, match="--resume walks its runs again"):
-        read_sweep(tmp_path / "a")
 
 
 def test_folders_that_are_no_sweep_are_named(tmp_path):
@@ -181,19 +178,16 @@ def test_undefined_is_null_and_every_bit_is_kept(tmp_path):
         row(0, nonsense=1)
 
 
-def test_every_parameter_and_metric_has_its_column(run_of):
+def test_every_parameter_and_metric_has_its_column_with_unit_and_meaning(run_of, tmp_path):
     units = {item.name: item.unit for item in columns()}
     assert len(units) == len(columns())
     assert parameter_values(RunParameters()).keys() <= units.keys()
-    summary = json.loads((run_of("flat", steps=3) / "summary.json").read_text(encoding="utf-8"))
-    for metric, entry in summary["metrics"].items():
-        assert units.get(f"metric_{metric}", units.get(metric)) == entry["unit"]
-
-
-def test_every_column_has_unit_and_meaning(tmp_path):
     for item in columns():
         assert item.words, item.name
         assert bool(item.unit) == (item.kind in ("real", "whole")), item.name
+    summary = json.loads((run_of("flat", steps=3) / "summary.json").read_text(encoding="utf-8"))
+    for metric, entry in summary["metrics"].items():
+        assert units.get(f"metric_{metric}", units.get(metric)) == entry["unit"]
     metadata = read_sweep(finished(tmp_path / "a", row(0))).metadata
     assert metadata["columns"]["gait.step_length"]["unit"] == "m"
     assert metadata["tolerances"]["zmp_x_rmse"]["unit"] == "m"
