@@ -130,7 +130,7 @@ def test_ranges_of_a_grid():
         'controller.com_stiffness = { from = 1, to = 1000, count = 4, scale = "log" }\n'
         'solver.max_iterations = { from = 10, to = 13, count = 3 }\nsolver.qp = ["osqp", "daqp"]'
     )
-    columns = {key: axis.values for key, axis in sweep.axes.items()}
+    columns = {key: values for key, (values, _) in sweep.axes.items()}
     # Exactly 1, where the moment about the COM is exactly zero.
     assert columns["gait.c_s"].tolist() == [0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4]
     np.testing.assert_allclose(columns["controller.com_stiffness"], [1, 10, 100, 1000], rtol=1e-12)
@@ -190,7 +190,7 @@ def test_ten_million_cases_are_not_held():
         "gait.c_y = { from = 0.1, to = 1.1, count = 1000 }"
     )
     assert len(sweep) == MOST_CASES == 10_000_000
-    assert sum(axis.values.size for axis in sweep.axes.values()) == 11_000
+    assert sum(values.size for values, _ in sweep.axes.values()) == 11_000
     last = sweep.parameters(len(sweep) - 1)
     assert (last.gait.c_s, last.gait.c_y) == (1.5, 1.1)
     assert sweep.name_of(1) == "0000001"

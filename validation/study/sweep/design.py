@@ -1,26 +1,9 @@
 """Definition of a sweep: one TOML file that says which runs to make, and nothing of how.
 
-    [sweep]
-    gait = "normal"             # preset, or a TOML file beside this one
-    steps = 20
-
-    [set]                       # the same in every run
-    body.height = 1.75
-
-    [[vary]]                    # all combinations
-    method = "grid"
-    gait.c_s = { from = 0.8, to = 1.4, count = 7 }
-    gait.c_y = [0.4, 0.7, 1.0]
-
-    [[vary]]                    # crossed with the block above
-    method = "sobol"
-    count = 32
-    body.mass = { from = 45, to = 95, scale = "log" }
-
 Several blocks are crossed: every case of the first with every one of the second, the last block changing
 fastest. Runs are numbered from 0. Nothing grows with their number but the points of sampled blocks: a case of
 a grid is found from its number. The same definition gives the same values on every machine with the same
-SciPy. ``docs/sweeps.md`` explains every word.
+SciPy. ``docs/sweeps.md`` has an example and explains every word.
 """
 
 from __future__ import annotations
@@ -31,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import tomli_w
@@ -42,7 +25,6 @@ from ampm.parameters import RunParameters, keys
 from ampm.run_file import PRESETS, KeyInfo, key_info, load_run
 from ampm.section import Real, Section, parse_toml, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
-from validation.store.identity import parameter_values
 from validation.trial.users import load_object
 
 if TYPE_CHECKING:
@@ -206,18 +188,6 @@ def _scaled(info: KeyInfo, value: Range, unit: NDArray[np.float64]) -> Column:
 # ------------------------------------------------------------------- definition
 
 
-class Axis(NamedTuple):
-    """The values of one key over all runs: ``values[(run // stride) % len(values)]``.
-
-    Attributes:
-        values: float64, int64, or texts as objects; read-only.
-        stride: runs after which the value changes.
-    """
-
-    values: Column
-    stride: int
-
-
 class SweepDefinition(Section, section="sweep"):
     """A sweep, complete: the same definition gives the same runs in the same order.
 
@@ -287,20 +257,20 @@ class SweepDefinition(Section, section="sweep"):
         return tuple(key for block in self.vary for key in block.keys)
 
     @cached_property
-    def axes(self) -> Mapping[str, Axis]:
-        """Values of every varied key; several blocks are crossed, the last changing fastest.
+    def axes(self) -> Mapping[str, tuple[Column, int]]:
+        """Values of every varied key (read-only), and the number of runs after which the next one comes.
 
         Raises:
             InputError: ranges of a grid leave equal values.
         """
-        axes: dict[str, Axis] = {}
+        axes: dict[str, tuple[Column, int]] = {}
         stride = len(self)
         for number, block in enumerate(self.vary):
             inner, stride = stride, stride // block.size
             for key, values in block.columns(np.random.default_rng([self.seed, number])).items():
                 values.setflags(write=False)
                 inner //= len(values)  # of a grid the last key changes fastest
-                axes[key] = Axis(values, inner if block.method == "grid" else stride)
+                axes[key] = values, inner if block.method == "grid" else stride
         return axes
 
     def column(self, key: str, runs: NDArray[np.int64]) -> Column:
@@ -320,10 +290,6 @@ class SweepDefinition(Section, section="sweep"):
         if not 0 <= run < len(self):
             raise IndexError(f"there is no run {run}: the sweep has {len(self)}")
         return {key: self.column(key, np.array([run])).tolist()[0] for key in self.axes}
-
-    def values(self, run: int) -> dict[str, Value]:
-        """All keys of one run, within their bounds or not."""
-        return parameter_values(self.shared) | self.varied(run)
 
     def parameters(self, run: int) -> RunParameters:
         """Everything that describes one run.

@@ -6,7 +6,6 @@ One run is walked, to time it. Bounds and formula are checked for every run, sol
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -120,7 +119,7 @@ def forecast(definition: SweepDefinition, workers: int, *, progress: Progress | 
         raise InputError(f"--workers {workers} must be at least 1.", value=workers)
     code = screen(definition)
     refused = [
-        Refused(REASONS[number], int(count), str(_refusal(definition, int(first), _check_plan)))
+        Refused(REASONS[number], int(count), str(refusal(definition, int(first))))
         for number, first, count in zip(*np.unique(code, return_index=True, return_counts=True), strict=True)
         if number != ACCEPTED
     ]
@@ -132,7 +131,7 @@ def forecast(definition: SweepDefinition, workers: int, *, progress: Progress | 
     found: dict[str, Refused] = {}
     for index in chosen.tolist():
         run = int(numbers[first[index]])
-        error = None if definition.tune else _refusal(definition, run, _check_body)
+        error = None if definition.tune else refusal(definition, run, with_body=True)
         if error is None:
             passing.append(run)
         else:
@@ -182,19 +181,18 @@ def screen(definition: SweepDefinition) -> NDArray[np.int8]:
     return code
 
 
-def _refusal(
-    definition: SweepDefinition, run: int, check: Callable[[RunParameters], None]
+def refusal(
+    definition: SweepDefinition, run: int, *, with_body: bool = False
 ) -> InputError | RefusedGait | None:
-    """Why a run is refused before its motion is solved."""
+    """Why a run is refused by bounds or formula, or also by clock, soles and legs; None if it is not."""
     try:
-        check(definition.parameters(run))
+        parameters = definition.parameters(run)
+        plan_gait(parameters.gait, parameters.body.mass)
+        if with_body:
+            _check_body(parameters)
     except (InputError, RefusedGait) as error:
         return error
     return None
-
-
-def _check_plan(run: RunParameters) -> None:
-    plan_gait(run.gait, run.body.mass)
 
 
 def _check_body(run: RunParameters) -> None:

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ampm.exceptions import InputError, RefusedGait
-from ampm.planner.periodic import plan_gait
+from ampm.exceptions import InputError
 from validation.progress import Progress, Stage, interruption
 from validation.show.text import format_duration
 from validation.store.folders import check_target
+from validation.store.identity import parameter_values
 from validation.store.json import dump_json
 from validation.store.machine import cores
 from validation.study.sweep.design import SweepDefinition, load_sweep
-from validation.study.sweep.forecast import ACCEPTED, screen
-from validation.study.sweep.schema import OUTCOMES, error_columns, make_row
+from validation.study.sweep.forecast import ACCEPTED, refusal, screen
+from validation.study.sweep.schema import error_columns, make_row
 from validation.study.sweep.store import (
     CRASHES,
     DEFINITION,
@@ -41,7 +41,8 @@ if TYPE_CHECKING:
 
     Pool = Callable[[int], AbstractContextManager[WorkerPool]]
 
-RETRIED = tuple(name for name in OUTCOMES if name != "completed")
+_COMPLETED = (State.PASS, State.OUT_OF_TOLERANCE, State.NOT_MEASURED)
+RETRIED = tuple(state.value for state in State if state not in _COMPLETED)
 """Outcomes that can be walked again on request."""
 WORST = 5
 """Runs that keep a recording if the definition does not say how many; of those that did not pass."""
@@ -158,14 +159,11 @@ def _walk_missing(
 
 def _refused(definition: SweepDefinition, run: int) -> Row:
     """Row of a run without a plan, or with a parameter beyond its bounds."""
-    parameters = None
-    try:
-        parameters = definition.parameters(run)
-        plan_gait(parameters.gait, parameters.body.mass)
-    except (InputError, RefusedGait) as error:
-        found = error_columns(error, parameters)
-        return make_row(run, definition.name_of(run), definition.values(run), found)
-    raise ValueError(f"run {run} is not refused")
+    error = refusal(definition, run)
+    if error is None:
+        raise ValueError(f"run {run} is not refused")
+    values = parameter_values(definition.shared) | definition.varied(run)
+    return make_row(run, definition.name_of(run), values, error_columns(error, None))
 
 
 def _walk(

@@ -39,9 +39,6 @@ from validation.trial.users import UsersError
 if TYPE_CHECKING:
     from validation.run.trial import Trial
 
-OUTCOMES = ("completed", "fell", "diverged", "infeasible", "refused", "crashed", "timed_out", "interrupted")
-"""How a run can end. The first four are ends of a walk; the others never walked, or not to an end."""
-
 WORKER_DIED = "worker_died"
 """Reason of a crash that took its worker's process along."""
 _TRANSIENT = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO, errno.EAGAIN, errno.ESTALE)

@@ -25,7 +25,6 @@ import pyarrow.parquet as pq
 
 from ampm.exceptions import InputError
 from validation.judge.profiles import profile as find_profile
-from validation.store.environment import describe_environment
 from validation.store.folders import disk_is_full
 from validation.store.identity import code
 from validation.study.sweep.design import SweepDefinition, dump_sweep
@@ -132,7 +131,7 @@ def _identity(definition: SweepDefinition) -> dict[str, Any]:
         source = inspect.getfile(load_object("sweep.controller", definition.controller))
         digest = hashlib.sha256(Path(source).read_bytes()).hexdigest()
         settings["sweep.controller"] = f"{definition.controller} of a file {digest[:8]}"
-    return {"settings": settings, "code": code(), "revision": describe_environment()["revision"]}
+    return {"settings": settings, "code": code()}
 
 
 def _flat(table: Mapping[str, Any]) -> dict[str, str]:

@@ -89,19 +89,15 @@ class Task:
         Raises:
             InputError: a parameter is beyond its bounds.
         """
+        same = ("profile", "instrument", "tune", "controller", "push", "wall_clock")
         task = cls(
             run=run,
             name=definition.name_of(run),
             parameters=definition.parameters(run),
-            profile=definition.profile,
-            instrument=definition.instrument,
-            tune=definition.tune,
-            controller=definition.controller,
-            push=definition.push,
             keep="none" if definition.recordings == "worst" else definition.recordings,
             folder=str(folder),
-            wall_clock=definition.wall_clock,
             code=code_hash(),
+            **{name: getattr(definition, name) for name in same},
         )
         return replace(task, **changes)
 
