@@ -61,7 +61,14 @@ _GATHER = 20.0
 
 
 class _Flight(NamedTuple):
-    """A run that is out, for the so-manieth time."""
+    """A run that is out.
+
+    Attributes:
+        task: the run.
+        future: dask's, of its result.
+        began: when it was sent out [s].
+        attempt: times that it was, from 1.
+    """
 
     task: Task
     future: Future
@@ -69,12 +76,12 @@ class _Flight(NamedTuple):
     attempt: int
 
     def ended(self, outcome: str, reason: str, cause: str) -> Result:
-        """Row of a run of which the worker does not tell, and no traceback."""
+        """Row of a run that its worker gave none, and no traceback."""
         row = self.task.row({"outcome": outcome, "reason": reason, "cause": cause})
         return {**row, "environment_attempts": self.attempt}, ""
 
     def timed_out(self, late: float = 0.0) -> Result | None:
-        """The same if the run is out for longer than it may, and that much more [s]; None if it is not."""
+        """The same if the run is out for longer than it may, and ``late`` more [s]; None if it is not."""
         limit = self.task.wall_clock
         if limit is None or time.monotonic() - self.began < limit + late:
             return None
@@ -92,8 +99,8 @@ class _Flight(NamedTuple):
         except (TimeoutError, SweepStopped):
             raise
         except (KilledWorker, CancelledError):  # the latter where the connection to the scheduler was lost
-            if self.attempt < DEATHS or self.timed_out():
-                return self.timed_out()
+            if (late := self.timed_out()) or self.attempt < DEATHS:
+                return late
             cause = f"the worker's process died in this run, {DEATHS} times out of {DEATHS}"
             return self.ended("crashed", WORKER_DIED, cause)
         except Exception as error:
@@ -130,7 +137,7 @@ def execute(
     done: queue.SimpleQueue[Future] = queue.SimpleQueue()
     while waiting or flying:
         pool.check()
-        while waiting and len(flying) < pool.size():
+        while waiting and pool.client.status == "running" and len(flying) < pool.size():
             run = waiting.popleft()
             attempts[run] += 1
             item, key = task(run), f"ampm-{uuid4().hex}"
@@ -140,15 +147,14 @@ def execute(
         found = None
         with suppress(queue.Empty):
             future = done.get(timeout=_WAIT)
-            flight = flying.get(str(future.key))
-            try:
-                found = flight and flight.result()
-            except TimeoutError:
-                future.add_done_callback(done.put)
-            else:
-                flying.pop(str(future.key), None)
-                if flight and not found:
-                    waiting.append(flight.task.run)  # last, so that it holds up nothing else
+            if flight := flying.pop(str(future.key), None):  # not given up in the meantime
+                try:
+                    found = flight.result()
+                    if found is None:
+                        waiting.append(flight.task.run)  # last, so that it holds up nothing else
+                except TimeoutError:
+                    flying[str(future.key)] = flight
+                    future.add_done_callback(done.put)
         yield found
         for key, flight in list(flying.items()):
             if late := flight.timed_out(_LATE):  # its guard should have ended it
@@ -179,10 +185,8 @@ class WorkerPool:
             cluster.scale(wanted)
 
     def size(self) -> int:
-        """Workers that can be reached; 0 while there are none yet, or the connection is sought again."""
+        """Workers at present; 0 while there are none yet."""
         now = time.monotonic()
-        if self.client.status != "running":
-            return 0
         if self._cluster is not None:
             self._size = len(self._cluster.scheduler.workers) if self._cluster.scheduler else 0
         elif now - self._counted > _COUNT_EVERY:
