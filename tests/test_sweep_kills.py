@@ -157,7 +157,7 @@ def test_a_full_disk_a_killed_program_and_ctrl_c_lose_nothing(undisturbed, file,
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process
     status, error = finish(process)
     assert status == INTERRUPTED, error
-    assert error.splitlines()[-1].startswith("ampm: interrupted; every finished row is kept; go on with: ")
+    assert error.splitlines()[-1].startswith("ampm: interrupted; every finished row is kept; go on with")
     assert "Traceback" not in error
 
     status, error = finish(start(file, out, "--resume", "--workers", "2"))
