@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, NonNegativeFloat, ValidationError
@@ -117,16 +116,14 @@ def load_uncertainty(path: Path) -> Uncertainty:
         if item.uncertainty_at_least is not None or not item.not_studied
     }
     return Uncertainty(
-        gait=table.gait,
-        steps=table.steps,
-        run=table.run,
-        values=MappingProxyType(values),
-        parameters=MappingProxyType(table.parameters),
-        studies=table.uncertainty_of,
-        not_studied=table.not_studied,
-        incomplete=MappingProxyType(
-            {name: item.not_studied for name, item in table.metrics.items() if item.not_studied}
-        ),
+        table.gait,
+        table.steps,
+        table.run,
+        values,
+        table.parameters,
+        table.uncertainty_of,
+        table.not_studied,
+        {name: item.not_studied for name, item in table.metrics.items() if item.not_studied},
     )
 
 
