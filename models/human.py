@@ -36,8 +36,7 @@ _AXES = {"roll": (1, 0, 0), "pitch": (0, 1, 0), "yaw": (0, 0, 1)}
 _XML_PRECISION = 12
 
 _TRUNK_JOINTS = ("yaw", "roll", "pitch")
-_HIP_JOINTS = ("pitch", "roll", "yaw")
-_SHOULDER_JOINTS = ("pitch", "roll", "yaw")
+_BALL_JOINTS = ("pitch", "roll", "yaw")
 
 _SKIN = (0.87, 0.72, 0.60, 1.0)
 _SHIRT = (0.25, 0.42, 0.62, 1.0)
@@ -318,7 +317,7 @@ class _Builder:
 
         socket = (0, sign * table.HIP_HALF_WIDTH * h, 0)
         thigh = self._segment(self.pelvis, f"{side}_thigh", socket, table.THIGH, thigh_length)
-        hip = self._hinges(thigh, f"{side}_hip", _HIP_JOINTS)
+        hip = self._hinges(thigh, f"{side}_hip", _BALL_JOINTS)
         self._limb(thigh, thigh_length, 0.035 * h, rgba)
         self._ellipsoid(
             thigh, (0, 0, -0.36 * thigh_length), (0.051 * h, 0.048 * h, 0.46 * thigh_length), rgba
@@ -410,7 +409,7 @@ class _Builder:
         hand_length = table.HAND.length * h
         shoulder = (0, sign * table.SHOULDER_HALF_WIDTH * h, self.shoulder_z)
         upper = self._segment(self.thorax, f"{side}_upper_arm", shoulder, table.UPPER_ARM, upper_length)
-        joints = list(self._hinges(upper, f"{side}_shoulder", _SHOULDER_JOINTS))
+        joints = list(self._hinges(upper, f"{side}_shoulder", _BALL_JOINTS))
         self._capsule(upper, (0, 0, -0.3 * upper_length), (0, 0, -upper_length), 0.023 * h, _SKIN)
         self._ellipsoid(
             upper, (0, 0, -0.26 * upper_length), (0.034 * h, 0.032 * h, 0.40 * upper_length), _SHIRT

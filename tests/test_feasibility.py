@@ -13,16 +13,7 @@ from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.support import plan_steps
 from tests.solved import walk_of
 
-SOLE = SoleGeometry(
-    heel_x=-0.107,
-    ball_x=0.083,
-    tip_x=0.151,
-    heel_half_width=0.03,
-    ball_half_width=0.04,
-    tip_half_width=0.035,
-    ankle_x=-0.042,
-    ankle_height=0.066,
-)
+SOLE = SoleGeometry(-0.107, 0.083, 0.151, 0.03, 0.04, 0.035, -0.042, 0.066)
 BODY = replace(walk_of().robot.description, sole=SOLE, hip_half_width=0.085, leg_length=0.835)
 ANKLE = BODY.legs[0].ankle[1]
 FLAT = FootParameters(schedule="flat")

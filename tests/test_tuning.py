@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from functools import cache
-from operator import attrgetter
 
 import numpy as np
 import pinocchio as pin
@@ -67,7 +66,7 @@ def test_the_guess_has_a_plan_whose_heel_rises_with_the_zmp_at_the_ball(step, c_
     for name in ("zmp_single", "zmp_double", "mid_stance"):
         assert LIMITS[name].margin(values[name]) > 0.0
     for key in named_keys(run):
-        assert attrgetter(key)(guessed) == attrgetter(key)(run)
+        assert guessed.value(key) == run.value(key)
 
 
 def test_the_guess_scales_with_stature():
@@ -149,7 +148,7 @@ def test_what_is_named_stays():
     settings = (*LONG, "gait.com_height=0.87", "foot.toe_off_angle=0.55", "gait.a_s=3.2")
     found = tuned(*settings)
     named = {"gait.com_height": 0.87, "gait.a_s": 3.2, "foot.toe_off_angle": 0.55}
-    assert {key: attrgetter(key)(found.run) for key in named} == named
+    assert {key: found.run.value(key) for key in named} == named
     assert not named.keys() & found.found.keys()
 
 

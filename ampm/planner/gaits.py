@@ -174,8 +174,7 @@ class Gaits:
         # Written from 1, so that c_s = 1 leaves c_d exactly 1 and the moment exactly zero.
         c_d = 1.0 - (self.c_s - 1.0) * ratio
         inverse_a_d = np.where(plain, 1.0, 1.0 + (1.0 - self.inverse_a_s) * ratio)
-        # From both continuity conditions: the bracket of double support is negative where the other is
-        # positive.
+        # By both continuity conditions the brackets of single and double support have opposite signs.
         rate_s = GRAVITY / self.com_height * self.bracket
         rate_d = -rate_s * ratio
         k_s, k_d = np.sqrt(rate_s), np.sqrt(-rate_d)

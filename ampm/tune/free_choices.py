@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -143,7 +142,7 @@ class FreeChoices:
         """Free keys and their values in a run with choices."""
         rolls = {_RANGE[name].key for name in _ROLLING} | {"foot.heel_rise_lead", "foot.heel_strike_rate"}
         keys = [key for key in FREE_KEYS if key not in self.fixed and not (self.flat and key in rolls)]
-        return {key: attrgetter(key)(run) for key in keys}
+        return {key: run.value(key) for key in keys}
 
     # -------------------------------------------------------------- parameters
 
@@ -203,7 +202,7 @@ class FreeChoices:
 
     def _kept(self, key: str, value: float) -> float:
         """The value of a key that was named, or else the one that was chosen."""
-        return float(attrgetter(key)(self.run)) if key in self.fixed else value
+        return float(self.run.value(key)) if key in self.fixed else value
 
     # ------------------------------------------------------------------- guess
 
