@@ -90,11 +90,9 @@ class BodyDescription:
     hanging arms at ``q = 0``; all angles are right-handed about these axes.
 
     Attributes:
-        name: name of the body, for reports.
         height: stature [m].
         mass: total mass [kg].
-        root_joint: the free joint.
-        root_segment: the segment that it moves (pelvis).
+        root_segment: the segment that the free joint moves (pelvis).
         trunk_segment: segment whose pitch is the trunk's lean (thorax).
         left_leg, right_leg: the legs.
         waist: joints between pelvis and abdomen, chain order.
@@ -104,16 +102,12 @@ class BodyDescription:
         hip_height: height of the hip centres over the sole when standing straight [m].
         hip_half_width: half the distance of the hip centres [m].
         leg_length: hip centre to ankle with a straight knee [m].
-        imu_segment: segment that carries the accelerometer and gyroscope.
         mirror: (joint, mirrored joint, sign) for every hinge: reflection in the sagittal plane.
         torque_limits: (joint, largest torque [N m]) for every actuated hinge, in actuator order.
-        sources: literature from which masses, lengths and limits are taken.
     """
 
-    name: str
     height: float
     mass: float
-    root_joint: str
     root_segment: str
     trunk_segment: str
     left_leg: LegDescription
@@ -126,10 +120,8 @@ class BodyDescription:
     hip_height: float
     hip_half_width: float
     leg_length: float
-    imu_segment: str
     mirror: tuple[tuple[str, str, float], ...]
     torque_limits: tuple[tuple[str, float], ...]
-    sources: tuple[str, ...]
 
     @property
     def legs(self) -> tuple[LegDescription, LegDescription]:

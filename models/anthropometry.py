@@ -148,13 +148,3 @@ JOINTS: dict[str, tuple[float, float, float]] = {
 }
 """Least and largest angle [rad] and largest torque as a share of weight times stature [1] of each hinge; the
 ranges of a right limb are mirrored. Sources, joint by joint: docs/body.md."""
-
-SOURCES: tuple[str, ...] = (
-    "de Leva 1996 (segment masses, centres of mass, radii of gyration; male)",
-    "Winter 2009 (heights of hip, knee, ankle, shoulder; foot length)",
-    "Bell et al. 1990 (distance of the hip centres)",
-    "Delp et al. 1990 (mass of the toes)",
-    "Greene & Heckman 1994 (joint ranges)",
-    "Anderson et al. 2007 (strength of hip, knee and ankle)",
-)
-"""Short form of the sources, for reports."""

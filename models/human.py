@@ -237,10 +237,8 @@ class _Builder:
                 forcelimited=True, forcerange=both,
             )  # fmt: skip
         description = BodyDescription(
-            name="human",
             height=self.height,
             mass=self.mass,
-            root_joint="root",
             root_segment="pelvis",
             trunk_segment="thorax",
             left_leg=left_leg,
@@ -253,10 +251,8 @@ class _Builder:
             hip_height=table.HIP_HEIGHT * self.height,
             hip_half_width=table.HIP_HALF_WIDTH * self.height,
             leg_length=(table.HIP_HEIGHT - table.ANKLE_HEIGHT) * self.height,
-            imu_segment="thorax",
             mirror=tuple(_mirrored(name) for name, _ in limits),
             torque_limits=limits,
-            sources=table.SOURCES,
         )
         return BodyModel(self.root.to_xml_string(precision=_XML_PRECISION), description)
 

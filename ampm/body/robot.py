@@ -99,7 +99,6 @@ class Robot:
         self.sole_frames = tuple(self._frame(leg.sole_frame) for leg in description.legs)
         self.toe_frames = tuple(self._frame(leg.toe_frame) for leg in description.legs)
         self.trunk_frame = self._frame(description.trunk_segment)
-        self.root_frame = self._frame(description.root_segment)
         self.toe_joints = self.velocity_indices(tuple(leg.toe for leg in description.legs))
         self.knee_joints = self.velocity_indices(tuple(leg.knee for leg in description.legs))
         self.trunk_joints = self.velocity_indices(description.trunk)
