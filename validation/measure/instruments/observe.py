@@ -172,7 +172,7 @@ def observe_folder(directory: Path, instrument: Instrument) -> Observation:
     observed = observe(instrument, load_record(directory), run_key(run), body)
     if observed is None:
         raise InputError(
-            f"the walk of {directory} ended before its second step; there is nothing to observe."
+            f"the walk of {directory} ended before its second time step; there is nothing to observe."
         )
     return observed
 

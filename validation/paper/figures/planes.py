@@ -41,34 +41,28 @@ _HEIGHT = 9.65  # of both figures [in]
 def figure_4(walks: Walks) -> tuple[Figure, Numbers]:
     """Sagittal plane: COM, ZMP and ground force during single and double support, to scale."""
     walk = walks.walk("momentum")
-    constants, gait, sole = walk.plan.constants, walk.gait, walk.robot.description.sole
-    height, half, stance = (
-        gait.com_height,
-        0.5 * gait.step_length,
-        walk.plan.contacts.footsteps[1].position[0],
-    )
-    figure, axes = _paper((2.88, 3.68), (0.8, 4.75))
-    for axis, phase, start, duration, centre, feet, names, letter, half_way, slope in (
-        (axes[0], "(a) single", 0.0, walk.single, stance, (0.0,),
-         ("P_0", "P_1", "Z_0", "Z_1"), "s", constants.l_s, gait.c_s),
-        (axes[1], "(b) double", walk.single, walk.double, stance + half, (-half, half),
-         ("P_1", "P_0'", "Z_1", "Z_0'"), "d", constants.l_d, constants.c_d),
-    ):  # fmt: skip
-        for x in feet:
-            _sole(axis, x + sole.heel_x, x + sole.tip_x)
-        com, zmp = _support(axis, walk, 0, start, duration, centre)
-        for index, gap, align, above, below in (
-            (0, -0.012, "right", *names[::2]), (-1, 0.012, "left", *names[1::2])
-        ):  # fmt: skip
-            axis.text(com[index] + gap, height + 0.022, f"${above}$", ha=align, fontsize=11)
-            axis.text(zmp[index] + gap, 0.022, f"${below}$", ha=align, fontsize=11, color=FORCE)
-        _span(axis, com[0], com[-1], height + 0.095, f"$2\\,l_{letter}$ = {2e3 * half_way:.0f} mm")
-        travel = f"$2\\,l_{letter}/a_{letter}$ = {1e3 * abs(zmp[-1] - zmp[0]):.0f} mm"
-        _span(axis, zmp[0], zmp[-1], -0.062, travel)
-        axis.set_title(f"{phase} support, $c_{letter}$ = {slope:.3g}, {duration:.3f} s")
-        axis.set_aspect("equal")
-    axes[0].set(xlabel="x from the stance foot [m]", xlim=(-0.36, 0.36))
-    axes[1].set(xlabel="x from the midpoint of the feet [m]", xlim=(-0.46, 0.46))
+    plan, gait, sole = walk.plan, walk.gait, walk.robot.description.sole
+    constants, half, stance = plan.constants, 0.5 * gait.step_length, plan.contacts.footsteps[1].position[0]
+    figure, (single, double) = _paper((2.88, 3.68), (0.8, 4.75))
+
+    _sole(single, sole.heel_x, sole.tip_x)
+    com, zmp = _support(single, walk, 0, 0.0, walk.single, stance)
+    _name_ends(single, com, gait.com_height + 0.022, "P_0", "P_1", INK)
+    _name_ends(single, zmp, 0.022, "Z_0", "Z_1", FORCE)
+    _span(single, com[0], com[-1], gait.com_height + 0.095, f"$2\\,l_s$ = {2e3 * constants.l_s:.0f} mm")
+    _span(single, zmp[0], zmp[-1], -0.062, f"$2\\,l_s/a_s$ = {1e3 * abs(zmp[-1] - zmp[0]):.0f} mm")
+    single.set_title(f"(a) single support, $c_s$ = {gait.c_s:.3g}, {walk.single:.3f} s")
+    single.set(xlabel="x from the stance foot [m]", xlim=(-0.36, 0.36), aspect="equal")
+
+    for x in (-half, half):
+        _sole(double, x + sole.heel_x, x + sole.tip_x)
+    com, zmp = _support(double, walk, 0, walk.single, walk.double, stance + half)
+    _name_ends(double, com, gait.com_height + 0.022, "P_1", "P_0'", INK)
+    _name_ends(double, zmp, 0.022, "Z_1", "Z_0'", FORCE)
+    _span(double, com[0], com[-1], gait.com_height + 0.095, f"$2\\,l_d$ = {2e3 * constants.l_d:.0f} mm")
+    _span(double, zmp[0], zmp[-1], -0.062, f"$2\\,l_d/a_d$ = {1e3 * abs(zmp[-1] - zmp[0]):.0f} mm")
+    double.set_title(f"(b) double support, $c_d$ = {constants.c_d:.3g}, {walk.double:.3f} s")
+    double.set(xlabel="x from the midpoint of the feet [m]", xlim=(-0.46, 0.46), aspect="equal")
     _key(figure, "Darker: later. In the drawings plan, IK and simulation cover each other; below, enlarged.")
     return figure, _errors(figure, walk, 0)
 
@@ -221,6 +215,12 @@ _SOLE = "#cbd2d9"
 
 def _sole(axis: Axes, back: float, front: float, color: str = _SOLE) -> None:
     axis.fill_between([back, front], -0.022, -0.004, color=color, linewidth=0, zorder=1)
+
+
+def _name_ends(axis: Axes, path: Array, level: float, first: str, last: str, color: str) -> None:
+    """Names of the ends of a path, beside them."""
+    for end, gap, align, name in ((path[0], -0.012, "right", first), (path[-1], 0.012, "left", last)):
+        axis.text(end + gap, level, f"${name}$", ha=align, fontsize=11, color=color)
 
 
 def _span(axis: Axes, low: float, high: float, level: float, text: str, aside: float = 0.0) -> None:
