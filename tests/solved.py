@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ampm.body.motion import WholeBodyMotion
 from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
+from ampm.planners import periodic_walk
 from ampm.run_file import load_run
-from models.human import build
+from models.human import BodyModel, build
 from validation.trial.bridge import pinocchio_model
+from validation.trial.record import SimulationRecord
+from validation.trial.simulate import simulate
 
 WALK = (
     "gait.com_height=0.875",
@@ -55,3 +58,17 @@ def motion_of(*overrides: str) -> WholeBodyMotion:
     """Its periodic step."""
     walk = walk_of(*overrides)
     return solve_motion(walk.plan, walk.run, walk.robot)
+
+
+@cache
+def body_of(*overrides: str) -> BodyModel:
+    """The simulated body, with some settings changed."""
+    run = walk_of(COARSE, *overrides).run
+    return build(run.body, run.contact, run.simulation)
+
+
+def simulated(*overrides: str, body: BodyModel | None = None, **options: Any) -> SimulationRecord:
+    """A short walk under some settings; the motion does not depend on controller and contact."""
+    asked = walk_of(COARSE, *overrides)
+    plan = periodic_walk(asked.plan, motion_of(COARSE), asked.robot)
+    return simulate(plan, asked.run, body or body_of(*overrides), **{"steps": 2, **options})

@@ -11,17 +11,14 @@ import numpy as np
 import pytest
 
 from ampm.exceptions import InputError
-from ampm.planners import periodic_walk
-from models.human import build
 from tests.records import first_difference
-from tests.solved import COARSE, motion_of, walk_of
+from tests.solved import COARSE, body_of, simulated, walk_of
 from validation.measure.measure import measure
 from validation.run.replay import step_again
 from validation.store.record import load_record, save_record
 from validation.trial.bridge import to_pinocchio
 from validation.trial.disturbances import Push
 from validation.trial.outcome import OutcomeName
-from validation.trial.simulate import simulate
 
 SHOVE = Push("chest", (0.0, 30.0, 0.0), at=0.6, duration=0.1)
 
@@ -38,16 +35,8 @@ def example(name):
 
 
 @cache
-def body():
-    run = walk_of(COARSE).run
-    return build(run.body, run.contact, run.simulation)
-
-
-@cache
-def walk(*disturbances, controller=None, steps=2, settings=()):
-    asked = walk_of(COARSE, *settings)
-    plan = periodic_walk(asked.plan, motion_of(COARSE), asked.robot)
-    return simulate(plan, asked.run, body(), controller=controller, disturbances=disturbances, steps=steps)
+def walk(*disturbances, **options):
+    return simulated(disturbances=disturbances, **options)
 
 
 def test_a_push_is_recorded_where_and_when_it_acts(tmp_path):
@@ -68,7 +57,7 @@ def test_a_push_is_recorded_where_and_when_it_acts(tmp_path):
 
 def test_a_pushed_walk_replays_to_the_bit_and_only_with_its_push():
     record = walk(SHOVE)
-    assert step_again(body().compile(), record).identical
+    assert step_again(body_of().compile(), record).identical
     assert walk().external_segments == ()
     assert not walk().metadata
 
@@ -127,7 +116,7 @@ def test_a_users_own_controller_may_fall_and_leaves_the_rest_unsaid():
     assert np.isnan(record.command_zmp).all()
     assert np.isnan(record.qp_residual).all()
     np.testing.assert_array_equal(record.command_com[0], walk().command_com[0])
-    assert step_again(body().compile(), record).identical
+    assert step_again(body_of().compile(), record).identical
 
 
 @pytest.mark.parametrize(("force", "outcome"), [(30.0, OutcomeName.COMPLETED), (80.0, OutcomeName.FELL)])

@@ -11,12 +11,12 @@ import pytest
 from ampm.control import limited_qp, wrench_qp
 from ampm.control.controller import Tracker
 from ampm.exceptions import InputError, SolverError
-from ampm.planners import periodic_walk
 from ampm.qp import QPSolution, QPStatus, make_backend
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
-from models.human import BodyModel, build
+from models.human import BodyModel
 from tests.records import first_difference
-from tests.solved import COARSE, motion_of, walk_of
+from tests.solved import COARSE, body_of, motion_of, walk_of
+from tests.solved import simulated as walk
 from validation.measure.measure import measure
 from validation.run.replay import step_again
 from validation.store.record import load_record, save_record
@@ -27,20 +27,6 @@ from validation.trial.outcome import OutcomeName
 
 STEPS = 2
 FAIL_AT = 150  # a tick in single support
-
-
-@cache
-def body_of(*overrides: str) -> BodyModel:
-    run = walk_of(COARSE, *overrides).run
-    return build(run.body, run.contact, run.simulation)
-
-
-def walk(*overrides, body=None, steps=STEPS, progress=None):
-    """A short walk; the motion does not depend on controller and contact."""
-    asked = walk_of(COARSE, *overrides)
-    model = body or body_of(*overrides)
-    plan = periodic_walk(asked.plan, motion_of(COARSE), asked.robot)
-    return simulation.simulate(plan, asked.run, model, steps=steps, progress=progress)
 
 
 @cache
