@@ -1,7 +1,7 @@
-"""AMPM: the gait planner of Kudoh & Komura (IROS 2003) and a controller that walks its plans.
+"""AMPM: the gait planner of Kudoh & Komura (IROS 2003) and a controller that tracks its plans.
 
-The package knows Pinocchio and OSQP, but no simulator: a body comes in as a description and a ready model.
-What is imported here needs neither, but for ``AmpmPeriodic`` and ``WalkRequest``, which load Pinocchio.
+The package uses Pinocchio and OSQP, but no simulator: a body is given as a description and a Pinocchio model.
+Of the names imported here only ``AmpmPeriodic`` and ``WalkRequest`` load Pinocchio.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _MODULES = {
         "ControlOutput", "Controller", "Planner", "Posture", "Reference", "State", "Touch", "WalkPlan",
     ),
 }  # fmt: skip
-# imported when they are first read: NumPy takes a tenth of a second that 'ampm --help' need not wait
+# imported when first read: loading NumPy would delay 'ampm --help' by a tenth of a second
 
 
 def plan(run: RunParameters | str | Path) -> CentroidalPlan:
@@ -52,7 +52,7 @@ def plan(run: RunParameters | str | Path) -> CentroidalPlan:
         InputError: no such preset or file.
         MathematicalRefusal: the closed form has no solution, or none that can be computed.
     """
-    from ampm.planner.periodic import plan_gait  # here, not above: it needs NumPy
+    from ampm.planner.periodic import plan_gait  # imported here because it loads NumPy
 
     run = run if isinstance(run, RunParameters) else load_run(run)
     return plan_gait(run.gait, run.body.mass)

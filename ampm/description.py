@@ -84,7 +84,7 @@ class LegDescription:
 
 @dataclass(frozen=True)
 class BodyDescription:
-    """The one place that says which joint, segment and frame of a body is what.
+    """Roles of a body's joints, segments and frames.
 
     Every hinge turns about +x (roll), +y (pitch) or +z (yaw) of the neutral posture, which is upright with
     hanging arms at ``q = 0``; all angles are right-handed about these axes.

@@ -1,4 +1,4 @@
-"""The errors of the testbed: one root, and a leaf for every way in which a request can go wrong.
+"""Errors of the testbed: one root, and one class for each kind of failure.
 
 A message is one sentence for the user: the value, the limit, and a way out.
 """
@@ -16,8 +16,8 @@ class InputError(AmpmError):
     """The request itself is wrong: an unknown key, a value that is no number, a file that is missing.
 
     Attributes:
-        details: for programs, what of the following is known: ``key``, ``value``, ``limit`` (in words),
-            ``way_out``, and of an unknown name the ``nearest`` known one.
+        details: for programs, those that are known of ``key``, ``value``, ``limit`` (in words), ``way_out``,
+            and of an unknown name the ``nearest`` known one.
     """
 
     def __init__(self, message: str = "", **details: Any) -> None:
@@ -50,7 +50,7 @@ class RefusedGait(AmpmError):
 
 
 class MathematicalRefusal(RefusedGait):
-    """No body whatsoever can walk this plan: the closed form itself has no solution."""
+    """No body can walk this plan: the closed form itself has no solution."""
 
     kind = "mathematical"
 

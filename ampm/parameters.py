@@ -254,7 +254,7 @@ class Relation:
 
 
 RELATIONS = (
-    # MuJoCo would raise a shorter time constant without a word.
+    # MuJoCo would raise a shorter time constant silently.
     Relation(
         "contact.time_constant", "ge", 2.0, "simulation.time_step", "raise it or lower simulation.time_step"
     ),
@@ -290,7 +290,7 @@ class RunParameters(Section):
     def replace(self, values: Mapping[str, Any]) -> RunParameters:
         """Copy with some namespaced keys changed, validated like any other input.
 
-        What was left at its default stays unnamed, so that it can still be tuned.
+        Keys left at their defaults stay unnamed, so that they can still be tuned.
 
         Args:
             values: new values by namespaced key, for example ``{"gait.c_s": 1.2}``.

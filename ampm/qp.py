@@ -1,8 +1,8 @@
 """Convex quadratic programs ``min 1/2 x'Px + q'x  s.t.  l <= A x <= u`` behind one small interface.
 
 A :class:`QPBackend` keeps its workspace between calls: the sparsity pattern is fixed when it is made, and a
-call hands over new numbers only. :class:`OsqpBackend` is the default; :class:`DaqpBackend` is an active-set
-solver that serves as a cross-check. No backend stops on a clock: the same numbers give the same answer.
+call only passes new numbers. :class:`OsqpBackend` is the default; :class:`DaqpBackend` is an active-set
+solver that serves as a cross-check. No backend has a time limit: the same numbers give the same answer.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 BACKENDS = ("osqp", "daqp")
-"""Names that :func:`make_backend` knows."""
+"""Names that :func:`make_backend` accepts."""
 
 
 class QPStatus(enum.IntEnum):
@@ -44,14 +44,14 @@ _OSQP_STATUS = {
 """All others are certificates of infeasibility."""
 
 _INTERRUPTED = int(osqp.SolverStatus.OSQP_SIGINT)
-_INFINITY = 1e30  # what OSQP takes for a bound that is none
+_INFINITY = 1e30  # OSQP's infinity
 
 
 class QPSolution(NamedTuple):
     """Answer of one solve.
 
     Attributes:
-        x: minimiser, or the last iterate if unsolved; of no meaning if infeasible, shape (n,).
+        x: minimiser, or the last iterate if unsolved; meaningless if infeasible, shape (n,).
         status: solved, unsolved (iterations used up, or not finite) or infeasible.
         residual: bound of the violation of ``l <= A x <= u``, in the rows' own units.
         iterations: of the solver.
@@ -168,11 +168,11 @@ class OsqpBackend:
             residual = math.inf
             self._solver = None
         if status is QPStatus.INFEASIBLE:
-            self._solver = None  # its iterates would poison the next solve
+            self._solver = None  # its iterates must not warm-start the next solve
         elif info.rho_updates:  # a penalty that suits one hard problem slows down all that follow
             solver.update_rho(self._settings.rho)
         if code == _INTERRUPTED:
-            raise KeyboardInterrupt  # OSQP catches the signal for itself
+            raise KeyboardInterrupt  # OSQP catches the signal itself
         return QPSolution(x, status, residual, int(info.iter), seconds)
 
     def _setup(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> Any:

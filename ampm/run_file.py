@@ -1,4 +1,4 @@
-"""Runs as TOML files: presets, files and settings in, one file out that gives back the same bits."""
+"""Runs as TOML files: read from presets, files and settings; written to one file that gives the same bits."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class KeyInfo:
 
     @property
     def range(self) -> str:
-        """Bounds or options in words."""
+        """Bounds or options as text."""
         signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
         bounds = [f"{signs[name]} {limit:g}" for name, limit in self.bounds.items()]
         return ", ".join(bounds) or " | ".join(self.options)

@@ -1,7 +1,7 @@
-"""Base of everything that is read from TOML: frozen, validated, and one sentence for what is wrong.
+"""Base of everything that is read from TOML: frozen, validated, with errors of one sentence.
 
-Run files, sweep definitions and instrument files are made of sections, so that they all are refused in the
-same words.
+Run files, sweep definitions and instrument files are made of sections, so that all give the same error
+messages.
 """
 
 from __future__ import annotations

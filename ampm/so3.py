@@ -1,4 +1,4 @@
-"""Vectors of three and rotations in plain numbers: so short that arrays cost more than the arithmetic."""
+"""Vectors of three and rotations in plain numbers: for so few elements arrays are slower."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A planned walk as one function of time, and the protocols of what makes and follows it.
+"""A planned walk as one function of time, and the protocols of planner and controller.
 
 A :class:`WalkPlan` is always complete: centroidal plan, feet, posture. It gives the :class:`Reference` of one
 instant (:meth:`WalkPlan.at`), or those of all ticks of a controller at once (:meth:`WalkPlan.table`). A
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Scalar = Any  # a float at one instant, an array (T,) at T of them
 
-_YAW_SPAN = 1e-3  # over which the rate of L_z is taken at a single instant [s]
+_YAW_SPAN = 1e-3  # interval of the difference that gives the rate of L_z at a single instant [s]
 
 
 class FeetState(NamedTuple):
@@ -163,7 +163,7 @@ class Reference(NamedTuple):
 
 
 class Timing(NamedTuple):
-    """How a controller's references look ahead.
+    """Times by which a controller's references look ahead.
 
     Attributes:
         lead: time by which a foot is let down before its planned contact [s].
@@ -178,7 +178,7 @@ class Timing(NamedTuple):
 
 
 SHARP = Timing()
-"""References of the very instant."""
+"""No look-ahead."""
 
 
 class ReferenceTable(Sequence[Reference]):
@@ -224,7 +224,7 @@ class ReferenceTable(Sequence[Reference]):
 
 
 class Posture(Protocol):
-    """The whole-body motion that a walk has besides COM, momentum and feet."""
+    """Whole-body motion of a walk besides COM, momentum and feet."""
 
     @property
     def angular_momentum_y_offset(self) -> float:
@@ -262,8 +262,8 @@ class WalkPlan(StepPlan):
     def at(self, time: float, timing: Timing = SHARP) -> Reference:
         """The reference at one instant [s].
 
-        It equals the table's, but for what a table takes from its own ticks: here the time until lift-off is
-        exact, and the rate of L_z is a central difference over two milliseconds.
+        It equals the table's, except where a table uses its own ticks: here the time until lift-off is exact,
+        and the rate of L_z is a central difference over two milliseconds.
 
         Raises:
             InputError: the time lies outside the plan.

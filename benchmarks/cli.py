@@ -51,14 +51,14 @@ def benchmark(
 ) -> int:
     """Time planning, whole-body motion, control and physics of one gait.
 
-    With each solver the same walk is made several times plainly, for the times of whole ticks, and several
-    times with clocks in the controller, for their parts; then its physics is stepped alone. The work is the
-    same every time and on one thread, so that of every tick the least time counts. The default takes about a
+    With each solver the same walk is made several times without timers, for the times of whole ticks, and
+    several times with timers in the controller, for their parts; then its physics is stepped alone. The work
+    is the same every time and on one thread, so the least time of each tick counts. The default takes about a
     minute.
     """
     if context.invoked_subcommand is not None:
         return Status.PASS
-    # Here, not above: '--help' need not wait for simulator and Pinocchio.
+    # Imported here so that '--help' loads neither simulator nor Pinocchio.
     from benchmarks.run import run_benchmarks
     from benchmarks.table import print_result, update_document
 

@@ -1,4 +1,4 @@
-"""Clocks, and the lines of a benchmark: what was timed, and how it is summed up."""
+"""Timers, and the lines of a benchmark: statistics of what was timed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Samples = Sequence[float] | np.ndarray
 class Line:
     """Median and tail of repeated measurements of one thing; NaN where nothing was measured.
 
-    The mean is left out on purpose: one interruption by another process moves it, and the median not.
+    There is no mean: one interruption by another process changes it, but not the median.
 
     Attributes:
         name: of the thing.
@@ -78,8 +78,8 @@ def repeat(work: Callable[[], object], times: int) -> list[float]:
 def least(rounds: Sequence[Samples]) -> np.ndarray:
     """The least time of every single piece of work over several rounds of the very same work [s].
 
-    A piece that another process interrupted in one round is hardly interrupted in all of them, so that what
-    is left differs by what the piece itself has to do.
+    Another process rarely interrupts the same piece in all rounds, so the least times are those of the work
+    itself.
     """
     return np.min(np.stack([np.asarray(spans, dtype=np.float64) for spans in rounds]), axis=0)
 

@@ -1,4 +1,4 @@
-"""Cost of a recording: its share of a run's time and its size, in a process as a user has it."""
+"""Cost of a recording: its share of a run's time and its size, in a fresh process."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _in_a_process(run_file: Path) -> dict[str, float]:
 
 def _trial(run_file: Path, target: Path) -> dict[str, float]:
     """The trial itself, in a fresh process: times by stage, simulated time, size, peak of memory."""
-    # Here, not above: the process that only starts the trials needs neither simulator nor body.
+    # Imported here: the process that only starts the trials needs neither simulator nor body.
     from validation.run.validate import validate
     from validation.trial.plan import load_request
 

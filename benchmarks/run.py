@@ -1,4 +1,4 @@
-"""Runs all benchmarks of one gait and collects what they found."""
+"""All benchmarks of one gait and their results."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ class BenchmarkResult:
         sections: lines by heading: what is done once, walks by QP solver, a trial with its recording.
         memory_peak: largest resident memory of the process [MB].
         threads: limits of the numerical libraries' threads by environment variable.
-        load: processes that ran at the start, mean of the last minute [1]; above 1, others took time.
+        load: load of the machine at the start, mean of the last minute [1]; above 1, other processes took
+            time.
         environment: versions, processor, revision.
     """
 
@@ -75,7 +76,7 @@ def run_benchmarks(
         progress: where to report stages.
 
     Raises:
-        InputError, MathematicalRefusal, BodilyRefusal: the gait cannot be met.
+        InputError, MathematicalRefusal, BodilyRefusal: the gait cannot be planned.
     """
     load = os.getloadavg()[0]
     settings_of = {name: [*settings, f"gait.steps={steps}", f"solver.qp={name}"] for name in solvers}
@@ -138,7 +139,7 @@ def _time_ik(run: RunParameters, robot: Robot, plan: StepPlan, motion: WholeBody
 
 
 class _TimedKinematics(InverseKinematics):
-    """Notes when each tick reaches its QP; from one to the next is a whole tick."""
+    """Records the time at which each tick reaches its QP; two such times are one tick apart."""
 
     times: list[float]
 

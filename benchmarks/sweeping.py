@@ -1,9 +1,9 @@
-"""Times a sweep: what two workers gain over one, what a run costs beside its trial, what a worker holds.
+"""Times a sweep: gain of two workers over one, overhead of a run beside its trial, memory of a worker.
 
 The same runs are made four times: bare, one after the other in one warm process that does nothing else; then
 as a sweep with one worker and with two; and bare in two processes at once. Everything of a sweep is counted:
-the start of the workers, scheduler, progress, durable rows, the table, the report. What two bare processes
-gain is what the machine has to give: cores that share memory and heat do not double.
+the start of the workers, scheduler, progress, durable rows, the table, the report. The gain of two bare
+processes is the machine's limit: cores share memory and thermal limits.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def time_sweep(gait: str, steps: int, runs: int, progress: Progress) -> dict[str
     Returns:
         Times in seconds, of the whole sweep with ``one`` and ``two`` workers and of a ``bare`` run;
         throughputs and overheads as ratios; peaks of the workers' memory and their growth after the 16th run
-        in MB; ``load`` of the machine at the start, versions and processor. :func:`rows` puts it in words.
+        in MB; ``load`` of the machine at the start, versions and processor. :func:`rows` makes a table of it.
 
     Raises:
         InputError: too few runs.
@@ -124,7 +124,7 @@ def _bare(lists: Sequence[Sequence[Request]]) -> float:
 
 def _walk_all(requests: Sequence[Request]) -> list[float]:
     """Seconds of plan, walk and verdict of every run, and nothing else."""
-    # Here, not above: a worker's process loads the simulator, this one does not.
+    # Imported here: a worker's process loads the simulator, this one does not.
     from validation.run.walk import walk_planned
 
     seconds = []

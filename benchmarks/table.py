@@ -18,7 +18,7 @@ _NO_CELLS = ("",) * (len(HEADER) - 1)
 
 
 def conditions(result: BenchmarkResult) -> str:
-    """One sentence: what it was measured on."""
+    """One sentence on gait, machine and versions of the measurement."""
     known = result.environment
     titles = {"MuJoCo": "mujoco", "Pinocchio": "pin", "OSQP": "osqp", "numpy": "numpy"}
     versions = ", ".join(f"{title} {known['versions'][name]}" for title, name in titles.items())

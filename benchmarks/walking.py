@@ -27,7 +27,7 @@ PARTS = ("references", "terms", "assembly", "solve", "torque")
 def time_walk(
     plan: WalkPlan, run: RunParameters, body: BodyModel, walks: int, progress: Callable[[int, int], None]
 ) -> tuple[str, list[Line]]:
-    """Walk plainly, walk again with the parts timed, step the physics alone; each of them several times.
+    """Walk without timers, walk again with the parts timed, step the physics alone; each several times.
 
     Returns:
         How the walk went; its times, of every tick the least of several equal walks.
@@ -39,7 +39,7 @@ def time_walk(
         start = time.perf_counter()
         records.append(simulate(plan, run, body, controller=ticks.controller, progress=progress))
         whole.append(time.perf_counter() - start)
-        if records[-1].outcome.name == OutcomeName.INTERRUPTED:  # which the simulation keeps to itself
+        if records[-1].outcome.name == OutcomeName.INTERRUPTED:  # Ctrl-C raises no exception there
             raise KeyboardInterrupt
     first, period = records[0], 1.0 / run.controller.frequency
     alone = [time_physics(first, run, body) for _ in range(walks)]
@@ -102,7 +102,7 @@ def time_physics(
 
 
 class _Ticks:
-    """Makes a controller that notes when it is called and how long it takes, with or without its parts."""
+    """Makes a controller that records when it is called and how long it takes, with or without its parts."""
 
     def __init__(self, parts: bool) -> None:
         self.parts, self.watch = parts, Stopwatch()

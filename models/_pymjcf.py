@@ -2,7 +2,7 @@
 
 dm_control looks for an OpenGL context when it is imported, and warns or fails where there is none. Writing
 MJCF needs no picture, so the search is switched off for the time of the import; mujoco's own renderer, which
-chooses when *it* is imported, keeps the caller's choice.
+reads the setting at its own import, keeps the caller's choice.
 """
 
 from __future__ import annotations

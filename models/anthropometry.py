@@ -1,6 +1,6 @@
 """Anthropometric tables: masses, lengths, mass distribution, joint ranges and strength of an adult.
 
-Every number that describes a human stands in this file, next to where it was taken from.
+All numbers that describe a human are in this file, with their sources.
 
 Sources:
     DE_LEVA: P. de Leva, "Adjustments to Zatsiorsky-Seluyanov's segment inertia parameters", J. Biomech.

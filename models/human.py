@@ -1,8 +1,8 @@
 """The 40-dof human of the paper: 17 segments, 34 hinges and a free root, for any stature and mass.
 
 The model is written with PyMJCF from the tables in :mod:`models.anthropometry`. Every segment has an explicit
-inertial; pictures have neither mass nor contact. Only the twelve points under the soles touch anything, and
-only the floor.
+inertial; visual geometry has neither mass nor contact. Only the twelve points under the soles have contact,
+and only with the floor.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ class _Builder:
         root.compiler.set_attributes(
             angle="radian", autolimits=True, inertiafromgeom=False, balanceinertia=False
         )
-        # The forces are what is measured: solve for them as far as doubles allow; Newton needs a few steps.
+        # Contact forces are measured, so the tolerance is that of rounding; Newton needs few iterations.
         root.option.set_attributes(
             timestep=simulation.time_step, integrator=simulation.integrator, gravity=(0, 0, -GRAVITY),
             cone="elliptic", impratio=contact.impratio, solver="Newton", iterations=100, tolerance=1e-12,
@@ -180,7 +180,7 @@ class _Builder:
             root.asset.add("texture", name=name, type=kind, builtin=pattern, width=256, height=256, **colours)
         # One square is 0.5 m: the pattern repeats every metre.
         root.asset.add("material", name="floor", texture="floor", texrepeat=(1, 1), texuniform=True)
-        # The floor offers contact and the points accept it, so that two points never touch each other.
+        # contype only on the floor, conaffinity only on the points: two points never touch each other.
         root.worldbody.add(
             "geom", name="floor", dclass="contact", type="plane", size=(0, 0, 1), material="floor", contype=1,
             conaffinity=0,
@@ -269,7 +269,7 @@ class _Builder:
         hips = (0, 0, table.HIP_HEIGHT * h)
         pelvis = self._segment(self.root.worldbody, "pelvis", hips, table.LOWER_TRUNK, lower, upward=True)
         pelvis.add("freejoint", name="root")
-        # A lamp that goes along: a fixed sun casts grainy shadows on an endless floor.
+        # A light that follows the body: a fixed one casts grainy shadows on a large floor.
         pelvis.add(
             "light", name="lamp", mode="trackcom", pos=(1.2, -1.6, 3.2), dir=(-0.33, 0.42, -1), cutoff=75,
             exponent=0, castshadow=True, diffuse=(0.5, 0.5, 0.5), specular=(0.1, 0.1, 0.1),

@@ -1,1 +1,1 @@
-"""The body as planner and controller know it, and its whole-body motion."""
+"""Model of the body for planner and controller, and its whole-body motion."""

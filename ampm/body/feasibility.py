@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 FLOOR_TOLERANCE = 1e-6
 """Depth under the floor that rounding may give a planned sole point [m]."""
 ROLL_TOLERANCE = 0.005
-"""ZMP's distance behind the ball that a rising heel forgives [m]: the ZMP covers it in a few milliseconds, in
-which the heel is still within the millimetre by which a soft contact gives way."""
+"""Largest distance of the ZMP behind the ball at heel rise [m]: the ZMP covers it in a few milliseconds, in
+which the heel rises by less than the millimetre that a soft contact yields."""
 LEG_ALLOWANCE = 0.02
-"""Reach beyond the straight leg that is left to the pelvis, as a share of the leg's length [1]. The inverse
-kinematics has the last word; this check refuses early what no turn of the pelvis can correct."""
+"""Reach beyond the straight leg that the pelvis can add, as a share of the leg's length [1]. This early check
+refuses only what no rotation of the pelvis can correct; the inverse kinematics decides the rest."""
 COM_OVER_HIP = 0.037
 """Height of the COM over the hip centres when standing, as a share of stature [1] (0.567 less 0.530)."""
 KNEE_MINIMUM = 0.1
-"""Least flexion of a knee [rad]: a straighter one has lost its authority over the hip's height."""
+"""Least flexion of a knee [rad]: a straighter one can hardly change the hip's height."""
 RETURN_TOLERANCE = 1e-8
 """Largest difference of a motion's mirrored end from its start [rad, m, rad/s, m/s]."""
 
@@ -41,11 +41,11 @@ _JOINT_WAYS_OUT = {
     "trunk": "bring gait.c_s and gait.c_y nearer to 1",
     "arms": "bring gait.c_s and gait.c_y nearer to 1",
 }
-_INSTANTS = 200  # per phase, for what has no closed-form extremum
+_INSTANTS = 200  # samples per phase, for values without a closed-form extremum
 
 
 AT_MOST, AT_LEAST = -math.inf, math.inf
-"""Targets of a limit that no search works towards."""
+"""Targets of a limit that is only checked, not searched for."""
 
 
 @dataclass(frozen=True)
@@ -53,13 +53,13 @@ class Limit:
     """One limit of body, floor or formula.
 
     Attributes:
-        what: what is measured; in a check, a clause that names the fault as well.
+        what: the measured quantity; in a check, a clause that also names the fault.
         unit: of value, bound and target.
-        bound: what may not be passed.
+        bound: hard limit.
         target: target of a search; beyond ``bound`` on the allowed side.
         reason: short name for tables.
         way_out: what the user can change.
-        tolerance: by how much a check lets the bound be passed.
+        tolerance: by how much a check lets a value exceed the bound.
     """
 
     what: str
@@ -89,7 +89,7 @@ class Limit:
         return f"{value:.{digits}g}" + ("" if self.unit == "1" else f" {self.unit}")
 
     def refusal(self, value: float, also: str = "") -> BodilyRefusal:
-        """The error; ``also`` goes on with the way out."""
+        """The error; ``also`` is appended to the way out."""
         return BodilyRefusal(
             f"{self.what} is {self.quantity(value, 4)} and must be {self.rule(4)}",
             reason=self.reason,
@@ -103,7 +103,7 @@ class Limit:
 def check_body(plan: StepPlan, description: BodyDescription) -> None:
     """Refuse a plan that this body cannot walk, by plan, soles and leg length alone.
 
-    The gait is periodic and symmetric, so its first step stands for all.
+    The gait is periodic and symmetric, so checking its first step is enough.
 
     Args:
         plan: centroidal motion and feet.
@@ -111,15 +111,16 @@ def check_body(plan: StepPlan, description: BodyDescription) -> None:
 
     Raises:
         BodilyRefusal: soles overlap, leg too short, planned sole points under the floor, ZMP off the sole, or
-            heel rising before the ZMP has reached the ball. Its way out does not lead into the next refusal.
+            heel rising before the ZMP has reached the ball. The way out names the changes for all failed
+            checks.
     """
     single, double = plan.contacts.phases[:2]
-    # Short of the last instant, at which the next phase has begun or the plan is over.
+    # Without the last instant, at which the next phase begins or the plan ends.
     first = single.start + np.linspace(0.0, single.duration, _INSTANTS, endpoint=False)
     second = double.start + np.linspace(0.0, double.duration * (1.0 - 1e-9), _INSTANTS)
     times = np.concatenate([first, second])
     *checks, margin = _plan_checks(plan, description, times)
-    # The margin only alone: what the others refuse takes the ZMP out of the support as well.
+    # The ZMP margin is checked last: a failure of the other checks also takes the ZMP out of the support.
     for some in (checks, [margin]):
         broken = [(limit, value) for limit, value in some if limit.broken(value)]
         if broken:
@@ -129,7 +130,7 @@ def check_body(plan: StepPlan, description: BodyDescription) -> None:
 
 
 def check_motion(report: MotionReport, description: BodyDescription) -> None:
-    """Refuse a motion that does not return, or that the body's joints cannot make.
+    """Refuse a motion that is not periodic or exceeds the range of a joint.
 
     Raises:
         BodilyRefusal: it is one of these.
@@ -168,7 +169,7 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     risen = left.contact.any(axis=1) & ~left.contact[:, HEEL]
     if risen.any():
         sample = plan.sample(float(left.start[risen.argmax()]))
-        # A ZMP at rest is at 0 m but for rounding, and -0 is 0.
+        # Rounding: a resting ZMP is at 0 m, and -0 becomes 0.
         reached = round(float(sample.zmp[0, 0] - sample.left_placement[0, 0]), 6) + 0.0
         reason = "heel_rises_before_zmp_reaches_ball"
         what = "the heel rises before the ZMP has reached the ball: its distance from the reference point"
@@ -194,7 +195,8 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     yield Limit(what, "m", FLOOR_TOLERANCE, AT_MOST, "sole_under_floor", more), float(depth.max())
 
     sample, margin = plan.sample(times), plan.zmp_margin(times)
-    # In double support the ZMP crosses the edge behind a rising heel in no time; one foot has no such excuse.
+    # In double support the ZMP crosses the edge behind a rising heel in milliseconds; single support has no
+    # tolerance.
     allowed = np.where(sample.phase == 1, ROLL_TOLERANCE, 0.0) + FLOOR_TOLERANCE
     worst = int((margin + allowed).argmin())
     what = (
@@ -220,7 +222,7 @@ def leg_extension(plan: StepPlan, description: BodyDescription, times: Array) ->
 
 
 def joint_groups(description: BodyDescription) -> dict[str, tuple[str, ...]]:
-    """Names of the hinges by what they are: hip, knee, ankle, toe, trunk, arms."""
+    """Names of the hinges by group: hip, knee, ankle, toe, trunk, arms."""
     legs = description.legs
     return {
         "hip": tuple(joint for leg in legs for joint in leg.hip),

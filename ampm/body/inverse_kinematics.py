@@ -6,17 +6,17 @@ At every instant (paper, section 2.3, Eqs. 8-12)
     subject to  J qdd + dJ/dt qd = lambda,     lower <= qdd <= upper,
 
 where the rows of J are the COM (3), the angular momentum about it (2, or 3 with L_z held at zero), both feet
-(6 each) and both toes (2). The sign of k is corrected: as printed, the posture runs away. The printed cost
-weighs loins and chest only, which leaves 40 - 20 directions with several minimisers; here every coordinate
-has a weight (:data:`POSTURE_WEIGHTS`), so the minimiser is unique.
+(6 each) and both toes (2). The sign of k is corrected: with the printed sign the posture is unstable. The
+printed cost weighs loins and chest only, which leaves 40 - 20 directions with several minimisers; here every
+coordinate has a weight (:data:`POSTURE_WEIGHTS`), so the minimiser is unique.
 
-The QP is handed to OSQP after the change of variables ``u = W^(1/2) (qdd - qdd_0)`` and with orthonormal
-constraint rows, on which ADMM converges to rounding error in a few iterations. Where no joint limit binds,
-the same minimiser is the projection of zero on those rows; a search that only needs the end of the step takes
-it from there (``draft``) and leaves OSQP to the step that is handed out.
+OSQP gets the QP after the change of variables ``u = W^(1/2) (qdd - qdd_0)`` and with orthonormal constraint
+rows, on which ADMM converges to rounding error in a few iterations. Where no joint limit binds, the same
+minimiser is the projection of zero on those rows; a search that only needs the end of the step uses this
+projection (``draft``), and only the returned step uses OSQP.
 
 The grid divides both phases exactly. After every step of the grid the state is projected back on the
-constraints (position and velocity), in the metric of the same weights, so that nothing drifts.
+constraints (position and velocity), in the metric of the same weights, which prevents drift.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ POSTURE_WEIGHTS = {
     "legs": 1e-3,
 }
 """Weights W of the posture form by group of coordinates [1]; the legs and the root's position follow from
-feet and COM and need only enough to be unique."""
+feet and COM; their small weights only make the minimiser unique."""
 
 ARM_BEND = 0.3
 """How far the arms' rest posture stays inside the joint limits [rad]: hanging, with slightly bent elbows."""
@@ -245,7 +245,7 @@ class InverseKinematics:
         return error[self.rows]
 
     def _posture(self, q: Array, v: Array) -> Array:
-        """Acceleration that the posture form wants: -k (q - q0) - d qd (Eq. 12, sign corrected)."""
+        """Desired acceleration of the posture: -k (q - q0) - d qd (Eq. 12, sign corrected)."""
         wanted = -self.damping * v
         wanted[:3] = 0.0
         vector, w = q[3:6], float(q[6])
@@ -316,9 +316,9 @@ class InverseKinematics:
     def _correct(
         self, reference: StepReference, k: int, q: Array, v: Array, tolerance: float
     ) -> tuple[Array, float]:
-        """Take off what integration has drifted, with the largest error before [m, rad].
+        """Correct the drift of the integration; returns the largest error before [m, rad].
 
-        One Newton step is enough, more are made where integration was coarse.
+        One Newton step is enough unless the grid is coarse.
         """
         first, time = 0.0, float(reference.time[k])
         for iteration in range(4):
@@ -333,7 +333,7 @@ class InverseKinematics:
                 break
             step = self._pull(*self._factor(terms.jacobian, self.position_rows, time), error)
             q = pin.integrate(self.robot.model, q, step)
-            if size * size < tolerance:  # the step left its square
+            if size * size < tolerance:  # quadratic convergence: the remaining error is about size^2
                 break
         return q, first
 

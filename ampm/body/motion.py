@@ -1,8 +1,8 @@
 """The whole-body motion of one step, and the posture of a walk that tiles it by mirroring.
 
-The one-step map of the inverse kinematics is unstable: an error grows every step. So a walk is not integrated
-on. One step is solved as a periodic orbit (:mod:`ampm.body.orbit`), and every later step is its mirror image,
-moved forward by a step length.
+The one-step map of the inverse kinematics is unstable: an error grows with every step. Therefore only one
+step is solved, as a periodic orbit (:mod:`ampm.body.orbit`). Every later step is its mirror image, moved
+forward by a step length.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class MotionReport:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> MotionReport:
-        """Of what :meth:`as_dict` gave, read back from JSON."""
+        """Inverse of :meth:`as_dict`, from JSON values."""
         return TypeAdapter(cls).validate_python(values)
 
 
@@ -85,7 +85,7 @@ MOTION_UNITS: Mapping[str, str] = {
     "step_length": "m",
     **{item.name: item.metadata["unit"] for item in fields(MotionReport) if item.metadata["unit"] != "1"},
 }
-"""Units of what is reported of a motion; what is not listed is a name or a plain number."""
+"""Units of the reported quantities; those not listed are names or plain numbers."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class WholeBodyMotion:
         v: Pinocchio velocities, shape (n+1, nv).
         acceleration: Pinocchio accelerations, shape (n+1, nv).
         trunk_pitch: shape (n+1,) [rad].
-        angular_momentum_z: about the COM, shape (n+1,) [N m s]; the motion's, no plan has it.
+        angular_momentum_z: about the COM, shape (n+1,) [N m s]; not part of a plan.
         step_length: [m].
         double_support_start: time of the switch within the step [s].
         report: constant of L_y, residuals, multipliers, margins.
@@ -143,7 +143,7 @@ class WholeBodyMotion:
         """
         t = np.atleast_1d(np.asarray(times, dtype=np.float64))
         if t.size and t.min() < -1e-9:
-            raise InputError(f"time {t.min():g} s lies before the motion's start at 0 s; ask for later times")
+            raise InputError(f"time {t.min():g} s lies before the motion's start at 0 s; give later times")
         step = np.maximum(np.floor(t / self.step_duration + 1e-9), 0.0)
         local = np.clip(t - step * self.step_duration, 0.0, self.step_duration)
         index = np.clip(np.searchsorted(self.time, local + 1e-12, side="right") - 1, 0, len(self.time) - 2)
@@ -209,7 +209,7 @@ class PeriodicPosture:
 
 
 def _immutable(values: Array) -> Array:
-    """A read-only copy: to freeze a view would leave the array behind it writable."""
+    """A read-only copy; the base array of a frozen view would stay writable."""
     copy = values.copy()
     copy.setflags(write=False)
     return copy

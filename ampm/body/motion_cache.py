@@ -29,14 +29,14 @@ _DAMAGED = (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.B
 
 
 def find_motion(folder: Path, key: str) -> WholeBodyMotion | None:
-    """The motion kept under a key (:func:`motion_key`), to the last bit.
+    """The motion stored under a key (:func:`motion_key`), bit for bit.
 
     Returns:
         None if there is no such file, or it cannot be read, is damaged, or was stored for other inputs: the
-        motion is then solved again and written over.
+        motion is then solved again and overwritten.
     """
     try:
-        # Opened here: numpy leaves a damaged archive open.
+        # Opened here because numpy does not close a damaged archive.
         with _path(folder, key).open("rb") as file, np.load(file, allow_pickle=False) as stored:
             meta = json.loads(str(stored["meta"]))
             arrays = {name: stored[name] for name in stored.files if name != "meta"}
@@ -50,13 +50,14 @@ def find_motion(folder: Path, key: str) -> WholeBodyMotion | None:
 
 
 def keep_motion(motion: WholeBodyMotion, folder: Path, key: str) -> None:
-    """Store a motion; a folder that cannot be written costs time at the next call, nothing else."""
+    """Store a motion. Where the folder cannot be written, the next call solves the motion again."""
     values = {field.name: getattr(motion, field.name) for field in fields(motion)}
     arrays = {name: values.pop(name) for name in list(values) if isinstance(values[name], np.ndarray)}
     meta = json.dumps(values | {"report": motion.report.as_dict(), "key": key})
     with contextlib.suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
-        # Written beside and renamed, so that no reader sees half a file, however many write at once.
+        # Written under another name and renamed, so that readers see whole files only, also with several
+        # writers.
         with tempfile.TemporaryDirectory(dir=folder, prefix=".") as beside:
             partial = Path(beside, "motion.npz")
             np.savez(partial, allow_pickle=False, meta=np.array(meta), **arrays)
@@ -68,7 +69,7 @@ def _path(folder: Path, key: str) -> Path:
 
 
 def motion_key(plan: StepPlan, run: RunParameters, robot: Robot) -> str:
-    """Hash of all that a motion depends on: inputs, body, and the code and libraries that solve it."""
+    """Hash of everything that a motion depends on: inputs, body, and the code and libraries that solve it."""
     sections = {
         "code": _code_hash(),
         "versions": [np.__version__, osqp.__version__, pin.__version__],
@@ -93,7 +94,7 @@ def motion_key(plan: StepPlan, run: RunParameters, robot: Robot) -> str:
 
 @cache
 def _code_hash() -> str:
-    """Of the packages that a motion is computed with, and of the modules beside them."""
+    """Hash of the source files that compute a motion."""
     package = Path(__file__).parents[1]
     digest = hashlib.sha256()
     for pattern in ("*.py", "planner/**/*.py", "body/**/*.py"):

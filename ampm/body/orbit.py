@@ -4,8 +4,8 @@ Unknowns are the state at the start of the step and the constant of L_y, which A
 the mirrored return of the state and the mean pitch of the trunk.
 
 The search runs on a coarse grid and ends on the fine one. Where it fails from a standing start, it begins
-with an easier neighbour (the COM a little lower, no angular momentum) and follows the orbit from there to the
-gait that was requested.
+with an easier gait (the COM a little lower, no angular momentum) and continues the orbit from there to the
+requested gait.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ COARSE_STEP = 0.008
 _STABLE = 0.8  # largest product of a posture gain's rate and the grid's step that integrates well
 _COARSE_TOLERANCE = 1e-7
 RUNG_TOLERANCE = 1e-5
-"""Of the orbits on the way to the requested one [rad, m, rad/s, m/s]."""
+"""Tolerance of the orbits on the way to the requested one [rad, m, rad/s, m/s]."""
 _DROPS = (0.03, 0.06, 0.1)  # by how much the COM is lowered to find a first orbit [m]
 _BUDGET = 700  # coarse steps that a search may take
 
@@ -111,7 +111,7 @@ class _Search:
         fine = self._map(self.fine)
         try:
             orbit = newton(fine, rough.z, TOLERANCE, rough.inverse, report=self._report)
-            fine.draft = False  # the step that is handed out has every acceleration from OSQP
+            fine.draft = False  # the returned step has every acceleration from OSQP
             orbit = newton(fine, orbit.z, TOLERANCE, orbit.inverse, report=self._report)
         except Unreachable as error:
             raise self._refusal(error) from error
@@ -134,7 +134,7 @@ class _Search:
                 continue
             if spins:
                 orbit, way, cause = self._follow(orbit, (drop, 0.0), (drop, 1.0))
-                if way < 1.0:  # lower still, there may be room for all of it
+                if way < 1.0:  # a lower COM may allow all of the angular momentum
                     refusal = self._refusal(cause, share=way)
                     continue
             orbit, way, cause = self._follow(orbit, (drop, 1.0), (0.0, 1.0))
@@ -146,10 +146,7 @@ class _Search:
     def _follow(
         self, orbit: Orbit, begin: tuple[float, float], end: tuple[float, float]
     ) -> tuple[Orbit, float, Unreachable]:
-        """Follow the orbit from one easing, COM's drop [m] and share of the angular momentum, to another.
-
-        The farthest orbit, how much of the way it has come, and why no farther.
-        """
+        """Continue the orbit from one easing (drop of the COM [m], share of angular momentum) to another."""
         way = Continuation(shrink=0.4, grow=1.6)
         before: tuple[float, Array] | None = None
         failed = Unreachable(0.0, "no step is tried", 0.0, 0.0, "1")
@@ -173,18 +170,18 @@ class _Search:
         return orbit, way.share, failed
 
     def _refusal(self, cause: Unreachable, *, drop: float = 0.0, share: float = 1.0) -> BodilyRefusal:
-        """Why there is no orbit; ``drop`` and ``share`` give how near the search came."""
+        """Error for a missing orbit; ``drop`` and ``share`` describe the nearest one found."""
         value, limit, unit = cause.value, cause.limit, cause.unit
         why, way_out, height = str(cause), LESS, self.plan.com_height
         if drop > 0.0:
-            why += f", and one is found only with the COM {1000.0 * drop:.0f} mm lower"
+            why += f"; one is found only with the COM {1000.0 * drop:.0f} mm lower"
             value, limit, unit = height, height - drop, "m"
             way_out = f"lower gait.com_height below {height - drop:.3f} m, or shorten gait.step_length"
         elif share < 1.0:
-            why += f", and one is found only with {share:.0%} of the planned angular momentum"
+            why += f"; one is found only with {share:.0%} of the planned angular momentum"
             value, limit, unit = 1.0, share, "1"
         return BodilyRefusal(
-            f"the body finds no periodic motion for this plan: {why}",
+            f"this body has no periodic motion for this plan: {why}",
             reason="no_periodic_motion",
             value=float(value),
             limit=float(limit),

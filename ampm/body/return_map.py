@@ -1,7 +1,7 @@
 """The mirrored one-step map of the inverse kinematics, and Newton's method for its fixed point.
 
-Only a few modes of the map are slow, so Newton knows it on a small Krylov space; off that space the Jacobian
-of ``return - start`` is minus the identity.
+Only a few modes of the map are slow. Newton's method therefore evaluates the Jacobian of ``return - start``
+on a small Krylov space and takes it as minus the identity elsewhere.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _VELOCITY_SCALE = 0.1  # weighs velocities against positions in the Krylov norm 
 _OFFSET_SCALE = 1.0  # likewise for the constant of L_y [1/(N m s)]
 _MAX_STEP = 0.5  # of a Newton step, in scaled units
 _DIFFERENCE = 1e-5  # step of finite differences, in scaled units
-_KRYLOV = 10  # directions in which Newton knows the map
+_KRYLOV = 10  # largest dimension of the Krylov space
 
 
 class StepMap:
@@ -87,7 +87,7 @@ class StepMap:
         return float(np.abs(value / self.scale).max())
 
     def guess(self) -> Array:
-        """A few plain steps let the fast modes settle; the trunk's mean pitch, which is slow, is set by hand.
+        """First guess: a few plain steps damp the fast modes; the slow mean trunk pitch is set directly.
 
         Raises:
             Unreachable: the body cannot even stand at the start of the step, or walk these steps.
@@ -106,7 +106,7 @@ class StepMap:
 
 
 def standing(ik: InverseKinematics, reference: StepReference) -> Array:
-    """Where unknowns are counted from: upright at the planned COM, knees bent, arms at rest."""
+    """Origin of the unknowns: upright at the planned COM, knees bent, arms at rest."""
     robot = ik.robot
     q = pin.neutral(robot.model)
     q[7:] = ik.rest
@@ -124,7 +124,7 @@ class Orbit:
         z: unknowns of the map, see :class:`StepMap`.
         trajectory: the step.
         offset: constant of L_y [N m s].
-        inverse: what Newton knew of the map, for the next search nearby.
+        inverse: approximate inverse Jacobian, for the next search nearby.
     """
 
     reference: StepReference
@@ -149,7 +149,7 @@ def newton(
         step_map: the map.
         z: first guess.
         tolerance: of the residual [rad, m, rad/s, m/s].
-        inverse: of the Jacobian at a neighbour; it is built here where it is missing or no longer good.
+        inverse: of the Jacobian at a neighbour; built here if it is missing or too inaccurate.
         rebuilds: how many times it may be built.
         report: called with a line of text before every step.
 
@@ -212,13 +212,13 @@ def _approximate_inverse(step_map: StepMap, z: Array, value: Array) -> _BroydenI
         image = (step_map.residual(moved, step_map.step(moved)) - value) / _DIFFERENCE
         basis[used], images[used] = direction, image
         if used > 0:
-            following = image + direction  # the part that the map remembers
+            following = image + direction  # image of the map itself, without the minus identity
         used += 1
         if used == _KRYLOV:
             break
         known = basis[:used]
         direction = following - known.T @ (known @ following)
-        direction = direction - known.T @ (known @ direction)  # twice is enough
+        direction = direction - known.T @ (known @ direction)  # orthogonalised twice because of rounding
         norm = float(np.linalg.norm(direction))
         if norm < 1e-12:
             break
@@ -247,8 +247,8 @@ def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, f
         values, vectors = np.linalg.eig(hessenberg[: k + 1, : k + 1])
         order = np.argsort(-np.abs(values), kind="stable")[:MULTIPLIERS]
         leading = values[order]
-        # A Ritz value's residual is what the next direction would add to its vector. What dies within a step
-        # need not be known as well as what lasts.
+        # A Ritz value's residual is what the next direction would add to its vector. Modes that decay within
+        # a step need less accuracy than slow ones.
         slow = order[np.abs(leading) > 0.05]
         if rest < 1e-8 or (k + 1 >= MULTIPLIERS and (rest * np.abs(vectors[-1, slow]) < 1e-5).all()):
             break

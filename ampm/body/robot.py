@@ -1,6 +1,6 @@
-"""A Pinocchio model seen through its :class:`~ampm.description.BodyDescription`: indices, frames, task terms.
+"""A Pinocchio model with its :class:`~ampm.description.BodyDescription`: indices, frames, task terms.
 
-The ``pin.Model`` is handed in ready made; nothing here knows which simulator it came from.
+The ``pin.Model`` is an argument, so this module is independent of the simulator.
 """
 
 from __future__ import annotations
@@ -113,8 +113,8 @@ class Robot:
         for row, joint in enumerate(self.toe_joints):
             self._constant_rows[TASK_ROWS - 2 + row, joint] = 1.0
         self._zero = np.zeros(self.nv)
-        # Views of Pinocchio's own memory, which its algorithms write in place: reading them anew costs more
-        # than the arithmetic.
+        # Views of Pinocchio's own memory, which its algorithms write in place: making them at every call
+        # would cost more than the arithmetic.
         feet = zip(self.sole_frames, self.toe_frames, strict=True)
         self._foot_placements = [self.data.oMf[frame] for pair in feet for frame in pair]
         self._trunk = self.data.oMf[self.trunk_frame].rotation

@@ -50,7 +50,7 @@ class StepReference:
     def eased(self, drop: float, share: float) -> StepReference:
         """The same step with the COM lower by ``drop`` [m] and only a ``share`` [1] of the angular momentum.
 
-        It is easier for legs and trunk, and no other plan: feet and times are the same.
+        It is easier for legs and trunk; feet and times are the same.
         """
         position, velocity = self.position.copy(), self.velocity.copy()
         acceleration = self.acceleration.copy()

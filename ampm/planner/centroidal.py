@@ -1,7 +1,7 @@
 """The plan of the centre of mass: phases of closed-form or sampled laws over contacts.
 
-A :class:`CentroidalPlan` says for every time where COM and ZMP are, which force acts, and how large the
-angular momentum about the COM is. It is evaluated at arrays of times and states its own residuals.
+A :class:`CentroidalPlan` gives COM, ZMP, force and angular momentum about the COM for arrays of times, and
+its own residuals.
 
 Conventions: world x forward, y left, z up, floor z = 0; forces and moments act on the body.
 """
@@ -195,7 +195,7 @@ class CentroidalPlan:
 
     @classmethod
     def of(cls, plan: CentroidalPlan, **more: Any) -> Self:
-        """A plan of this class with what another one has, and more."""
+        """A plan of this class with the fields of another plan and further ones."""
         own = {f.name for f in fields(cls)}
         return cls(**{f.name: getattr(plan, f.name) for f in fields(plan) if f.name in own} | more)
 
@@ -270,7 +270,7 @@ class CentroidalPlan:
         if outside.any():
             raise InputError(
                 f"time {time[outside][0]:g} s lies outside the plan's 0 ... {self.duration:g} s; "
-                "ask for times within it or plan more steps."
+                "give times within it or plan more steps."
             )
         return np.clip(time, 0.0, self.duration)
 

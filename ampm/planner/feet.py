@@ -1,4 +1,4 @@
-"""Paths of the feet: polynomials of a pivot, pitch and toe angle, and what follows from them at any time.
+"""Paths of the feet: polynomials of a pivot, pitch and toe angle, and their evaluation at any times.
 
 :mod:`ampm.planner.stride` plans them from key-frames.
 """
@@ -101,7 +101,7 @@ class FeetPlan:
         if t.size and not (t.min() >= -1e-9 and t.max() <= self.duration + 1e-9):
             raise InputError(
                 f"time {t.min():g} ... {t.max():g} s lies outside the plan's 0 ... {self.duration:g} s; "
-                "ask for times within it or plan more steps"
+                "give times within it or plan more steps"
             )
         return _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
 

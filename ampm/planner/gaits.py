@@ -1,7 +1,6 @@
 """Parameters of one gait, or of arrays of gaits, and the closed form that follows from them.
 
-Every number that a plan is made of, and every one that a rule of refusal reads, is computed here, for one
-gait as for a million.
+All numbers of a plan and of the rules of refusal are computed here, for one gait or for arrays of gaits.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ _ROUNDING = 8.0 * np.finfo(np.float64).eps
 def _elementwise(function: Callable[..., float], arguments: int) -> Callable[..., Array]:
     """A function of :mod:`math` on numbers and arrays.
 
-    NumPy's own differ in the last bit between processors, and between one number and many; a gait is to have
-    one plan, alone or among a million.
+    NumPy's own differ in the last bit between processors, and between numbers and arrays; a gait must have
+    the same plan alone and in an array.
     """
     ufunc = np.frompyfunc(function, arguments, 1)
     return lambda *values: np.asarray(ufunc(*values), dtype=np.float64)
@@ -89,8 +88,8 @@ class Gaits:
     Attributes:
         model: ``ampm`` or ``ipm``.
 
-    All others: see :class:`ampm.parameters.GaitParameters`. Numbers too far apart give infinities or NaN,
-    which the last rule refuses.
+    All others: see :class:`ampm.parameters.GaitParameters`. Numbers of too different size give infinities or
+    NaN, which the last rule refuses.
     """
 
     model: Any
@@ -238,9 +237,9 @@ class Gaits:
 
     @cached_property
     def rounding(self) -> Array:
-        """Bound on what rounding may make a plan jump at a switch, in the scales of ``PlanResiduals`` [1].
+        """Bound on the jumps at a switch that rounding can cause, in the scales of ``PlanResiduals`` [1].
 
-        The closed form joins exactly, so whatever jumps is rounding. Every law is purely even or purely odd:
+        The closed form is continuous, so that every jump is rounding. Every law is purely even or purely odd:
         its amplitude at the ends of the phase bounds what is rounded.
         """
         height, v0 = self.com_height, self.switching_velocity
@@ -271,7 +270,7 @@ class Gaits:
 
 
 def _rounded_up(value: float) -> str:
-    """``value`` with four digits, never below it."""
+    """``value`` with four digits, rounded up."""
     if value < 1e-300 or not math.isfinite(value):
         return f"{value:g}"
     unit = 10.0 ** (math.floor(math.log10(value)) - 3)

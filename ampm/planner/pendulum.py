@@ -158,8 +158,8 @@ def double_support_root(tau: Any, half_angle: Any) -> Array:
     """The root ``rho = sqrt(beta/s)`` of ``rho atan(rho / tau) = half_angle``.
 
     The left side rises from 0 to infinity and is convex, so there is exactly one root and Newton from above
-    falls onto it without a safeguard; ``atan z >= z / (1 + 2 z / pi)`` supplies the start above. The root
-    belongs to the double support without extra oscillations; the tangent form has others.
+    converges without a safeguard; ``atan z >= z / (1 + 2 z / pi)`` supplies the start above. The root belongs
+    to the double support without extra oscillations; the tangent form has others.
 
     Args:
         tau: ``tanh(k T_SS / 2)``, positive, any shape [1].
@@ -170,7 +170,7 @@ def double_support_root(tau: Any, half_angle: Any) -> Array:
     """
     tau, q = np.broadcast_arrays(np.asarray(tau, dtype=np.float64), np.asarray(half_angle, dtype=np.float64))
     rho = q / np.pi + np.sqrt((q / np.pi) ** 2 + q * tau)
-    # What has converged rests: a root does not depend on its neighbours.
+    # Converged elements stay unchanged, so that a root is independent of the rest of its array.
     moving = np.ones(rho.shape, dtype=bool)
     for _ in range(30):
         angle = np.arctan2(rho, tau)

@@ -57,7 +57,7 @@ def _mirrored(law: AffineLaw) -> AffineLaw:
 
 
 def _assemble(gait: GaitParameters, mass: float, one: Gaits, offset: float) -> CentroidalPlan:
-    """Lay the closed form out over the footsteps."""
+    """Plan of the closed form over its footsteps."""
     sagittal, frontal = one.sagittal, one.frontal
     single_x, double_x, single, double = map(
         _numbers, (sagittal.single, sagittal.double, frontal.single, frontal.double)

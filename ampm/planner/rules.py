@@ -1,4 +1,4 @@
-"""Rules that refuse a gait: one table, which reads one gait or arrays of gaits."""
+"""Rules that refuse a gait: one table, for one gait or arrays of gaits."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class Rule:
     Attributes:
         reason: short name; several rules may share it.
         value: what is limited, an attribute of :class:`Gaits`.
-        passes: comparison of value and limit; it holds for what is not refused, and not for NaN.
+        passes: comparison of value and limit that a valid gait meets; false for NaN.
         limit: a number or an attribute of :class:`Gaits`.
         unit: SI unit of value and limit.
         message, way_out: sentence about gait ``g``, ``value`` and ``limit``, as templates.
-        applies: attribute of :class:`Gaits` that says to which gaits the rule applies; None for all.
+        applies: attribute of :class:`Gaits`, true where the rule applies; None for all.
     """
 
     reason: str

@@ -84,11 +84,12 @@ def sampled_plan(
         mass: of the body [kg].
         com_height: constant height of the COM, H [m].
         acceleration: of the COM, shape (N, 2) [m/s^2]. Without it the ground force passes through the COM, so
-            that it is ``(g/H) (com - zmp)``; with it the force misses the COM by what the ZMP leaves.
+            that it is ``(g/H) (com - zmp)``; with it COM, ZMP and acceleration give the moment about the COM.
         angular_momentum: (L_x, L_y) about the COM at time 0 [N m s].
 
     Raises:
-        InputError: shapes that do not fit, times that do not ascend or end too early, numbers that are none.
+        InputError: shapes that do not fit, times that do not ascend or end too early, entries that are not
+            finite.
     """
     t, c, p = (np.array(values, dtype=np.float64) for values in (time, com, zmp))
     rate = GRAVITY / com_height
@@ -143,7 +144,7 @@ def _constants(x: SampledLaw, y: SampledLaw, contacts: Contacts) -> PlanConstant
 def sampled_contacts(time: ArrayLike, stance: ArrayLike, left: ArrayLike, right: ArrayLike) -> Contacts:
     """Contacts of a table such as ``ampm plan --samples`` writes.
 
-    The foot that swings first comes from as far behind the standing foot as it goes ahead of it.
+    The foot that swings first starts as far behind the standing foot as it lands ahead of it.
 
     Args:
         time: ascending, shape (N,) [s]; the support changes at samples.

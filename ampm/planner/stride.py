@@ -1,13 +1,13 @@
-"""Where the feet are planned to be: key-frames, heel rise, swing, heel strike, sole points in contact.
+"""Plan of the feet: key-frames, heel rise, swing, heel strike, sole points in contact.
 
 A foot passes four key-frames in every stride (paper, Fig. 7): initial contact (heel only), full contact, heel
 rise, toe off. Between two key-frames its pitch is one quintic in time; the heel is fixed while the foot rolls
 down after initial contact, the ball while the heel rises, and in the swing the ball follows a quintic with an
 extra lift at mid swing. Pitch, toe angle and the pivot's path are C2 across every key-frame.
 
-``foot.swing = "paper"`` plans the same key-frames as the paper's section 2.3 has them, to compare with:
-cubic splines, and a ball that leaves the floor with the forward speed ``l_s / T_swing`` at once. It has been
-resting until then, so the foot's velocity jumps there, and accelerations jump at every key-frame.
+``foot.swing = "paper"`` plans the same key-frames as section 2.3 of the paper, for comparison: cubic splines,
+and a ball that leaves the floor with the forward speed ``l_s / T_swing``. The ball is at rest before, so the
+foot's velocity jumps there; accelerations jump at every key-frame.
 
 Everything is closed form; nothing is sampled or integrated.
 """
@@ -59,7 +59,7 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> Array:
 
 
 def cubic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> Array:
-    """Cubics through (position, velocity) at both ends, as :func:`quintic` has its coefficients.
+    """Cubics through (position, velocity) at both ends, with coefficients as of :func:`quintic`.
 
     Args:
         start: value and first derivative at time 0; further rows are not read, shape (2+, ...).
@@ -95,7 +95,7 @@ class KeyFrame(NamedTuple):
 
 
 class _Segment(NamedTuple):
-    """One segment of the stride in each of n steps; what is left out rests: no motion, flat, straight toe.
+    """One segment of the stride in each of n steps; by default at rest: no motion, flat, straight toe.
 
     Attributes:
         start: shape (n,) [s].
