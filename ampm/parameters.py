@@ -60,6 +60,12 @@ class BodyParameters(Section, section="body"):
     lean: Real = parameter(
         0.0, "mean pitch of the trunk over a step, forward positive", "rad", ge=-0.5, le=0.5
     )
+    arm_abduction: Real = parameter(
+        0.1, "angle by which the arms are spread sideways at rest; 0: they hang", "rad", ge=0, le=1.2
+    )
+    arm_abduction_roll: Real = parameter(
+        0.5, "further angle per |1 - c_y|, as the trunk then rolls and the arms must pass", "rad", ge=0, le=2
+    )
     angular_momentum_z: Literal["free", "zero"] = parameter(
         "free", "angular momentum about the vertical: free with yaw held by posture, or held at zero", "1"
     )

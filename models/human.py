@@ -316,7 +316,7 @@ class _Builder:
         hip = self._hinges(thigh, f"{side}_hip", _BALL_JOINTS)
         self._limb(thigh, thigh_length, 0.035 * h, rgba)
         self._ellipsoid(
-            thigh, (0, 0, -0.36 * thigh_length), (0.051 * h, 0.048 * h, 0.46 * thigh_length), rgba
+            thigh, (0, 0, -0.36 * thigh_length), (0.051 * h, 0.044 * h, 0.46 * thigh_length), rgba
         )
 
         shank = self._segment(thigh, f"{side}_shank", (0, 0, -thigh_length), table.SHANK, shank_length)

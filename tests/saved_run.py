@@ -9,6 +9,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from validation.store.signals import save_signals
 from validation.trial.bridge import pinocchio_model, to_pinocchio
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import SimulationRecord
+from validation.trial.shapes import Shapes
 
 ZMP_ERROR = (1.5e-3, 0.7e-3)
 """Amplitude of the error that is put on the measured ZMP [m]."""
@@ -43,6 +45,7 @@ def make_run(
     seconds: float = np.inf,
     outcome: Outcome | None = None,
     settings: Sequence[str] = (),
+    angles: Mapping[str, float] = MappingProxyType({}),
 ) -> Path:
     """Write a run folder that looks like a simulated walk.
 
@@ -52,6 +55,7 @@ def make_run(
         seconds: length of the record, the whole plan at most.
         outcome: how it ended; completed if None.
         settings: changes of the gait, ``key=value``.
+        angles: joints that are bent all the time [rad].
     """
     run = load_run("normal", [f"gait.steps={steps}", *settings])
     body = build(run.body, run.contact, run.simulation)
@@ -69,8 +73,11 @@ def make_run(
     q[:, :2] = sample.com[:, :2]
     swing = np.sin(np.pi * time / plan.constants.step_duration)
     for leg, sign in zip(names, (1.0, -1.0), strict=True):
-        for joint, (mean, amplitude) in zip((leg[2], leg[3]), ((-0.15, 0.35), (0.4, -0.2)), strict=True):
+        for joint, (mean, amplitude) in zip((leg[0], leg[3]), ((-0.15, 0.35), (0.4, -0.2)), strict=True):
             q[:, 7 + joints.index(joint)] = mean + sign * amplitude * swing
+
+    for joint, angle in angles.items():
+        q[:, 7 + joints.index(joint)] = angle
 
     rows = slice(0, count)
     wobble = np.asarray(ZMP_ERROR) * np.sin(2 * np.pi * 3.0 * time[rows])[:, None]
@@ -113,7 +120,7 @@ def make_run(
         angular_momentum_rate=_moment(sample.com[rows], measured.zmp + noise, measured.force),
     )
     walk = WalkPlan.of(plan, posture=PlannedMomentum(lambda t: np.sin(5 * t)))
-    comparison = compare(walk, record, measured, description=body.description)
+    comparison = compare(walk, record, measured, description=body.description, shapes=Shapes(model))
     verdict = judge(evaluate(comparison), DEFAULT, measured.weight, ended=ends.ending)
     directory.mkdir(parents=True, exist_ok=True)
     save_record(record, directory)

@@ -13,8 +13,8 @@ from ampm.planner.support import StepPlan, plan_steps
 from ampm.planners import periodic_walk
 from ampm.run_file import load_run
 from models.human import BodyModel, build
-from validation.trial.bridge import pinocchio_model
 from validation.trial.record import SimulationRecord
+from validation.trial.shapes import make_robot
 from validation.trial.simulate import simulate
 
 WALK = (
@@ -48,7 +48,7 @@ def walk_of(*overrides: str) -> Walk:
     """The walk :data:`WALK` with some settings changed."""
     run = load_run(None, [*WALK, *overrides])
     model = build(run.body, run.contact, run.simulation)
-    robot = Robot(pinocchio_model(model.compile()), model.description)
+    robot = make_robot(model.compile(), model.description)
     plan = plan_steps(run.gait, run.body.mass, run.foot, model.description.sole)
     return Walk(run, plan, robot)
 

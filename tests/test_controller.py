@@ -37,7 +37,9 @@ def controller(*overrides, weaker=1.0):
     walk = walk_of(COARSE)
     model = walk.robot.model.copy()
     model.effortLimit = weaker * np.array(model.effortLimit)
-    return TrackingController(Robot(model, walk.robot.description), walk_of(COARSE, *overrides).run)
+    return TrackingController(
+        Robot(model, walk.robot.description, walk.robot.shapes), walk_of(COARSE, *overrides).run
+    )
 
 
 def state(time, shift=0.0, seed=0):

@@ -14,7 +14,7 @@ import pytest
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.run_file import load_run
 from tests.saved_run import make_run, make_study
-from tests.walk import STILL, perfect_walk, with_state
+from tests.walk import APART, STILL, perfect_walk, with_state
 from validation.cli.app import Status, call
 from validation.cli.studies import print_convergence
 from validation.cli.validate import print_result
@@ -273,7 +273,7 @@ def summary_with(known):
     """Summary of a walk that is 1.8 mm off."""
     planned, record, measured = perfect_walk()
     off = with_state(planned, measured, com_shift=(0.0018, 0.0, 0.0))
-    comparison = compare(planned, record, off, standing=STILL)
+    comparison = compare(planned, record, off, standing=STILL, shapes=APART)
     verdict = judge(evaluate(comparison), STRICT, comparison.scales["body_weight"], known)
     timing = {"simulated": 2.0, "real_time_factor": 5.0}
     return build_summary(comparison, verdict, timing=timing, gait="x", uncertainty=known.as_dict())

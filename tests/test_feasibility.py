@@ -85,11 +85,17 @@ def test_a_refusal_names_the_way_out_of_the_next_one_too():
         ({"knee_minimum": Extreme(0.05, 0.3, "left")}, "knee_too_straight", "left knee"),
         ({"joint_limit_margin": Extreme(-0.1, 0.3, ANKLE)}, "joint_limits", "raise gait.com_height"),
         ({"joint_limit_margin": Extreme(-0.1, 0.3, "neck")}, "joint_limits", "lower gait.com_height"),
+        ({"clearance": Extreme(0.009, 0.3, "left hand and left thigh")}, "self_collision", "raise body.arm"),
+        (
+            {"clearance": Extreme(-0.1, 0.3, "left shank and right foot")},
+            "self_collision",
+            "raise gait.step",
+        ),
     ],
 )
 def test_motions_that_do_not_return_or_pass_a_limit_are_refused(change, reason, words):
     good = Extreme(0.4, 0.1, "right")
-    report = MotionReport(0.4, 1e-10, 0.0, (), 0.0, 0.0, 0.0, good, good, 0.0, 1)
+    report = MotionReport(0.4, 1e-10, 0.0, (), 0.0, 0.0, 0.0, good, good, good, 0.0, 1)
     check_motion(report, BODY)
     with pytest.raises(BodilyRefusal) as caught:
         check_motion(replace(report, **change), BODY)

@@ -203,7 +203,7 @@ def test_out_of_reach_names_the_instant_and_a_height_that_works():
     assert lower.report.residual <= 1e-8
 
 
-@pytest.mark.parametrize("change", ["gait.com_height=1.3", "gait.c_y=0.005", "body.lean=0.5"])
+@pytest.mark.parametrize("change", ["gait.com_height=1.3", "gait.c_y=3.0", "body.lean=0.5"])
 def test_refusals_are_finite_and_show_a_way_out(change):
     with pytest.raises(BodilyRefusal) as caught:
         solve(COARSE, change)

@@ -168,4 +168,4 @@ def test_names_that_the_model_lacks_are_refused(robot):
     for change in ({"knee": "no_such_knee"}, {"sole_frame": "no_such_sole"}):
         wrong = replace(robot.description, left_leg=replace(legs, **change))
         with pytest.raises(InputError, match=next(iter(change.values()))):
-            Robot(robot.model, wrong)
+            Robot(robot.model, wrong, robot.shapes)

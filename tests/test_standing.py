@@ -7,7 +7,6 @@ from dataclasses import replace
 import pinocchio as pin
 import pytest
 
-from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal
 from ampm.parameters import RunParameters
 from models.human import build
@@ -16,6 +15,7 @@ from validation.measure.measure import measure, standing_check
 from validation.measure.standing import SETTLE, stand, weigh
 from validation.trial.bridge import pinocchio_model, to_pinocchio
 from validation.trial.record import SimulationRecord
+from validation.trial.shapes import make_robot
 
 RUN = RunParameters()
 
@@ -58,5 +58,5 @@ def test_a_com_that_is_too_high_is_refused() -> None:
 def test_the_run_s_own_gains_do_not_decide_what_a_body_weighs() -> None:
     slack = RUN.replace({"controller.com_damping": 3.0, "controller.posture_damping": 10.0})
     model = build(RUN.body, RUN.contact, RUN.simulation)
-    robot = Robot(model_of(RUN), model.description)
+    robot = make_robot(model.compile(), model.description)
     assert weigh(slack, model, robot).relative_error == weigh(RUN, model, robot).relative_error < 1e-7

@@ -30,6 +30,8 @@ COM_OVER_HIP = 0.037
 """Height of the COM over the hip centres when standing, as a share of stature [1] (0.567 less 0.530)."""
 KNEE_MINIMUM = 0.1
 """Least flexion of a knee [rad]: a straighter one can hardly change the hip's height."""
+CLEARANCE = 0.010
+"""Least distance of arms from legs, trunk and each other, and of leg from leg [m]."""
 RETURN_TOLERANCE = 1e-8
 """Largest difference of a motion's mirrored end from its start [rad, m, rad/s, m/s]."""
 
@@ -135,10 +137,13 @@ def check_motion(report: MotionReport, description: BodyDescription) -> None:
     Raises:
         BodilyRefusal: it is one of these.
     """
-    knee, joint = report.knee_minimum, report.joint_limit_margin
+    knee, joint, parts = report.knee_minimum, report.joint_limit_margin, report.clearance
     turn = "the motion's end is no mirror image of its start: the largest difference"
     straight = f"the {knee.where} knee straightens at {knee.time:.3f} s of the step: its flexion"
     past = f"joint {joint.where} would pass its limit at {joint.time:.3f} s of the step: its distance from it"
+    near = f"{parts.where} come too close at {parts.time:.3f} s of the step: their distance"
+    arms = any(part in parts.where for part in ("arm", "hand"))
+    spread = "raise body.arm_abduction" if arms else "raise gait.step_width"
     bend = "lower gait.com_height, shorten gait.step_length or raise foot.toe_off_angle"
     group = next((name for name, names in joint_groups(description).items() if joint.where in names), "")
     way_out = _JOINT_WAYS_OUT.get(group, LESS)
@@ -146,6 +151,7 @@ def check_motion(report: MotionReport, description: BodyDescription) -> None:
         (report.residual, Limit(turn, "rad", RETURN_TOLERANCE, AT_MOST, "no_periodic_motion", LESS)),
         (knee.value, Limit(straight, "rad", KNEE_MINIMUM, AT_LEAST, "knee_too_straight", bend)),
         (joint.value, Limit(past, "rad", 0.0, AT_LEAST, "joint_limits", way_out)),
+        (parts.value, Limit(near, "m", CLEARANCE, AT_LEAST, "self_collision", spread)),
     ):
         if limit.broken(value):
             raise limit.refusal(value)

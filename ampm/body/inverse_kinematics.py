@@ -51,6 +51,10 @@ feet and COM; their small weights only make the minimiser unique."""
 
 ARM_BEND = 0.3
 """How far the arms' rest posture stays inside the joint limits [rad]: hanging, with slightly bent elbows."""
+SHOULDER_ROLL = 1
+"""Place of the joint that spreads an arm among the arm's joints."""
+WIDEST = 1.2
+"""Largest abduction of the arms' rest posture [rad]."""
 
 _LIMIT_HORIZON = 0.02  # time over which a joint limit may be approached [s]
 _LOST = 0.05  # error after a step of the grid at which the legs no longer follow [m, rad]
@@ -110,7 +114,7 @@ class InverseKinematics:
 
     Args:
         robot: the body.
-        run: supplies posture gains and the choice for L_z.
+        run: supplies posture gains, rest of the arms and the choice for L_z.
 
     Attributes:
         integrations: steps that were integrated.
@@ -128,6 +132,9 @@ class InverseKinematics:
         arms = robot.arm_joints - 6
         inside = np.minimum(ARM_BEND, 0.5 * (robot.upper - robot.lower))
         self.rest[arms] = np.clip(0.0, (robot.lower + inside)[arms], (robot.upper - inside)[arms])
+        spread = run.body.arm_abduction + run.body.arm_abduction_roll * abs(1.0 - run.gait.c_y)
+        for arm, side in ((robot.description.left_arm, 1.0), (robot.description.right_arm, -1.0)):
+            self.rest[robot.velocity_indices(arm)[SHOULDER_ROLL] - 6] = side * min(spread, WIDEST)
         # Joint limits bind only where there is freedom to respect them; the legs' are checked on the orbit.
         self.limited = np.concatenate([robot.trunk_joints, robot.arm_joints])
         m = len(self.rows)

@@ -32,7 +32,7 @@ class Extreme:
     Attributes:
         value: in the unit of the quantity.
         time: when, within the step [s].
-        where: side or joint.
+        where: side, joint, or both parts of the body.
     """
 
     value: float
@@ -54,6 +54,7 @@ class MotionReport:
         constraint_acceleration: largest residual of the acceleration constraints.
         knee_minimum: smallest knee flexion, and its side; the left foot stands.
         joint_limit_margin: smallest distance of any joint from its limits, negative beyond them.
+        clearance: smallest distance of two parts of the body, negative where they overlap.
         acceleration_jump: largest change of a joint's acceleration over a grid interval beside a switch.
         evaluations: one-step integrations that the solution took.
     """
@@ -67,6 +68,7 @@ class MotionReport:
     constraint_acceleration: float = field(metadata={"unit": "m/s², rad/s²"})
     knee_minimum: Extreme = field(metadata={"unit": "rad"})
     joint_limit_margin: Extreme = field(metadata={"unit": "rad"})
+    clearance: Extreme = field(metadata={"unit": "m"})
     acceleration_jump: float = field(metadata={"unit": "rad/s²"})
     evaluations: int = field(metadata={"unit": "1"})
 

@@ -81,6 +81,7 @@ def motion_key(plan: StepPlan, run: RunParameters, robot: Robot) -> str:
         "gravity": plan.gravity,
         "joints": robot.joint_names,
         "body_description": repr(robot.description),
+        "shapes": robot.shapes.digest,
     }
     digest = hashlib.sha256(json.dumps(sections, sort_keys=True).encode())
     model = robot.model

@@ -203,6 +203,8 @@ class _Search:
         angles, knee_joints = trajectory.q[:, 7:], robot.knee_joints - 6
         margins = np.minimum(angles - robot.lower, robot.upper - angles)
         single = self.plan.constants.single_support_duration
+        gaps = robot.shapes.gaps(trajectory.q)
+        closest = int(gaps.distance.argmin())
         report = MotionReport(
             angular_momentum_y_offset=offset,
             residual=fine.size(value),
@@ -213,6 +215,7 @@ class _Search:
             constraint_acceleration=trajectory.constraint_acceleration,
             knee_minimum=_least(angles[:, knee_joints], time, ("left", "right")),
             joint_limit_margin=_least(margins, time, robot.joint_names),
+            clearance=Extreme(float(gaps.distance[closest]), float(time[closest]), gaps.parts[closest]),
             acceleration_jump=self._jump(trajectory, int(np.searchsorted(time, single - 1e-12))),
             evaluations=self.ik.integrations,
         )

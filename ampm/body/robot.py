@@ -5,7 +5,7 @@ The ``pin.Model`` is an argument, so this module is independent of the simulator
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -77,19 +77,48 @@ class Kinematics(NamedTuple):
     toe_lever: Array
 
 
+class Gaps(NamedTuple):
+    """Parts of a body that come closest to each other, at T configurations.
+
+    Attributes:
+        distance: negative where they overlap, shape (T,) [m].
+        parts: names of both, T texts; empty where nothing is near.
+        points: nearest points of both, in world, shape (T, 2, 3) [m]; NaN where nothing is near.
+    """
+
+    distance: Array
+    parts: tuple[str, ...]
+    points: Array
+
+
+class BodyShapes(Protocol):
+    """Shapes of a body.
+
+    Attributes:
+        digest: text that is another for other shapes.
+    """
+
+    digest: str
+
+    def gaps(self, q: Array) -> Gaps:
+        """Parts that come closest at configurations (T, nq)."""
+        ...
+
+
 class Robot:
     """Indices and dynamics terms of one body.
 
     Args:
         model: free-flyer root first, one Pinocchio joint per hinge.
         description: names of joints, segments and frames.
+        shapes: of the body; the model's owner knows them.
 
     Raises:
         InputError: the description names a joint or frame that the model lacks.
     """
 
-    def __init__(self, model: pin.Model, description: BodyDescription) -> None:
-        self.model = model
+    def __init__(self, model: pin.Model, description: BodyDescription, shapes: BodyShapes) -> None:
+        self.model, self.shapes = model, shapes
         self.description = description
         self.data = model.createData()
         self.nq, self.nv = model.nq, model.nv

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ampm.body.feasibility import (
+    CLEARANCE,
     FLOOR_TOLERANCE,
     KNEE_MINIMUM,
     LEG_ALLOWANCE,
@@ -69,6 +70,7 @@ _ROWS: tuple[tuple[str, str, str, float, float, str], ...] = (
     ("trunk", "least distance of a waist or chest joint from its limits", "rad", 0.0, 0.12, "joint_limits"),
     # The inverse kinematics may hold an arm at its limit.
     ("arms", "least distance of an arm joint from its limits", "rad", -1e-3, 0.05, "joint_limits"),
+    ("gap", "least distance of two parts of the body", "m", CLEARANCE, 0.012, "self_collision"),
     ("hip_torque", "largest share of a hip joint's torque limit", "1", 1.0, 0.8, "torque_limits"),
     ("knee_torque", "largest share of a knee's torque limit", "1", 1.0, 0.8, "torque_limits"),
     ("ankle_torque", "largest share of an ankle joint's torque limit", "1", 1.0, 0.8, "torque_limits"),
@@ -131,7 +133,10 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, float
     margin = np.minimum(angles - robot.lower, robot.upper - angles).min(axis=0)
     torque, twist = step_torques(orbit, plan, robot)
     share = (np.abs(torque) / robot.torque_limit).max(axis=0)
-    values = {"twist": float(np.abs(twist).max()) / (TWIST_ARM * TWIST_FRICTION)}
+    values = {
+        "twist": float(np.abs(twist).max()) / (TWIST_ARM * TWIST_FRICTION),
+        "gap": float(robot.shapes.gaps(orbit.trajectory.q).distance.min()),
+    }
     for name, names in joint_groups(robot.description).items():
         joints = robot.velocity_indices(names) - 6
         values[name] = float((angles[:, joints] if name == "knee" else margin[joints]).min())

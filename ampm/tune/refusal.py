@@ -103,6 +103,8 @@ def way_out(limit: str, run: RunParameters, fixed: Collection[str]) -> str:
     ways = []
     if limit == "mid_stance":
         ways += ["raise gait.switching_velocity", "shorten gait.step_length", "lower gait.c_s"]
+    elif limit == "gap":
+        ways += ["raise body.arm_abduction or gait.step_width"]
     elif turning:
         ways += ["lower gait.switching_velocity or lengthen gait.step_length"]
     elif limit in ("knee_torque", "friction") and gait.c_s > 1.1:

@@ -112,7 +112,10 @@ def print_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | None 
     print_line(f"largest jump at a switch, relative: {format_number(plan.residuals().largest, 2)}")
     if walk is not None:
         print_line(f"least distance of the ZMP from the edge of the support: {1000 * walk.zmp_margin:.1f} mm")
-        print_line(f"least flexion of a knee: {walk.motion.report.knee_minimum.value:.3f} rad")
+        report = walk.motion.report
+        print_line(f"least flexion of a knee: {report.knee_minimum.value:.3f} rad")
+        closest = report.clearance
+        print_line(f"closest parts of the body: {1000 * closest.value:.1f} mm ({closest.where})")
 
 
 @app.command()

@@ -308,6 +308,7 @@ def _cost(summary: Mapping[str, Any]) -> dict[str, str]:
     """Cost of the walk, by name."""
     margins, solver, timing = summary["margins"], summary["solver"], summary["timing"]
     torque, support = margins["torque"], margins["measured_polygon"]["value"]
+    gap = margins["clearance"]
     simulated, friction = format_number(timing["simulated"]), format_number(margins["friction"]["value"], 2)
     lines = {
         "outcome": f"{summary['outcome']}, {summary['steps_completed']} steps in {simulated} s",
@@ -316,6 +317,7 @@ def _cost(summary: Mapping[str, Any]) -> dict[str, str]:
         "friction": f"{friction} used of {format_number(margins['friction_available'], 2)}",
         "support": f"measured ZMP at least {_scaled(support, 1000, ' mm', 1)} inside",
         "knee": f"bent by {format_number(margins['knee']['value'], 3)} rad at least",
+        "clearance": f"{_scaled(gap['value'], 1000, ' mm', 1)} at least ({gap['where']})",
         "QP": f"{solver['ticks']} ticks, {solver['unsolved']} unsolved, "
         f"{_scaled(solver['time_median'], 1e6, ' us')} median, "
         f"{_scaled(solver['time_p99'], 1e6, ' us')} at the 99th percentile",

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ampm.walk import WalkPlan
     from validation.measure.measure import MeasuredGait, StandingCheck
     from validation.trial.record import SimulationRecord
+    from validation.trial.shapes import Shapes
 
     Array = NDArray[np.float64]
     Rows = NDArray[np.bool_]
@@ -205,6 +206,7 @@ def compare(
     *,
     description: BodyDescription | None = None,
     standing: StandingCheck | None = None,
+    shapes: Shapes | None = None,
 ) -> Comparison:
     """Compare a walk with its plan.
 
@@ -214,6 +216,7 @@ def compare(
         measured: its measurement.
         description: names the knees.
         standing: the same body weighed with the same instrument while it stands still.
+        shapes: the body's, for the clearance of its parts.
 
     Raises:
         InputError: the walk is longer than the plan, or the measurement is of another walk.
@@ -250,7 +253,7 @@ def compare(
     costs = {
         "effort": feedback_effort(record, sample, run),
         "effort_first_step": feedback_effort(record, sample, ~run),
-        "margins": margins(plan, sample, record, measured, description),
+        "margins": margins(plan, sample, record, measured, description, shapes),
         "energy": energy(record, run),
     }
     return Comparison(

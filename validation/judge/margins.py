@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ampm.walk import WalkPlan
     from validation.measure.measure import MeasuredGait
     from validation.trial.record import SimulationRecord
+    from validation.trial.shapes import Shapes
 
     Array = NDArray[np.float64]
     Rows = NDArray[np.bool_]
@@ -31,6 +32,10 @@ LOADED = 0.05
 SATURATED = 0.999
 """Share of its limit from which a motor counts as saturated [1]."""
 
+CLEARANCE_STEP = 0.02
+"""Time between the postures of which the clearance is measured [s]: at 10 m/s^2 half a millimetre is lost
+between two of them."""
+
 
 @dataclass(frozen=True)
 class Extreme:
@@ -39,7 +44,7 @@ class Extreme:
     Attributes:
         value: in the unit that the owner states; NaN if nothing was measured.
         time: [s], None if nothing was measured.
-        where: joint or foot, empty if there is none to name.
+        where: joint, foot or both parts of the body, empty if there is none to name.
     """
 
     value: float
@@ -75,6 +80,7 @@ def margins(
     record: SimulationRecord,
     measured: MeasuredGait,
     description: BodyDescription | None = None,
+    shapes: Shapes | None = None,
 ) -> dict[str, Any]:
     """Distances to the limits of body and floor, over the whole record, first step included.
 
@@ -84,6 +90,7 @@ def margins(
         record: the run.
         measured: its measurement.
         description: names the knees; without it ``knee`` is NaN.
+        shapes: the body's; without them ``clearance`` is NaN.
 
     Returns:
         :class:`Extreme` values, the share ``saturated``, the largest share of each motor's limit
@@ -112,6 +119,7 @@ def margins(
         "friction_available": record.friction,
         "joint": _extreme(np.minimum(low, high), record.time, joints),
         "knee": _extreme(knee_q, record.time, knees),
+        "clearance": Extreme(math.nan) if shapes is None else _clearance(record, shapes),
         "plan_polygon": planned,
         "plan_in_measured_polygon": _extreme(reached[:, None], time),
         "measured_polygon": _extreme(measured.polygon_margin[:, None], time),
@@ -137,6 +145,14 @@ def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
     transport = positive / (record.mass * record.gravity * distance) if distance > 0.0 else math.nan
     mean_power = positive / (used.size * record.time_step)
     return dict(zip(names, (positive, negative, distance, transport, mean_power), strict=True))
+
+
+def _clearance(record: SimulationRecord, shapes: Shapes) -> Extreme:
+    """Least distance of two parts of the body, at instants :data:`CLEARANCE_STEP` apart."""
+    every = max(1, round(CLEARANCE_STEP / record.time_step))
+    gaps, time = shapes.recorded_gaps(record.q[::every]), record.time[::every]
+    closest = int(gaps.distance.argmin())
+    return Extreme(float(gaps.distance[closest]), float(time[closest]), gaps.parts[closest])
 
 
 def _ratio(force: Array, least: float) -> Array:

@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import cloudpickle
 import numpy as np
 
+from ampm.body.feasibility import CLEARANCE
 from ampm.exceptions import InputError
 from ampm.walk import UNSOLVED
 from validation.judge.compare import FIRST_STEP, SIGNALS
@@ -388,6 +389,20 @@ _INSTRUMENT = (
         lambda walk: _largest(_zmp_gaps(walk)), scales=("foot_length",), nature="extreme",
     ),
 )  # fmt: skip
+_SHORTFALL = Metric(
+    "clearance_shortfall", "m", f"parts of the body closer than {1e3 * CLEARANCE:g} mm, by",
+    f"by how much arms, legs and trunk come closer to each other than {1e3 * CLEARANCE:g} mm", "walk",
+    lambda walk: _shortfall(walk.costs["margins"]["clearance"].value), {"default": 0.0},
+    reason="Nothing but the soles collides in the simulation, so a body that passes through itself would "
+    "walk all the same. A centimetre is left for clothes and for what the drawn shapes leave out.",
+    widens=False, nature="extreme",
+)  # fmt: skip
+
+
+def _shortfall(clearance: float) -> float | None:
+    """What lacks to the least clearance [m]; None if the body's shapes are not known."""
+    return None if math.isnan(clearance) else max(0.0, CLEARANCE - clearance)
+
 
 _SOLE = "into the polygon of the points that carried force"
 _COSTS: tuple[tuple[str, str, str, str, str], ...] = (
@@ -400,6 +415,8 @@ _COSTS: tuple[tuple[str, str, str, str, str], ...] = (
     ("margins", "friction_net", "1", "friction used by the net force", "the same of the net ground force"),
     ("margins", "joint", "rad", "joint closest to its limit", "smallest distance of a joint from its range"),
     ("margins", "knee", "rad", "least knee flexion", "smallest knee flexion"),
+    ("margins", "clearance", "m", "least distance of two parts of the body",
+     "smallest distance of arms from legs, trunk and each other, and of leg from leg"),
     ("margins", "plan_polygon", "m", "planned ZMP within the planned support",
      "smallest distance of the planned ZMP into the planned support"),
     ("margins", "plan_in_measured_polygon", "m", "planned ZMP within the loaded sole",
@@ -448,5 +465,5 @@ def _costs() -> Iterator[Metric]:
         yield Metric(key, unit, label, meaning, "cost", compute, nature=nature, section=section)
 
 
-_EVERY = sorted([*_errors(), *_INSTRUMENT, *_costs()], key=lambda item: not item.tolerances)
+_EVERY = sorted([*_errors(), _SHORTFALL, *_INSTRUMENT, *_costs()], key=lambda item: not item.tolerances)
 _METRICS.update((item.name, item) for item in _EVERY)

@@ -129,7 +129,9 @@ def walk_planned(
         measured = measure(record, body.robot.model, to_pinocchio)
         standing = weigh(run, body.model, body.robot)
         description = body.model.description
-        comparison = compare(planned.plan, record, measured, description=description, standing=standing)
+        comparison = compare(
+            planned.plan, record, measured, description=description, standing=standing, shapes=body.shapes
+        )
         metrics = MappingProxyType(evaluate(comparison))
         verdict = judge(metrics, profile, measured.weight, uncertainty, ended=record.outcome.ending)
     extra: dict[str, Any] = {}

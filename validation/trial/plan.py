@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ampm.tune.tuning import Tuned
     from ampm.walk import Planner, WalkPlan
     from models.human import BodyModel
+    from validation.trial.shapes import Shapes
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,12 @@ class Body:
     Attributes:
         model: the simulator's.
         robot: of planner and controller.
+        shapes: that must keep apart.
     """
 
     model: BodyModel
     robot: Robot
+    shapes: Shapes
 
 
 @dataclass(frozen=True)
@@ -159,12 +162,13 @@ def load_requests(gaits: Sequence[str], settings: Sequence[str] = (), *, check: 
 def make_body(run: RunParameters) -> Body:
     """Build the body of a run."""
     # Here, not above: simulator and Pinocchio take a second to load.
-    from ampm.body.robot import Robot
     from models.human import build
-    from validation.trial.bridge import pinocchio_model
+    from validation.trial.shapes import Shapes, make_robot
 
     model = build(run.body, run.contact, run.simulation)
-    return Body(model, Robot(pinocchio_model(model.compile()), model.description))
+    compiled = model.compile()
+    shapes = Shapes(compiled)
+    return Body(model, make_robot(compiled, model.description, shapes), shapes)
 
 
 def plan_walk(

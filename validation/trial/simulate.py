@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import steps_per_tick
 from ampm.walk import LIMITED, State, Timing, Touch
-from validation.trial.bridge import pinocchio_model, to_mujoco
+from validation.trial.bridge import to_mujoco
 from validation.trial.disturbances import Disturbance, Plant
 from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import SimulationRecord
+from validation.trial.shapes import make_robot
 from validation.trial.users import UsersCode
 from validation.trial.watch import End, Watch
 
@@ -64,7 +64,7 @@ class Physics:
     def __init__(self, body_model: BodyModel, run: RunParameters) -> None:
         self.model = body_model.compile()
         self.data = mujoco.MjData(self.model)
-        self.robot = Robot(pinocchio_model(self.model), body_model.description)
+        self.robot = make_robot(self.model, body_model.description)
         self.time_step = float(self.model.opt.timestep)
         self.substeps = steps_per_tick(run.controller.frequency, self.time_step)
         description = body_model.description

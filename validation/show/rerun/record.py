@@ -26,10 +26,12 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ampm.body.feasibility import CLEARANCE
 from ampm.geometry import convex_hull
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.show.rerun.views import (
+    ALERT,
     COMMAND,
     FAINT,
     LEFT,
@@ -44,6 +46,7 @@ from validation.show.rerun.views import (
 from validation.store.saved import RECORDING_FILE as RECORDING_FILE
 from validation.store.saved import SavedRun, load_saved_run, run_events
 from validation.store.signals import Signals
+from validation.trial.shapes import Shapes
 
 Array = NDArray[np.float64]
 
@@ -142,6 +145,7 @@ def write_recording(run: str | Path | SavedRun) -> Path:
         frames = np.arange(0, len(saved.signals), _stride(saved, 1.0 / PICTURE_RATE))
         _log_body(log, saved, frames)
         if len(frames):
+            _log_clearance(log, saved, frames)
             _log_ground(log, saved, frames, plan)
             _log_series(log, saved)
             _log_states(log, saved.signals)
@@ -250,6 +254,16 @@ def _log_body(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None:
             turned = Rotation.from_matrix(rotation[:, mine].reshape(-1, 3, 3)).as_quat()
             poses = shape.columns(**{at: place.reshape(-1, 3)}, quaternions=turned)
             log.columns(entity, saved.record.time[frames], poses.partition(np.full(len(frames), len(mine))))
+
+
+def _log_clearance(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None:
+    """Line between the nearest points of two parts of the body that come closer than they may."""
+    gaps = Shapes(mujoco.MjModel.from_xml_string(saved.model_xml)).recorded_gaps(saved.record.q[frames])
+    near = gaps.distance < CLEARANCE
+    entity = "world/clearance"
+    log.static(entity, rr.LineStrips3D.from_fields(colors=[ALERT], radii=[0.012]))
+    lines = rr.LineStrips3D.columns(strips=gaps.points[near].astype(np.float32))
+    log.columns(entity, saved.record.time[frames], lines.partition(near.astype(int)))
 
 
 def _shape_color(rgba: Array) -> Color:

@@ -22,6 +22,7 @@ COMMAND: Color = (46, 200, 140, 255)
 MEASURED: Color = (255, 138, 61, 255)
 LEFT: Color = (240, 98, 146, 255)
 RIGHT: Color = (255, 213, 79, 255)
+ALERT: Color = (255, 40, 40, 255)
 FAINT: Color = (130, 140, 155, 90)
 GROUND: Color = (24, 27, 33, 255)
 

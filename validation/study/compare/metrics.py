@@ -108,13 +108,14 @@ SWITCH = (
 )  # fmt: skip
 """Quantities of a walk that only a comparison shows."""
 _COSTS = {
+    "clearance_shortfall": 0.5e-3,
     "margin_torque": 0.01,
     "margin_slip": 0.5e-3,
     "margin_friction": 0.05,
     "energy_cost_of_transport": 0.01,
     "failed_qp": 1.0,
 }
-"""Metrics beside the judged ones, and what is noise of them [SI unit]."""
+"""Metrics that have no limit or one of zero, and what is noise of them [SI unit]."""
 _WHOLE = "the whole run"
 _NOISE = 0.02
 """Share of a metric's tolerance below which its value is noise [1]."""

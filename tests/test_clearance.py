@@ -1,0 +1,140 @@
+"""A body that passes through itself is found: before it walks, in the walk, in the recording."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+from scipy.optimize import lsq_linear
+
+from ampm.body.feasibility import CLEARANCE
+from ampm.exceptions import BodilyRefusal
+from ampm.run_file import load_run
+from models.human import build
+from tests.saved_run import make_run
+from validation.show.report import render
+from validation.show.rerun.record import write_recording
+from validation.store.saved import load_saved_run
+from validation.trial.plan import load_request, plan_walk
+from validation.trial.shapes import REACH, Shapes
+
+LIMB = """<body name="{name}" pos="0 {y} 0">
+  <joint name="{name}_x" axis="1 0 0"/><joint name="{name}_y" axis="0 1 0"/>
+  <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -.3" size="{radius}" contype="0" conaffinity="0"/>
+</body>"""
+RADII = {"one": 0.03, "two": 0.02}
+XML = f"""<mujoco><worldbody><body name="middle"><freejoint/>
+  <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+  {"".join(LIMB.format(name=name, y=0.12 * i, radius=RADII[name]) for i, name in enumerate(RADII))}
+</body></worldbody></mujoco>"""
+
+
+def between_segments(a, b):
+    """Least distance of two segments, each given by both ends, shape (2, 3)."""
+    columns = np.column_stack([a[1] - a[0], b[0] - b[1]])
+    best = lsq_linear(columns, b[0] - a[0], bounds=(0.0, 1.0), tol=1e-14)
+    return np.linalg.norm(columns @ best.x - (b[0] - a[0]))
+
+
+def body():
+    """The default human: compiled, at its neutral posture, and its shapes."""
+    run = load_run("normal")
+    model = build(run.body, run.contact, run.simulation).compile()
+    return model, model.qpos0.copy(), Shapes(model)
+
+
+def bent(**angles):
+    """Neutral posture with some joints bent, and the closest parts there."""
+    model, q, shapes = body()
+    for joint, angle in angles.items():
+        q[model.joint(joint).qposadr[0]] = angle
+    return q, shapes.recorded_gaps(q)
+
+
+def test_the_distance_of_two_capsules_is_that_of_their_axes_less_the_radii():
+    model = mujoco.MjModel.from_xml_string(XML)
+    data, shapes = mujoco.MjData(model), Shapes(model)
+    near = 0
+    for angles in np.random.default_rng(0).uniform(-0.6, 0.6, (40, 4)):
+        data.qpos[:] = [0.3, -0.2, 1.0, 1.0, 0.0, 0.0, 0.0, *angles]
+        gaps = shapes.recorded_gaps(data.qpos)
+        mujoco.mj_kinematics(model, data)
+        axes = [
+            data.body(name).xpos + np.outer([0.0, -0.3], data.body(name).xmat.reshape(3, 3)[:, 2])
+            for name in RADII
+        ]
+        distance = between_segments(*axes) - sum(RADII.values())
+        assert gaps.distance[0] == pytest.approx(min(distance, REACH), abs=1e-6)
+        if 0.0 < distance < REACH:
+            near += 1
+            assert gaps.parts == ("one and two",)
+            assert np.linalg.norm(np.diff(gaps.points[0], axis=0)) == pytest.approx(distance, abs=1e-5)
+    assert near > 5
+
+
+def test_a_hand_in_the_thigh_is_found():
+    _, gaps = bent(left_shoulder_roll=-0.15)
+    assert gaps.parts == ("left hand and left thigh",)
+    assert gaps.distance[0] < -0.02
+
+
+@pytest.mark.parametrize(
+    ("angles", "parts"),
+    [
+        ({"left_hip_roll": -0.2}, "left shank and right shank"),
+        ({"left_shoulder_yaw": -1.2, "left_elbow_pitch": -1.6}, "abdomen and left forearm"),
+    ],
+)
+def test_legs_and_trunk_are_watched_too(angles, parts):
+    _, gaps = bent(**angles)
+    assert gaps.parts == (parts,)
+
+
+def test_a_standing_body_keeps_its_parts_apart():
+    assert bent(left_shoulder_roll=0.1, right_shoulder_roll=-0.1)[1].distance[0] > CLEARANCE
+
+
+def test_arms_that_hang_beside_a_rolling_trunk_are_refused():
+    with pytest.raises(BodilyRefusal, match="left forearm and left thigh") as refusal:
+        plan_walk(load_request("roll-0.1", ["body.arm_abduction_roll=0"]))
+    assert (refusal.value.reason, refusal.value.limit) == ("self_collision", CLEARANCE)
+    assert "body.arm_abduction" in refusal.value.way_out
+
+
+@pytest.mark.parametrize("gait", ["ipm", "momentum", "roll-0.1"])
+def test_presets_keep_their_parts_apart(gait):
+    assert plan_walk(load_request(gait)).motion.report.clearance.value > CLEARANCE
+
+
+@pytest.fixture(scope="module")
+def passing_through(tmp_path_factory):
+    """A run whose left hand is in the thigh."""
+    return make_run(tmp_path_factory.mktemp("run"), steps=2, angles={"left_shoulder_roll": -0.15})
+
+
+def test_a_walk_that_passes_through_itself_fails(passing_through):
+    saved = load_saved_run(passing_through)
+    clearance, judged = saved.summary["margins"]["clearance"], saved.summary["metrics"]["clearance_shortfall"]
+    assert clearance["where"] == "left hand and left thigh"
+    assert judged["value"] == pytest.approx(CLEARANCE - clearance["value"])
+    assert judged["pass"] is False
+    assert clearance["where"] in render(saved)
+
+
+def test_where_a_walk_passes_through_itself_shows_in_the_recording(passing_through, tmp_path):
+    drawn = [write_recording(folder) for folder in (passing_through, make_run(tmp_path, steps=2))]
+    chunks = [RrdReader(path).stream().filter(content="/world/clearance") for path in drawn]
+    strips = [
+        [
+            row
+            for chunk in found
+            if chunk.num_rows and not chunk.is_static
+            for row in chunk.to_record_batch()["LineStrips3D:strips"]
+        ]
+        for found in chunks
+    ]
+    shown = [sum(bool(row.as_py()) for row in rows) for rows in strips]
+    assert shown[0] > 10
+    assert shown[1] == 0

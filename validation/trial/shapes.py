@@ -1,0 +1,105 @@
+"""Clearance of a body's parts: arms from legs, from the trunk and from each other, and leg from leg.
+
+Nothing of the body collides but its soles, so a motion can pass through itself. The shapes that are drawn are
+taken for the body, and their distances are MuJoCo's.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+
+from ampm.body.robot import Gaps, Robot
+from validation.trial.bridge import pinocchio_model, to_mujoco
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from ampm.description import BodyDescription
+
+    Array = NDArray[np.float64]
+
+REACH = 0.1
+"""Distance beyond which parts are not told apart any more [m]."""
+TRUNK = 0
+"""Number of the trunk; limbs count from 1."""
+
+
+class Shapes:
+    """Shapes of a body and the pairs of them that must keep apart.
+
+    A limb is a chain of segments to a free end, a leg one that has sole points; the rest is the trunk. Left
+    out are pairs within one limb or the trunk, of segments that a joint connects, and of leg and trunk.
+
+    Args:
+        model: compiled model.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model, self._data = model, mujoco.MjData(model)
+        own = model.geom_bodyid > 0
+        touches = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        limb = _limbs(model.body_parentid)
+        leg = np.isin(limb, limb[model.geom_bodyid[own & touches]])
+        shapes = np.flatnonzero(own & ~touches)
+        pairs = shapes[np.stack(np.triu_indices(len(shapes), 1))]
+        segments = model.geom_bodyid[pairs]
+        joined = (model.body_parentid[segments] == segments[::-1]).any(axis=0)
+        limbs, legs = limb[segments], leg[segments]
+        exempt = joined | (limbs[0] == limbs[1]) | (legs.any(axis=0) & (limbs == TRUNK).any(axis=0))
+        self._pairs = pairs[:, ~exempt]
+        self._radii = model.geom_rbound[self._pairs].sum(axis=0)
+        kept = [getattr(model, f"geom_{name}")[shapes] for name in ("bodyid", "type", "size", "pos", "quat")]
+        self.digest = hashlib.sha256(b"".join(array.tobytes() for array in kept)).hexdigest()
+
+    def gaps(self, q: Array) -> Gaps:
+        """Parts that come closest at Pinocchio configurations (T, nq)."""
+        return self.recorded_gaps(to_mujoco(q, np.zeros((len(q), self._model.nv)))[0])
+
+    def recorded_gaps(self, qpos: ArrayLike) -> Gaps:
+        """Parts that come closest at MuJoCo configurations (T, nq)."""
+        model, data, (first, second) = self._model, self._data, self._pairs
+        configurations = np.atleast_2d(np.asarray(qpos, dtype=np.float64))
+        distance = np.full(len(configurations), REACH)
+        points = np.full((len(configurations), 2, 3), np.nan)
+        parts = []
+        ends = np.zeros(6)
+        for row, configuration in enumerate(configurations):
+            data.qpos[:] = configuration
+            mujoco.mj_kinematics(model, data)
+            centre = data.geom_xpos
+            bound = np.linalg.norm(centre[first] - centre[second], axis=1) - self._radii
+            name = ""
+            for pair in np.argsort(bound):
+                if bound[pair] >= distance[row]:
+                    break
+                shapes = int(first[pair]), int(second[pair])
+                found = mujoco.mj_geomDistance(model, data, *shapes, distance[row], ends)
+                if found < distance[row]:
+                    distance[row], points[row] = found, ends.reshape(2, 3)
+                    name = " and ".join(self._segment(shape) for shape in shapes)
+            parts.append(name)
+        return Gaps(distance, tuple(parts), points)
+
+    def _segment(self, shape: int) -> str:
+        return str(self._model.body(self._model.geom_bodyid[shape]).name).replace("_", " ")
+
+
+def _limbs(parents: NDArray[np.integer]) -> NDArray[np.intp]:
+    """Limb of each segment, from the parents of all, the world's first."""
+    limb = np.full(len(parents), TRUNK)
+    children = np.bincount(parents[1:], minlength=len(parents))
+    for number, end in enumerate(np.flatnonzero(children == 0).tolist(), 1):
+        segment = end
+        while segment > 0 and children[segment] <= 1:
+            limb[segment] = number
+            segment = int(parents[segment])
+    return limb
+
+
+def make_robot(model: mujoco.MjModel, description: BodyDescription, shapes: Shapes | None = None) -> Robot:
+    """The compiled body for planner and controller; ``shapes`` are the model's."""
+    return Robot(pinocchio_model(model), description, shapes or Shapes(model))
