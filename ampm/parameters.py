@@ -89,6 +89,12 @@ class FootParameters(Section, section="foot"):
         "at once and lands at rest (swing_lag and heel_strike_rate play no part)",
         "1",
     )
+    v_swing_of: Literal["ball", "ankle"] = parameter(
+        "ball",
+        "point that leaves at l_s / T_swing with swing = paper: the ball, which has rested, or the ankle, to "
+        "which a rising heel gives that speed (toe_off_rate plays no part; schedule = roll only)",
+        "1",
+    )
     swing_height: Real = parameter(0.05, "extra lift of the foot at mid swing", "m", ge=0, le=0.5)
     swing_lag: Real = parameter(
         0.08, "how far the foot lags behind at mid swing, as share of its travel", "1", ge=-0.2, le=0.3

@@ -1,11 +1,13 @@
-"""Walk the paper's demos again: ``python docs/demos.py`` writes docs/data/demos.csv and docs/data/slopes.csv.
+"""Walk the paper's demos again: ``python docs/demos.py`` writes demos.csv, slopes.csv and momentum-z.csv.
 
-Every row is one trial. With the tuning of the gaits towards the limits of c_s it takes ten minutes on an idle
-machine.
+Every row is one trial. With the tuning of the gaits towards the limits of c_s it takes fifteen minutes on an idle
+machine. ``python docs/demos.py momentum-z`` writes only that table, which docs/paper.md has, too.
 """
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,9 @@ from trials import AGREEMENT, agreement, ending, walk, write_rows
 import validation as val
 from ampm.run_file import PRESETS, load_run
 from validation.judge.profiles import own_profile
+from validation.show.text import markdown_table, replace_between
 
+PAGE = Path(__file__).with_name("paper.md")
 COLUMNS = (
     "preset",
     *AGREEMENT,
@@ -29,6 +33,18 @@ COLUMNS = (
     "knee [rad]",
     "cost of transport",
     "QPs with limits, unsolved",
+)
+VERTICAL = (
+    "preset",
+    "L_z",
+    "peak of L_z / (m V H)",
+    "ZMP RMSE x, y [mm]",
+    "maximum x, y [mm]",
+    "largest torque",
+    "friction of 0.8",
+    "slip [mm]",
+    "cost of transport",
+    "profile, verdict",
 )
 LIMITS = (
     "step, v0 [m, m/s]",
@@ -53,7 +69,13 @@ DOWNWARD = (0.5, 0.4, 0.33, 0.315, 0.31)
 
 
 def main() -> None:
-    """Walk every preset, and every step towards the limits of c_s."""
+    """Walk every preset, with L_z free and zero, and every step towards the limits of c_s."""
+    vertical = [_vertical(name, choice) for name in PRESETS for choice in ("free", "zero")]
+    write_rows("momentum-z", [VERTICAL, *vertical])
+    page = replace_between(PAGE.read_text(encoding="utf-8"), "momentum-z", markdown_table(VERTICAL, vertical))
+    PAGE.write_text(page, encoding="utf-8")
+    if sys.argv[1:] == ["momentum-z"]:
+        return
     write_rows("demos", [COLUMNS, *(_preset(name) for name in PRESETS)])
     upward = [
         _limit("normal", c_s, f"gait.step_length={step}", f"gait.switching_velocity={speed}", tune=True)
@@ -85,6 +107,29 @@ def _preset(name: str) -> tuple[str, ...]:
         f"{margins['knee']['value']:.2f}",
         f"{summary['energy']['cost_of_transport']:.2f}",
         f"{solver['solved_with_limits']}, {solver['unsolved']}",
+    )
+
+
+def _vertical(name: str, choice: str) -> tuple[str, ...]:
+    """Angular momentum about the vertical, agreement and cost of a preset with L_z free or zero."""
+    profile = own_profile(name).name
+    trial = walk(name, [f"body.angular_momentum_z={choice}"], profile=profile)
+    if isinstance(trial, Exception):
+        reason = str(getattr(trial, "reason", "")).replace("_", " ")
+        return (name, choice, *["–"] * (len(VERTICAL) - 3), f"refused: {reason}")
+    walked, summary = trial.comparison, trial.summary
+    peak = np.abs(walked.measured.angular_momentum[walked.inside, 2]).max()
+    margins = summary["margins"]
+    return (
+        name,
+        choice,
+        f"{peak / walked.scales['mass_height_velocity']:.3f}",
+        *list(agreement(summary["metrics"]))[:2],
+        _torque(summary),
+        f"{margins['friction']['value']:.2f}",
+        f"{1e3 * margins['slip']['value']:.1f}",
+        f"{summary['energy']['cost_of_transport']:.2f}",
+        f"{profile}: {ending(summary)}",
     )
 
 

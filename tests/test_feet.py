@@ -297,6 +297,18 @@ def test_papers_swing_jumps_in_velocity_at_lift_off_alone(name):
     np.testing.assert_allclose(velocity, 0.0, atol=1e-8)
 
 
+def test_read_as_the_ankles_speed_v_swing_needs_no_jump():
+    plan = planned(PAPER["roll"].model_copy(update={"v_swing_of": "ankle"}))
+    lift, constants = plan.constants.step_duration, plan.constants
+    before, after = (plan.feet.sample(lift + shift)[0] for shift in (-1e-9, 1e-9))
+    same(before, after, "position pitch toe velocity pitch_velocity toe_velocity", 1e-6)
+    lever = -SOLE.ankle_x * np.sin(after.pitch[0]) + SOLE.ankle_height * np.cos(after.pitch[0])
+    speed = after.velocity[0, 0] + after.pitch_velocity[0] * lever
+    assert speed == pytest.approx(constants.l_s / constants.single_support_duration, abs=1e-6)
+    _, ball, _ = point_motion(after, SOLE.ball_x)
+    np.testing.assert_allclose(ball, 0.0, atol=1e-6)
+
+
 def test_papers_swing_is_one_cubic_spline_through_its_highest_key_frame():
     plan = planned(PAPER["roll"])
     single, step = plan.constants.single_support_duration, plan.constants.step_duration

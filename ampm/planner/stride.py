@@ -7,7 +7,8 @@ extra lift at mid swing. Pitch, toe angle and the pivot's path are C2 across eve
 
 ``foot.swing = "paper"`` plans the same key-frames as section 2.3 of the paper, for comparison: cubic splines,
 and a ball that leaves the floor with the forward speed ``l_s / T_swing``. The ball is at rest before, so the
-foot's velocity jumps there; accelerations jump at every key-frame.
+foot's velocity jumps there; accelerations jump at every key-frame. With ``foot.v_swing_of = "ankle"`` that speed
+is the ankle's, which a rising heel gives it: then no velocity jumps.
 
 Everything is closed form; nothing is sampled or integrated.
 """
@@ -225,14 +226,16 @@ def _key_frames(
 ) -> tuple[KeyFrame, KeyFrame]:
     """Toe off and initial contact; at heel rise and full contact the foot is flat and at rest."""
     lift = land = (0.0, 0.0)
-    paper = foot.swing == "paper"
-    if foot.schedule == "roll":
-        lift = (foot.toe_off_angle, foot.toe_off_rate)
+    paper, roll = foot.swing == "paper", foot.schedule == "roll"
+    of_ankle = paper and roll and foot.v_swing_of == "ankle"
+    if roll:
+        rate = lift_speed / _ankle_rise(sole, foot.toe_off_angle) if of_ankle else foot.toe_off_rate
+        lift = (foot.toe_off_angle, rate)
         land = (-foot.heel_strike_angle, 0.0 if paper else foot.heel_strike_rate)
     toe_off, landing = np.zeros((2, 3, 3, len(behind)))
     # The ball leaves its place from rest.
     toe_off[0, 0], toe_off[0, 1] = behind[:, 0] + sole.ball_x, behind[:, 1]
-    if paper:
+    if paper and not of_ankle:
         toe_off[1, 0] = lift_speed
     # It arrives turning about the heel that has just landed.
     x, rate = sole.ball_x - sole.heel_x, land[1]
@@ -242,6 +245,11 @@ def _key_frames(
     landing[2, 0], landing[2, 2] = -x * c * rate**2, x * s * rate**2
     angle = np.array([*lift, 0.0])
     return KeyFrame(angle, -angle, toe_off), KeyFrame(np.array([*land, 0.0]), np.zeros(3), landing)
+
+
+def _ankle_rise(sole: SoleGeometry, pitch: float) -> float:
+    """Height of the ankle over the ball of a foot pitched about it: forward speed per rate [m]."""
+    return (sole.ball_x - sole.ankle_x) * math.sin(pitch) + sole.ankle_height * math.cos(pitch)
 
 
 def _paper_swing(path: Array, single: Array, height: float) -> list[tuple[float, Array]]:

@@ -317,7 +317,7 @@ def momentum() -> None:
         axes.set_xlim(0, 2)
         low, high = axes.get_ylim()
         axes.set_ylim(low, high + 0.2 * (high - low))
-    panels[0].set_title("frontal plane (E12, E22, E24)", fontsize=9.5)
+    panels[0].set_title("frontal plane (E12, E24)", fontsize=9.5)
     panels[1].set_title("sagittal plane, mean zero (E13)", fontsize=9.5)
     figure.tight_layout()
     save(figure, "theory-momentum")

@@ -15,11 +15,13 @@ def main() -> None:
     one_blas_thread()
     # Here, not above: the number of threads counts only before NumPy is loaded.
     from validation.paper.audit import audit
-    from validation.paper.audit.table import errata_table, summary, write_csv
+    from validation.paper.audit.table import KINDS, errata_table, summary, write_csv
     from validation.show.text import replace_between
 
     rows = audit()
-    page = replace_between(PAGE.read_text(encoding="utf-8"), "errata", errata_table(rows))
+    page = PAGE.read_text(encoding="utf-8")
+    for kind in KINDS:
+        page = replace_between(page, kind, errata_table(rows, kind))
     PAGE.write_text(replace_between(page, "counts", summary(rows)), encoding="utf-8")
     TABLE.parent.mkdir(exist_ok=True)
     write_csv(rows, TABLE)

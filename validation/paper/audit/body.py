@@ -12,17 +12,20 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from ampm.body.inverse_kinematics import InverseKinematics
+from ampm.body.orbit import COARSE_STEP
+from ampm.body.return_map import standing
 from ampm.body.step_reference import step_grid, step_reference
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:
-    from ampm.planner.feet import FootSample
+    from ampm.planner.feet import FeetPlan, FootSample
     from validation.trial.plan import PlannedWalk
 
 Array = NDArray[np.float64]
 
 _DIFFERENCE = 1e-5  # half width of central differences [s]
+_PROPORTIONAL, _INTEGRAL = 2.0, 0.5  # gains from the trunk's mean pitch to the constant of L_y [N m s/rad]
 _BESIDE = 1e-9  # distance at which a path is evaluated beside a switch [s]
 PAPER_ROWS = 18
 """Rows of Eq. 11: COM 3, angular momentum 3, two feet of 6; the body here adds its toes."""
@@ -80,6 +83,28 @@ class BodyEvidence:
             v = self.robot.mirror_v(trajectory.v[-1])
         mean = np.trapezoid(trajectory.trunk_pitch, reference.time) / reference.time[-1]
         return float(mean) - self.motion.report.mean_trunk_pitch
+
+    def trunk_feedback(self, steps: int) -> tuple[float, float]:
+        """Steps integrated on from an upright start, the constant of L_y by a PI of the trunk's mean pitch.
+
+        Args:
+            steps: how many steps.
+
+        Returns:
+            Mean pitch over the last step less the gait's lean [rad], and the constant found [N m s].
+        """
+        reference = step_reference(self.plan, step_grid(self.plan, COARSE_STEP))
+        q, v = standing(self.inverse_kinematics, reference), np.zeros(self.robot.nv)
+        pitch = total = constant = 0.0
+        for _ in range(steps):
+            trajectory = self.inverse_kinematics.integrate(reference, q, v, constant, draft=True)
+            mean = np.trapezoid(trajectory.trunk_pitch, reference.time) / reference.time[-1]
+            pitch = float(mean) - self.run.body.lean
+            total += pitch
+            constant = -_PROPORTIONAL * pitch - _INTEGRAL * total
+            q = self.robot.mirror_q(trajectory.q[-1], -self.motion.step_length)
+            v = self.robot.mirror_v(trajectory.v[-1])
+        return pitch, constant
 
     # -------------------------------------------------------------- Jacobians
 
@@ -154,17 +179,25 @@ class BodyEvidence:
 
     # -------------------------------------------------------------------- feet
 
-    def swing_foot_jump(self, swing: str | None = None) -> tuple[float, float]:
+    def _feet(self, **foot: str) -> FeetPlan:
+        """The feet, with some of ``foot`` changed."""
+        constants, parameters = self.plan.constants, self.run.foot.model_copy(update=foot)
+        lift_speed = constants.l_s / constants.single_support_duration
+        return plan_feet(self.plan.contacts, parameters, self.plan.feet.sole, lift_speed)
+
+    @property
+    def rising_heel(self) -> float:
+        """Rate of the foot at toe off whose ankle leaves at l_s / T_swing [rad/s]."""
+        lift = self.plan.constants.step_duration
+        return float(self._feet(swing="paper", v_swing_of="ankle").sample(lift)[0].pitch_velocity[0])
+
+    def swing_foot_jump(self, **foot: str) -> tuple[float, float]:
         """Jump of the planned swing foot's velocity [m/s] and acceleration [m/s^2] at lift-off, at most.
 
         Args:
-            swing: ``foot.swing`` to plan the feet with; None for the gait's own.
+            foot: what is changed of the gait's own, such as ``swing="paper"``.
         """
-        feet, constants = self.plan.feet, self.plan.constants
-        if swing is not None:
-            foot = self.run.replace({"foot.swing": swing}).foot
-            lift_speed = constants.l_s / constants.single_support_duration
-            feet = plan_feet(self.plan.contacts, foot, feet.sole, lift_speed)
+        feet, constants = self._feet(**foot), self.plan.constants
         lift = constants.step_duration  # the left foot has stood, and leaves here
         before, after = (feet.sample(lift + beside)[0] for beside in (-_BESIDE, _BESIDE))
         return (

@@ -111,9 +111,10 @@ class Case:
         run = load_request(preset, _settings(gait)).run
         return Numbers(preset, run.gait, plan_gait(run.gait, run.body.mass))
 
-    def walked(self, **gait: float) -> BodyEvidence:
-        """``normal`` with some of its gait changed, walked by the body on a coarse grid."""
-        settings = [f"solver.ik_time_step={COARSE!r}", *_settings(gait)]
+    def walked(self, momentum_z: str = "free", /, **gait: float) -> BodyEvidence:
+        """``normal`` with another gait, L_z free or zero, walked by the body on a coarse grid."""
+        settings = [f"solver.ik_time_step={COARSE!r}", f"body.angular_momentum_z={momentum_z}"]
+        settings += _settings(gait)
         return BodyEvidence(plan_walk(load_request("normal", settings)))
 
 

@@ -19,6 +19,8 @@ C_Y = (0.1, 0.4, 0.7, 1.0)
 """Fig. 11 names the first and the third."""
 C_Y_TRUNK = (0.1, 0.7, 0.9, 1.0, 1.1)
 """Where the trunk's roll is evaluated: Fig. 11's two, a small moment, none, one of the other sign."""
+C_Y_TRUNK_PAPER = (0.7, 0.95, 1.0)
+"""The same with L_z held at zero, the paper's own row."""
 C_Y_STILLEST = 0.9
 """Among them the one whose moment nearly does what the trunk would have to."""
 C_S = (0.8, 1.0, 1.2)
@@ -82,11 +84,13 @@ def _figure_11(case: Case, rows: Rows) -> None:
 def _trunk_roll(case: Case, rows: Rows) -> None:
     moment = case.varied(c_y=C_Y_STILLEST).momentum_peak_to_peak(0)
     trunk = rows["Fig. 11, trunk"]
+    paper = {c_y: case.walked("zero", c_y=c_y).trunk_swing[0] for c_y in C_Y_TRUNK_PAPER}
     trunk.why = (
         "A smaller c_y is a larger moment, and between Fig. 11's own two values the sentence is right. "
         f"But at c_y = {C_Y_STILLEST:g} there is a moment (L_x {moment:.3g} N m s peak to peak), and the "
         "trunk swings less than with none: the swinging legs alone have angular momentum, which the trunk "
-        "must balance at c_y = 1. The frontal twin of E32. In the inverse kinematics."
+        "must balance at c_y = 1. With the paper's own row, L_z held at zero, the least is at c_y near "
+        f"{C_Y_TRUNK_PAPER[1]:g}. The frontal twin of E32. In the inverse kinematics."
     )
     rolls = {value: case.walked(c_y=value).trunk_swing[0] for value in C_Y_TRUNK}
     low, some, still, none, beyond = C_Y_TRUNK
@@ -95,6 +99,10 @@ def _trunk_roll(case: Case, rows: Rows) -> None:
         trunk.sign("positive", what.format(far, near), "rad", rolls[far] - rolls[near])
     for far, near in ((low, some), (some, still), (none, still), (beyond, none)):
         trunk.sign("positive", what.format(far, near), "rad", corrected=rolls[far] - rolls[near])
+    some, still, none = C_Y_TRUNK_PAPER
+    for far, near in ((some, still), (none, still)):
+        apart = paper[far] - paper[near]
+        trunk.sign("positive", f"{what.format(far, near)}, L_z = 0", "rad", corrected=apart)
 
 
 def _figure_12(case: Case, rows: Rows) -> None:

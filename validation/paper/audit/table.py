@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,13 @@ COLOURS = {
     Verdict.CONTRADICTED: "red",
     Verdict.UNTESTED: "dim",
 }
+KINDS: Mapping[str, tuple[int, ...]] = {
+    "misprints": (1, 2, 3, 4, 6, 7, 8, 9, 10, 11, 14, 15, 16, 23),
+    "wording": (5, 19, 20, 21, 26, 27, 28, 30, 31, 33),
+    "claims": (12, 13, 17, 18, 24, 25, 29, 32, 34),
+}
+"""Numbers of the errata by what they are: slips in formulas, words that another place of the paper sets
+right, and claims that mechanics or the model does not bear out. E22 is withdrawn."""
 _LONGEST = 44  # characters of a symbolic residual on the terminal
 FILE_WIDTH = 100
 """Width of the table in files and pipes [characters]."""
@@ -90,19 +97,19 @@ def _line(check: Check, *, short: bool = False) -> str:
     return f"{words} ({check.gait})" if check.gait and value else words
 
 
-def errata_table(rows: Sequence[Row]) -> str:
-    """Errata by number, for ``docs/errata.md``: where, printed form, corrected form, verdict."""
-    found: dict[str, list[Row]] = {}
+def errata_table(rows: Sequence[Row], kind: str) -> str:
+    """Errata of a kind of :data:`KINDS`, for ``docs/errata.md``: where, printed, corrected, verdict."""
+    found: dict[str, Row] = {}
     for row in rows:
         if row.verdict is not Verdict.HOLDS:
             for number in row.errata:
-                found.setdefault(number, []).append(row)
+                found.setdefault(number, row)
     lines = []
-    for number in sorted(found, key=lambda name: int(name[1:])):
-        row = found[number][0]
-        kind = "contradicted" if row.verdict is Verdict.CONTRADICTED else "erratum"
+    for number in (f"E{n}" for n in KINDS[kind]):
+        row = found[number]
+        verdict = "contradicted" if row.verdict is Verdict.CONTRADICTED else "erratum"
         where = f"{row.section}, {row.place}" if row.section[0].isdigit() else f"{row.section}: {row.place}"
-        lines.append((number, _plain(where), _code(row.printed), _code(row.corrected), kind))
+        lines.append((number, _plain(where), _code(row.printed), _code(row.corrected), verdict))
     return markdown_table(("", "where", "printed", "corrected", "verdict"), lines)
 
 
