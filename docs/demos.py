@@ -1,7 +1,7 @@
 """Walk the paper's demos again: ``python docs/demos.py`` writes demos.csv, slopes.csv and momentum-z.csv.
 
-Every row is one trial. With the tuning of the gaits towards the limits of c_s it takes fifteen minutes on an idle
-machine. ``python docs/demos.py momentum-z`` writes only that table, which docs/paper.md has, too.
+Every row is one trial. With the tuning of the gaits towards the limits of c_s it takes fifteen minutes on an
+idle machine. ``python docs/demos.py momentum-z`` writes only that table, which docs/paper.md has, too.
 """
 
 from __future__ import annotations
