@@ -198,8 +198,8 @@ def test_tables_of_the_pages_are_those_of_the_figures_numbers():
 
 
 @cache
-def jumps(swing: str, grid: float) -> dict[str, float]:
-    overrides = (f"foot.swing={swing}", f"solver.ik_time_step={grid}")
+def jumps(swing: str, grid: float, of: str = "ball") -> dict[str, float]:
+    overrides = (f"foot.swing={swing}", f"foot.v_swing_of={of}", f"solver.ik_time_step={grid}")
     return joint_jumps(motion_of(*overrides), walk_of(*overrides).robot)
 
 
@@ -212,6 +212,9 @@ def test_the_papers_swing_lets_the_joints_jump_and_ours_does_not():
     assert fine["velocity"] == pytest.approx(coarse["velocity"], rel=0.15)
     assert fine["difference"] == pytest.approx(2.0 * coarse["difference"], rel=0.15)
     assert fine["acceleration"] > 5.0 * jumps("quintic", 0.004)["acceleration"]
+    coarse, fine = jumps("paper", 0.008, "ankle"), jumps("paper", 0.004, "ankle")
+    assert fine["velocity"] == pytest.approx(0.5 * coarse["velocity"], rel=0.15)
+    assert fine["acceleration"] == pytest.approx(coarse["acceleration"], rel=0.15)
 
 
 # ------------------------------------------------------------------------------------------------ human
