@@ -1,7 +1,7 @@
 """The trial of a planned gait: walked in MuJoCo, measured, compared with its plan, judged.
 
-What a study needs is here: ``import ampm, validation as val``. Names are imported as they are used, so that
-importing the package costs nothing.
+Public interface: ``import ampm, validation as val``. Names are imported when first used, so importing the
+package is fast.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The console script ``ampm``: all commands, and every error turned into a sentence and an exit status.
+"""The console script ``ampm``: all commands; every error becomes one sentence and an exit status.
 
 Results go to stdout, everything else to stderr. Exit status: 0 pass, 1 out of tolerance, 2 bad input or
 refused, 3 did not complete, 4 our crash, 130 interrupted. Modules that simulate are imported by the command
-that needs them, so that ``ampm --help`` and ``ampm plan --no-body`` answer at once.
+that needs them, so that ``ampm --help`` and ``ampm plan --no-body`` start fast.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def _root(
 
 
 def call(arguments: Sequence[str]) -> int:
-    """Run one command line, with every error turned into one sentence on stderr.
+    """Run one command line; every error becomes one sentence on stderr.
 
     Args:
         arguments: without the program's name.
@@ -74,7 +74,7 @@ def call(arguments: Sequence[str]) -> int:
         return status
     except typer.Exit as end:
         return end.exit_code
-    except BrokenPipeError:  # the reader has left
+    except BrokenPipeError:  # the reader closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Status.BROKEN_PIPE
     except (Exception, KeyboardInterrupt) as caught:

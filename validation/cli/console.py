@@ -40,7 +40,7 @@ class _Bar(Stage):
 
 
 class _Lines(Stage):
-    """Where there is no terminal: a line now and then."""
+    """Progress without a terminal: one line at intervals."""
 
     def __init__(self, progress: Progress, label: str) -> None:
         self.progress, self.label = progress, label

@@ -1,4 +1,4 @@
-"""Entry point of the console script ``ampm``: ready for Ctrl-C before anything heavy is imported."""
+"""Entry point of the console script ``ampm``: handles Ctrl-C before it imports anything slow."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def main() -> None:
     arguments = sys.argv[1:]
     try:
         one_blas_thread()
-        from validation.cli import app as cli  # here, not above: see the head of this file
+        from validation.cli import app as cli  # imported here: Ctrl-C is handled from now on
 
         if "_AMPM_COMPLETE" in os.environ:  # a shell asks for completions
             cli.app()
@@ -29,13 +29,14 @@ def main() -> None:
         interruption.finished = True
         status = _interrupted(arguments)
     interruption.finished = True
-    # The answer is out. The interpreter's own end would put the default back, which kills without a status.
+    # The output is complete. The interpreter's shutdown would restore the default handler, which ends without
+    # a status.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(int(status))
 
 
 def _interrupted(arguments: list[str]) -> int:
-    """Report it without any of the modules whose import may have been interrupted."""
+    """Report the interruption without modules whose import may have been interrupted."""
     if "--json" in arguments:
         sys.stdout.write(
             '{\n  "error": {\n    "kind": "interrupted",\n    "message": "interrupted"\n  }\n}\n'

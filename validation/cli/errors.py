@@ -22,7 +22,7 @@ _STATUSES: tuple[tuple[type[BaseException], Status], ...] = (
     (SolverError, Status.NOT_COMPLETED),
     (AmpmError, Status.REFUSED),
 )
-"""The first class that an error is of gives its exit status."""
+"""Exit status by class of error; the first match counts."""
 _KINDS = {
     Status.REFUSED: "input",
     Status.NOT_COMPLETED: "solver",
@@ -37,8 +37,7 @@ def describe_error(error: BaseException) -> dict[str, Any]:
 
     ``kind`` is ``input``, ``mathematical``, ``bodily``, ``solver``, ``stopped`` (a sweep, from outside),
     ``interrupted`` or ``crash``; the two refusals of a gait add ``reason``, ``value``, ``limit``, ``unit``
-    and ``way_out``; bad input adds what is known of ``key``, ``value``, ``limit``, ``way_out`` and
-    ``nearest``.
+    and ``way_out``; bad input adds those known of ``key``, ``value``, ``limit``, ``way_out`` and ``nearest``.
     """
     status, message = explain(error)
     answer: dict[str, Any] = {"kind": _KINDS[status], "message": message}
@@ -66,7 +65,7 @@ def explain(error: BaseException) -> tuple[Status, str]:
     elif disk_is_full(error):
         status, text = (
             Status.STOPPED,
-            f"no room is left on the disk ({text}); free some, or give another disk",
+            f"the disk is full ({text}); free space, or give another disk",
         )
     elif isinstance(error, OSError) and error.filename is not None:
         status = Status.REFUSED
@@ -82,13 +81,13 @@ def _one_line(text: str) -> str:
 
 
 def _sentence(text: str) -> str:
-    """One line that ends like a sentence."""
+    """One line that ends with a full stop."""
     text = _one_line(text)
     return text if text.endswith((".", "?", "!")) else f"{text}."
 
 
 def keep_traceback(error: BaseException) -> str:
-    """Write an error's traceback to a file of its own, and say where it is."""
+    """Write an error's traceback to a temporary file, and return a sentence with its name."""
     try:
         with tempfile.NamedTemporaryFile(
             "w", prefix="ampm-crash-", suffix=".txt", delete=False, encoding="utf-8"

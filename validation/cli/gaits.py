@@ -1,4 +1,4 @@
-"""``ampm plan``, ``motion``, ``keys`` and ``tune``: what is known before anything walks.
+"""``ampm plan``, ``motion``, ``keys`` and ``tune``: commands that simulate nothing.
 
 Commands import what they run: NumPy, Pinocchio and matplotlib take long to load.
 """
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 MOTION_METADATA = "ampm_motion"
-"""Schema metadata of a motion's Parquet file: JSON, gait to what the orbit says of itself."""
+"""Schema metadata of a motion's Parquet file: JSON, gait to the report of its orbit."""
 
 _PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.items())
 _SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
@@ -59,7 +59,7 @@ def plan(
 
     request = load_request(gait, settings or ())
     run = request.run
-    if samples is not None:  # what could not be written is refused before anything is computed
+    if samples is not None:  # refuse paths that cannot be written before computing
         check_folder_of(samples)
         check_suffix(samples)
         sample_times(plan_gait(run.gait, run.body.mass).duration, rate)
@@ -128,7 +128,7 @@ def motion(
     force: Force = False,
     as_json: Json = False,
 ) -> int:
-    """Solve the periodic whole-body motion of one step: what every joint does."""
+    """Solve the periodic whole-body motion of one step: the motion of every joint."""
     from validation.store.tables import check_suffix
     from validation.trial.plan import load_requests, plan_walk
 
@@ -238,8 +238,9 @@ def tune(
 ) -> int:
     """Find what a gait leaves open: share of single support, roll, heights, foot timing and angles, lean.
 
-    What the preset, the file or --set names stays as it is. An optimiser works on plan and whole-body motion
-    alone; nothing is simulated. Where no choice walks, the refusal names the limit and the best it found.
+    Values that the preset, the file or --set names are kept. An optimiser evaluates plan and whole-body
+    motion; nothing is simulated. If no choice can be walked, the refusal names the limit and the best value
+    found.
     """
     from validation.trial.plan import load_request, tune_walk
 
@@ -289,7 +290,7 @@ def print_tuned(walk: TunedWalk) -> None:
 
 
 def _margins(tuned: Tuned) -> list[str]:
-    """Every margin in words, the tightest first."""
+    """Every margin as text, the tightest first."""
     from ampm.tune.gait_limits import LIMITS
 
     items = sorted(tuned.margins.items(), key=lambda item: LIMITS[item[0]].margin(item[1]))

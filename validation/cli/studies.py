@@ -69,7 +69,7 @@ def sweep(
     ] = None,
     resume: Annotated[bool, option("--resume", "Go on with what is missing in --out.")] = False,
     dry_run: Annotated[
-        bool, option("--dry-run", "Count runs and refusals; walk one run to time it.")
+        bool, option("--dry-run", "Count runs and refusals; walk one run to measure its time.")
     ] = False,
     retry: Annotated[
         str | None,
@@ -84,15 +84,15 @@ def sweep(
     ] = False,
     as_json: Json = False,
 ) -> int:
-    """Walk many runs, headless, on all cores or a cluster; keep every result, whatever happens.
+    """Walk many runs, headless, on all cores or a cluster; keep every finished result.
 
-    FILE says which runs: grids, lists, Latin hypercubes or Sobol points over any parameter. Every finished
+    FILE defines the runs: grids, lists, Latin hypercubes or Sobol points over any parameter. Every finished
     run is on the disk at once; after a kill, a full disk or Ctrl-C, --resume walks exactly what is missing,
     and the table is the same to the bit.
     """
     if dry_run:
         from validation.study.sweep.design import load_sweep
-        from validation.study.sweep.forecast import forecast  # loads all that measures
+        from validation.study.sweep.forecast import forecast  # loads simulator and measurement
 
         expected = forecast(load_sweep(file), cores() if workers is None else workers, progress=Narrator())
         answer(expected, type(expected).as_dict, print_forecast, as_json=as_json)
@@ -119,7 +119,7 @@ def sweep(
 
 
 def _sweep_status(found: SweepTable) -> int:
-    """Exit status of a sweep: of what walked, the worst."""
+    """Exit status of a sweep: the worst of its runs."""
     from validation.study.sweep.table import State
 
     ended = {state for state, count in found.counts.items() if count}
@@ -146,7 +146,7 @@ def _print_sweep(found: SweepTable) -> None:
 
 
 def print_forecast(found: Forecast) -> None:
-    """Print what a sweep would be."""
+    """Print the forecast of a sweep."""
     definition = found.definition
     rows = [("runs", f"{found.runs:,}", f"of {definition.gait}, {definition.steps} steps each")]
     rows += [(f"refused: {item.reason}", f"{item.runs:,}", item.example) for item in found.refused]
@@ -229,10 +229,10 @@ def compare(
     force: Force = False,
     as_json: Json = False,
 ) -> int:
-    """Walk or load two gaits and put them side by side, at the switches of support above all.
+    """Walk or load two gaits and compare them, mainly at the switches of support.
 
-    The default shows what continuity up to the acceleration buys: the paper's gait beside the plain inverted
-    pendulum. No tolerances are judged: 0 means that both walked to the end.
+    The default shows the effect of continuity up to the acceleration: the paper's gait beside the plain
+    inverted pendulum. No tolerances are judged: exit status 0 means that both walked to the end.
     """
     from validation.study.compare.pair import compare_pair
 
@@ -285,7 +285,7 @@ def convergence(
 ) -> int:
     """Measure how far a gait's metrics depend on time step, grids, tolerances and contact parameters.
 
-    The time step is halved again and again, at the same control frequency; so is the grid of the inverse
+    The time step is halved repeatedly, at the same control frequency; so is the grid of the inverse
     kinematics; the QP's tolerance is tightened; contact stiffness is varied. Every metric gets its observed
     order, extrapolated value and numerical uncertainty, or "no asymptotic range"; 'ampm validate
     --uncertainty' quotes the uncertainty in its verdict.
@@ -307,7 +307,7 @@ def convergence(
 
 
 def print_convergence(result: Convergence) -> None:
-    """Print what the studies found: metrics with their uncertainty, and the verdict on them."""
+    """Print the result of the studies: metrics with their uncertainty, and the verdict."""
     from validation.study.convergence.text import cells, header, legend, shortlist
 
     left = ("metric", "unit", "verdict", "observed order")
@@ -325,7 +325,7 @@ def print_convergence(result: Convergence) -> None:
 
 @app.command()
 def audit(as_json: Json = False) -> int:
-    """Check every equation and claim of the paper, and report where it is wrong and by how much.
+    """Check every equation and claim of the paper, and report errors and their size.
 
     The status is 0 if every corrected form passes its checks.
     """

@@ -1,4 +1,4 @@
-"""``ampm validate``, and what a run's folder gives again: ``replay``, ``report`` and ``instrument``.
+"""``ampm validate``, and the commands on a run's folder: ``replay``, ``report`` and ``instrument``.
 
 Commands import what they run: simulator, Pinocchio and NumPy take long to load.
 """
@@ -70,14 +70,17 @@ def validate(
     as_json: Json = False,
     tune: Annotated[
         bool,
-        option("--tune", "Find what the gait leaves out, as 'ampm tune' does, instead of taking defaults."),
+        option(
+            "--tune",
+            "Find the values that the gait leaves open, as 'ampm tune' does, instead of taking defaults.",
+        ),
     ] = False,
     uncertainty: Uncertainty = None,
     controller: Annotated[
-        str | None, option("--controller", "Walk under a controller of your own.", "MODULE:CLASS")
+        str | None, option("--controller", "Walk with a controller of your own.", "MODULE:CLASS")
     ] = None,
     planner: Annotated[
-        str | None, option("--planner", "Walk what a planner of your own plans.", "MODULE:CLASS")
+        str | None, option("--planner", "Walk the plan of a planner of your own.", "MODULE:CLASS")
     ] = None,
     push: Annotated[
         list[str] | None,
@@ -116,7 +119,7 @@ def validate(
     judges = [profiles.own_profile(gait) if profile is None else profiles.profile(profile) for gait in gaits]
     known = [load_uncertainty(path) for path in uncertainty or ()]
     if known and not tune:
-        for request in requests:  # all of them before any walks
+        for request in requests:  # check all of them before the first walk
             matching(known, request)
     options = run.Options(
         force=force,
@@ -146,7 +149,7 @@ def validate(
         statuses.append(_status(summary))
         if not as_json:
             print_result(summary, target)
-        if interruption.pending:  # during the measurement, which has been finished
+        if interruption.pending:  # interrupted during the measurement, which is finished first
             narrator.say(f"ampm: interrupted; the run is complete in {target} but for recording and report")
             interruption.acknowledge()
             statuses.append(Status.INTERRUPTED)
@@ -213,11 +216,11 @@ def instrument(
     force: Force = False,
     as_json: Json = False,
 ) -> int:
-    """Show a finished run as an instrument would have shown it, and which of its faults matters.
+    """Apply the model of an instrument to a finished run; show the error it adds, and by which fault.
 
-    A model of force plates, foot force/torque sensors or an IMU is put beside the simulator's truth: noise,
-    bias, cross-talk, low-pass, sampling, delay, range and resolution. Nothing is simulated again, and nothing
-    is judged: the status is 0.
+    Models of force plates, foot force/torque sensors or an IMU are compared with the simulator's true values:
+    noise, bias, cross-talk, low-pass, sampling, delay, range and resolution. Nothing is simulated or judged:
+    the exit status is 0.
     """
     from validation.measure.instruments.model import load_instrument
     from validation.measure.instruments.observe import Observation, observe_folder

@@ -54,9 +54,9 @@ def view(
 ) -> int:
     """Open recordings in the Rerun viewer, side by side or overlaid, aligned on the phase of the gait.
 
-    One run opens as it is. Of a sweep, the chosen runs stand beside each other. Several runs of one gait, say
-    of two revisions, lie over each other in colours of their own; of different gaits they stand beside each
-    other.
+    One run opens unchanged. Chosen runs of a sweep are shown side by side. Several runs of one gait, for
+    example of two revisions, are overlaid in different colours; runs of different gaits are shown side by
+    side.
     """
     narrator = Narrator()
     if save is not None:
@@ -72,14 +72,14 @@ def view(
             write_sources(sources, work, narrator, one_sweep=one_sweep)
         narrator.wrote(save)
         return Status.PASS
-    viewer_command(sources[0].path, ports=(0, 0) if web else None)  # refuses where nothing can show it
+    viewer_command(sources[0].path, ports=(0, 0) if web else None)  # refuses if there is no viewer or display
     with tempfile.TemporaryDirectory(prefix="ampm-view-") as folder:
         shown = sources[0].path
         if len(sources) > 1:
             shown = Path(folder) / "recordings.rrd"
             write_sources(sources, shown, narrator, one_sweep=one_sweep)
         status = show_recording(shown, web=web)
-    interruption.acknowledge()  # Ctrl-C is how the web server is stopped
+    interruption.acknowledge()  # Ctrl-C stops the web server
     return status
 
 
@@ -95,7 +95,7 @@ def write_sources(sources: Sequence[Source], path: Path, progress: Progress, *, 
     Raises:
         InputError: a source is no recording.
     """
-    from validation.show.rerun.merge import merge, read_part  # here, not above: rerun takes long to load
+    from validation.show.rerun.merge import merge, read_part  # imported here because rerun is slow to load
 
     if len(sources) == 1:
         read_part(sources[0].path, "", "")
@@ -105,7 +105,7 @@ def write_sources(sources: Sequence[Source], path: Path, progress: Progress, *, 
 
 
 def choose(targets: Sequence[Path], runs: str | None) -> tuple[list[Source], list[str]]:
-    """Recordings that targets mean, and a note on the choice.
+    """Recordings of the targets, and a note on the choice.
 
     Args:
         targets: folders of runs or sweeps, or recordings.
@@ -141,7 +141,7 @@ def choose(targets: Sequence[Path], runs: str | None) -> tuple[list[Source], lis
 
 def _labels(targets: Sequence[Path]) -> list[str]:
     """Names that distinguish targets: of folder or file, if need be with the folder above, or a number."""
-    paths = [Path(os.path.realpath(target)) for target in targets]  # a loop of links is left as it is
+    paths = [Path(os.path.realpath(target)) for target in targets]  # unchanged if its links form a loop
     paths = [path.parent if path.name == RECORDING_FILE else path for path in paths]
     labels = [path.name if path.is_dir() else path.stem for path in paths]
     longer = [f"{path.parent.name}/{label}" for path, label in zip(paths, labels, strict=True)]

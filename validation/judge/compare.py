@@ -1,8 +1,8 @@
 """A walk beside its plan: error of each signal, causes of the ZMP error, cost.
 
 Errors are measured minus planned at the same instant: row k of the measurement is compared with the plan at
-t_k. Nothing is shifted, fitted or masked; the first step, in which the controller meets the contact for the
-first time, is reported apart from the rest.
+t_k. Nothing is shifted, fitted or masked; the first step, which includes the transient of the start, is
+reported separately.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Signal(NamedTuple):
         label: for tables and figures.
         meaning: of the error.
         scales: names of the reference quantities that its error is divided by.
-        reference: ``plan``, or ``motion`` for what the plan does not have.
+        reference: ``plan``, or ``motion`` for quantities that the plan does not have.
     """
 
     group: str
@@ -138,15 +138,15 @@ class ZmpErrorSplit:
     - ``vertical_force``: ``-mean(N) du``
     - ``instrument``: contact ZMP minus momentum ZMP, which belongs to the measurement and not to the walk
 
-    Lateral: F_y for F_x and -M_x for M_y. The split is symmetric in plan and measurement: no order of causes
-    has to be chosen, as it would for replacing one after the other.
+    Lateral: F_y for F_x and -M_x for M_y. The split is symmetric in plan and measurement: it does not depend
+    on an order of the causes.
 
     Attributes:
         parts: part name to shape (K, 2) [m].
         residual: largest deviation of the sum of parts from the error [m].
         rmse: part name to RMS over the run, x and y [m].
         share: part name to its share of the squared error over the run, x and y [1]; shares add up to 1 and
-            may be negative, where a part makes up for others.
+            may be negative, where a part compensates others.
     """
 
     parts: Mapping[str, Array]
@@ -157,13 +157,13 @@ class ZmpErrorSplit:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A walk beside its plan: what metrics are computed from.
+    """A walk beside its plan, from which metrics are computed.
 
     Attributes:
         plan: that was walked.
         record: of the simulation.
-        measured: what the record says, blind to the plan.
-        standing: the same body weighed while it stands still; None if it was not.
+        measured: measurement of the record, independent of the plan.
+        standing: the same body weighed while it stands still; None if not weighed.
         sample: the plan at the measured instants t_k, K of them.
         momentum_z: L_z of the planned posture at t_k, shape (K,) [N m s].
         rows: window name to rows, shape (K,). Planned phases and measured contacts divide :data:`RUN`.
@@ -212,7 +212,7 @@ def compare(
 
     Args:
         plan: the plan that was walked.
-        record: the walk; one that ended early is compared as far as it went.
+        record: the walk; one that ended early is compared up to its end.
         measured: its measurement.
         description: names the knees.
         standing: the same body weighed with the same instrument while it stands still.
@@ -224,7 +224,7 @@ def compare(
     time = measured.time
     if time.size != record.steps:
         raise InputError(
-            f"the measurement has {time.size} steps and the record {record.steps}; measure this very record"
+            f"the measurement has {time.size} steps and the record {record.steps}; measure this record"
         )
     if time.size and time[-1] > plan.duration + 1e-9:
         raise InputError(
@@ -303,7 +303,7 @@ def _signal_errors(
 
 
 def _statistics(error: Array, reference: Array, scale: float, unit: str) -> Statistics:
-    """Statistics of one window; a reference whose spread is tiny on its scale counts as constant."""
+    """Statistics of one window; a reference whose spread is negligible on its scale counts as constant."""
     known = np.isfinite(error)
     unmeasured = int(error.size - np.count_nonzero(known))
     if not known.any():

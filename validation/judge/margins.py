@@ -1,7 +1,6 @@
 """Cost of a walk and its margins to every limit of body and floor.
 
-Units and meanings stand with the metrics, in :mod:`validation.judge.metrics`. What is not judged there is
-explained here.
+Units and meanings are listed in :mod:`validation.judge.metrics`.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     Rows = NDArray[np.bool_]
 
 LOADED = 0.05
-"""Share of body weight from which a foot's friction counts [1]: the ratio of two tiny forces is noise."""
+"""Share of body weight from which a foot's friction counts [1]: the ratio of two small forces is noise."""
 SATURATED = 0.999
 """Share of its limit from which a motor counts as saturated [1]."""
 
@@ -53,7 +52,7 @@ class Extreme:
 
 
 def feedback_effort(record: SimulationRecord, sample: PlanSample, rows: Rows) -> dict[str, Any]:
-    """RMS of command minus plan over ``rows``, shape (K,): what the controller added to the formula.
+    """RMS of command minus plan over ``rows``, shape (K,): the controller's correction of the formula.
 
     Returns:
         Components of ``com_acceleration`` [m/s^2], ``force`` [N], ``angular_momentum`` [N m s], ``zmp`` and

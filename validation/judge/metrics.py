@@ -1,7 +1,7 @@
-"""The registry of metrics: name, unit, words, computation and tolerances of everything that is judged.
+"""Registry of metrics: name, unit, label, computation and tolerances of every judged number.
 
 Comparison, profiles, verdict, columns of a sweep, labels of reports, diff and convergence read their metrics
-here, so that one :func:`register` is all that a new metric takes::
+here, so one :func:`register` is enough for a new metric::
 
     register(
         Metric(
@@ -69,8 +69,9 @@ class Metric:
         scales: names of the reference quantities that give the normalised values.
         nature: ``mean``; ``extreme``, which is never extrapolated to a vanishing time step; ``count``, which
             is exact.
-        by_window: whether ``compute`` heeds :attr:`Comparison.window`; the first step is then reported, too.
-        section: part of ``summary.json`` that holds the value in any case; empty: ``metrics``.
+        by_window: whether ``compute`` depends on :attr:`Comparison.window`; the first step is then reported,
+            too.
+        section: part of ``summary.json`` that holds the value; empty: ``metrics``.
     """
 
     name: str
@@ -129,7 +130,7 @@ _ADDED: list[str] = []
 
 
 def register(metric: Metric) -> Metric:
-    """Add a metric; it is then computed, judged and shown wherever metrics are.
+    """Add a metric; it is then computed, judged and shown like the built-in ones.
 
     Raises:
         InputError: its name is taken or no identifier, or it has a tolerance without a reason.
@@ -216,13 +217,13 @@ def _compute(metric: Metric, walk: Comparison) -> float | None:
 
 
 def metric_label(name: str) -> str:
-    """Readable name of a metric; its name without underscores if it is not registered."""
+    """Label of a metric; its name without underscores if it is not registered."""
     metric = METRICS.get(name)
     return metric.label if metric else name.replace("_", " ")
 
 
 def display_unit(unit: str, weight: float) -> tuple[float, str]:
-    """Factor and unit for people: millimetres, percent of body weight.
+    """Factor and unit for display: millimetres, percent of body weight.
 
     Args:
         unit: SI unit.
@@ -444,7 +445,7 @@ _COSTS: tuple[tuple[str, str, str, str, str], ...] = (
 
 
 def cost_entry(costs: Mapping[str, Any], metric: Metric) -> Any:
-    """What the cost of a walk, or its summary, has of a metric with a section: a number or an extreme."""
+    """Value of a metric with a section in the cost of a walk, or in its summary: a number or an extreme."""
     section, name = costs[metric.section], metric.name.partition("_")[2]
     if metric.section == "effort":  # components of a vector
         vector, _, axis = name.rpartition("_")

@@ -1,7 +1,7 @@
 """Tolerance profiles: how far physics may be from the formula.
 
-The limits and their reasons stand with the metrics in :mod:`validation.judge.metrics`. They were set before
-the runs that they judge, but for ``wide``. Loosening one is a change worth a line in the changelog.
+The limits and their reasons are listed in :mod:`validation.judge.metrics`. They were set before the runs that
+they judge, except ``wide``. Loosening one needs a line in the changelog.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ class Uncertainty:
         steps: walked at every level.
         run: key of the run that was studied.
         values: metric to uncertainty in its SI unit; infinite where there is no bound. Of a metric that is
-            ``incomplete`` what the studies that were made leave, and nothing if none was.
+            ``incomplete``, the sum of the studies that were made; no entry if none was.
         parameters: of the run, by section.
         studies: inside the uncertainty.
         not_studied: numerical studies of the gait that were not made.
@@ -48,11 +48,11 @@ class Uncertainty:
 
     @property
     def bounds(self) -> Mapping[str, float]:
-        """Metric to what a difference must exceed; infinite where studies are lacking."""
+        """Metric to the least difference that is a result; infinite where studies are lacking."""
         return {**self.values, **dict.fromkeys(self.incomplete, math.inf)}
 
     def difference(self, request: Request) -> str:
-        """First key in which a run is not the one that was studied, with both values; empty if it is."""
+        """First key in which a run differs from the studied one, with both values; empty if none does."""
         own = json_ready(request.run.model_dump())
         for section, entries in json_ready(self.parameters).items():
             for key, value in entries.items():
@@ -62,7 +62,7 @@ class Uncertainty:
         return ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Which study it is, for ``summary.json``."""
+        """Description of the study, for ``summary.json``."""
         return {key: getattr(self, key) for key in ("gait", "steps", "run", "studies", "not_studied")}
 
 
@@ -109,7 +109,7 @@ def load_uncertainty(path: Path) -> Uncertainty:
         ) from None
     if not table.metrics:
         raise InputError(f"--uncertainty {file} holds no metrics: its walk did not complete; study again.")
-    # What was not measured in the study is bounded by nothing, and a sum over no study is no zero.
+    # A metric that the study did not measure has no bound; without a study there is no value, not zero.
     values = {
         name: math.inf if item.uncertainty_at_least is None else item.uncertainty_at_least
         for name, item in table.metrics.items()
@@ -128,7 +128,7 @@ def load_uncertainty(path: Path) -> Uncertainty:
 
 
 def matching(known: Sequence[Uncertainty], request: Request) -> Uncertainty:
-    """The study of this very gait.
+    """The study of this gait.
 
     Raises:
         InputError: none of them is.

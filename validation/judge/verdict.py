@@ -1,4 +1,4 @@
-"""Pass, fail or not measured: metrics held against a tolerance profile, and the summary of a run."""
+"""Verdict: metrics compared with a tolerance profile, and the summary of a run."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ class MetricResult:
             is known.
         undecided: whether the value is closer to the tolerance than its uncertainty, or a study that belongs
             to it was not made.
-        not_studied: studies without which the uncertainty is not known; ``uncertainty`` is then what the
-            others leave, and the true one is no less.
+        not_studied: studies without which the uncertainty is not known; ``uncertainty`` is then the sum of
+            the others, a lower bound.
     """
 
     name: str
@@ -109,7 +109,7 @@ class MetricResult:
         if self.uncertainty is None and not self.not_studied:
             return entry
         entry["undecided"] = self.undecided
-        # What the other studies leave is no uncertainty of the value.
+        # The sum of the other studies is only a lower bound of the uncertainty.
         key = "uncertainty_at_least" if self.not_studied else "uncertainty"
         for place, known in ((entry, self.uncertainty), (display, self.displayed(self.uncertainty))):
             place |= {"uncertainty": None, key: known}
@@ -120,7 +120,7 @@ class MetricResult:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Metrics of a run held against a profile.
+    """Metrics of a run compared with a profile.
 
     Attributes:
         name: pass only if every tolerance was judged and met; undecided if all decided tolerances pass,
@@ -164,10 +164,7 @@ def judge(
     *,
     ended: str = "",
 ) -> Verdict:
-    """Hold metrics against a profile.
-
-    A walk that did not complete has no verdict on tolerances: its metrics would be of a walk that did not
-    happen. They are reported all the same, unjudged.
+    """Compare metrics with a profile; those of a walk that did not complete are reported, not judged.
 
     Args:
         metrics: name to value. A tolerance on a metric that is not among them does not apply.
@@ -244,7 +241,7 @@ def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int
 
 
 def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> dict[str, Any]:
-    """Contents of ``summary.json``: plain JSON values in SI units, None for what is undefined.
+    """Contents of ``summary.json``: plain JSON values in SI units, None if undefined.
 
     Args:
         comparison: of the walk with its plan.

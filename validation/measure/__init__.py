@@ -1,1 +1,1 @@
-"""Measurements from a record. Nothing here imports the plan."""
+"""Measurements from a record, independent of the plan."""

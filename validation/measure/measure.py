@@ -2,8 +2,8 @@
 
 The ZMP is measured twice. Once as the centre of pressure of the logged contact forces; once from the rates of
 linear and angular momentum, which Pinocchio computes from the recorded ``q`` and ``qd`` only. The second uses
-no force and no acceleration of the simulator, so that the two can disagree, and do as soon as one contact is
-missing from the log.
+no force and no acceleration of the simulator, so the two disagree as soon as one contact is missing from the
+log.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
     ToPinocchio = Callable[[Array, Array], tuple[Array, Array]]
 
 LEAST_SUPPORT = 0.01
-"""Share of body weight below which there is no ZMP: the quotient of two vanishing numbers says nothing."""
+"""Share of body weight below which there is no ZMP: the quotient of two vanishing numbers is meaningless."""
 _SETTLED = 1e-3
-_BLOCK = 4096  # steps measured at a time: all of a long walk, converted, would be as large as its record
+_BLOCK = 4096  # steps measured at a time, to bound the memory
 
 
 @dataclass(frozen=True)
 class SelfChecks:
-    """How well the measurement agrees with itself, over the whole run; all zero for a perfect instrument.
+    """Agreement of the independent measurements, over the whole run; all zero for a perfect instrument.
 
     Attributes:
         zmp_agreement: RMS distance in the floor plane of the two measured ZMPs [m].
@@ -45,8 +45,8 @@ class SelfChecks:
         com_agreement: largest distance between the simulator's COM and Pinocchio's [m].
         angular_momentum_agreement: largest distance between the two momenta about the COM [N m s].
         impulse_residual: vertical impulse over the run, less weight and gain of momentum, over the weight's
-            impulse [1]. A body that stands still must press with exactly its weight, one that walks too, but
-            for the momentum that it gained.
+            impulse [1]. A standing body presses with exactly its weight; a walking one with its weight and
+            the rate of its momentum.
         unsupported: steps in which the floor carries less than :data:`LEAST_SUPPORT` of the weight.
     """
 
@@ -147,7 +147,7 @@ class StandingCheck:
         force_error: mean ground force less the weight, shape (3,) [N].
         relative_error: its norm over the weight [1].
         zmp_error: mean ZMP less mean COM, shape (2,) [m].
-        speed: largest COM speed while measured [m/s]; the check means nothing unless it is tiny.
+        speed: largest COM speed while measured [m/s]; the check is meaningless unless it is small.
         still: whether ``speed`` was below 1 mm/s.
     """
 
@@ -164,9 +164,9 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
     The force of step k acts at q_k and turns v_k, the velocity that brought the body from q_(k-1) to q_k,
     into v_(k+1), which carries it on from q_k to q_(k+1). Each velocity is paired with the configuration that
     it departs from: the momentum rate of row k is the difference of the momenta of (q_k, v_(k+1)) and
-    (q_(k-1), v_k), the rate over the very interval that the force bridges. Momenta of the recorded pairs
-    (q_k, v_k) would be half a step askew. The moment is taken about the COM at t_k, where the contacts of
-    step k were evaluated.
+    (q_(k-1), v_k), the rate over the interval in which the force acts. Momenta of the recorded pairs (q_k,
+    v_k) would be off by half a step. The moment is taken about the COM at t_k, where the contacts of step k
+    were evaluated.
 
     Args:
         record: the run.
@@ -295,9 +295,9 @@ def standing_check(measured: MeasuredGait, *, settle: float = 0.0) -> StandingCh
 def zmp_from_momentum(com: Array, force: Array, angular_momentum_rate: Array, least: float) -> Array:
     """ZMP on the floor z = 0 from momentum rates, shape (N, 2) [m]; NaN where ``force_z < least``.
 
-    ``p_x = x - (z F_x + M_y) / F_z`` and ``p_y = y - (z F_y - M_x) / F_z`` hold for any motion whatsoever
-    whose only external forces are gravity and the floor's, with F the net ground force and M the rate of
-    angular momentum about the COM; the moment of any other force is to be taken from it.
+    ``p_x = x - (z F_x + M_y) / F_z`` and ``p_y = y - (z F_y - M_x) / F_z`` hold for any motion whose only
+    external forces are gravity and the floor's, with F the net ground force and M the rate of angular
+    momentum about the COM; the moment of any other force is to be subtracted from it.
 
     Args:
         com: shape (N, 3) [m].

@@ -1,8 +1,8 @@
-"""Weigh the body: the floor and the instrument of the walk, but standing still.
+"""Weigh the body: same floor and same measurement as the walk, but standing still.
 
 A still body presses on the floor with exactly its weight, under its COM. Every run weighs its own body on its
-own floor, so that an instrument that is off is found before its readings are used. The controller's gains
-are not the run's but the default ones: how fast a body comes to rest is not the question.
+own floor, so that a wrong measurement is found before it is used. The controller has default gains, not the
+run's: the speed of coming to rest does not matter.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def weigh(run: RunParameters, body_model: BodyModel, robot: Robot) -> StandingCh
     record = stand(run.model_copy(update={"controller": gains}), body_model)
     if record.outcome.name is OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
-    # A body that falls is weighed as it is: not still.
+    # A body that falls is weighed, too; it is then not still.
     settle = SETTLE if record.outcome.completed else 0.5 * record.outcome.time
     return standing_check(measure(record, robot.model, to_pinocchio), settle=settle)
 

@@ -1,1 +1,1 @@
-"""Models of real instruments that observe a walk: force plate, foot force/torque sensor, IMU."""
+"""Models of real instruments that measure a walk: force plate, foot force/torque sensor, IMU."""

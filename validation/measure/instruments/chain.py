@@ -1,7 +1,7 @@
 """From true signals to readings: cross-talk, bias, noise, low-pass, sampling, delay, range and converter.
 
-The order is the physical one. Noise arises ahead of the low-pass and always passes it, so that switched on
-alone it has the size that it has in the instrument.
+The order is the physical one. Noise arises ahead of the low-pass and always passes it, so noise alone has the
+same size as with all other effects.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ _SETTLING = 5.0
 
 
 def random_stream(seed: int, key: str, *use: int) -> np.random.Generator:
-    """Draws that depend on the instrument's seed, the run's key, and what they are for; on nothing else."""
+    """Random draws that depend only on the instrument's seed, the run's key, and their purpose."""
     return np.random.default_rng([seed, int.from_bytes(sha256(key.encode()).digest()[:8], "big"), *use])
 
 
 @dataclass(frozen=True)
 class Chain:
-    """All channels of an instrument and what happens to them.
+    """All channels of an instrument and their processing.
 
     Attributes:
-        channels: figures of each of C channels.
-        acquisition: what all of them pass.
+        channels: specifications of each of C channels.
+        acquisition: processing common to all.
         seed: of the instrument, for biases, noise and coupling.
         key: of the run, any text, for the same.
         time: start of each of K steps [s].
@@ -150,12 +150,12 @@ class Chain:
         start, rate = self.time[0], self.acquisition.rate
         at = self.time - (self.acquisition.delay if DELAY in effects else 0.0)
         if SAMPLING in effects and rate is not None:
-            # A hair early is in time: rounding of k dt must not cost a sample.
+            # Tolerance: rounding of k dt must not lose a sample.
             at = start + np.floor((at - start) * rate + 1e-6) / rate
         return np.maximum(at, start)
 
     def latency(self) -> float:
-        """Mean age of what is read: delay, the low-pass's delay of slow signals, half a sample [s]."""
+        """Mean age of a reading: delay, the low-pass's delay of slow signals, half a sample [s]."""
         delay = self.acquisition.delay
         first = delay + 1.0 / (self.acquisition.rate or math.inf)
         settled = self.time >= self.time[0] + first
@@ -172,7 +172,7 @@ class Chain:
         return age + samples * self.time_step
 
     def _filtered(self, values: Array, start: Array) -> Array:
-        """Columns that have stood at ``start`` for ever, through the low-pass if there is one."""
+        """Columns after the low-pass, if there is one, in steady state at ``start``."""
         if self.low_pass is None:
             return values
         state = sosfilt_zi(self.low_pass)[:, :, None] * start

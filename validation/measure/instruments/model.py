@@ -1,7 +1,7 @@
-"""Model of an instrument: frozen, validated data as on a data sheet, from a preset or a TOML file.
+"""Model of an instrument: frozen, validated specifications of a data sheet, from a preset or a TOML file.
 
-Whatever is left out is ideal: no noise, no bias, no filter, every step read at once, endless range. A file
-therefore holds only what its instrument has, and one with ``kind`` alone shows the truth.
+Defaults are ideal: no noise, no bias, no filter, every step read without delay, infinite range. A file with
+``kind`` alone gives the true values.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PRESETS: dict[str, str] = {
 
 
 class Channel(Section):
-    """Figures of one group of channels; ``u`` is its unit: N, N m, rad/s, m/s^2 or rad.
+    """Specifications of one group of channels; ``u`` is its unit: N, N m, rad/s, m/s^2 or rad.
 
     Each channel of the group (left and right foot, x and y) has noise and bias of its own.
     """
@@ -36,10 +36,10 @@ class Channel(Section):
         "u/sqrt(Hz)", ge=0, le=1e6,
     )  # fmt: skip
     bias: Real = parameter(
-        0.0, "bound of a constant that is drawn evenly from -bias ... bias for every run", "u", ge=0, le=1e6
+        0.0, "bound of a constant, drawn uniformly from -bias ... bias for every run", "u", ge=0, le=1e6
     )
     offset: Real = parameter(0.0, "constant that is always added", "u", ge=-1e6, le=1e6)
-    resolution: Real = parameter(0.0, "step of the converter (LSB); 0 is endlessly fine", "u", ge=0, le=1e6)
+    resolution: Real = parameter(0.0, "step of the converter (LSB); 0: no quantisation", "u", ge=0, le=1e6)
     range: float = parameter(math.inf, "readings are cut off at plus and minus this", "u", gt=0)
 
 
@@ -81,7 +81,7 @@ class _Wrench(Instrument):
         "N", ge=0, le=1e4,
     )  # fmt: skip
     cross_talk: Real = parameter(
-        0.0, "bound of a channel's share of every other channel, drawn evenly, both relative to their ranges",
+        0.0, "bound of a channel's share of every other one, drawn uniformly, both relative to their ranges",
         "1", ge=0, le=0.5,
     )  # fmt: skip
     force_xy: Channel = Field(default_factory=Channel)
@@ -105,7 +105,7 @@ class FootForceTorque(_Wrench):
     kind: Literal["foot-ft"]
     compensation: Literal["none", "weight", "inertia"] = parameter(
         "inertia",
-        "what the user takes off for the part of the foot below the sensor: nothing, its weight, or its "
+        "compensation of the part of the foot below the sensor: nothing, its weight, or its "
         "weight and inertial forces exactly",
         "1",
     )
@@ -127,7 +127,7 @@ class Imu(Instrument):
         "pelvis", "where it sits: origin of the pelvis, or the model's own sensor site", "1"
     )
     tilt: Real = parameter(
-        0.0, "bound of the constant roll and pitch error of the orientation estimate, drawn evenly", "rad",
+        0.0, "bound of the constant roll and pitch error of the orientation estimate, drawn uniformly", "rad",
         ge=0, le=1,
     )  # fmt: skip
     gyroscope: Channel = Field(default_factory=Channel)

@@ -1,4 +1,4 @@
-"""Names of what an instrument's figures are of; imports nothing, so that a table's schema costs nothing."""
+"""Names of windows, causes and columns of instruments; imports nothing, so that schemas load fast."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CAUSES: Mapping[str, str] = {
     "kinematics": "pose by encoders",
     "tilt": "tilt of the orientation estimate",
 }
-"""Causes of the error that an instrument adds, and their names for people."""
+"""Causes of the error that an instrument adds, and their labels."""
 
 STATISTICS = {"rmse": "root mean square", "maximum": "largest"}
 

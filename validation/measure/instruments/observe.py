@@ -1,4 +1,4 @@
-"""An instrument's view of a walk beside the truth, and which of its faults does how much."""
+"""Readings of an instrument on a walk beside the true values, and the error by each of its faults."""
 
 from __future__ import annotations
 
@@ -55,23 +55,23 @@ class Observation:
     """Readings of an instrument on a walk, row k for the start of step k; K rows, world frame, SI units.
 
     Attributes:
-        instrument: its figures.
+        instrument: its specifications.
         key: of the run; with the instrument's seed it fixes all draws.
         time: t_k, shape (K,) [s].
         names, units: of the channels.
-        signals: what faultless channels read, shape (K, C).
-        readings: what the channels read, shape (K, C).
+        signals: readings of ideal channels, shape (K, C).
+        readings: of the channels, shape (K, C).
         true_zmp: shape (K, 2) [m].
-        zmp: as the instrument shows it, shape (K, 2) [m]; NaN where it sees no contact.
-        zmp_compensated: the same from readings set back by ``latency``, shape (K, 2) [m].
-        force: net ground force as it shows it, shape (K, 3) [N].
+        zmp: by the instrument, shape (K, 2) [m]; NaN where it detects no contact.
+        zmp_compensated: the same from readings shifted back by ``latency``, shape (K, 2) [m].
+        force: net ground force by the instrument, shape (K, 3) [N].
         latency: mean age of a reading of slow signals [s].
         drawn: constants that were drawn, by channel or name.
         errors: window to the error that the instrument adds.
         errors_compensated: the same with the latency taken out.
-        errors_of_readings: window to the error beyond that of the method, which faultless readings have too.
+        errors_of_readings: window to the error beyond that of the method, which ideal readings have too.
         causes: cause to window to the error that it makes alone.
-        notes: what could not be shown, in words.
+        notes: effects that could not be modelled.
     """
 
     instrument: Instrument
@@ -117,7 +117,7 @@ class Observation:
         }
 
     def signal_columns(self) -> dict[str, NDArray[Any]]:
-        """Columns of ``instrument.parquet``: truth and what the instrument shows, at every step, SI units."""
+        """Columns of ``instrument.parquet``: true values and readings at every step, SI units."""
         columns: dict[str, NDArray[Any]] = {"time": self.time}
         for name, values in (
             ("true_zmp", self.true_zmp),
@@ -159,7 +159,7 @@ def observe_folder(directory: Path, instrument: Instrument) -> Observation:
         raise InputError(f"{directory} has no {missing[0]}; give the folder of a finished run.")
     run = load_run(directory / "run.toml", ())
 
-    # Here, not above: simulator and body take long to load.
+    # Imported here: simulator and body are slow to load.
     import mujoco
 
     from models.human import build
@@ -210,11 +210,11 @@ def run_key(run: RunParameters) -> str:
 
 
 def observe(instrument: Instrument, record: SimulationRecord, key: str, body: Body) -> Observation | None:
-    """Look at a walk with an instrument.
+    """Apply an instrument to a walk.
 
     Args:
         instrument: which.
-        record: of the walk; nothing else is used, least of all the plan.
+        record: of the walk; the plan is not used.
         key: of the run, see :func:`run_key`.
         body: gives the compiled model and its description; called only by instruments that need them.
 

@@ -1,7 +1,4 @@
-"""Three instruments under one interface: what their channels truly are, and what a user makes of readings.
-
-What is true comes from the record alone.
-"""
+"""Three instruments under one interface: true values of their channels, and the ZMP from readings."""
 
 from __future__ import annotations
 
@@ -45,14 +42,14 @@ _WRENCH = {
 }  # fmt: skip
 _TILT_STREAM = 4
 _BOUNCE = 0.15
-"""A foot that leaves the floor for less than this has made no step [s]."""
+"""A loss of contact shorter than this is no step [s]."""
 
 
 class Estimate(NamedTuple):
     """Quantities computed from readings; K rows, world frame.
 
     Attributes:
-        zmp: NaN where the instrument sees no contact, shape (K, 2) [m].
+        zmp: NaN where the instrument detects no contact, shape (K, 2) [m].
         force: net ground force, shape (K, 3) [N].
     """
 
@@ -61,7 +58,7 @@ class Estimate(NamedTuple):
 
 
 def usable_rows(record: SimulationRecord) -> int:
-    """Number of leading steps whose numbers are finite: a walk that diverged has a tail that is not."""
+    """Number of leading steps whose numbers are finite; a walk that diverged ends with others."""
     fine = np.isfinite(record.point_force).all(axis=(1, 2))
     fine &= np.isfinite(record.q[1:]).all(axis=1) & np.isfinite(record.qd[1:]).all(axis=1)
     return record.steps if fine.all() else int(np.argmin(fine))
@@ -79,7 +76,7 @@ class Rig:
         zmp: shape (K, 2) [m]; NaN where fewer than :data:`LEAST_SUPPORT` of the weight are carried.
         names, units: of the channels.
         chain: its channels.
-        signals: what faultless channels read, shape (K, C).
+        signals: readings of ideal channels, shape (K, C).
         effects: that it has.
         drawn: further constants that were drawn, by name.
 
@@ -87,7 +84,7 @@ class Rig:
         instrument: which.
         record: of the walk, of two usable steps or more.
         key: of the run, for the draws.
-        channels: name, unit and figures of each.
+        channels: name, unit and specifications of each.
         cross_talk: bound of the coupling, relative to the ranges [1].
 
     Raises:
@@ -114,11 +111,11 @@ class Rig:
         self.drawn: Mapping[str, float] = {}
 
     def estimate(self, readings: Array, effects: Set[str]) -> Estimate:
-        """ZMP and force as the user of the readings computes them.
+        """ZMP and force computed from readings.
 
         Args:
             readings: shape (K, C).
-            effects: those that act on what the user knows beside the readings.
+            effects: those that act on data other than the readings.
         """
         raise NotImplementedError
 
@@ -148,7 +145,7 @@ class PlateRig(_WrenchRig):
     """Force plates: moments are read about the middle of each plate's surface."""
 
     def __init__(self, instrument: ForcePlate, record: SimulationRecord, key: str, body: Body) -> None:
-        del body  # plates know nothing of it
+        del body  # plates have no body model
         super().__init__(instrument, record, key)
         self.origins = self._plate_origins()
         moment = self.foot_torque - np.cross(self.origins, self.foot_force)
@@ -163,7 +160,7 @@ class PlateRig(_WrenchRig):
         """Centre of the plate under each foot, shape (K, 2, 3) [m]; z = 0.
 
         Every stance has a plate of its own, centred under the sole's mean position while it was loaded. The
-        next plate takes over in the middle of the swing, when both read nothing.
+        next plate is used from the middle of the swing, when both are unloaded.
         """
         rows = len(self.time)
         origins = np.zeros((rows, 2, 3))
@@ -209,7 +206,7 @@ class Ankles(NamedTuple):
 
 
 class FootRig(_WrenchRig):
-    """Sensors in the ankles: they feel the floor less what the foot below them weighs and resists."""
+    """Sensors in the ankles: they measure the floor's force less weight and inertial force of the foot."""
 
     def __init__(self, instrument: FootForceTorque, record: SimulationRecord, key: str, body: Body) -> None:
         super().__init__(instrument, record, key)
@@ -222,7 +219,7 @@ class FootRig(_WrenchRig):
         self.compensation = instrument.compensation
         sides = [_ankle(record, len(self.time), model, leg, i) for i, leg in enumerate(description.legs)]
         self.feet = feet = Ankles(*(np.stack(pair, axis=1) for pair in zip(*sides, strict=True)))
-        # What the foot passes on to the leg, in the sensor's axes.
+        # Force from foot to leg, in the sensor's axes.
         force = self.foot_force - (feet.inertial_force + feet.weight)
         moment = self.foot_torque - np.cross(feet.position, self.foot_force) - feet.inertial_moment
         moment = moment - np.cross(feet.com - feet.position, feet.weight)
@@ -241,7 +238,7 @@ class FootRig(_WrenchRig):
             self.frames = [self.pin_model.getFrameId(leg.foot_segment) for leg in description.legs]
 
     def estimate(self, readings: Array, effects: Set[str]) -> Estimate:
-        """See :class:`Rig`: readings are turned into the world by the pose that the user has."""
+        """See :class:`Rig`: readings are rotated to world by the estimated pose."""
         feet = self.feet
         place, rotation = self._encoded() if KINEMATICS in effects else (feet.position, feet.rotation)
         both = readings.reshape(-1, 2, 6)
@@ -274,8 +271,8 @@ def _ankle(
 ) -> tuple[Array, ...]:
     """Values of :class:`Ankles` of one foot.
 
-    Accelerations are differences of the segments' velocities over the very step on which the logged force
-    acts, as in :mod:`validation.measure.measure`; the velocities themselves are differences of their places.
+    Accelerations are differences of the segments' velocities over the step in which the logged force acts, as
+    in :mod:`validation.measure.measure`; the velocities themselves are differences of their places.
     """
     dt = record.time_step
     site = model.site(leg.sole_frame)
@@ -328,7 +325,7 @@ def _to_local(rotation: Array, vector: Array) -> Array:
 
 
 class ImuRig(Rig):
-    """Gyroscope and accelerometer; a ZMP as of a point mass at the COM that accelerates as the IMU does."""
+    """Gyroscope and accelerometer; the ZMP is that of a point mass at the COM accelerated as the IMU."""
 
     def __init__(self, instrument: Imu, record: SimulationRecord, key: str, body: Body) -> None:
         del body  # the record has the motion
@@ -344,7 +341,7 @@ class ImuRig(Rig):
             self.drawn = {f"{TILT}_{axis}": float(v) for axis, v in zip("xy", self.lean, strict=True)}
 
     def estimate(self, readings: Array, effects: Set[str]) -> Estimate:
-        """See :class:`Rig`: COM and orientation are taken as known, but for the tilt."""
+        """See :class:`Rig`: COM and orientation are taken as known, except the tilt error."""
         rotation = self.rotation
         if TILT in effects:
             rotation = Rotation.from_rotvec([*self.lean, 0.0]).as_matrix() @ rotation
@@ -361,7 +358,7 @@ class ImuRig(Rig):
 def _pelvis_motion(record: SimulationRecord, rows: int) -> tuple[Array, Array]:
     """Readings of an ideal IMU in the pelvis (K, 6) [rad/s, m/s^2] and its axes to world (K, 3, 3).
 
-    From the recorded state: the acceleration is that of the very step.
+    From the recorded state: the acceleration is that of the step.
     """
     rotation = _rotation(record.q[:rows, 3:7]).as_matrix()
     pull = np.diff(record.qd[: rows + 1, :3], axis=0) / record.time_step + [0.0, 0.0, record.gravity]
