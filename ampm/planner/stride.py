@@ -7,8 +7,8 @@ extra lift at mid swing. Pitch, toe angle and the pivot's path are C2 across eve
 
 ``foot.swing = "paper"`` plans the same key-frames as section 2.3 of the paper, for comparison: cubic splines,
 and a ball that leaves the floor with the forward speed ``l_s / T_swing``. The ball is at rest before, so the
-foot's velocity jumps there; accelerations jump at every key-frame. With ``foot.v_swing_of = "ankle"`` it is the
-ankle's speed, which a rising heel gives it: then no velocity jumps.
+foot's velocity jumps there; accelerations jump at every key-frame. With ``foot.v_swing_of = "ankle"`` it is
+the ankle's speed, which a rising heel gives it: then no velocity jumps.
 
 Everything is closed form; nothing is sampled or integrated.
 """
