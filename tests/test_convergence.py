@@ -91,43 +91,35 @@ def result():
     return study()
 
 
-def test_the_longest_walk_comes_first():
-    order = list(study().walks)
-    assert (order[0].simulation.time_step, len(order)) == (0.00025, 1 + 3 * 3 + 2 * 2)
-
-
-def test_every_metric_has_order_extrapolated_value_and_uncertainty_or_says_why_not(result):
-    found = result.as_dict()
-    entries = found["metrics"]
-    zmp = entries["zmp_x_rmse"]
-    assert zmp["asymptotic"] is True
-    assert zmp["order"] == pytest.approx(1.0)
-    assert zmp["extrapolated"] == pytest.approx(1e-3 + 10.0 * 5e-8)
-    step, tolerance = zmp["by_study"]["time_step"], zmp["by_study"]["qp_tolerance"]
+def test_every_metric_has_order_limit_and_uncertainty_or_a_reason(result):
+    order = list(result.walks)
+    assert (order[0].simulation.time_step, len(order)) == (0.00025, 1 + 3 * 3 + 2 * 2)  # the longest first
+    zmp, force, peak = (result.metrics[n] for n in ("zmp_x_rmse", "force_x_rmse", "zmp_x_maximum"))
+    found = zmp.as_dict()
+    assert (found["asymptotic"], found["order"]) == (True, pytest.approx(1.0))
+    assert found["extrapolated"] == pytest.approx(1e-3 + 10.0 * 5e-8)
+    step, tolerance = found["by_study"]["time_step"], found["by_study"]["qp_tolerance"]
     assert step["values"] == pytest.approx((1.4005e-3, 1.2005e-3, 1.1005e-3, 1.0505e-3))
     assert step["uncertainty"] == pytest.approx(1.25 * 0.4e-3)
-    assert zmp["by_study"]["ik_grid"]["kind"] == "constant"
-    assert zmp["uncertainty"] == pytest.approx(step["uncertainty"] + tolerance["uncertainty"])
-    assert (zmp["tolerance"], entries["force_x_rmse"]["tolerance"]) == (2.5e-3, pytest.approx(0.008 * 588.6))
-    peak = entries["zmp_x_maximum"]
-    assert (peak["asymptotic"], peak["order"], peak["extrapolated"]) == (False, None, None)
-    assert all(entries[name]["reason"].startswith(NO_RANGE) for name in ("zmp_x_maximum", "force_x_rmse"))
-    assert found["uncertainty_of"] == ("time_step", "ik_grid", "qp_tolerance")
+    assert found["by_study"]["ik_grid"]["kind"] == "constant"
+    assert found["uncertainty"] == pytest.approx(step["uncertainty"] + tolerance["uncertainty"])
+    assert (zmp.tolerance, force.tolerance) == (2.5e-3, pytest.approx(0.008 * 588.6))
+    assert (peak.as_dict()["order"], peak.as_dict()["extrapolated"]) == (None, None)
+    for item in (peak, force):
+        assert not item.as_dict()["asymptotic"]
+        assert item.as_dict()["reason"].startswith(NO_RANGE)
 
 
-def test_a_self_check_is_judged_at_the_step_that_it_checks_and_a_count_is_exact(result):
-    gap, count = result.metrics["zmp_agreement_rmse"], result.metrics["failed_qp"]
+def test_self_checks_counts_and_sensitivities_have_no_numerical_uncertainty(result):
+    gap, count, work = (
+        result.metrics[n] for n in ("zmp_agreement_rmse", "failed_qp", "energy_positive_work")
+    )
+    assert [item.uncertainty for item in (gap, count, work)] == [0.0] * 3
+    assert gap.passed  # judged at the step that it checks
     assert gap.estimates["time_step"].extrapolated == pytest.approx(0.0, abs=1e-12)
     assert gap.estimates["time_step"].uncertainty == pytest.approx(1.25 * 0.32e-3)
-    assert (gap.uncertainty, gap.passed) == (0.0, True)
     assert count.levels["qp_tolerance"] == (0.0, 0.0, 0.0, 1.0)
-    assert count.uncertainty == 0.0
     assert any("1 of the controller's QPs unsolved" in note for note in result.notes)
-
-
-def test_contact_stiffness_is_a_sensitivity_and_no_part_of_the_numerical_uncertainty(result):
-    work = result.metrics["energy_positive_work"]
-    assert work.uncertainty == 0.0
     assert work.inputs["contact_stiffness"] == pytest.approx(15.0 * (math.sqrt(2) - 1))
     assert work.input_uncertainty == pytest.approx(work.inputs["contact_stiffness"])
     assert "order" not in work.as_dict()["by_study"]["contact_stiffness"]
@@ -143,24 +135,24 @@ def test_the_verdict_is_spoken_beyond_the_uncertainty(result, share, passed):
     assert (found.passed, found.undecided) == (passed, passed is None)
 
 
-def test_a_level_that_falls_leaves_the_uncertainty_without_a_bound():
-    found = study(partial(walker, falls=lambda run: run.simulation.time_step == 0.0005))
-    assert (found.completed, found.verdict.name) == (False, VerdictName.UNDECIDED)
-    assert math.isinf(found.metrics["zmp_x_rmse"].uncertainty)
-    assert "time_step, 0.5 ms: fell, It stumbled." in found.notes
-    assert json_ready(found.as_dict())["metrics"]["zmp_x_rmse"]["uncertainty"] == "inf"
-
-
-def test_a_soft_floor_that_nobody_walks_on_is_a_sensitivity_without_bound_and_no_failure():
-    found = study(partial(walker, falls=lambda run: run.contact.time_constant > 0.02))
-    assert (found.completed, found.verdict.name) == (True, VerdictName.PASS)
-    assert math.isinf(found.metrics["zmp_x_rmse"].input_uncertainty)
-
-
-def test_a_gait_that_falls_at_its_own_parameters_has_no_verdict():
-    found = study(partial(walker, falls=lambda run: True))
-    assert (found.completed, found.verdict.name) == (False, VerdictName.NOT_MEASURED)
-    assert found.metrics == {}
+@pytest.mark.parametrize(
+    ("falls", "completed", "verdict", "unbounded"),
+    [
+        (lambda run: run.simulation.time_step == 0.0005, False, VerdictName.UNDECIDED, "uncertainty"),
+        (lambda run: run.contact.time_constant > 0.02, True, VerdictName.PASS, "input_uncertainty"),
+        (lambda run: True, False, VerdictName.NOT_MEASURED, None),
+    ],
+)
+def test_a_level_that_falls_bounds_nothing(falls, completed, verdict, unbounded):
+    """But a floor that nobody walks on is no failure."""
+    found = study(partial(walker, falls=falls))
+    assert (found.completed, found.verdict.name) == (completed, verdict)
+    assert bool(found.metrics) == (unbounded is not None)
+    if unbounded:
+        assert math.isinf(getattr(found.metrics["zmp_x_rmse"], unbounded))
+    if unbounded == "uncertainty":
+        assert "time_step, 0.5 ms: fell, It stumbled." in found.notes
+        assert json_ready(found.as_dict())["metrics"]["zmp_x_rmse"]["uncertainty"] == "inf"
 
 
 def test_tables(result, capsys):
@@ -182,14 +174,14 @@ def test_a_refusal_inside_a_level_is_an_outcome(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("only", "lacking"),
+    ("only", "lacking", "shown"),
     [
-        (("contact_stiffness",), ("time_step", "ik_grid", "qp_tolerance")),
-        (("time_step",), ("ik_grid", "qp_tolerance")),
-        (("ik_grid", "qp_tolerance"), ("time_step",)),
+        (("contact_stiffness",), ("time_step", "ik_grid", "qp_tolerance"), "not studied"),
+        (("time_step",), ("ik_grid", "qp_tolerance"), "≥ "),
+        (("ik_grid", "qp_tolerance"), ("time_step",), "≥ "),
     ],
 )
-def test_what_was_not_studied_is_never_a_zero_nor_a_pass(only, lacking, capsys):
+def test_what_was_not_studied_is_never_a_zero_nor_a_pass(only, lacking, shown, tmp_path, capsys):
     found = study(only=only)
     assert found.verdict.name is VerdictName.UNDECIDED
     assert f"not studied: {', '.join(lacking)}" in found.verdict.reason
@@ -202,7 +194,15 @@ def test_what_was_not_studied_is_never_a_zero_nor_a_pass(only, lacking, capsys):
     assert entries["metrics"]["zmp_x_rmse"]["uncertainty"] is None
     assert entries["not_studied"] == list(lacking)
     print_convergence(found)
-    assert ("± not studied" if only == ("contact_stiffness",) else "± ≥ ") in capsys.readouterr().out
+    assert f"± {shown}" in capsys.readouterr().out
+    convergence.write(found, tmp_path)
+    summary = summary_with(load_uncertainty(tmp_path))  # a run decides nothing by it either
+    entry = summary["metrics"]["zmp_x_rmse"]
+    assert (entry["uncertainty"], entry["pass"], entry["undecided"]) == (None, None, True)
+    assert entry["not_studied"] == list(lacking)
+    assert summary["uncertainty"]["studies"] == [name for name in only if name != "contact_stiffness"]
+    print_result(summary, tmp_path)
+    assert f"± {shown}" in capsys.readouterr().out
 
 
 def test_a_self_check_needs_no_time_step_and_an_exact_solver_no_tolerance():
@@ -247,21 +247,18 @@ def test_a_study_serves_any_number_of_steps_of_its_gait_and_no_other_gait(folder
 @pytest.mark.parametrize(
     ("metrics", "why"),
     [
-        (None, "is no convergence study"),
         ({}, "holds no metrics"),
         ({"zmp_x_rmse": -1}, r"metrics.zmp_x_rmse.uncertainty_at_least"),
         ({"zmp_x_rmse": "much"}, r"metrics.zmp_x_rmse.uncertainty_at_least"),
     ],
 )
 def test_a_file_that_is_no_study_is_refused(tmp_path, metrics, why):
-    path = make_study(tmp_path, metrics or {})
-    if metrics is None:
-        path.write_text("{")
     with pytest.raises(InputError, match=why):
-        load_uncertainty(path)
-
-
-def test_infinite_and_unknown_uncertainties_bound_nothing(tmp_path):
+        load_uncertainty(make_study(tmp_path, metrics))
+    for text in ("{", json.dumps(summary_with(Uncertainty("x", 6, "abc", {}, {})))):  # it has metrics, too
+        (tmp_path / FILE).write_text(text)
+        with pytest.raises(InputError, match="is no convergence study"):
+            load_uncertainty(tmp_path)
     known = load_uncertainty(make_study(tmp_path, {"a": "inf", "b": None}))
     assert dict(known.values) == {"a": math.inf, "b": math.inf}
 
@@ -279,32 +276,13 @@ def summary_with(known):
     return build_summary(comparison, verdict, timing=timing, gait="x", uncertainty=known.as_dict())
 
 
-def test_the_terminal_quotes_it_and_a_summary_is_no_study(tmp_path, capsys):
+def test_the_terminal_quotes_it(tmp_path, capsys):
     values = {"zmp_x_rmse": 0.0003, "zmp_x_maximum": math.inf}
     summary = summary_with(Uncertainty("x", 6, "abc", values, {}, studies=("time_step", "ik_grid")))
     print_result(summary, tmp_path)
     out = capsys.readouterr().out
-    for text in ("1.8 ± 0.3", "± inf", "undecided", "x: UNDECIDED", "(time_step + ik_grid)"):
+    for text in ("1.8 ± 0.3", "± inf", "x: UNDECIDED", "(time_step + ik_grid)"):
         assert text in out, text
-    path = tmp_path / "summary.json"  # it has metrics, too
-    path.write_text(json.dumps(summary))
-    with pytest.raises(InputError, match="is no convergence study"):
-        load_uncertainty(path)
-
-
-@pytest.mark.parametrize(
-    ("only", "shown", "inside"),
-    [("contact_stiffness", "not studied", []), ("time_step", "≥ ", ["time_step"])],
-)
-def test_a_study_of_too_little_decides_no_run(only, shown, inside, tmp_path, capsys):
-    convergence.write(study(only=(only,)), tmp_path)
-    summary = summary_with(load_uncertainty(tmp_path))
-    entry = summary["metrics"]["zmp_x_rmse"]
-    assert (entry["uncertainty"], entry["pass"], entry["undecided"]) == (None, None, True)
-    assert "qp_tolerance" in entry["not_studied"]
-    assert summary["uncertainty"]["studies"] == inside
-    print_result(summary, tmp_path)
-    assert f"± {shown}" in capsys.readouterr().out
 
 
 def test_the_report_quotes_it(tmp_path):
@@ -393,48 +371,37 @@ def test_the_exit_status_follows_the_verdict_and_the_table_is_printed_before_it_
     assert word in capsys.readouterr().out
 
 
-@pytest.fixture(scope="module")
-def real(tmp_path_factory):
+def test_a_real_study(tmp_path):
     """Two steps of the easy gait at 2, 1, 0.5 ms, in two processes that have to learn of a metric."""
     compute = lambda walk: float(walk.measured.com[walk.inside, 2].mean())  # noqa: E731  # goes to them by value
     register(Metric("com_height", "m", "mean height", "mean height of the COM", "walk", compute))
-    out = tmp_path_factory.mktemp("real") / "study"
-    options = {"steps": 2, "levels": 3, "only": ("time_step",), "workers": 2, "out": out}
-    found = convergence.study_gait("flat", ["solver.ik_time_step=0.004"], **options)
-    convergence.write(found, out)
-    unregister("com_height")
-    return found, out
-
-
-def test_a_real_study_walks_every_level_and_keeps_it(real):
-    found, out = real
+    settings, name = ["solver.ik_time_step=0.004"], "zmp_x_rmse"
+    try:
+        found = convergence.study_gait(
+            "flat", settings, steps=2, levels=3, only=("time_step",), workers=2, out=tmp_path
+        )
+    finally:
+        unregister("com_height")
+    convergence.write(found, tmp_path)
     assert found.completed
-    assert {walk.outcome for walk in found.walks.values()} == {"completed"}
+    assert found.verdict.name is VerdictName.UNDECIDED
     assert studied_quantities().keys() == found.metrics.keys() - {"com_height"}
-    assert all(
-        value == pytest.approx(0.91, abs=0.05) for value in found.metrics["com_height"].levels["time_step"]
-    )
+    assert found.metrics["com_height"].levels["time_step"] == pytest.approx([0.91] * 3, abs=0.05)
     gap = found.metrics["zmp_agreement_rmse"]
     assert gap.estimates["time_step"].orders == pytest.approx((1.0,), abs=0.1)  # the integrator's
     assert found.metrics["com_agreement_maximum"].value < 1e-12
-    table = json.loads((out / FILE).read_text())
-    assert table["levels"]["time_step"]["outcomes"] == ["completed"] * 3
-    assert all(entry["reason"] for entry in table["metrics"].values())
-
-
-def test_a_walk_quotes_the_real_study(real):
-    found, out = real
-    request = load_request("flat", ["solver.ik_time_step=0.004", "gait.steps=2"])
-    known = matching([load_uncertainty(out)], request)
-    again = walk_levels([request.run], "flat", workers=1)[request.run]
-    name = "zmp_x_rmse"
-    assert again.values[name] == found.metrics[name].value  # to the bit, in another process
-    assert known.values[name] == found.metrics[name].uncertainty > 0.0
-    assert known.not_studied == ("ik_grid", "qp_tolerance")
     assert found.metrics["switch_zmp_x_near"].value > 0.0
     assert found.metrics["switch_zmp_x_near"].of.unit == "m"
-    assert found.verdict.name is VerdictName.UNDECIDED
-    assert combine(request, DEFAULT, [], {request.run: again}).metrics[name].uncertainty is None
+    table = json.loads((tmp_path / FILE).read_text())
+    assert table["levels"]["time_step"]["outcomes"] == ["completed"] * 3
+    assert all(entry["reason"] for entry in table["metrics"].values())
+    request = load_request("flat", [*settings, "gait.steps=2"])
+    known = matching([load_uncertainty(tmp_path)], request)
+    assert known.values[name] == found.metrics[name].uncertainty > 0.0
+    assert known.not_studied == ("ik_grid", "qp_tolerance")
+    again = walk_levels([request.run], "flat", workers=1)
+    assert again[request.run].values[name] == found.metrics[name].value  # to the bit, in another process
+    assert combine(request, DEFAULT, [], again).metrics[name].uncertainty is None
 
 
 def test_a_script_without_a_main_guard_studies(tmp_path):
