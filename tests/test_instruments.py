@@ -325,7 +325,7 @@ def test_a_low_pass_above_the_steps_rate_is_left_out_and_said_so(record, human):
 
 def test_a_walk_that_ended_at_once_cannot_be_observed(tmp_path, human):
     end = Outcome(OutcomeName.FELL, 0.0, "It fell.", 0)
-    folder = make_run(tmp_path / "run", steps=2, seconds=0.0, outcome=end)
+    folder = make_run(tmp_path / "run", steps=2, outcome=end)
     for name in PRESETS:
         assert observe(load_instrument(name), load_record(folder), "run", lambda: human) is None
     with pytest.raises(InputError, match="nothing to observe"):

@@ -109,7 +109,7 @@ def test_figures_follow_the_colours_of_the_page(html, page):
 def test_a_fall_is_told_as_one(tmp_path, seconds):
     cause = "The <b>pelvis</b> sank & stayed \N{SKULL}."
     end = Outcome(OutcomeName.FELL, seconds, cause, 0)
-    directory = make_run(tmp_path, steps=4, seconds=seconds, outcome=end)
+    directory = make_run(tmp_path, steps=4, outcome=end)
     html = write_report(directory).read_text(encoding="utf-8")
     assert 'class="card verdict fail"' in html
     assert "<b>pelvis</b>" not in html

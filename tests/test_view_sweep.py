@@ -24,7 +24,7 @@ from validation.store.signals import load_signals
 from validation.study.sweep.table import read_sweep
 from validation.trial.outcome import Outcome, OutcomeName
 
-SLOW = ("gait.switching_velocity=0.9", "gait.single_support_ratio=0.7")
+SLOW = ("gait.switching_velocity=0.9", "gait.a_s=2.4")
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def test_phases_of_different_gaits_coincide(walks, tmp_path, capsys):
 
 def test_a_walk_that_fell_keeps_the_pace_of_its_last_phase(walks, tmp_path):
     end = Outcome(OutcomeName.FELL, 0.9, "It fell.", 1)
-    folder = make_run(tmp_path / "fell", steps=4, seconds=0.9, outcome=end)
+    folder = make_run(tmp_path / "fell", steps=4, outcome=end)
     write_recording(folder)
     files = [walks["one"] / "recording.rrd", folder / "recording.rrd"]
     assert same_gait([read_part(file, "a", "") for file in files])
