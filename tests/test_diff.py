@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 
 from ampm.exceptions import InputError
-from tests.browser import look
+from tests.browser import assert_in_cards
 from tests.saved_run import make_study
 from tests.sweep_table import make_table, replaced, sweep_of, write_sweep
 from tests.test_report import Page
@@ -354,20 +354,9 @@ def test_command_line(folders, tmp_path, capsys):
 def test_better_and_worse_are_in_the_window(folders, tmp_path, size):
     page = tmp_path / "diff.html"
     assert call(["diff", *folders, "--out", str(page)]) == 1
-    probe = """
-    const out = [];
-    for (const name of ["all runs", "better", "worse", "beyond"])
-      for (const cell of document.querySelectorAll(`td[data-name="${name}"]`)) {
-        const box = cell.getBoundingClientRect();
-        const card = cell.closest(".card").getBoundingClientRect();
-        out.push(box.width > 0 && box.left >= card.left && box.right <= card.right);
-      }
-    tell({ cells: out, width: innerWidth, scroll: document.documentElement.scrollWidth });
-    """
-    told = look(page, tmp_path, probe, size=size).told
-    assert len(told["cells"]) >= 4 * 17
-    assert all(told["cells"])
-    assert told["scroll"] <= told["width"]
+    names = ("all runs", "better", "worse", "beyond")
+    selector = ", ".join(f'td[data-name="{name}"]' for name in names)
+    assert_in_cards(page, tmp_path, selector, 4 * 17, size)
 
 
 def test_json(folders, tmp_path, capsys):
