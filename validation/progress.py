@@ -1,8 +1,9 @@
 """Progress of long work, and interruption by a signal. Silent unless a subclass prints.
 
 A ``KeyboardInterrupt`` can be lost: C extensions turn it into an ``ImportError`` or swallow it, and one that
-is raised in a callback of the garbage collector vanishes. So the signal also leaves a mark, which is checked
-between stages and at the end. Only the standard library is imported here, and as little of it as possible.
+is raised in a callback of the garbage collector vanishes. Therefore the signal also sets a flag, which is
+checked between stages and at the end. Only the standard library is imported here, and as little of it as
+possible.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ INTERRUPTED = 130
 
 
 class Interruption:
-    """The mark that a signal leaves.
+    """Flag that a signal sets.
 
     Attributes:
         count: signals so far.
-        answered: how many of them are handled.
-        holding: whether the first signal waits, for work that is worth finishing; a second one interrupts.
-        finished: whether the answer is out, so that a further signal may end the program at once.
+        answered: number of handled signals.
+        holding: whether the first signal is deferred until the present work is done; a second one interrupts.
+        finished: whether all output is written, so that a further signal may end the program at once.
     """
 
     def __init__(self) -> None:
@@ -38,7 +39,7 @@ class Interruption:
         return self.count > self.answered
 
     def install(self) -> None:
-        """Answer Ctrl-C and a termination signal from now on."""
+        """Handle Ctrl-C and a termination signal from now on."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._receive)
         unraisable = sys.unraisablehook
@@ -58,12 +59,12 @@ class Interruption:
         raise KeyboardInterrupt
 
     def check(self) -> None:
-        """Raise the ``KeyboardInterrupt`` that was lost on its way, if one was."""
+        """Raise the ``KeyboardInterrupt`` that was lost, if one was."""
         if self.pending and not self.holding:
             raise KeyboardInterrupt
 
     def acknowledge(self) -> None:
-        """Count what came so far as answered: a walk that was interrupted says so itself."""
+        """Count all signals so far as handled: an interrupted walk records it itself."""
         self.answered = self.count
 
 
@@ -78,11 +79,11 @@ class Stage:
         """Report how much is done, in the stage's unit."""
 
     def note(self, text: str) -> None:
-        """Report in words."""
+        """Report a message."""
 
 
 class Progress:
-    """Reports nothing: the default of calls from Python, and the base of what does report."""
+    """Reports nothing: the default of calls from Python, and the base class of reporters."""
 
     @contextmanager
     def stage(self, label: str, unit: str = "") -> Iterator[Stage]:
@@ -99,7 +100,7 @@ class Progress:
 
 
 class StageClock(Progress):
-    """Keeps how long every stage took.
+    """Measures the duration of every stage.
 
     Attributes:
         seconds: wall-clock time by the stage's label, without the name of the gait before a colon [s].
@@ -110,7 +111,7 @@ class StageClock(Progress):
 
     @contextmanager
     def stage(self, label: str, unit: str = "") -> Iterator[Stage]:
-        """Time one stage; one that raises is left out."""
+        """Time one stage; a stage that raises is not counted."""
         start = time.perf_counter()
         yield Stage()
         self.seconds[label.rpartition(": ")[2]] = time.perf_counter() - start

@@ -1,6 +1,5 @@
-"""Steps MuJoCo again from a recorded start with the recorded torques, and compares every bit.
-
-The controller takes no part: what is shown is that the record holds all that the physics depended on.
+"""Steps MuJoCo again from a recorded start with the recorded torques, and compares every bit. The controller
+is not used: a replay tests that the record holds everything that the physics depends on.
 """
 
 from __future__ import annotations
@@ -30,8 +29,8 @@ class Replay:
         steps: simulation steps that were stepped again.
         signal: first column that differs, as in ``joints.parquet``; None if none does.
         time: time of the first difference [s].
-        recorded: the value on record.
-        replayed: the value found now.
+        recorded: the recorded value.
+        replayed: the value of the replay.
         note: a likely reason for a difference, empty if none is known.
     """
 

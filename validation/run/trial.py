@@ -1,4 +1,4 @@
-"""A walk that is judged: in memory, and what it leaves in its folder."""
+"""A judged walk: in memory, and the files of its folder."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Trial:
 
     @property
     def measured(self) -> MeasuredGait:
-        """The gait that the record shows, measured without sight of the plan."""
+        """Measurement of the record, independent of the plan."""
         return self.comparison.measured
 
     @property
@@ -90,7 +90,7 @@ class Trial:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """Contents of ``summary.json``, without what only a folder has."""
+        """Contents of ``summary.json``, without entries that only a folder has."""
         return results_of(self, describe_environment())
 
     def save(
@@ -129,9 +129,9 @@ class Trial:
     def report(self) -> Path:
         """Write ``report.html`` into the trial's folder, and return its path.
 
-        A trial that was not saved has a temporary folder, which vanishes with the process.
+        A trial that was not saved has a temporary folder, which is removed at the end of the process.
         """
-        from validation.show.report import write_report  # here, not above: matplotlib takes long to load
+        from validation.show.report import write_report  # imported here because matplotlib is slow to load
 
         return write_report(self._folder())
 
@@ -147,7 +147,7 @@ class Trial:
         Raises:
             InputError: there is no display, or no viewer installed.
         """
-        from validation.show.rerun.record import write_recording  # here, not above: rerun takes long to load
+        from validation.show.rerun.record import write_recording  # imported here: rerun is slow to load
         from validation.show.viewer import show_recording
 
         return show_recording(write_recording(self._folder()), web=web)
@@ -161,7 +161,7 @@ class Trial:
 
 
 def write_inputs(folder: Path, planned: PlannedWalk, environment: Mapping[str, Any]) -> None:
-    """Write what a run starts from: parameters, model, environment."""
+    """Write the inputs of a run: parameters, model, environment."""
     (folder / RUN_FILE).write_text(dump_run(planned.run), encoding="utf-8")
     (folder / MODEL_FILE).write_text(planned.body.model.xml, encoding="utf-8")
     write_json(folder / ENVIRONMENT_FILE, environment)
@@ -170,7 +170,7 @@ def write_inputs(folder: Path, planned: PlannedWalk, environment: Mapping[str, A
 def write_results(
     folder: Path, trial: Trial, environment: Mapping[str, Any], instrument: Instrument | None = None
 ) -> dict[str, Any]:
-    """Write signals, what an instrument shows and, last, the summary with the digests of all other files.
+    """Write signals, readings of an instrument and, last, the summary with the digests of all other files.
 
     Args:
         folder: of the run; inputs and record are there already.
@@ -184,7 +184,7 @@ def write_results(
     save_signals(signals_table(trial.comparison), folder / SIGNALS_FILE)
     summary = results_of(trial, environment)
     if instrument is not None:
-        # Here, not above: only a run with an instrument pays for it.
+        # Imported here: needed only with an instrument.
         from validation.measure.instruments.observe import observe_walk
         from validation.store.tables import write_columns
 
@@ -218,7 +218,7 @@ def draw_run(folder: Path, name: str = "", progress: Progress | None = None) -> 
     """Write recording and report of a run that was just written into its folder."""
     progress = progress or Progress()
     with progress.stage(f"{name}: recording"):
-        # In here: importing the viewer's library is most of what the first recording costs.
+        # Within the stage: importing the viewer's library takes most of its time.
         from validation.show.rerun.record import write_recording
 
         saved = load_saved_run(folder, check=False)

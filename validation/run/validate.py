@@ -1,7 +1,7 @@
 """The trial of one gait, kept in a folder.
 
-Most important files first: parameters and environment before the walk starts, the record as
-soon as it ends, then signals and summary, and last what can be drawn again from the saved files.
+The files that are hardest to replace are written first: parameters and environment before the walk, the
+record as soon as it ends, then signals and summary, last the pictures, which can be drawn again.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from validation.trial.disturbances import Disturbance
 
 RUNS = Path("runs")
-"""Where runs go that were given no place of their own."""
+"""Default folder of runs."""
 
 
 @dataclass(frozen=True)
@@ -90,9 +90,8 @@ def validate(
 ) -> dict[str, Any]:
     """Plan, walk, measure and judge one gait, and keep everything in a folder.
 
-    A walk that is interrupted (``KeyboardInterrupt``) is measured and kept as far as it went. One that is
-    interrupted after the walk is finished as far as its numbers, without recording and report;
-    ``interruption.pending`` is then set.
+    A walk that is interrupted (``KeyboardInterrupt``) is measured and kept up to that time. An interruption
+    after the walk leaves out recording and report only; ``interruption.pending`` is then set.
 
     Args:
         request: the gait.
@@ -136,11 +135,11 @@ def validate(
                 keep=keep,
             )
             summary = write_results(folder, trial, environment, options.instrument)
-            del trial  # drawing needs the room
+            del trial  # drawing needs the memory
         finally:
             interruption.holding = False
         if options.recording and not interruption.pending:
-            try:  # what goes wrong here must not cost the run its folder
+            try:  # a failure here must not lose the run's folder
                 draw_run(folder, request.name, progress)
                 interruption.check()
             except (Exception, KeyboardInterrupt) as error:

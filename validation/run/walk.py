@@ -50,7 +50,7 @@ def walk(
         run: parameters from :func:`ampm.load_run`, or a preset or TOML file.
         controller: makes the controller from robot and run, a class for example; the built-in one by default.
         planner: makes the plan, :class:`ampm.planners.AmpmPeriodic` by default.
-        disturbances: what pushes the body, such as :class:`validation.Push`.
+        disturbances: external forces, such as :class:`validation.Push`.
         tune: find the values that the gait leaves open, instead of taking defaults.
         profile: tolerances, or the name of a profile; that of the preset by default.
         uncertainty: numerical uncertainty of the metrics, from a convergence study.
@@ -107,11 +107,11 @@ def walk_planned(
         planned: see :func:`validation.trial.plan.plan_walk`.
         profile: tolerances.
         controller: makes the controller from robot and run.
-        disturbances: what pushes the body.
+        disturbances: external forces.
         uncertainty: numerical uncertainty of the metrics.
         progress: where to report stages.
         seconds: wall-clock time of earlier stages.
-        keep: is given the record before it is measured.
+        keep: called with the record before it is measured.
     """
     run, body, progress = planned.run, planned.body, progress or Progress()
     taken = dict(seconds or {})
@@ -146,7 +146,7 @@ def walk_planned(
 
 @contextmanager
 def timed(seconds: dict[str, float], label: str) -> Iterator[None]:
-    """Note the wall-clock time of a stage [s]."""
+    """Record the wall-clock time of a stage [s]."""
     start = time.perf_counter()
     yield
     seconds[label] = time.perf_counter() - start

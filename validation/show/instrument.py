@@ -1,4 +1,4 @@
-"""An instrument's view of a run: rows of tables, words for a report, a picture."""
+"""Readings of an instrument: rows of tables, section of a report, picture."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MEANINGS = {
 
 
 def instrument_section(saved: SavedRun) -> dict[str, Any]:
-    """Words and tables of the section of a report."""
+    """Text and tables of the section of a report."""
     observed = saved.summary["instrument"]
     latency = observed["latency"]["value"]
     error = observed["zmp_error"]["run"]
@@ -65,7 +65,7 @@ def cause_rows(observed: Mapping[str, Any]) -> list[Row]:
 
 
 def _numbers(values: Sequence[float | None]) -> list[float]:
-    """What was not measured, None in a ``summary.json``, as NaN."""
+    """Numbers with NaN for unmeasured ones, which are None in a ``summary.json``."""
     return [math.nan if value is None else value for value in values]
 
 
@@ -105,7 +105,7 @@ def _overview(observed: Observation) -> Figure:
     for column, axis in enumerate("xy"):
         upper, lower, bars = axes[:, column]
         true = observed.true_zmp[rows, column]
-        # Metres walked would flatten the curve: x is drawn less the mean way.
+        # Without the mean travel, which would flatten the curve.
         way = np.polyval(np.polyfit(time[rows], np.nan_to_num(true), 1), time[rows]) if axis == "x" else 0.0
         upper.plot(time[rows], 1e3 * (true - way), color="0.2", lw=2.5, label="truth")
         for values, label, color in (

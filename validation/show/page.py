@@ -1,4 +1,4 @@
-"""HTML pages from templates: one environment, style sheets and scripts put into the page."""
+"""HTML pages from templates, with style sheets and scripts inlined."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def render_page(
         title: of the page.
         styles: names of style sheets among the templates, in order.
         scripts: names of scripts, in order.
-        context: what else the template needs.
+        context: further variables of the template.
     """
     css, script = (
         Markup("".join(_LOADER.get_source(_ENVIRONMENT, name)[0] for name in names))

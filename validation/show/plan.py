@@ -34,7 +34,7 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
     """Draw a plan: COM, ZMP, ground force, moment and angular momentum over time, and the top view.
 
     Args:
-        plan: the plan; only its first steps are drawn, as the rest repeats them.
+        plan: only its first steps are drawn, as the others repeat them.
         path: image file; the suffix chooses the format.
         title: heading, usually the gait's name.
 

@@ -1,7 +1,7 @@
 """The report: one self-contained HTML page about a run, made from its folder alone.
 
-Agreement and cost stand side by side, because either alone misleads. All text is escaped; pictures are inline
-SVG whose colours follow the page.
+Agreement and cost are shown together, because either alone is misleading. All text is escaped; pictures are
+inline SVG whose colours follow the page.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Row(NamedTuple):
         share: value over limit, for the bar; None without a limit.
         passed: None where nothing is judged.
         note: reason of the tolerance, or where and when.
-        own: whether the metric judges the testbed rather than the walk.
+        own: whether the metric judges the measurement rather than the walk.
         spread: numerical uncertainty with sign and unit, empty if it is not known.
         undecided: whether the value is closer to the limit than that.
     """
@@ -86,10 +86,10 @@ class Row(NamedTuple):
 
 
 def write_report(run: str | Path | SavedRun) -> Path:
-    """Write ``report.html`` into a run folder from what the folder holds.
+    """Write ``report.html`` into a run folder from its files.
 
     Args:
-        run: folder of a finished run, or what was read from it; an existing report in it is replaced.
+        run: folder of a finished run, or the run read from it; an existing report in it is replaced.
 
     Returns:
         Path of the report.
@@ -150,7 +150,7 @@ def render(saved: SavedRun) -> str:
 
 
 def _shown(metric: Mapping[str, Any]) -> str:
-    """Value of a metric; one that has no unit, and may be none but zero, is a count."""
+    """Value of a metric; one without a unit whose limit is zero is a count."""
     shown = metric["display"]
     value = shown["value"]
     if value is not None and not shown["unit"] and shown["tolerance"] == 0.0:
@@ -159,7 +159,7 @@ def _shown(metric: Mapping[str, Any]) -> str:
 
 
 def _metric_row(metric: Mapping[str, Any]) -> Row:
-    """A judged metric; its label is the run's: a registered one is unknown to other processes."""
+    """A judged metric, with the label stored in the run: other processes may not have it registered."""
     shown, lacking = metric["display"], "not_studied" in metric
     value, limit, unit = shown["value"], shown["tolerance"], shown["unit"]
     uncertainty = shown.get("uncertainty_at_least" if lacking else "uncertainty")
@@ -181,7 +181,7 @@ def _metric_row(metric: Mapping[str, Any]) -> Row:
 
 
 def _convergence_study(known: Summary | None) -> str:
-    """Which study the uncertainties are from, empty if there is none."""
+    """Source of the uncertainties, empty if there is none."""
     if known is None:
         return ""
     text = f"a convergence study of {known['gait']}, {known['steps']} steps a level"

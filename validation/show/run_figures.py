@@ -1,4 +1,4 @@
-"""All pictures of a run's report, from what its folder holds."""
+"""All pictures of a run's report, from its files."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 _DASHED = (0, (4, 3))
 _FEET = {"left": LEFT, "right": RIGHT}
 _KINDS = (("plan", PLAN, 2.4), ("command", COMMAND, 1.1), ("measured", MEASURED, 1.1))
-"""Kind, colour and width of a curve; the plan is drawn broad beneath the others."""
+"""Kind, colour and width of a curve; the plan is a broad line below the others."""
 
 
 def strides(signals: Signals) -> list[slice]:
@@ -127,7 +127,7 @@ class RunFigures:
                     "angular_momentum_z", momentum.format("z"), "N m s", reference="motion", caption=caption
                 )
             )
-        if np.isfinite(self.saved.record.qp_time).any():  # a controller of one's own may have no QP
+        if np.isfinite(self.saved.record.qp_time).any():  # a user's controller may have no QP
             found["cost"].append(self.qp_statistics())
         found["cost"].append(
             self.difference(
@@ -160,10 +160,10 @@ class RunFigures:
             title: what it is.
             unit: in which it is drawn.
             scale: drawn value per SI value.
-            about: column that is subtracted from the values, so that metres walked do not flatten the curve.
+            about: column that is subtracted from the values, because the travel would flatten the curve.
             error: unit and scale of the error, where they differ.
             reference: what the measurement is compared with: prefix of its column.
-            caption: what to look at.
+            caption: explanation.
         """
         figure, (upper, lower) = new_figure(3.9, 2, ratios=[3, 2])
         signals, rows = self.signals, self.window
@@ -251,7 +251,7 @@ class RunFigures:
         return self._picture(figure, label, "Four steps from the middle of the run.", wide=True)
 
     def contact_timeline(self) -> Picture:
-        """Which part of which sole is on the floor: planned (line) and measured (bar), over one stride."""
+        """Contact of the parts of both soles: planned (line) and measured (bar), over one stride."""
         record, rows = self.saved.record, self.window
         time = self.signals.time[rows]
         figure, (axis,) = new_figure(2.6, left=0.85, top=0.28)
@@ -302,8 +302,8 @@ class RunFigures:
         """Wall-clock time of the controller's QP, and its residual at every tick."""
         record = self.saved.record
         figure, (upper, lower) = new_figure(3.9, 2, gap=0.6)
-        micro = 1e6 * record.qp_time[np.isfinite(record.qp_time)]  # a controller of one's own may solve none
-        # A few ticks are interrupted by other processes: they are counted in the last bar.
+        micro = 1e6 * record.qp_time[np.isfinite(record.qp_time)]  # a user's controller may solve none
+        # Few ticks are interrupted by other processes: the last bar counts them.
         top = max(min(float(micro.max()), 5.0 * float(np.median(micro))), 1e-3)
         upper.hist(np.minimum(micro, top), bins=60, range=(0.0, top), color=PLAN, linewidth=0)
         marks = {name: float(np.percentile(micro, share)) for share, name in ((50, "median"), (99, "99 %"))}
@@ -379,7 +379,7 @@ class RunFigures:
         return np.nanmin(stack, axis=0), np.nanmax(stack, axis=0)
 
     def _finish_run(self, axis: Axes, title: str, ylabel: str) -> None:
-        """Labels; a dotted line where the first step ends, which is judged apart."""
+        """Labels; a dotted line at the end of the first step, which is judged separately."""
         end = self.signals.first_step()
         if 0 < end < len(self.signals):
             axis.axvline(float(self.signals.time[end]), color=FAINT, linewidth=0.8, linestyle=":")
@@ -394,7 +394,7 @@ def _finish(axis: Axes, title: str, ylabel: str, *, xlabel: str = "time [s]", co
 
 
 def _draw_tolerances(axis: Axes, rmse: float | None, maximum: float | None) -> None:
-    """Tolerances about zero, without letting a wide one flatten the error."""
+    """Tolerances about zero; a wide one does not scale the axis."""
     axis.axhline(0.0, color=FAINT, linewidth=0.7)
     reach = 1.15 * max(abs(limit) for limit in axis.get_ylim())
     if rmse is not None:

@@ -57,7 +57,7 @@ def figure_style(ink: str, faint: str, grid: str) -> dict[str, Any]:
     }
 
 
-# Stand-ins that no other colour equals; `picture` replaces each by the CSS variable of its name.
+# Unique placeholder colours; `picture` replaces each by the CSS variable of its name.
 INK, FAINT, GRID, SHADE = "#010101", "#010102", "#010103", "#010104"
 PLAN, COMMAND, MEASURED = "#010105", "#010106", "#010107"
 LEFT, RIGHT, GOOD, BAD = "#010108", "#010109", "#01010a", "#01010b"
@@ -72,7 +72,7 @@ WIDTH = 5.2
 """Width of an ordinary figure [in]: 500 px, so that its 9 pt text stays readable on a telephone."""
 
 _BUCKETS = 420
-"""Buckets over a whole run: each keeps its smallest and largest sample, so no spike is lost."""
+"""Buckets over a whole run: each keeps its smallest and largest sample, so that spikes remain."""
 
 
 class Picture(NamedTuple):
@@ -80,7 +80,7 @@ class Picture(NamedTuple):
 
     Attributes:
         svg: markup.
-        caption: what to look at.
+        caption: explanation.
         wide: whether it spans the page.
     """
 
@@ -111,9 +111,9 @@ def new_figure(
     gap: float = 0.3,
     ratios: Sequence[float] | None = None,
 ) -> tuple[Figure, list[Axes]]:
-    """Make a figure of ``rows`` axes over each other.
+    """Make a figure of ``rows`` axes, one above the other.
 
-    Margins are given, not searched for: matplotlib's automatic layout takes longer than all the drawing.
+    Margins are fixed: matplotlib's automatic layout takes longer than the drawing.
 
     Args:
         height: of the figure [in].
@@ -144,8 +144,8 @@ def picture(figure: Figure, name: str, label: str, caption: str = "", *, wide: b
     Args:
         figure: the figure.
         name: unique in the page; prefixes every id.
-        label: what the picture shows, for those who cannot see it.
-        caption: what to look at.
+        label: description of the picture for screen readers.
+        caption: explanation.
         wide: whether it spans the page.
     """
     buffer = io.StringIO()
@@ -193,7 +193,7 @@ def decimate(time: Array, value: Array, buckets: int = _BUCKETS) -> tuple[Array,
 
 
 def legend(axis: Axes, columns: int = 5, **spacing: float) -> None:
-    """Legend over the axes, beside nothing: curves fill the axes themselves."""
+    """Legend above the axes, because curves fill the axes."""
     handles, labels = axis.get_legend_handles_labels()
     if labels:
         lengths = {"handlelength": 1.2, "columnspacing": 1.0, "handletextpad": 0.4, **spacing}

@@ -1,4 +1,4 @@
-"""Text tables and numbers for a reader."""
+"""Text tables and numbers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 BODY_WEIGHT = "% BW"
-"""Percent of body weight, as tables have room for it."""
+"""Percent of body weight, short for tables."""
 ABSENT = "–"
 """Stands for a number that is absent or not defined."""
 _FILE_WIDTH = 160
@@ -34,20 +34,20 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str 
     for row in rows:
         table.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
     console = Console(highlight=False)
-    if not console.is_terminal:  # a file or a pipe has no edge to wrap at
+    if not console.is_terminal:  # a file or a pipe has no width
         console.width = max(console.width, _FILE_WIDTH)
-    # The title is padded to the table's width otherwise, and a file keeps such blanks.
+    # Otherwise the title is padded with blanks to the table's width.
     console.print(Text(title, style="bold"), soft_wrap=True)
     console.print(table)
 
 
 def print_line(text: str | Text = "", style: str = "") -> None:
-    """Print one line on stdout, unwrapped and as it is."""
+    """Print one line on stdout, unwrapped and unchanged."""
     Console(highlight=False, soft_wrap=True).print(Text(text) if isinstance(text, str) else text, style=style)
 
 
 def judged(verdict: str) -> Text:
-    """The word of a verdict in its colour: green, red, or yellow for what is not decided."""
+    """The word of a verdict in its colour: green, red, or yellow if undecided."""
     return Text(verdict, {"pass": "green", "fail": "red", "": ""}.get(verdict.lower(), "yellow"))
 
 
@@ -63,12 +63,12 @@ def format_number(value: float | None, digits: int = 4) -> str:
 
 
 def format_value(value: Any) -> str:
-    """A parameter's value for a table: five digits of a float, anything else as it is."""
+    """A parameter's value for a table: five digits of a float, anything else unchanged."""
     return format_number(value, 5) if value is None or isinstance(value, float) else str(value)
 
 
 def number(value: Any, digits: int = 3) -> str:
-    """Write a number for people: ``digits`` significant ones, a dash for what is absent."""
+    """Write a number with ``digits`` significant digits, or a dash if absent."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return ABSENT
     if isinstance(value, bool):
@@ -88,7 +88,7 @@ def number(value: Any, digits: int = 3) -> str:
 
 
 def with_unit(value: Any, unit: str, digits: int = 3) -> str:
-    """A number and its unit, with a space that does not break."""
+    """A number and its unit, with a non-breaking space."""
     text = number(value, digits)
     unit = BODY_WEIGHT if unit == "% of body weight" else unit
     return text if text == ABSENT or unit in ("", "1") else f"{text} {unit}".replace(" ", "\u00a0")
@@ -107,7 +107,7 @@ def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def replace_between(page: str, name: str, text: str) -> str:
-    """A page with another text between its marks ``<!-- name -->`` and ``<!-- end of name -->``.
+    """A page with new text between its marks ``<!-- name -->`` and ``<!-- end of name -->``.
 
     Raises:
         ValueError: the page lacks them.
@@ -120,7 +120,7 @@ def replace_between(page: str, name: str, text: str) -> str:
 
 
 def format_duration(seconds: float) -> str:
-    """A time in words: ``250 µs``, ``12 s``, ``45 min``, ``3 h 20 min``, ``11.6 days``; a dash for NaN."""
+    """A time as text: ``250 µs``, ``12 s``, ``45 min``, ``3 h 20 min``, ``11.6 days``; a dash for NaN."""
     if math.isnan(seconds):
         return ABSENT
     for unit, size, most in (("µs", 1e-6, 1000), ("ms", 1e-3, 1000), ("s", 1.0, 90)):

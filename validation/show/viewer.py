@@ -1,4 +1,4 @@
-"""Rerun's viewer, started on this machine and for this machine alone."""
+"""Rerun's viewer, started on this machine and reachable from it only."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ def show_recording(recording: Path, *, web: bool = False) -> int:
     command = viewer_command(recording, ports=ports)
     environment: Mapping[str, str] = os.environ
     if ports is not None:
-        environment = {"RUST_LOG": "warn", **os.environ}  # it reports its telemetry and ports otherwise
+        environment = {"RUST_LOG": "warn", **os.environ}  # otherwise it reports telemetry and ports
         print_line(f"{page_address(*ports)}\nCtrl-C ends it.")
-    # A group of its own: the command is a launcher, and ending it would leave the viewer behind.
+    # A process group: the command is a launcher, and ending only that would leave the viewer running.
     process = subprocess.Popen(command, env=environment, start_new_session=True)
     try:
         return process.wait()

@@ -1,4 +1,4 @@
-"""Versions, platform and revision that a run ran on, so that its numbers can be traced."""
+"""Versions, platform and revision of a run, to trace its numbers."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _memory() -> float | None:
 def _revision() -> tuple[str | None, bool | None]:
     """Commit of the checkout that this file lies in, and whether tracked files differ from it."""
     root = Path(__file__).resolve().parents[2]
-    if not (root / ".git").exists():  # installed elsewhere: an enclosing repository would not be ours
+    if not (root / ".git").exists():  # installed elsewhere: an enclosing repository is another project's
         return None, None
 
     def git(*words: str) -> str:

@@ -1,8 +1,8 @@
-"""Output files and folders: nothing that exists is lost without ``--force``, no file appears half written.
+"""Output files and folders: nothing is replaced without ``--force``, and files appear complete.
 
 A run is written into a folder beside its target, ``<name>.partial-...``, and takes the target's name when it
-is complete, so a folder under its own name is always a whole run. If the program is killed in between, the
-partial folder stays with everything that was written until then.
+is complete, so a folder under its own name is always a whole run. If the program is killed before, the
+partial folder stays with the files written so far.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ RUN_FILES = frozenset(
         "report.html", INSTRUMENT_FILE,
     }
 )  # fmt: skip
-"""All that a run folder may hold; a folder with anything else in it is never replaced."""
+"""All files that a run folder may hold; a folder with other files is never replaced."""
 
 RECORDED = "joints.parquet"
-"""File from which on a folder is worth keeping."""
+"""File whose presence makes a partial folder worth keeping."""
 
 
 def check_target(
@@ -80,7 +80,7 @@ def check_run_folder(target: Path, *, force: bool) -> None:
 
 
 def _probe(target: Path) -> None:
-    """Create a file without a name where the target is to be: what cannot be written fails early.
+    """Test early that the target can be written, by a temporary file in its folder.
 
     Raises:
         InputError: it cannot be created.
@@ -97,7 +97,7 @@ def _probe(target: Path) -> None:
 
 @contextmanager
 def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
-    """Write a run folder whole: the body of the ``with`` fills the folder that it is given.
+    """Write a run folder atomically: the body of the ``with`` fills a partial folder.
 
     A target that exists and is empty (such as a mounted volume) is filled in place.
 
@@ -106,8 +106,8 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
         force: whether an earlier run there may be replaced.
 
     Yields:
-        The folder to write into; it is renamed to ``target`` at the end. On an exception it stays behind if
-        it holds a record, and vanishes otherwise.
+        The folder to write into; it is renamed to ``target`` at the end. On an exception it is kept if it
+        holds a record, and removed otherwise.
 
     Raises:
         InputError: see :func:`check_run_folder`, or the folder cannot be created.
@@ -145,7 +145,7 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Hold a lock on a folder, which ends with this process whatever ends it.
+    """Lock a folder; the lock ends with this process in any case.
 
     Raises:
         OSError: another process holds it.
@@ -167,13 +167,13 @@ def _remove_leftovers(target: Path) -> None:
 
 
 def disk_is_full(error: BaseException) -> bool:
-    """Whether an error says that there is no more room, on the disk or in the user's quota."""
+    """Whether an error means a full disk or an exhausted quota."""
     return isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
 def output_file(target: Path, *, force: bool = True) -> Iterator[Path]:
-    """Write a file whole: the body of the ``with`` fills the path that it is given, with the same suffix.
+    """Write a file atomically: the body of the ``with`` fills a temporary path with the same suffix.
 
     Raises:
         InputError: the target exists and ``force`` is off, is a folder, or cannot be created.
@@ -202,7 +202,7 @@ def check_output_file(target: Path, *, force: bool) -> None:
 
 
 def check_folder_of(target: Path) -> None:
-    """Refuse a file whose folder does not exist: more often a slip than a wish.
+    """Refuse a file whose folder does not exist: it is probably a typing error.
 
     Raises:
         InputError: there is no such folder.

@@ -39,7 +39,7 @@ def _defaults() -> Mapping[str, Any]:
 def run_key(values: Mapping[str, Any]) -> str:
     """Hash of the parameters that differ from their defaults.
 
-    A parameter that the code gains changes no key, so that runs of two revisions are matched by it.
+    A new parameter in the code changes no key, so runs of two revisions can be matched.
 
     Args:
         values: namespaced key to value, see :func:`parameter_values`.
@@ -62,5 +62,5 @@ def code() -> dict[str, str]:
 
 @cache
 def code_hash() -> str:
-    """All of :func:`code` in one word."""
+    """One hash of all of :func:`code`."""
     return hashlib.sha256(json.dumps(code()).encode()).hexdigest()[:_DIGITS]

@@ -1,4 +1,4 @@
-"""Cores, threads and memory of this process. Nothing heavy is imported: this runs before all else."""
+"""Cores, threads and memory of this process. Only the standard library is imported, as this runs first."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def cores() -> int:
 def one_blas_thread() -> None:
     """Give linear algebra one thread, unless the environment says otherwise; call it before numpy is loaded.
 
-    Threads on matrices this small cost three times what they save, and a run's bits must not depend on how
-    many cores share a sum.
+    On such small matrices threads cost three times what they save, and a run's bits must not depend on the
+    number of cores.
     """
     for variable in THREAD_VARIABLES:
         os.environ.setdefault(variable, "1")

@@ -1,9 +1,9 @@
-"""A record on disk, lossless: which array is which columns of which Parquet file.
+"""A record on disk, lossless: arrays of a record as columns of Parquet files.
 
 One column per scalar, so that any tool can read them: ``joints.parquet`` (state, torque, and what a restart
 needs), ``contacts.parquet`` (every contact force), ``states.parquet`` (body quantities, sensors, the
 controller's commands), ``ticks.parquet`` (the solver), and ``external.parquet`` (forces of disturbances) if
-there were any. Nothing is pickled or rounded: what is read back has the bits of what was saved.
+there were any. Nothing is pickled or rounded: a record is read back bit for bit.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _FIELDS = {
 }
 """Fields of a :class:`SimulationRecord` in each file. All others are in the header, a text in every file."""
 _WORDS = {"foot_position": "foot", "foot_rotation": "foot", "command_point_force": "command_force"}
-"""Words in the names of columns, where they are not the field's name without its beginning."""
+"""Words in the names of columns that differ from the field's name."""
 _BEGINNINGS = ("point_", "external_", "tick_")
 _FORMAT = 2
 _METADATA_KEY = b"ampm_record"
@@ -56,7 +56,7 @@ _ROOT_V = ("root_x", "root_y", "root_z", "root_wx", "root_wy", "root_wz")
 
 
 class _Block(NamedTuple):
-    """A field and where its scalars lie on disk."""
+    """A field and the columns of its scalars on disk."""
 
     field: str
     file: str
@@ -134,7 +134,7 @@ def record_columns(record: SimulationRecord) -> dict[str, dict[str, NDArray[Any]
 
 
 def write_table(table: pa.Table, path: str | Path) -> None:
-    """Write a table of floats the way that suits them: zstd over split bytes, no dictionary."""
+    """Write a table of floats with zstd over split bytes and without dictionary, which suits them best."""
     split = [item.name for item in table.schema if pa.types.is_floating(item.type)]
     other = [item.name for item in table.schema if not pa.types.is_floating(item.type)]
     pq.write_table(
@@ -143,7 +143,7 @@ def write_table(table: pa.Table, path: str | Path) -> None:
 
 
 def _header(record: SimulationRecord) -> dict[str, Any]:
-    """Sizes, names and all fields that are no columns: JSON, in which every finite number keeps its bits."""
+    """Sizes, names and all fields that are no columns, as JSON, which keeps every bit of finite numbers."""
     stored = " ".join(_FIELDS.values()).split()
     constants = {item.name: getattr(record, item.name) for item in fields(record) if item.name not in stored}
     header = {
@@ -218,7 +218,7 @@ class StoredRecord:
         return array
 
     def forget(self) -> None:
-        """Give the memory of all arrays back; they are read again if they are used again."""
+        """Free the memory of all arrays; they are read again when used."""
         for name in self._blocks:
             vars(self).pop(name, None)
 

@@ -1,7 +1,7 @@
-"""A finished run as its folder holds it: what the recording and the report are drawn from.
+"""A finished run read from its folder, from which recording and report are drawn.
 
-Nothing here simulates or measures. The closed-form plan alone is evaluated again from ``run.toml``, because
-it is exact, and the support polygons are cheaper to recompute than to keep.
+Nothing is simulated or measured here. Only the closed-form plan is evaluated again from ``run.toml``: it is
+exact, and the support polygons are cheaper to recompute than to store.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ REPORT_FILE = "report.html"
 
 @dataclass(frozen=True)
 class SavedRun:
-    """Everything that a run folder says.
+    """Contents of a run folder.
 
     Attributes:
         directory: the folder.
         parameters: the resolved parameters.
         model_xml: the compiled model's source (MJCF).
-        record: states, torques and contact forces of every step, read as they are used.
+        record: states, torques and contact forces of every step, read when used.
         signals: plan, command and measurement on the common clock.
         summary: ``summary.json``.
     """
@@ -107,7 +107,7 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
 
 
 def digests(directory: Path) -> dict[str, str]:
-    """SHA-256 of all files of a run, but for the summary and what is drawn from the others."""
+    """SHA-256 of all files of a run, except the summary and the files drawn from the others."""
     found = {}
     for path in sorted(directory.iterdir()):
         if path.name in RUN_FILES - {SUMMARY_FILE, RECORDING_FILE, REPORT_FILE}:

@@ -66,7 +66,7 @@ COLUMNS = (
     ),
     SignalColumn("measured_zmp_margin", "m", "", "measured ZMP to the edge of the measured support"),
     SignalColumn("zmp_error_[a-z_]+_[xy]", "m", "world", "part of the ZMP error that one cause explains"),
-    SignalColumn("(left|right)_slip", "m", "", "way that the foot's points slid since touch-down"),
+    SignalColumn("(left|right)_slip", "m", "", "distance that the foot's points slid since touch-down"),
     SignalColumn("(left|right)_penetration", "m", "", "depth of the deepest point under the floor"),
 )
 """All kinds of columns, in order."""

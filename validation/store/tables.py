@@ -35,14 +35,14 @@ def sample_times(duration: float, rate: float) -> NDArray[np.float64]:
         rate: samples per second [Hz].
 
     Raises:
-        InputError: the rate is no positive finite number, or asks for too many samples.
+        InputError: the rate is no positive finite number, or gives too many samples.
     """
     if not (math.isfinite(rate) and rate > 0):
         raise InputError(f"--rate {rate:g} Hz must be a positive number; give for example 200.")
     count = math.floor(duration * rate * (1 + 1e-12)) + 1
     if count > MOST_SAMPLES:
         raise InputError(
-            f"--rate {rate:g} Hz asks for {count} samples of {duration:.3g} s, more than {MOST_SAMPLES}; "
+            f"--rate {rate:g} Hz gives {count} samples of {duration:.3g} s, more than {MOST_SAMPLES}; "
             "give a lower rate or fewer steps."
         )
     return np.minimum(np.arange(count) / rate, duration)
@@ -93,7 +93,7 @@ def write_columns(
     Args:
         columns: name to array (N,); NaN is written as an empty cell or null.
         path: ends in ``.csv`` or ``.parquet``.
-        metadata: schema metadata of a Parquet file; CSV has no place for it.
+        metadata: schema metadata of a Parquet file; not for CSV.
 
     Raises:
         InputError: another suffix.

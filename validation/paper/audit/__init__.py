@@ -39,7 +39,7 @@ def audit(stages: Progress | None = None) -> tuple[Row, ...]:
             "the audit derives the paper's formulas with sympy, which is not installed; install it with "
             "'.venv/bin/python -m pip install sympy' and run the audit again."
         ) from None
-    # Here, not above: SymPy takes long to load.
+    # Imported here: SymPy is slow to load.
     from validation.paper.audit import (
         section_1,
         section_2,

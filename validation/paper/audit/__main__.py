@@ -13,7 +13,7 @@ TABLE = Path("docs/data/audit.csv")
 def main() -> None:
     """Audit the paper, and write the errata into the page and all rows into the table beside it."""
     one_blas_thread()
-    # Here, not above: the number of threads counts only before NumPy is loaded.
+    # Imported here: the number of threads must be set before NumPy is loaded.
     from validation.paper.audit import audit
     from validation.paper.audit.table import KINDS, errata_table, summary, write_csv
     from validation.show.text import replace_between

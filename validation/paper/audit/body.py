@@ -28,7 +28,7 @@ _DIFFERENCE = 1e-5  # half width of central differences [s]
 _PROPORTIONAL, _INTEGRAL = 2.0, 0.5  # gains from the trunk's mean pitch to the constant of L_y [N m s/rad]
 _BESIDE = 1e-9  # distance at which a path is evaluated beside a switch [s]
 PAPER_ROWS = 18
-"""Rows of Eq. 11: COM 3, angular momentum 3, two feet of 6; the body here adds its toes."""
+"""Rows of Eq. 11: COM 3, angular momentum 3, two feet of 6; this body also has toes."""
 
 
 class BodyEvidence:
@@ -40,7 +40,7 @@ class BodyEvidence:
         motion: its periodic step.
         robot: the body.
         constant: constant of L_y that closes its posture [N m s].
-        inverse_kinematics: the paper's section 2.3, as the project has it.
+        inverse_kinematics: the project's form of the paper's section 2.3.
     """
 
     def __init__(self, planned: PlannedWalk) -> None:
@@ -66,11 +66,11 @@ class BodyEvidence:
         return 2.0 * float(np.abs(roll).max()), float(np.ptp(pitch))  # the next step is this one mirrored
 
     def trunk_drift(self, constant: float, steps: int) -> float:
-        """Mean trunk pitch that the body gains when it walks on with another constant of L_y.
+        """Change of the mean trunk pitch when the body continues with another constant of L_y.
 
         Args:
             constant: of L_y [N m s].
-            steps: how many steps, integrated on from the periodic motion's start.
+            steps: number of steps, integrated from the periodic motion's start.
 
         Returns:
             Mean pitch over the last step less that over the periodic one [rad].
@@ -165,7 +165,7 @@ class BodyEvidence:
     def flat_directions(self) -> float:
         """Dimensions in which the printed cost (loins and chest) does not distinguish two accelerations.
 
-        "Rotation of the loins" is read as generously as can be: the root's rotation and all trunk joints.
+        "Rotation of the loins" is taken in the widest sense: the root's rotation and all trunk joints.
         """
         free = null_space(self.jacobian)
         weighed = free[np.concatenate([np.arange(3, 6), self.robot.trunk_joints])]
@@ -198,7 +198,7 @@ class BodyEvidence:
             foot: what is changed of the gait's own, such as ``swing="paper"``.
         """
         feet, constants = self._feet(**foot), self.plan.constants
-        lift = constants.step_duration  # the left foot has stood, and leaves here
+        lift = constants.step_duration  # the left foot lifts off here
         before, after = (feet.sample(lift + beside)[0] for beside in (-_BESIDE, _BESIDE))
         return (
             float(np.abs(after.velocity - before.velocity).max()),
@@ -210,7 +210,7 @@ class BodyEvidence:
 
         Args:
             foot_jump: jump of the foot's acceleration along x [m/s^2], all else continuous; None for the
-                jump of everything that plan and feet ask for.
+                jump of all task accelerations of plan and feet.
 
         Returns:
             [rad/s^2]

@@ -1,7 +1,7 @@
 """Gaits that the audit computes numbers on: ``normal``, and ``momentum`` where ``normal`` has none.
 
-``normal`` sends the force through the COM (c_s = c_y = 1), which hides several misprints: there the momentum
-that they would spoil is zero. Such numbers are given for both gaits.
+``normal`` sends the force through the COM (c_s = c_y = 1), which hides several misprints: there the affected
+momentum is zero. Such numbers are given for both gaits.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ COARSE = 0.004
 
 
 class Numbers:
-    """One gait's constants under the paper's names; the plan is the one thing they come from.
+    """One gait's constants under the paper's names, all from the plan.
 
     Attributes:
         name: of the gait.
@@ -102,7 +102,7 @@ class Case:
         return self.varied("ipm")
 
     def outcome(self, name: str, steps: int) -> Outcome:
-        """How a preset's walk in physics ends after so many steps, if not before."""
+        """Outcome of a simulated walk of a preset over so many steps."""
         planned = plan_walk(load_request(name, (f"gait.steps={steps}",)))
         return simulate(planned.plan, planned.run, planned.body.model, steps=steps).outcome
 

@@ -1,4 +1,4 @@
-"""First principles, in symbols: what every formula of the paper is held against.
+"""First principles in symbols, with which every formula of the paper is compared.
 
 The force F acts on the body at the ZMP p and turns it about its COM c with M = (p - c) x F; the COM keeps its
 height H. Nothing here is taken from the paper.
@@ -31,7 +31,7 @@ def moment_x(zmp: Any, y: Any, acceleration: Any) -> Any:
 
 
 def acceleration_towards(zmp: Any, meets: Any) -> Any:
-    """Acceleration that a force line gives which starts at the ZMP and meets the COM's height at ``meets``.
+    """Acceleration by a force whose line starts at the ZMP and is at ``meets`` at the COM's height.
 
     Horizontal over vertical force is horizontal over vertical distance, and the vertical force is the weight.
     """

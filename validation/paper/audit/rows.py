@@ -1,7 +1,7 @@
-"""Rows of the audit: a statement of the paper, the checks it went through, and the verdict that follows.
+"""Rows of the audit: a statement of the paper, its checks, and the verdict that follows from them.
 
-A verdict is never typed in: it follows from the checks. A check of the printed form that fails makes an
-erratum where a corrected form exists, and a contradiction where the statement itself is at fault.
+A check of the printed form that fails makes an erratum where a corrected form
+exists, and a contradiction where the statement itself is at fault.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class Check:
         value: number, or symbolic residual as text; None where the text has it.
         unit: SI unit of a number; None if it has none.
         gait: gait of a number; None for symbols.
-        passed: whether the form stands this check.
-        shown: the value for a reader: four digits, ``0`` for what is rounding.
+        passed: whether the form passes this check.
+        shown: the value as text: four digits, ``0`` for rounding errors.
     """
 
     form: Form
@@ -64,12 +64,12 @@ class Row:
 
     Attributes:
         section: of the paper.
-        place: where in it: equation, figure, or the words' subject.
+        place: where in it: equation, figure, or subject.
         printed: the statement as printed.
         corrected: the form that holds; empty if it is the printed one, or if there is none.
         errata: numbers of ``docs/errata.md``.
-        why: what a reader must know beside the evidence.
-        failure: what a failed check of the printed form makes of the statement.
+        why: explanation beside the evidence.
+        failure: verdict if a check of the printed form fails.
         checks: evidence, that of the printed form first; none if the statement cannot be tested.
     """
 
@@ -164,7 +164,7 @@ class Row:
 
     @property
     def consistent(self) -> bool:
-        """Whether the corrected form stands its checks, and an erratum has both kinds of checks."""
+        """Whether the corrected form passes its checks, and an erratum has both kinds of checks."""
         if not all(check.passed for check in self.of("corrected")):
             return False
         if self.verdict is not Verdict.ERRATUM:
@@ -213,5 +213,5 @@ def _shortest(expression: sp.Expr) -> str:
 
 
 def readable(expression: Any) -> str:
-    """A sympy expression as a reader writes it."""
+    """A sympy expression as plain text."""
     return str(expression).replace("**", "^").replace("*", " ")

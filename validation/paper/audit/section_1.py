@@ -26,7 +26,7 @@ x, y, z, c, mu, x_0, v_0 = sp.symbols("x y z c mu x_0 v_0", real=True)
 IPM_STEPS = 10
 """Steps of the plain pendulum that the audit itself walks in physics."""
 REAL_TIME_SHARE = 0.01
-"""A plan is called real-time here if it takes less than this share of the time it is walked in."""
+"""A plan is called real-time if planning takes less than this share of the walk's duration."""
 
 
 def check(case: Case, rows: Rows) -> None:

@@ -22,7 +22,7 @@ W_D = sp.sqrt(g * c_y * s / (H * beta))
 SPEED = sp.diff(SINGLE, t).subs(t, T)
 """Lateral speed at the end of the single support."""
 TAU, T_LS, OMEGA_D = sp.symbols("tau T_ls omega_d", positive=True)
-"""tanh(T/(2 T_ls)) and the rates as letters, for residuals that a reader can take in."""
+"""tanh(T/(2 T_ls)) and the rates as letters, for short residuals."""
 SLOPE = sp.Symbol("z_y", real=True)
 RATE = -g / H * c_y * s / beta
 """Of the double support's law, y'' over y."""
@@ -31,7 +31,7 @@ GENERAL = C_1 * sp.cos(t * W_D) + C_2 * sp.sin(t * W_D)
 
 
 def exponential(expression: Any) -> Any:
-    """Hyperbolic functions as exponentials, in which sympy sees what cancels."""
+    """Hyperbolic functions as exponentials, which sympy simplifies."""
     return sp.simplify(expression.rewrite(sp.exp))
 
 
@@ -80,7 +80,7 @@ def _single_force(normal: Numbers, rows: Rows) -> None:
     )
     state, weight, signs = normal.switch, normal.plan.weight, (-1, 1)  # of the printed, the corrected F_z
     vertical = sp.Symbol("F_z", real=True)
-    held = sp.solve(sp.Eq(vertical - m * g, 0), vertical)[0]  # Newton: the height does not change
+    held = sp.solve(sp.Eq(vertical - m * g, 0), vertical)[0]  # Newton's law at constant height
     force = rows["F_z"].symbolic(
         "vertical force on a body at constant height, less F_z", *(held - sign * m * g for sign in signs)
     )

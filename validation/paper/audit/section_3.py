@@ -22,7 +22,7 @@ C_Y_TRUNK = (0.1, 0.7, 0.9, 1.0, 1.1)
 C_Y_TRUNK_PAPER = (0.7, 0.95, 1.0)
 """The same with L_z held at zero, the paper's own row."""
 C_Y_STILLEST = 0.9
-"""Among them the one whose moment nearly does what the trunk would have to."""
+"""Among them the one with the smallest swing of the trunk."""
 C_S = (0.8, 1.0, 1.2)
 LONGER = 0.65
 """A longer step than the demo's [m], for the last c_s."""

@@ -125,14 +125,14 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
 
 
 def _code(text: str) -> str:
-    """Formulas as code, words as words."""
+    """Markdown of a form: formulas as code, other text unchanged."""
     if not text:
         return ""
     return f"`{text}`" if any(sign in text for sign in ("=", "''", "^")) else _plain(text)
 
 
 def _plain(text: str) -> str:
-    """Text whose signs Markdown must leave alone."""
+    """Text with Markdown's special characters escaped."""
     for sign in ("|", "_", "*", "<", ">"):
         text = text.replace(sign, {"|": "\\|", "<": "&lt;", ">": "&gt;"}.get(sign, f"\\{sign}"))
     return text

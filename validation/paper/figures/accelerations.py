@@ -80,7 +80,7 @@ def figure_10(walks: Walks) -> tuple[Figure, Numbers]:
     figure, axes = _paper(walk)
     numbers: Numbers = {}
     over = f"{1e3 * SMOOTHING:.0f} ms"
-    # A positive turn about +y takes a hanging thigh back, and flexes the knee.
+    # A positive rotation about +y extends the hip and flexes the knee.
     for row, (name, joint, sign) in enumerate((("hip", leg.hip[0], -1.0), ("knee", leg.knee, 1.0))):
         motion, raw, smooth = joint_accelerations(walk, joint, sign)
         upper, lower = axes[2 * row : 2 * row + 2]

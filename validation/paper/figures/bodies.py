@@ -178,7 +178,7 @@ def _draw(
 
 
 def figure_8(walks: Walks) -> tuple[Figure, Numbers]:
-    """Side view of a gait: where it was walked, a stride in frames, and the COM's distance from the plan."""
+    """Side view of a gait: bodies at their positions, a stride in frames, and the COM less the plan."""
     walk = walks.walk("normal")
     figure = Figure(figsize=(_WIDTH, 10.25))
     _trace(figure, walk)
@@ -198,7 +198,7 @@ def figure_8(walks: Walks) -> tuple[Figure, Numbers]:
 
 
 def figure_11(walks: Walks) -> tuple[Figure, dict[str, Any]]:
-    """Front view of two gaits that differ in c_y, and what the trunk and the momentum do."""
+    """Front view of two gaits that differ in c_y, with trunk roll and angular momentum."""
     pair = [walks.walk("roll-0.1"), walks.walk("roll-0.7")]
     figure = Figure(figsize=(_WIDTH, 10.5))
     labels = [f"$c_y$ = {walk.gait.c_y:g}" for walk in pair]
@@ -307,7 +307,7 @@ def _strip(figure: Figure, top: float, walk: Walk, view: tuple[int, int]) -> Axe
         loc="lower right", fontsize=8, ncols=5, bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2,
         columnspacing=1.0, handlelength=1.4, handletextpad=0.4,
     )  # fmt: skip
-    # Frames stand beside each other: a scale, and no coordinate.
+    # Frames are side by side: a scale replaces the coordinate.
     right, level = (_FRAMES - 0.47) * spacing, axis.get_ylim()[1] - 0.12
     axis.plot([right - 0.5, right], [level, level], color=INK, linewidth=1.2)
     for x in (right - 0.5, right):
@@ -345,7 +345,7 @@ def _stride_axis(axis: Axes, walk: Walk) -> None:
 def _compare(
     figure: Figure, top: float, walks: Sequence[Walk], component: int, what: str, labels: Sequence[str]
 ) -> None:
-    """Angle of the trunk and angular momentum of two walks, and below them what the simulation adds."""
+    """Angle of the trunk and angular momentum of two walks; below, the deviation of the simulation."""
     axes = [
         inches(figure, x, top + y, 3.85, height)
         for x in (0.75, 5.5)

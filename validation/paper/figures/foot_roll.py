@@ -1,7 +1,7 @@
-"""Figure 7: the key-frames of the foot, and what the paper's swing costs beside a swing that is C2.
+"""Figure 7: the key-frames of the foot, and the effect of the paper's swing compared with one that is C2.
 
-Both forms pass the same key-frames. The paper's lifts a resting foot at ``l_s / T_swing``: its velocity jumps
-there, and its cubic pieces let the acceleration jump at every key-frame.
+Both forms pass the same key-frames. The paper's form lifts a resting foot at ``l_s / T_swing``, so its
+velocity jumps there; with its cubic pieces the acceleration jumps at every key-frame.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def joint_jumps(motion: WholeBodyMotion, robot: Robot) -> dict[str, float]:
 
     Returns:
         ``velocity`` [rad/s], ``acceleration`` [rad/s²] (of the solved accelerations), and ``difference``
-        [rad/s²]: the largest acceleration that the velocities themselves give.
+        [rad/s²]: the largest acceleration by differences of the velocities.
     """
     switch = int(np.searchsorted(motion.time, motion.double_support_start - 1e-12))
     last = len(motion.time) - 1

@@ -1,4 +1,4 @@
-"""How human the gaits are: angular momentum and ground forces beside what is published of people.
+"""Angular momentum and ground forces of the gaits beside published data of people.
 
 Momentum is made dimensionless as Herr & Popovic (2008) do: by mass, mean speed and height of the COM.
 """
@@ -41,7 +41,7 @@ GAITS: Mapping[str, tuple[str, ...]] = {
     "normal, L_z = 0": ("normal", "body.angular_momentum_z=zero"),
     **{name: (name,) for name in ("momentum", "roll-0.1", "roll-0.4", "roll-0.7", "pitch", "pitch-low")},
 }
-"""The demos, and what to walk for them; ``roll-1.0`` is the normal gait."""
+"""The demos and their presets; ``roll-1.0`` is the normal gait."""
 
 HUMAN_MOMENTUM: Mapping[str, float] = {"x": 0.03, "y": 0.05, "z": 0.01}
 """Bounds of |L| / (m V H) over the stride of ten walking people, mean plus one standard deviation [1], by our
@@ -52,7 +52,7 @@ AXES: Mapping[str, str] = {"x": "forward (frontal plane)", "y": "lateral (sagitt
 
 HUMAN_FORCE = Path(__file__).parent / "data" / "walking_ground_force.csv"
 """Ground force on one foot of walking people over the stance, mean and standard deviation between them; its
-header says whose, and what was done to it."""
+header gives source and processing."""
 
 SPEEDS: Mapping[str, float] = {"0p8": 0.8, "1p3": 1.3}
 """Speeds in that table, by the end of its columns' names [m/s]."""
@@ -104,7 +104,7 @@ def peaks(walk: Walk) -> dict[str, float]:
 def ranges(run: RunParameters) -> dict[str, dict[str, Any]]:
     """Planned peaks of |L| / (m V H) over c_y (about x) and c_s (about y), and where people's bound holds.
 
-    The plan alone, other parameters as in ``run``: the constant of L_y, which only a body has, is not in it.
+    The plan alone, other parameters as in ``run``, without the body's constant of L_y.
 
     Returns:
         By parameter: ``values``, ``peaks``, and ``low`` and ``high`` of the range within the human bound.
@@ -130,7 +130,7 @@ def ranges(run: RunParameters) -> dict[str, dict[str, Any]]:
 
 
 def inward(ends: Mapping[str, Any]) -> str:
-    """A range in hundredths, rounded so that it stays within."""
+    """A range in hundredths, rounded inwards."""
     return f"{np.ceil(100 * ends['low'] - 1e-6) / 100:.2f} to {np.floor(100 * ends['high'] + 1e-6) / 100:.2f}"
 
 
@@ -141,7 +141,7 @@ def peak_of(walks: Walks, key: str, value: float) -> float:
 
 
 def measured_range(peak: Callable[[float], float], key: str, low: float, high: float) -> dict[str, Any]:
-    """Where the measured momentum stays within people's bound: the planned ends, corrected by walking.
+    """Range in which the measured momentum stays within people's bound: the planned ends, corrected by walks.
 
     Args:
         peak: measured peak of |L| / (m V H) at a value of the parameter.
@@ -257,7 +257,7 @@ def forces(figure: Figure, walk: Walk) -> dict[str, dict[str, float]]:
 def _humps(force: Array, who: str) -> dict[str, float]:
     """Largest force in the first and in the last 45 % of stance, and the least between 35 and 65 %.
 
-    What the double hump is, in numbers: two peaks over the least force between them.
+    These describe the double hump: two peaks and the least force between them.
     """
     count = len(force) - 1
     return {

@@ -1,4 +1,4 @@
-"""Makes the requested figures, and computes how far plan, motion and physics agree."""
+"""Draws the requested figures, and computes the agreement of plan, motion and physics."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def make_figures(
     """Draw the paper's figures from data.
 
     Args:
-        out: folder to write into; what else is in it stays.
+        out: folder to write into; other files in it stay.
         only: figures to draw, as a list or separated by commas; all if not given.
         steps: steps walked for a figure.
         force: whether earlier figures there may be replaced.

@@ -1,6 +1,6 @@
 """Figures 4 and 5: COM, ZMP and ground force in both planes, in plan, motion and simulation.
 
-The gait's moment must not be zero, or force and COM fall on one line.
+The gait's moment must not be zero, otherwise the force passes through the COM.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def _support(
     """Draw COM, ZMP and ground force in one plane during a support, and the line from ZMP to COM.
 
     The plan at some instants, motion and simulation (mean of the strides) as curves over it. The way back of
-    a path that ``returns`` would cover the way there, and is drawn lower.
+    a path that ``returns`` is drawn lower, to keep both ways visible.
 
     Returns:
         Planned COM and ZMP at the instants, from ``centre`` [m].

@@ -23,7 +23,7 @@ from validation.trial.plan import PlannedWalk, load_request, plan_walk
 
 Array = NDArray[np.float64]
 Numbers = dict[str, dict[str, float | str]]
-"""How far two curves are apart, by name."""
+"""Distances of two curves, by name."""
 
 STEPS = 12
 """Steps walked for a figure: five strides beside the first one, to show how far they differ."""
@@ -35,13 +35,13 @@ _GRID = 0.002
 class Centroidal(NamedTuple):
     """Centre of mass and momentum of a body's motion, at n times.
 
-    The motion has no contact forces. What the ground would have to give follows from its own momentum rates,
-    so its ZMP is no copy of the plan's.
+    The motion has no contact forces. The ground force follows from its own momentum rates, so its ZMP is
+    independent of the plan's.
 
     Attributes:
         com: shape (n, 3) [m].
         acceleration: of the COM, shape (n, 3) [m/s²].
-        force: that the ground has to give, shape (n, 3) [N].
+        force: ground force that the motion needs, shape (n, 3) [N].
         zmp: on the floor z = 0, shape (n, 2) [m].
         angular_momentum: about the COM, shape (n, 3) [N m s].
     """
@@ -84,7 +84,7 @@ class Walk:
     """One gait, walked.
 
     Attributes:
-        label: what the figures call it.
+        label: name in the figures.
         trial: plan, motion, record, measurement, comparison.
         plan: the closed-form plan, with the body's constant of L_y.
         gait: parameters of the plan.
@@ -115,7 +115,7 @@ class Walk:
     @cached_property
     def stride_starts(self) -> Array:
         """Start of every whole stride that was walked, the one with the first step left out [s]."""
-        # The last stride may want for less than a time step.
+        # The last stride may be short by less than a time step.
         count = int((float(self.trial.record.time[-1]) + 2 * self.trial.record.time_step) / self.stride)
         return np.asarray(self.stride * np.arange(min(1, max(count - 1, 0)), max(count, 1)), dtype=np.float64)
 
@@ -193,7 +193,7 @@ class Walk:
 
 
 class Walks:
-    """Walks on demand; what two figures share is walked once.
+    """Walks on demand; a walk that two figures share is made once.
 
     Args:
         steps: of every walk.
@@ -209,7 +209,7 @@ class Walks:
         return plan_walk(load_request(gait, settings), self.stages)
 
     def walk(self, gait: str, settings: Sequence[str] = (), *, steps: int | None = None) -> Walk:
-        """Walk a gait, or take the walk that was had before.
+        """Walk a gait, or return the earlier walk of it.
 
         Args:
             gait: preset.
@@ -218,7 +218,7 @@ class Walks:
 
         Raises:
             InputError, MathematicalRefusal, BodilyRefusal: the gait cannot be walked.
-            SolverError: the walk did not come to its end.
+            SolverError: the walk did not complete.
         """
         key = (gait, *settings, f"gait.steps={self.steps if steps is None else steps}")
         if key not in self._walks:

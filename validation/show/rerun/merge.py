@@ -1,8 +1,8 @@
 """Several recordings in one: beside each other, or over each other, aligned on the gait's phase.
 
 A viewer's panel shows entities of one recording only, so the recordings are put into one file, each under a
-name of its own (``a/world/...``). What they hold is taken as it is: recordings of two revisions need to agree
-in nothing but the names of their entities.
+prefix (``a/world/...``). Their contents stay unchanged: recordings of two revisions need the same names of
+entities, nothing else.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from validation.show.rerun.views import (
 
 _STANCE, _FOOTPRINTS = "/phase/planned_stance", "/world/plan/footprints"
 _GREY: Color = (150, 158, 172, 255)
-"""Of the plan that runs over each other share."""
+"""Colour of the plan that overlaid runs share."""
 _CLEAR = 80
-"""Alpha of bodies over each other, of 255."""
+"""Alpha of overlaid bodies, of 255."""
 
 
 class Part(NamedTuple):
-    """A recording on its way into another.
+    """A recording to be merged.
 
     Attributes:
-        at: first part of the names of all its entities, with a slash before it.
-        label: name for people.
-        chunks: what it holds.
+        at: prefix of the names of all its entities, with a slash before it.
+        label: displayed name.
+        chunks: its contents.
     """
 
     at: str
@@ -98,7 +98,7 @@ def merge(sources: Sequence[tuple[str, str, Path]], path: Path, *, overlay: bool
     """Put recordings into one file with a layout of its own.
 
     Args:
-        sources: of each recording its prefix, its name for people, and its file; two or more.
+        sources: prefix, displayed name and file of each recording; two or more.
         path: of the file; an existing one is replaced.
         overlay: over each other or beside each other; by default over each other if they are of one gait.
 
@@ -110,7 +110,7 @@ def merge(sources: Sequence[tuple[str, str, Path]], path: Path, *, overlay: bool
     """
     if len(sources) > len(RUN_COLORS):
         raise InputError(
-            f"{len(sources)} recordings are more than a screen shows; give {len(RUN_COLORS)} at most."
+            f"{len(sources)} recordings are too many for one view; give {len(RUN_COLORS)} at most."
         )
     parts = [read_part(file, prefix, label) for prefix, label, file in sources]
     over = same_gait(parts) if overlay is None else overlay

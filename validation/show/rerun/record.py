@@ -1,8 +1,8 @@
 """The recording: a run folder drawn as a Rerun file with its own blueprint.
 
-World frame, SI units. What is drawn in 3D is float32 and about 100 pictures a second; the curves are float64,
-one sample every 2 ms at most, and both sides of every switch: a screen shows no more, and a small time step
-would only make the file large. ``signals.parquet`` has every step.
+World frame, SI units. 3D data are float32 at about 100 pictures a second. Curves are float64, with one sample
+every 2 ms at most and both sides of every switch, so that a small time step does not make the file large.
+``signals.parquet`` has every step.
 
 There are two timelines: ``sim_time`` counts seconds, ``gait_phase`` walking steps: 3.4 is within the fourth.
 On the latter a single support takes the first :data:`SINGLE_SUPPORT` of a step and a double support the rest,
@@ -51,17 +51,17 @@ from validation.trial.shapes import Shapes
 Array = NDArray[np.float64]
 
 PICTURE_RATE = 100.0
-"""Pictures of the body per second [Hz]: beyond what an eye or a screen follows."""
+"""Pictures of the body per second [Hz]."""
 
 CURVE_STEP = 0.002
-"""Least time between samples of a curve [s]; both sides of every switch come on top."""
+"""Least time between samples of a curve [s]; both sides of every switch are added."""
 
 SINGLE_SUPPORT = 0.8
 """Share of a step on ``gait_phase`` that a single support takes; about that of a walk."""
 
 FORCE_SCALE = 1.0 / 500.0
-"""Length of a force arrow [m/N]: the weight of a person reaches from the floor past the COM, so that one sees
-whether the line of the force meets it."""
+"""Length of a force arrow [m/N]: the weight of a person reaches from the floor past the COM, to show whether
+the line of the force meets it."""
 
 _GEOM = mujoco.mjtGeom
 _SHAPES: dict[int, Any] = {
@@ -82,7 +82,7 @@ _FEET = {"left": LEFT, "right": RIGHT}
 
 
 class _Log:
-    """One recording stream with the project's conventions: columns only, on both timelines."""
+    """One recording stream with the project's conventions: column-wise data on both timelines."""
 
     def __init__(self, stream: rr.RecordingStream, saved: SavedRun) -> None:
         self.stream = stream
@@ -118,17 +118,17 @@ class _Log:
             values: a gap is a NaN, which the plots leave out.
             lines: name and colour of every column.
         """
-        # The plan is drawn broad beneath the others, or it would be hidden where they agree.
+        # The plan is a broad line below the others, to stay visible where they agree.
         widths = [4.0 if name == "plan" else 1.5 for name in lines]
         self.static(entity, rr.SeriesLines(names=list(lines), colors=list(lines.values()), widths=widths))
         self.columns(entity, times, rr.Scalars.columns(scalars=np.ascontiguousarray(values)))
 
 
 def write_recording(run: str | Path | SavedRun) -> Path:
-    """Write ``recording.rrd`` into a run folder from what the folder holds.
+    """Write ``recording.rrd`` into a run folder from its files.
 
     Args:
-        run: folder of a finished run, or what was read from it; an existing recording in it is replaced.
+        run: folder of a finished run, or the run read from it; an existing recording in it is replaced.
 
     Returns:
         Path of the recording.
@@ -158,7 +158,7 @@ def write_recording(run: str | Path | SavedRun) -> Path:
 @contextmanager
 def open_stream(name: str, key: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
     """A stream into a file, with a fixed key: equal runs give equal files (``rerun rrd compare``)."""
-    # The SDK announces on its own logger what it saves; a library keeps quiet.
+    # The SDK logs every file that it saves.
     logging.getLogger("rerun").setLevel(logging.ERROR)
     stream = rr.RecordingStream(name, recording_id=key, send_properties=False)
     stream.save(str(path), default_blueprint=blueprint)
@@ -177,7 +177,7 @@ def _gait_phase(signals: Signals, end: float) -> tuple[Array, Array]:
         return np.zeros(1), np.zeros(1)
     starts, both = signals.time[begun], signals["phase"][begun] == "double_support"
     phases = np.maximum(np.cumsum(~both) - 1.0, 0.0) + np.where(both, SINGLE_SUPPORT, 0.0)
-    # The last phase may have been cut short: it keeps the pace of its kind.
+    # The last phase may be incomplete: it has the rate of its kind.
     length = np.diff(starts)[both[:-1] == both[-1]]
     left = max(end, float(signals.time[-1])) - starts[-1]
     usual = float(np.median(length)) if len(length) else max(left, 1e-9)
@@ -186,7 +186,7 @@ def _gait_phase(signals: Signals, end: float) -> tuple[Array, Array]:
 
 
 def _stride(saved: SavedRun, least: float) -> int:
-    """Rows of the signals in a time that is at least this [s]."""
+    """Number of rows of the signals in at least this time [s]."""
     return max(1, math.ceil(least / saved.record.time_step * (1.0 - 1e-9)))
 
 
@@ -212,7 +212,7 @@ def verdict_markdown(saved: SavedRun) -> str:
 
 
 def plain_text(text: str) -> str:
-    """Keep what the viewer's one font surely has: some versions end at the first glyph that it lacks."""
+    """Text with characters of the viewer's font only: some versions end at the first missing glyph."""
     return text.encode("latin-1", errors="replace").decode("latin-1")
 
 
@@ -220,10 +220,10 @@ def plain_text(text: str) -> str:
 
 
 def _log_body(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None:
-    """Segments as they are in the model, moved by forward kinematics of the recorded q.
+    """Segments of the model, moved by forward kinematics of the recorded q.
 
     Shapes of one kind are one entity: every further one costs a short recording more than the motion in it.
-    The millimetre spheres of the soles are left out: the contact points are drawn where they act.
+    The millimetre spheres of the soles are omitted: contact points are drawn at the contact.
     """
     model = mujoco.MjModel.from_xml_string(saved.model_xml)
     data = mujoco.MjData(model)
@@ -267,7 +267,7 @@ def _log_clearance(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None
 
 
 def _shape_color(rgba: Array) -> Color:
-    """Colour of the model, lightened for a dark ground; clear, so that force and COM show within the body."""
+    """Colour of the model, lightened for a dark background; transparent, to show force and COM inside."""
     r, g, b = (round(255 * (0.7 * float(c) + 0.3)) for c in rgba[:3])
     return (r, g, b, 90)
 
@@ -286,7 +286,7 @@ def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: Step
     def arrow(entity: str, origin: Array, force: Array, color: Color, radius: float) -> None:
         log.shapes(entity, times, rr.Arrows3D, color, radius, origins=origin, vectors=force * FORCE_SCALE)
 
-    # The views stand on this frame, so the body walks on the spot and the floor passes by.
+    # The views follow this frame, so that the body stays in view and the floor moves.
     follow = np.column_stack([signals["plan_com_x"], np.zeros((len(times), 2))])
     log.columns("world/follow", times, rr.Transform3D.columns(translation=follow))
 
@@ -297,7 +297,7 @@ def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: Step
         log.static(sole, rr.LineStrips3D.from_fields(colors=[color], radii=[0.004]))
         outline = point[:, mine[[0, 2, 4, 5, 3, 1, 0]]].astype(np.float32)
         log.columns(sole, times, rr.LineStrips3D.columns(strips=outline))
-        # The area of a point's disc is its share of the load; an unloaded one vanishes.
+        # The area of a point's disc is its share of the load.
         load = force[:, mine, 2]
         radius = 0.028 * np.sqrt(np.clip(load, 0.0, None) / (record.mass * record.gravity))
         log.static(contact, rr.Points3D.from_fields(colors=[color]))
@@ -310,19 +310,19 @@ def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: Step
         arrow(f"world/force/{name}", _on_floor(centre[:, :2]), force[:, mine].sum(axis=1), color, 0.005)
 
     zmp = {kind: _on_floor(signals.vector(f"{kind}_zmp", "xy")) for kind in SERIES}
-    # Concentric from above: the smaller ones lie higher.
+    # Concentric from above: the smaller ones are higher.
     for (kind, color), size, lift in zip(
         SERIES.items(), (0.016, 0.011, 0.007), (0.01, 0.03, 0.05), strict=True
     ):
         dot(f"world/floor/zmp/{kind}", zmp[kind] + (0.0, 0.0, lift), color, size)
-    # The plan's arrow is thin and a third longer: it goes on where the measured one ends, if the two agree.
+    # The plan's arrow is thin and a third longer, to stay visible where both agree.
     for kind, scale, width, size, lift in (
         ("plan", 1.33, 0.006, 0.004, 0.0),
         ("measured", 1.0, 0.013, 0.002, 0.002),
     ):
         color, path = SERIES[kind], signals.vector(f"{kind}_com")
         arrow(f"world/force/{kind}", zmp[kind], scale * signals.vector(f"{kind}_force"), color, width)
-        # From above everything lies on the floor: nearer things would hide and outgrow the ZMP.
+        # From above everything is drawn on the floor: nearer objects would hide the ZMP.
         shadow, rise = _on_floor(path[:, :2]), np.array([0.0, 0.0, lift])
         dot(f"world/com/{kind}", path, color, 0.03)
         dot(f"world/floor/com/{kind}", shadow, color, 0.007)
@@ -339,7 +339,7 @@ def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: Step
 
 
 def _on_floor(xy: Array) -> Array:
-    """Lift (N, 2) floor points a hair so that they are not hidden by the floor's lines."""
+    """Floor points (N, 2) lifted slightly above the floor's lines."""
     return np.column_stack([xy, np.full(len(xy), 0.002)])
 
 
@@ -349,7 +349,7 @@ def _line(path: Array, color: Color, radius: float) -> rr.LineStrips3D:
 
 
 def _log_polygon(log: _Log, plan: StepPlan, times: Array) -> None:
-    """Support polygon of the points planned in contact: sent when it changes, it stands still in between."""
+    """Support polygon of the points planned in contact: sent when it changes."""
     feet = plan.feet.sample(np.minimum(times, plan.duration))
     contact = np.concatenate([foot.contact for foot in feet], axis=1)
     change = _changes(contact)
@@ -363,7 +363,7 @@ def _log_polygon(log: _Log, plan: StepPlan, times: Array) -> None:
 
 
 def _changes(values: NDArray[Any]) -> NDArray[np.intp]:
-    """Rows that differ from the one before, and the first; ``values`` has a row an instant."""
+    """Rows that differ from the one before, and the first; ``values`` has one row per instant."""
     differs = values[1:] != values[:-1]
     return np.flatnonzero(np.r_[True, differs.any(axis=1) if differs.ndim == 2 else differs])
 
@@ -372,7 +372,7 @@ def _changes(values: NDArray[Any]) -> NDArray[np.intp]:
 
 
 def _log_series(log: _Log, saved: SavedRun) -> None:
-    """Plan, command and measurement, and what lies between them."""
+    """Plan, command and measurement, and their differences."""
     # Rows evenly spread, before and at every switch, and the last.
     every = saved.signals
     change = np.concatenate(
@@ -386,7 +386,7 @@ def _log_series(log: _Log, saved: SavedRun) -> None:
     def three(name: str) -> Array:
         return np.column_stack([signals[f"{kind}_{name}"] for kind in SERIES])
 
-    # Metres walked would flatten every curve: x is drawn about the planned COM.
+    # x is drawn about the planned COM, because the travel would flatten every curve.
     com_x = signals["plan_com_x"][:, None]
     log.series("signals/zmp_x", times, 1e3 * (three("zmp_x") - com_x), SERIES)
     log.series("signals/zmp_y", times, 1e3 * three("zmp_y"), SERIES)

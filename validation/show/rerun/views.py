@@ -1,4 +1,4 @@
-"""Views of recordings: colours, panels, and layouts that show at once whether a walk passes.
+"""Views of recordings: colours, panels and layouts.
 
 A layout is of one run, of several beside each other, or of several revisions of one gait over each other.
 """
@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 
 Color = tuple[int, int, int, int]
 Labels = Mapping[str, str]
-"""First part of the names of a run's entities, such as ``/a``, to its name for people."""
+"""Prefix of the names of a run's entities, such as ``/a``, to its displayed name."""
 
 TIMELINE, PHASE = "sim_time", "gait_phase"
 
@@ -30,7 +30,7 @@ RUN_COLORS: Mapping[str, Color] = {
     "blue": (86, 180, 233, 255), "orange": (255, 138, 61, 255), "green": (120, 220, 120, 255),
     "violet": (230, 140, 255, 255), "yellow": (255, 213, 79, 255), "pink": (240, 98, 146, 255),
 }  # fmt: skip
-"""Of runs that lie over each other."""
+"""Colours of overlaid runs."""
 
 TITLES = {
     "signals/zmp_x": "ZMP x about the planned COM [mm]",
@@ -145,7 +145,7 @@ def overlay_blueprint(runs: Labels) -> rrb.Blueprint:
 
 
 def _of_axes(signal: str, axes: str) -> list[str]:
-    """Entities of a signal, one an axis."""
+    """Entities of a signal, one per axis."""
     return [f"signals/{signal}_{axis}" for axis in axes]
 
 
@@ -174,7 +174,7 @@ def _tabs(layout: Mapping[str, Sequence[str]], runs: Sequence[str]) -> rrb.Tabs:
 
 
 def _body_view(name: str, origin: str, contents: Sequence[str]) -> rrb.Spatial3DView:
-    """The body from the side; it walks on the spot and the floor passes by."""
+    """The body from the side; the view moves with it."""
     eye = rrb.EyeControls3D(position=(1.0, -1.85, 1.15), look_target=(0.05, 0.0, 0.82), eye_up=(0, 0, 1))
     grid = rrb.LineGrid3D(visible=True, spacing=0.2, color=(90, 98, 110, 120))
     return _scene(name, origin, contents, grid, eye)
@@ -216,7 +216,7 @@ def _lanes(name: str, contents: Sequence[str]) -> rrb.StateTimelineView:
 
 
 def _laid_out(root: Any, timeline: str) -> rrb.Blueprint:
-    """A blueprint that shows one thing and plays."""
+    """A blueprint that shows one container and plays."""
     return rrb.Blueprint(
         root,
         rrb.BlueprintPanel(state="collapsed"),
