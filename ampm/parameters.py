@@ -6,7 +6,7 @@ Keys are namespaced (``gait.step_length``); :mod:`ampm.run_file` reads and write
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
@@ -302,18 +302,40 @@ class RunParameters(Section):
     def replace(self, values: Mapping[str, Any]) -> RunParameters:
         """Copy with some namespaced keys changed, validated like any other input.
 
-        Keys left at their defaults stay unnamed, so that they can still be tuned.
-
         Args:
             values: new values by namespaced key, for example ``{"gait.c_s": 1.2}``.
 
         Raises:
             InputError: unknown key or bad value.
         """
-        table = self.model_dump(exclude_unset=True)
+        table = self.model_dump()
         for key, value in values.items():
             assign(table, key, value)
-        return RunParameters(**table)
+        return RunParameters(**table).giving(self.given | values.keys())
+
+    @property
+    def given(self) -> frozenset[str]:
+        """Keys whose values stay; those of :data:`OPEN_KEYS` that are not among them may be found."""
+        return frozenset(
+            f"{section}.{key}"
+            for section in self.model_fields_set
+            for key in getattr(self, section).model_fields_set
+        )
+
+    def as_is(self) -> RunParameters:
+        """The same values, all of which count as given: nothing is left to be found."""
+        return self.giving(keys())
+
+    def giving(self, keys: Iterable[str]) -> RunParameters:
+        """The same values, of which these keys count as given."""
+        names: dict[str, set[str]] = {}
+        for section, _, name in (key.partition(".") for key in keys):
+            names.setdefault(section, set()).add(name)
+        sections = {
+            name: type(section).model_construct(names.get(name, set()), **section.model_dump())
+            for name, section in self
+        }
+        return RunParameters.model_construct(set(names), **sections)
 
 
 def assign(table: dict[str, Any], key: str, value: Any) -> None:
@@ -327,6 +349,25 @@ def assign(table: dict[str, Any], key: str, value: Any) -> None:
         raise unknown_key(key)
     table[section] = {**check_table(section, table.get(section, {})), name: value}
 
+
+OPEN_KEYS = (
+    "gait.single_support_ratio",
+    "gait.a_s",
+    "gait.com_height",
+    "gait.step_width",
+    "body.lean",
+    "body.angular_momentum_z",
+    "foot.toe_off_angle",
+    "foot.toe_off_rate",
+    "foot.toe_return",
+    "foot.heel_strike_angle",
+    "foot.heel_strike_rate",
+    "foot.full_contact",
+    "foot.heel_rise_lead",
+    "foot.swing_height",
+    "foot.swing_lag",
+)
+"""What a gait may leave open, to be found for the rest: all others say what the gait is about."""
 
 SECTIONS: Mapping[str, type[Section]] = {name: type(section) for name, section in RunParameters()}
 """Classes of the sections, by name."""

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args, get_origin
 import tomli_w
 
 from ampm.exceptions import InputError
-from ampm.parameters import SECTIONS, RunParameters, assign, keys, unknown_key
+from ampm.parameters import OPEN_KEYS, SECTIONS, RunParameters, assign, keys, unknown_key
 from ampm.section import check_table, parse_toml, read_source, unit_of, unknown
 
 PRESETS: Mapping[str, str] = {
@@ -38,6 +38,10 @@ def load_run(
 
     ``load_run("momentum", gait={"c_y": 0.6})`` and ``load_run("momentum", ["gait.c_y=0.6"])`` are the same.
 
+    What settings, sections and a file give stays. The values of :data:`ampm.parameters.OPEN_KEYS` that a
+    preset has, or that are left at their defaults, are open: planning a walk finds them where anything else
+    was changed (:func:`changes`), unless the run is taken :meth:`~ampm.parameters.RunParameters.as_is`.
+
     Args:
         source: name of a preset, path of a TOML file, or None for the defaults.
         settings: ``key=value`` text or texts, the key namespaced, the value as in TOML (quotes may be
@@ -48,11 +52,37 @@ def load_run(
         InputError: no such preset or file, no valid TOML, an unknown key or a bad value.
     """
     table: dict[str, Any] = {}
+    own: dict[str, Any] = {}  # of the user
     _merge(table, {} if source is None else read_source(source, PRESETS, "ampm", "a preset"))
     for setting in [settings] if isinstance(settings, str) else settings:
-        assign(table, *_parsed(setting))
-    _merge(table, sections)
-    return RunParameters(**table)
+        assign(own, *_parsed(setting))
+    _merge(own, sections)
+    about = _keys_of(table) - set(OPEN_KEYS if source in PRESETS else ())
+    _merge(table, own)
+    return RunParameters(**table).giving(about | _keys_of(own))
+
+
+def changes(run: RunParameters) -> dict[str, Any]:
+    """Keys and values by which a run's walk is no preset's own, so that what it leaves open is to be found.
+
+    Those of gait, body and feet but for the number of steps, against the preset with the fewest of them.
+    Empty for a preset's own walk, for a run that leaves nothing open, and for the plain inverted pendulum,
+    whose ZMP jumps: no choice of the open keys mends that.
+    """
+    if run.gait.model != "ampm" or run.given >= set(OPEN_KEYS):
+        return {}
+    values = {
+        key: run.value(key)
+        for key in keys()
+        if key.startswith(("gait.", "body.", "foot.")) and key != "gait.steps"
+    }
+    presets = map(load_run, PRESETS)
+    found = [{key: value for key, value in values.items() if value != own.value(key)} for own in presets]
+    return min(found, key=len)
+
+
+def _keys_of(table: Mapping[str, Mapping[str, Any]]) -> set[str]:
+    return {f"{name}.{key}" for name, section in table.items() for key in section}
 
 
 def _merge(table: dict[str, Any], sections: Mapping[str, Any]) -> None:

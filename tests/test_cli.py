@@ -153,9 +153,9 @@ def test_refusal_in_json_is_an_object_alone(ampm):
 
 
 def test_bodily_refusal_points_to_tuning(ampm):
-    answer = ampm("plan", "--json", "--set", "gait.step_width=0.02")
+    answer = ampm("plan", "--json", "--as-is", "--set", "gait.step_width=0.02")
     assert answer.status == Status.REFUSED
-    assert "--tune" in answer.err
+    assert "leave out --as-is" in answer.err
     assert answer.json["error"]["kind"] == "bodily"
     assert answer.json["error"]["reason"] == "soles_overlap"
 
@@ -241,7 +241,7 @@ def failing(monkeypatch):
     """Let planning raise an error."""
 
     def fail(error: BaseException) -> None:
-        def broken(*_: object) -> None:
+        def broken(*_: object, **__: object) -> None:
             raise error
 
         monkeypatch.setattr("validation.trial.plan.load_request", broken)

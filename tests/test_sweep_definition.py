@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 import validation.study.sweep
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters, keys
-from ampm.run_file import dump_run, load_run
-from ampm.tune.free_choices import named_keys
+from ampm.run_file import changes, dump_run, load_run
 from validation.study.sweep.design import MOST_CASES, dump_sweep, load_sweep, parse_sweep
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -93,7 +92,9 @@ def test_a_sweep_that_tunes_leaves_open_what_nothing_names():
     named = {"gait.step_length", "gait.switching_velocity", "gait.c_s", "gait.c_y", "gait.steps"}
     for definition in (sweep, parse_sweep(dump_sweep(sweep))):
         assert definition.tune
-        assert named_keys(definition.parameters(0)) == named | {"body.lean", "body.mass"}
+        assert definition.parameters(0).given == named | {"body.lean", "body.mass"}
+        assert changes(definition.parameters(0))
+    assert not changes(parse_sweep(f"[sweep]\n{GRID}body.mass = [50]").parameters(0))
 
 
 def test_nested_quoted_and_dotted_keys_are_one_thing():

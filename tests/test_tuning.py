@@ -12,10 +12,10 @@ import pytest
 
 from ampm.body.feasibility import check_body
 from ampm.exceptions import MathematicalRefusal
-from ampm.parameters import keys
+from ampm.parameters import OPEN_KEYS, keys
 from ampm.planner.support import plan_steps
-from ampm.run_file import PRESETS, dump_run, load_run
-from ampm.tune.free_choices import FREE_KEYS, FreeChoices, named_keys
+from ampm.run_file import PRESETS, changes, dump_run, load_run
+from ampm.tune.free_choices import CHOICES, FreeChoices
 from ampm.tune.gait_limits import LIMITS, plan_margins, step_torques
 from ampm.tune.refusal import NoFeasibleChoice, way_out
 from ampm.tune.search import RoughOrbits
@@ -23,7 +23,7 @@ from ampm.tune.tuning import tune
 from validation.cli.app import Status, call
 from validation.run.walk import walk_planned
 from validation.study.sweep.task import Task, walk_task
-from validation.trial.plan import Request, make_body, tune_walk
+from validation.trial.plan import Request, make_body, plan_walk
 
 LONG = ("gait.step_length=0.7", "gait.switching_velocity=1.2", "gait.steps=3")
 
@@ -49,8 +49,8 @@ def plan_of(run, robot):
 
 def test_named_keys_are_those_that_preset_and_settings_name():
     preset = {"gait.step_length", "gait.switching_velocity", "gait.c_s", "gait.c_y"}
-    assert named_keys(load_run("normal", ["body.mass=70"])) == preset | {"body.mass"}
-    assert set(FREE_KEYS) <= set(keys())
+    assert load_run("normal", ["body.mass=70"]).given == preset | {"body.mass"}
+    assert {choice.key for choice in CHOICES} < set(OPEN_KEYS) <= set(keys())
 
 
 @pytest.mark.parametrize("step", [0.22, 0.3, 0.45, 0.6, 0.7])
@@ -59,13 +59,13 @@ def test_named_keys_are_those_that_preset_and_settings_name():
 def test_the_guess_has_a_plan_whose_heel_rises_with_the_zmp_at_the_ball(step, c_s, height):
     settings = (f"gait.step_length={step}", f"gait.c_s={c_s}", f"body.height={height}")
     run, robot = body_of(*settings)
-    space = FreeChoices(run, named_keys(run), robot.description)
+    space = FreeChoices(run, run.given, robot.description)
     guessed = space.parameters(space.guess())
     plan = plan_of(guessed, robot)
     values = plan_margins(plan, guessed, robot.description)
     for name in ("zmp_single", "zmp_double", "mid_stance"):
         assert LIMITS[name].margin(values[name]) > 0.0
-    for key in named_keys(run):
+    for key in run.given:
         assert guessed.value(key) == run.value(key)
 
 
@@ -75,7 +75,7 @@ def test_the_guess_scales_with_stature():
         step, speed = 0.35 * height, 0.24 * math.sqrt(9.81 * height)
         size = (f"gait.step_length={step!r}", f"gait.switching_velocity={speed!r}", f"body.height={height}")
         run, robot = body_of(*size)
-        found.append(FreeChoices(run, named_keys(run), robot.description).guess())
+        found.append(FreeChoices(run, run.given, robot.description).guess())
     assert found[0] == pytest.approx(found[1], abs=2e-4)
 
 
@@ -153,11 +153,10 @@ def test_what_is_named_stays():
 
 
 def test_an_infeasible_gait_is_refused_with_the_limit_and_the_best_that_was_found():
-    held = [key for key in FREE_KEYS if key not in ("body.lean", "foot.swing_lag")]
-    default = load_run(None, ["gait.com_height=0.8", "gait.steps=2"])  # the ankle bends too far
-    run, robot = body_of("gait.com_height=0.8", "gait.steps=2")
+    run, robot = body_of("gait.com_height=0.8", "gait.steps=2")  # the ankle bends too far
+    run = run.giving(set(keys()) - {"body.lean", "foot.swing_lag"})
     with pytest.raises(NoFeasibleChoice, match="ankle") as refusal:
-        tune(run, robot, fixed=[*held, *named_keys(default)])
+        tune(run, robot)
     error = refusal.value
     assert error.broken == "ankle"
     assert error.value < error.limit == 0.0
@@ -184,7 +183,7 @@ def test_a_gait_that_no_choice_lets_pass_over_the_foot_is_refused_by_the_formula
     ],
 )
 def test_tuned_gaits_walk(settings):
-    walked = walk_planned(tune_walk(Request("test", load_run("normal", [*settings, "gait.steps=8"]))))
+    walked = walk_planned(plan_walk(Request("test", load_run("normal", [*settings, "gait.steps=8"]))))
     assert walked.record.outcome.name == "completed", walked.record.outcome.cause
     metrics = walked.metrics
     assert math.hypot(metrics["zmp_x_rmse"].value, metrics["zmp_y_rmse"].value) < 0.004
@@ -192,7 +191,7 @@ def test_tuned_gaits_walk(settings):
 
 def test_a_sweep_tunes_its_runs():
     settings = ("gait.step_length=0.3", "gait.switching_velocity=0.7", "gait.steps=2")
-    row, _ = walk_task(Task(0, "0", load_run("normal", settings), "default", tune=True))
+    row, _ = walk_task(Task(0, "0", load_run("normal", settings), "default"))
     assert row["outcome"] == "completed", row["cause"]
     assert row["gait.step_length"] == 0.3
     assert row["gait.a_s"] < 2.0  # the default's 2.63 is for long steps
@@ -217,7 +216,7 @@ def test_tune_writes_a_run_that_reads_back(ampm, tmp_path):
     status, out, _ = ampm("tune", "normal", "--set", "gait.steps=4", "--out", path, "--json")
     assert status == Status.PASS
     answer = json.loads(out)
-    assert answer["found"].keys() == set(FREE_KEYS)
+    assert answer["found"].keys() == set(OPEN_KEYS)
     assert answer["margins"].keys() == LIMITS.keys()
     run = load_run(path)
     assert run.model_dump() == answer["parameters"]
@@ -226,7 +225,7 @@ def test_tune_writes_a_run_that_reads_back(ampm, tmp_path):
     assert status == Status.PASS
     assert "gait.com_height" in out
     assert "at least" in out  # the limit that is nearest
-    for arguments, words in ((("normal", "--out", path), "--force"), ((path,), "nothing to tune")):
+    for arguments, words in ((("normal", "--out", path), "--force"), ((path,), "nothing to find")):
         status, _, err = ampm("tune", *arguments)
         assert status == Status.REFUSED
         assert words in err
@@ -246,19 +245,49 @@ def test_what_cannot_be_tuned_is_refused_before_the_search(ampm, arguments, word
     assert words in err
 
 
-def test_validate_tunes_what_is_left_out(ampm, tmp_path):
-    def validate(**gait):
-        settings = [word for key, value in gait.items() for word in ("--set", f"gait.{key}={value}")]
-        status, out, _ = ampm("validate", *settings, "--tune", "--out", tmp_path / "run", "--json")
-        return status, json.loads(out)
+def test_validate_finds_what_is_left_open(ampm, tmp_path):
+    def validate(*settings):
+        words = [word for setting in settings for word in ("--set", setting)]
+        return ampm("validate", *words, "--out", tmp_path / "run", "--json")
 
-    status, answer = validate(step_length=0.75, switching_velocity=0.4, c_s=1.8)
-    assert (status, answer["error"]["kind"]) == (Status.REFUSED, "mathematical")
+    status, out, _ = validate("gait.step_length=0.75", "gait.switching_velocity=0.4", "gait.c_s=1.8")
+    assert (status, json.loads(out)["error"]["kind"]) == (Status.REFUSED, "mathematical")
     assert not (tmp_path / "run").exists()
-    status, answer = validate(step_length=0.3, switching_velocity=0.7, steps=2)
+    status, out, err = validate("gait.step_length=0.3", "gait.com_height=0.87", "gait.steps=2")
     assert status in (Status.PASS, Status.OUT_OF_TOLERANCE)
-    assert answer["outcome"] == "completed"
-    assert load_run(tmp_path / "run" / "run.toml").gait.a_s < 2.0  # the default's 2.63 is for long steps
+    assert json.loads(out)["outcome"] == "completed"
+    assert "gait.step_length = 0.3 changed" in err.replace("gait.com_height = 0.87, ", "")
+    assert "--as-is" in err
+    run = load_run(tmp_path / "run" / "run.toml")
+    assert (run.gait.step_length, run.gait.com_height) == (0.3, 0.87)
+    assert run.gait.a_s < 2.0  # the preset's 2.63 is for long steps
+    assert not changes(run)
+
+
+def test_as_is_keeps_the_values_of_the_preset(ampm):
+    status, out, err = ampm("plan", "--set", "gait.step_length=0.65", "--as-is", "--json")
+    assert status == Status.PASS
+    assert "found" not in err
+    assert json.loads(out)["parameters"]["gait"]["a_s"] == load_run("normal").gait.a_s
+    status, _, err = ampm("plan", "--set", "gait.step_length=0.5", "--as-is")
+    assert status == Status.REFUSED
+    assert "leave out --as-is" in err
+
+
+def test_a_change_that_keeps_every_limit_with_room_to_spare_changes_nothing_else():
+    run = load_run("normal", ["gait.c_y=0.7", "gait.steps=2"])
+    found = tune(run, make_body(run).robot)
+    assert (found.run.model_dump(), found.tried) == (run.model_dump(), 1)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_nothing_is_found_for_a_preset_or_a_complete_run(name):
+    assert not changes(load_run(name, ["gait.steps=2", "controller.friction=0.5"]))
+    changed = load_run(name, ["gait.step_length=0.5"])
+    assert not changes(changed.as_is())
+    assert changes(changed) == ({} if name == "ipm" else {"gait.step_length": 0.5})
+    assert not set(OPEN_KEYS) & changed.given
+    assert changed.replace({"body.lean": 0.1}).given == changed.given | {"body.lean"}
 
 
 @pytest.mark.parametrize(
@@ -266,7 +295,7 @@ def test_validate_tunes_what_is_left_out(ampm, tmp_path):
     [
         ("reach", 1.0, (), "shorten gait.step_length", "nearer to 1"),
         ("trunk", 1.4, (), "bring gait.c_s nearer to 1", "gait.c_y"),
-        ("reach", 1.0, {"gait.com_height"}, "leave free what was named (gait.com_height)", "nearer to 1"),
+        ("reach", 1.0, {"gait.com_height"}, "leave open what was given (gait.com_height)", "nearer to 1"),
         ("mid_stance", 1.0, (), "raise gait.switching_velocity", "nearer to 1"),
     ],
 )

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from ampm.body.feasibility import leg_extension
 from ampm.exceptions import MathematicalRefusal, RefusedGait
 from ampm.geometry import Array, polygon_margin
-from ampm.parameters import GaitParameters, RunParameters
+from ampm.parameters import OPEN_KEYS, GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.periodic import plan_gait
 from ampm.planner.support import StepPlan, plan_steps
@@ -24,15 +24,6 @@ if TYPE_CHECKING:
 
 _STATURE = 1.70  # of the body on which the guess was made [m]
 _LANDING_TURN = 1.7  # heel strike rate over its mean: the foot comes down turning, and slows down
-
-
-def named_keys(run: RunParameters) -> frozenset[str]:
-    """Namespaced keys that a preset, a file or a setting named; the others were left at their defaults."""
-    return frozenset(
-        f"{section}.{key}"
-        for section in run.model_fields_set
-        for key in getattr(run, section).model_fields_set
-    )
 
 
 @dataclass(frozen=True)
@@ -75,11 +66,9 @@ CHOICES = (
     Choice("lift", "foot.swing_height", 0.0, 0.09, 0.02, 0.05 / _STATURE, scaled=True),
     Choice("lag", "foot.swing_lag", -0.1, 0.25, 0.06, 0.08),
 )
-DERIVED = ("foot.schedule", "foot.heel_rise_lead", "foot.heel_strike_rate", "body.angular_momentum_z")
-"""Keys that follow: the heel rises when the ZMP reaches the ball, and L_z is held at zero where
-the feet could not hold its swing."""
-FREE_KEYS = tuple(choice.key for choice in CHOICES) + DERIVED
-"""All keys that tuning may set."""
+"""Three more open keys follow: the heel rises when the ZMP reaches the ball (``foot.heel_rise_lead``), the
+front foot comes down turning (``foot.heel_strike_rate``), and L_z is held at zero where the feet could not
+hold its swing (``body.angular_momentum_z``)."""
 _ROLLING = {"toe_off", "toe_turn", "toe_back", "strike", "down"}  # useless where the feet stay flat
 _RANGE = {choice.name: choice for choice in CHOICES}
 
@@ -96,7 +85,7 @@ class FreeChoices:
     def __init__(self, run: RunParameters, fixed: Collection[str], description: BodyDescription) -> None:
         self.run, self.fixed, self.description = run, frozenset(fixed), description
         self.sole = description.sole
-        self.flat = "foot.schedule" in self.fixed and run.foot.schedule == "flat"
+        self.flat = run.foot.schedule == "flat"
         useless = _ROLLING if self.flat else set()
         free = [choice for choice in CHOICES if choice.name not in useless and choice.key not in self.fixed]
         self.names = [choice.name for choice in free]
@@ -141,7 +130,7 @@ class FreeChoices:
     def found(self, run: RunParameters) -> dict[str, float | str]:
         """Free keys and their values in a run with choices."""
         rolls = {_RANGE[name].key for name in _ROLLING} | {"foot.heel_rise_lead", "foot.heel_strike_rate"}
-        keys = [key for key in FREE_KEYS if key not in self.fixed and not (self.flat and key in rolls)]
+        keys = [key for key in OPEN_KEYS if key not in self.fixed and not (self.flat and key in rolls)]
         return {key: run.value(key) for key in keys}
 
     # -------------------------------------------------------------- parameters
@@ -185,7 +174,6 @@ class FreeChoices:
         return self._replaced(
             run,
             {
-                "foot.schedule": "roll",
                 "foot.heel_rise_lead": lead,
                 "foot.heel_strike_angle": strike,
                 "foot.heel_strike_rate": min(20.0, _LANDING_TURN * strike / (down * double)),

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import BodilyRefusal
-from ampm.tune.free_choices import FREE_KEYS
+from ampm.parameters import OPEN_KEYS
 from ampm.tune.gait_limits import LIMITS
 
 if TYPE_CHECKING:
@@ -116,8 +116,8 @@ def way_out(limit: str, run: RunParameters, fixed: Collection[str]) -> str:
         ways += [f"bring {' and '.join(leaning)} nearer to 1"]
     if not turning and limit != "mid_stance":
         ways += ["shorten gait.step_length"]
-    named = [key for key in FREE_KEYS if key in fixed]
+    named = [key for key in OPEN_KEYS if key in fixed]
     if named:
         others = f" and {len(named) - 3} more" if len(named) > 3 else ""
-        ways += [f"leave free what was named ({', '.join(named[:3])}{others})"]
+        ways += [f"leave open what was given ({', '.join(named[:3])}{others})"]
     return ways[0] if len(ways) == 1 else f"{', '.join(ways[:-1])}, or {ways[-1]}"

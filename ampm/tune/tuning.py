@@ -1,4 +1,4 @@
-"""The free choices of a gait, found by an optimiser on plan and inverse kinematics alone.
+"""What a gait leaves open, found by an optimiser on plan and inverse kinematics alone.
 
 The paper fixes a gait by step, speed, c_s and c_y and leaves the rest to be "set manually": how much of the
 step is single support, how far the ZMP rolls under the foot, how high the COM is, when and how far the feet
@@ -8,15 +8,17 @@ a residual, and so is, weakly, the distance to a closed-form guess: it makes the
 binds. Plan, feet, the periodic step of the inverse kinematics on a coarse grid, and the joint torques of that
 step under the planned ground force are evaluated: no simulation.
 
-Strategies, in order: the guess and least squares from there; from an easy neighbour, in steps towards the
-gait; the same once more with care; L_z held at zero where the feet would twist; the defaults.
+Strategies, in order: the values that there are, a preset's own or defaults, which stay if every limit is kept
+with room to spare; the guess and least squares from there; from an easy neighbour, in steps towards the
+gait; the same once more with care; L_z held at zero where the feet would twist; the values that
+there are, if they keep the limits at all.
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -26,7 +28,7 @@ from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import GaitParameters, RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.planners import AmpmPeriodic, PeriodicWalk, WalkRequest
-from ampm.tune.free_choices import FreeChoices, named_keys
+from ampm.tune.free_choices import FreeChoices
 from ampm.tune.gait_limits import LIMITS, orbit_margins, plan_margins
 from ampm.tune.refusal import NoFeasibleChoice, no_feasible_choice
 from ampm.tune.search import ENOUGH, Approach, Candidate, ChoiceSearch, RoughOrbits
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
 _BUDGET = 2000  # integrated steps that the ways may take; a second, careful try may take as many
 _LONG_STEP = 0.1  # one that a careful try takes back if it leads to far broken limits
+_SPARE = 0.4  # margin with which the values that there are stay
 _GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
 _TOO_FAR = -0.5  # margin below which a continuation is stopped
 _L_Z = "body.angular_momentum_z"
@@ -51,9 +54,9 @@ class Tuned:
     """A run whose free choices are made.
 
     Attributes:
-        run: complete.
+        run: complete; every value counts as given.
         plan: complete, with the periodic step on the fine grid.
-        found: the free choices, by namespaced key.
+        found: what was open, by namespaced key.
         margins: limit to value on the search's grid, in the unit of :data:`LIMITS`.
         tried: how many choices were tried.
     """
@@ -64,21 +67,23 @@ class Tuned:
     margins: Mapping[str, float]
     tried: int
 
+    def worst(self) -> float:
+        """Least normalised margin [1]."""
+        return min(LIMITS[name].margin(value) for name, value in self.margins.items())
+
 
 def tune(
     run: RunParameters,
     robot: Robot,
     *,
-    fixed: Collection[str] | None = None,
     progress: Callable[[str], None] | None = None,
     cache: Path | None = None,
 ) -> Tuned:
-    """Make the free choices of a gait.
+    """Find what a gait leaves open.
 
     Args:
-        run: step, speed, c_s, c_y, body, and whatever else is fixed.
+        run: what is given of it stays (:attr:`ampm.parameters.RunParameters.given`).
         robot: the body.
-        fixed: namespaced keys that stay as they are; by default those that were named (:func:`named_keys`).
         progress: called with a line of text now and then.
         cache: folder of solved motions.
 
@@ -99,15 +104,19 @@ def tune(
         )
     if not run.gait.c_y > 0.0:
         plan_gait(run.gait, run.body.mass)  # refuses it, with a better message than a failed search
-    space = FreeChoices(run, named_keys(run) if fixed is None else fixed, robot.description)
+    space = FreeChoices(run, run.given, robot.description)
+    own = _own(space, robot, cache)
+    if own is not None and own.worst() >= _SPARE:
+        return own
     try:
-        return _searched(space, robot, report, cache)
-    except RefusedGait:
-        defaults = _defaults(space, robot, cache)
-        if defaults is None:
-            raise
-        report("the values that were left out walk at their defaults")
-        return defaults
+        found = _searched(space, robot, report, cache)
+    except RefusedGait as error:
+        if own is not None and own.worst() >= -_GRID:
+            return own
+        if own is not None:
+            error.add_note("as it is, the gait has a plan beyond these limits: --as-is walks it")
+        raise
+    return found if own is None or found.worst() >= own.worst() else own
 
 
 def _searched(space: FreeChoices, robot: Robot, report: Report, cache: Path | None) -> Tuned:
@@ -276,19 +285,16 @@ def _confirmed(search: ChoiceSearch, best: Candidate, cache: Path | None) -> Tun
             unit=error.unit,
             way_out=error.way_out,
         ) from error
-    return Tuned(run, plan, space.found(run), best.values, len(search.candidates))
+    return Tuned(run.as_is(), plan, space.found(run), best.values, len(search.candidates))
 
 
-def _defaults(space: FreeChoices, robot: Robot, cache: Path | None) -> Tuned | None:
-    """The gait with the defaults of what it leaves out, if they keep the limits, give or take the grid."""
-    run = space.run
+def _own(space: FreeChoices, robot: Robot, cache: Path | None) -> Tuned | None:
+    """The gait with the values that it has, a preset's own or defaults, if the body accepts the plan."""
+    run, orbits = space.run, RoughOrbits(robot, space.run)
     try:
         plan = AmpmPeriodic().plan(WalkRequest(run, robot, cache=cache))
-        orbits = RoughOrbits(robot, run)
         orbit = orbits.solve(plan, run.body.lean, motion=plan.posture.motion)
     except (RefusedGait, InputError, Unreachable):
         return None
     values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, robot)
-    if min(LIMITS[name].margin(value) for name, value in values.items()) < -_GRID:
-        return None
-    return Tuned(run, plan, space.found(run), values, 1)
+    return Tuned(run.as_is(), plan, space.found(run), values, 1)

@@ -13,7 +13,6 @@ from validation.cli.options import Status
 from validation.store.folders import disk_is_full
 from validation.study.sweep.exceptions import SweepStopped
 
-_TUNE = " Values that you did not give may be found by 'ampm tune', or by 'ampm validate --tune'."
 _STATUSES: tuple[tuple[type[BaseException], Status], ...] = (
     (KeyboardInterrupt, Status.INTERRUPTED),
     (typer.Abort, Status.INTERRUPTED),
@@ -60,8 +59,6 @@ def explain(error: BaseException) -> tuple[Status, str]:
         context = getattr(error, "ctx", None)  # of the command that did not understand its options
         text = error.format_message()
         way_out = f" See '{'ampm' if context is None else context.command_path} --help'."
-    elif isinstance(error, RefusedGait) and type(error).__name__ != "NoFeasibleChoice":  # of a tuning
-        way_out = _TUNE
     elif disk_is_full(error):
         status, text = (
             Status.STOPPED,

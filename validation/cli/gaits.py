@@ -16,14 +16,25 @@ from ampm.exceptions import InputError
 from ampm.parameters import keys as parameter_keys
 from ampm.run_file import PRESETS, dump_run, key_info
 from validation.cli.console import Narrator
-from validation.cli.options import Force, Gait, Gaits, Json, Settings, Status, answer, check_picture, option
+from validation.cli.options import (
+    AsIs,
+    Force,
+    Gait,
+    Gaits,
+    Json,
+    Settings,
+    Status,
+    answer,
+    check_picture,
+    option,
+)
 from validation.show.text import format_number, format_value, print_line, print_table
 from validation.store.folders import check_folder_of, check_output_file, output_file
 
 if TYPE_CHECKING:
     from ampm.planner.centroidal import CentroidalPlan
     from ampm.tune.tuning import Tuned
-    from validation.trial.plan import PlannedWalk, Request, TunedWalk
+    from validation.trial.plan import PlannedWalk, Request
 
 app = typer.Typer()
 
@@ -38,8 +49,9 @@ _SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 def plan(
     gait: Gait = "normal",
     settings: Settings = None,
+    as_is: AsIs = False,
     no_body: Annotated[
-        bool, option("--no-body", "Pure mathematics: no soles, no joints, mean L_y zero.")
+        bool, option("--no-body", "Pure mathematics: no soles, no joints, mean L_y zero; as it is.")
     ] = False,
     as_json: Json = False,
     samples: Annotated[
@@ -55,19 +67,21 @@ def plan(
     """
     from ampm.planner.periodic import plan_gait
     from validation.store.tables import check_suffix, plan_table, sample_times, write_columns
-    from validation.trial.plan import load_request, plan_walk
+    from validation.trial.plan import check_formula, load_request, plan_walk
 
-    request = load_request(gait, settings or ())
+    request = load_request(gait, settings or (), as_is=as_is or no_body)
     run = request.run
     if samples is not None:  # refuse paths that cannot be written before computing
         check_folder_of(samples)
         check_suffix(samples)
-        sample_times(plan_gait(run.gait, run.body.mass).duration, rate)
+        check_formula(request)
+        sample_times(run.gait.steps * run.gait.step_length / run.gait.switching_velocity, rate)
     if plot is not None:
         check_picture(plot)
     narrator = Narrator()
     walk = None if no_body else plan_walk(request, narrator)
     planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walk is None else walk.plan
+    request = request if walk is None else walk.request
     if samples is not None:
         with output_file(samples) as work:
             write_columns(plan_table(planned, sample_times(planned.duration, rate)), work)
@@ -122,6 +136,7 @@ def print_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | None 
 def motion(
     gaits: Gaits = None,
     settings: Settings = None,
+    as_is: AsIs = False,
     out: Annotated[
         Path | None, option("--out", "Write one step's joints, all gaits in one.", "FILE.parquet|.csv")
     ] = None,
@@ -135,7 +150,7 @@ def motion(
     if out is not None:
         check_suffix(out)
         check_output_file(out, force=force)
-    requests = load_requests(gaits or ["normal"], settings or ())
+    requests = load_requests(gaits or ["normal"], settings or (), as_is=as_is)
     narrator = Narrator()
     walks = [plan_walk(request, narrator) for request in requests]
     if out is not None:
@@ -238,9 +253,16 @@ def tune(
 ) -> int:
     """Find what a gait leaves open: share of single support, roll, heights, foot timing and angles, lean.
 
+    <<<<<<< HEAD
     Values that the preset, the file or --set names are kept. An optimiser evaluates plan and whole-body
     motion; nothing is simulated. If no choice can be walked, the refusal names the limit and the best value
     found.
+    =======
+    What the file or --set gives stays, and so do step, speed, c_s, c_y and body of a preset. Commands that
+    plan a changed gait do the same; this one also shows the margins. An optimiser works on plan and
+    whole-body motion alone; nothing is simulated. Where no choice walks, the refusal names the limit and the
+    best it found.
+    >>>>>>> f5a8259 (Find what a changed gait leaves open when it is planned)
     """
     from validation.trial.plan import load_request, tune_walk
 
@@ -249,28 +271,33 @@ def tune(
             raise InputError(f"{out} must end in .toml; a gait is read from such a file.")
         check_output_file(out, force=force)
     narrator = Narrator()
-    walk = tune_walk(load_request(gait, settings or ()), narrator)
+    walk, tuned = tune_walk(load_request(gait, settings or ()), narrator)
     if out is not None:
-        margins = "".join(f"# {text}\n" for text in _margins(walk.tuned))
+        margins = "".join(f"# {text}\n" for text in _margins(tuned))
         with output_file(out, force=force) as work:
-            head = f"# {walk.request.name}, free choices made: {', '.join(walk.tuned.found)}.\n{margins}"
-            work.write_text(head + dump_run(walk.tuned.run), encoding="utf-8")
-    answer(walk, describe_tuned, print_tuned, as_json=as_json)
+            head = f"# {walk.name}, found: {', '.join(tuned.found)}.\n{margins}"
+            work.write_text(head + dump_run(walk.run), encoding="utf-8")
+    answer(
+        tuned,
+        lambda tuned: describe_tuned(walk.name, tuned),
+        lambda tuned: print_tuned(walk.name, tuned),
+        as_json=as_json,
+    )
     narrator.wrote(out)
     return Status.PASS
 
 
-def describe_tuned(walk: TunedWalk) -> dict[str, Any]:
+def describe_tuned(name: str, tuned: Tuned) -> dict[str, Any]:
     """A tuned gait as a JSON object."""
     from ampm.tune.gait_limits import LIMITS
 
-    tuned, margins = walk.tuned, {}
-    for name, value in tuned.margins.items():
-        limit = LIMITS[name]
+    margins = {}
+    for key, value in tuned.margins.items():
+        limit = LIMITS[key]
         facts = {"what": limit.what, "value": value, "unit": limit.unit, "bound": limit.bound}
-        margins[name] = facts | {"target": limit.target, "margin": limit.margin(value)}
+        margins[key] = facts | {"target": limit.target, "margin": limit.margin(value)}
     return {
-        "gait": walk.request.name,
+        "gait": name,
         "found": dict(tuned.found),
         "margins": margins,
         "tried": tuned.tried,
@@ -278,11 +305,10 @@ def describe_tuned(walk: TunedWalk) -> dict[str, Any]:
     }
 
 
-def print_tuned(walk: TunedWalk) -> None:
+def print_tuned(name: str, tuned: Tuned) -> None:
     """Print the choices and the tightest margins for a reader."""
-    tuned = walk.tuned
     rows = [(key, format_value(value)) for key, value in tuned.found.items()]
-    print_table(f"free choices of {walk.request.name}", ("key", ">value"), rows)
+    print_table(f"found for {name}", ("key", ">value"), rows)
     count = "1 choice" if tuned.tried == 1 else f"{tuned.tried} choices"
     print_line(f"{count} tried; smallest margins:")
     for text in _margins(tuned)[:4]:

@@ -50,6 +50,10 @@ Settings = Annotated[
     list[str] | None,
     option("--set", "Change one parameter, e.g. gait.c_s=1.2; see 'ampm keys'.", "KEY=VALUE"),
 ]
+AsIs = Annotated[
+    bool,
+    option("--as-is", "Find nothing that the gait leaves open: walk the values of the preset, or defaults."),
+]
 Steps = Annotated[int | None, option("--steps", "Short for gait.steps=N.", "N")]
 Uncertainty = Annotated[
     list[Path] | None,

@@ -15,6 +15,7 @@ import typer
 from ampm.exceptions import InputError
 from validation.cli.console import Narrator
 from validation.cli.options import (
+    AsIs,
     Force,
     Gait,
     Json,
@@ -223,6 +224,7 @@ def compare(
     ] = "normal",
     b: Annotated[str, typer.Argument(help="What it is compared with.", metavar="[B]")] = "ipm",
     settings: Settings = None,
+    as_is: AsIs = False,
     steps: Steps = None,
     uncertainty: Uncertainty = None,
     out: Annotated[Path | None, option("--out", "Keep the report, the numbers and the runs.", "DIR")] = None,
@@ -237,7 +239,9 @@ def compare(
     from validation.study.compare.pair import compare_pair
 
     extra = with_steps(settings, steps)
-    pair = compare_pair(a, b, extra, uncertainty=uncertainty or (), out=out, force=force, stages=Narrator())
+    pair = compare_pair(
+        a, b, extra, as_is=as_is, uncertainty=uncertainty or (), out=out, force=force, stages=Narrator()
+    )
     answer(pair, type(pair).as_dict, print_pair, as_json=as_json)
     if out is not None:
         from validation.study.compare.report import write_pair  # loads matplotlib
@@ -266,6 +270,7 @@ def print_pair(pair: Pair) -> None:
 def convergence(
     gait: Gait = "normal",
     settings: Settings = None,
+    as_is: AsIs = False,
     steps: Annotated[int, option("--steps", "Walked at every level: the gait is periodic.", "N")] = 6,
     levels: Annotated[
         int, option("--levels", "Of every numerical study, 3 ... 6; 4 can confirm an order.", "N")
@@ -294,8 +299,8 @@ def convergence(
 
     progress = Narrator()
     result = study_gait(
-        gait, settings or (), steps=steps, levels=levels, only=only or (), profile=profile, workers=workers,
-        out=out, force=force, progress=progress,
+        gait, settings or (), as_is=as_is, steps=steps, levels=levels, only=only or (), profile=profile,
+        workers=workers, out=out, force=force, progress=progress,
     )  # fmt: skip
     answer(result, type(result).as_dict, print_convergence, as_json=as_json)
     if out is not None:

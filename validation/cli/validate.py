@@ -15,9 +15,11 @@ import typer
 from rich.text import Text
 
 from ampm.exceptions import RefusedGait
+from ampm.run_file import changes
 from validation.cli.console import Narrator, print_json
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import (
+    AsIs,
     Force,
     Gaits,
     Json,
@@ -50,6 +52,7 @@ EPILOG = (
 def validate(
     gaits: Gaits = None,
     settings: Settings = None,
+    as_is: AsIs = False,
     steps: Steps = None,
     profile: Annotated[
         str | None,
@@ -68,13 +71,6 @@ def validate(
     ] = None,
     force: Force = False,
     as_json: Json = False,
-    tune: Annotated[
-        bool,
-        option(
-            "--tune",
-            "Find the values that the gait leaves open, as 'ampm tune' does, instead of taking defaults.",
-        ),
-    ] = False,
     uncertainty: Uncertainty = None,
     controller: Annotated[
         str | None, option("--controller", "Walk with a controller of your own.", "MODULE:CLASS")
@@ -104,22 +100,25 @@ def validate(
     The controller tracks the plan, so agreement alone proves nothing: the trial tests whether a body with
     real mass distribution, unilateral contact, friction and limited torque can realise the plan, how closely,
     and at what effort.
+
+    Where a preset's gait or body is changed, what it leaves open (heights, timing, angles of the feet) is
+    found for the change, and said; what is given stays.
     """
     from validation.judge import profiles
     from validation.judge.uncertainty import load_uncertainty, matching
     from validation.measure.instruments.model import load_instrument
     from validation.run import validate as run
     from validation.trial.disturbances import parse_push
-    from validation.trial.plan import load_requests, tune_walk
+    from validation.trial.plan import complete, load_requests
     from validation.trial.users import load_object, make_object
 
     extra = [*with_steps(settings, steps), *([] if qp is None else [f'solver.qp="{qp}"'])]
     gaits = gaits or ["normal"]
-    requests = load_requests(gaits, extra, check=not tune)
+    requests = load_requests(gaits, extra, as_is=as_is)
     judges = [profiles.own_profile(gait) if profile is None else profiles.profile(profile) for gait in gaits]
     known = [load_uncertainty(path) for path in uncertainty or ()]
-    if known and not tune:
-        for request in requests:  # check all of them before the first walk
+    for request in requests if known else ():  # before any walks
+        if not changes(request.run):
             matching(known, request)
     options = run.Options(
         force=force,
@@ -135,9 +134,8 @@ def validate(
     for request, target, judge in zip(requests, targets, judges, strict=True):
         try:
             options = replace(options, profile=judge)
-            if tune:
-                request = tune_walk(request, narrator).request
             if known:
+                request = complete(request, narrator)
                 options = replace(options, uncertainty=matching(known, request))
             summary = run.validate(request, target, options, progress=narrator)
         except RefusedGait as error:  # the other gaits may still walk

@@ -21,7 +21,7 @@ from validation.measure.standing import weigh
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
 from validation.trial.bridge import to_pinocchio
-from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk, tune_walk
+from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
 
@@ -38,7 +38,6 @@ def walk(
     controller: ControllerFactory | None = None,
     planner: Planner[WalkRequest] | None = None,
     disturbances: Sequence[Disturbance] = (),
-    tune: bool = False,
     profile: Profile | str | None = None,
     uncertainty: Uncertainty | None = None,
     name: str | None = None,
@@ -46,12 +45,14 @@ def walk(
 ) -> Trial:
     """Plan a gait, walk it in MuJoCo, measure it and judge it; nothing is written.
 
+    What a changed gait leaves open is found, ``trial.run`` has it; ``ampm.load_run(...).as_is()`` walks as it
+    is.
+
     Args:
         run: parameters from :func:`ampm.load_run`, or a preset or TOML file.
         controller: makes the controller from robot and run, a class for example; the built-in one by default.
         planner: makes the plan, :class:`ampm.planners.AmpmPeriodic` by default.
         disturbances: external forces, such as :class:`validation.Push`.
-        tune: find the values that the gait leaves open, instead of taking defaults.
         profile: tolerances, or the name of a profile; that of the preset by default.
         uncertainty: numerical uncertainty of the metrics, from a convergence study.
         name: of the gait, for reports; that of preset or file by default.
@@ -76,8 +77,6 @@ def walk(
         profile = profiles.own_profile(request.name) if profile is None else profiles.profile(profile)
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
-        if tune:
-            request = tune_walk(request, progress).request
         planned = plan_walk(request, progress, planner=planner)
     return walk_planned(
         planned,

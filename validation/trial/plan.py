@@ -5,19 +5,19 @@ Every trial starts here, so that a gait is planned in one way only.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import nullcontext
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import platformdirs
 
-from ampm.exceptions import InputError
-from ampm.parameters import RunParameters
+from ampm.exceptions import InputError, RefusedGait
+from ampm.parameters import OPEN_KEYS, RunParameters
 from ampm.planner.periodic import plan_gait
-from ampm.run_file import PRESETS, load_run
+from ampm.run_file import PRESETS, changes, load_run
 from validation.progress import Progress
 from validation.trial.users import UsersCode
 
@@ -64,7 +64,7 @@ class PlannedWalk:
     """All that a walk starts from.
 
     Attributes:
-        request: name and parameters.
+        request: name and parameters, with the values that were found.
         plan: COM, momentum, feet and posture.
         body: that walks.
         planner: name of the class that made the plan, empty for the built-in one.
@@ -105,28 +105,20 @@ class PlannedWalk:
         return self.plan.least_zmp_margin()[0]
 
 
-@dataclass(frozen=True)
-class TunedWalk(PlannedWalk):
-    """A walk whose free choices are made; its plan is the one that the search has confirmed.
-
-    Attributes:
-        tuned: choices and margins.
-    """
-
-    tuned: Tuned = field(kw_only=True)
-
-
-def load_request(gait: str, settings: Sequence[str] = ()) -> Request:
+def load_request(gait: str, settings: Sequence[str] = (), *, as_is: bool = False) -> Request:
     """Resolve one gait and its settings.
 
     Args:
         gait: preset or TOML file.
         settings: ``key=value`` texts.
+        as_is: every value counts as given, so that nothing is found.
 
     Raises:
         InputError: unknown gait or key, or a bad value.
     """
     run = load_run(gait, settings)
+    if as_is:
+        run = run.as_is()
     path = Path(gait)
     # A run folder's own run.toml is named after the folder.
     name = path.resolve().parent.name if path.name == "run.toml" else path.stem
@@ -135,28 +127,55 @@ def load_request(gait: str, settings: Sequence[str] = ()) -> Request:
     return Request(name, run)
 
 
-def load_requests(gaits: Sequence[str], settings: Sequence[str] = (), *, check: bool = True) -> list[Request]:
+def load_requests(
+    gaits: Sequence[str], settings: Sequence[str] = (), *, as_is: bool = False
+) -> list[Request]:
     """Resolve several gaits.
 
     Args:
         gaits: presets or TOML files.
         settings: ``key=value`` texts, the same for all.
-        check: refuse what has no plan before any of them walks; off for gaits that are yet to be tuned.
+        as_is: every value counts as given, so that nothing is found.
 
     Raises:
         InputError: as :func:`load_request`, or two gaits of one name.
         MathematicalRefusal: a gait has no plan.
     """
-    resolved = [load_request(gait, settings) for gait in gaits]
+    resolved = [load_request(gait, settings, as_is=as_is) for gait in gaits]
     names = [item.name for item in resolved]
     for name in names:
         if names.count(name) > 1:
             raise InputError(
                 f"{names.count(name)} gaits are named {name!r}; give every gait once, by its own name."
             )
-    for item in resolved if check else ():
-        plan_gait(item.run.gait, item.run.body.mass)
+    for item in resolved:
+        check_formula(item)
     return resolved
+
+
+def check_formula(request: Request) -> None:
+    """Refuse a gait whose formula has no solution, unless values that it leaves open may give one.
+
+    Raises:
+        MathematicalRefusal: it has none.
+    """
+    if not changes(request.run) or request.run.gait.c_y <= 0.0:
+        with _way_out(request.run):
+            plan_gait(request.run.gait, request.run.body.mass)
+
+
+@contextmanager
+def _way_out(run: RunParameters) -> Iterator[None]:
+    """Note at a refusal that values which are all given might be left open."""
+    try:
+        yield
+    except RefusedGait as error:
+        if run.given >= set(OPEN_KEYS):
+            error.add_note(
+                "every value counts as given; what is left open is found (leave out --as-is, or keys such as "
+                "gait.com_height from the file)"
+            )
+        raise
 
 
 def make_body(run: RunParameters) -> Body:
@@ -176,6 +195,10 @@ def plan_walk(
 ) -> PlannedWalk:
     """Plan a walk with its body.
 
+    Where anything but the number of steps differs from a preset's own gait, body and feet, what the request
+    leaves open is found first, and said (:func:`ampm.run_file.changes`); not for another planner, which may
+    need none of it.
+
     Args:
         request: the gait.
         progress: where to report stages.
@@ -186,7 +209,9 @@ def plan_walk(
     """
     run, progress = request.run, progress or Progress()
     if planner is None:
-        plan_gait(run.gait, run.body.mass)  # refuse bad mathematics before a body is built
+        if changes(run):
+            return tune_walk(request, progress)[0]
+        check_formula(request)  # before a body is built
     # Here, not above: Pinocchio takes long to load.
     from ampm.planners import AmpmPeriodic, WalkRequest
     from ampm.walk import WalkPlan
@@ -197,38 +222,68 @@ def plan_walk(
     planner = planner or AmpmPeriodic()
     with progress.stage(f"{request.name}: whole-body motion") as stage:
         wanted = WalkRequest(run, body.robot, stage.note, motion_cache())
-        with UsersCode("planner", planner) if name else nullcontext():
+        with UsersCode("planner", planner) if name else _way_out(run):
             plan = planner.plan(wanted)
             if not isinstance(plan, WalkPlan):
                 raise TypeError(f"it made a {type(plan).__name__}, not a WalkPlan")
     return PlannedWalk(request, plan, body, name)
 
 
-def tune_walk(request: Request, progress: Progress | None = None) -> TunedWalk:
-    """Make the free choices of a gait; what a preset, a file or a setting names stays as it is.
+def tune_walk(request: Request, progress: Progress | None = None) -> tuple[PlannedWalk, Tuned]:
+    """Find what a request leaves open, whether anything was changed or not; what is given stays.
 
     Args:
-        request: the gait; ``request.run`` knows which keys were named.
-        progress: where to report stages.
+        request: the gait.
+        progress: where to report stages, and to say what was found.
+
+    Returns:
+        The walk with what was found, and how near to every limit it is.
 
     Raises:
-        InputError: every free choice is named already.
-        MathematicalRefusal, BodilyRefusal: no choice walks; :class:`ampm.tune.refusal.NoFeasibleChoice`,
+        InputError: nothing is open.
+        MathematicalRefusal, BodilyRefusal: nothing walks; :class:`ampm.tune.refusal.NoFeasibleChoice`,
             a BodilyRefusal, says which limit stayed broken.
     """
-    # Here, not above: Pinocchio takes long to load.
-    from ampm.tune.free_choices import FREE_KEYS, named_keys
-    from ampm.tune.tuning import tune
+    from ampm.tune.tuning import tune  # here, not above: Pinocchio takes long to load
 
-    if set(FREE_KEYS) <= named_keys(request.run):
+    run, progress = request.run, progress or Progress()
+    if run.given >= set(OPEN_KEYS):
         raise InputError(
-            f"{request.name} names every free choice, so there is nothing to tune; leave out what is to be "
-            "found, for example gait.com_height."
+            f"{request.name} gives every value, so there is nothing to find; leave out what is open, for "
+            "example gait.com_height."
         )
-    with (progress or Progress()).stage(f"{request.name}: free choices") as stage:
-        body = make_body(request.run)
-        tuned = tune(request.run, body.robot, progress=stage.note, cache=motion_cache())
-    return TunedWalk(Request(request.name, tuned.run), tuned.plan, body, tuned=tuned)
+    with progress.stage(f"{request.name}: what is left open") as stage:
+        body = make_body(run)
+        tuned = tune(run, body.robot, progress=stage.note, cache=motion_cache())
+    if changed := changes(run):
+        progress.say(f"{request.name}: {_found(run, tuned, changed)}")
+    return PlannedWalk(Request(request.name, tuned.run), tuned.plan, body), tuned
+
+
+def complete(request: Request, progress: Progress | None = None) -> Request:
+    """The request with all values, those included that planning would find; another plan finds nothing more.
+
+    Raises:
+        InputError, MathematicalRefusal, BodilyRefusal: as :func:`tune_walk`.
+    """
+    return tune_walk(request, progress)[0].request if changes(request.run) else request
+
+
+def _found(run: RunParameters, tuned: Tuned, changed: Mapping[str, Any]) -> str:
+    """One line: what was changed, and what was found for it, with the value before."""
+
+    def text(value: float | str) -> str:
+        return value if isinstance(value, str) else f"{value:.3g}"
+
+    found = [
+        f"{key} {text(value)} ({text(run.value(key))})"
+        for key, value in tuned.found.items()
+        if value != run.value(key)
+    ]
+    begin = f"{', '.join(f'{key} = {text(value)}' for key, value in changed.items())} changed"
+    if not found:
+        return f"{begin}: what is left open fits as it is"
+    return f"{begin}: found {', '.join(found)}; --as-is keeps the values in brackets"
 
 
 def motion_cache() -> Path | None:

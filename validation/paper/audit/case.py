@@ -115,7 +115,7 @@ class Case:
         """``normal`` with another gait, L_z free or zero, walked by the body on a coarse grid."""
         settings = [f"solver.ik_time_step={COARSE!r}", f"body.angular_momentum_z={momentum_z}"]
         settings += _settings(gait)
-        return BodyEvidence(plan_walk(load_request("normal", settings)))
+        return BodyEvidence(plan_walk(load_request("normal", settings, as_is=True)))
 
 
 def _settings(gait: dict[str, float]) -> list[str]:

@@ -206,7 +206,7 @@ class Walks:
 
     def plan(self, gait: str, settings: Sequence[str] = ()) -> PlannedWalk:
         """Plan a gait, and solve its motion, without walking it."""
-        return plan_walk(load_request(gait, settings), self.stages)
+        return plan_walk(load_request(gait, settings, as_is=True), self.stages)
 
     def walk(self, gait: str, settings: Sequence[str] = (), *, steps: int | None = None) -> Walk:
         """Walk a gait, or return the earlier walk of it.

@@ -24,7 +24,6 @@ from ampm.body.motion import WholeBodyMotion
 from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
 from ampm.exceptions import InputError
-from ampm.planner.periodic import plan_gait
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.run_file import load_run
 from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching
@@ -35,7 +34,7 @@ from validation.store.identity import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import RUN_FILE, SUMMARY_FILE, SavedRun, load_saved_run
 from validation.study.compare.metrics import GRIDS, Quantity, metric_values, quantities, switch_values
-from validation.trial.plan import Request, load_request, make_body, motion_cache
+from validation.trial.plan import Request, check_formula, complete, load_request, make_body, motion_cache
 
 REPORT, NUMBERS, PICTURE = "report.html", "comparison.json", "switches.svg"
 EVEN = 1.25
@@ -202,6 +201,7 @@ def compare_pair(
     b: str,
     settings: Sequence[str] = (),
     *,
+    as_is: bool = False,
     uncertainty: Sequence[Path] = (),
     out: Path | None = None,
     force: bool = False,
@@ -213,6 +213,7 @@ def compare_pair(
         a: preset, TOML file, or folder of a run.
         b: likewise.
         settings: ``key=value`` texts for the gaits that are to be walked.
+        as_is: find nothing that they leave open.
         uncertainty: ``convergence.json`` of both gaits; without, no value of a walk is called better.
         out: folder that keeps the runs that are walked, and that
             :func:`validation.study.compare.report.write_pair` will fill; None keeps nothing.
@@ -223,14 +224,19 @@ def compare_pair(
         InputError, MathematicalRefusal, BodilyRefusal: a gait or folder cannot be used.
     """
     stages = stages or Progress()
-    sources = _sources([a, b], settings)
+    sources = _sources([a, b], settings, as_is=as_is)
     for label, source in sources.items():
         if isinstance(source, Request):  # refuse bad mathematics before anything walks
-            plan_gait(source.run.gait, source.run.body.mass)
+            check_formula(source)
         elif not (source / SUMMARY_FILE).is_file():
             raise InputError(
                 f"{label} is no folder of a finished run; give a preset, a TOML file or a run's folder."
             )
+    if uncertainty:  # studies are of all values
+        sources = {
+            label: complete(source, stages) if isinstance(source, Request) else source
+            for label, source in sources.items()
+        }
     studies = _studies(sources, uncertainty)
     if out is not None:
         check_target(out, None, force=force, what="comparison", marks=(NUMBERS, PICTURE))
@@ -250,9 +256,11 @@ def compare_pair(
         return pair_of(*sides, studies=studies)
 
 
-def _sources(texts: Sequence[str], settings: Sequence[str]) -> Mapping[str, Request | Path]:
+def _sources(texts: Sequence[str], settings: Sequence[str], *, as_is: bool) -> Mapping[str, Request | Path]:
     """What is to be walked or loaded, by its name for tables."""
-    sources = [Path(text) if Path(text).is_dir() else load_request(text, settings) for text in texts]
+    sources = [
+        Path(text) if Path(text).is_dir() else load_request(text, settings, as_is=as_is) for text in texts
+    ]
     walks = [source for source in sources if isinstance(source, Request)]
     if settings and not walks:
         raise InputError(

@@ -30,6 +30,7 @@ def study_gait(
     gait: str,
     settings: Sequence[str] = (),
     *,
+    as_is: bool = False,
     steps: int = STEPS,
     levels: int = LEVELS,
     only: Sequence[str] = (),
@@ -45,6 +46,7 @@ def study_gait(
     Args:
         gait: preset or TOML file.
         settings: ``key=value`` texts.
+        as_is: find nothing that the gait leaves open.
         steps: walked at every level.
         levels: of every numerical study.
         only: studies, all by default.
@@ -66,12 +68,13 @@ def study_gait(
     limits = profiles.profile(profile)
     if out is not None:
         check_target(out, FILES, force=force, what="convergence study")
-    request = load_request(gait, [*settings, f"gait.steps={steps}"])
+    request = load_request(gait, [*settings, f"gait.steps={steps}"], as_is=as_is)
     found = studies(request.run, only, levels=levels)
     # Halving the time step does not correct a control period that is no multiple of it.
     steps_per_tick(request.run.controller.frequency, request.run.simulation.time_step)
     if runner is walk_level:  # refusals come before any worker starts, and the motion is in the cache
-        plan_walk(request, progress)
+        request = plan_walk(request, progress).request
+        found = studies(request.run, only, levels=levels)  # of the values that were found
     runs = [request.run, *(run for study in found for run in study.runs)]
     walks = walk_levels(runs, request.name, workers=workers, progress=progress, runner=runner)
     return combine(request, limits, found, walks)

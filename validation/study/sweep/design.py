@@ -198,7 +198,7 @@ class SweepDefinition(Section, section="sweep"):
     name: str = Field("sweep", description="name of the sweep, for report and table", min_length=1)
     gait: str = Field("normal", description="preset, or TOML file relative to the sweep's", min_length=1)
     steps: int = Field(30, description="steps of every run", ge=1, le=100_000)
-    tune: bool = Field(False, description="make the free choices of every run first, as ampm tune does")
+    tune: bool = Field(False, description="find what every run leaves open, instead of walking it as it is")
     seed: int = Field(1, description="of the sampled blocks", ge=0, le=2**63 - 1)
     profile: str = Field("default", description="tolerance profile that judges the runs")
     recordings: Literal["none", "failures", "worst", "all"] = Field(
@@ -248,8 +248,9 @@ class SweepDefinition(Section, section="sweep"):
 
     @cached_property
     def shared(self) -> RunParameters:
-        """Parameters that all runs share: the gait with ``steps`` and ``set``."""
-        return self.base.replace({**self.set, STEPS_KEY: self.steps})
+        """Parameters that all runs share: the gait with ``steps`` and ``set``, as it is unless they tune."""
+        run = self.base.replace({**self.set, STEPS_KEY: self.steps})
+        return run if self.tune else run.as_is()
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -452,5 +453,7 @@ def dump_sweep(definition: SweepDefinition) -> str:
     table = {"sweep": head, "set": dict(definition.set), "vary": vary}
     # The file of a gait may change or be out of reach: its contents go along.
     if definition.gait not in PRESETS or definition.base != load_run(definition.gait):
-        table["base"] = definition.base.model_dump(exclude_unset=True)
+        base = definition.base
+        kept = base.given | {key for key in keys() if base.value(key) != key_info(key).default}
+        table["base"] = base.giving(kept).model_dump(exclude_unset=True)
     return tomli_w.dumps(table)

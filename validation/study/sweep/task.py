@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
+from ampm.run_file import changes
 from validation.judge.profiles import profile as find_profile
 from validation.progress import Progress, StageClock
 from validation.store.folders import disk_is_full
@@ -60,7 +61,6 @@ class Task:
         parameters: all of them.
         profile: tolerances.
         instrument: sensor model beside the simulator's truth, if any.
-        tune: make the free choices first; the parameters know which keys were named.
         controller: of the user's own, ``module:Class``, if any.
         push: pushes, as texts.
         keep: which walks keep a run folder.
@@ -74,7 +74,6 @@ class Task:
     parameters: RunParameters
     profile: str
     instrument: str | None = None
-    tune: bool = False
     controller: str | None = None
     push: tuple[str, ...] = ()
     keep: Literal["none", "failures", "all"] = "none"
@@ -89,7 +88,7 @@ class Task:
         Raises:
             InputError: a parameter is beyond its bounds.
         """
-        same = ("profile", "instrument", "tune", "controller", "push", "wall_clock")
+        same = ("profile", "instrument", "controller", "push", "wall_clock")
         task = cls(
             run=run,
             name=definition.name_of(run),
@@ -106,16 +105,15 @@ class Task:
         return make_row(self.run, self.name, parameter_values(self.parameters), found, worker, 1)
 
     def plan(self, progress: Progress | None = None) -> PlannedWalk:
-        """Plan the walk, tuned first if the sweep tunes.
+        """Plan the walk.
 
         Raises:
             InputError, RefusedGait: there is no such walk.
         """
         # Here, not above: the sweep's own process needs neither simulator nor body.
-        from validation.trial.plan import Request, plan_walk, tune_walk
+        from validation.trial.plan import Request, plan_walk
 
-        request = Request(self.name, self.parameters)
-        return tune_walk(request, progress) if self.tune else plan_walk(request, progress)
+        return plan_walk(Request(self.name, self.parameters), progress)
 
     def walk(self, planned: PlannedWalk, seconds: dict[str, float] | None = None) -> Trial:
         """Walk and measure; ``seconds`` are of earlier stages."""
@@ -158,8 +156,8 @@ def walk_task(task: Task, trial: Callable[[Task, dict[str, float]], Row] | None 
         except SweepStopped:
             raise
         except (Exception, SystemExit) as error:
-            # The plan of a gait that could not be tuned is none that would walk.
-            found = error_columns(error, None if task.tune else task.parameters)
+            # The plan of a gait for which nothing was found is none that would walk.
+            found = error_columns(error, None if changes(task.parameters) else task.parameters)
             if found["outcome"] == "crashed":
                 trace = clean_text("".join(traceback.format_exception(error)))
         timing |= {"total": time.perf_counter() - wall, "cpu_total": time.thread_time() - cpu}
