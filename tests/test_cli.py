@@ -15,7 +15,8 @@ import pytest
 
 from ampm import __version__
 from ampm.exceptions import SolverError
-from validation.cli.app import Status, call
+from validation.cli.app import Status
+from validation.show.viewer import page_address, viewer_command
 
 COLUMNS = (
     "time phase stance com_x com_y com_z com_velocity_x com_velocity_y com_velocity_z com_acceleration_x "
@@ -26,28 +27,6 @@ CONSTANTS = (
     "l_s l_d inverse_a_s a_d c_d single_support_duration double_support_duration s beta "
     "lateral_switching_velocity mean_velocity angular_momentum_y_offset"
 ).split()
-
-
-class Answer:
-    def __init__(self, status: int, out: str, err: str) -> None:
-        self.status, self.out, self.err = status, out, err
-
-    @property
-    def json(self):
-        return json.loads(self.out)
-
-
-@pytest.fixture
-def ampm(capsys):
-    """Run a command line in this process."""
-
-    def run(*arguments: object) -> Answer:
-        capsys.readouterr()
-        status = call([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return Answer(status, captured.out, captured.err)
-
-    return run
 
 
 # ---------------------------------------------------------------- plan
@@ -105,16 +84,7 @@ def test_a_plan_for_readers_and_its_picture(ampm, tmp_path):
     ("arguments", "words"),
     [
         (["norml"], "did you mean 'normal'"),
-        (["--set", "gait.step_lenght=0.5"], "gait.step_length"),
-        (["--set", "gait.step_length=nan"], "gait.step_length"),
-        (["--set", "gait.step_length=-1"], "-1 m"),
-        (["--set", "gait.steps=2.5"], "whole number"),
-        (["--set", "gait.steps=0"], "at least 1"),
-        (["--set", "gait.step_length"], "key=value"),
-        (["--set", "gait.a_s=nan"], "gait.a_s"),
         (["--set", "gait.switching_velocity=0.3"], "the least is"),
-        (["--set", "gait.c_y=0"], "gait.c_y"),
-        (["--set", "gait.c_s=0.2"], "gait.c_s"),
         (["--rate", "0", "--samples", "x.csv"], "--rate"),
         (["--rate", "nan", "--samples", "x.csv"], "--rate"),
         (["--rate", "1e12", "--samples", "x.csv"], "lower rate"),
@@ -141,23 +111,23 @@ def test_bad_input_is_one_sentence(ampm, arguments, words, tmp_path, monkeypatch
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_refusal_in_json_is_an_object_alone(ampm):
-    answer = ampm("plan", "--no-body", "--json", "--set", "gait.switching_velocity=0.3")
+@pytest.mark.parametrize(
+    ("arguments", "found"),
+    [
+        (["--as-is", "--set=gait.switching_velocity=0.3"], {"kind": "mathematical", "unit": "m/s"}),
+        (["--as-is", "--set", "gait.step_width=0.02"], {"kind": "bodily", "reason": "soles_overlap"}),
+        (["--bogus"], {"kind": "input"}),
+        (["--set", "body.mass=-60"], {"kind": "input", "value": -60, "limit": "must be at least 1 kg"}),
+        (["--set", "gait.C_S=1"], {"key": "gait.C_S", "nearest": "gait.c_s"}),
+    ],
+)
+def test_a_refusal_in_json_is_an_object_alone(ampm, arguments, found):
+    answer = ampm("plan", "--json", *arguments)
     assert answer.status == Status.REFUSED
     error = answer.json["error"]
-    assert error["kind"] == "mathematical"
-    assert error["value"] == 0.3
-    assert error["limit"] > 0.3
-    assert error["unit"] == "m/s"
-    assert error["way_out"] in error["message"]
-
-
-def test_bodily_refusal_points_to_tuning(ampm):
-    answer = ampm("plan", "--json", "--as-is", "--set", "gait.step_width=0.02")
-    assert answer.status == Status.REFUSED
-    assert "leave out --as-is" in answer.err
-    assert answer.json["error"]["kind"] == "bodily"
-    assert answer.json["error"]["reason"] == "soles_overlap"
+    assert {name: error[name] for name in found} == found
+    assert error["kind"] == "input" or error["way_out"] in error["message"]
+    assert ("leave out --as-is" in answer.err) == (error["kind"] != "input")
 
 
 def test_own_gait_from_a_file(ampm, tmp_path):
@@ -212,25 +182,21 @@ def test_missing_run_folder(ampm, command, tmp_path):
     assert answer.err.count("\n") == 1
 
 
-def test_view_without_a_display_says_what_to_do(ampm, tmp_path, monkeypatch):
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    (tmp_path / "recording.rrd").write_bytes(b"")
-    answer = ampm("view", tmp_path)
-    assert answer.status == Status.REFUSED
-    assert "--web" in answer.err
-
-
-def test_the_viewer_stays_on_this_machine(tmp_path, monkeypatch):
-    from validation.show.viewer import page_address, viewer_command
-
+def test_the_viewer_stays_on_this_machine_and_needs_a_display(ampm, tmp_path, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":0")
+    recording = tmp_path / "recording.rrd"
+    recording.write_bytes(b"")
     for ports in (None, (9090, 9876)):
-        command = viewer_command(tmp_path / "recording.rrd", ports=ports)
+        command = viewer_command(recording, ports=ports)
         assert command[command.index("--bind") + 1] == "127.0.0.1"
     assert page_address(9090, 9876) == (
         "http://127.0.0.1:9090?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A9876%2Fproxy"
     )
+    monkeypatch.delenv("DISPLAY")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    answer = ampm("view", tmp_path)
+    assert answer.status == Status.REFUSED
+    assert "--web" in answer.err
 
 
 # ------------------------------------------------------------ our crash
@@ -283,14 +249,6 @@ def test_other_errors_have_a_status_of_their_own(ampm, failing, error, status, k
     answer = ampm("plan", "--json")
     assert (answer.status, answer.json["error"]["kind"]) == (status, kind)
     assert words in answer.err
-
-
-def test_bad_input_in_json_has_its_parts(ampm):
-    assert ampm("plan", "--json", "--bogus").json["error"]["kind"] == "input"
-    error = ampm("plan", "--json", "--set", "body.mass=-60").json["error"]
-    assert (error["kind"], error["key"], error["value"]) == ("input", "body.mass", -60)
-    assert error["limit"] == "must be at least 1 kg"
-    assert ampm("plan", "--json", "--set", "gait.C_S=1").json["error"]["nearest"] == "gait.c_s"
 
 
 # ------------------------------------------------------- as a subprocess

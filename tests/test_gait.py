@@ -254,13 +254,6 @@ def test_an_independent_integration_of_force_and_zmp_laws(parameters):
         np.testing.assert_allclose(s.angular_momentum - start, np.stack([lx, ly], axis=1), atol=1e-5)
 
 
-def test_angular_momentum_x_is_mirror_antisymmetric(plan):
-    t = np.linspace(0.0, plan.constants.step_duration * 0.999, 100)
-    now, later = (plan.sample(t + shift) for shift in (0.0, plan.constants.step_duration))
-    np.testing.assert_allclose(later.angular_momentum[:, 0], -now.angular_momentum[:, 0], atol=1e-10)
-    np.testing.assert_allclose(later.angular_momentum[:, 1], now.angular_momentum[:, 1], atol=1e-10)
-
-
 @pytest.mark.parametrize("offset", [0.0, 0.45])
 def test_the_mean_of_angular_momentum_y_is_the_offset(offset):
     plan = plan_gait(GOLDEN, MASS, angular_momentum_y_offset=offset)

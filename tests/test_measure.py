@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import ast
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-import validation.measure.measure as module
 from ampm.exceptions import InputError
 from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, pinocchio_model, simulate, swinging, to_pinocchio
 from tests.walk import without_point
@@ -33,17 +30,6 @@ def swing():
 @pytest.fixture(scope="module")
 def still():
     return measured_of(simulate(steps=2000))
-
-
-def test_measurement_never_sees_a_plan_or_the_simulator():
-    tree = ast.parse(Path(module.__file__).read_text())
-    names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
-    names |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    assert not {
-        name
-        for name in names
-        if name.startswith(("ampm.planner.periodic", "ampm.planner.feet", "mujoco", "models"))
-    }
 
 
 def test_a_still_block_weighs_its_weight_under_its_com(still):

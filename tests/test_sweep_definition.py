@@ -59,20 +59,6 @@ def test_the_examples_in_the_docs_are_sweeps():
 # --- what a file means ---
 
 
-def test_defaults():
-    sweep = parse_sweep(GRID + "gait.c_y = [0.4, 1]")
-    assert (sweep.name, sweep.gait, sweep.steps, sweep.seed, sweep.tune) == ("sweep", "normal", 30, 1, False)
-    assert (sweep.profile, sweep.recordings, sweep.worst, sweep.instrument) == (
-        "default",
-        "worst",
-        None,
-        None,
-    )
-    assert sweep.wall_clock == 600.0
-    assert sweep.shared == load_run("normal")
-    assert sweep.keys == ("gait.c_y",)
-
-
 def test_fixed_values_and_steps_are_in_every_run():
     sweep = parse_sweep(
         '[sweep]\ngait = "momentum"\nsteps = 4\n[set]\nbody.height = 1.8\n"contact.friction" = 1\n'
@@ -85,6 +71,16 @@ def test_fixed_values_and_steps_are_in_every_run():
     assert run.solver.max_iterations == 500
 
 
+def test_defaults_and_nested_quoted_and_dotted_keys():
+    texts = ("gait.c_y = [0.4, 1.0]", '"gait.c_y" = [0.4, 1]', "[vary.gait]\nc_y = [0.4, 1.0]",
+             "gait = { c_y = [0.4, 1.0] }")  # fmt: skip
+    sweep, *others = (parse_sweep(GRID + text) for text in texts)
+    assert all(other == sweep for other in others)
+    assert (sweep.name, sweep.gait, sweep.steps, sweep.profile) == ("sweep", "normal", 30, "default")
+    assert (sweep.recordings, sweep.wall_clock, sweep.shared) == ("worst", 600.0, load_run("normal"))
+    assert sweep.keys == ("gait.c_y",)
+
+
 def test_a_sweep_that_tunes_leaves_open_what_nothing_names():
     sweep = parse_sweep(
         f'[sweep]\ntune = true\ngait = "normal"\nsteps = 4\n[set]\nbody.lean = 0.1\n{GRID}body.mass = [50]'
@@ -95,16 +91,6 @@ def test_a_sweep_that_tunes_leaves_open_what_nothing_names():
         assert definition.parameters(0).given == named | {"body.lean", "body.mass"}
         assert changes(definition.parameters(0))
     assert not changes(parse_sweep(f"[sweep]\n{GRID}body.mass = [50]").parameters(0))
-
-
-def test_nested_quoted_and_dotted_keys_are_one_thing():
-    texts = (
-        GRID + "gait.c_y = [0.4, 1.0]",
-        GRID + '"gait.c_y" = [0.4, 1.0]',
-        GRID + "[vary.gait]\nc_y = [0.4, 1.0]",
-        GRID + "gait = { c_y = [0.4, 1.0] }",
-    )
-    assert len({dump_sweep(parse_sweep(text)) for text in texts}) == 1
 
 
 def test_blocks_are_crossed_and_the_last_key_changes_fastest():
@@ -170,19 +156,15 @@ def test_whole_numbers_get_equal_shares(method, scale):
     np.testing.assert_allclose(count / 4096, expected / expected.sum(), atol=2e-3)
 
 
-def test_a_log_range_has_equal_ratios():
-    drawn = sampled('contact.friction = { from = 0.01, to = 1, scale = "log" }', count=64)
-    assert np.histogram(np.log10(drawn["contact.friction"]), 8, (-2, 0))[0].tolist() == [8] * 8
-
-
 @pytest.mark.parametrize("count", [1, 3, 100])
 def test_any_number_of_sobol_points(count, recwarn):
-    lines = "gait.c_y = { from = 0, to = 1 }"
-    drawn = sampled(lines, count=count)["gait.c_y"]
-    assert len(np.unique(drawn)) == count
+    lines = 'gait.c_y = { from = 0, to = 1 }\ncontact.friction = { from = 0.01, to = 1, scale = "log" }'
+    drawn, more = sampled(lines, count=count), sampled(lines, count=128)
+    assert len(np.unique(drawn["gait.c_y"])) == count
     assert not recwarn.list
     # The first points of more: a design grows without losing runs.
-    np.testing.assert_array_equal(drawn, sampled(lines, count=128)["gait.c_y"][:count])
+    np.testing.assert_array_equal(drawn["gait.c_y"], more["gait.c_y"][:count])
+    assert np.histogram(np.log10(more["contact.friction"]), 8, (-2, 0))[0].tolist() == [16] * 8
 
 
 def test_ten_million_cases_are_not_held():

@@ -109,23 +109,28 @@ def test_rows_of_refused_runs_need_no_worker(direct, capsys):
     assert len({row["key"] for row in found}) == 9
     assert all(row["environment_code"] == identity.code_hash() for row in found)
     assert (direct.out / "report.html").is_file()
+    memory = sweep(parse_sweep(SWEEP))  # without a folder
+    assert memory.directory is None
+    assert memory.table["outcome"].to_pylist().count("completed") == 3
+    assert sweep(direct.file).table.num_rows == 9
 
 
 def test_resume_walks_what_has_no_answer(direct, capsys):
     direct.outcome = {
         1: {"outcome": "timed_out", "verdict": None},
         4: {"outcome": "crashed", "reason": "worker_died", "verdict": None},
-        7: ZeroDivisionError("by 0x12ab"),
+        7: ZeroDivisionError("by 0x12ab b\udcffd"),
     }
     assert direct("--json") == 4
     assert json.loads(capsys.readouterr().out)["unfinished"] == 2
-    assert "ZeroDivisionError" in (direct.out / "crashes" / "7.txt").read_text(encoding="utf-8")
-    direct.outcome = {4: FELL}
+    assert r"by 0x12ab b\udcff" in (direct.out / "crashes" / "7.txt").read_text(encoding="utf-8")
+    direct.outcome = {4: FELL | {"failed": "\ud800"}}
     assert direct("--resume") == 4
     assert direct.sent == [1, 4]  # what raised would raise again
     table = direct.rows()
     assert [table[run]["outcome"] for run in (1, 4, 7)] == ["completed", "fell", "crashed"]
-    assert (table[7]["reason"], table[7]["cause"]) == ("ZeroDivisionError", "by 0x...")
+    assert (table[7]["reason"], table[7]["cause"]) == ("ZeroDivisionError", r"by 0x... b\udcffd")
+    assert table[4]["failed"] == r"\ud800"  # any text can be kept
     assert direct("--resume") == 4
     assert direct.sent == []
 
@@ -174,22 +179,25 @@ def test_outcomes_are_walked_again_on_request(direct):
         (("--force",), "--force and --retry go with --resume"),
         (("--resume", "--workers", "0"), "must be at least 1"),
         (("--workers", "2", "--scheduler", "tcp://localhost:1"), "exclude each other"),
+        (("--resume", "--out", "{foreign}"), "holds no sweep"),
+        (("--out", "{file}"), "is a file"),
     ],
 )
-def test_options_that_do_not_fit_are_refused(direct, capsys, extra, words):
-    direct.out.mkdir()
-    (direct.out / "sweep.toml").touch()
-    assert direct(*extra) == 2
+def test_options_that_do_not_fit_are_refused(direct, tmp_path, capsys, extra, words):
+    for folder, name in ((direct.out, "sweep.toml"), (tmp_path / "foreign", "thesis.tex")):
+        folder.mkdir()
+        (folder / name).touch()
+    assert direct(*(item.format(foreign=tmp_path / "foreign", file=direct.file) for item in extra)) == 2
     assert words in capsys.readouterr().err
     assert direct.sent == []
 
 
-def test_any_text_of_an_error_can_be_kept(direct):
-    direct.outcome = {1: ValueError("b\udcffd"), 4: {"failed": "\ud800", "outcome": "fell"}}
-    assert direct() == 4
-    table = direct.rows()
-    assert (table[1]["cause"], table[4]["failed"]) == ("b\\udcffd", "\\ud800")
-    assert "\\udcff" in (direct.out / "crashes" / "1.txt").read_text(encoding="utf-8")
+def test_resume_begins_where_nothing_is(direct, capsys):
+    assert cli.call(["sweep", str(direct.file)]) == 2
+    assert "give --out DIR" in capsys.readouterr().err
+    assert direct("--resume") == 0
+    assert "nothing to resume" in capsys.readouterr().err
+    assert direct.sent == [1, 4, 7]
 
 
 def test_a_scheduler_that_does_not_answer_leaves_nothing(direct, monkeypatch, capsys):
@@ -254,22 +262,6 @@ def test_an_interrupted_sweep_goes_on(direct, capsys):
     assert not (direct.out / ROWS).exists()
 
 
-def test_folders_are_never_replaced(direct, tmp_path, capsys):
-    foreign = tmp_path / "foreign"
-    foreign.mkdir()
-    (foreign / "thesis.tex").touch()
-    for out, words in (
-        (["--out", str(foreign), "--resume"], "holds no sweep"),
-        (["--out", str(direct.file)], "is a file"),
-        ([], "give --out DIR"),
-    ):
-        assert cli.call(["sweep", str(direct.file), *out]) == 2
-        assert words in capsys.readouterr().err
-    assert direct("--resume") == 0  # begins where nothing is
-    assert "nothing to resume" in capsys.readouterr().err
-    assert direct.sent == [1, 4, 7]
-
-
 @pytest.mark.parametrize(
     ("recordings", "kept"),
     [
@@ -306,25 +298,15 @@ def test_the_status_is_that_of_the_worst_walk(direct, outcomes, status):
     assert direct() == status
 
 
-def test_a_sweep_in_memory_gives_a_table(direct):
-    found = sweep(parse_sweep(SWEEP))
-    assert found.directory is None
-    assert found.table["outcome"].to_pylist().count("completed") == 3
-    assert sweep(direct.file).table.num_rows == 9
-
-
-def test_a_recording_that_cannot_be_drawn_stops_the_sweep(tmp_path, monkeypatch):
+def test_what_stops_the_sweep(tmp_path, monkeypatch):
     trial = cast(Any, SimpleNamespace(save=lambda *_, **__: None))
     code = r"import sys; sys.stderr.buffer.write(b'\xff\nOSError: [Errno 28] No space left'); sys.exit(1)"
     monkeypatch.setattr(task, "_DRAW", code)
     job = task.Task(0, "0", RunParameters(), "default", folder=str(tmp_path))
     with pytest.raises(SweepStopped, match=r"could not be drawn .*No space left.*free some space"):
         task.keep_run(trial, job)
-
-
-def test_a_worker_of_other_code_is_refused():
     with pytest.raises(SweepStopped, match="other code or versions"):
-        task.walk_task(task.Task(0, "0", RunParameters(), "default", code="other"))
+        task.walk_task(replace(job, code="other"))
 
 
 def test_a_refusal_of_the_body_still_has_the_plan():

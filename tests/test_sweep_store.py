@@ -86,7 +86,7 @@ def test_either_file_is_complete_whatever_is_killed(tmp_path):
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
-def test_a_full_disk_is_told_and_loses_nothing(tmp_path, monkeypatch, number):
+def test_a_full_disk_loses_nothing(tmp_path, monkeypatch, number):
     def full(_: int) -> None:
         raise OSError(number, os.strerror(number))
 
@@ -97,13 +97,6 @@ def test_a_full_disk_is_told_and_loses_nothing(tmp_path, monkeypatch, number):
             with pytest.raises(SweepStopped, match=r"no room is left.*--resume"):
                 sweep.finish()
         assert not (tmp_path / "a" / store.RESULTS).exists()
-        sweep.append([row(1)])
-        assert sweep.rows()["run"].to_pylist() == [0, 1]
-
-
-def test_a_database_without_room_keeps_what_it_has(tmp_path):
-    with opened(tmp_path / "a") as sweep:
-        sweep.append([row(0)])
         pages = sweep._rows.execute("PRAGMA page_count").fetchone()[0]
         sweep._rows.execute(f"PRAGMA max_page_count = {pages}")
         with pytest.raises(SweepStopped, match=r"no room is left.*--resume"):
@@ -114,12 +107,18 @@ def test_a_database_without_room_keeps_what_it_has(tmp_path):
     assert len(read_sweep(tmp_path / "a")) == 2
 
 
-def test_one_program_at_a_time(tmp_path):
+def test_folders_that_are_no_sweep_are_named(tmp_path):
+    with pytest.raises(InputError, match="there is no"):
+        read_sweep(tmp_path / "none")
+    with pytest.raises(InputError, match="holds no sweep"):
+        read_sweep(tmp_path)
     second = store.open_store(tmp_path / "a")
     with opened(tmp_path / "a"), pytest.raises(InputError, match="another 'ampm sweep' is writing"), second:
         pass
-    with opened(tmp_path / "a"):
+    with opened(tmp_path / "a"):  # the first is done
         pass
+    with pytest.raises(InputError, match="no result yet"):
+        read_sweep(tmp_path / "a")
 
 
 def foreign_database(path: Path) -> None:
@@ -149,17 +148,6 @@ def test_a_damaged_file_is_named(tmp_path, name, damage):
         read_sweep(folder)
     with pytest.raises(InputError, match=name), opened(folder) as sweep:
         sweep.rows()
-
-
-def test_folders_that_are_no_sweep_are_named(tmp_path):
-    with pytest.raises(InputError, match="there is no"):
-        read_sweep(tmp_path / "none")
-    with pytest.raises(InputError, match="holds no sweep"):
-        read_sweep(tmp_path)
-    with opened(tmp_path / "a"):
-        pass
-    with pytest.raises(InputError, match="no result yet"):
-        read_sweep(tmp_path / "a")
 
 
 def test_undefined_is_null_and_every_bit_is_kept(tmp_path):

@@ -20,7 +20,7 @@ from ampm.tune.gait_limits import LIMITS, plan_margins, step_torques
 from ampm.tune.refusal import NoFeasibleChoice, way_out
 from ampm.tune.search import RoughOrbits
 from ampm.tune.tuning import tune
-from validation.cli.app import Status, call
+from validation.cli.app import Status
 from validation.run.walk import walk_planned
 from validation.study.sweep.task import Task, walk_task
 from validation.trial.plan import Request, make_body, plan_walk
@@ -198,17 +198,6 @@ def test_a_sweep_tunes_its_runs():
 
 
 # ------------------------------------------------------------------ commands
-
-
-@pytest.fixture
-def ampm(capsys):
-    def run(*arguments):
-        capsys.readouterr()
-        status = call([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return run
 
 
 def test_tune_writes_a_run_that_reads_back(ampm, tmp_path):
