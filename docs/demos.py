@@ -34,6 +34,7 @@ COLUMNS = (
     "cost of transport",
     "QPs with limits, unsolved",
 )
+FINE = "simulation.time_step=0.0005"
 VERTICAL = (
     "preset",
     "L_z",
@@ -113,7 +114,7 @@ def _preset(name: str) -> tuple[str, ...]:
 def _vertical(name: str, choice: str) -> tuple[str, ...]:
     """Angular momentum about the vertical, agreement and cost of a preset with L_z free or zero."""
     profile = own_profile(name).name
-    trial = walk(name, [f"body.angular_momentum_z={choice}"], profile=profile)
+    trial = walk(name, [f"body.angular_momentum_z={choice}", FINE], profile=profile)
     if isinstance(trial, Exception):
         reason = str(getattr(trial, "reason", "")).replace("_", " ")
         return (name, choice, *["–"] * (len(VERTICAL) - 3), f"refused: {reason}")
