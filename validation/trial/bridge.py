@@ -1,8 +1,8 @@
 """From MuJoCo to Pinocchio: the same body for the planner's and controller's algebra.
 
-The Pinocchio model is built from the *compiled* MuJoCo model, so both hold the very same numbers; Pinocchio's
-own MJCF reader loses the mass of geoms that touch nothing, the joint names of hinge stacks and the effort
-limits. Joint, velocity and actuator order are MuJoCo's.
+The Pinocchio model is built from the *compiled* MuJoCo model, so both have the same numbers; Pinocchio's own
+MJCF reader loses the mass of geoms that touch nothing, the joint names of hinge stacks and the effort limits.
+Joint, velocity and actuator order are MuJoCo's.
 
 Conventions (R is the root's rotation, root to world):
 
@@ -85,7 +85,7 @@ def pinocchio_model(model: mujoco.MjModel) -> pin.Model:
     result.name = model.names[: model.names.index(b"\0")].decode() or "body"
     result.gravity = pin.Motion(np.asarray(model.opt.gravity, dtype=float), np.zeros(3))
 
-    # Per MuJoCo body: the Pinocchio joint it moves with, and the body's frame seen from that joint.
+    # Per MuJoCo body: the Pinocchio joint it moves with, and the body's frame relative to that joint.
     joint_of = [0] * model.nbody
     placement_of = [pin.SE3.Identity() for _ in range(model.nbody)]
     frame_of = [0] * model.nbody
@@ -189,7 +189,7 @@ def _rotate(quaternion_wxyz: Array, vector: Array, *, inverse: bool = False) -> 
     if inverse:
         w = -w
     a, b, c = (vector[..., i] for i in range(3))
-    # v + 2 w (u x v) + 2 u x (u x v), written out: this runs in every control tick.
+    # v + 2 w (u x v) + 2 u x (u x v), written out for speed: this runs in every control tick.
     s, t, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
     result = np.empty((*np.broadcast_shapes(quaternion_wxyz.shape[:-1], vector.shape[:-1]), 3))
     result[..., 0] = a + w * s + (y * r - z * t)

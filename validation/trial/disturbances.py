@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-_CLOCK = 1e-9  # a step that begins this much early is in time [s]
+_CLOCK = 1e-9  # tolerance of the start of a push, for rounding [s]
 
 
 class Plant:
-    """The simulated body as a disturbance sees it: at the start of a step, vectors in world.
+    """Interface of the simulated body for disturbances, at the start of a step; vectors in world.
 
-    Segments go by their names in the model; ``chest`` is the trunk's.
+    Segments have their names in the model; ``chest`` is the trunk.
 
     Args:
         model: compiled.
@@ -115,7 +115,7 @@ class Push:
     duration: float
 
     def __post_init__(self) -> None:
-        """Refuse what cannot push."""
+        """Refuse invalid values."""
         if np.shape(self.force) != (3,) or not np.isfinite(self.force).all():
             raise InputError(f"a push of force {self.force} needs three finite numbers [N].")
         if not (math.isfinite(self.at) and self.at >= 0.0 and self.duration > 0.0):
@@ -133,7 +133,7 @@ def parse_push(text: str) -> Push:
     """A push from ``SEGMENT,FX,FY,FZ,AT,DURATION``.
 
     Raises:
-        InputError: the text is none.
+        InputError: the text is no push.
     """
     segment, *parts = (part.strip() for part in text.split(","))
     try:

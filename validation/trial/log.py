@@ -25,7 +25,7 @@ _UNKNOWN = float("nan")
 class RunLog:
     """The arrays of a :class:`validation.trial.record.SimulationRecord`, under its names, of K steps at most.
 
-    Rows beyond the steps done have no meaning. Memory is taken as it is written to.
+    Rows beyond the steps done have no meaning. Memory is allocated when it is written.
 
     Args:
         steps: K.
@@ -76,7 +76,7 @@ class RunLog:
         self._make_sensors(model, steps)
 
     def _make_sensors(self, model: mujoco.MjModel, steps: int) -> None:
-        """Room for readings; those of a joint's position or rate are views of the states: the same bits."""
+        """Arrays for readings; those of a joint's position or rate are views of the states."""
         joints = {
             int(mujoco.mjtSensor.mjSENS_JOINTPOS): ("q", model.jnt_qposadr),
             int(mujoco.mjtSensor.mjSENS_JOINTVEL): ("qd", model.jnt_dofadr),
@@ -108,7 +108,7 @@ class RunLog:
         data.site_xmat.take(self.sites[-2:], axis=0, out=self.rotation[k], mode="clip")
 
     def keep_command(self, k: int, output: ControlOutput, reference: Reference) -> None:
-        """Copy what the tick at step k decided; it holds until the next one."""
+        """Copy the command of the tick at step k; it is valid until the next one."""
         held, tick = slice(k, k + self.substeps), k // self.substeps
         self.command_com[held] = reference.centre[0]
         self.command_zmp[held] = _UNKNOWN if output.zmp is None else output.zmp
@@ -152,7 +152,7 @@ class RunLog:
         return normal
 
     def close(self, done: int, data: mujoco.MjData) -> dict[str, Any]:
-        """Add the instant at which the last step ends, and give the record's arrays away.
+        """Add the instant at which the last step ends, and return the record's arrays.
 
         Args:
             done: whole steps.
@@ -160,7 +160,7 @@ class RunLog:
 
         Returns:
             Name to array, read-only and without a copy: ``done + 1`` rows of instants, ``done`` of steps, and
-            the ticks that began in them. A step that was cut short has no tick either.
+            the ticks that began in them. An incomplete step has no tick either.
         """
         self.q[done], self.qd[done] = data.qpos, data.qvel
         self.keep_places(done, data)

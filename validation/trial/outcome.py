@@ -1,4 +1,4 @@
-"""How a run ends, in one word and one sentence."""
+"""How a run ends: a name and a sentence."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class OutcomeName(StrEnum):
         return {
             OutcomeName.COMPLETED: "The body walked every planned step.",
             OutcomeName.FELL: "The body fell.",
-            OutcomeName.DIVERGED: "The numbers of the simulation blew up.",
+            OutcomeName.DIVERGED: "The numbers of the simulation diverged.",
             OutcomeName.INFEASIBLE: "The controller's QP stayed unsolved.",
             OutcomeName.INTERRUPTED: "The run was stopped from outside.",
         }[self]
@@ -54,7 +54,7 @@ class Outcome:
 
     @property
     def summary(self) -> str:
-        """In a few words."""
+        """Steps and name, for summaries."""
         return f"{self.steps_completed} steps, {self.name}"
 
     @property

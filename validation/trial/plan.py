@@ -1,6 +1,6 @@
 """From a request to a planned walk: body, centroidal plan, feet and whole-body motion.
 
-Every trial starts here, so that a gait is planned in one way only.
+Every trial plans its gait here.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Body:
-    """A body as both sides need it.
+    """A body for simulator and controller.
 
     Attributes:
         model: the simulator's.
@@ -61,7 +61,7 @@ class Body:
 
 @dataclass(frozen=True)
 class PlannedWalk:
-    """All that a walk starts from.
+    """Inputs of a walk.
 
     Attributes:
         request: name and parameters, with the values that were found.
@@ -92,7 +92,7 @@ class PlannedWalk:
         Raises:
             InputError: the walk has another posture.
         """
-        from ampm.body.motion import PeriodicPosture  # here, not above: NumPy takes long to load
+        from ampm.body.motion import PeriodicPosture  # imported here because NumPy is slow to load
 
         if isinstance(self.plan.posture, PeriodicPosture):
             return self.plan.posture.motion
@@ -180,7 +180,7 @@ def _way_out(run: RunParameters) -> Iterator[None]:
 
 def make_body(run: RunParameters) -> Body:
     """Build the body of a run."""
-    # Here, not above: simulator and Pinocchio take a second to load.
+    # Imported here: simulator and Pinocchio take a second to load.
     from models.human import build
     from validation.trial.shapes import Shapes, make_robot
 

@@ -52,8 +52,8 @@ class SimulationRecord:
 
     Rows that belong to an instant have K + 1 entries (t_0 ... t_K); rows that belong to a step have K, row
     k acts over [t_k, t_(k+1)]. Vectors are in the world frame (x forward, y left, z up, floor at z = 0). All
-    arrays are read-only; floats are float64. What is given is copied, unless it and all that it is a view of
-    are read-only already: then it is taken over, and a long walk does not need its memory twice.
+    arrays are read-only; floats are float64. Arrays are copied, unless they and their bases are read-only
+    already; then a long walk does not need its memory twice.
 
     Attributes:
         time: t_k, shape (K + 1,) [s].
@@ -61,7 +61,7 @@ class SimulationRecord:
         qd: MuJoCo ``qvel``, root velocity in world [m/s], root angular velocity in the root [rad/s], hinges
             [rad/s], shape (K + 1, nv).
         torque: applied joint torque, actuator order, shape (K, nu) [N m].
-        warmstart: ``qacc_warmstart`` before the step, which a restart needs, shape (K, nv) [rad/s^2, m/s^2].
+        warmstart: ``qacc_warmstart`` before the step, needed for a restart, shape (K, nv) [rad/s^2, m/s^2].
         point_force: force of the floor on the body at each sole point, shape (K, P, 3) [N].
         point_position: where it acts, shape (K, P, 3) [m].
         point_penetration: depth under the floor, >= 0, shape (K, P) [m].
@@ -95,7 +95,7 @@ class SimulationRecord:
         external_force: force on each of them, shape (K, S, 3) [N].
         external_moment: moment on each of them, shape (K, S, 3) [N m].
         external_position: where the force acts, the segment's COM, shape (K, S, 3) [m].
-        metadata: whatever else identifies the run, text to text.
+        metadata: further identification of the run, text to text.
     """
 
     time: Array
@@ -174,7 +174,7 @@ class SimulationRecord:
             object.__setattr__(self, name, float(getattr(self, name)))
 
     def __repr__(self) -> str:
-        """Without the numbers, of which there are millions."""
+        """Outcome and time, without the arrays."""
         return f"SimulationRecord({self.outcome.summary} at {self.outcome.time:g} s)"
 
     @property
@@ -205,7 +205,7 @@ class SimulationRecord:
 
 
 def _frozen(value: Any, dtype: Any) -> NDArray[Any]:
-    """Read-only: as it is if nobody can write to it any more, else a C-contiguous copy."""
+    """Read-only: unchanged if it cannot be written to, else a C-contiguous copy."""
     if isinstance(value, np.ndarray) and value.dtype == dtype:
         owner: Any = value
         while isinstance(owner, np.ndarray) and not owner.flags.writeable:

@@ -1,7 +1,7 @@
 """Walk a motion in MuJoCo under torque control; the only module that owns ``MjData``.
 
 Each step is ``mj_step1`` (kinematics, contacts, sensors), a control tick where one is due, and ``mj_step2``,
-so that the controller senses the contacts of the very state it acts on. The run starts on the periodic
+so that the controller senses the contacts of the state on which it acts. The run starts on the periodic
 motion.
 """
 
@@ -51,7 +51,7 @@ class _Points:
 
 
 class Physics:
-    """One simulation: model, data, and what is read from them at every step.
+    """One simulation: model, data, and the quantities read at every step.
 
     Args:
         body_model: MJCF and its description.
@@ -111,7 +111,7 @@ class Physics:
         """Whether each sole point is in contact, shape (P,), from :meth:`touching_points`."""
         touching = np.zeros(len(self.points.sites) + 1, dtype=bool)
         touching[point] = True
-        return touching[:-1]  # the last stands for all that is no sole point
+        return touching[:-1]  # the last entry stands for contacts without a sole point
 
     def touching_points(self) -> NDArray[np.intp]:
         """Sole point of every contact after ``mj_step1``, -1 for none, shape (ncon,)."""
@@ -138,7 +138,7 @@ def simulate(
         run: gains, contact, time step.
         body: the simulated body.
         controller: makes the controller from robot and run, :class:`TrackingController` by default.
-        disturbances: what pushes the body; the controller does not know them.
+        disturbances: external forces; the controller gets no information on them.
         steps: walking steps, the plan's by default.
         progress: called with (simulation steps done, all) now and then.
 
@@ -153,7 +153,7 @@ def simulate(
     if not 1 <= steps <= planned:
         raise InputError(
             f"{steps} steps were requested, but the plan has {planned}; "
-            f"ask for 1 ... {planned} or raise gait.steps"
+            f"take 1 ... {planned} or raise gait.steps"
         )
     physics = Physics(body, run)
     dt, step_ends = physics.time_step, plan.contacts.step_ends[:steps]
@@ -191,7 +191,7 @@ class ClosedLoop:
         step_ends: when each step ends, to count those completed, shape (steps,) [s].
         total: simulation steps.
         progress: called with (simulation steps done, all) now and then.
-        disturbances: what pushes the body.
+        disturbances: external forces.
     """
 
     def __init__(
@@ -220,7 +220,7 @@ class ClosedLoop:
         self.warnings = physics.data.warning.number[_BAD_STATE]  # a view
 
     def run(self) -> SimulationRecord:
-        """Step to the end, whatever it is; an interrupt ends the run, not the record."""
+        """Step to the end of the run; an interrupt ends the run, and the record is kept."""
         done, end = 0, None
         try:
             with quiet_mujoco():
@@ -228,7 +228,7 @@ class ClosedLoop:
                     if self.progress is not None and k % _PROGRESS_STEPS == 0:
                         self.progress(k, self.total)
                     end = self._step(k)
-                    if any(self.warnings.tolist()):  # MuJoCo has reset the state rather than step it
+                    if any(self.warnings.tolist()):  # MuJoCo has reset the state instead of stepping it
                         end = self.watch.blown_up(k * self.physics.time_step)
                         break
                     done = k + 1

@@ -1,4 +1,4 @@
-"""Code that users bring along: whatever goes wrong in it is told as theirs."""
+"""Users' classes: import them, and report their errors with their name."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ampm.exceptions import AmpmError, InputError
 
 
 class UsersError(InputError):
-    """Something went wrong in code that a user brought along."""
+    """An error in a user's class."""
 
 
 class UsersCode:
     """Context that turns an error of a user's class into one sentence.
 
     Args:
-        what: it is, ``controller`` for example.
+        what: its role, for example ``controller``.
         thing: the class, factory or object.
 
     Raises:
@@ -30,10 +30,10 @@ class UsersCode:
         self.what, self.thing = what, thing
 
     def __enter__(self) -> None:
-        """Nothing to prepare."""
+        """No preparation is needed."""
 
     def __exit__(self, kind: object, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Name the class."""
+        """Raise an error that names the class."""
         if isinstance(error, Exception) and not isinstance(error, AmpmError):
             name = getattr(self.thing, "__qualname__", None) or type(self.thing).__name__
             raise UsersError(
@@ -43,7 +43,7 @@ class UsersCode:
 
 
 def load_object(option: str, text: str) -> Any:
-    """Import what ``module:name`` means; modules of the working directory are found, too.
+    """Import the object ``module:name``; modules of the working directory are found, too.
 
     Raises:
         InputError: there is no such module, or no such name in it.

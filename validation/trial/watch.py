@@ -1,9 +1,7 @@
-"""How a walk ends: the body has fallen, the numbers have blown up, or the QP has failed; and what came first.
-
-A falling body soon asks for what no contact force can give, so its QP fails before it lies on the floor; and
-a QP that fails makes the body fall. The two differ in what came first: a QP that stays unsolved
-while the body still keeps to the plan is ``infeasible``, a body that had left the plan before is given time
-to fall.
+"""Detects the end of a walk: a fall, divergence of the simulation, or failure of the QP; and its first sign.
+A falling body needs wrenches that no contact force can give, so its QP fails before it is on the floor; and a
+failing QP makes the body fall. The order decides: a QP that stays unsolved while the body follows the plan is
+``infeasible``; a body that had left the plan before is given time to fall.
 """
 
 from __future__ import annotations
@@ -27,10 +25,11 @@ FALL_TILT = math.radians(60.0)
 """The body has fallen when its trunk leans farther than this from the planned motion's [rad]."""
 
 _FALL_COSINE = math.cos(FALL_TILT)
-_UPRIGHT = math.cos(0.9 * math.radians(10.0))  # clear of the first sign of a lean
+_UPRIGHT = math.cos(0.9 * math.radians(10.0))  # well above the lean of the first sign
 
 BLOW_UP = 20.0
-"""Speed of the COM [m/s] that only numbers reach: a fall from standing height ends at 4 m/s."""
+"""Speed of the COM [m/s] that only a diverged simulation reaches: a fall from standing height ends at 4
+m/s."""
 
 FIRST_SIGN = 0.02
 """COM error that is reported as the first sign of a failure [m]: a hundred times that of a good walk."""
@@ -39,14 +38,14 @@ FIRST_TILT = math.radians(10.0)
 """Lean of the trunk from the motion's that is reported as the first sign of a failure [rad]."""
 
 CALM = 1.0
-"""Time without any sign after which the first one is forgotten [s]: what was got over caused nothing."""
+"""If no warning sign recurs for this long, the earlier one is discarded as a cause [s]."""
 
 FALL_TIME = 1.0
 """Time that a body off the plan is given to fall while its QP stays unsolved [s]."""
 
 
 class End(NamedTuple):
-    """How a walk ended before its time: the kind of end, and one sentence on it and its first sign."""
+    """Early end of a walk: its kind, and one sentence on it and its first sign."""
 
     name: OutcomeName
     cause: str
@@ -56,7 +55,7 @@ class Watch:
     """Checks every control tick, and reports when the walk is over.
 
     Args:
-        unsolved_limit: time for which the QP may stay unsolved while the body keeps to the plan [s].
+        unsolved_limit: time for which the QP may stay unsolved while the body follows the plan [s].
     """
 
     def __init__(self, unsolved_limit: float) -> None:
@@ -88,7 +87,7 @@ class Watch:
             planned_trunk: the same of the planned motion.
             status: of the controller's tick.
             residual: of its QP.
-            limit: what the tick says of a torque or joint at its limit, if it is ``LIMITED``.
+            limit: description of the torque or joint at its limit, if the status is ``LIMITED``.
 
         Returns:
             None while the walk goes on.
@@ -150,7 +149,7 @@ class Watch:
         return math.dist(com, last) / span if last is not None and span > 0.0 else 0.0
 
     def _note(self, time: float, sign: str) -> None:
-        """Remember the first sign of a failure, until none has been seen for a while."""
+        """Store the first sign of a failure; discard it after a time without a sign."""
         if sign:
             self._first_sign = self._first_sign or sign
             self._last_sign = time
@@ -158,7 +157,7 @@ class Watch:
             self._first_sign = ""
 
     def _check_unsolved(self, time: float, status: int, on_plan: bool) -> End | None:
-        """The end by an unsolved QP, if it has lasted."""
+        """The end by a QP that stayed unsolved too long; None otherwise."""
         if status != UNSOLVED:
             self._unsolved = None
             return None

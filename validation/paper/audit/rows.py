@@ -1,7 +1,7 @@
 """Rows of the audit: a statement of the paper, its checks, and the verdict that follows from them.
 
-A check of the printed form that fails makes an erratum where a corrected form
-exists, and a contradiction where the statement itself is at fault.
+A check of the printed form that fails makes an erratum where a corrected form exists, and a contradiction
+where the statement itself is at fault.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Quantities to compare two gaits by: about the switches of support, and metrics of the whole run.
 
-The same quantities are followed by ``ampm convergence``, so that a difference between two gaits can be held
-against the numerical uncertainty of both.
+``ampm convergence`` studies the same quantities, so that a difference between two gaits can be compared with
+the numerical uncertainty of both.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Quantity(NamedTuple):
         unit: as shown.
         least: values below it are noise [unit].
         extreme: whether it is a largest value.
-        walked: whether a simulation is in it; closed form, and the motion on a given grid, are not.
+        walked: whether it comes from a simulation; closed form and motion on a given grid do not.
     """
 
     group: str
@@ -106,7 +106,7 @@ SWITCH = (
     Quantity(_EFFORT, "effort_zmp_far", "ZMP, RMS elsewhere", "mm", 0.05),
     Quantity(_EFFORT, "effort_force_near", f"horizontal force, RMS within {_NEAR}", "% of body weight", 0.01),
 )  # fmt: skip
-"""Quantities of a walk that only a comparison shows."""
+"""Quantities of a walk that only a comparison reports."""
 _COSTS = {
     "clearance_shortfall": 0.5e-3,
     "margin_torque": 0.01,
@@ -115,14 +115,14 @@ _COSTS = {
     "energy_cost_of_transport": 0.01,
     "failed_qp": 1.0,
 }
-"""Metrics that have no limit or one of zero, and what is noise of them [SI unit]."""
+"""Metrics that have no limit or one of zero, and their noise [SI unit]."""
 _WHOLE = "the whole run"
 _NOISE = 0.02
 """Share of a metric's tolerance below which its value is noise [1]."""
 
 
 def quantities(weight: float) -> Iterator[Quantity]:
-    """Everything that is compared, in its order: the metrics are those that judge the walk, and what it cost.
+    """All compared quantities, in order: judged metrics of the walk, and its cost.
 
     Args:
         weight: of the body [N].

@@ -1,11 +1,11 @@
-"""Two gaits side by side: what continuity at the switches buys, and where it buys nothing.
+"""Comparison of two gaits, mainly at the switches of support.
 
-Both sides are walked or loaded. At the instants at which support changes they are compared by jumps of the
-plan, jumps of joint accelerations on finer grids, measured ground force, ZMP error, torque rates, feedback.
-Metrics of the whole run stand beside these.
+Both sides are walked or loaded. At the switches they are compared by jumps of the plan, jumps of joint
+accelerations on finer grids, measured ground force, ZMP error, torque rates, feedback. Metrics of the whole
+run are compared, too.
 
-How far a measured value is from that of a vanishing time step only a convergence study says: without one no
-value of a walk is called better, however large the difference.
+Only a convergence study gives the numerical uncertainty of a measured value. Without one no value of a walk
+is called better, however large the difference.
 """
 
 from __future__ import annotations
@@ -49,8 +49,7 @@ class Joints:
         grid: largest step of each grid, descending, shape (n,) [s].
         jump: largest change of a joint's acceleration over the grid interval that ends at a switch, shape
             (n,) [rad/s^2].
-        limit: value extrapolated from the two finest grids [rad/s^2]: a jump that stays is the
-            motion's, one that vanishes was the grid's.
+        limit: value extrapolated from the two finest grids [rad/s^2]: zero for a continuous acceleration.
         joint: the joint with the largest limit.
     """
 
@@ -65,7 +64,7 @@ class Side:
     """One of the two gaits, walked.
 
     Attributes:
-        label: how tables call it.
+        label: name in tables.
         saved: its run.
         plan: in closed form.
         joints: of its motion.
@@ -156,7 +155,7 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class Pair:
-    """Both sides and all that they are compared by.
+    """Both sides and all their compared quantities.
 
     Attributes:
         a: first side.
@@ -226,7 +225,7 @@ def compare_pair(
     stages = stages or Progress()
     sources = _sources([a, b], settings, as_is=as_is)
     for label, source in sources.items():
-        if isinstance(source, Request):  # refuse bad mathematics before anything walks
+        if isinstance(source, Request):  # refuse gaits without a plan before the first walk
             check_formula(source)
         elif not (source / SUMMARY_FILE).is_file():
             raise InputError(
@@ -250,14 +249,14 @@ def compare_pair(
             if isinstance(source, Request):
                 options, folder = Options(force=force, recording=out is not None), Path(place) / label
                 if validate(source, folder, options, progress=stages)["outcome"] == "interrupted":
-                    raise KeyboardInterrupt  # the other one is not wanted either
+                    raise KeyboardInterrupt  # the other one is not needed either
                 source = folder
             sides.append(load_side(label, source, stages))
         return pair_of(*sides, studies=studies)
 
 
 def _sources(texts: Sequence[str], settings: Sequence[str], *, as_is: bool) -> Mapping[str, Request | Path]:
-    """What is to be walked or loaded, by its name for tables."""
+    """Gaits or folders, by their name in tables."""
     sources = [
         Path(text) if Path(text).is_dir() else load_request(text, settings, as_is=as_is) for text in texts
     ]
@@ -306,7 +305,7 @@ def load_side(label: str, folder: Path, stages: Progress) -> Side:
 
 
 def joint_jumps(motions: Sequence[WholeBodyMotion], robot: Robot) -> Joints:
-    """Change of joint accelerations over the grid interval that ends at a switch, and what is left of it.
+    """Change of joint accelerations over the grid interval that ends at a switch, and its extrapolation.
 
     Args:
         motions: of one gait, on the grids of :data:`GRIDS`.
@@ -319,7 +318,7 @@ def joint_jumps(motions: Sequence[WholeBodyMotion], robot: Robot) -> Joints:
         # The step begins with a switch too: the interval before it is the step's last one, mirrored.
         changes.append(np.stack([a[switch] - a[switch - 1], a[0] - robot.mirror_joints(a[-2])]))
         steps.append(np.array([time[switch] - time[switch - 1], time[-1] - time[-2]])[:, None])
-    # A continuous acceleration changes in proportion to the step; what is left at none is a jump.
+    # A continuous acceleration changes in proportion to the step; the limit at step zero is the jump.
     h, finer = steps[-2:]
     limit = np.abs((changes[-1] * h - changes[-2] * finer) / (h - finer))
     jumps = tuple(float(np.abs(change).max()) for change in changes)
@@ -328,11 +327,11 @@ def joint_jumps(motions: Sequence[WholeBodyMotion], robot: Robot) -> Joints:
 
 
 def pair_of(a: Side, b: Side, *, studies: tuple[Uncertainty, ...] = ()) -> Pair:
-    """All quantities of two walked sides, with the numerical uncertainty that the studies found."""
+    """All quantities of two walked sides, with their numerical uncertainty from the studies."""
     values = [side.values() for side in (a, b)]
 
     def uncertainties(item: Quantity) -> list[float]:
-        """Of both sides, as shown: what is not walked has none, and without a study it is not known."""
+        """Of both sides, as shown: zero if not walked, NaN without a study."""
         if not (item.walked and studies):
             return [math.nan if item.walked else 0.0] * 2
         found = (study.bounds.get(item.studied_name, math.nan) for study in studies)

@@ -1,4 +1,4 @@
-"""Two gaits side by side in words, as a page, and in pictures of the switches."""
+"""Comparison of two gaits as text, as a page, and as pictures of the switches."""
 
 from __future__ import annotations
 
@@ -203,14 +203,14 @@ def _curves(side: Side, kind: int) -> Iterator[tuple[Array, Array, Array | None]
     signals, record = side.saved.signals, side.saved.record
     time, dt = signals.time, record.time_step
     reach = round(REACH / dt)
-    # The plan's switches alternate; the first step's are left out.
+    # The plan's switches alternate; those of the first step are omitted.
     switches = side.plan.contacts.switch_times[2 + kind :: 2]
     rows = np.searchsorted(time, switches - 1e-9)
     inside = (rows >= reach) & (rows < len(time) - reach)
     rows, switches = rows[inside], switches[inside]
     if not rows.size:
         return
-    # The last row before a switch and the first behind it belong to different phases.
+    # The last row before a switch and the first after it belong to different phases.
     offset = np.arange(-reach, reach + 1)
     about = rows[:, None] + offset
     # Sampled times straddle the switch by less than a step: on average by what is shown.

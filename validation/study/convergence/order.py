@@ -6,11 +6,11 @@ the last three levels h3 > h2 > h1 = h3 / r^2 and a metric ``f = f_exact + C h^p
     p = ln[(f3 - f2) / (f2 - f1)] / ln r                  observed order of accuracy
     f_exact ~ f1 + (f1 - f2) / (r^p - 1)                  Richardson extrapolation
 
-which means something in the asymptotic range only, where every triplet of levels has the same p. So it takes
-four levels: two triplets, each of which converges monotonically, whose orders agree. Then the uncertainty is
+which is valid in the asymptotic range only, where every triplet of levels has the same p. This needs four
+levels: two triplets, each of which converges monotonically, whose orders agree. Then the uncertainty is
 Roache's grid convergence index with his factor of safety for a confirmed order, 1.25; otherwise nothing is
-extrapolated, and the uncertainty is the spread over all levels, with what an error of formal order could
-still hide beyond the last one, times his factor for an unconfirmed order, 3.
+extrapolated, and the uncertainty is the spread over all levels, plus the possible error of formal order
+beyond the last one times his factor for an unconfirmed order, 3.
 
 Sources: P. J. Roache, Verification of codes and calculations, AIAA Journal 36 (1998); ASME V&V 20-2009,
 section 2; L. Eca and M. Hoekstra, A procedure for the estimation of the numerical uncertainty of CFD
@@ -31,10 +31,10 @@ FORMAL_ORDER = 1.0
 CONFIRMED, UNCONFIRMED = 1.25, 3.0
 """Roache's factors of safety: with the order observed twice, and without."""
 ORDERS = (0.5, 2.5)
-"""Orders that a method of first or second order may show; others are chance."""
+"""Range of orders observed with a method of first or second order; others are accidental."""
 AGREEMENT = 0.25
 """Largest difference of the orders of two triplets that confirm each other."""
-_ROUNDING = 1e-12  # relative; smaller differences are of the arithmetic, not of the step
+_ROUNDING = 1e-12  # relative; smaller differences are rounding errors
 
 NO_RANGE = "no asymptotic range"
 
@@ -50,7 +50,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class Estimate:
-    """Order and uncertainty that a sequence of levels gives one metric.
+    """Order and uncertainty of one metric by a sequence of levels.
 
     Attributes:
         kind: asymptotic; no asymptotic range; constant, where the levels differ by rounding alone; unknown,
@@ -64,7 +64,7 @@ class Estimate:
             has no value, NaN if the first one has none.
         finest: the same of the last level's value.
         safety: factor of safety, None where none was applied.
-        reason: why, in words.
+        reason: why, as text.
     """
 
     kind: Kind
@@ -128,7 +128,7 @@ def estimate(levels: Iterable[float], ratio: float, *, forbidden: str = "") -> E
     last = abs(values[-1] - values[-2])
     doubt = forbidden or _doubt(values, orders)
     if doubt:
-        # The larger of the last two changes, at formal order: a small last one may be small by chance.
+        # The larger of the last two changes, at formal order: the last one may be accidentally small.
         before = abs(values[-2] - values[-3]) / ratio**FORMAL_ORDER if len(values) > 2 else 0.0
         beyond = UNCONFIRMED * max(last, before) / (ratio**FORMAL_ORDER - 1.0)
         reason = f"{NO_RANGE}: {doubt}"
@@ -149,7 +149,7 @@ def estimate(levels: Iterable[float], ratio: float, *, forbidden: str = "") -> E
 
 
 def _doubt(values: Sequence[float], orders: Sequence[float]) -> str:
-    """Why the finest four levels are not in the asymptotic range, empty if they are."""
+    """Reason why the finest four levels are not in the asymptotic range, empty if they are."""
     if len(values) < 4:
         return f"{len(values)} levels cannot confirm an order, four can"
     before, last = orders[-2:]
@@ -167,9 +167,9 @@ def _doubt(values: Sequence[float], orders: Sequence[float]) -> str:
 
 
 def input_uncertainty(values: Sequence[float], own: int) -> float:
-    """How far a metric moves when a model parameter does: the largest deviation from its own value.
+    """Largest deviation of a metric from its own value when a model parameter changes.
 
-    A derivative would be less useful: parameters that were chosen to make a metric small have none there.
+    A derivative would be less useful: it vanishes for parameters that were chosen to minimise a metric.
 
     Args:
         values: at every value of the parameter; NaN where the walk did not complete.

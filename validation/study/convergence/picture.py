@@ -1,4 +1,4 @@
-"""The studies as a picture: how much each metric changes from level to level, on logarithmic axes."""
+"""Picture of the studies: change of each metric from level to level, on logarithmic axes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from validation.study.convergence.studies import Study
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_LEAST = 1e-9  # relative change below which it is the arithmetic's
+_LEAST = 1e-9  # relative change below which it is rounding
 _LEFT_OUT = ("com_agreement_maximum", "angular_momentum_agreement_maximum", "standing_weight_error")
 """Rounding, on whatever level."""
 _STYLES = {
@@ -85,7 +85,7 @@ def _draw_study(axes: Axes, study: Study, items: Sequence[MetricStudy]) -> None:
     axes.set_xscale("log")
     if not study.numerical:
         axes.axvline(factor * study.values[study.own], color="0.6", lw=0.8, ls=":")
-    elif top == _LEAST:  # nothing that a logarithmic axis could hold
+    elif top == _LEAST:  # no positive value for the logarithmic axis
         axes.set_ylim(0.0, 1.0)
         axes.text(0.5, 0.5, "no change but rounding", transform=axes.transAxes, ha="center", va="center")
     else:

@@ -19,7 +19,7 @@ from validation.study.convergence.walks import StudiedQuantity, Walks, studied_q
 from validation.trial.plan import Request
 
 TIME_STEP = "time_step"
-"""The first of the studies: its order and extrapolated value stand for a metric."""
+"""The first of the studies, whose order and extrapolated value are shown for a metric."""
 _NEVER = {"count": "a count", "extreme": "an extreme, never extrapolated"}
 
 
@@ -29,9 +29,9 @@ class MetricStudy(MetricResult):
 
     Attributes:
         levels: study to the metric's value at every level [SI unit].
-        estimates: numerical study to what it says.
+        estimates: numerical study to its estimate.
         inputs: input study to the largest deviation within it.
-        found: what its numerical uncertainty comes from, in words.
+        found: sources of its numerical uncertainty, as text.
         exact: whether it is a count, which has no uncertainty.
     """
 
@@ -43,7 +43,7 @@ class MetricStudy(MetricResult):
 
     @property
     def headline(self) -> Estimate | None:
-        """The time step's estimate, which comes first, or that of what was studied instead."""
+        """The time step's estimate, or that of the first other study."""
         return next(iter(self.estimates.values()), None)
 
     @property
@@ -86,7 +86,7 @@ class Convergence:
         request: the gait, with the steps that were walked.
         studies: in order.
         walks: result of every level.
-        uncertainty: numerical uncertainty that the studies leave.
+        uncertainty: numerical uncertainty by the studies.
         metrics: by name; those with a tolerance first.
         verdict: pass only where every metric is further from its limit than its uncertainty.
     """
@@ -100,13 +100,13 @@ class Convergence:
 
     @property
     def completed(self) -> bool:
-        """Whether every walk of the numerical studies came to its end."""
+        """Whether every walk of the numerical studies completed."""
         needed = {run for study in self.studies if study.numerical for run in study.runs}
         return all(self.walks[run].completed for run in needed | {self.request.run})
 
     @property
     def notes(self) -> list[str]:
-        """What a reader has to know of single levels."""
+        """Notes on single levels."""
         notes = []
         for study in self.studies:
             for run, value in zip(study.runs, study.values, strict=True):
@@ -153,10 +153,10 @@ class Convergence:
 
 
 def combine(request: Request, profile: Profile, found: Sequence[Study], walks: Walks) -> Convergence:
-    """Estimates of every metric from the walks of all levels, and the verdict that they allow.
+    """Estimates of every metric from the walks of all levels, and the verdict.
 
-    The errors of time step, grids and tolerances are not random and may have one sign: their bounds are
-    added, not their squares. Contact parameters are independent inputs: there the squares are.
+    The errors of time step, grids and tolerances are not random and may have one sign, so their bounds are
+    added. Contact parameters are independent inputs: their squares are added.
     """
     run, own, known = request.run, walks[request.run], studied_quantities()
     every, made = numerical_studies(run.solver.qp), tuple(study.name for study in found if study.numerical)
@@ -164,7 +164,7 @@ def combine(request: Request, profile: Profile, found: Sequence[Study], walks: W
     values: dict[str, float] = {}
     incomplete: dict[str, tuple[str, ...]] = {}
     for name, value in own.values.items():
-        # The exact value of a self-check is zero: what the time step leaves is what it measures.
+        # The exact value of a self-check is zero: it measures the error of the time step.
         skipped = (TIME_STEP,) if known[name].is_self_check else every if studied[name]["exact"] else ()
         needed, estimates = [study for study in every if study not in skipped], studied[name]["estimates"]
         counted = [estimates[study].uncertainty for study in needed if study in estimates]
@@ -196,7 +196,7 @@ def _study(name: str, known: StudiedQuantity, found: Sequence[Study], walks: Wal
     estimates: dict[str, Estimate] = {}
     inputs: dict[str, float] = {}
     for study in found:
-        # NaN unless the walk came to its end: another way of walking is no level.
+        # NaN unless the walk completed
         ended = (walks[run].values if walks[run].completed else {} for run in study.runs)
         values = levels[study.name] = tuple(level.get(name, math.nan) for level in ended)
         if study.numerical:

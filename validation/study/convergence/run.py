@@ -1,4 +1,4 @@
-"""A convergence study: from a gait to its walks, their verdict, and files."""
+"""A convergence study: walks of a gait, their verdict, and files."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def study_gait(
     found = studies(request.run, only, levels=levels)
     # Halving the time step does not correct a control period that is no multiple of it.
     steps_per_tick(request.run.controller.frequency, request.run.simulation.time_step)
-    if runner is walk_level:  # refusals come before any worker starts, and the motion is in the cache
+    if runner is walk_level:  # refuse before any worker starts, and fill the cache with the motion
         request = plan_walk(request, progress).request
         found = studies(request.run, only, levels=levels)  # of the values that were found
     runs = [request.run, *(run for study in found for run in study.runs)]
@@ -81,8 +81,8 @@ def study_gait(
 
 
 def write(result: Convergence, out: Path) -> None:
-    """Write table, pictures and, last, ``convergence.json``: where that is, the study is whole."""
-    from validation.study.convergence.picture import draw  # here, not above: matplotlib takes long to load
+    """Write table, pictures and, last, ``convergence.json``, which marks a complete study."""
+    from validation.study.convergence.picture import draw  # imported here because matplotlib is slow to load
 
     (out / FILE).unlink(missing_ok=True)
     with output_file(out / MARKDOWN) as path:

@@ -11,18 +11,18 @@ from ampm.parameters import RunParameters
 from validation.store.identity import parameter_values
 
 LEVELS = 4
-"""Of a numerical study, by default: two triplets, the least that can confirm an order."""
+"""Levels of a numerical study by default: two triplets, the least that can confirm an order."""
 
 
 @dataclass(frozen=True)
 class Topic:
-    """One thing that can be varied: a step or tolerance whose limit is zero, or a parameter of the model.
+    """One variable of a study: a step or tolerance whose limit is zero, or a parameter of the model.
 
     Attributes:
         name: of the study.
         key: of the run.
         unit: SI unit of its values.
-        title: in words.
+        title: as text.
         ratio: of neighbouring levels of a numerical study, 0 of a parameter of the model.
         factors: on the own value, of a parameter of the model, the own one among them.
     """
@@ -41,11 +41,11 @@ class Topic:
 
     @property
     def display(self) -> tuple[float, str]:
-        """Factor and unit for people."""
+        """Factor and unit for display."""
         return {"s": (1e3, "ms"), "m": (1e3, "mm")}.get(self.unit, (1.0, ""))
 
     def shown(self, value: float) -> str:
-        """A value for people, with its unit."""
+        """A value as text, with its unit."""
         factor, unit = self.display
         return f"{factor * value:.4g} {unit}".rstrip()
 
@@ -59,15 +59,15 @@ _TOPICS = (
     Topic("time_step", "simulation.time_step", "s", "time step of the physics", 2.0),
     Topic("ik_grid", "solver.ik_time_step", "s", "grid of the inverse kinematics", 2.0),
     Topic("qp_tolerance", "solver.tolerance", "1", "tolerance of the controller's QP", 10.0),
-    # The stiffness of MuJoCo's contact goes with the square of the inverse time constant.
+    # The stiffness of MuJoCo's contact is proportional to the inverse square of the time constant.
     Topic("contact_stiffness", "contact.time_constant", "s", "contact half and twice as stiff",
           factors=(1.0 / _ROOT, 1.0, _ROOT)),
     Topic("contact_depth", "contact.impedance_width", "m",
           "contact that hardens over twice and half the depth", factors=(2.0, 1.0, 0.5)),
 )  # fmt: skip
 TOPICS: Mapping[str, Topic] = {item.name: item for item in _TOPICS}
-"""All studies. Contact parameters are of the model: none of their values is nearer to a limit than another,
-so what they give is a sensitivity, an input uncertainty, and no convergence."""
+"""All studies. Contact parameters belong to the model: their values approach no limit, so they give a
+sensitivity, an input uncertainty, and no convergence."""
 
 
 @dataclass(frozen=True, kw_only=True)

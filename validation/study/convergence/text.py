@@ -1,4 +1,4 @@
-"""The studies in words: rows of a table, and all of it as Markdown."""
+"""The studies as text: rows of a table, and everything as Markdown."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def header(result: Convergence) -> tuple[str, ...]:
 
 
 def cells(item: MetricStudy) -> tuple[str, ...]:
-    """A metric's value, uncertainty, limit, order and extrapolated value, or plainly that there is none."""
+    """A metric's value, uncertainty, limit, order and extrapolated value; a text if it has none."""
     word = "undecided" if item.undecided else {True: "pass", False: "FAIL", None: ""}[item.passed]
     last = _shown(item, item.levels[next(iter(item.estimates))][-1]) if item.estimates else ""
     given = "" if item.input_uncertainty is None else _shown(item, item.input_uncertainty, 2)
@@ -39,7 +39,7 @@ def cells(item: MetricStudy) -> tuple[str, ...]:
         order = "exact"
     elif head is not None:
         order = str(head.kind) if head.order is None else f"{head.order:.2f}"
-        if head.extrapolated is not None:  # what is smaller than its own uncertainty has no digits to show
+        if head.extrapolated is not None:  # a value below its own uncertainty has no significant digits
             small = abs(head.extrapolated) < head.finest
             extrapolated = "0" if small else _shown(item, head.extrapolated)
     return item.name, item.quoted, limit, _unit(item), word, last, order, extrapolated, given
@@ -86,7 +86,7 @@ def summary_table(result: Convergence, items: Sequence[MetricStudy]) -> str:
 
 
 def _levels_table(study: Study, items: Sequence[MetricStudy]) -> str:
-    """Every level's value of some metrics, with what follows from them."""
+    """Every level's value of some metrics, with order and uncertainty."""
     last = ("observed orders", "u") if study.numerical else ("largest deviation",)
     rows = []
     for item in items:

@@ -1,4 +1,4 @@
-"""The walks of all levels, side by side, and the quantities studied through them."""
+"""The walks of all levels, in parallel, and the studied quantities."""
 
 from __future__ import annotations
 
@@ -86,13 +86,13 @@ class LevelResult:
 
     @property
     def completed(self) -> bool:
-        """Whether the walk came to its end."""
+        """Whether the walk completed."""
         return self.outcome == "completed"
 
 
 def walk_level(run: RunParameters, name: str) -> LevelResult:
     """Plan and walk one level; runs in a worker and returns numbers only."""
-    from validation.run.walk import walk_planned  # here and below, not above: simulator and Pinocchio
+    from validation.run.walk import walk_planned  # imported in functions: loads simulator and Pinocchio
     from validation.trial.plan import plan_walk
 
     start = time.perf_counter()
@@ -131,7 +131,7 @@ def walk_levels(
         progress: where to report it.
         runner: what walks one level.
     """
-    # The finest steps last longest: begun first, they leave no worker idle at the end.
+    # The finest steps take longest: started first, they leave no worker idle at the end.
     order = sorted(
         dict.fromkeys(runs), key=lambda run: -1.0 / run.simulation.time_step - 1.0 / run.solver.ik_time_step
     )
@@ -148,7 +148,7 @@ def walk_levels(
 def _walk_side_by_side(
     runs: list[RunParameters], name: str, workers: int, stage: Stage, runner: Runner
 ) -> Walks:
-    from distributed import as_completed  # here, not above: dask takes long to load
+    from distributed import as_completed  # imported here because dask is slow to load
 
     from validation.study.sweep.workers import local_pool
 

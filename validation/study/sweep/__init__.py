@@ -1,1 +1,1 @@
-"""Sweeps: many runs from one definition, kept whatever happens, and shown on one page."""
+"""Sweeps: many runs from one definition, stored durably, and shown on one page."""

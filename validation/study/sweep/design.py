@@ -1,9 +1,9 @@
-"""Definition of a sweep: one TOML file that says which runs to make, and nothing of how.
+"""Definition of a sweep: one TOML file that lists the runs, independent of their execution.
 
-Several blocks are crossed: every case of the first with every one of the second, the last block changing
-fastest. Runs are numbered from 0. Nothing grows with their number but the points of sampled blocks: a case of
-a grid is found from its number. The same definition gives the same values on every machine with the same
-SciPy. ``docs/sweeps.md`` has an example and explains every word.
+Several blocks are crossed: every case of the first with every one of the second; the last block changes
+fastest. Runs are numbered from 0. A case of a grid is computed from its number; only points of sampled blocks
+are stored. The same definition gives the same values on every machine with the same SciPy. ``docs/sweeps.md``
+has an example and explains every key.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Range(Section):
 
 
 class Block(Section):
-    """One ``[[vary]]`` block: its method, and what each varied key takes."""
+    """One ``[[vary]]`` block: its method, and the values of each varied key."""
 
     method: Literal["grid", "list", "latin_hypercube", "sobol"] = Field(
         description="grid: all combinations; list: side by side; latin_hypercube, sobol: points in ranges"
@@ -143,12 +143,12 @@ class Block(Section):
         """Points of a sampled block in 0 ... 1, shape (count, keys)."""
         if self.count is None:
             return None
-        from scipy.stats import qmc  # takes most of a second to import
+        from scipy.stats import qmc  # takes nearly a second to import
 
         if self.method == "latin_hypercube":
             return qmc.LatinHypercube(d=len(self.keys), rng=generator).random(self.count)
         engine = qmc.Sobol(d=len(self.keys), scramble=True, rng=generator)
-        # Only whole powers of two are balanced; of another number these are the first points.
+        # Sobol points are balanced for powers of two; other numbers take the first points.
         return engine.random_base2((self.count - 1).bit_length())[: self.count]
 
 
@@ -159,7 +159,7 @@ def _spaced(info: KeyInfo, value: Range) -> Column:
     if info.kind == "int":
         values = np.rint(values)
     else:
-        # 1.0 rather than 1.0000000000000002: some gaits are exact only there.
+        # 1.0 instead of 1.0000000000000002: some gaits are exact only there.
         largest = max(abs(value.start), abs(value.stop))
         values = np.round(values, min(_DIGITS - math.ceil(math.log10(largest)), 300))
         values[0], values[-1] = value.start, value.stop
@@ -189,10 +189,10 @@ def _scaled(info: KeyInfo, value: Range, unit: NDArray[np.float64]) -> Column:
 
 
 class SweepDefinition(Section, section="sweep"):
-    """A sweep, complete: the same definition gives the same runs in the same order.
+    """A complete sweep: the same definition gives the same runs in the same order.
 
-    ``base`` is the run that ``gait`` names, as it was when the definition was read; :attr:`shared` is that
-    with steps and ``set``, and every run changes the varied keys of it.
+    ``base`` is the run that ``gait`` names, as read with the definition; :attr:`shared` adds steps and
+    ``set``, and every run changes the varied keys.
     """
 
     name: str = Field("sweep", description="name of the sweep, for report and table", min_length=1)
@@ -239,7 +239,7 @@ class SweepDefinition(Section, section="sweep"):
                 f"the sweep would have {total:,} runs, more than {MOST_CASES:,}; lower a count, or vary "
                 "several keys in one sobol block instead of crossing them."
             )
-        _ = self.shared  # what all runs share must be possible
+        _ = self.shared  # the shared parameters must be valid
         return self
 
     def __len__(self) -> int:
@@ -313,13 +313,13 @@ def load_sweep(path: str | Path) -> SweepDefinition:
     """Read a sweep's definition.
 
     Args:
-        path: TOML file; a gait that is a file is sought beside it.
+        path: TOML file; a gait file is searched in the same folder.
 
     Raises:
-        InputError: no such file, no valid TOML, or anything in it that makes no sweep.
+        InputError: no such file, no valid TOML, or no valid sweep.
     """
     path = Path(path)
-    stem = path.stem.encode("utf-8", "backslashreplace").decode()  # a name may be no UTF-8
+    stem = path.stem.encode("utf-8", "backslashreplace").decode()  # a name may not be UTF-8
     try:
         return _sweep_of(read_toml(path), stem, path.parent)
     except (FileNotFoundError, NotADirectoryError):
@@ -327,10 +327,10 @@ def load_sweep(path: str | Path) -> SweepDefinition:
 
 
 def parse_sweep(text: str) -> SweepDefinition:
-    """A sweep's definition from TOML text; files that it names are sought in the working directory.
+    """A sweep's definition from TOML text; files that it names are searched in the working directory.
 
     Raises:
-        InputError: no valid TOML, or anything in it that makes no sweep.
+        InputError: no valid TOML, or no valid sweep.
     """
     return _sweep_of(parse_toml(text, "the definition"), "sweep", Path())
 
@@ -376,16 +376,16 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
 
 
 def _beside(folder: Path, name: str) -> str:
-    """A file beside the definition, or the name as it is."""
+    """A file beside the definition, or the name unchanged."""
     path = folder / name
     return str(path.resolve()) if name not in PRESETS and path.is_file() else name
 
 
 def _block(table: Mapping[str, Any]) -> Block:
-    """A block of the file, in which the varied keys stand beside the block's own words.
+    """A block of the file, with the varied keys beside the block's own keys.
 
     Raises:
-        InputError: it makes no block.
+        InputError: no valid block.
     """
     own = {name: value for name, value in table.items() if name in ("method", "count")}
     found = _flat({name: value for name, value in table.items() if name not in own})
@@ -432,7 +432,7 @@ def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def _place(where: str) -> Iterator[None]:
-    """Say in which part of the file an error is."""
+    """Add to an error the part of the file in which it is."""
     try:
         yield
     except InputError as error:
@@ -451,7 +451,7 @@ def dump_sweep(definition: SweepDefinition) -> str:
         values = words.pop("keys")
         vary.append({**words, **values})
     table = {"sweep": head, "set": dict(definition.set), "vary": vary}
-    # The file of a gait may change or be out of reach: its contents go along.
+    # The file of a gait may change or be missing later, so its contents are included.
     if definition.gait not in PRESETS or definition.base != load_run(definition.gait):
         base = definition.base
         kept = base.given | {key for key in keys() if base.value(key) != key_info(key).default}

@@ -1,10 +1,10 @@
-"""Two sweeps compared run by run: what got better, what got worse, and what is only noise.
+"""Two sweeps compared run by run: improvements, regressions, noise.
 
-Two runs of one revision on one machine have the same bits, so there is no scatter to estimate. What remains
-between two revisions or machines that compute the same thing is rounding: perturbing the body's mass by 1e-15
-to 1e-12 of itself moves every metric of `normal` and `momentum` that is not rounding itself by less than 1e-9
-of its value. The default noise floor is a thousand times that. A convergence study gives a wider one: the
-numerical uncertainty of every metric, below which a difference says more of the time step than of the gait.
+Two runs of one revision on one machine have the same bits, so there is no scatter to estimate. Between two
+revisions or machines that compute the same, only rounding differs: perturbing the body's mass by 1e-15 to
+1e-12 of itself moves every metric of `normal` and `momentum` that is not rounding itself by less than 1e-9 of
+its value. The default noise floor is a thousand times that. A convergence study gives a wider one: the
+numerical uncertainty of every metric, below which a difference may come from the time step alone.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ TOLERANCE = 0.1
 RELATIVE_FLOOR = 1e-6
 """Share of a metric's value below which a difference is rounding [1]."""
 ABSOLUTE_FLOOR: Mapping[str, float] = {"m": 1e-11, "N": 1e-8, "N m s": 1e-10, "1": 1e-12}
-"""The same in a metric's unit, for values near zero: ten times what rounding did to any metric."""
+"""The same in a metric's unit, for values near zero: ten times the largest observed effect of rounding."""
 SIGNIFICANCE = 0.05
 LEAST_PAIRS = 8
-"""Pairs below which no shift over all runs is claimed: of 8, chance alone moves all one way in 1 of 128."""
+"""Pairs below which no shift over all runs is reported: all of 8 have one sign by chance with 1/128."""
 KINDS: Mapping[str, str] = {
     "newly_failing": "newly failing",
     "worse_outcome": "with a worse outcome",
@@ -62,7 +62,7 @@ _SEVERITY: Mapping[State, int] = {
     State.TIMED_OUT: 4,
     State.INTERRUPTED: 4,
 }
-"""From good to bad. A refusal is an honest answer, better than a fall; a crash is none."""
+"""From good to bad. A refusal is a valid result, better than a fall; a crash is no result."""
 _MACHINE = ("processor", "platform", "version_mujoco", "version_numpy", "version_pin", "version_osqp")
 
 
@@ -76,7 +76,7 @@ class MetricChange:
         before, after: values in the first and in the second sweep.
         both: whether the run completed in both, with a finite value.
         growth: second minus first; infinite where only the second sweep lacks a value, else zero without one.
-        noise: what a difference must exceed to be one; infinite if the study has no bound.
+        noise: largest difference that counts as none; infinite if the study has no bound.
         noise_from: ``floating point`` or ``convergence study``.
         allowed: growth that is no regression; NaN without a limit.
         better: whether it fell by more than the noise.
@@ -146,7 +146,7 @@ class SweepDiff:
         rows_a, rows_b: rows of the runs that both have, shape (N,) each.
         changes: runs that changed, the worst outcome first.
         metrics: in the profile's order.
-        notes: what a reader must know to believe the rest.
+        notes: conditions of the comparison.
         require_all: whether missing runs are regressions.
     """
 
@@ -181,25 +181,25 @@ class SweepDiff:
 
     @property
     def regressions(self) -> list[str]:
-        """Reasons why the comparison fails, in words; empty if it passes."""
+        """Reasons why the comparison fails; empty if it passes."""
         found = [f"{len(self.of_kind(kind))} {KINDS[kind]}" for kind in _REGRESSIONS if self.of_kind(kind)]
         return [*found, f"{len(self.missing)} missing"] if self.require_all and self.missing else found
 
     @property
     def lacking(self) -> list[str]:
-        """Runs that are not compared, in words; empty if every run of either has a partner."""
+        """Text on runs that are not compared; empty if all runs are matched."""
         found = []
         (a, late_a), (b, late_b) = ((len(side), side.planned > len(side)) for side in (self.a, self.b))
         if self.missing:
             state = ", which is not finished" if late_b else ""
             found.append(f"{len(self.missing):,} of the {a:,} runs of A missing in B{state}")
-        if self.new and late_a:  # runs that only B has are no gap, unless A was to have them
+        if self.new and late_a:  # runs that only B has are no gap, unless A is unfinished
             found.append(f"{len(self.new):,} of the {b:,} runs of B missing in A, which is not finished")
         return found or [f"{name} is not finished" for name, late in (("A", late_a), ("B", late_b)) if late]
 
     @property
     def sentence(self) -> str:
-        """The answer in one sentence."""
+        """The result in one sentence."""
         runs = f"{len(self.rows_a):,} matched run{'' if len(self.rows_a) == 1 else 's'}"
         end = "".join(f"; {part}" for part in self.lacking) + "."
         if self.regressions:
@@ -226,13 +226,13 @@ def compare_sweeps(
 
     Args:
         a: folder or table of the reference.
-        b: of what is compared with it.
+        b: folder or table of the sweep that is compared with it.
         tolerances: shares of the limits by which metrics may grow: ``"0.1"``, or ``"zmp_x_rmse=0.2"``.
         uncertainty: ``convergence.json``, whose numerical uncertainty takes the place of the noise floor.
         require_all: whether a run that the second sweep lacks is a regression.
 
     Raises:
-        InputError: no two sweeps, no run in common, or a tolerance that is none.
+        InputError: no two sweeps, no common run, or a bad tolerance.
     """
     a, b = (side if isinstance(side, SweepTable) else read_sweep(side) for side in (a, b))
     known = load_uncertainty(uncertainty) if isinstance(uncertainty, Path) else uncertainty
@@ -280,7 +280,7 @@ def join(a: SweepTable, b: SweepTable) -> tuple[Rows, Rows, list[str]]:
     """Rows of the runs that both sweeps have, and notes on how they differ.
 
     Runs with the same key are the same: it hashes the parameters that differ from the defaults. Where a
-    parameter was changed for all runs alike no key is left the same; the values of what varies then decide.
+    parameter was changed for all runs no key is the same; runs are then matched by the varied values.
 
     Raises:
         InputError: no run is in both.
@@ -422,11 +422,11 @@ def _kind(before: State, after: State, grown: bool, metrics: Sequence[MetricChan
     """Change of a run; None without one."""
     same = "worse_metrics" if grown else None
     if {before, after} == {State.PASS, State.OUT_OF_TOLERANCE}:
-        # A verdict turns at a limit, however small the step across it; below the noise that is no result.
+        # A verdict may change by a difference below the noise, which is no result.
         worse = after is State.OUT_OF_TOLERANCE
         crossed = [item for item in metrics if (item.over_b if worse else item.over_a)[i]]
         real = any((item.worse if worse else item.better)[i] for item in crossed)
-        if crossed and not real:  # with no metric over its limit the verdict has reasons that are not here
+        if crossed and not real:  # without a metric over its limit the verdict has other reasons
             return same or "verdict_only"
     if before is after:
         return same

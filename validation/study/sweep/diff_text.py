@@ -145,7 +145,7 @@ def _metric_cells(name: str, item: dict[str, Any]) -> list[str]:
 
 
 def print_diff(diff: SweepDiff) -> None:
-    """Print a comparison for people."""
+    """Print a comparison on the terminal."""
     for letter, side in (("A", _side(diff.a)), ("B", _side(diff.b))):
         at = f", revision {side['revision']}" if side["revision"] else ""
         print_line(f"{letter}: {side['source']}, {side['runs']:,} runs{at}")

@@ -1,4 +1,4 @@
-"""Errors of a sweep. Nothing heavy is imported: the command line loads this on every start."""
+"""Errors of a sweep. Loads fast: the command line imports this on every start."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from ampm.exceptions import AmpmError
 
 
 class SweepStopped(AmpmError):
-    """The sweep cannot go on here and now: a full disk, a lost scheduler. ``--resume`` goes on later.
+    """The sweep cannot continue: a full disk, a lost scheduler. ``--resume`` continues it later.
 
     Args:
         reason: what stopped it.
-        way_out: what to do before it goes on.
+        way_out: what to do before it continues.
     """
 
     def __init__(self, reason: str, way_out: str = "free some space") -> None:
         self.reason, self.way_out = reason, way_out
-        super().__init__(reason, way_out)  # as it is pickled on its way from a worker
+        super().__init__(reason, way_out)  # pickled when a worker raises it
 
     def __str__(self) -> str:
         return f"{self.reason}; every row until now is kept: {self.way_out}, and go on with --resume."

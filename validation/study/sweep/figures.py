@@ -26,7 +26,7 @@ Mask = NDArray[np.bool_]
 Spec = dict[str, Any]
 
 MOST_POINTS, MOST_OF_RARE = 3000, 150
-"""Runs that are in the page one by one, and how many of each state are among them where there are more."""
+"""Largest number of single runs in the page, and the least of each state among them."""
 MOST_STILL = 400
 """Points of the map without scripts."""
 MOST_LEVELS = 24
@@ -46,7 +46,7 @@ SHAPES: Mapping[State, str] = {
     State.TIMED_OUT: _STAR,
     State.CRASHED: "cross",
 }
-"""Shape beside colour, for eyes and printers that miss the second; from back to front."""
+"""Shapes beside colours, to be told apart without colour; from back to front."""
 _TEXT = {
     "labelColor": "var(--ink)",
     "titleColor": "var(--ink)",
@@ -80,7 +80,7 @@ class Axis:
 
     Attributes:
         key: of a parameter, or ``metric:<name>``, ``used``.
-        label: for people.
+        label: displayed name.
         unit: of ``values``, empty if none.
         values: shape (N,), NaN where absent; index of the level where ``levels`` is not None.
         levels: names of the levels, None for a range.
@@ -114,13 +114,13 @@ class Axis:
             return {name: {**shown, "type": "quantitative", "scale": scale}}
         order = list(self.levels if name == "x" else self.levels[::-1])
         shown |= {"type": "ordinal", "scale": {"domain": order}, "sort": order}
-        # Runs on a level are spread over its band, so that none hides another.
+        # Runs on a level are spread over its band, so that all are visible.
         spread = {"field": f"{name}Offset", "type": "quantitative", "scale": {"domain": [-0.3, 1.3]}}
         return {name: {**shown, "axis": {"labelAngle": 0, "grid": False}}, f"{name}Offset": spread}
 
 
 def parameter_axis(sweep: SweepTable, key: str) -> Axis:
-    """A parameter as an axis: levels if it has words or few values, else a range."""
+    """A parameter as an axis: levels if it has texts or few values, else a range."""
     values, unit = sweep.values(key), sweep.unit(key).replace("1", "")
     distinct, index = np.unique(values, return_inverse=True)
     if values.dtype.kind == "U":
@@ -132,7 +132,7 @@ def parameter_axis(sweep: SweepTable, key: str) -> Axis:
 
 
 def metric_axes(sweep: SweepTable) -> list[Axis]:
-    """Judged metrics as axes or colours, in the units that people read; first the worst of them all."""
+    """Judged metrics as axes or colours, in display units; first the worst of them all."""
     found = [Axis("used", "largest share of a tolerance", "%", 100.0 * sweep.worst_used, limit=100.0)]
     for metric in sweep.judged:
         values, limit, unit = sweep.shown(metric)
@@ -142,7 +142,7 @@ def metric_axes(sweep: SweepTable) -> list[Axis]:
 
 
 def drawn_rows(sweep: SweepTable, keep: Sequence[int]) -> tuple[Rows, Mask]:
-    """Runs that are in the page one by one: all, or a random draw, and beside it some of every state.
+    """Runs that are single points in the page: all, or a random sample and some of every state.
 
     Args:
         sweep: the sweep.
@@ -150,7 +150,7 @@ def drawn_rows(sweep: SweepTable, keep: Sequence[int]) -> tuple[Rows, Mask]:
 
     Returns:
         Rows from the state in the back of the map to that in front, and which of them are of the draw: the
-        others must not count where shares are shown. Both of shape (n,).
+        others do not count in shares. Both of shape (n,).
     """
     place = np.array([list(SHAPES).index(state) for state in STATES])
     order = np.random.default_rng(1).permutation(len(sweep))
@@ -165,7 +165,7 @@ def drawn_rows(sweep: SweepTable, keep: Sequence[int]) -> tuple[Rows, Mask]:
 
 
 def points(present: Sequence[State]) -> Spec:
-    """The map as points, but for data and axes: a run under the finger, states switched by the legend.
+    """The map as points, without data and axes: tooltips of runs, and a legend that switches states.
 
     Args:
         present: states to show, from back to front.
@@ -205,12 +205,12 @@ def map_data(
     repeat: tuple[str, str],
     keep: Sequence[int],
 ) -> Spec:
-    """All that the page's script needs, ready for JSON.
+    """Input of the page's script, ready for JSON.
 
     Args:
         sweep: the sweep.
         axes: quantities, the two of the first map first.
-        links: text and address, relative to the page, of what is kept of a row.
+        links: text and address, relative to the page, of the kept files of a row.
         repeat: beginning and end of the command that walks a run again; the varied keys go between.
         keep: rows that must be among the points.
     """
@@ -265,7 +265,7 @@ def distribution(values: Array, limit: float | None, unit: str, title: str) -> M
         title: what it is.
     """
     known, unit = values[np.isfinite(values)], unit.replace("of body weight", "BW")
-    # A few runs far out must not squeeze all others into one bin; how many are beyond is written there.
+    # Few outliers must not put all others into one bin: the number beyond is written at the edge.
     low, high = min(0.0, float(known.min())), float(np.quantile(known, 0.99)) * 1.15
     if limit is not None and high > 0.4 * limit and (known > limit).mean() < 0.5:
         high = max(high, 1.12 * limit)

@@ -1,4 +1,4 @@
-"""Forecast of a sweep: how many runs, which are refused and why, and about how long it takes.
+"""Forecast of a sweep: number of runs, refusals with reasons, and estimated duration.
 
 One run is walked, to time it. Bounds and formula are checked for every run, soles and legs for a sample.
 """
@@ -45,7 +45,7 @@ class Refused:
     Attributes:
         reason: short name.
         runs: how many.
-        example: one of the refusals, in words.
+        example: one of the refusals, as text.
     """
 
     reason: str
@@ -64,8 +64,8 @@ class Forecast:
         gaits: different whole-body motions among the others.
         checked: how many of these were checked against soles and legs.
         body_refused: by soles and legs, of the runs that share a checked gait.
-        motion_refused: what the whole-body motion of gaits refused that were tried before the timed one.
-        walking: runs that can walk at most, estimated from the share of checked ones if not all were.
+        motion_refused: refusals by the whole-body motion before the timed run.
+        walking: upper bound of runs that walk, estimated from the checked share if not all were checked.
         seconds: of one run, from a timed walk; None if none could be walked [s].
         workers: processes.
     """
@@ -88,12 +88,12 @@ class Forecast:
 
     @property
     def all_refused(self) -> bool:
-        """Whether it is sure that nothing walks."""
+        """Whether it is certain that nothing walks."""
         return self.exact and self.walking == 0
 
     @property
     def wall_clock(self) -> float | None:
-        """About how long the sweep takes [s]; None if no walk was timed."""
+        """Estimated duration of the sweep [s]; None if no walk was timed."""
         return None if self.seconds is None else self.seconds * -(-self.walking // self.workers)
 
     def as_dict(self) -> dict[str, Any]:
@@ -125,7 +125,7 @@ def forecast(definition: SweepDefinition, workers: int, *, progress: Progress | 
     ]
     numbers = np.flatnonzero(code == ACCEPTED)
     _, first, sharing = np.unique(_motions(definition, numbers), return_index=True, return_counts=True)
-    # At random: the first of a grid are its corner.
+    # A random sample: the first of a grid are its corner.
     chosen = np.random.default_rng(definition.seed).permutation(len(first))[:CHECKED]
     passing: list[int] = []
     found: dict[str, Refused] = {}
@@ -160,7 +160,7 @@ def screen(definition: SweepDefinition) -> NDArray[np.int8]:
 
     Returns:
         Of every run the place of its reason in :data:`REASONS`, :data:`ACCEPTED` if there is none, shape
-        (N,). A sweep that tunes skips the formula: the choices that are found may make it feasible.
+        (N,). A sweep that tunes skips the formula, as tuning may make a gait feasible.
     """
     code = np.full(len(definition), ACCEPTED, dtype=np.int8)
     for start in range(0, len(code), _CHUNK):
@@ -184,7 +184,7 @@ def screen(definition: SweepDefinition) -> NDArray[np.int8]:
 def refusal(
     definition: SweepDefinition, run: int, *, with_body: bool = False
 ) -> InputError | RefusedGait | None:
-    """Why a run is refused by bounds or formula, or also by clock, soles and legs; None if it is not."""
+    """Refusal of a run by bounds or formula, or also by control period, soles and legs; None without one."""
     try:
         parameters = definition.parameters(run)
         plan_gait(parameters.gait, parameters.body.mass)
@@ -196,26 +196,26 @@ def refusal(
 
 
 def _check_body(run: RunParameters) -> None:
-    """Check clock, soles and legs, as planning does before it solves the motion."""
-    # Here, not above: the simulator takes a second to load.
+    """Check control period, soles and legs, as planning does before it solves the motion."""
+    # Imported here: the simulator takes a second to load.
     from ampm.body.feasibility import check_body
     from ampm.planner.support import plan_steps
     from models.human import build
 
     steps_per_tick(run.controller.frequency, run.simulation.time_step)
     description = build(run.body, run.contact, run.simulation).description
-    gait = run.gait.model_copy(update={"steps": min(run.gait.steps, 2)})  # the first step stands for all
+    gait = run.gait.model_copy(update={"steps": min(run.gait.steps, 2)})  # all steps are equal
     check_body(plan_steps(gait, run.body.mass, run.foot, description.sole), description)
 
 
 def _motions(definition: SweepDefinition, runs: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Number of the whole-body motion of some runs: equal where all that it depends on is."""
+    """Number of the whole-body motion of some runs: equal for runs with the same motion."""
     motion = np.zeros(len(runs), dtype=np.int64)
     for key in definition.keys:
         if key.startswith(_CHECKED_KEYS):
             _, value = np.unique(definition.column(key, runs), return_inverse=True)
             both = motion * (value.max(initial=0) + 1) + value
-            _, motion = np.unique(both, return_inverse=True)  # small again, whatever the number of keys
+            _, motion = np.unique(both, return_inverse=True)  # keep the codes small for any number of keys
     return motion
 
 
@@ -226,7 +226,7 @@ def _time_walk(
 
     Args:
         definition: the sweep.
-        candidates: runs of which the first that can be walked is.
+        candidates: runs; the first that can be walked is timed.
         share: of the runs that solve a motion of their own [1].
         progress: where to report stages.
 
@@ -249,6 +249,6 @@ def _time_walk(
             ready = time.perf_counter()
             task.walk(planned)
             walked = time.perf_counter() - ready
-            planning = (ready - start) / (len(refused) + 1)  # refusals take their time, too
+            planning = (ready - start) / (len(refused) + 1)  # includes the time of refusals
             return share * planning + walked * definition.steps / steps, refused
     return None, refused

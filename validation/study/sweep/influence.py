@@ -1,8 +1,8 @@
-"""Which parameter drives which metric, by rank statistics that hold for a grid, a random sample or a list.
+"""Influence of parameters on metrics, by rank statistics for grids, random samples and lists.
 
 - Spearman's rho, -1 ... 1: whether the metric grows or falls with the parameter.
 - Kruskal and Wallis' epsilon squared, 0 ... 1: share of the variance of the ranks that classes of the
-  parameter explain, in any shape, also a parabola that rho does not see. What all parameters leave of 1 is
+  parameter explain, of any shape, for example a parabola, for which rho is zero. The rest to 1 is
   interaction, and scatter within a class.
 
 The p-values of a sweep are corrected together for their number (Benjamini and Hochberg); an influence counts
@@ -28,9 +28,10 @@ Parameters = Mapping[str, NDArray[Any]]
 LEAST_RUNS = 30
 """Runs below which no influence is computed."""
 LEAST_EVENTS = 5
-"""Runs that must differ from the most frequent value: of fewer falls, any parameter seems to be the cause."""
+"""Least number of runs that differ from the most frequent value: with fewer falls, any parameter may seem to
+be the cause."""
 MOST_RUNS = 5000
-"""Runs from which all is computed; of more, a random draw."""
+"""Largest number of runs that are used; of more, a random sample."""
 LEVELS = 12
 """Distinct values up to which a parameter's values are its classes."""
 PER_CLASS, MOST_CLASSES = 12, 20
@@ -49,7 +50,7 @@ class Influence:
         parameter: its key.
         rho: Spearman's rank correlation [1]; NaN for a parameter that has no order, or does not vary.
         share: epsilon squared [1]; NaN if the parameter does not vary among these runs.
-        p_rho, p_share: probability of as much by chance, corrected for all pairs of the sweep.
+        p_rho, p_share: p-values, corrected for all pairs of the sweep.
     """
 
     parameter: str
@@ -60,7 +61,7 @@ class Influence:
 
     @property
     def clear(self) -> bool:
-        """Whether either is beyond chance."""
+        """Whether either is significant."""
         return self.p_rho < SIGNIFICANCE or self.p_share < SIGNIFICANCE
 
     @property
@@ -75,7 +76,7 @@ class Target:
 
     Attributes:
         name: of the metric.
-        runs: from how many runs.
+        runs: number of runs.
         influences: one per parameter, in the order given; empty if none can be computed.
         silent: why there are none, empty otherwise.
     """
@@ -87,7 +88,7 @@ class Target:
 
     @property
     def drivers(self) -> tuple[Influence, ...]:
-        """The parameters beyond chance, strongest first."""
+        """Parameters with a significant influence, strongest first."""
         return tuple(sorted((i for i in self.influences if i.clear), key=lambda item: -item.strength))
 
 

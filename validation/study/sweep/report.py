@@ -1,7 +1,7 @@
 """The report of a sweep: one self-contained HTML page, made from the saved table alone.
 
-It can be mailed: however many runs there are, what is in the page is bounded. All text is escaped; nothing is
-fetched; without scripts the page lacks nothing but the choice of the map's axes.
+Its size is bounded for any number of runs. All text is escaped; nothing is fetched; without scripts only the
+choice of the map's axes is missing.
 """
 
 from __future__ import annotations
@@ -30,13 +30,14 @@ from validation.study.sweep.table import BROKEN, STATES, State, SweepTable, read
 WORST = 10
 """Rows of a table of worst runs."""
 MOST_SHOWN = 8
-"""Parameters of a run in a table; the command that repeats it has them all."""
+"""Parameters of a run in a table; the command that repeats it has all."""
 IDLE = 0.01
-"""Median share of its tolerance below which a metric is rounding, and what drives it of no interest [1]."""
+"""Median share of its tolerance below which a metric is rounding, and influences on it are not computed
+[1]."""
 _MIXED = "mixed: "
 _REFUSED, _FAILS = "is refused", "fails, if it walks"
 _PER_RUN = ("environment_worker", "environment_attempts", "environment_memory_peak", "environment_time")
-"""Columns of the environment that differ between runs by their nature."""
+"""Columns of the environment that always differ between runs."""
 
 _KEPT = {"report": REPORT_FILE, "recording": RECORDING_FILE}
 """Files of a run that is kept."""
@@ -126,7 +127,7 @@ def _map(sweep: SweepTable, keys: Sequence[str], keep: Sequence[int]) -> tuple[M
     axes = [figures.parameter_axis(sweep, key) for key in keys] + figures.metric_axes(sweep)
     data = figures.map_data(sweep, axes, links_of(sweep), repeat_command(sweep), keep)
     text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    # "<" only as an escape: no text in the data can end the script element.
+    # "<" is escaped: no text in the data can end the script element.
     still = figures.still_map(data, "Outcome of runs over two parameters")
     return still, Markup(text.replace("<", "\\u003c"))
 
@@ -155,10 +156,10 @@ def _setting(key: str, value: Any) -> str:
 
 
 def links_of(sweep: SweepTable) -> dict[int, list[tuple[str, str]]]:
-    """Text and address, relative to the page, of what is kept of every run that is kept."""
+    """Text and address, relative to the page, of the files of every kept run."""
     found = {}
     for row, name in enumerate(sweep.words("recording")):
-        if re.fullmatch(rf"{store.RECORDINGS}/\w+", name):  # only what lies beside the page
+        if re.fullmatch(rf"{store.RECORDINGS}/\w+", name):  # only files beside the page
             kept = [(text, f"{name}/{file}") for text, file in _KEPT.items()]
             if sweep.directory is not None:
                 kept = [item for item in kept if (sweep.directory / item[1]).is_file()]
@@ -241,7 +242,7 @@ def targets_of(sweep: SweepTable) -> dict[str, figures.Array]:
 
 
 def by_strength(keys: Sequence[str], targets: Sequence[Target]) -> list[str]:
-    """Parameters by their strongest influence beyond chance, on outcomes before metrics."""
+    """Parameters by their strongest significant influence, on outcomes before metrics."""
     score = {key: [0.0, 0.0] for key in keys}
     for target in targets:
         place = target.name not in (_REFUSED, _FAILS)
@@ -312,7 +313,7 @@ def environment_rows(sweep: SweepTable) -> list[Row]:
 
 
 def judge_sweep(sweep: SweepTable) -> tuple[str, str, str]:
-    """Whether a sweep passes: all that walked met every tolerance, and every run has an answer.
+    """Whether a sweep passes: all walks met every tolerance, and every run has a result.
 
     Returns:
         ``pass``, ``fail`` or ``open``; a few words; a sentence.
@@ -334,7 +335,7 @@ def judge_sweep(sweep: SweepTable) -> tuple[str, str, str]:
 
 
 def share(part: int, whole: int) -> str:
-    """A percentage that never rounds to all or nothing."""
+    """A percentage that is not rounded to 0 or 100."""
     percent = 100.0 * part / max(whole, 1)
     if part in (0, whole) or 0.1 <= percent <= 99.9:
         text = f"{percent:.0f}" if part in (0, whole) or 1.0 <= percent < 99.5 else f"{percent:.1f}"

@@ -1,4 +1,4 @@
-"""A sweep from its definition to a finished folder, in as many calls as it takes."""
+"""A sweep from its definition to a finished folder, in one or several calls."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _COMPLETED = (State.PASS, State.OUT_OF_TOLERANCE, State.NOT_MEASURED)
 RETRIED = tuple(state.value for state in State if state not in _COMPLETED)
 """Outcomes that can be walked again on request."""
 WORST = 5
-"""Runs that keep a recording if the definition does not say how many; of those that did not pass."""
+"""Default number of runs that keep a recording, of those that did not pass."""
 FLUSH = 1.0
 """Time after which a finished row is on the disk at the latest [s]."""
 _LEAST = 3  # walks after which there is a rate
@@ -65,19 +65,19 @@ def sweep(
     """Walk many runs; ``sweep("slopes.toml").table.to_pandas()`` gives one row per run.
 
     Args:
-        definition: TOML file, or a definition that is loaded already.
+        definition: TOML file, or a loaded definition.
         out: folder of the sweep; without one only the table is kept, and no recording.
         workers: processes of this machine, one per core by default.
         scheduler: address of a dask scheduler to run on instead, or its scheduler file.
-        resume: go on with what is in the folder: walk what has no row, or a row that is no answer.
-        force: go on although the code has changed.
+        resume: continue in the folder: walk runs without a row, or with a row that is no result.
+        force: continue although the code has changed.
         retry: outcomes of finished runs that are walked again, of :data:`RETRIED`.
         progress: where to report; silent by default.
 
     Raises:
-        InputError: bad options, a bad definition, or a folder that must not be written.
-        SweepStopped: a full disk, a lost scheduler, no workers; what is finished is kept.
-        KeyboardInterrupt: Ctrl-C; what is finished is kept.
+        InputError: bad options, a bad definition, or a folder that cannot be used.
+        SweepStopped: a full disk, a lost scheduler, no workers; finished runs are kept.
+        KeyboardInterrupt: Ctrl-C; finished runs are kept.
     """
     if not isinstance(definition, SweepDefinition):
         definition = load_sweep(definition)
@@ -110,7 +110,7 @@ def sweep(
     way_out = "resume (--resume) to go on with its sweep"
     check_target(out, None, force=resume, what="sweep", marks=(DEFINITION, LOCK), way_out=way_out)
     if scheduler and not is_sweep(out):
-        with pool(1):  # first of all: a scheduler that does not answer leaves no folder behind
+        with pool(1):  # first, so that no folder is left if the scheduler does not answer
             pass
     with open_store(out) as store:
         if not store.begin(definition, force=force) and resume:
@@ -134,7 +134,7 @@ def sweep(
 def _walk_missing(
     definition: SweepDefinition, store: Store, pool: Pool, retry: Sequence[str], progress: Progress
 ) -> None:
-    """Walk the runs that have no row yet, one that is no answer, or an outcome to retry."""
+    """Walk the runs without a row, with a row that is no result, or with an outcome to retry."""
     found = wrap_table(store.rows(), store.folder)
     again = found.unanswered | np.isin(np.array(found.words("outcome"), dtype=object), list(retry))
     missing = np.ones(len(definition), dtype=bool)
@@ -174,7 +174,7 @@ def _walk(
     take: Callable[[Result | None, int], None],
     **changes: Any,
 ) -> None:
-    """Walk runs; ``take`` is given every result, or None while there is none, and the number of workers."""
+    """Walk runs; ``take`` is called with every result, or None in between, and the number of workers."""
     from validation.study.sweep.workers import execute  # loads dask
 
     folder = store.folder.resolve()
@@ -184,14 +184,14 @@ def _walk(
 
 
 class _Keeper:
-    """Keeps rows and tracebacks in the folder, and reports how far the sweep is.
+    """Stores rows and tracebacks in the folder, and reports progress.
 
     Args:
         store: of the sweep.
         stage: of the walks.
-        progress: where to report in words.
+        progress: where to report messages.
         total: runs of the sweep.
-        walks: how many of them have to be walked from now on.
+        walks: number of runs to walk in this call.
         counts: runs of earlier calls, by state.
     """
 
@@ -212,11 +212,11 @@ class _Keeper:
 
     @property
     def done(self) -> int:
-        """Runs that have ended, those of earlier calls included."""
+        """Number of finished runs, including earlier calls."""
         return sum(self._counts.values())
 
     def take(self, result: Result | None, workers: int = 0) -> None:
-        """Keep a result; report, and answer Ctrl-C."""
+        """Store a result; report, and handle Ctrl-C."""
         self._workers = workers
         if result is not None:
             row, trace = result
@@ -256,7 +256,7 @@ def _keep_worst(definition: SweepDefinition, store: Store, pool: Pool, progress:
     """Walk the worst runs again, to the same bits, and keep their folders."""
     found = wrap_table(store.rows(), store.folder)
     passed = found.is_state(State.PASS)
-    # Runs that passed keep a recording only if the definition says how many it wants.
+    # Runs that passed keep a recording only if the definition gives their number.
     chosen = [row for row in found.worst if definition.worst or not passed[row]][: definition.worst or WORST]
     runs, kept = found.table["run"].to_numpy(), found.words("recording")
     others = np.setdiff1d(np.flatnonzero(kept), chosen)
@@ -270,6 +270,6 @@ def _keep_worst(definition: SweepDefinition, store: Store, pool: Pool, progress:
 
     if wanted:
         with progress.stage(f"recordings of the worst runs ({len(wanted)})"):
-            # Without a guard on the clock: they have come to their end before.
+            # Without time limit: they ended before.
             _walk(definition, runs[wanted].tolist(), store, pool, take, keep="all", wall_clock=None)
         interruption.check()

@@ -1,8 +1,8 @@
 """Columns of a sweep's table: name, type, unit and meaning of each, and the row that a run gives.
 
 One row per run. What is undefined is null, never NaN. Every column but those that begin with ``timing_`` or
-``environment_`` is a function of the definition alone: the same bits whatever the workers, and whatever
-happened on the way. Metrics come from the registry (:mod:`validation.judge.metrics`), parameters from
+``environment_`` is a function of the definition alone: the same bits for any workers and any interruptions.
+Metrics come from the registry (:mod:`validation.judge.metrics`), parameters from
 :class:`ampm.parameters.RunParameters`: a new one is a new column.
 """
 
@@ -40,13 +40,13 @@ if TYPE_CHECKING:
     from validation.run.trial import Trial
 
 WORKER_DIED = "worker_died"
-"""Reason of a crash that took its worker's process along."""
+"""Reason of a crash that ended its worker's process."""
 _TRANSIENT = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO, errno.EAGAIN, errno.ESTALE)
 MACHINE_FAULTS = frozenset({WORKER_DIED, "MemoryError", *(errno.errorcode[number] for number in _TRANSIENT)})
 """Reasons of crashes that are no result of the gait: ``--resume`` walks these runs again."""
 
 NOT_REPRODUCIBLE = ("timing_", "environment_")
-"""Beginnings of the columns in which equal runs may differ."""
+"""Prefixes of the columns in which equal runs may differ."""
 
 Kind = Literal["real", "whole", "text", "flag"]
 _TYPES = {"real": pa.float64(), "whole": pa.int64(), "text": pa.string(), "flag": pa.bool_()}
@@ -135,7 +135,7 @@ def make_row(
         run: number.
         name: the same as text; of its folder.
         values: of every parameter, see :func:`validation.store.identity.parameter_values`.
-        found: columns that came out.
+        found: columns of the result.
         worker: name of the worker; None for a row that the sweep's own process makes.
         attempts: times that the run was begun.
 
@@ -167,7 +167,7 @@ def _plain(value: Any) -> Any:
 
 
 def clean_text(text: str) -> str:
-    """Text that UTF-8 can hold: a lone surrogate, which stands for a byte that was none, is spelled out."""
+    """Valid UTF-8 text: a lone surrogate, which stands for an invalid byte, is escaped."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
@@ -220,7 +220,7 @@ def error_columns(error: BaseException, parameters: RunParameters | None) -> dic
 
     Args:
         error: that ended the run.
-        parameters: of the run, if its plan by the formula is of interest.
+        parameters: of the run, to add the columns of its plan by the formula.
     """
     cause = one_line(error) or None
     fault = _host_fault(error)
@@ -237,9 +237,9 @@ def error_columns(error: BaseException, parameters: RunParameters | None) -> dic
 
 
 def _host_fault(error: BaseException) -> str | None:
-    """The host's part in an error, a member of :data:`MACHINE_FAULTS`; None if it has none.
+    """Host fault behind an error, a member of :data:`MACHINE_FAULTS`; None if there is none.
 
-    Libraries wrap what they meet: what an error was raised from, or beside, counts too.
+    Libraries wrap errors, so causes and contexts of an error count, too.
     """
     found: BaseException | None = error
     for _ in range(_DEPTH):
@@ -252,7 +252,7 @@ def _host_fault(error: BaseException) -> str | None:
 
 
 def one_line(error: BaseException) -> str:
-    """An error's text without what differs from process to process: addresses and folders."""
+    """An error's text without addresses and folders, which differ between processes."""
     text = " ".join(str(error).split())
     text = _PATH.sub(r"\1", _ADDRESS.sub("0x...", text))
     return text if len(text) <= _CAUSE_LENGTH else text[: _CAUSE_LENGTH - 3] + "..."

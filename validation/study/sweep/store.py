@@ -2,7 +2,7 @@
 
 SQLite writes with ``synchronous = FULL``: a row that :meth:`Store.append` has returned from survives a kill
 and a power cut. While the database is there, it holds all rows, those of earlier calls included; it is
-removed once ``results.parquet`` is on the disk. So either of the two is complete, whatever is killed.
+removed once ``results.parquet`` is on the disk. So one of the two is always complete, also after a kill.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _BUSY = 60.0  # time that reader and writer of the database wait for each other 
 
 
 def disk_full(place: Path, error: object) -> SweepStopped:
-    """No room is left to write a file or folder."""
+    """The disk is full: a file or folder cannot be written."""
     return SweepStopped(f"no room is left to write {place} ({error})")
 
 
@@ -119,12 +119,12 @@ def read_rows(folder: Path) -> tuple[pa.Table | None, bool]:
 
 
 def _identity(definition: SweepDefinition) -> dict[str, Any]:
-    """Part of the definition that must not change on resume; name and wall-clock limit may."""
+    """Part of the definition that must not change on resume: all except name and wall-clock limit."""
     table = tomllib.loads(dump_sweep(definition))
     del table["sweep"]["name"], table["sweep"]["wall_clock"]
     settings = _flat({**table, "vary": {str(n): block for n, block in enumerate(table["vary"], start=1)}})
     if definition.instrument is not None:
-        from validation.measure.instruments.model import load_instrument  # loads all that measures
+        from validation.measure.instruments.model import load_instrument  # loads simulator and measurement
 
         settings["sweep.instrument"] = repr(load_instrument(definition.instrument))  # a file may change
     if definition.controller is not None:
@@ -219,9 +219,9 @@ class Store:
         return earlier
 
     def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Make rows durable, and return when they are; a row replaces an earlier one of its run.
+        """Make rows durable before returning; a row replaces an earlier one of its run.
 
-        What the earlier one left, folder and traceback, is removed if the new one has none.
+        Folder and traceback of the earlier one are removed if the new one has none.
 
         Raises:
             SweepStopped: the disk is full.
@@ -243,7 +243,7 @@ class Store:
         """Write the one table, then remove the database.
 
         Raises:
-            SweepStopped: the disk is full; the rows are as they were.
+            SweepStopped: the disk is full; the rows are unchanged.
         """
         with durable(self.folder / RESULTS) as file:
             pq.write_table(self.rows(), file, compression="zstd")
@@ -283,7 +283,7 @@ def open_store(folder: Path) -> Iterator[Store]:
 
 @contextmanager
 def durable(path: Path) -> Iterator[BinaryIO]:
-    """Write a file so that, whatever is killed, there is either the old one or the whole new one.
+    """Write a file atomically and durably: a kill leaves the old file or the complete new one.
 
     Raises:
         InputError: it cannot be written.
@@ -308,7 +308,7 @@ def durable(path: Path) -> Iterator[BinaryIO]:
 
 
 def _remove_partial(folder: Path) -> None:
-    """Remove what a killed program left half written."""
+    """Remove partial files of a killed program."""
     for path in folder.glob(".*.tmp"):
         path.unlink(missing_ok=True)
     for pattern in ("*.partial-*", "*.old-*"):
@@ -351,7 +351,7 @@ def _exists(rows: sqlite3.Connection) -> bool:
 
 
 def _insert(rows: sqlite3.Connection, values: Sequence[Mapping[str, Any]]) -> None:
-    """Rows as JSON, which keeps every bit of a number; what is undefined is left out."""
+    """Rows as JSON, which keeps every bit of a number; undefined values are omitted."""
     rows.executemany(
         "INSERT OR REPLACE INTO rows VALUES (?, ?, ?)",
         (

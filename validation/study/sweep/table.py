@@ -72,7 +72,7 @@ STATES: tuple[State, ...] = tuple(State)
 LOST = (State.FELL, State.DIVERGED, State.INFEASIBLE, State.NOT_MEASURED)
 """Walks without a verdict on their metrics."""
 BROKEN = (State.CRASHED, State.TIMED_OUT, State.INTERRUPTED)
-"""No answer about the gait."""
+"""No result about the gait."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,8 @@ class SweepTable:
         table: one row per run, sorted by ``run``; :mod:`validation.study.sweep.schema` has the columns.
         metadata: of the table, see :func:`validation.study.sweep.store.table_metadata`.
         directory: the sweep's folder, None if only a file was given.
-        source: as the user named it, for messages.
-        complete: whether the sweep has come to its end.
+        source: the user's name for it, for messages.
+        complete: whether the sweep is finished.
     """
 
     table: pa.Table
@@ -112,7 +112,7 @@ class SweepTable:
 
     @property
     def planned(self) -> int:
-        """Runs that the sweep is to have; more than there are rows while it is not finished."""
+        """Number of runs of the sweep; more than rows while it is not finished."""
         return max(len(self), int(self.metadata["runs"]))
 
     # -------------------------------------------------------------------------- states
@@ -226,7 +226,7 @@ class SweepTable:
 
     @cached_property
     def varied(self) -> tuple[str, ...]:
-        """Parameters with more than one value in this sweep, those that the definition varies first."""
+        """Parameters with more than one value in this sweep; first those that the definition varies."""
         found = [name for name in self.parameters if len(self.table.column(name).unique()) > 1]
         first = [name for name in self.metadata["varied"] if name in found]
         return tuple(dict.fromkeys((*first, *found)))
@@ -282,7 +282,7 @@ class SweepTable:
         return np.fmax.reduce([np.full(len(self), np.nan), *map(self.used, self.judged)])
 
     def shown(self, metric: str) -> tuple[Array, float | None, str]:
-        """A metric as people read it.
+        """A metric in display units.
 
         Returns:
             Values of the completed runs, shape (N,), NaN elsewhere; the limit, None if not judged; the unit:
@@ -355,6 +355,6 @@ def read_sweep(path: Path | str) -> SweepTable:
 def wrap_table(
     table: pa.Table, directory: Path | None, source: str = "", *, complete: bool = True
 ) -> SweepTable:
-    """A sweep from its table, which describes itself."""
+    """A sweep from its table and the table's metadata."""
     metadata = json.loads(table.schema.metadata[store.TABLE_METADATA])
     return SweepTable(table, metadata, directory, source or str(directory), complete)

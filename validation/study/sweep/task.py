@@ -1,8 +1,8 @@
-"""One run of a sweep, as a worker walks it: parameters in, a row out, whatever happens in between.
+"""One run of a sweep on a worker: from parameters to a row, also for runs that fail.
 
-Limits on a run are in simulated time (its steps, the checks of :mod:`validation.trial`) and in iterations of
-solvers, which are parameters of the run: they give the same row everywhere. The wall clock only guards
-against a hang: a thread of C that needs no Python ends the process, and the sweep's own process writes
+A run is limited by simulated time (its steps, the checks of :mod:`validation.trial`) and by iterations of
+solvers, which are parameters of the run: they give the same row on every machine. The wall-clock limit only
+ends hung runs: a C thread independent of Python ends the process, and the sweep's own process writes
 ``timed_out``.
 """
 
@@ -44,7 +44,7 @@ Result = tuple[Row, str]
 """Row of a run, and the traceback if it crashed, else an empty text."""
 
 MOTIONS_KEPT = 1500
-"""Solved motions that the user's cache may hold; a sweep over gaits would fill the disk with them."""
+"""Largest number of solved motions in the user's cache; a sweep over gaits could fill the disk."""
 _TRIM_EVERY = 100  # runs of a sweep
 
 _DRAW = "import sys, pathlib, validation.run.trial as run; run.draw_run(pathlib.Path(sys.argv[1]))"
@@ -61,12 +61,12 @@ class Task:
         parameters: all of them.
         profile: tolerances.
         instrument: sensor model beside the simulator's truth, if any.
-        controller: of the user's own, ``module:Class``, if any.
+        controller: the user's, ``module:Class``, if any.
         push: pushes, as texts.
         keep: which walks keep a run folder.
-        folder: of the sweep; where it is kept.
+        folder: of the sweep, for kept runs.
         wall_clock: after which the process is ended [s]; None for no guard.
-        code: hash of the code that the sweep's own process has, which must be the worker's.
+        code: hash of the code of the sweep's own process, which the worker must have, too.
     """
 
     run: int
@@ -101,7 +101,7 @@ class Task:
         return replace(task, **changes)
 
     def row(self, found: Row, worker: str | None = None) -> Row:
-        """The run's row, with these columns beside those of its parameters and of where it ran."""
+        """The run's row: these columns, its parameters, and its environment."""
         return make_row(self.run, self.name, parameter_values(self.parameters), found, worker, 1)
 
     def plan(self, progress: Progress | None = None) -> PlannedWalk:
@@ -110,7 +110,7 @@ class Task:
         Raises:
             InputError, RefusedGait: there is no such walk.
         """
-        # Here, not above: the sweep's own process needs neither simulator nor body.
+        # Imported here: the sweep's own process needs neither simulator nor body.
         from validation.trial.plan import Request, plan_walk
 
         return plan_walk(Request(self.name, self.parameters), progress)
@@ -209,7 +209,7 @@ def keep_run(trial: Trial, task: Task) -> str:
     instrument = None if task.instrument is None else load_instrument(task.instrument)
     try:
         trial.save(target, force=True, recording=False, instrument=instrument)
-        # Drawing needs the viewer's library and matplotlib, which a worker is better off without.
+        # In a process of its own: drawing loads the viewer's library and matplotlib.
         command = [sys.executable, "-c", _DRAW, str(target)]
         subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", check=True)
     except subprocess.CalledProcessError as error:
@@ -242,7 +242,7 @@ def _worker_name() -> str | None:
 
 @contextmanager
 def _guard(seconds: float | None) -> Iterator[None]:
-    """End this process if the body of the ``with`` takes too long, even if it is stuck in C."""
+    """End this process if the body of the ``with`` takes too long, even within C code."""
     if seconds is None:
         yield
         return

@@ -1,7 +1,7 @@
-"""Worker processes of a sweep, on this machine or on any dask scheduler, and what they are given to do.
+"""Worker processes of a sweep, on this machine or on any dask scheduler, and their tasks.
 
-Distribution is dask's. What is set here is that nothing of it shows (logs, dashboard), that it costs next to
-nothing (no profiler), and that every worker has one thread, also in BLAS.
+dask distributes the runs. It is configured without logs, dashboard and profiler, and with one thread per
+worker, also in BLAS.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ ONE_THREAD = {
     **dict.fromkeys(("MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"),
     "MUJOCO_GL": "disable",
 }
-"""Environment of a worker that is started here, whatever the shell says."""
+"""Environment of a worker that is started here, independent of the shell's."""
 DEATHS = 5
-"""Times that a run may end its worker's process before it is blamed; others may have killed it."""
+"""Number of times that a run may end its worker's process before it counts as the cause."""
 RESTART_TIMEOUT = 20.0
 """Time for a nanny to start its worker again, before another nanny takes its place [s]."""
 GIVE_UP = 120.0
@@ -47,7 +47,7 @@ _SETTINGS: dict[str, Any] = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "10s",
-    "distributed.scheduler.worker-ttl": None,  # a run stuck in C sends no heartbeat; the guard ends it
+    "distributed.scheduler.worker-ttl": None,  # a run that hangs in C sends no heartbeat; the guard ends it
     "distributed.scheduler.allowed-failures": 0,  # the first death of a worker is reported
 }
 _COUNT_EVERY = 2.0
@@ -61,13 +61,13 @@ _GATHER = 20.0
 
 
 class _Flight(NamedTuple):
-    """A run that is out.
+    """A run that was sent to a worker.
 
     Attributes:
         task: the run.
         future: dask's, of its result.
         began: when it was sent out [s].
-        attempt: times that it was, from 1.
+        attempt: number of times that it was sent, from 1.
     """
 
     task: Task
@@ -76,12 +76,12 @@ class _Flight(NamedTuple):
     attempt: int
 
     def ended(self, outcome: str, reason: str, cause: str) -> Result:
-        """Row of a run that its worker gave none, and no traceback."""
+        """Row of a run without a result of its worker, and no traceback."""
         row = self.task.row({"outcome": outcome, "reason": reason, "cause": cause})
         return {**row, "environment_attempts": self.attempt}, ""
 
     def timed_out(self, late: float = 0.0) -> Result | None:
-        """The same if the run is out for longer than it may, and ``late`` more [s]; None if it is not."""
+        """The same if the run has exceeded its time limit by ``late`` [s]; None if not."""
         limit = self.task.wall_clock
         if limit is None or time.monotonic() - self.began < limit + late:
             return None
@@ -91,7 +91,7 @@ class _Flight(NamedTuple):
         """Row and traceback of a run that has ended; None if it was lost with its worker.
 
         Raises:
-            TimeoutError: the result was lost with its worker after all; dask walks the run again.
+            TimeoutError: the result was lost with its worker; dask walks the run again.
             SweepStopped: a full disk, or a worker that cannot work.
         """
         try:
@@ -117,11 +117,11 @@ def execute(
     task: Callable[[int], Task],
     work: Callable[[Task], Result] = walk_task,
 ) -> Iterator[Result | None]:
-    """Walk runs; yield row and traceback of each as it ends, and now and then None while nothing ends.
+    """Walk runs; yield row and traceback of each as it ends, and None at intervals in between.
 
-    Every worker has one run at a time, so that millions of runs never flood a scheduler, and the run that is
-    to blame for a dead worker is known. A run that ends its worker's process :data:`DEATHS` times, or is
-    still going when the guard on the wall clock ends it, gets a row that says so.
+    Every worker has one run at a time. This bounds the scheduler's load, and the run that ended a worker is
+    known. A run that ends its worker's process :data:`DEATHS` times, or exceeds the wall-clock limit, gets a
+    row with this reason.
 
     Args:
         pool: the workers.
@@ -151,7 +151,7 @@ def execute(
                 try:
                     found = flight.result()
                     if found is None:
-                        waiting.append(flight.task.run)  # last, so that it holds up nothing else
+                        waiting.append(flight.task.run)  # last, after all other runs
                 except TimeoutError:
                     flying[str(future.key)] = flight
                     future.add_done_callback(done.put)
@@ -196,7 +196,7 @@ class WorkerPool:
         return self._size
 
     def check(self) -> None:
-        """See that there are workers; called now and then.
+        """Check that there are workers, and replace those that fail to start; called at intervals.
 
         A nanny starts a worker again that has died, but not one that dies while it starts; another nanny
         takes its place here.
@@ -244,8 +244,8 @@ def local_pool(workers: int) -> Iterator[WorkerPool]:
         environment(ONE_THREAD),  # to the end: a worker that dies is started again
         hidden_main(),
     ):
-        # Ctrl-C reaches every process of a terminal, and workers are to finish what they do: threads and
-        # processes that are started here inherit that it is blocked.
+        # Ctrl-C reaches every process of a terminal, but workers must finish their runs: threads and
+        # processes that are started here inherit the blocked signal.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             cluster = LocalCluster(
@@ -265,7 +265,7 @@ def local_pool(workers: int) -> Iterator[WorkerPool]:
         try:
             yield WorkerPool(client, cluster, workers)
         finally:
-            # A run that is still going is walked again, and closing would wait for it.
+            # Closing would wait for unfinished runs, which are walked again.
             for nanny in list(cluster.workers.values()):
                 with suppress(Exception):
                     nanny.close_gracefully()  # it does not start the worker again
@@ -288,7 +288,7 @@ def remote_pool(address: str, report: Callable[[str], None], timeout: float = 30
         InputError: nothing answers at that address.
     """
     _silence()
-    # What 'dask scheduler --scheduler-file' has written is as good as an address.
+    # A file of 'dask scheduler --scheduler-file' replaces an address.
     where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
     try:
         client = Client(**where, timeout=timeout, set_as_default=False)
@@ -311,7 +311,7 @@ def remote_pool(address: str, report: Callable[[str], None], timeout: float = 30
 
 
 def blas_threads() -> int:
-    """Threads that this process's BLAS takes, by the variables that it has read when it was loaded."""
+    """Number of this process's BLAS threads, by the variables that BLAS read when it was loaded."""
     for name in THREAD_VARIABLES:
         value = os.environ.get(name, "").partition(",")[0]
         if value.isdecimal() and int(value):
@@ -321,7 +321,7 @@ def blas_threads() -> int:
 
 @contextmanager
 def environment(variables: Mapping[str, str]) -> Iterator[None]:
-    """Variables of this process while the body of the ``with`` runs, as they were afterwards.
+    """Set variables of this process while the body of the ``with`` runs.
 
     Processes inherit them before they load any library. A nanny's own setting yields to a variable that the
     shell has set, or comes when numpy is loaded already.
@@ -341,7 +341,7 @@ def _close(opened: Client | LocalCluster) -> None:
 
 
 def _silence() -> None:
-    """No log of dask's: warnings to the user are one sentence."""
+    """Silence dask's logs; the user gets warnings of one sentence."""
     names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
     for name in (*names, "distributed", "tornado", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
