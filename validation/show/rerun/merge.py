@@ -23,7 +23,9 @@ from validation.show.rerun.views import (
     PHASE,
     RUN_COLORS,
     TIMELINE,
+    TITLES,
     Color,
+    axis_range,
     beside_blueprint,
     overlay_blueprint,
 )
@@ -32,7 +34,10 @@ _STANCE, _FOOTPRINTS = "/phase/planned_stance", "/world/plan/footprints"
 _GREY: Color = (150, 158, 172, 255)
 """Colour of the plan that overlaid runs share."""
 _CLEAR = 80
-"""Alpha of overlaid bodies, of 255."""
+"""Alpha of the first of overlaid bodies, of 255."""
+_BODY = ("Capsules3D", "Cylinders3D", "Boxes3D", "Ellipsoids3D")
+_WIRES = {"fill_mode": rr.components.FillMode.MajorWireframe}
+"""Style of the bodies after the first: colours of surfaces that nearly coincide would mix."""
 
 
 class Part(NamedTuple):
@@ -115,7 +120,12 @@ def merge(sources: Sequence[tuple[str, str, Path]], path: Path, *, overlay: bool
     parts = [read_part(file, prefix, label) for prefix, label, file in sources]
     over = same_gait(parts) if overlay is None else overlay
     runs = {part.at: part.label for part in parts}
-    blueprint = overlay_blueprint(runs) if over else beside_blueprint(runs)
+    scalars = "Scalars:scalars"
+    ranges = {
+        entity: axis_range(np.concatenate([part.numbers(f"/{entity}", scalars) for part in parts]))
+        for entity in TITLES
+    }
+    blueprint = overlay_blueprint(runs, ranges) if over else beside_blueprint(runs, ranges)
     with open_stream("ampm-beside", "ampm-beside", path, blueprint) as stream:
         for part in parts:
             stream.send_chunks(
@@ -155,11 +165,12 @@ def _paint(stream: rr.RecordingStream, part: Part, color: Color, *, first: bool)
             lines = rr.SeriesLines(names=names, colors=colors, widths=widths, visible_series=visible)
             stream.log(part.at + entity, lines, static=True)
         elif entity.startswith("/world/"):
-            own = (*color[:3], _CLEAR) if entity.startswith("/world/body/") else color
+            own = (*color[:3], _CLEAR) if first and entity.startswith("/world/body/") else color
             if first and entity.startswith(("/world/plan/", "/world/floor/zmp/plan")):
                 own = _GREY
             for name in batch.schema.names:
                 kind, _, component = name.partition(":")
                 if component == "colors":
-                    shape = getattr(rr, kind).from_fields(colors=[own])
+                    options = {} if first or kind not in _BODY else _WIRES
+                    shape = getattr(rr, kind).from_fields(colors=[own], **options)
                     stream.log(part.at + entity, shape, static=True)

@@ -41,6 +41,7 @@ from validation.show.rerun.views import (
     RIGHT,
     TIMELINE,
     Color,
+    axis_range,
     run_blueprint,
 )
 from validation.store.saved import RECORDING_FILE as RECORDING_FILE
@@ -138,20 +139,23 @@ def write_recording(run: str | Path | SavedRun) -> Path:
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path = saved.directory / RECORDING_FILE
-    with open_stream("ampm", "ampm-run", path, run_blueprint()) as stream:
+    frames = np.arange(0, len(saved.signals), _stride(saved, 1.0 / PICTURE_RATE))
+    times, curves = _curves(saved) if len(frames) else (np.zeros(0), {})
+    ranges = {entity: axis_range(values) for entity, (values, _) in curves.items()}
+    with open_stream("ampm", "ampm-run", path, run_blueprint(ranges)) as stream:
         log, plan = _Log(stream, saved), saved.plan()
         log.static("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         log.static("verdict", rr.TextDocument(verdict_markdown(saved), media_type=rr.MediaType.MARKDOWN))
-        frames = np.arange(0, len(saved.signals), _stride(saved, 1.0 / PICTURE_RATE))
         _log_body(log, saved, frames)
         if len(frames):
             _log_clearance(log, saved, frames)
             _log_ground(log, saved, frames, plan)
-            _log_series(log, saved)
+            for entity, (values, lines) in curves.items():
+                log.series(entity, times, values, lines)
             _log_states(log, saved.signals)
-        times, levels, texts = zip(*sorted(run_events(saved), key=lambda event: event[0]), strict=True)
+        instants, levels, texts = zip(*sorted(run_events(saved), key=lambda event: event[0]), strict=True)
         words = rr.TextLog.columns(text=[plain_text(text) for text in texts], level=levels)
-        log.columns("events", np.array(times), words)
+        log.columns("events", np.array(instants), words)
     return path
 
 
@@ -371,8 +375,12 @@ def _changes(values: NDArray[Any]) -> NDArray[np.intp]:
 # ------------------------------------------------------------------------------------------ time series
 
 
-def _log_series(log: _Log, saved: SavedRun) -> None:
-    """Plan, command and measurement, and their differences."""
+def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Mapping[str, Color]]]]:
+    """Plan, command and measurement, and their differences.
+
+    Returns:
+        Times, shape (N,) [s]; entity to values, shape (N, k), and name and colour of every column.
+    """
     # Rows evenly spread, before and at every switch, and the last.
     every = saved.signals
     change = np.concatenate(
@@ -380,22 +388,22 @@ def _log_series(log: _Log, saved: SavedRun) -> None:
     )
     even = np.arange(0, len(every), _stride(saved, CURVE_STEP))
     rows = np.unique(np.concatenate([even, change, change - 1, [len(every) - 1]]))
-    signals = every.take(rows)
-    times, weight = signals.time, saved.record.mass * saved.record.gravity
+    signals, weight = every.take(rows), saved.record.mass * saved.record.gravity
+    found: dict[str, tuple[Array, Mapping[str, Color]]] = {}
 
     def three(name: str) -> Array:
         return np.column_stack([signals[f"{kind}_{name}"] for kind in SERIES])
 
     # x is drawn about the planned COM, because the travel would flatten every curve.
     com_x = signals["plan_com_x"][:, None]
-    log.series("signals/zmp_x", times, 1e3 * (three("zmp_x") - com_x), SERIES)
-    log.series("signals/zmp_y", times, 1e3 * three("zmp_y"), SERIES)
-    log.series("signals/com_x", times, three("com_x") - com_x, SERIES)
+    found["signals/zmp_x"] = 1e3 * (three("zmp_x") - com_x), SERIES
+    found["signals/zmp_y"] = 1e3 * three("zmp_y"), SERIES
+    found["signals/com_x"] = three("com_x") - com_x, SERIES
     momentum = ("angular_momentum_x", "angular_momentum_y")
     for name in ("force_x", "force_y", "force_z", *momentum, "com_y", "com_z"):
-        log.series(f"signals/{name}", times, three(name), SERIES)
+        found[f"signals/{name}"] = three(name), SERIES
     yaw = np.column_stack([signals[f"{kind}_angular_momentum_z"] for kind in ("motion", "measured")])
-    log.series("signals/angular_momentum_z", times, yaw, {"motion": PLAN, "measured": MEASURED})
+    found["signals/angular_momentum_z"] = yaw, {"motion": PLAN, "measured": MEASURED}
     for entity, one, other, axes, scale in (
         ("residual/zmp", "measured_zmp", "plan_zmp", "xy", 1e3),
         ("residual/force", "measured_force", "plan_force", "xyz", 100.0 / weight),
@@ -405,11 +413,12 @@ def _log_series(log: _Log, saved: SavedRun) -> None:
         ("selfcheck/zmp", "measured_zmp_momentum", "measured_zmp", "xy", 1e3),
     ):
         gap = scale * (signals.vector(one, axes) - signals.vector(other, axes))
-        log.series(entity, times, gap, {axis: _AXES[axis] for axis in axes})
+        found[entity] = gap, {axis: _AXES[axis] for axis in axes}
     feet = np.column_stack([signals["left_force_z"], signals["right_force_z"], signals["plan_force_z"]])
-    log.series("signals/foot_force_z", times, feet, {**_FEET, "plan, both": PLAN})
+    found["signals/foot_force_z"] = feet, {**_FEET, "plan, both": PLAN}
     use = np.abs(saved.record.torque[rows]) / saved.record.torque_limit
-    log.series("effort/torque", times, 100 * use.max(axis=1)[:, None], {"busiest motor": MEASURED})
+    found["effort/torque"] = 100 * use.max(axis=1)[:, None], {"busiest motor": MEASURED}
+    return signals.time, found
 
 
 def _log_states(log: _Log, signals: Signals) -> None:

@@ -5,15 +5,20 @@ A layout is of one run, of several beside each other, or of several revisions of
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from numpy.typing import NDArray
 
 Color = tuple[int, int, int, int]
 Labels = Mapping[str, str]
 """Prefix of the names of a run's entities, such as ``/a``, to its displayed name."""
+Ranges = Mapping[str, tuple[float, float]]
+"""Entity of :data:`TITLES` to the ends of its vertical axis."""
 
 TIMELINE, PHASE = "sim_time", "gait_phase"
 
@@ -50,9 +55,40 @@ TITLES = {
     "selfcheck/zmp": "Self-check: ZMP by momentum - by contact [mm]",
 }
 """Entities that are curves. Signals are shown about the cursor, the others over the whole run."""
+_TWO, _THREE = ("x red, y green", "y darker"), ("x red, y green, z blue", "y darker, z paler")
+_COLORS = {
+    "residual/zmp": _TWO,
+    "residual/force": _THREE,
+    "residual/angular_momentum": _TWO,
+    "residual/com": _THREE,
+    "feedback/zmp": _TWO,
+    "selfcheck/zmp": _TWO,
+    "signals/foot_force_z": ("left pink, right yellow, plan blue", ""),
+}
+"""Colours of an entity's curves in one run, and in several over each other; a legend would cover curves."""
+_LABELS = 7
+"""Most intervals between two labels of a vertical axis: the viewer leaves out labels less than 20 px apart."""
 
 
-def run_blueprint() -> rrb.Blueprint:
+def axis_range(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Ends of a vertical axis that has labels: multiples of a power of ten, as the viewer labels no others.
+
+    Args:
+        values: all that is drawn, NaN where nothing is.
+    """
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return -1.0, 1.0
+    low, high = float(known.min()), float(known.max())
+    step = 10.0 ** math.ceil(math.log10(max(high - low, 1e-6) / _LABELS) - 1e-9)
+    low, high = step * math.floor(low / step), step * math.ceil(high / step)
+    if high - low < 1.5 * step:  # of two labels one reads no scale
+        low, high = low - step, high + step
+    margin = 0.03 * (high - low)
+    return low - margin, high + margin
+
+
+def run_blueprint(ranges: Ranges) -> rrb.Blueprint:
     """Of one run: body and ZMP from above on the left; verdict and curves on the right."""
     left = rrb.Vertical(
         _body_view(
@@ -69,46 +105,47 @@ def run_blueprint() -> rrb.Blueprint:
     )
     curves = _tabs(
         {
-            "ZMP": [*_of_axes("zmp", "xy"), "residual/zmp"],
-            "Force": [*_of_axes("force", "xyz"), "signals/foot_force_z", "residual/force"],
-            "Momentum": [*_of_axes("angular_momentum", "xyz"), "residual/angular_momentum"],
-            "COM": [*_of_axes("com", "xyz"), "residual/com"],
-            "Cost": ["feedback/zmp", "effort/torque", "selfcheck/zmp"],
+            "ZMP": [_of_axes("zmp", "xy"), ["residual/zmp"]],
+            "Force": [_of_axes("force", "xyz"), ["signals/foot_force_z", "residual/force"]],
+            "Momentum": [_of_axes("angular_momentum", "xyz"), ["residual/angular_momentum"]],
+            "COM": [_of_axes("com", "xyz"), ["residual/com"]],
+            "Cost": [["feedback/zmp", "selfcheck/zmp"], ["effort/torque"]],
         },
         [""],
+        ranges,
     )
     words = rrb.TextDocumentView(name="Verdict", origin="/verdict")
     right = rrb.Vertical(
         rrb.Horizontal(words, _events_view("", TIMELINE), column_shares=[3, 2]),
         curves,
         rrb.StateTimelineView(name="Phase and contact", origin="/phase", time_view=_near()),
-        row_shares=[8, 14, 5],
+        row_shares=[6, 17, 4],
     )
     return _laid_out(rrb.Horizontal(left, right, column_shares=[1, 1]), TIMELINE)
 
 
-def beside_blueprint(runs: Labels) -> rrb.Blueprint:
+def beside_blueprint(runs: Labels, ranges: Ranges) -> rrb.Blueprint:
     """One column per run, all at the same phase of the gait."""
     columns = []
     for at, label in runs.items():
         follow = f"{at}/world/follow"
         more = [
-            _plot(entity, [at])
+            _plot(entity, [at], ranges)
             for entity in ("signals/zmp_x", "residual/force", "residual/angular_momentum", "effort/torque")
         ]
         verdict = rrb.TextDocumentView(name="Verdict", origin=f"{at}/verdict")
         views: list[rrb.Container | rrb.View] = [
             _body_view(f"{label}: plan (blue), measured (orange)", follow, _body_contents(at)),
             _above_view(f"{label} from above", follow, _above_contents(at)),
-            _plot("residual/zmp", [at], f"{label}: {TITLES['residual/zmp']}"),
+            _plot("residual/zmp", [at], ranges, f"{label}: "),
             rrb.Tabs(*more, verdict, _events_view(at, PHASE), active_tab=len(more)),
         ]
-        columns.append(rrb.Vertical(*views, row_shares=[5, 3, 2, 3]))
+        columns.append(rrb.Vertical(*views, row_shares=[5, 3, 3, 3]))
     lanes = _lanes("Planned stance", [f"{at}/phase/planned_stance" for at in runs])
     return _laid_out(rrb.Vertical(rrb.Horizontal(*columns), lanes, row_shares=[13, 2]), PHASE)
 
 
-def overlay_blueprint(runs: Labels) -> rrb.Blueprint:
+def overlay_blueprint(runs: Labels, ranges: Ranges) -> rrb.Blueprint:
     """All runs in one scene and on the same axes, each in its colour of :data:`RUN_COLORS`."""
     first = f"{next(iter(runs))}/world"  # the plan is the same
     bodies = [f"{first}/follow", f"{first}/plan/footprints"]
@@ -126,12 +163,13 @@ def overlay_blueprint(runs: Labels) -> rrb.Blueprint:
     )
     curves = _tabs(
         {
-            "ZMP": ["residual/zmp", *_of_axes("zmp", "xy")],
-            "Force": ["residual/force", *_of_axes("force", "xyz")],
-            "Momentum": ["residual/angular_momentum", *_of_axes("angular_momentum", "xy")],
-            "Cost": ["feedback/zmp", "effort/torque", "residual/com"],
+            "ZMP": [["residual/zmp"], _of_axes("zmp", "xy")],
+            "Force": [["residual/force"], _of_axes("force", "xyz")],
+            "Momentum": [["residual/angular_momentum"], _of_axes("angular_momentum", "xy")],
+            "Cost": [["feedback/zmp", "residual/com"], ["effort/torque"]],
         },
         list(runs),
+        ranges,
     )
     words = [rrb.TextDocumentView(name=label, origin=f"{at}/verdict") for at, label in runs.items()]
     events = [_events_view(at, PHASE, f"Events of {label}") for at, label in runs.items()]
@@ -139,7 +177,7 @@ def overlay_blueprint(runs: Labels) -> rrb.Blueprint:
         rrb.Horizontal(*words) if len(words) <= 2 else rrb.Tabs(*words),
         curves,
         rrb.Tabs(_lanes("Feet on the floor", [f"{at}/phase/**" for at in runs]), *events),
-        row_shares=[7, 14, 5],
+        row_shares=[6, 17, 4],
     )
     return _laid_out(rrb.Horizontal(left, right), PHASE)
 
@@ -156,19 +194,25 @@ def _near(seconds: float = 1.5) -> rrb.TimeAxis:
     return rrb.TimeAxis(view_range=window)
 
 
-def _plot(entity: str, runs: Sequence[str], title: str = "") -> rrb.TimeSeriesView:
+def _plot(entity: str, runs: Sequence[str], ranges: Ranges, before: str = "") -> rrb.TimeSeriesView:
     """Curves of one entity of :data:`TITLES`, of one or several runs."""
     origins = [f"{at}/{entity}" for at in runs]
     options: dict[str, Any] = {"axis_x": _near()} if entity.startswith("signals/") else {}
+    if entity in ranges:
+        options["axis_y"] = rrb.ScalarAxis(range=ranges[entity])
     where: dict[str, Any] = {"origin": origins[0]} if len(origins) == 1 else {"contents": origins}
-    return rrb.TimeSeriesView(name=title or TITLES[entity], **where, **options)
+    colors = _COLORS.get(entity, ("", ""))[len(runs) > 1]
+    title = f"{before}{TITLES[entity]}{f', {colors}' if colors else ''}"
+    return rrb.TimeSeriesView(name=title, plot_legend=rrb.PlotLegend(visible=False), **where, **options)
 
 
-def _tabs(layout: Mapping[str, Sequence[str]], runs: Sequence[str]) -> rrb.Tabs:
-    """Tabs of curves: name to entities."""
+def _tabs(layout: Mapping[str, Sequence[Sequence[str]]], runs: Sequence[str], ranges: Ranges) -> rrb.Tabs:
+    """Tabs of curves: name to rows of entities."""
     columns = [
-        rrb.Vertical(*(_plot(entity, runs) for entity in entities), name=name)
-        for name, entities in layout.items()
+        rrb.Vertical(
+            *(rrb.Horizontal(*(_plot(entity, runs, ranges) for entity in row)) for row in rows), name=name
+        )
+        for name, rows in layout.items()
     ]
     return rrb.Tabs(*columns, active_tab=0)
 
