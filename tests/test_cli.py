@@ -17,6 +17,7 @@ from ampm import __version__
 from ampm.exceptions import SolverError
 from validation.cli.app import Status
 from validation.show.viewer import page_address, viewer_command
+from validation.trial.plan import load_request
 
 COLUMNS = (
     "time phase stance com_x com_y com_z com_velocity_x com_velocity_y com_velocity_z com_acceleration_x "
@@ -109,6 +110,12 @@ def test_bad_input_is_one_sentence(ampm, arguments, words, tmp_path, monkeypatch
     assert words in answer.err
     assert "Traceback" not in answer.err
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_title_names_what_was_changed_but_for_the_number_of_steps():
+    request = load_request("normal", ["gait.steps=4", "gait.c_y = 0.93", "solver.qp=daqp"])
+    assert request.title == "normal, gait.c_y 0.93, solver.qp daqp"
+    assert load_request("normal", ["gait.steps=4"]).title == "normal"
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -125,14 +124,18 @@ def test_another_body_is_refused(swing):
         measure(swing[0], other, to_pinocchio)
 
 
-def test_measuring_ten_thousand_steps_takes_less_than_a_second(swing):
-    record, many = swing[0], {}
+def test_a_long_record_is_measured_in_few_blocks(swing):
+    record, many, blocks = swing[0], {}, []
     for name, value in vars(record).items():
         extra = len(value) - record.steps if isinstance(value, np.ndarray) else -1
         if extra in (0, 1):
             many[name] = np.resize(value, (10_000 + extra, *value.shape[1:]))
     long = replace(record, **many, sensors={})
     q, v = to_pinocchio(long.q, long.qd)  # the test's own conversion is a slow loop
-    start = time.perf_counter()
-    measure(long, pinocchio_model(), lambda qpos, qvel: (q[: len(qpos)], v[: len(qvel)]))
-    assert time.perf_counter() - start < 1.0
+
+    def convert(qpos, qvel):
+        blocks.append(len(qpos))
+        return q[: len(qpos)], v[: len(qvel)]
+
+    measure(long, pinocchio_model(), convert)
+    assert len(blocks) <= sum(blocks) / 1000.0

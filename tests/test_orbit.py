@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -190,6 +192,18 @@ def test_search_goes_by_way_of_easier_gaits(monkeypatch):
     np.testing.assert_allclose(motion.q, direct.q, atol=1e-7)
     offset = direct.report.angular_momentum_y_offset
     assert motion.report.angular_momentum_y_offset == pytest.approx(offset, abs=1e-7)
+
+
+def test_a_residual_that_is_no_number_is_no_orbit():
+    step_map: Any = SimpleNamespace(
+        n=3,
+        ik=SimpleNamespace(robot=SimpleNamespace(nv=1)),
+        step=lambda z: z,
+        residual=lambda z, moved: np.full(3, np.nan),
+        size=lambda value: float(np.abs(value).max()),
+    )
+    with pytest.raises((Unreachable, np.linalg.LinAlgError)):
+        return_map.newton(step_map, np.zeros(3), 1e-9)
 
 
 def test_out_of_reach_names_the_instant_and_a_height_that_works():

@@ -21,6 +21,7 @@ from validation.progress import Progress
 from validation.store.json import json_ready
 from validation.study.compare.metrics import GRIDS, Quantity
 from validation.study.compare.pair import (
+    EVEN,
     NUMBERS,
     PICTURE,
     REPORT,
@@ -30,7 +31,7 @@ from validation.study.compare.pair import (
     load_side,
     pair_of,
 )
-from validation.study.compare.report import largest_undecided
+from validation.study.compare.report import first_answer, largest_undecided
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +109,11 @@ def test_without_a_study_only_what_is_not_walked_is_decided(pair):
     assert pair.as_dict()["uncertainty"] is None
     assert pair.parameters["gait.model"] == ("ampm", "ipm")
     assert "body.mass" not in pair.parameters
+    walked = [row.ratio for row in pair.rows if row.of.walked and row.ratio]
+    counts = [sum(r < 1 / EVEN for r in walked), sum(r > EVEN for r in walked)]
+    (answer,) = first_answer(pair)
+    assert f" of {len(walked)} quantities of the walks {counts[0]} are smaller in " in answer
+    assert f", {counts[1]} in {pair.a.label}, " in answer
     largest = largest_undecided(pair)
     ratios = [abs(math.log(row.ratio or math.nan)) for row in largest]
     assert len(ratios) == 5

@@ -122,6 +122,13 @@ def test_a_fall_is_told_as_one(tmp_path, seconds):
     assert "fell" in verdict_markdown(saved)
 
 
+def test_the_title_names_what_was_changed(run_dir):
+    saved = load_saved_run(run_dir)
+    changed = {"gait": "normal", "changed": {"gait.c_y": 0.93, "solver.qp": "daqp"}}
+    page = render(replace(saved, summary={**saved.summary, **changed}))
+    assert "<h1>normal, gait.c_y 0.93, solver.qp daqp" in page
+
+
 def test_names_from_outside_are_escaped(run_dir):
     nasty = "</title><script>alert(1)</script>"
     saved = load_saved_run(run_dir)

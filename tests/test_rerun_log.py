@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.saved_run import make_run
 from validation.show.rerun.record import RECORDING_FILE, plain_text, verdict_markdown, write_recording
+from validation.show.rerun.views import axis_range
 from validation.store.record import load_record
 from validation.store.saved import load_saved_run
 from validation.store.signals import load_signals
@@ -110,6 +111,17 @@ def test_a_small_time_step_makes_no_larger_recording(tmp_path):
     changes = sum(np.count_nonzero(np.diff(signals[f"{foot}_contact"])) for foot in ("left", "right"))
     assert len(rows) <= len(time) / 4 + 2 * (len(switches) + changes) + 2
     assert "signals.parquet" in verdict_markdown(load_saved_run(run))
+
+
+@pytest.mark.parametrize(
+    ("low", "high"), [(-90.0, 90.0), (-2.2, 6.4), (0.0, 640.0), (0.862, 0.8684), (3.0, 3.0), (np.nan, np.nan)]
+)
+def test_an_axis_has_labels_and_room_for_its_values(low, high):
+    begin, end = axis_range(np.array([low, np.nan, high]))
+    assert not np.isfinite(low) or begin < low <= high < end
+    step = 10.0 ** np.floor(np.log10(end - begin))
+    # The viewer labels multiples of a power of ten, if there is room for them.
+    assert any(2 <= np.floor(end / s) - np.ceil(begin / s) <= 8 for s in (step / 10.0, step))
 
 
 def test_text_is_kept_to_glyphs_that_the_viewer_has():

@@ -7,6 +7,8 @@ import errno
 import json
 import os
 import sqlite3
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +17,7 @@ import pytest
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
+from validation.store import identity
 from validation.store.identity import parameter_values, run_key
 from validation.study.sweep import store
 from validation.study.sweep.design import parse_sweep
@@ -190,6 +193,19 @@ def test_the_key_of_a_run_is_of_what_is_not_at_its_default():
     assert len(set(keys)) == 3
     assert run_key({}) == keys[0]
     assert run_key({"gait.steps": 31}) == keys[1]
+
+
+def test_the_code_of_a_row_is_all_that_a_walk_imports():
+    script = (
+        "import sys, validation.run.walk, validation.study.sweep.task; "
+        "print(*(getattr(m, '__file__', None) or '' for m in list(sys.modules.values())), sep='\\n')"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    loaded = {Path(line).relative_to(ROOT) for line in done.stdout.split() if line.startswith(f"{ROOT}/")}
+    hashed = tuple(Path(folder) for folder in identity.FOLDERS)
+    others = {path for path in loaded if path.parts[0] in ("ampm", "models", "validation")}
+    others -= {path for path in others for folder in hashed if path.is_relative_to(folder)}
+    assert others == {Path("validation", f"{name}.py") for name in ("__init__", "progress", "study/__init__")}
 
 
 def test_the_documentation_lists_every_column():

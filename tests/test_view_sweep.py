@@ -84,6 +84,8 @@ def test_one_gait_of_two_revisions_is_overlaid(walks, tmp_path, capsys):
     body = "world/force/measured"
     colours = [last_static(target, f"/{which}/{body}", "Arrows3D:colors") for which in "ab"]
     assert colours[0] != colours[1]
+    bodies = [last_static(target, f"/{which}/world/body/capsule", "Capsules3D:fill_mode") for which in "ab"]
+    assert bodies[0] != bodies[1]  # surfaces in the same place would mix their colours
     names = [last_static(target, f"/{which}/residual/zmp", "SeriesLines:names") for which in "ab"]
     assert names == [["one x", "one y"], ["two x", "two y"]]
 

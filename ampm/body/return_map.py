@@ -164,7 +164,7 @@ def newton(
     value = step_map.residual(z, trajectory)
     best = step_map.size(value)
     cause: Unreachable | None = None
-    while best > tolerance:
+    while not best <= tolerance:  # a NaN is no orbit
         if report is not None:
             report(f"residual {best:.2e}")
         fresh = inverse is None

@@ -88,9 +88,8 @@ def plan(
     if plot is not None:
         from validation.show.plan import plot_plan
 
-        changed = f" with {', '.join(settings)}" if settings else ""
         with output_file(plot) as work:
-            plot_plan(planned, work, title=f"plan of {request.name}{changed}")
+            plot_plan(planned, work, title=f"plan of {request.title}")
     answer(
         planned,
         lambda planned: describe_plan(request, planned, walk),
@@ -122,10 +121,10 @@ def print_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | None 
         unit, meaning = field.metadata["unit"], field.metadata["meaning"]
         value = format_number(getattr(plan.constants, field.name), 6)
         rows.append((field.name, value, "" if unit == "1" else str(unit), meaning))
-    print_table(f"plan of {request.name}", ("constant", ">value", "unit", "meaning"), rows)
+    print_table(f"plan of {request.title}", ("constant", ">value", "unit", "meaning"), rows)
     print_line(f"largest jump at a switch, relative: {format_number(plan.residuals().largest, 2)}")
     if walk is not None:
-        print_line(f"least distance of the ZMP from the edge of the support: {1000 * walk.zmp_margin:.1f} mm")
+        print_line(f"planned ZMP margin, to the edge of the planned support: {1000 * walk.zmp_margin:.1f} mm")
         report = walk.motion.report
         print_line(f"least flexion of a knee: {report.knee_minimum.value:.3f} rad")
         closest = report.clearance

@@ -271,14 +271,17 @@ def print_result(summary: Mapping[str, Any], folder: Path) -> None:
         summary: contents of the file.
         folder: that holds it.
     """
+    from validation.trial.plan import gait_title
+
+    title = gait_title(summary["gait"], summary.get("changed", {}))
     print_table(
-        f"{summary['gait']}: measured against plan, without the first step (profile {summary['profile']})",
+        f"{title}: measured against plan, without the first step (profile {summary['profile']})",
         ("metric", ">value", ">limit", "unit", ""),
         [_row(name, item) for name, item in summary["metrics"].items() if item["tolerance"] is not None],
     )
     for name, text in _cost(summary).items():
         print_line(f"  {name:<18}{text}")
-    print_verdict(summary["gait"], summary["verdict"], summary["reason"])
+    print_verdict(title, summary["verdict"], summary["reason"])
     if known := summary.get("uncertainty"):
         inside = " + ".join(known.get("studies") or ())
         text = f"± numerical uncertainty{f' ({inside})' if inside else ''} of a convergence study of "
@@ -316,7 +319,7 @@ def _cost(summary: Mapping[str, Any]) -> dict[str, str]:
         "feedback": f"command minus plan, RMS: ZMP x y {_millimetres(summary['effort']['zmp'], 2)} mm",
         "torque": f"{_scaled(torque['value'], 100, ' %')} of a motor's limit at most ({torque['where']})",
         "friction": f"{friction} used of {format_number(margins['friction_available'], 2)}",
-        "support": f"measured ZMP at least {_scaled(support, 1000, ' mm', 1)} inside",
+        "ZMP margin": f"measured, at least {_scaled(support, 1000, ' mm', 1)}",
         "knee": f"bent by {format_number(margins['knee']['value'], 3)} rad at least",
         "clearance": f"{_scaled(gap['value'], 1000, ' mm', 1)} at least ({gap['where']})",
         "QP": f"{solver['ticks']} ticks, {solver['unsolved']} unsolved, "

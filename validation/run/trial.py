@@ -206,6 +206,7 @@ def results_of(trial: Trial, environment: Mapping[str, Any]) -> dict[str, Any]:
         timing=trial.timing,
         environment=environment,
         gait=trial.planned.name,
+        changed=trial.planned.request.changed,
         motion=trial.plan.posture.report(),
         standing=standing,
         memory_peak={"value": memory_peak(), "unit": "MB"},

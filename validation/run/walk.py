@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -72,7 +73,7 @@ def walk(
         request = Request(name or "walk", run)
     else:
         request = load_request(str(run))
-        request = Request(name or request.name, request.run)
+        request = replace(request, name=name or request.name)
     if not isinstance(profile, Profile):
         profile = profiles.own_profile(request.name) if profile is None else profiles.profile(profile)
     seconds: dict[str, float] = {}

@@ -54,7 +54,7 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
         "ground force\n[% of body weight]": dict(zip("xyz", force.T, strict=True)),
         "moment about the\nCOM [N m]": dict(zip("xyz", sample.moment.T, strict=False)),
         "angular momentum about\nthe COM [N m s]": dict(zip("xyz", sample.angular_momentum.T, strict=False)),
-        "ZMP margin to the\nsupport polygon [mm]": {},
+        "planned ZMP margin to\nthe planned support [mm]": {},
     }
     with file_style():
         # Made without pyplot: no global state, no display, safe in any thread.

@@ -119,9 +119,9 @@ def render(saved: SavedRun) -> str:
     headline = headline if outcome.completed else f"{outcome.name}, {headline}"
     return render_page(
         "report.html.j2",
-        f"{summary['gait']}: {headline}",
+        f"{saved.title}: {headline}",
         styles=["report.css"],
-        gait=summary["gait"],
+        gait=saved.title,
         verdict_class="fail" if outcome.name in _LOST else verdict if verdict in ("pass", "fail") else "open",
         headline=headline,
         reason=reason.replace("% of body weight", BODY_WEIGHT),

@@ -14,10 +14,10 @@ from ampm.parameters import RunParameters
 from validation.store.environment import version_of
 
 _ROOT = Path(__file__).resolve().parents[2]
-_FOLDERS = (
+FOLDERS = (
     "ampm",
     "models",
-    *(f"validation/{name}" for name in ("trial", "measure", "judge", "study/sweep")),
+    *(f"validation/{name}" for name in ("trial", "store", "measure", "judge", "run", "study/sweep")),
 )
 """Sources that a row is computed with; command line and reports are not among them."""
 _SUFFIXES = (".py", ".toml", ".xml", ".csv")
@@ -52,7 +52,7 @@ def run_key(values: Mapping[str, Any]) -> str:
 def code() -> dict[str, str]:
     """Sources and versions of this process: name to hash or version."""
     digest = hashlib.sha256()
-    paths = (path for folder in _FOLDERS for path in (_ROOT / folder).rglob("*") if path.suffix in _SUFFIXES)
+    paths = (path for folder in FOLDERS for path in (_ROOT / folder).rglob("*") if path.suffix in _SUFFIXES)
     for path in sorted(paths):
         digest.update(path.relative_to(_ROOT).as_posix().encode())
         digest.update(path.read_bytes())

@@ -24,6 +24,7 @@ from models.human import sole_geometry
 from validation.store.folders import RUN_FILES
 from validation.store.record import StoredRecord
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
+from validation.trial.plan import gait_title
 
 Array = NDArray[np.float64]
 
@@ -59,6 +60,11 @@ class SavedRun:
         """Folder, gait, steps, outcome and verdict."""
         said, outcome = self.summary, self.record.outcome
         return f"SavedRun({self.directory}: {said.get('gait')}, {outcome.summary}, {said.get('verdict')})"
+
+    @property
+    def title(self) -> str:
+        """Name of the gait and what was changed in it."""
+        return gait_title(self.summary["gait"], self.summary.get("changed", {}))
 
     def plan(self) -> StepPlan | None:
         """Evaluate the closed-form plan again, with feet.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,10 +38,23 @@ class Request:
     Attributes:
         name: preset, or stem of the file.
         run: everything that describes the run.
+        changed: key to value of what settings changed in the preset or file, but for the number of steps.
     """
 
     name: str
     run: RunParameters
+    changed: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """Name and changes, for a picture or a verdict."""
+        return gait_title(self.name, self.changed)
+
+
+def gait_title(name: str, changed: Mapping[str, Any]) -> str:
+    """Name of a gait and what was changed in it: ``normal, gait.c_y 0.93``."""
+    values = (f"{value:.6g}" if isinstance(value, float) else str(value) for value in changed.values())
+    return ", ".join([name, *map(" ".join, zip(changed, values, strict=True))])
 
 
 @dataclass(frozen=True)
@@ -124,7 +137,8 @@ def load_request(gait: str, settings: Sequence[str] = (), *, as_is: bool = False
     name = path.resolve().parent.name if path.name == "run.toml" else path.stem
     if gait in PRESETS:  # a dot in a preset's name begins no suffix
         name = gait
-    return Request(name, run)
+    keys = dict.fromkeys(setting.partition("=")[0].strip() for setting in settings)
+    return Request(name, run, {key: run.value(key) for key in keys if key != "gait.steps"})
 
 
 def load_requests(
@@ -257,7 +271,7 @@ def tune_walk(request: Request, progress: Progress | None = None) -> tuple[Plann
         tuned = tune(run, body.robot, progress=stage.note, cache=motion_cache())
     if changed := changes(run):
         progress.say(f"{request.name}: {_found(run, tuned, changed)}")
-    return PlannedWalk(Request(request.name, tuned.run), tuned.plan, body), tuned
+    return PlannedWalk(replace(request, run=tuned.run), tuned.plan, body), tuned
 
 
 def complete(request: Request, progress: Progress | None = None) -> Request:

@@ -164,7 +164,9 @@ def open_stream(name: str, key: str, path: Path, blueprint: rrb.Blueprint) -> It
     """A stream into a file, with a fixed key: equal runs give equal files (``rerun rrd compare``)."""
     # The SDK logs every file that it saves.
     logging.getLogger("rerun").setLevel(logging.ERROR)
-    stream = rr.RecordingStream(name, recording_id=key, send_properties=False)
+    # Chunks end where they are full or the file does, never by the clock.
+    whole = rr.ChunkBatcherConfig.NEVER()
+    stream = rr.RecordingStream(name, recording_id=key, send_properties=False, batcher_config=whole)
     stream.save(str(path), default_blueprint=blueprint)
     try:
         yield stream

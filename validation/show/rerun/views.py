@@ -67,7 +67,7 @@ _COLORS = {
 }
 """Colours of an entity's curves in one run, and in several over each other; a legend would cover curves."""
 _LABELS = 7
-"""Most intervals between two labels of a vertical axis: the viewer leaves out labels less than 20 px apart."""
+"""Most intervals between two labels of a vertical axis: the viewer leaves out those less than 20 px apart."""
 
 
 def axis_range(values: NDArray[np.float64]) -> tuple[float, float]:

@@ -73,9 +73,23 @@ def notes(pair: Pair) -> list[str]:
     }
     found = [row.better for row in pair.rows]
     lines = [f"{text} {found.count(better)} of {len(found)} quantities" for better, text in words.items()]
-    return lines + [
+    largest = (
         f"undecided, with a ratio of {_ratio(row)}: {row.of.group}, {row.of.label}"
         for row in largest_undecided(pair)
+    )
+    return [*lines, *first_answer(pair), *largest]
+
+
+def first_answer(pair: Pair) -> list[str]:
+    """Without a study: how many quantities of the walks differ, as far as their values tell."""
+    ratios = [row.ratio for row in pair.rows if row.of.walked and row.ratio]
+    if pair.studies or not ratios:
+        return []
+    less, more = sum(ratio < 1.0 / EVEN for ratio in ratios), sum(ratio > EVEN for ratio in ratios)
+    even = len(ratios) - less - more
+    return [
+        f"first answer, by values alone: of {len(ratios)} quantities of the walks {less} are smaller in "
+        f"{pair.b.label}, {more} in {pair.a.label}, {even} differ by less than a ratio of {EVEN:g}"
     ]
 
 

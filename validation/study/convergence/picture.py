@@ -49,7 +49,7 @@ def draw(result: Convergence, path: Path) -> None:
         figure = Figure(figsize=(12.4, 4.1 * rows + 0.5), layout="constrained")
         FigureCanvasAgg(figure)
         steps = result.request.run.gait.steps
-        figure.suptitle(f"{result.request.name}: what the numbers depend on, {steps} steps a level")
+        figure.suptitle(f"{result.request.title}: what the numbers depend on, {steps} steps a level")
         grid = list(figure.subplots(rows, 2, squeeze=False).flat)
         for axes, study in zip(grid, result.studies, strict=False):
             _draw_study(axes, study, drawn)

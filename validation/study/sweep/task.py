@@ -16,9 +16,9 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -67,6 +67,7 @@ class Task:
         folder: of the sweep, for kept runs.
         wall_clock: after which the process is ended [s]; None for no guard.
         code: hash of the code of the sweep's own process, which the worker must have, too.
+        varied: parameters that differ from run to run, by key.
     """
 
     run: int
@@ -80,6 +81,7 @@ class Task:
     folder: str = ""
     wall_clock: float | None = None
     code: str = ""
+    varied: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, definition: SweepDefinition, run: int, folder: Path, **changes: Any) -> Task:
@@ -96,6 +98,7 @@ class Task:
             keep="none" if definition.recordings == "worst" else definition.recordings,
             folder=str(folder),
             code=code_hash(),
+            varied=definition.varied(run),
             **{name: getattr(definition, name) for name in same},
         )
         return replace(task, **changes)
@@ -113,7 +116,7 @@ class Task:
         # Imported here: the sweep's own process needs neither simulator nor body.
         from validation.trial.plan import Request, plan_walk
 
-        return plan_walk(Request(self.name, self.parameters), progress)
+        return plan_walk(Request(self.name, self.parameters, self.varied), progress)
 
     def walk(self, planned: PlannedWalk, seconds: dict[str, float] | None = None) -> Trial:
         """Walk and measure; ``seconds`` are of earlier stages."""
