@@ -49,20 +49,14 @@ def rms(values) -> float:
     return float(np.sqrt(np.mean(np.asarray(values) ** 2)))
 
 
-@pytest.fixture(scope="module")
-def run_dir(tmp_path_factory):
-    return make_run(tmp_path_factory.mktemp("run"), steps=4)
-
-
-@pytest.fixture(scope="module")
-def record(run_dir):
-    return load_record(run_dir)
+@pytest.fixture
+def run_dir(run_of):
+    return run_of("normal", steps=8)
 
 
 @pytest.fixture
-def walked(run_of):
-    """Record of a walk, whose bodies move as the floor's forces say."""
-    return load_record(run_of("normal", steps=8))
+def record(run_dir):
+    return load_record(run_dir)
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +83,14 @@ def test_bias_is_a_constant_within_its_bound(bias):
     error = chain(500, bias=bias, offset=2.0).read(truth, {"bias"}) - truth
     assert np.ptp(error) < 1e-12
     assert abs(error[0, 0] - 2.0) <= bias + 1e-12
+
+
+def test_cross_talk_is_a_share_of_the_other_channels_range():
+    channels = [Channel(range=10.0), Channel(range=200.0)]
+    pair = Chain(channels, Acquisition(), 1, "a", times(3), DT, cross_talk=0.02)
+    read = pair.read(np.array([[0.0, 100.0]] * 3), {"cross_talk"})
+    assert 0 < abs(read[0, 0]) <= 0.02 * 10.0 * 0.5
+    assert read[0, 1] == 100.0
 
 
 @pytest.mark.parametrize(("order", "cutoff"), [(4, None), (1, 20.0), (2, 50.0), (4, 100.0)])
@@ -145,14 +147,6 @@ def test_sampling_holds_each_sample():
     np.testing.assert_array_equal(every.read(time[:, None], {"sampling"})[:, 0], time)
 
 
-def test_cross_talk_is_a_share_of_the_other_channels_range():
-    channels = [Channel(range=10.0), Channel(range=200.0)]
-    pair = Chain(channels, Acquisition(), 1, "a", times(3), DT, cross_talk=0.02)
-    read = pair.read(np.array([[0.0, 100.0]] * 3), {"cross_talk"})
-    assert 0 < abs(read[0, 0]) <= 0.02 * 10.0 * 0.5
-    assert read[0, 1] == 100.0
-
-
 def test_all_together_in_the_physical_order():
     both = chain(2000, noise=0.1, bias=1.0, resolution=0.5, range=3.0, cutoff=40.0, rate=100.0, delay=0.004)
     read = both.read(np.full((2000, 1), 2.9), both.effects)
@@ -173,9 +167,7 @@ def test_draws_depend_on_seed_run_and_use():
 
 
 @pytest.mark.parametrize("table", [FACTS, {"kind": "foot-ft"}, {"kind": "foot-ft", "pose": "encoders"}])
-def test_a_faultless_instrument_shows_the_truth(table, record, human, request):
-    if table.get("pose") == "encoders":  # the other record's legs swing as they like
-        record = request.getfixturevalue("walked")
+def test_a_faultless_instrument_shows_the_truth(table, record, human):
     seen = look(table, record, human)
     np.testing.assert_allclose(seen.zmp, seen.true_zmp, atol=1e-12)
     np.testing.assert_array_equal(seen.readings, seen.signals)
@@ -260,24 +252,24 @@ def test_foot_sensor_feels_what_mujocos_own_sensor_feels(run_of):
     assert (error < 2e-3 * size + 5e-3).all(), (error, size)
 
 
-def test_uncompensated_foot_weight_is_an_error_of_the_method(walked, human):
+def test_uncompensated_foot_weight_is_an_error_of_the_method(record, human):
     size = {
-        how: look({"kind": "foot-ft", "compensation": how}, walked, human).errors["run"].rmse[0]
+        how: look({"kind": "foot-ft", "compensation": how}, record, human).errors["run"].rmse[0]
         for how in ("none", "weight", "inertia")
     }
     assert size["inertia"] < 1e-12 < size["weight"] < size["none"]
 
 
 @pytest.mark.parametrize("mount", ["pelvis", "chest"])
-def test_a_perfect_imu_feels_the_motion(walked, human, mount):
-    seen = look({"kind": "imu", "mount": mount}, walked, human)
+def test_a_perfect_imu_feels_the_motion(record, human, mount):
+    seen = look({"kind": "imu", "mount": mount}, record, human)
     assert np.abs(seen.signals[:, 3:].mean(axis=0)[2]) == pytest.approx(9.81, abs=0.5)
     if mount == "pelvis":
-        np.testing.assert_array_equal(seen.signals[:, :3], walked.qd[:-1, 3:6])
+        np.testing.assert_array_equal(seen.signals[:, :3], record.qd[:-1, 3:6])
     np.testing.assert_allclose(seen.errors_of_readings["run"].rmse, 0.0, atol=1e-12)
-    tilted = look({"kind": "imu", "mount": mount, "tilt": 0.02}, walked, human)
+    tilted = look({"kind": "imu", "mount": mount, "tilt": 0.02}, record, human)
     # A tilt moves the ZMP by height times angle, but for the accelerations.
-    expected = walked.com[:, 2].mean() * abs(tilted.drawn["tilt_x"])
+    expected = record.com[:, 2].mean() * abs(tilted.drawn["tilt_x"])
     assert abs(tilted.causes["tilt"]["run"].bias[1]) == pytest.approx(expected, rel=0.1)
 
 

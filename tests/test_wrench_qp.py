@@ -61,22 +61,15 @@ def force_map(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_wrench_of_the_unknowns_is_that_of_their_point_forces(seed):
-    forces, arm, _, _, phi = force_map(seed)
-    point = forces.point_forces(phi)
-    force, moment = point.sum(axis=(0, 1)), np.cross(arm, point).sum(axis=(0, 1))
-    np.testing.assert_allclose(forces.wrench @ phi, [*force, *ANGULAR * moment], atol=1e-12)
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_wrenches_by_foot_and_toe_moments(seed):
+def test_wrenches_are_those_of_the_point_forces(seed):
+    """Of both feet, of each, and the moment about its toe."""
     forces, arm, _, lever, phi = force_map(seed)
     point = forces.point_forces(phi)
-    for foot, wrench in enumerate(forces.foot_wrenches(phi)):
-        np.testing.assert_allclose(wrench[:3], point[foot].sum(axis=0), atol=1e-12)
-        moment = np.cross(arm[foot], point[foot]).sum(axis=0)
-        np.testing.assert_allclose(wrench[3:6], ANGULAR * moment, atol=1e-12)
-        assert wrench[6] == pytest.approx((lever[foot] * point[foot, 4:]).sum(), abs=1e-12)
+    force, moment = point.sum(axis=1), ANGULAR * np.cross(arm, point).sum(axis=1)
+    np.testing.assert_allclose(forces.wrench @ phi, [*force.sum(axis=0), *moment.sum(axis=0)], atol=1e-12)
+    toe = (lever * point[:, 4:]).sum(axis=(1, 2))
+    expected = np.column_stack([force, moment, toe])
+    np.testing.assert_allclose(forces.foot_wrenches(phi), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -240,20 +233,15 @@ def test_matrices_are_the_documented_cost(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_no_number_falls_outside_the_sparsity_pattern(seed):
+def test_a_form_keeps_its_sparsity_and_nothing_of_the_tick_before(seed):
     """But the twist's linear force, which is zero but for rounding."""
-    form = condensed()
-    build(form, seed)
-    assert not form.P[~form.P_mask()].any()
-    assert np.abs(form.A[~form.A_mask()]).max() < 1e-15
-
-
-def test_a_form_keeps_nothing_of_the_tick_before():
     form, other = condensed(), condensed()
-    forces, _, opening, _, _ = force_map(2)
+    forces, _, opening, _, _ = force_map(seed)
     openings = Openings.of(opening)
     form.build(forces.wrench, 0.5 * UPRIGHT, Openings.of(1.0 - opening), np.full(12, 0.02), 0.9, 0.3, 0.1)
     for one in (form, other):
         one.build(forces.wrench, UPRIGHT, openings, None, 0.4, 0.1, 0.0)
     for name in ("P", "q", "A", "lower", "upper"):
         np.testing.assert_array_equal(getattr(form, name), getattr(other, name))
+    assert not form.P[~form.P_mask()].any()
+    assert np.abs(form.A[~form.A_mask()]).max() < 1e-15
