@@ -76,10 +76,10 @@ def read_part(path: Path, prefix: str, label: str) -> Part:
         chunks = tuple(RrdReader(path).stream())
     except Exception as error:  # the reader's errors have no type of their own
         first = str(error).partition("\n")[0]
-        raise InputError(f"{path} cannot be read as a recording ({first}); draw it again.") from error
+        raise InputError(f"{path} cannot be read as a recording ({first}); walk the gait again.") from error
     if not any(chunk.entity_path == _STANCE and PHASE in chunk.timeline_names for chunk in chunks):
         raise InputError(
-            f"{path} has no {_STANCE} over {PHASE}; give the recording of a walk, or draw it again."
+            f"{path} has no {_STANCE} over {PHASE}; give the recording of a walk, or walk the gait again."
         )
     return Part(f"/{prefix}", label, chunks)
 
