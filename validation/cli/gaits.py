@@ -252,16 +252,10 @@ def tune(
 ) -> int:
     """Find what a gait leaves open: share of single support, roll, heights, foot timing and angles, lean.
 
-    <<<<<<< HEAD
-    Values that the preset, the file or --set names are kept. An optimiser evaluates plan and whole-body
-    motion; nothing is simulated. If no choice can be walked, the refusal names the limit and the best value
-    found.
-    =======
-    What the file or --set gives stays, and so do step, speed, c_s, c_y and body of a preset. Commands that
-    plan a changed gait do the same; this one also shows the margins. An optimiser works on plan and
-    whole-body motion alone; nothing is simulated. Where no choice walks, the refusal names the limit and the
-    best it found.
-    >>>>>>> f5a8259 (Find what a changed gait leaves open when it is planned)
+    Values that the file or --set gives are kept, and so are step, speed, c_s, c_y and body of a preset.
+    Commands that plan a changed gait do the same; this one also shows the margins. An optimiser evaluates
+    plan and whole-body motion; nothing is simulated. If no choice can be walked, the refusal names the limit
+    and the best value found.
     """
     from validation.trial.plan import load_request, tune_walk
 
