@@ -148,7 +148,14 @@ class ControllerParameters(Section, section="controller"):
     """The torque-level tracking controller."""
 
     frequency: Real = parameter(500.0, "control ticks per second", "Hz", ge=20, le=10_000)
-    friction: Real = parameter(0.6, "friction that the controller allows itself", "1", gt=0, le=10)
+    hold: Literal["first-order", "zero-order"] = parameter(
+        "first-order",
+        "torque between two ticks: first-order goes on with the slope of the last tick, zero-order is held",
+        "1",
+    )
+    friction: Real = parameter(
+        0.75, "friction that the controller allows itself, in any direction", "1", gt=0, le=10
+    )
     com_stiffness: Real = _stiffness(60.0, "feedback from COM position to its acceleration")
     com_damping: Real = _damping(15.0, "feedback from COM velocity to its acceleration")
     momentum_gain: Real = _damping(15.0, "feedback from angular momentum to its rate")
@@ -180,6 +187,15 @@ class ControllerParameters(Section, section="controller"):
     )
     landing_share: Real = parameter(
         0.6, "share of a landing foot's sensed force that the QP takes as given", "1", ge=0, le=1
+    )
+    landing_force: Real = parameter(
+        0.006, "least force of a sole point that lands, as share of the weight", "1", ge=0, le=0.1
+    )
+    landing_compensation: Real = parameter(
+        0.6, "share of what a landing foot fails to carry that the other foot makes up for", "1", ge=0, le=1
+    )
+    landing_yield: Real = parameter(
+        0.5, "share of its own vertical acceleration that a landing foot is left with", "1", ge=0, le=1
     )
     touchdown_lead: Real = parameter(
         0.0, "time before its planned contact from which a foot is let down", "s", ge=0, le=0.2
@@ -223,7 +239,7 @@ class SolverParameters(Section, section="solver"):
         5e-5, "tolerance of the controller's OSQP, forces in body weights", "1", gt=0, le=1e-2
     )
     max_iterations: Whole = parameter(
-        1000, "iterations after which a QP counts as unsolved", "1", ge=10, le=100_000
+        4000, "iterations after which a QP counts as unsolved", "1", ge=10, le=100_000
     )
     ik_time_step: Real = parameter(
         0.002,

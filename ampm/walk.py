@@ -125,6 +125,7 @@ class Reference(NamedTuple):
         centre: rows com, com_velocity, com_acceleration, angular_momentum, moment, shape (5, 3).
         right_load: share of the weight planned on the right foot [1].
         feet: pose and motion of both feet.
+        jumps: whether the plan's acceleration jumps at this tick of a first-order hold, or at the last one.
         contacts: which groups carry load.
         posture: of the whole body.
     """
@@ -132,6 +133,7 @@ class Reference(NamedTuple):
     time: Scalar
     centre: Array
     right_load: Scalar
+    jumps: Scalar
     feet: FeetState
     contacts: ContactState
     posture: PostureState
@@ -169,12 +171,15 @@ class Timing(NamedTuple):
         lead: time by which a foot is let down before its planned contact [s].
         early: time before planned contact from which a touch counts as contact [s].
         hold: how long after the tick the last force of its command acts [s]: zero if every tick makes one
-            step of the physics. Accelerations are taken from the middle of that time.
+            step of the physics. Where the torque is held, accelerations are those of the middle of that time.
+        slope: period of ticks between which the torque goes on with its slope [s]: it is then held only where
+            the plan jumps. Zero: it is always held.
     """
 
     lead: float = 0.0
     early: float = 0.0
     hold: float = 0.0
+    slope: float = 0.0
 
 
 SHARP = Timing()
@@ -274,6 +279,12 @@ class WalkPlan(StepPlan):
         until = np.stack([_exact_until_lift(path, time) for path in (self.feet.left, self.feet.right)])
         return reference._replace(contacts=reference.contacts._replace(until_lift=until))
 
+    def _jump_near(self, times: Array, period: float) -> Flags:
+        """Whether the plan jumps within a period before or after each time, shape (T,)."""
+        if not (period and self.jump_times.size):
+            return np.zeros(len(times), dtype=bool)
+        return np.asarray((np.abs(times[:, None] - self.jump_times) < period).any(axis=1))
+
     def table(self, times: ArrayLike, timing: Timing = SHARP) -> ReferenceTable:
         """References at the ticks of a controller, ascending, shape (T,) [s].
 
@@ -287,8 +298,10 @@ class WalkPlan(StepPlan):
         momentum_z = body.angular_momentum_z
         yaw_moment = np.gradient(momentum_z, times) if len(times) > 1 else np.zeros(len(times))
         held, held_feet, held_body = sample, feet, body
-        if timing.hold:
-            middle = np.minimum(times + 0.5 * timing.hold, self.duration)
+        jumps = self._jump_near(times, timing.slope)
+        if timing.hold and (jumps.any() or not timing.slope):
+            delay = 0.5 * timing.hold * (jumps if timing.slope else 1.0)
+            middle = np.minimum(times + delay, self.duration)
             held, held_feet = self.sample(middle), self.feet.sample(middle)
             held_body = self.posture.sample(middle)
         contact = _both(feet, "contact")
@@ -312,6 +325,7 @@ class WalkPlan(StepPlan):
                     axis=1,
                 ),
                 right_load=right_load(sample),
+                jumps=jumps,
                 feet=_feet_state(feet, held_feet),
                 contacts=ContactState(within(timing.lead), within(timing.early), _until_lift(times, contact)),
                 posture=body._replace(acceleration=held_body.acceleration),
@@ -373,10 +387,12 @@ class Touch(NamedTuple):
     Attributes:
         contact: sole points in contact, shape (P,), bool.
         normal_force: latest normal force of every sole point, shape (P,) [N].
+        age: how old that force is [s].
     """
 
     contact: Flags
     normal_force: Array
+    age: float = 0.0
 
 
 SOLVED, LIMITED, UNSOLVED = 0, 1, 2
@@ -396,6 +412,7 @@ class ControlOutput(NamedTuple):
         residual: of its optimisation; NaN where there is none.
         iterations: of its optimisation.
         seconds: wall-clock time of its optimisation [s].
+        rate: at which the torques go on until the next tick, shape (nu,) [N m/s]; None holds them.
     """
 
     torque: Array
@@ -407,6 +424,7 @@ class ControlOutput(NamedTuple):
     residual: float = math.nan
     iterations: int = 0
     seconds: float = math.nan
+    rate: Array | None = None
 
 
 class Controller(Protocol):

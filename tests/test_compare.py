@@ -186,6 +186,29 @@ def test_friction_counts_loaded_feet_only(walk):
     assert margins["friction_available"] == walk[1].friction
 
 
+def test_sliding_points_are_weighed_and_timed(walk):
+    _, record, _ = walk
+    force = record.point_force.copy()
+    limit = record.friction * WEIGHT
+    for rows, share, along in (
+        (slice(50, 60), 0.2, 1.0),
+        (slice(80, 83), 0.3, 1.0),
+        (slice(90, 99), 0.4, 0.9),
+    ):
+        force[rows, :, 2] = 0.0
+        force[rows, 0] = [along * share * limit, 0.0, share * WEIGHT]
+        force[rows, 1] = [0.0, 0.0, (1.0 - share) * WEIGHT]
+    margins = recorded(walk, point_force=force).costs["margins"]
+    assert (margins["sliding_weight"].value, margins["sliding_weight"].time) == (
+        pytest.approx(0.3),
+        record.time[80],
+    )
+    assert (margins["sliding_time"].value, margins["sliding_time"].time) == (
+        pytest.approx(10 * record.time_step),
+        record.time[50],
+    )
+
+
 def test_work_of_a_constant_torque(walk):
     plan, record, measured = walk
     torque, qd = np.zeros_like(record.torque), np.zeros_like(record.qd)

@@ -70,6 +70,13 @@ def test_touch_alone_opens_nothing(robot, gate):
     assert contact.touching[0] == [True, True, False]
 
 
+def test_a_line_that_bounces_off_is_still_landing(robot, gate):
+    gate.update(ContactState(ALL, ALL, NEVER), touch(robot, left=(HEEL,), right=(0, 1, 2)))
+    contact = gate.update(ContactState(ALL, ALL, NEVER), touch(robot, right=(0, 1, 2)))
+    assert contact.touching[0] == [False, False, False]
+    assert contact.landing
+
+
 def test_a_touch_before_its_time_counts_if_the_contact_is_due(robot, gate):
     """As a foot that lands early: not planned yet, but shortly."""
     contact = gate.update(ContactState(AIR, ALL, NEVER), touch(robot, left=(HEEL,), right=(0, 1, 2)))

@@ -15,7 +15,7 @@ from ampm.control.controller import TrackingController
 from ampm.control.forces import ANGULAR
 from ampm.control.limited_qp import JointLimits
 from ampm.control.tasks import STANCE, SWING
-from ampm.control.wrench_qp import YAW_COST, Rows
+from ampm.control.wrench_qp import LEAST_LOAD, TANGENT_COST, YAW_COST, Rows
 from ampm.planners import periodic_walk
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, State, Timing, Touch
 from tests.solved import COARSE, motion_of, walk_of
@@ -96,7 +96,7 @@ def test_forces_give_what_is_asked_for_within_the_friction(time):
     np.testing.assert_allclose(force.sum(axis=0), output.force, atol=0.3)  # what the slacks give away
     feet = force.reshape(2, 6, 3).sum(axis=1)
     friction = walk_of(COARSE).run.controller.friction
-    assert (np.abs(feet[:, :2]) <= friction * feet[:, 2:] + 1e-6).all()
+    assert (np.linalg.norm(feet[:, :2], axis=1) <= friction * feet[:, 2] + 1e-6).all()
     assert (force[:, 2] >= -1e-9).all()
     position = points(it, q)
     zmp = (position[:, :2] * force[:, 2:]).sum(axis=0) / force[:, 2].sum()
@@ -110,6 +110,32 @@ def points(it, q):
     data = it.robot.model.createData()
     pin.framesForwardKinematics(it.robot.model, data, q)
     return np.array([data.oMf[frame].translation for frame in it.robot.point_frames])
+
+
+@pytest.mark.parametrize("miss", [0.0, 12.0])
+def test_the_other_foot_makes_up_for_what_a_landing_foot_does_not_carry(miss):
+    """The QP's wrench, and what it expects the landing heel to carry beyond it, are as commanded."""
+    it = controller("solver.qp=daqp")
+    gains, gate = walk_of(COARSE).run.controller, it.tracker.gate
+    at = round(walk_of(COARSE).plan.contacts.phases[0].duration, 3) + 0.002
+    robot, heel = it.robot, np.flatnonzero((it.robot.point_foot == 1) & (it.robot.point_group == 0))
+    gate.update(reference(0.5).contacts, touch(0.5).contact)  # the right foot is in the air
+    asked = np.zeros(12)
+    for row in (0, 1):
+        force = np.zeros(12)
+        force[heel] = asked[heel] - miss * row
+        now = reference(at, row)
+        posture = now.posture
+        standing = touch(at).contact & (robot.point_foot == 0)
+        standing[heel] = True
+        output = it.update(State(now.time, posture.q, posture.v), Touch(standing, force), now)
+        lost = gains.landing_compensation * (force - asked)[heel] * row
+        asked = output.point_force[:, 2].copy()
+    assert 0.0 < it.tracker.gate.update(now.contacts, standing).opening[1][0] < 1.0
+    total = output.point_force[:, 2].sum() + lost.sum()
+    assert lost.sum() == pytest.approx(-2.0 * gains.landing_compensation * miss)
+    assert total == pytest.approx(output.force[2], abs=0.5)
+    assert (output.point_force[heel, 2] >= gains.landing_force * 60.0 * 9.81 - 1e-6).all()
 
 
 def test_on_the_orbit_the_plan_is_asked_for_as_it_is():
@@ -156,7 +182,8 @@ def test_condensed_answer_is_that_of_the_whole_problem(time):
     (_, up), (_, mid), (_, down) = (accelerations(s * unit) for s in (1.0, 0.0, -1.0))
     row = tracker.forces.wrench[5, [6, 7, 8, 15, 16, 17]]
     tangent = np.ix_([6, 7, 8, 15, 16, 17], [6, 7, 8, 15, 16, 17])
-    block = tracker.condensed.P[tangent] - 0.15 * np.eye(6)
+    loads = np.maximum([1.0 - ref.right_load, ref.right_load], LEAST_LOAD)
+    block = tracker.condensed.P[tangent] - np.diag(np.repeat(TANGENT_COST / loads, 3))
     np.testing.assert_allclose(
         block, YAW_COST * (up - 2 * mid + down) * np.outer(row, row), rtol=1e-3, atol=1e-9
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -74,6 +75,24 @@ def test_trunk_is_where_the_posture_has_it():
     for k in (0, 300, 1000):
         pin.framesForwardKinematics(robot.model, data, posture.q[k])
         np.testing.assert_allclose(posture.trunk[k], data.oMf[robot.trunk_frame].rotation, atol=1e-14)
+
+
+def test_a_torque_that_goes_on_is_held_only_where_the_plan_jumps():
+    assert plan().jump_times.size == 0
+    smooth = rows(hold=0.001, slope=0.002)
+    assert not smooth.jumps.any()
+    np.testing.assert_array_equal(smooth.centre, rows().centre)
+    jumping = walk_of(COARSE, "gait.model=ipm", "gait.a_s=inf").plan
+    assert jumping.jump_times == pytest.approx(jumping.contacts.starts[1:])
+    walk = replace(plan(), phases=jumping.phases)
+    held, exact, late = (walk.table(times, timing).rows for times, timing in (
+        (TIMES, Timing(hold=0.001, slope=0.002)), (TIMES, Timing()), (TIMES + 0.0005, Timing())
+    ))  # fmt: skip
+    near = (np.abs(TIMES[:, None] - jumping.jump_times) < 0.002).any(axis=1)
+    assert near.sum() == 2 * (jumping.jump_times < TIMES[-1]).sum()
+    np.testing.assert_array_equal(held.jumps, near)
+    np.testing.assert_array_equal(held.com_acceleration[~near], exact.com_acceleration[~near])
+    np.testing.assert_array_equal(held.com_acceleration[near], late.com_acceleration[near])
 
 
 def test_accelerations_of_a_held_torque_are_those_of_its_middle():

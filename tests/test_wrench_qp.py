@@ -21,7 +21,7 @@ from ampm.control.forces import (
     Openings,
     without_closed,
 )
-from ampm.control.wrench_qp import MOMENTUM_SLACK, TWIST_FRICTION, CondensedForm
+from ampm.control.wrench_qp import MOMENTUM_SLACK, TWIST_SHARE, CondensedForm
 from ampm.qp import QPSettings
 
 SEEDS = range(4)
@@ -127,7 +127,7 @@ def condensed(solver="daqp", tolerance=1e-9):
 
 def build(form, seed, wanted=UPRIGHT, landing=None, load=0.4, yaw=(0.2, -0.03)):
     forces, arm, opening, _, _ = force_map(seed)
-    form.build(forces.wrench, wanted, Openings.of(opening), landing, load, *yaw)
+    form.build(forces, wanted, Openings.of(opening), landing, load, *yaw)
     return forces, arm, opening
 
 
@@ -156,7 +156,7 @@ def test_forces_stay_within_friction_and_ramps_whatever_is_asked(seed, solver):
     rng = np.random.default_rng(100 + seed)
     form = condensed(solver, 1e-6)
     for _ in range(5):
-        _, _, opening = build(form, seed, UPRIGHT + rng.normal(size=6))
+        _, arm, opening = build(form, seed, UPRIGHT + rng.normal(size=6))
         solution = form.solve()
         assert solution.solved
         slack = 1e-5
@@ -165,8 +165,10 @@ def test_forces_stay_within_friction_and_ramps_whatever_is_asked(seed, solver):
             ramp = opening[POINTS * foot : POINTS * (foot + 1)]
             assert (normal >= LEAST_NORMAL * ramp - slack).all()
             assert (normal <= np.maximum(LARGEST_NORMAL, LEAST_NORMAL) * ramp + slack).all()
-            assert (np.abs(phi[6:8]) <= FRICTION * total + slack).all()
-            assert abs(phi[8]) <= TWIST_FRICTION * total + slack
+            assert np.hypot(*phi[6:8]) <= np.abs(phi[6:8]).sum() <= FRICTION * total + slack
+            share = Openings.of(opening).share[foot]
+            lever = np.linalg.norm(arm[foot, :, :2] - share @ arm[foot, :, :2], axis=1)
+            assert abs(phi[8]) * TWIST_ARM <= TWIST_SHARE * FRICTION * normal @ lever + slack
 
 
 def test_closed_feet_carry_nothing_and_landing_points_what_they_sense():
@@ -175,11 +177,11 @@ def test_closed_feet_carry_nothing_and_landing_points_what_they_sense():
     opening = np.array([1.0] * 6 + [0.0] * 6)
     forces = map_of(arm, opening, lever)
     wanted = UPRIGHT
-    form.build(forces.wrench, wanted, Openings.of(opening), None, 0.0, 0.1, 0.0)
+    form.build(forces, wanted, Openings.of(opening), None, 0.0, 0.1, 0.0)
     np.testing.assert_allclose(form.solve().x[FOOT : 2 * FOOT], 0.0, atol=1e-9)
     landing = np.zeros(12)
     landing[6:8] = 0.03, 0.05
-    form.build(forces.wrench, wanted, Openings.of(opening), landing, 0.0, 0.1, 0.0)
+    form.build(forces, wanted, Openings.of(opening), landing, 0.0, 0.1, 0.0)
     np.testing.assert_allclose(form.solve().x[FOOT : FOOT + POINTS], landing[6:], atol=1e-9)
 
 
@@ -194,7 +196,7 @@ def test_load_goes_where_it_is_planned_if_the_wrench_leaves_it_open(load):
     normal[0, :4, 2], normal[1, :4, 2] = 0.25 * (1.0 - load), 0.25 * load
     wanted = np.zeros(6)
     wanted[:3], wanted[3:] = normal.sum(axis=(0, 1)), ANGULAR * np.cross(arm, normal).sum(axis=(0, 1))
-    form.build(forces.wrench, wanted, Openings.of(opening), None, load, 0.1, 0.0)
+    form.build(forces, wanted, Openings.of(opening), None, load, 0.1, 0.0)
     by_foot = form.solve().x[:FORCES].reshape(2, FOOT)[:, :POINTS].sum(axis=1)
     np.testing.assert_allclose(by_foot, [1.0 - load, load], atol=0.03)
 
@@ -209,7 +211,9 @@ def test_matrices_are_the_documented_cost(seed):
     def cost(x):
         phi, slack = x[:FORCES].reshape(2, FOOT), x[FORCES:]
         normal, tangent = phi[:, :POINTS], phi[:, POINTS:]
-        total = 0.5 * (slack**2).sum() + 0.5 * wrench_qp.TANGENT_COST * (tangent**2).sum()
+        loads = np.array([1.0 - load, load])
+        total = 0.5 * (slack**2).sum()
+        total += 0.5 * wrench_qp.TANGENT_COST * ((tangent**2).sum(axis=1) / loads).sum()
         total += 0.5 * contact_forces.NORMAL_COST * (normal[:, :4] ** 2).sum()
         total += 0.5 * wrench_qp.TIP_COST * (normal[:, 4:] ** 2).sum()
         shares = np.maximum(opening.reshape(2, POINTS)[:, :4], 1e-3)
@@ -238,9 +242,9 @@ def test_a_form_keeps_its_sparsity_and_nothing_of_the_tick_before(seed):
     form, other = condensed(), condensed()
     forces, _, opening, _, _ = force_map(seed)
     openings = Openings.of(opening)
-    form.build(forces.wrench, 0.5 * UPRIGHT, Openings.of(1.0 - opening), np.full(12, 0.02), 0.9, 0.3, 0.1)
+    form.build(forces, 0.5 * UPRIGHT, Openings.of(1.0 - opening), np.full(12, 0.02), 0.9, 0.3, 0.1)
     for one in (form, other):
-        one.build(forces.wrench, UPRIGHT, openings, None, 0.4, 0.1, 0.0)
+        one.build(forces, UPRIGHT, openings, None, 0.4, 0.1, 0.0)
     for name in ("P", "q", "A", "lower", "upper"):
         np.testing.assert_array_equal(getattr(form, name), getattr(other, name))
     assert not form.P[~form.P_mask()].any()

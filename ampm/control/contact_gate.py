@@ -36,7 +36,7 @@ class Contact(NamedTuple):
         touching: touches at this tick.
         touched: has touched down since its contact was due.
         opening: how far it has opened since its touch-down, 0 ... 1.
-        landing: whether any group touches that has not fully opened.
+        landing: whether any group touches or has opened that has not fully opened.
         openings: force limits of the points, which also close before lift-off.
     """
 
@@ -95,7 +95,7 @@ class ContactGate:
                     held = held and holds[BALL]
                 holds[group] = held
                 share = shares[group] = min(before[group] + rate, 1.0) if held else 0.0
-                if share < 1.0 and touches_now[group]:
+                if share < 1.0 and (touches_now[group] or share > 0.0):
                     landing = True
                 limits.append(min(share, until[group] / ramp))
         if last is not None and limits == self._limits:

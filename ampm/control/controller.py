@@ -15,8 +15,9 @@ import pinocchio as pin
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.body.robot import LEFT, RIGHT, TASK_ROWS
-from ampm.control.contact_gate import Contact, ContactGate
-from ampm.control.forces import ANGULAR, FORCES, ForceMap, without_closed
+from ampm.control.contact_gate import TIP, Contact, ContactGate
+from ampm.control.forces import ANGULAR, FORCES, NORMALS, ForceMap, without_closed
+from ampm.control.hold import FirstOrderHold
 from ampm.control.limited_qp import JointLimits, LimitedForm
 from ampm.control.stabilizer import Stabilizer, WrenchCommand
 from ampm.control.tasks import FootTask, FreeFall, PostureTask, Task, ToeTask
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _ROW_SCALE = np.concatenate([np.ones(3), np.full(3, ANGULAR), np.ones(TASK_ROWS - 6)])
+_END_SOFTNESS = 1e-2  # of the task of a toe that is at the end of its range
 _NO_ANSWER = QPSolution(np.full(FORCES, np.nan), QPStatus.UNSOLVED, math.inf, 0, 0.0)
 
 
@@ -75,6 +77,7 @@ class Tracker:
     Attributes:
         acceleration: what the last tick decided on, shape (nv,) [m/s^2, rad/s^2]; None before the first.
         phi: its contact forces, in the unknowns of :mod:`ampm.control.forces`, shape (18,) [m g].
+        phi_change: by how much they differ from those of the tick before, shape (18,) [m g].
     """
 
     def __init__(self, robot: Robot, run: RunParameters) -> None:
@@ -86,9 +89,11 @@ class Tracker:
         self._to_rows = _ROW_SCALE / self._g
         self._to_wrench = [1.0 / self._weight] * 3 + [ANGULAR / self._weight] * 3
         self._torque_limit = robot.torque_limit
-        self._landing_scale = gains.landing_share / self._weight
+        self._period, self._gains = 1.0 / gains.frequency, gains
+        first_order = gains.hold == "first-order"
+        self.hold = FirstOrderHold(robot.torque_limit, self._period) if first_order else None
 
-        self.gate = ContactGate(robot, 1.0 / gains.frequency, gains.contact_ramp)
+        self.gate = ContactGate(robot, self._period, gains.contact_ramp)
         self.forces = ForceMap()
         self.fall = FreeFall(robot)
         self.feet = [FootTask(foot, gains) for foot in (LEFT, RIGHT)]
@@ -108,7 +113,7 @@ class Tracker:
 
         self._softness: dict[tuple[float, ...], Array] = {}
         self.acceleration: Array | None = None
-        self.phi = np.zeros(FORCES)
+        self.phi, self.phi_change = np.zeros(FORCES), np.zeros(FORCES)
         self._load = np.ones(7)  # net wrench, and one for the rows themselves
 
     def track(
@@ -132,11 +137,17 @@ class Tracker:
             alpha, phi, torque = self._hold_last_command(body, forces, contact, reference)
             solution, status = _NO_ANSWER, UNSOLVED
         else:
+            wanted = np.multiply(self._to_wrench, command.wrench)
+            least = None
+            if contact.landing:
+                opening = np.array(contact.opening)[self.robot.point_foot, self.robot.point_group]
+                least = self._landing_force(opening, touch)
+                wanted -= forces.wrench[:, NORMALS] @ self._missing(opening, touch)
             self.condensed.build(
-                forces.wrench,
-                [scale * part for scale, part in zip(self._to_wrench, command.wrench, strict=True)],
+                forces,
+                wanted,
                 contact.openings,
-                self._landing_force(contact, touch),
+                least,
                 float(reference.right_load),
                 columns.item(L_Z, L_Z),
                 columns.item(L_Z, 6),
@@ -156,9 +167,13 @@ class Tracker:
                     torque = self._torque(body, forces, alpha, phi)
                 status = max(status, LIMITED if limited.solved else UNSOLVED)
                 solution = _both(solution, limited)
+        if self.acceleration is not None:
+            self.phi_change = phi - self.phi
         self.phi, self.acceleration = phi, self._g * alpha
+        torque = np.minimum(np.maximum(torque, -self._torque_limit), self._torque_limit)
         return ControlOutput(
-            torque=np.minimum(np.maximum(torque, -self._torque_limit), self._torque_limit),
+            torque=torque,
+            rate=None if self.hold is None else self.hold.rate(torque, contact, bool(reference.jumps)),
             force=np.array(command.wrench[:3]),
             zmp=command.zmp,
             angular_momentum=np.array(command.angular_momentum),
@@ -198,16 +213,29 @@ class Tracker:
         torque = self._torque(body, forces, alpha, phi)
         return alpha, phi, torque if np.isfinite(torque).all() else np.zeros(self.robot.nu)
 
-    def _landing_force(self, contact: Contact, touch: Touch) -> Array | None:
-        """Force that points of a landing line already carry, whatever is commanded, shape (P,) [m g].
+    def _landing_force(self, opening: Array, touch: Touch) -> Array:
+        """Least force of the points of a landing line, shape (P,) [m g].
 
-        The floor pushes as the foot arrives. The QP takes this force as given and shifts the other foot's
-        load instead of letting the ZMP jump.
+        The floor pushes as the foot arrives. The QP takes a share of this force as given and shifts the other
+        foot's load instead of letting the ZMP jump. A line that has touched carries something at once, or it
+        would bounce.
         """
-        if not contact.landing:
-            return None
-        share = np.array(contact.opening)[self.robot.point_foot, self.robot.point_group]
-        return touch.normal_force * (touch.contact & (share < 1.0)) * self._landing_scale
+        gains, below = self._gains, opening < 1.0
+        given = gains.landing_share / self._weight * touch.normal_force * (touch.contact & below)
+        lands = below & (opening > 0.0) & (self.robot.point_group != TIP)
+        return np.maximum(given, gains.landing_force * lands)
+
+    def _missing(self, opening: Array, touch: Touch) -> Array:
+        """What the points of landing lines will carry beyond the QP's forces, as far as expected, (P,) [m g].
+
+        With ``f`` the force that was asked of a point when ``s`` was sensed there, it is ``k (s - f)``, with
+        k the gain ``landing_compensation``. It stays what it was, so the net wrench of the QP's forces and of
+        these is as wanted.
+        """
+        since = 1.0 - touch.age / self._period if self.hold is not None else 0.0
+        asked = self.phi[NORMALS] + since * self.phi_change[NORMALS]
+        lands = (opening > 0.0) & (opening < 1.0)
+        return self._gains.landing_compensation * lands * (touch.normal_force / self._weight - asked)
 
     def _torque(self, body: Kinematics, forces: ForceMap, alpha: Array, phi: Array) -> Array:
         """Joint torques ``M qdd + h - J' f`` of accelerations [g] and force unknowns [m g], (nu,) [N m]."""
@@ -230,12 +258,14 @@ class Tracker:
         """The whole problem again, with the limits of torque and joint range as constraints."""
         torque_map, bias = self._torque_map(body, forces)
         low, high = self.limits.acceleration_bounds(body.q, body.v)
-        limit = self._torque_limit
+        limit, softness, toes = self._torque_limit, rows.softness[6:].copy(), self.robot.toe_joints - 6
+        ends = (rows.rhs[-len(toes) :] < low[toes]) | (rows.rhs[-len(toes) :] > high[toes])
+        softness[-len(toes) :][ends] = _END_SOFTNESS  # exact rows would contradict the limit
         return self.limited.solve(
             rows.scaled * self._root_weight,
             rows.rhs,
             forces.wrench,
-            rows.softness[6:],
+            softness,
             rows.posture / self._root_weight,
             torque_map / limit[:, None],
             bias / limit,

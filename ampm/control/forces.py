@@ -41,6 +41,9 @@ FOOT = POINTS + 3
 FORCES = 2 * FOOT
 """Unknowns of both feet."""
 
+NORMALS = np.concatenate([np.arange(POINTS), FOOT + np.arange(POINTS)])
+"""Their normal forces, by point."""
+
 _LEAST_OPENING = 1e-3  # a foot with all points closed has shares all the same
 _SKEWS = ANGULAR * np.array(  # arm @ _SKEWS: rows of the matrix that turns a force at the arm into a moment
     [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float
@@ -90,11 +93,13 @@ class ForceMap:
         wrench: W, net force and moment about the COM, shape (6, 18).
         foot_wrench: the same by foot, and the moment of the tips' forces about the toe axis [m g m],
             shape (2, 7, 9).
+        twist_lever: distance of the points from the centre of their foot's tangential forces, (2, 6) [m].
     """
 
     def __init__(self) -> None:
         self.wrench = np.zeros((6, FORCES))
         self.foot_wrench = np.zeros((2, 7, FOOT))
+        self.twist_lever = np.zeros((2, POINTS))
         self._wrench_by_foot = self.wrench.reshape(6, 2, FOOT).transpose(1, 0, 2)
         self._spread = np.zeros((2, POINTS, 3, FOOT))  # D
         self._spread[:, np.arange(POINTS), 2, np.arange(POINTS)] = 1.0
@@ -112,6 +117,7 @@ class ForceMap:
         share, arm = openings.share, body.arm
         self._shares[0][:] = self._shares[1][:] = share
         offset = arm[:, :, :2] - share[:, None, :] @ arm[:, :, :2]
+        np.hypot(offset[:, :, 0], offset[:, :, 1], out=self.twist_lever)
         pull = share[:, :, None] * offset
         pull *= TWIST_ARM / np.add.reduce(pull * offset, axis=(1, 2), keepdims=True)
         np.negative(pull[:, :, 1], out=self._twists[0])

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ampm.body.robot import FOOT_ROWS
-from ampm.control.contact_gate import BALL, HEEL
+from ampm.control.contact_gate import BALL, HEEL, TIP
 from ampm.so3 import cross, rotation_error
 
 if TYPE_CHECKING:
@@ -54,6 +54,7 @@ class FootTask:
         self._foot, self._gains = foot, gains
         first = 6 + FOOT_ROWS * foot
         self._linear, self._angular = slice(first, first + 3), slice(first + 3, first + FOOT_ROWS)
+        self._sinking: tuple[list[bool], float] | None = None  # the line that holds, and its vertical speed
 
     def at(self, body: Kinematics, reference: list[float], contact: Contact) -> Task:
         """The task at one tick.
@@ -64,8 +65,7 @@ class FootTask:
             contact: what touches, and how far it has taken its load.
         """
         foot = self._foot
-        touching, due = contact.touching[foot], contact.due[foot]
-        planned = [c or (due[i] and touching[i]) for i, c in enumerate(contact.planned[foot])]
+        planned = [c or t for c, t in zip(contact.planned[foot], contact.touched[foot], strict=True)]
         x, y, z, ux, uy, uz, ax, ay, az, xx, xy, xz, yx, yy, yz, zx, zy, zz = reference[:18]
         turn, turning = reference[18:21], reference[21:24]
         (axx, axy, axz, px), (ayx, ayy, ayz, py), (azx, azy, azz, pz), _ = body.soles[foot]
@@ -74,6 +74,7 @@ class FootTask:
         velocity, omega = body.rates[self._linear], body.rates[self._angular]
         if True in planned:
             return self._stance(body, planned, contact, velocity, omega, tilt, turn, turning), STANCE
+        self._sinking = None
         stiffness, damping = self._gains.swing_stiffness, self._gains.swing_damping
         vx, vy, vz = velocity
         wanted = [
@@ -103,11 +104,11 @@ class FootTask:
         press = 1.0 - max(opening[HEEL], opening[BALL]) if landing else 0.0
         damping = gains.stance_damping + press * (gains.touchdown_damping - gains.stance_damping)
         vx, vy, vz = velocity
-        vz += press * gains.touchdown_velocity
         wx, wy, wz = omega
         if False not in planned and held[HEEL] and held[BALL]:  # flat
+            down = self._vertical(contact, held, press, damping, vz)
             still = -gains.stance_damping
-            return [-damping * vx, -damping * vy, -damping * vz, still * wx, still * wy, still * wz]
+            return [-damping * vx, -damping * vy, down, still * wx, still * wy, still * wz]
         stiffness, rolling = gains.roll_stiffness, gains.roll_damping
         sx, sy, sz = (stiffness * e - rolling * w for e, w in zip(tilt, omega, strict=True))
         if False not in planned:  # a line is late: turn it to the floor
@@ -120,15 +121,40 @@ class FootTask:
         # The line that holds the foot stays where it is; the reference point turns about it.
         pivot = self._pivot(body, held if True in held else planned)
         slide = cross(omega, pivot)
+        down = self._vertical(contact, held, press, damping, vz + slide[2])
         tangential, centripetal = cross((sx, sy, sz), pivot), cross(omega, slide)
         return [
             -damping * (vx + slide[0]) - tangential[0] - centripetal[0],
             -damping * (vy + slide[1]) - tangential[1] - centripetal[1],
-            -damping * (vz + slide[2]) - tangential[2] - centripetal[2],
+            down - tangential[2] - centripetal[2],
             sx,
             sy,
             sz,
         ]
+
+    def _vertical(
+        self, contact: Contact, held: list[bool], press: float, damping: float, speed: float
+    ) -> float:
+        """Wanted vertical acceleration of the line that holds the foot [m/s^2].
+
+        The floor yields under a foot that takes its load. An acceleration asked of it that differs from the
+        one it has is a force that differs from the one asked, whatever the floor. So a share of its own
+        acceleration is left to it.
+
+        Args:
+            contact: of this tick.
+            held: lines of this foot that have touched.
+            press: how much of its load the foot has still to take, 1 ... 0.
+            damping: towards the touch-down velocity [1/s].
+            speed: of the line [m/s].
+        """
+        asked = -damping * (speed + press * self._gains.touchdown_velocity)
+        last, self._sinking = self._sinking, (held[:TIP], speed)
+        if last is None or last[0] != held[:TIP] or True not in contact.touching[self._foot]:
+            return asked
+        own = (speed - last[1]) * self._gains.frequency
+        share = press * self._gains.landing_yield
+        return (1.0 - share) * asked + share * own
 
     def _pivot(self, body: Kinematics, held: list[bool]) -> list[float]:
         """Middle of the line that holds a rolling foot, from the sole's reference point [m]."""

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ampm.body.robot import POINTS, SOLES
-from ampm.control.forces import ANGULAR, FOOT, FORCES, NORMAL_COST
+from ampm.control.forces import ANGULAR, FOOT, FORCES, NORMAL_COST, NORMALS, TWIST_ARM
 from ampm.qp import QPBackend, QPSettings, QPSolution, make_backend
 
 if TYPE_CHECKING:
@@ -34,12 +34,16 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ampm.control.forces import Openings
+    from ampm.control.forces import ForceMap, Openings
 
     Array = NDArray[np.float64]
 
-TANGENT_COST = 0.15
-"""Regularisation of tangential forces and twists."""
+TANGENT_COST = 0.6
+"""Regularisation of tangential forces and twists of a foot that carries the weight. It grows with one over
+the foot's planned share of the load, so that each foot uses the same share of its friction."""
+
+LEAST_LOAD = 0.005
+"""Least share of the load in that cost [1]."""
 
 TIP_COST = 6.0
 """Regularisation of the toe tips' normal forces: the light toe segment yields under load, so it is left to
@@ -52,8 +56,8 @@ YAW_COST = 0.3
 """Weight of the influence of the posture on the vertical moment, which no plan has: far below the momentum's,
 or a yaw that the friction cannot give would move the ZMP."""
 
-TWIST_FRICTION = 0.3
-"""Largest twist over normal force, in units of :data:`ampm.control.forces.TWIST_ARM`."""
+TWIST_SHARE = 0.5
+"""Share of the friction at its points with which a foot may twist; the rest is left for the forces along."""
 
 MOMENTUM_SLACK = np.array([1.0, 1.0, 1.0, ANGULAR, ANGULAR, ANGULAR]) / np.sqrt(
     [1e4, 1e4, 1e4, 4e3, 4e3, 0.04]
@@ -68,9 +72,10 @@ CONDENSED_ROWS = 6 + 12 + 2 * POINTS
 
 L_Z = 5
 """Row of the vertical angular momentum."""
-_NORMAL = np.concatenate([np.arange(POINTS), FOOT + np.arange(POINTS)])
 _COST = np.tile([NORMAL_COST] * SOLES + [TIP_COST] * (POINTS - SOLES), 2)
 _TANGENT = np.concatenate([np.arange(POINTS, FOOT), FOOT + np.arange(POINTS, FOOT)])
+_CONE = np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float)
+"""Bounds of a foot's tangential forces and twist: a pyramid with its edges on the cone, along x and y."""
 
 
 class Rows(NamedTuple):
@@ -126,20 +131,18 @@ class CondensedForm:
         self.A = np.zeros((CONDENSED_ROWS, CONDENSED_SIZE))
         self.lower, self.upper = np.full(CONDENSED_ROWS, -np.inf), np.zeros(CONDENSED_ROWS)
         self._base = np.zeros(CONDENSED_SIZE)
-        self._base[_NORMAL], self._base[_TANGENT], self._base[FORCES:] = _COST, TANGENT_COST, 1.0
+        self._base[NORMALS], self._base[_TANGENT], self._base[FORCES:] = _COST, TANGENT_COST, 1.0
         self.P[np.arange(CONDENSED_SIZE), np.arange(CONDENSED_SIZE)] = self._base
         self.P[FOOT : FOOT + POINTS, FOOT : FOOT + POINTS] += LOAD_COST
-        self._tangent_cost = TANGENT_COST * np.eye(_TANGENT.size)
         self._right = slice(FOOT, FOOT + POINTS)
         self.A[np.arange(6), FORCES + np.arange(6)] = -MOMENTUM_SLACK
         row = 6
         for foot in (0, 1):
-            for k, limit in enumerate((friction, friction, TWIST_FRICTION)):
-                for sign in (1.0, -1.0):
-                    self.A[row, FOOT * foot : FOOT * foot + POINTS] = -limit
-                    self.A[row, FOOT * foot + POINTS + k] = sign
-                    row += 1
-        self.A[row + np.arange(2 * POINTS), _NORMAL] = 1.0
+            points = slice(FOOT * foot, FOOT * foot + POINTS)
+            self.A[row : row + 6, points] = -friction
+            self.A[row : row + 6, points.stop : points.stop + 3] = _CONE
+            row += 6
+        self.A[row + np.arange(2 * POINTS), NORMALS] = 1.0
         # What changes from tick to tick, as views of the matrices.
         by_foot = self.P[:FORCES, :FORCES].reshape(2, FOOT, 2, FOOT)
         self._tangent_block = by_foot[:, POINTS:, :, POINTS:]
@@ -147,6 +150,9 @@ class CondensedForm:
         self._sole_gradients = self.q[:SOLES], self.q[FOOT : FOOT + SOLES]
         self._right_gradient = self.q[self._right]
         self._wrench = self.A[:6, :FORCES]
+        by_foot = self.A[6:row, :FORCES].reshape(2, 6, 2, FOOT)
+        self._twists = [by_foot[foot, 4:, foot, :POINTS] for foot in (0, 1)]
+        self._twist_friction = -TWIST_SHARE * friction / TWIST_ARM
         self._least, self._largest = self.lower[row:], self.upper[row:]
         self._least[:] = 0.0
         self._backend: QPBackend = make_backend(backend, self.P_mask(), self.A_mask(), settings)
@@ -170,7 +176,7 @@ class CondensedForm:
 
     def build(
         self,
-        wrench: Array,
+        forces: ForceMap,
         wanted: Sequence[float] | Array,
         openings: Openings,
         landing: Array | None,
@@ -181,24 +187,27 @@ class CondensedForm:
         """Fill the matrices.
 
         Args:
-            wrench: W of the :class:`~ampm.control.forces.ForceMap`, shape (6, 18).
+            forces: how the unknowns act.
             wanted: momentum rate plus weight, [m g] and ANGULAR [m g m], six numbers.
             openings: of the points.
-            landing: force that landing points carry already, shape (12,) [m g], None if nothing lands.
+            landing: least force of landing points, shape (12,) [m g], None if nothing lands.
             right_load: planned share of the right foot [1].
             yaw_curvature: of the posture's cost over the vertical moment.
             yaw_gradient: of the same at no moment.
         """
-        row = wrench[L_Z].take(_TANGENT)
+        row = forces.wrench[L_Z].take(_TANGENT)
         block = row[:, None] * (YAW_COST * yaw_curvature * row)
-        block += self._tangent_cost
+        for foot, load in enumerate((1.0 - right_load, right_load)):
+            own = np.arange(3 * foot, 3 * foot + 3)
+            block[own, own] += TANGENT_COST / max(load, LEAST_LOAD)
+            np.multiply(self._twist_friction, forces.twist_lever[foot], out=self._twists[foot])
         self._tangent_block[:] = block.reshape(2, 3, 2, 3)
         self._tangent_gradient[:] = (YAW_COST * yaw_gradient * row).reshape(2, 3)
         left, right = self._sole_gradients
         np.multiply(1.0 - right_load, openings.load_cost[0], out=left)
         self._right_gradient[:] = -LOAD_COST * right_load
         right += right_load * openings.load_cost[1]
-        self._wrench[:] = wrench
+        self._wrench[:] = forces.wrench
         self.lower[:6] = self.upper[:6] = wanted
         least, largest = openings.least, openings.largest
         if landing is not None:

@@ -59,6 +59,10 @@ def _constant(unit: str, meaning: str) -> Any:
     return field(metadata={"unit": unit, "meaning": meaning})
 
 
+JUMP = 0.01
+"""Relative jump at a switch from which a plan is not continuous to a controller [1], see PlanResiduals."""
+
+
 @dataclass(frozen=True)
 class PlanConstants:
     """Constants of a gait, symbols of the paper; the metadata of each field give its unit and meaning."""
@@ -313,6 +317,18 @@ class CentroidalPlan:
 
     def residuals(self) -> PlanResiduals:
         """Largest jumps over all switches: end of every phase against start of the next."""
+        jumps = self._switch_jumps.items()
+        return PlanResiduals(**{name: float(np.max(jump, initial=0.0)) for name, jump in jumps})
+
+    @cached_property
+    def jump_times(self) -> Array:
+        """Switches at which acceleration, ZMP or moment jump by more than :data:`JUMP`, shape (J,) [s]."""
+        jumps = np.stack([self._switch_jumps[name] for name in ("acceleration", "zmp", "moment")])
+        return self._starts[1:][(jumps > JUMP).any(axis=(0, 2))]
+
+    @cached_property
+    def _switch_jumps(self) -> dict[str, Array]:
+        """Jumps at every switch by the names of :class:`PlanResiduals` and in its scales, (S, 2) each [1]."""
         before = np.arange(len(self.phases) - 1)
         end = self._evaluate(before, np.array([phase.duration for phase in self.phases[:-1]]))
         begin = self._evaluate(before + 1, np.zeros(len(before)))
@@ -320,10 +336,9 @@ class CentroidalPlan:
 
         scales = {"position": height, "velocity": speed, "acceleration": self.gravity, "zmp": height}
         scales |= {"moment": weight * height, "angular_momentum": self.mass * height * speed}
-        jumps = {name: np.abs(getattr(begin, name) - getattr(end, name)) for name in scales}
-        return PlanResiduals(
-            **{name: float(np.max(jumps[name], initial=0.0)) / scale for name, scale in scales.items()}
-        )
+        return {
+            name: np.abs(getattr(begin, name) - getattr(end, name)) / scale for name, scale in scales.items()
+        }
 
     def with_angular_momentum_offset(self, offset: float) -> CentroidalPlan:
         """The same motion of the COM with another mean of L_y over a step [N m s].

@@ -23,8 +23,6 @@ from ampm.body.feasibility import (
     joint_groups,
     leg_extension,
 )
-from ampm.control.forces import TWIST_ARM
-from ampm.control.wrench_qp import TWIST_FRICTION
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.feet import HEEL
@@ -42,6 +40,7 @@ if TYPE_CHECKING:
     from ampm.planner.feet import FootSample
 
 _KNEE_GRID = 0.015  # by how much a fine grid may find the knee straighter than the search's coarse one [rad]
+_TWIST_LEVER = 0.03  # moment about the vertical over the force that a foot on its ball gives easily [m]
 RISE_TOLERANCE = 0.6 * ROLL_TOLERANCE
 """How far behind the ball the ZMP may be when the heel rises [m]: less than what a body refuses."""
 
@@ -134,7 +133,7 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, float
     torque, twist = step_torques(orbit, plan, robot)
     share = (np.abs(torque) / robot.torque_limit).max(axis=0)
     values = {
-        "twist": float(np.abs(twist).max()) / (TWIST_ARM * TWIST_FRICTION),
+        "twist": float(np.abs(twist).max()) / _TWIST_LEVER,
         "gap": float(robot.shapes.gaps(orbit.trajectory.q).distance.min()),
     }
     for name, names in joint_groups(robot.description).items():

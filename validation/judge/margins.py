@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 LOADED = 0.05
 """Share of body weight from which a foot's friction counts [1]: the ratio of two small forces is noise."""
+SLIDING = 0.99
+"""Share of the floor's friction from which a point slides [1]."""
 SATURATED = 0.999
 """Share of its limit from which a motor counts as saturated [1]."""
 
@@ -108,6 +110,7 @@ def margins(
     planned = Extreme(math.nan)
     if time.size:
         planned = Extreme(*plan.least_zmp_margin(min(float(time[-1]), plan.duration)))
+    sliding = _sliding_weight(record)
     reached = polygon_margin(record.point_position[:, :, :2], measured.point_contact, sample.zmp)
     return {
         "torque": _extreme(use, time, joints, largest=True),
@@ -123,6 +126,8 @@ def margins(
         "plan_in_measured_polygon": _extreme(reached[:, None], time),
         "measured_polygon": _extreme(measured.polygon_margin[:, None], time),
         "slip": _extreme(measured.slip, time, feet, largest=True),
+        "sliding_weight": _extreme(sliding[:, None], time, largest=True),
+        "sliding_time": _longest(sliding > LOADED, time, record.time_step),
         "penetration": _extreme(measured.penetration, time, feet, largest=True),
     }
 
@@ -152,6 +157,25 @@ def _clearance(record: SimulationRecord, shapes: Shapes) -> Extreme:
     gaps, time = shapes.recorded_gaps(record.q[::every]), record.time[::every]
     closest = int(gaps.distance.argmin())
     return Extreme(float(gaps.distance[closest]), float(time[closest]), gaps.parts[closest])
+
+
+def _sliding_weight(record: SimulationRecord) -> Array:
+    """Share of the weight that rests on points at the floor's friction, shape (K,) [1]."""
+    normal = record.point_force[:, :, 2]
+    along = np.hypot(record.point_force[:, :, 0], record.point_force[:, :, 1])
+    slides = along > SLIDING * record.friction * normal
+    share = np.where(slides, normal, 0.0).sum(axis=1) / (record.mass * record.gravity)
+    return np.asarray(share if np.isfinite(record.friction) else np.full(len(share), np.nan))
+
+
+def _longest(on: NDArray[np.bool_], time: Array, step: float) -> Extreme:
+    """Longest time [s] for which a condition held without a break, and when that began."""
+    edges = np.flatnonzero(np.diff(on, prepend=False, append=False))
+    begin, lasted = edges[::2], edges[1::2] - edges[::2]
+    if not lasted.size:
+        return Extreme(0.0)
+    longest = int(lasted.argmax())
+    return Extreme(float(lasted[longest] * step), float(time[begin[longest]]))
 
 
 def _ratio(force: Array, least: float) -> Array:

@@ -65,7 +65,6 @@ class Metric:
             :class:`validation.judge.profiles.Profile` for profiles that are not named.
         tolerance_unit: of ``tolerances``: ``unit`` by default, or :data:`BODY_WEIGHT`.
         reason: why the tolerance is what it is, one or two sentences.
-        widens: whether a profile that is wider than another widens this tolerance; by default that of a walk.
         scales: names of the reference quantities that give the normalised values.
         nature: ``mean``; ``extreme``, which is never extrapolated to a vanishing time step; ``count``, which
             is exact.
@@ -83,7 +82,6 @@ class Metric:
     tolerances: Mapping[str, float] = field(default_factory=dict)
     tolerance_unit: str = ""
     reason: str = ""
-    widens: bool | None = None
     scales: tuple[str, ...] = ()
     nature: Literal["mean", "extreme", "count"] = "mean"
     by_window: bool = False
@@ -297,6 +295,12 @@ def _zmp_gaps(walk: Comparison) -> Array:
     return np.asarray(np.linalg.norm(gap[walk.inside], axis=1))
 
 
+def _zmp_ways(walk: Comparison) -> Array:
+    """Way of the measured ZMP from each instant in the window to the next, shape (n,) [m]."""
+    way = np.diff(walk.measured.zmp, axis=0, append=np.full((1, 2), np.nan))
+    return np.asarray(np.linalg.norm(way[walk.inside], axis=1))
+
+
 def _force_gaps(walk: Comparison) -> Array:
     """Distance of contact force and m (a + g) in the window, shape (n,) [N]."""
     gap = walk.measured.force - walk.measured.momentum_force
@@ -328,14 +332,13 @@ def _instrument(
 
 _INSTRUMENT = (
     _instrument(
-        "zmp_agreement_rmse", "m", "both measured ZMPs, RMS distance",
-        "root mean square distance of the ZMP by contact and by momentum",
-        lambda walk: _rms(_zmp_gaps(walk)), 0.5e-3,
-        "The two measurements of the ZMP share no force and no acceleration. Their gap is the time "
-        "step's: first order in dt, about 0.3 mm at 2 ms. A quarter of the ZMP tolerance, so that the "
-        "instrument is finer than what it measures; one contact missing from the log makes it more than "
-        "5 mm.",
-        widens=True, scales=("foot_length",),
+        "zmp_agreement_relative", "1", "both measured ZMPs, distance over the ZMP's way in a time step",
+        "root mean square distance of the ZMP by contact and by momentum, over its way in a time step",
+        lambda walk: _rms(_zmp_gaps(walk)) / (_rms(_zmp_ways(walk)) or math.nan), 0.25,
+        "The two measurements of the ZMP share no force and no acceleration. Each is a mean over the time "
+        "step, so neither is finer than the way that the ZMP makes in it, and their gap is about a tenth of "
+        "that at any time step. One contact missing from the log makes it more than the whole.",
+        nature="count",
     ),
     _instrument(
         "force_agreement_rmse", "N", "F = m (a + g), RMS error",
@@ -385,6 +388,11 @@ _INSTRUMENT = (
         nature="count",
     ),
     _instrument(
+        "zmp_agreement_rmse", "m", "both measured ZMPs, RMS distance",
+        "root mean square distance of the ZMP by contact and by momentum",
+        lambda walk: _rms(_zmp_gaps(walk)), scales=("foot_length",),
+    ),
+    _instrument(
         "zmp_agreement_maximum", "m", "both measured ZMPs, largest distance",
         "largest distance of the ZMP by contact and by momentum",
         lambda walk: _largest(_zmp_gaps(walk)), scales=("foot_length",), nature="extreme",
@@ -396,7 +404,7 @@ _SHORTFALL = Metric(
     lambda walk: _shortfall(walk.costs["margins"]["clearance"].value), {"default": 0.0},
     reason="Nothing but the soles collides in the simulation, so a body that passes through itself would "
     "walk all the same. A centimetre is left for clothes and for what the drawn shapes leave out.",
-    widens=False, nature="extreme",
+    nature="extreme",
 )  # fmt: skip
 
 
@@ -425,6 +433,10 @@ _COSTS: tuple[tuple[str, str, str, str, str], ...] = (
     ("margins", "measured_polygon", "m", "measured ZMP margin, in the loaded sole",
      f"smallest distance of the measured ZMP {_SOLE}"),
     ("margins", "slip", "m", "longest slip of a stance foot", "longest way that a foot slid in one stance"),
+    ("margins", "sliding_weight", "1", "weight on sliding points, of body weight",
+     "largest share of the body's weight that rests on points sliding over the floor"),
+    ("margins", "sliding_time", "s", "longest time of sliding under load",
+     "longest time for which more than 5 % of the weight rests on sliding points"),
     ("margins", "penetration", "m", "deepest penetration of a sole", "deepest sole point under the floor"),
     *(("effort", f"{name}_{axis}", unit, f"feedback on the {label} {axis}, RMS",
        f"root mean square of commanded minus planned {meaning}")

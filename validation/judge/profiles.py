@@ -39,7 +39,7 @@ class Profile:
         name: as given to ``--profile``.
         description: what it is for, one sentence.
         base: profile whose limit holds for a metric that names none for this one.
-        factor: on the limits of ``base`` that widen, see :attr:`validation.judge.metrics.Metric.widens`.
+        factor: on the limits of ``base`` that judge the walk, not its instrument.
     """
 
     name: str
@@ -59,8 +59,7 @@ class Profile:
             unit = metric.tolerance_unit or metric.unit
             return Tolerance(metric.name, metric.tolerances[self.name], unit, metric.reason)
         found = self.base.tolerance(metric) if self.base is not None else None
-        widens = metric.kind == "walk" if metric.widens is None else metric.widens
-        if self.base is None or found is None or self.factor == 1.0 or not widens:
+        if self.base is None or found is None or self.factor == 1.0 or metric.kind != "walk":
             return found
         reason = f"{self.factor:g} times the limit of '{self.base.name}'. {found.reason}"
         return Tolerance(found.metric, self.factor * found.limit, found.unit, reason)
@@ -80,9 +79,8 @@ STRICT = Profile(
 WIDE = Profile(
     "wide",
     "For gaits with much angular momentum or speed (presets `roll-0.1` and `pitch`) and for sweeps far from "
-    "the presets (c_y 0.2 ... 1.2, c_s 0.8 ... 1.4): twice `default` on the walk, and on the gap between "
-    "both measured ZMPs, which is first order in the time step and grows with the rates of change of force "
-    "and moment; the rest of the instrument has to be as good as ever.",
+    "the presets (c_y 0.2 ... 1.2, c_s 0.8 ... 1.4): twice `default` on the walk; "
+    "the instrument has to be as good as ever.",
     base=DEFAULT,
     factor=2.0,
 )

@@ -62,6 +62,7 @@ def stand(run: RunParameters, body_model: BodyModel) -> SimulationRecord:
         time=0.0,
         centre=centre,
         right_load=0.5,
+        jumps=False,
         feet=FeetState.of(linear, np.stack([np.eye(3)] * 2), np.zeros((2, 2, 3)), np.zeros((2, 3))),
         contacts=ContactState(contact, contact, np.full((2, 3), np.inf)),
         posture=PostureState(q, still, still, robot.trunk_rotations(q[None])[0], np.zeros(())),

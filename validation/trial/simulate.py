@@ -159,7 +159,12 @@ def simulate(
     dt, step_ends = physics.time_step, plan.contacts.step_ends[:steps]
     total = int(np.floor(step_ends[-1] / dt + 1e-9))
     gains = run.controller
-    timing = Timing(gains.touchdown_lead, gains.touchdown_window, (physics.substeps - 1) * dt)
+    timing = Timing(
+        lead=gains.touchdown_lead,
+        early=gains.touchdown_window,
+        hold=(physics.substeps - 1) * dt,
+        slope=physics.substeps * dt if gains.hold == "first-order" else 0.0,
+    )
     references = plan.table(np.arange(0, total, physics.substeps, dtype=np.float64) * dt, timing)
     start = references[0].posture
     q = start.q.copy()
@@ -211,6 +216,8 @@ class ClosedLoop:
         own = type(controller) is TrackingController
         self.users_code = contextlib.nullcontext() if own else UsersCode("controller", controller)
         self.torque_shape = (physics.robot.nu,)
+        self.torque = np.zeros(physics.robot.nu)
+        self.rate: NDArray[np.float64] | None = None
         self.run_parameters = run
         self.step_ends, self.total, self.progress = step_ends, total, progress
         points = physics.points
@@ -262,11 +269,23 @@ class ClosedLoop:
         if k % physics.substeps == 0:
             end = self._tick(k, time, point)
         else:
+            self._carry_on(k % physics.substeps * physics.time_step)
             end = self.watch.check_between_ticks(time, physics.com(), physics.trunk(), *self.planned)
         log.torque[k] = data.ctrl
         mujoco.mj_step2(model, data)
         self.normal_force = log.keep_contacts(k, data, point)
         return end
+
+    def _carry_on(self, since: float) -> None:
+        """Let the torque go on with its rate, within the motors' limits.
+
+        Args:
+            since: time since the tick [s].
+        """
+        if self.rate is None:
+            return
+        limit = self.physics.robot.torque_limit
+        self.physics.data.ctrl[:] = np.minimum(np.maximum(self.torque + since * self.rate, -limit), limit)
 
     def _disturb(self, k: int, time: float) -> None:
         """Push the body during step k."""
@@ -281,13 +300,16 @@ class ClosedLoop:
         physics = self.physics
         reference = next(self.references)
         state = State(time, *physics.state(), 0.5 * physics.time_step)
-        touch = Touch(physics.sensed(point), self.normal_force)
+        touch = Touch(physics.sensed(point), self.normal_force, physics.time_step)
         with self.users_code:
             output = self.controller.update(state, touch, reference)
             self.log.keep_command(k, output, reference)
             if output.torque.shape != self.torque_shape:
                 raise ValueError(f"torque of shape {output.torque.shape}, not {self.torque_shape}")
-        physics.data.ctrl[:] = output.torque
+            if output.rate is not None and output.rate.shape != self.torque_shape:
+                raise ValueError(f"rate of shape {output.rate.shape}, not {self.torque_shape}")
+        physics.data.ctrl[:] = self.torque = output.torque
+        self.rate = output.rate
         self.planned = reference.centre[0].tolist(), reference.posture.trunk[:, 2].tolist()
         return self.watch.check(
             time,

@@ -1,0 +1,148 @@
+"""The torque between two ticks: how it goes on, and what the walk gains by it."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from ampm.control.contact_gate import Contact
+from ampm.control.controller import TrackingController
+from ampm.control.forces import Openings
+from ampm.control.hold import LARGEST_CHANGE, FirstOrderHold
+from ampm.run_file import load_run
+from ampm.walk import ControlOutput, Touch
+from validation.run.walk import walk
+
+LIMIT = np.array([100.0, 50.0])
+PERIOD = 0.002
+STEP = 0.01 * LIMIT
+
+
+def contact(touching=True, opening=1.0, planned=True):
+    """A left heel; the right foot stands."""
+    lines = [[[planned, False, False], [True, True, True]], [[opening, 0.0, 0.0], [1.0, 1.0, 1.0]]]
+    touched = [[touching, False, False], [True, True, True]]
+    return Contact(lines[0], lines[0], touched, touched, lines[1], opening < 1.0, Openings.of(np.ones(12)))
+
+
+@pytest.fixture
+def rates():
+    """A hold that has seen two ticks of a steady slope."""
+    it = FirstOrderHold(LIMIT, PERIOD)
+    np.testing.assert_array_equal(it.rate(0.0 * STEP, contact(), False), 0.0)  # nothing is known yet
+    np.testing.assert_allclose(it.rate(STEP, contact(), False), STEP / PERIOD)
+    return it
+
+
+def test_a_large_change_is_carried_on_only_in_part(rates):
+    rate = rates.rate(STEP - 10.0 * LIMIT, contact(), False)
+    np.testing.assert_allclose(rate, -LARGEST_CHANGE * LIMIT / PERIOD)
+
+
+@pytest.mark.parametrize(
+    ("now", "goes_on"),
+    [
+        (contact(planned=False), True),
+        (contact(opening=0.5), True),  # it has begun to open
+        (contact(touching=False), False),  # of a line that is fully open it plays no part
+    ],
+)
+def test_where_the_contact_changes_the_earlier_slope_goes_on(rates, now, goes_on):
+    slope = STEP if goes_on else 2.0 * STEP
+    np.testing.assert_allclose(rates.rate(3.0 * STEP, now, False), slope / PERIOD)
+    np.testing.assert_allclose(rates.rate(5.0 * STEP, now, False), 2.0 * STEP / PERIOD)
+
+
+def test_where_the_plan_jumps_the_torque_is_held(rates):
+    np.testing.assert_array_equal(rates.rate(2.0 * STEP, contact(), True), 0.0)
+    np.testing.assert_allclose(rates.rate(4.0 * STEP, contact(), False), 2.0 * STEP / PERIOD)
+
+
+class Ramp:
+    """Gives the same torque and rate at every tick."""
+
+    def __init__(self, robot, run, rate):
+        self.torque = 0.98 * robot.torque_limit
+        self.rate = None if rate is None else np.full(robot.nu, rate)
+
+    def update(self, state, touch, reference):
+        return ControlOutput(self.torque, rate=self.rate)
+
+
+def ramp(rate):
+    """Torques of the first milliseconds, over the motors' limits, at four steps a tick."""
+    record = walk(short(0.0005, 1), controller=partial(Ramp, rate=rate)).record
+    return record.torque[:8] - 0.98 * record.torque_limit, 0.02 * record.torque_limit
+
+
+def short(time_step, steps=4, gait="normal", **controller):
+    return load_run(
+        gait,
+        gait={"steps": steps},
+        simulation={"time_step": time_step},
+        controller=controller,
+    )
+
+
+def test_the_torque_goes_on_with_its_rate_within_the_limits():
+    above, room = ramp(1e3)
+    since = np.array([0.0, 1.0, 2.0, 3.0] * 2)[:, None] * 0.0005
+    np.testing.assert_allclose(above, np.minimum(1e3 * since, room), atol=1e-9)
+    np.testing.assert_allclose(ramp(None)[0], 0.0, atol=1e-9)
+
+
+def errors(trial):
+    return [1e3 * trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy"]
+
+
+def test_between_ticks_a_slope_halves_the_error():
+    """At four steps a tick; at one step a tick both are the same."""
+    held, carried_on = (walk(short(0.0005, hold=hold)) for hold in ("zero-order", "first-order"))
+    assert (np.array(errors(carried_on)) < 0.6 * np.array(errors(held))).all()
+    one = [walk(short(0.002, 2, hold=hold)).record.q[300] for hold in ("zero-order", "first-order")]
+    np.testing.assert_array_equal(one[0], one[1])
+
+
+def poor(delay, noise):
+    """A controller whose soles feel their force late, and not exactly."""
+
+    class PoorSoles(TrackingController):
+        def __init__(self, robot, run):
+            super().__init__(robot, run)
+            self.kept, self.rng = [], np.random.default_rng(1)
+
+        def update(self, state, touch, reference):
+            self.kept.append(touch)
+            old = self.kept[max(0, len(self.kept) - 1 - delay)]
+            force = old.normal_force + noise * self.rng.normal(size=12) * (old.normal_force > 0.0)
+            age = touch.age + delay * PERIOD
+            return super().update(state, Touch(old.contact, np.maximum(force, 0.0), age), reference)
+
+    return PoorSoles
+
+
+@pytest.mark.parametrize("gait", ["normal", "roll-0.4"])
+def test_late_and_noisy_soles_cost_little(gait):
+    trial = walk(short(0.0005, gait=gait), controller=poor(1, 3.0))
+    assert trial.verdict.passed, trial.verdict.reason
+    assert errors(trial)[0] < 1.3
+
+
+def test_friction_is_shared_by_load_and_nothing_slides_under_load():
+    trial = walk(short(0.0005))
+    assert trial.metrics["margin_friction"].value < 0.3
+    trial = walk(short(0.0005, gait="momentum"))
+    assert trial.metrics["margin_sliding_weight"].value < 0.3
+
+
+def test_the_front_foot_brakes():
+    """In double support: no push forwards at the foot that has landed, on average over the phase."""
+    trial = walk(short(0.002))
+    record = trial.record
+    force = record.point_force.reshape(record.steps, 2, 6, 3).sum(axis=2)
+    stance = trial.plan.sample(record.time[:-1]).stance
+    double = np.flatnonzero(stance == 2)
+    front = record.foot_position[double, :, 0].argmax(axis=1)
+    assert force[double, front, 0].mean() < 0.0
