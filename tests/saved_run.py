@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any
 from unittest.mock import patch
 
+from validation.judge.uncertainty import Uncertainty
 from validation.run.walk import walk_planned
 from validation.trial.outcome import Outcome
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
@@ -25,6 +26,7 @@ def make_run(
     outcome: Outcome | None = None,
     settings: tuple[str, ...] = (),
     angles: Mapping[str, float] = MappingProxyType({}),
+    uncertainty: Uncertainty | None = None,
 ) -> Path:
     """Write the folder of a walk of ``normal``, without recording and report.
 
@@ -34,20 +36,22 @@ def make_run(
         outcome: how and when it ends; completed if None.
         settings: changes of the run, ``key=value``.
         angles: joints that are recorded as bent all the time [rad].
+        uncertainty: of the metrics.
     """
     planned, record = walked(steps, settings, outcome)
     q = record.q.copy()
     for joint, angle in angles.items():
         q[:, 7 + record.joint_names.index(joint)] = angle
     with patch("validation.run.walk.simulate", lambda *_, **__: replace(record, q=q)):
-        return walk_planned(planned).save(directory, recording=False)
+        trial = walk_planned(planned, uncertainty=uncertainty)
+    return trial.save(directory, recording=False)
 
 
 @cache
 def walked(
     steps: int, settings: tuple[str, ...], outcome: Outcome | None
 ) -> tuple[PlannedWalk, SimulationRecord]:
-    planned = plan_walk(load_request("normal", [f"gait.steps={steps}", *settings]))
+    planned = plan_walk(load_request("normal", [f"gait.steps={steps}", *settings], as_is=True))
 
     def stop(done: int, _: int) -> None:
         if outcome is not None and done * planned.run.simulation.time_step >= outcome.time:

@@ -57,30 +57,27 @@ def test_a_run_starts_on_what_is_planned(robot):
     assert groups(robot, contact, 1) == [1.0, 1.0, 1.0]
 
 
-def test_planned_contact_alone_opens_nothing(robot, gate):
-    for _ in range(50):
-        contact = gate.update(ContactState(ALL, ALL, NEVER), touch(robot, right=(0, 1, 2)))
-    assert groups(robot, contact) == [0.0, 0.0, 0.0]
-    assert not contact.landing
-
-
-def test_touch_alone_opens_nothing(robot, gate):
-    contact = gate.update(ContactState(AIR, AIR, NEVER), touch(robot, left=(0, 1), right=(0, 1, 2)))
-    assert groups(robot, contact) == [0.0, 0.0, 0.0]
-    assert contact.touching[0] == [True, True, False]
+@pytest.mark.parametrize(
+    ("planned", "due", "left", "expected"),
+    [
+        (ALL, ALL, (), [0.0, 0.0, 0.0]),  # planned contact alone opens nothing
+        (AIR, AIR, (HEEL, BALL), [0.0, 0.0, 0.0]),  # nor does touch alone
+        (AIR, ALL, (HEEL,), [RATE, 0.0, 0.0]),  # a foot that lands early: not planned yet, but due
+        (ALL, ALL, (TIP,), [0.0, 0.0, 0.0]),  # tips wait for the ball
+        (ALL, ALL, (BALL, TIP), [0.0, RATE, RATE]),
+    ],
+)
+def test_a_group_opens_where_it_is_due_and_has_touched(robot, gate, planned, due, left, expected):
+    contact = gate.update(ContactState(planned, due, NEVER), touch(robot, left=left, right=(0, 1, 2)))
+    assert groups(robot, contact) == pytest.approx(expected)
+    assert contact.landing == bool(left)
+    assert contact.touching[0] == [group in left for group in range(3)]
 
 
 def test_a_line_that_bounces_off_is_still_landing(robot, gate):
     gate.update(ContactState(ALL, ALL, NEVER), touch(robot, left=(HEEL,), right=(0, 1, 2)))
     contact = gate.update(ContactState(ALL, ALL, NEVER), touch(robot, right=(0, 1, 2)))
     assert contact.touching[0] == [False, False, False]
-    assert contact.landing
-
-
-def test_a_touch_before_its_time_counts_if_the_contact_is_due(robot, gate):
-    """As a foot that lands early: not planned yet, but shortly."""
-    contact = gate.update(ContactState(AIR, ALL, NEVER), touch(robot, left=(HEEL,), right=(0, 1, 2)))
-    assert groups(robot, contact) == pytest.approx([RATE, 0.0, 0.0])
     assert contact.landing
 
 
@@ -95,13 +92,6 @@ def test_a_group_opens_over_the_ramp_once_one_of_its_points_has_touched(robot, g
     assert groups(robot, contact) == [1.0, 0.0, 0.0]
     assert contact.touched[0] == [True, False, False]
     assert contact.touching[0] == [False, False, False]
-
-
-def test_tips_wait_for_the_ball(robot, gate):
-    contact = gate.update(ContactState(ALL, ALL, NEVER), touch(robot, left=(TIP,), right=(0, 1, 2)))
-    assert groups(robot, contact) == [0.0, 0.0, 0.0]
-    contact = gate.update(ContactState(ALL, ALL, NEVER), touch(robot, left=(BALL, TIP), right=(0, 1, 2)))
-    assert groups(robot, contact) == pytest.approx([0.0, RATE, RATE])
 
 
 @pytest.mark.parametrize("left", [0.05, 0.04, 0.02, 0.002, 0.0])

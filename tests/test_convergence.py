@@ -289,23 +289,13 @@ def test_the_terminal_quotes_it(tmp_path, capsys):
 
 
 def test_the_report_quotes_it(tmp_path):
-    run = make_run(tmp_path / "run")
-    path = run / "summary.json"
-    found = json.loads(path.read_text())
-    metric = found["metrics"]["zmp_x_rmse"]
-    metric |= {"uncertainty": 0.002, "undecided": True, "pass": None, "margin": None}
-    metric["display"]["uncertainty"] = 2.0
-    found["metrics"]["zmp_y_rmse"]["display"]["uncertainty"] = "inf"
-    lacking = found["metrics"]["force_x_rmse"]
-    lacking |= {"not_studied": ["qp_tolerance"], "undecided": True, "pass": None, "margin": None}
-    lacking["display"] |= {"uncertainty": None, "uncertainty_at_least": None}
-    known = {"gait": "normal", "steps": 6, "run": "abc"}
-    known |= {"studies": ["time_step", "ik_grid"], "not_studied": ["qp_tolerance"]}
-    found |= {"verdict": "undecided", "uncertainty": known}
-    path.write_text(json.dumps(found))
-    page = render(load_saved_run(run))
+    values = {"zmp_x_rmse": 0.0025, "zmp_y_rmse": math.inf}
+    lacking = {"force_x_rmse": ("qp_tolerance",)}
+    made = ("time_step", "ik_grid"), ("qp_tolerance",)
+    known = Uncertainty("normal", 6, "abc", values, {}, *made, lacking)
+    page = render(load_saved_run(make_run(tmp_path / "run", uncertainty=known)))
     assert "±\u00a0∞\u00a0mm" in page
-    assert "±\u00a02.0\u00a0mm, <b>undecided</b>" in page
+    assert "±\u00a02.5\u00a0mm, <b>undecided</b>" in page
     assert "of normal, 6 steps a level (time_step + ik_grid), which lacks qp_tolerance" in page
     assert "±\u00a0not studied" in page
 

@@ -170,12 +170,8 @@ def test_a_cost_that_is_not_convex_is_refused(capfd):
         backend("osqp", n=2, m=2).solve(-9.0 * np.eye(2), np.zeros(2), np.eye(2), -np.ones(2), np.ones(2))
 
 
-def test_unknown_backend():
-    with pytest.raises(InputError, match="osqp, daqp"):
-        backend("simplex")
-
-
-def test_missing_package_says_how_to_install_it(monkeypatch):
+def test_unknown_and_missing_backends(monkeypatch):
     monkeypatch.setitem(sys.modules, "daqp", None)
-    with pytest.raises(InputError, match=r"pip install -e \.\[daqp\]"):
-        backend("daqp")
+    for name, words in (("simplex", "osqp, daqp"), ("daqp", r"pip install -e \.\[daqp\]")):
+        with pytest.raises(InputError, match=words):
+            backend(name)

@@ -127,19 +127,14 @@ def test_a_walk_that_fell_keeps_the_pace_of_its_last_phase(walks, tmp_path):
     np.testing.assert_allclose(part[1], np.interp(part[0], *whole), atol=0.02)
 
 
-def test_one_target_is_saved_as_it_is(walks, tmp_path):
-    target = tmp_path / "copy.rrd"
-    assert save(walks["one"], "--save", target) == Status.PASS
-    assert target.read_bytes() == (walks["one"] / "recording.rrd").read_bytes()
-
-
-def test_an_existing_file_is_kept(walks, tmp_path, capsys):
+def test_one_target_is_saved_as_it_is_and_an_existing_file_is_kept(walks, tmp_path, capsys):
     target = tmp_path / "copy.rrd"
     target.write_bytes(b"mine")
     assert save(walks["one"], "--save", target) == Status.REFUSED
     assert target.read_bytes() == b"mine"
     assert "--force" in capsys.readouterr().err
     assert save(walks["one"], "--save", target, "--force") == Status.PASS
+    assert target.read_bytes() == (walks["one"] / "recording.rrd").read_bytes()
     assert save(walks["one"], "--save", tmp_path / "copy.mp4") == Status.REFUSED
 
 
