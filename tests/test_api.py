@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
 from typing import Any
 
@@ -19,6 +18,7 @@ from ampm.walk import ControlOutput
 from validation.cli.app import Status, call
 
 RUN: dict[str, dict[str, Any]] = {"gait": {"steps": 2}, "solver": {"ik_time_step": 0.01}}
+HERE = "tests.test_api"
 PUSH = val.Push("chest", (20.0, 0.0, 0.0), at=0.5, duration=0.1)
 
 
@@ -81,23 +81,19 @@ def test_a_trial_that_was_not_saved_has_its_report(trial):
     assert page.stat().st_size > 50_000
 
 
-def test_a_controller_and_a_planner_of_ones_own(tmp_path, monkeypatch, capsys):
-    name = __name__.rpartition(".")[2]
-    monkeypatch.setitem(sys.modules, name, sys.modules[__name__])
-    options = ["--controller", f"{name}:Weaker", "--planner", f"{name}:Planner", "--out", str(tmp_path / "a")]
-    status = call(["validate", "normal", "--steps", "2", *options, "--json"])
-    summary = json.loads(capsys.readouterr().out)
-    assert status in (Status.PASS, Status.OUT_OF_TOLERANCE)
-    assert (summary["controller"], summary["planner"]) == ("Weaker", "Planner")
+def test_a_controller_and_a_planner_of_ones_own(tmp_path, ampm):
+    options = ["--controller", f"{HERE}:Weaker", "--planner", f"{HERE}:Planner", "--out", tmp_path / "a"]
+    answer = ampm("validate", "normal", "--steps", "2", *options, "--json")
+    assert answer.status in (Status.PASS, Status.OUT_OF_TOLERANCE)
+    assert (answer.json["controller"], answer.json["planner"]) == ("Weaker", "Planner")
     assert val.load(tmp_path / "a").plan() is None  # of another planner
 
 
-def test_a_fall_without_qp_has_its_folder_and_report(tmp_path, monkeypatch, capsys):
-    name = __name__.rpartition(".")[2]
-    monkeypatch.setitem(sys.modules, name, sys.modules[__name__])
-    settings = ["--set=gait.steps=2", "--set=solver.ik_time_step=0.01", "--out", str(tmp_path / "a")]
-    assert call(["validate", "normal", "--controller", f"{name}:Limp", *settings]) == Status.NOT_COMPLETED
-    assert "QP                none" in capsys.readouterr().out
+def test_a_fall_without_qp_has_its_folder_and_report(tmp_path, ampm):
+    settings = ["--set=gait.steps=2", "--set=solver.ik_time_step=0.01", "--out", tmp_path / "a"]
+    answer = ampm("validate", "normal", "--controller", f"{HERE}:Limp", *settings)
+    assert answer.status == Status.NOT_COMPLETED
+    assert "QP                none" in answer.out
     assert "failed_qp" not in val.load(tmp_path / "a").summary["metrics"]
     assert "no QP" in (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
 

@@ -132,11 +132,6 @@ def test_mass_matrix(both: Both) -> None:
     close(both.map.T @ (upper + np.triu(upper, 1).T) @ both.map, full)
 
 
-def test_bias(both: Both) -> None:
-    still = both.acceleration(np.zeros(both.model.nv))
-    close(both.map.T @ pin.rnea(both.pin_model, both.pin_data, both.q, both.v, still), both.data.qfrc_bias)
-
-
 def test_inverse_dynamics(both: Both) -> None:
     both.data.qacc = both.qacc
     mujoco.mj_inverse(both.model, both.data)
@@ -144,14 +139,11 @@ def test_inverse_dynamics(both: Both) -> None:
     close(both.map.T @ pin.rnea(both.pin_model, both.pin_data, both.q, both.v, a), both.data.qfrc_inverse)
 
 
-def test_com_and_its_velocity(both: Both) -> None:
+def test_com_and_centroidal_momentum(both: Both) -> None:
+    momentum = pin.computeCentroidalMomentum(both.pin_model, both.pin_data, both.q, both.v)
     pin.centerOfMass(both.pin_model, both.pin_data, both.q, both.v)
     close(both.pin_data.com[0], both.data.subtree_com[0])
     close(both.pin_data.vcom[0], both.data.subtree_linvel[0])
-
-
-def test_centroidal_momentum(both: Both) -> None:
-    momentum = pin.computeCentroidalMomentum(both.pin_model, both.pin_data, both.q, both.v)
     close(momentum.linear, both.mass * both.data.subtree_linvel[0])
     close(momentum.angular, both.data.subtree_angmom[0])
 
