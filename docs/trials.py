@@ -30,7 +30,7 @@ def write_rows(name: str, rows: Sequence[Sequence[str]]) -> None:
 def walk(
     gait: str, settings: Sequence[str] = (), *, profile: str = "default", tune: bool = False
 ) -> val.Trial | ampm.AmpmError:
-    """The trial of a gait, or its refusal; as it is unless what it leaves open is to be found."""
+    """The trial of a gait, or its refusal; ``tune`` finds the values that it leaves open."""
     run = ampm.load_run(gait, settings)
     try:
         found = val.walk(run if tune else run.as_is(), profile=profile)

@@ -35,7 +35,7 @@ INTEGRALS = (
 
 
 def main() -> None:
-    """Study every gait, and write what is said of it."""
+    """Study every gait, and write its tables."""
     page, rows = PAGE.read_text(encoding="utf-8"), []
     for gait in GAITS:
         found = study_gait(gait)

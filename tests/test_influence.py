@@ -15,7 +15,7 @@ from validation.study.sweep.influence import (
     Target,
     analyse,
     classes,
-    entangled,
+    correlated,
 )
 
 
@@ -83,20 +83,20 @@ def test_silence():
     rng = np.random.default_rng(1)
     x = rng.random(LEAST_RUNS)
     few = target({"x": x}, np.where(np.arange(LEAST_RUNS) < LEAST_RUNS - 1, x, np.nan))
-    assert "too few" in few.silent
+    assert "too few" in few.reason
     assert few.influences == ()
-    assert "vary" in target({"x": x}, np.full(LEAST_RUNS, 3.0)).silent
+    assert "vary" in target({"x": x}, np.full(LEAST_RUNS, 3.0)).reason
     rare = np.zeros(200)
     rare[:4] = 1.0
-    assert "all but 4 of 200" in target({"x": rng.random(200)}, rare).silent
+    assert "all but 4 of 200" in target({"x": rng.random(200)}, rare).reason
     rare[:5] = 1.0
-    assert target({"x": rng.random(200)}, rare).silent == ""
+    assert target({"x": rng.random(200)}, rare).reason == ""
 
 
 def test_entangled_parameters():
     rng = np.random.default_rng(1)
     x = rng.random(200)
-    pairs = entangled({"a": x, "b": x**2, "c": rng.random(200), "d": rng.choice(["u", "v"], 200)})
+    pairs = correlated({"a": x, "b": x**2, "c": rng.random(200), "d": rng.choice(["u", "v"], 200)})
     assert [(a, b, round(rho, 9)) for a, b, rho in pairs] == [("a", "b", 1.0)]
 
 

@@ -1,4 +1,4 @@
-"""A posture and a planner of one's own: upright and unmoving, instead of the periodic whole-body motion.
+"""Example of an own posture and planner: upright and constant, instead of the periodic whole-body motion.
 
 trial = val.walk(run, planner=UprightWalk())
 
@@ -70,7 +70,7 @@ class ConstantPosture:
         return PostureState(q, v, np.zeros((n, nv)), np.tile(self.trunk, (n, 1, 1)), np.zeros(n))
 
     def report(self) -> dict[str, Any]:
-        """Nothing was solved."""
+        """Empty: nothing is solved."""
         return {}
 
 

@@ -1,4 +1,4 @@
-"""A controller of one's own: joint PD along the planned posture, with the planned torques fed forward.
+"""Example of an own controller: joint PD along the planned posture, with the planned torques fed forward.
 
     import ampm, validation as val
     from docs.examples.joint_pd import JointPD
@@ -6,7 +6,7 @@
     trial = val.walk(ampm.load_run("normal"), controller=JointPD)
     print(trial)
 
-It knows neither COM nor contact, so the body soon falls.
+It uses neither COM nor contact, so the body falls.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""A planner of one's own: COM and ZMP from a table, for example of a preview controller or an MPC.
+"""Example of an own planner: COM and ZMP from a table, for example of a preview controller or an MPC.
 
     ampm plan momentum --no-body --samples plan.parquet --rate 1000
     python docs/examples/sampled_plan.py momentum plan.parquet
 
 The table needs the columns time, stance, com_x, com_y, zmp_x, zmp_y, left_placement_x and so on, in SI units.
 With com_acceleration_x and com_acceleration_y the force need not pass through the COM. Feet and posture are
-those of the gait that is named.
+those of the named gait.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ampm.walk import Boundary, WalkPlan
 
 
 class TablePlanner:
-    """Plans what a table says.
+    """Planner of the COM and ZMP of a table.
 
     Args:
         table: columns of shape (N,).

@@ -26,13 +26,13 @@ from validation.trial.plan import load_request, plan_walk
 
 HERE = Path(__file__).resolve().parent
 MENU_BAR = 36
-"""Height of the viewer's menu bar [px], which says more of the machine than of the walk."""
+"""Height of the viewer's menu bar [px], which is cut off."""
 
 
 def picture_of_recording(
     recording: Path, time_at: float, target: Path, *, timeline: str = "sim_time", port: int = 9911
 ) -> None:
-    """Save what the viewer shows of a recording at one time.
+    """Save the viewer's picture of a recording at one time.
 
     Args:
         recording: the file.
@@ -60,7 +60,7 @@ def picture_of_recording(
 
 
 def picture_of_overlay(folders: list[Path], phase: float, target: Path) -> None:
-    """Save what the viewer shows of several runs of one gait at one phase."""
+    """Save the viewer's picture of several runs of one gait at one phase."""
     with tempfile.TemporaryDirectory() as folder:
         merged = Path(folder) / "merged.rrd"
         write_sources(choose(folders, None)[0], merged, Progress(), one_sweep=False)

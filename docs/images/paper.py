@@ -1,7 +1,7 @@
 """Draw the figures of docs/paper.md again: ``python docs/images/paper.py``.
 
-Takes two or three minutes; ``python docs/images/paper.py 12,human`` draws only these. Every number of the
-pages that a preset could change stands in a table between marks. It is written here from
+Takes two or three minutes; ``python docs/images/paper.py 12,human`` draws only these. All numbers of the
+pages that depend on presets are in tables between marks. It is written here from
 ``docs/images/paper/figures.json``, which the figures write; ``--tables`` writes only the tables again.
 """
 
@@ -136,11 +136,11 @@ TABLES: Mapping[str, tuple[tuple[str, Callable[[Any], str]], ...]] = {
     "figure-07": (("foot roll", foot_roll_table),),
     "human": (("momentum", human_table), ("ranges", ranges_table), ("forces", forces_table)),
 }
-"""By figure: mark on the page, and what writes the table from the figure's numbers."""
+"""By figure: mark on the page, and function that writes the table from the figure's numbers."""
 
 
 def page(numbers: Mapping[str, Any]) -> str:
-    """The page with every table that the numbers can give."""
+    """The page with all tables of these numbers."""
     text = PAGE.read_text(encoding="utf-8")
     for figure, tables in TABLES.items():
         for name, written in tables if figure in numbers else ():
@@ -165,7 +165,7 @@ def main(only: str | None) -> None:
 
 
 def _rounded(value: Any) -> Any:
-    """Six digits: what the tables need, and no noise of the last bits from one machine to the next."""
+    """Six digits: enough for the tables, and the same on all machines."""
     if isinstance(value, dict):
         return {key: _rounded(item) for key, item in value.items()}
     if isinstance(value, list):

@@ -1,7 +1,6 @@
 """Draw the diagrams of ``docs/theory.md`` again: ``python docs/images/theory.py``.
 
-Lengths in the sketches are exaggerated where the walk's own would not be seen; the curves are those of the
-planner.
+Some lengths in the sketches are exaggerated to be visible; the curves are those of the planner.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ STYLE = {
 
 
 def save(figure: Any, name: str) -> None:
-    """Write a picture whose bytes depend on nothing but what is drawn."""
+    """Write a picture whose bytes depend only on its content."""
     figure.savefig(HERE / f"{name}.svg", metadata={"Date": None}, bbox_inches="tight", pad_inches=0.05)
     plt.close(figure)
 

@@ -1,4 +1,4 @@
-// The map of a sweep's report: Vega-Lite draws, this script chooses what, and tells of the run under the finger.
+// The map of a sweep's report: Vega-Lite draws it; this script selects axes and shows the selected run.
 const data = JSON.parse(document.getElementById("map-data").textContent);
 const root = document.getElementById("map-live");
 const $ = (name) => root.querySelector(`[data-part="${name}"]`);
@@ -9,7 +9,7 @@ const axisOf = (part) => axes.find((a) => a.key === $(part).value);
 const element = (tag, text, name) => Object.assign(document.createElement(tag), { textContent: text ?? "", className: name ?? "" });
 const number = (value) => typeof value === "number" ? +value.toPrecision(6) : value ?? "–";
 
-// ---------------------------------------------------------------- what is drawn
+// ---------------------------------------------------------------- specification
 const scaleOf = (axis) => ({ scheme: "cividis", clamp: true, ...(axis.limit ? { domain: [0, axis.limit] } : {}) });
 const legendOf = (axis) => ({ title: `${axis.label}${axis.unit && ` [${axis.unit}]`}${axis.limit === null ? "" : "; beyond its limit orange"}` });
 const colourOf = (axis, field) => ({
@@ -65,7 +65,7 @@ const cells = (x, y, colour) => {
   };
 };
 
-// ---------------------------------------------------------------- the run under the finger
+// ---------------------------------------------------------------- selected run
 const quote = (value) => /^[\w.+-]+$/.test(value) ? value : `'${value}'`;
 const show = (run) => {
   const head = element("p"), list = element("ul"), command = [data.repeat[0]];
@@ -90,7 +90,7 @@ const showCell = (cell, x, y) => {
   $("picked").replaceChildren(row);
 };
 
-let shown = -1; // by the keyboard
+let shown = -1; // selected by the keyboard
 $("plot").addEventListener("keydown", (event) => {
   const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
   if (!step) return;
@@ -122,7 +122,7 @@ const draw = async () => {
   if (inCells) view.addEventListener("click", (_, item) => { if (item?.datum?.share) showCell(item.datum, x, y); });
   else view.addSignalListener("pick", (_, { row }) => { if (row) show(runs.find((r) => r.row === row[0])); });
   $("note").textContent = runs.length < data.total
-    ? `${runs.length.toLocaleString("en")} of ${data.total.toLocaleString("en")} runs, drawn at random, and rare outcomes beside, which no share counts.` : "";
+    ? `${runs.length.toLocaleString("en")} of ${data.total.toLocaleString("en")} runs: a random sample, and rare outcomes, which shares do not count.` : "";
 };
 const options = (part, label, list) => {
   const group = Object.assign(document.createElement("optgroup"), { label });

@@ -126,15 +126,15 @@ def estimate(levels: Iterable[float], ratio: float, *, forbidden: str = "") -> E
         reason = "the same on all levels, but for rounding"
         return Estimate(Kind.CONSTANT, orders, None, None, spread, spread, None, reason)
     last = abs(values[-1] - values[-2])
-    doubt = forbidden or _doubt(values, orders)
-    if doubt:
+    reason = forbidden or _why_not_asymptotic(values, orders)
+    if reason:
         # The larger of the last two changes, at formal order: the last one may be accidentally small.
         before = abs(values[-2] - values[-3]) / ratio**FORMAL_ORDER if len(values) > 2 else 0.0
         beyond = UNCONFIRMED * max(last, before) / (ratio**FORMAL_ORDER - 1.0)
-        reason = f"{NO_RANGE}: {doubt}"
+        reason = f"{NO_RANGE}: {reason}"
         return Estimate(Kind.NO_RANGE, orders, None, None, spread + beyond, beyond, UNCONFIRMED, reason)
     order = orders[-1]
-    # Roache: an observed order above the formal one is no reason to claim less uncertainty.
+    # Roache: an observed order above the formal one does not reduce the uncertainty.
     beyond = last / (ratio ** min(order, FORMAL_ORDER) - 1.0)
     return Estimate(
         kind=Kind.ASYMPTOTIC,
@@ -148,7 +148,7 @@ def estimate(levels: Iterable[float], ratio: float, *, forbidden: str = "") -> E
     )
 
 
-def _doubt(values: Sequence[float], orders: Sequence[float]) -> str:
+def _why_not_asymptotic(values: Sequence[float], orders: Sequence[float]) -> str:
     """Reason why the finest four levels are not in the asymptotic range, empty if they are."""
     if len(values) < 4:
         return f"{len(values)} levels cannot confirm an order, four can"

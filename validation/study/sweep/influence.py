@@ -78,13 +78,13 @@ class Target:
         name: of the metric.
         runs: number of runs.
         influences: one per parameter, in the order given; empty if none can be computed.
-        silent: why there are none, empty otherwise.
+        reason: why there are none, empty otherwise.
     """
 
     name: str
     runs: int
     influences: tuple[Influence, ...] = ()
-    silent: str = ""
+    reason: str = ""
 
     @property
     def drivers(self) -> tuple[Influence, ...]:
@@ -115,16 +115,16 @@ def analyse(parameters: Parameters, targets: Mapping[str, Array]) -> list[Target
 def _target(parameters: Parameters, name: str, values: Array) -> Target:
     rows = np.flatnonzero(np.isfinite(values))
     if len(rows) < LEAST_RUNS:
-        return Target(name, len(rows), silent=f"{len(rows)} runs are too few; {LEAST_RUNS} needed")
+        return Target(name, len(rows), reason=f"{len(rows)} runs are too few; {LEAST_RUNS} needed")
     if len(rows) > MOST_RUNS:
         rows = np.sort(np.random.default_rng(_SEED).choice(rows, MOST_RUNS, replace=False))
     y = values[rows]
     others = len(y) - int(np.unique(y, return_counts=True)[1].max())
-    silent = f"all but {others} of {len(y)} runs agree, too few to say why" if others < LEAST_EVENTS else ""
+    reason = f"all but {others} of {len(y)} runs agree, too few to say why" if others < LEAST_EVENTS else ""
     if np.ptp(y) <= 1e-12 * np.abs(y).max():
-        silent = "it does not vary"
-    influences = () if silent else tuple(_influence(key, x[rows], y) for key, x in parameters.items())
-    return Target(name, len(y), influences, silent)
+        reason = "it does not vary"
+    influences = () if reason else tuple(_influence(key, x[rows], y) for key, x in parameters.items())
+    return Target(name, len(y), influences, reason)
 
 
 def _influence(key: str, values: NDArray[Any], y: Array) -> Influence:
@@ -139,7 +139,7 @@ def _influence(key: str, values: NDArray[Any], y: Array) -> Influence:
     return Influence(key, float(rho), float(share), float(p_rho), float(p_share))
 
 
-def entangled(parameters: Parameters) -> list[tuple[str, str, float]]:
+def correlated(parameters: Parameters) -> list[tuple[str, str, float]]:
     """Pairs of parameters that vary together, whose effects a sweep therefore cannot separate.
 
     Returns:

@@ -24,7 +24,7 @@ from validation.show.text import format_duration, format_value, limit_with_unit,
 from validation.store.identity import parameter_values
 from validation.store.saved import RECORDING_FILE, REPORT_FILE
 from validation.study.sweep import figures, store
-from validation.study.sweep.influence import Target, analyse, entangled
+from validation.study.sweep.influence import Target, analyse, correlated
 from validation.study.sweep.table import BROKEN, STATES, State, SweepTable, read_sweep
 
 WORST = 10
@@ -103,7 +103,7 @@ def render(sweep: SweepTable) -> str:
             ("Out of tolerance, or closest to it", run_rows(sweep, furthest, keys)),
         ],
         targets=targets,
-        entangled=[(a, b, number(rho, 2)) for a, b, rho in entangled(varied)[:6]],
+        correlated=[(a, b, number(rho, 2)) for a, b, rho in correlated(varied)[:6]],
         unwalked=unwalked_rows(sweep),
         computing_time=format_duration(float(np.nansum(sweep.numbers("timing_total")))),
         varied_rows=varied_rows(sweep),
