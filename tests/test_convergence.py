@@ -306,8 +306,6 @@ def test_the_report_quotes_it(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        (["nothing"], "neither a preset nor a file"),
-        (["normal", "--set", "gait.speed=1"], "unknown key"),
         (["normal", "--set", "gait.switching_velocity=0.2"], "too slow"),
         (["normal", "--steps", "1"], "walk 2 at least"),
         (["normal", "--levels", "2"], "choose 3"),

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ampm.exceptions import BodilyRefusal, InputError, MathematicalRefusal
-from ampm.parameters import keys, steps_per_tick
+from ampm.parameters import keys
 from ampm.planner.periodic import plan_gait
 from ampm.run_file import key_info, load_run
 from validation.cli.app import call
@@ -216,14 +216,3 @@ def test_one_walk_is_timed():
     found = forecast(parse_sweep(f'[sweep]\ngait = "flat"\nsteps = 2\n{GRID}contact.friction = [0.8]'), 1)
     assert found.seconds is not None
     assert 0.0 < found.seconds < 60.0
-
-
-@pytest.mark.parametrize(
-    ("frequency", "time_step", "steps"), [(500, 0.002, 1), (500, 0.001, 2), (1e4, 1e-4, 1)]
-)
-def test_a_control_period_is_a_whole_number_of_time_steps(frequency, time_step, steps):
-    assert steps_per_tick(frequency, time_step) == steps
-    for odd in (0.75 * time_step, 1.5 * time_step, 1.2 / frequency):
-        with pytest.raises(InputError) as caught:
-            steps_per_tick(frequency, odd)
-        assert caught.value.details["key"] == "controller.frequency"

@@ -142,15 +142,6 @@ def test_a_bad_setting_is_known_to_programs(setting, key, details):
     assert (key or found["value"]) in str(caught.value)
 
 
-def test_a_bad_value_in_words():
-    with pytest.raises(InputError) as caught:
-        load_run("normal", ["gait.step_length=-1"])
-    assert str(caught.value) == (
-        "gait.step_length = -1 m must be greater than 0 m; the default is 0.6 m. Meaning: distance of "
-        "successive footprints of opposite feet along x (2 (l_s + l_d))."
-    )
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [

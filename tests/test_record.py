@@ -119,7 +119,3 @@ def test_missing_and_foreign_files_are_input_errors(record, tmp_path):
     (tmp_path / "states.parquet").write_bytes(b"no parquet")
     with pytest.raises(InputError, match="cannot be read"):
         load_record(tmp_path)
-
-
-def test_every_outcome_has_a_sentence():
-    assert all(name.sentence.endswith(".") for name in OutcomeName)

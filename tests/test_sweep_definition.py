@@ -235,7 +235,6 @@ def test_every_definition_reads_back(listed, ends, count, scale, method, seed, f
         ("[gait]\nc_s = 1", ["[gait]", "[set]"]),
         ("[swep]\n", ["swep", "sweep"]),
         ("[sweep]\nsede = 3", ["sweep.sede", "sweep.seed"]),
-        ("[sweep]\nwallclock = 3", ["sweep.wallclock", "sweep.wall_clock"]),
         ('[sweep]\nsteps = "5"', ["sweep.steps", "whole number"]),
         ("[sweep]\ngait = 3", ["'3'", "normal"]),
         ('[sweep]\ngait = "nromal"', ["nromal", "normal"]),
