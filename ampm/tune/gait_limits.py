@@ -59,6 +59,8 @@ _ROWS: tuple[tuple[str, str, str, float, float, str], ...] = (
     ("turn", "fastest turn of a foot at the floor", "rad/s", 25.0, 10.0, "foot_turns_too_fast"),
     ("handover", "double support over the controller's contact ramp", "1", 0.5, 1.0,
      "double_support_too_short"),
+    # Below it the swinging foot was seen to land late in some steps, whatever the motors could give.
+    ("pace", "duration of a step", "s", 0.21, 0.22, "step_too_short_in_time"),
     ("friction", "share of the friction that the controller may use", "1", 1.0, 0.75, "friction"),
     # Beyond its bound a foot yaws; well before it the vertical moment is given up, and the ZMP suffers.
     ("twist", "share of the twist that the controller gives a foot", "1", 2.0, 1.0, "friction"),
@@ -71,6 +73,9 @@ _ROWS: tuple[tuple[str, str, str, float, float, str], ...] = (
     ("arms", "least distance of an arm joint from its limits", "rad", -1e-3, 0.05, "joint_limits"),
     ("gap", "least distance of two parts of the body", "m", CLEARANCE, 0.012, "self_collision"),
     ("hip_torque", "largest share of a hip joint's torque limit", "1", 1.0, 0.8, "torque_limits"),
+    # Feedback needs what is left, above all in the hips, which stop and turn the legs of a fast gait.
+    ("hip_time", "mean use of a hip motor's last fifth of torque over a step", "1", 0.045, 0.02,
+     "torque_limits"),
     ("knee_torque", "largest share of a knee's torque limit", "1", 1.0, 0.8, "torque_limits"),
     ("ankle_torque", "largest share of an ankle joint's torque limit", "1", 1.0, 0.8, "torque_limits"),
     ("toe_torque", "largest share of a toe joint's torque limit", "1", 1.0, 0.8, "torque_limits"),
@@ -122,6 +127,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
         "clearance": float(height[1, ~double & (share > 0.2) & (share < 0.8)].min()),
         "turn": turn if run.foot.schedule == "roll" else 0.0,
         "handover": plan.constants.double_support_duration / run.controller.contact_ramp,
+        "pace": plan.constants.step_duration,
         "friction": float((np.hypot(force[:, 0], force[:, 1]) / force[:, 2]).max()) / run.controller.friction,
     }
 
@@ -131,7 +137,7 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, float
     angles = orbit.trajectory.q[:, 7:]
     margin = np.minimum(angles - robot.lower, robot.upper - angles).min(axis=0)
     torque, twist = step_torques(orbit, plan, robot)
-    share = (np.abs(torque) / robot.torque_limit).max(axis=0)
+    share = np.abs(torque) / robot.torque_limit
     values = {
         "twist": float(np.abs(twist).max()) / _TWIST_LEVER,
         "gap": float(robot.shapes.gaps(orbit.trajectory.q).distance.min()),
@@ -139,7 +145,11 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, float
     for name, names in joint_groups(robot.description).items():
         joints = robot.velocity_indices(names) - 6
         values[name] = float((angles[:, joints] if name == "knee" else margin[joints]).min())
-        values[f"{name}_torque"] = float(share[joints].max())
+        values[f"{name}_torque"] = float(share[:, joints].max())
+        if name == "hip":
+            time = orbit.reference.time
+            last = np.clip((share[:, joints] - 0.8) / 0.2, 0.0, 1.0)
+            values["hip_time"] = float(np.trapezoid(last, time, axis=0).max() / time[-1])
     return values
 
 

@@ -99,7 +99,7 @@ def way_out(limit: str, run: RunParameters, fixed: Collection[str]) -> str:
         fixed: keys that might not be changed.
     """
     gait = run.gait
-    turning = limit in ("twist", "turn", "handover")
+    turning = limit in ("twist", "turn", "handover", "pace", "hip_time")
     ways = []
     if limit == "mid_stance":
         ways += ["raise gait.switching_velocity", "shorten gait.step_length", "lower gait.c_s"]

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     Report = Callable[[str], None]
 
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
-_BUDGET = 2000  # integrated steps that the ways may take; a second, careful try may take as many
+_BUDGET = 1500  # integrated steps that the ways may take; a second, careful try may take as many
 _LONG_STEP = 0.1  # one that a careful try takes back if it leads to far broken limits
 _SPARE = 0.4  # margin with which the values that there are stay
 _GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
