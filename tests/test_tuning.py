@@ -164,6 +164,14 @@ def test_an_infeasible_gait_is_refused_with_the_limit_and_the_best_that_was_foun
     assert set(error.choice) == {"body.lean", "foot.swing_lag"}
 
 
+@pytest.mark.slow
+def test_a_gait_too_fast_for_motors_or_landing_is_refused():
+    run, robot = body_of("gait.step_length=0.24", "gait.switching_velocity=1.19", "gait.steps=2")
+    with pytest.raises(NoFeasibleChoice) as refusal:
+        tune(run, robot)
+    assert refusal.value.broken in ("pace", "hip_time")
+
+
 def test_a_gait_that_no_choice_lets_pass_over_the_foot_is_refused_by_the_formula():
     run, robot = body_of("gait.step_length=0.75", "gait.switching_velocity=0.4", "gait.c_s=1.8")
     with pytest.raises(MathematicalRefusal, match="whatever is chosen") as refusal:
@@ -180,6 +188,12 @@ def test_a_gait_that_no_choice_lets_pass_over_the_foot_is_refused_by_the_formula
         ("body.height=1.5", "body.mass=47.0"),
         ("body.height=1.9", "body.mass=75.0"),
         ("gait.c_y=0.08", "gait.step_length=0.5"),
+        *((f"gait.step_length={step}",) for step in (0.3, 0.4, 0.5, 0.7)),
+        *((f"body.height={height}",) for height in (1.5, 1.8, 1.9)),
+        *(
+            (f"gait.switching_velocity={speed}", f"gait.step_length={0.6 * math.sqrt(speed):.3f}")
+            for speed in (0.6, 0.8, 1.15, 1.3)
+        ),
     ],
 )
 def test_tuned_gaits_walk(settings):
