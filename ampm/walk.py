@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ampm.planner.centroidal import PlanSample
-from ampm.planner.feet import FootPath, FootSample, pitch_rotation
+from ampm.planner.feet import FeetPlan, FootPath, FootSample, pitch_rotation
 from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:
@@ -288,7 +288,7 @@ class WalkPlan(StepPlan):
     def table(self, times: ArrayLike, timing: Timing = SHARP) -> ReferenceTable:
         """References at the ticks of a controller, ascending, shape (T,) [s].
 
-        Times until lift-off count to the first tick without planned contact.
+        Times until lift-off count to the first tick without planned contact, within these ticks or after.
 
         Raises:
             InputError: a time lies outside the plan.
@@ -305,10 +305,11 @@ class WalkPlan(StepPlan):
             held, held_feet = self.sample(middle), self.feet.sample(middle)
             held_body = self.posture.sample(middle)
         contact = _both(feet, "contact")
+        until_lift = _until_lift(times, contact, self.feet)
 
         def within(span: float) -> Flags:
             """Contact now or at the end of a time span."""
-            ahead = self.feet.sample(np.minimum(times + span, self.duration)) if span else feet
+            ahead = self.feet.sample(np.minimum(times + span, self.feet.duration)) if span else feet
             return contact | _both(ahead, "contact")
 
         return ReferenceTable(
@@ -327,7 +328,7 @@ class WalkPlan(StepPlan):
                 right_load=right_load(sample),
                 jumps=jumps,
                 feet=_feet_state(feet, held_feet),
-                contacts=ContactState(within(timing.lead), within(timing.early), _until_lift(times, contact)),
+                contacts=ContactState(within(timing.lead), within(timing.early), until_lift),
                 posture=body._replace(acceleration=held_body.acceleration),
             )
         )
@@ -472,14 +473,20 @@ def _feet_state(feet: tuple[FootSample, FootSample], held: tuple[FootSample, Foo
     )
 
 
-def _until_lift(times: Array, contact: Flags) -> Array:
-    """Time from each tick to the end of the present contact, or of the next one."""
-    until = np.full(contact.shape, np.inf)
-    ticks = np.arange(len(times))
+def _until_lift(times: Array, contact: Flags, feet: FeetPlan) -> Array:
+    """Time from each tick to the end of the present contact, or of the next one, counted in whole ticks.
+
+    Lift-offs after the last tick count, as far as the feet are planned.
+    """
+    beyond = np.stack([_exact_until_lift(path, float(times[-1])) for path in (feet.left, feet.right)])
+    if len(times) > 1:
+        period = times[-1] - times[-2]
+        beyond = period * np.ceil(beyond / period - 1e-6)
+    until, ticks = np.full(contact.shape, np.inf), np.arange(len(times))
     for foot, group in np.ndindex(contact.shape[1:]):
         planned = contact[:, foot, group]
         lifts = 1 + np.flatnonzero(planned[:-1] & ~planned[1:])
-        at = np.append(times[lifts], np.inf)
+        at = np.append(times[lifts], times[-1] + beyond[foot, group])
         until[:, foot, group] = at[np.searchsorted(lifts, ticks, side="right")] - times
     return until
 

@@ -28,7 +28,7 @@ class StepPlan(CentroidalPlan):
     """Centroidal motion and feet over the same contacts: what is planned before a body has a posture.
 
     Attributes:
-        feet: motion of both feet.
+        feet: motion of both feet; it may go on after the plan's end.
     """
 
     feet: FeetPlan
@@ -120,5 +120,7 @@ def plan_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: So
         MathematicalRefusal: the closed form has no solution, or none that can be computed.
     """
     plan = plan_gait(gait, mass)
+    # One step further than the walk: at its end the rear foot is about to leave, as at any other switch.
+    further = plan_gait(gait.model_copy(update={"steps": gait.steps + 1}), mass)
     lift_speed = plan.constants.l_s / plan.constants.single_support_duration
-    return StepPlan.of(plan, feet=plan_feet(plan.contacts, foot, sole, lift_speed))
+    return StepPlan.of(plan, feet=plan_feet(further.contacts, foot, sole, lift_speed))
