@@ -100,7 +100,7 @@ def test_a_damaged_or_changed_folder_is_refused(walked, tmp_path, capsys, file, 
     shutil.copytree(walked[0], copy)
     damage(copy / file)
     # A replay reads the record alone.
-    for command in ["report", "replay"] if file in RECORD_FILES else ["report"]:
+    for command in ["report", "instrument", *(["replay"] if file in RECORD_FILES else [])]:
         assert call([command, str(copy)]) == Status.REFUSED
         err = capsys.readouterr().err
         assert file in err

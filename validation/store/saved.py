@@ -97,11 +97,7 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
         raise InputError(f"{directory} has no {', '.join(missing)}; give the folder of a finished run.")
     summary = _load_summary(directory / SUMMARY_FILE)
     if check:
-        written, found = summary["files"], digests(directory)
-        for name in written:
-            if found.get(name) != written[name]:
-                what = "has changed since the run was judged" if name in found else "is missing"
-                raise InputError(f"{directory / name} {what}; walk the gait again for a true verdict.")
+        check_files(directory, summary)
     return SavedRun(
         directory=directory,
         parameters=load_run(directory / RUN_FILE, ()),
@@ -110,6 +106,20 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
         signals=load_signals(directory / SIGNALS_FILE),
         summary=summary,
     )
+
+
+def check_files(directory: Path, summary: Mapping[str, Any] | None = None) -> None:
+    """Compare all files of a run with the digests in its summary.
+
+    Raises:
+        InputError: a file is missing, or has changed since the run was judged.
+    """
+    written = (summary or _load_summary(directory / SUMMARY_FILE))["files"]
+    found = digests(directory)
+    for name in written:
+        if found.get(name) != written[name]:
+            what = "has changed since the run was judged" if name in found else "is missing"
+            raise InputError(f"{directory / name} {what}; walk the gait again for a true verdict.")
 
 
 def digests(directory: Path) -> dict[str, str]:

@@ -19,6 +19,7 @@ from validation.measure.instruments.chain import BIAS, FILTER
 from validation.measure.instruments.model import Instrument, load_instrument
 from validation.measure.instruments.names import CAUSES, INSTRUMENT_COLUMNS, METHOD, RUN, STATISTICS, WINDOWS
 from validation.measure.instruments.rigs import RIGS, Rig, usable_rows
+from validation.store.saved import SUMMARY_FILE, check_files
 
 if TYPE_CHECKING:
     import mujoco
@@ -152,11 +153,13 @@ def observe_folder(directory: Path, instrument: Instrument) -> Observation:
     """Observe a finished run, from its folder alone.
 
     Raises:
-        InputError: the folder is no run folder, or lacks what the instrument needs.
+        InputError: the folder is no run folder, has changed, or lacks what the instrument needs.
     """
     missing = [name for name in ("run.toml", "model.xml") if not (directory / name).is_file()]
     if missing:
         raise InputError(f"{directory} has no {missing[0]}; give the folder of a finished run.")
+    if (directory / SUMMARY_FILE).is_file():  # a walk that was broken off has none
+        check_files(directory)
     run = load_run(directory / "run.toml", ())
 
     # Imported here: simulator and body are slow to load.
