@@ -38,9 +38,9 @@ def load_run(
 
     ``load_run("momentum", gait={"c_y": 0.6})`` and ``load_run("momentum", ["gait.c_y=0.6"])`` are the same.
 
-    What settings, sections and a file give stays. The values of :data:`ampm.parameters.OPEN_KEYS` that a
-    preset has, or that are left at their defaults, are open: planning a walk finds them where anything else
-    was changed (:func:`changes`), unless the run is taken :meth:`~ampm.parameters.RunParameters.as_is`.
+    Values that settings, sections and a file give are kept. The values of :data:`ampm.parameters.OPEN_KEYS`
+    that a preset has, or that are left at their defaults, are open: planning a walk finds them where anything
+    else was changed (:func:`changes`), unless the run is taken :meth:`~ampm.parameters.RunParameters.as_is`.
 
     Args:
         source: name of a preset, path of a TOML file, or None for the defaults.
@@ -63,11 +63,11 @@ def load_run(
 
 
 def changes(run: RunParameters) -> dict[str, Any]:
-    """Keys and values by which a run's walk is no preset's own, so that what it leaves open is to be found.
+    """Keys and values by which a run differs from all presets; open values are found only if there are any.
 
-    Those of gait, body and feet but for the number of steps, against the preset with the fewest of them.
-    Empty for a preset's own walk, for a run that leaves nothing open, and for the plain inverted pendulum,
-    whose ZMP jumps: no choice of the open keys mends that.
+    Those of gait, body and feet except the number of steps, relative to the nearest preset. Empty for a
+    preset's own walk, for a run that leaves nothing open, and for the plain inverted pendulum, whose ZMP
+    jumps for any values of the open keys.
     """
     if run.gait.model != "ampm" or run.given >= set(OPEN_KEYS):
         return {}

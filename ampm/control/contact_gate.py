@@ -3,8 +3,7 @@
 On the plan's clock alone the controller would load points that are still tenths of a millimetre above the
 floor, and the ZMP would jump by centimetres. A group (the two heel, ball or tip points) opens when either of
 its points touches and stays open until its planned lift-off: a foot that stands on one point of a line is
-turned back by the very force that the other point was meant to carry, and would be turned over if that force
-were taken away.
+turned back by the planned force of the other point, and would be turned over without it.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ class Contact(NamedTuple):
         due: planned in contact now or shortly.
         touching: touches at this tick.
         touched: has touched down since its contact was due.
-        opening: how far it has opened since its touch-down, 0 ... 1.
+        opening: share opened since its touch-down, 0 ... 1.
         landing: whether any group touches or has opened that has not fully opened.
         openings: force limits of the points, which also close before lift-off.
     """
@@ -74,7 +73,7 @@ class ContactGate:
         """
         planned, due, until_lift = [part.tolist() for part in reference]
         last = self._last
-        if last is None:  # a run starts standing on whatever is planned
+        if last is None:  # a run starts standing on the planned points
             opening, touched = [[float(group) for group in foot] for foot in planned], planned
         else:
             opening, touched = last.opening, last.touched

@@ -1,8 +1,9 @@
 """Torque-level tracking of a planned walk: state, sensed contact and reference in, joint torques out.
 
-Every tick the stabiliser asks for a momentum rate (the plan's, plus COM and angular momentum feedback). The
+Every tick the stabiliser commands a momentum rate (the plan's, plus COM and angular momentum feedback). The
 tracker adds accelerations of feet and posture, finds contact forces and accelerations by the QP of
-:mod:`ampm.control.wrench_qp`, and turns them into torques by inverse dynamics. It never sees the simulator.
+:mod:`ampm.control.wrench_qp`, and turns them into torques by inverse dynamics. It is independent of the
+simulator.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class TrackingController:
 
         Args:
             state: the measured state.
-            touch: what the soles sense.
+            touch: readings of the soles.
             reference: what is planned at this instant.
         """
         last = self.tracker.acceleration
@@ -75,9 +76,9 @@ class Tracker:
         run: gains, friction, solver.
 
     Attributes:
-        acceleration: what the last tick decided on, shape (nv,) [m/s^2, rad/s^2]; None before the first.
+        acceleration: commanded by the last tick, shape (nv,) [m/s^2, rad/s^2]; None before the first.
         phi: its contact forces, in the unknowns of :mod:`ampm.control.forces`, shape (18,) [m g].
-        phi_change: by how much they differ from those of the tick before, shape (18,) [m g].
+        phi_change: their difference from the tick before, shape (18,) [m g].
     """
 
     def __init__(self, robot: Robot, run: RunParameters) -> None:
@@ -133,7 +134,7 @@ class Tracker:
         ]
         rows = self._stack(body, tasks, self.posture.at(body, reference.posture))
         columns = rows.eliminate()
-        if columns is None:  # rows that depend on each other, or are no numbers
+        if columns is None:  # rows that are dependent or not finite
             alpha, phi, torque = self._hold_last_command(body, forces, contact, reference)
             solution, status = _NO_ANSWER, UNSOLVED
         else:
@@ -217,7 +218,7 @@ class Tracker:
         """Least force of the points of a landing line, shape (P,) [m g].
 
         The floor pushes as the foot arrives. The QP takes a share of this force as given and shifts the other
-        foot's load instead of letting the ZMP jump. A line that has touched carries something at once, or it
+        foot's load instead of letting the ZMP jump. A line that has touched has a least force at once, or it
         would bounce.
         """
         gains, below = self._gains, opening < 1.0
@@ -226,11 +227,10 @@ class Tracker:
         return np.maximum(given, gains.landing_force * lands)
 
     def _missing(self, opening: Array, touch: Touch) -> Array:
-        """What the points of landing lines will carry beyond the QP's forces, as far as expected, (P,) [m g].
+        """Expected force of the points of landing lines beyond the QP's forces, (P,) [m g].
 
-        With ``f`` the force that was asked of a point when ``s`` was sensed there, it is ``k (s - f)``, with
-        k the gain ``landing_compensation``. It stays what it was, so the net wrench of the QP's forces and of
-        these is as wanted.
+        With ``f`` the commanded force of a point when ``s`` was sensed there, it is ``k (s - f)``, with k the
+        gain ``landing_compensation``. The net wrench of the QP's forces and of these is the commanded one.
         """
         since = 1.0 - touch.age / self._period if self.hold is not None else 0.0
         asked = self.phi[NORMALS] + since * self.phi_change[NORMALS]

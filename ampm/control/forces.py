@@ -1,8 +1,8 @@
-"""Contact forces as the controller's QP knows them: nine unknowns a foot, and what they do to the body.
+"""Contact forces in the controller's QP: nine unknowns per foot, and their effect on the body.
 
 Units: forces in m g, moments in m g m times :data:`ANGULAR`, so that a metre of lever is as large as a third
 of a weight. Per foot: the normal forces of its points, two tangential forces and a twist about the vertical.
-Tangential forces spread over the points as far as these have opened.
+Tangential forces are distributed over the points by their openings.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ FORCES = 2 * FOOT
 NORMALS = np.concatenate([np.arange(POINTS), FOOT + np.arange(POINTS)])
 """Their normal forces, by point."""
 
-_LEAST_OPENING = 1e-3  # a foot with all points closed has shares all the same
+_LEAST_OPENING = 1e-3  # a foot with all points closed has shares, too
 _SKEWS = ANGULAR * np.array(  # arm @ _SKEWS: rows of the matrix that turns a force at the arm into a moment
     [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float
 )
 
 
 class Openings(NamedTuple):
-    """How far the sole points have opened, and what follows from it.
+    """Openings of the sole points, and the limits and shares that follow.
 
     Attributes:
         limit: share of the full force limit, 0 ... 1, shape (P,).
@@ -84,7 +84,7 @@ class Openings(NamedTuple):
 
 
 class ForceMap:
-    """How the force unknowns act; made once, its arrays are overwritten by every :meth:`update`.
+    """Effect of the force unknowns; made once, its arrays are overwritten by every :meth:`update`.
 
     Point forces are ``f = D phi`` and the net wrench ``W = X D``, with X the points' lever arms. New arrays
     at every tick would cost more than the arithmetic.

@@ -1,7 +1,7 @@
-"""How the torque goes on between two control ticks.
+"""Hold of the torque between two control ticks.
 
-Held constant, the torque lags half a period behind: where the plan's ZMP moves by 7 mm in a tick, that is an
-error of 2 mm (RMS). The first-order hold lets it go on with the slope of the last tick.
+A constant torque lags by half a period: where the plan's ZMP moves by 7 mm in a tick, that is an error of
+2 mm (RMS). The first-order hold extrapolates it with the slope of the last tick.
 """
 
 from __future__ import annotations
@@ -18,16 +18,17 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 LARGEST_CHANGE = 0.03
-"""Change of a torque in one tick that is carried on, as share of the motor's limit [1]. A larger one answers
-an event, such as a landing, and will not happen again in the next tick."""
+"""Largest change of a torque in one tick that is extrapolated, as share of the motor's limit [1]. A larger
+one is the response to an event, such as a landing, and is not repeated in the next tick."""
 
 
 class FirstOrderHold:
     """Rates of the torques from tick to tick.
 
     The rate is the last difference over the period, with three exceptions. It is limited by
-    :data:`LARGEST_CHANGE`. Where the contact has changed, the difference answers that change and the earlier
-    rate goes on. Where the plan jumps, it is zero, and the reference is that of the middle of the hold.
+    :data:`LARGEST_CHANGE`. Where the contact has changed, the difference is the response to it, and the
+    earlier rate is kept. Where the plan jumps, it is zero, and the reference is that of the middle of the
+    hold.
 
     Args:
         torque_limit: shape (nu,) [N m].
@@ -60,7 +61,7 @@ class FirstOrderHold:
 
 
 def _kind(contact: Contact) -> tuple[list[list[bool]], list[list[bool]]]:
-    """What the slope of the torque depends on: planned lines, and those that touch and are still opening."""
+    """Contact state that determines the slope of the torque: planned lines, and those that are opening."""
     opening = [
         [touches and 0.0 < share < 1.0 for touches, share in zip(*foot, strict=True)]
         for foot in zip(contact.touching, contact.opening, strict=True)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _BRAKE = 500.0  # deceleration with which a joint may run towards its limit [rad/s^2]
 _BRAKE_TIME = 0.01  # time in which a joint that runs faster is slowed down [s]
-_LARGEST = 200.0  # a joint far outside is brought back no harder than this [g]
+_LARGEST = 200.0  # largest acceleration that brings back a joint far outside [g]
 
 
 class LimitedForm:
@@ -38,7 +38,8 @@ class LimitedForm:
     """
 
     TASK_COST = 1e-3
-    """Cost of leaving posture, feet and toes; the momentum's is one, so it comes first here too."""
+    """Weights of the deviations from posture, feet and toes; that of the momentum is one, so it has priority
+    here, too."""
 
     def __init__(
         self, backend: str, settings: QPSettings, weights: Array, rows: int, condensed: CondensedForm

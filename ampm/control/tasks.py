@@ -1,7 +1,6 @@
 """Accelerations wanted of soles, toes and posture.
 
-Soles swing, stand, or roll on a heel or toe line. All of it is in plain numbers: vectors of three are too
-short for arrays to be faster.
+Soles swing, stand, or roll on a heel or toe line. All in plain numbers: arrays of three elements are slower.
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ class FootTask:
         Args:
             body: its state.
             reference: the foot's row of :class:`~ampm.walk.FeetState`, 27 plain numbers.
-            contact: what touches, and how far it has taken its load.
+            contact: touching lines, and their share of the load.
         """
         foot = self._foot
         planned = [c or t for c, t in zip(contact.planned[foot], contact.touched[foot], strict=True)]
@@ -99,7 +98,7 @@ class FootTask:
     ) -> list[float]:
         """Wanted acceleration of a sole in contact, linear then angular [m/s^2, rad/s^2]."""
         gains, held, opening = self._gains, contact.touched[self._foot], contact.opening[self._foot]
-        # A foot that has not yet taken its load is pressed down, or it would bounce.
+        # A foot that has not yet taken its load is pressed down, otherwise it would bounce.
         landing = True in contact.planned[self._foot]
         press = 1.0 - max(opening[HEEL], opening[BALL]) if landing else 0.0
         damping = gains.stance_damping + press * (gains.touchdown_damping - gains.stance_damping)
@@ -137,14 +136,14 @@ class FootTask:
     ) -> float:
         """Wanted vertical acceleration of the line that holds the foot [m/s^2].
 
-        The floor yields under a foot that takes its load. An acceleration asked of it that differs from the
-        one it has is a force that differs from the one asked, whatever the floor. So a share of its own
-        acceleration is left to it.
+        The floor yields under a foot that takes its load. On any floor, a commanded acceleration that differs
+        from the actual one gives a force that differs from the commanded one. So the command contains a share
+        of the actual acceleration.
 
         Args:
             contact: of this tick.
             held: lines of this foot that have touched.
-            press: how much of its load the foot has still to take, 1 ... 0.
+            press: share of its load that the foot has still to take, 1 ... 0.
             damping: towards the touch-down velocity [1/s].
             speed: of the line [m/s].
         """

@@ -13,7 +13,7 @@ all contact modes: a point without contact has zero bounds, so the sparsity patt
 every switch.
 
 When its answer breaks a torque or joint limit, :class:`LimitedForm` solves the whole problem with those
-limits as constraints: clipping torques afterwards would throw the ZMP away.
+limits as constraints: clipping torques afterwards would cause large ZMP errors.
 """
 
 from __future__ import annotations
@@ -46,11 +46,12 @@ LEAST_LOAD = 0.005
 """Least share of the load in that cost [1]."""
 
 TIP_COST = 6.0
-"""Regularisation of the toe tips' normal forces: the light toe segment yields under load, so it is left to
-follow the floor unless the ZMP needs it."""
+"""Regularisation of the toe tips' normal forces: the light toe segment yields under load, so it follows the
+floor unless the ZMP needs it."""
 
 LOAD_COST = 30.0
-"""Cost of leaving the planned share of the load between the feet, also for a foot that touches early."""
+"""Cost of deviating from the planned share of the load between the feet, also for a foot that touches
+early."""
 
 YAW_COST = 0.3
 """Weight of the influence of the posture on the vertical moment, which no plan has: far below the momentum's,
@@ -106,7 +107,7 @@ class Rows(NamedTuple):
         right = _unit_wrenches(count).copy(order="F")  # LAPACK's own order
         right[:, 6] = self.rhs - self.scaled @ self.posture
         _, columns, info = lapack.dposv(gram.T, right, lower=1, overwrite_a=1, overwrite_b=1)
-        # The last number depends on all others: it is not finite if any of them is not.
+        # The last number depends on all others: it is finite only if all are.
         return columns if info == 0 and math.isfinite(columns.item(-1)) else None
 
 
@@ -117,7 +118,7 @@ def _unit_wrenches(count: int) -> Array:
 
 
 class CondensedForm:
-    """The QP in 24 unknowns: builds its matrices, and hands them to a backend.
+    """The QP in 24 unknowns: builds its matrices, and solves it by a backend.
 
     Args:
         backend: name of the solver.
@@ -143,7 +144,7 @@ class CondensedForm:
             self.A[row : row + 6, points.stop : points.stop + 3] = _CONE
             row += 6
         self.A[row + np.arange(2 * POINTS), NORMALS] = 1.0
-        # What changes from tick to tick, as views of the matrices.
+        # Views of the parts of the matrices that change from tick to tick.
         by_foot = self.P[:FORCES, :FORCES].reshape(2, FOOT, 2, FOOT)
         self._tangent_block = by_foot[:, POINTS:, :, POINTS:]
         self._tangent_gradient = self.q[:FORCES].reshape(2, FOOT)[:, POINTS:]
@@ -187,7 +188,7 @@ class CondensedForm:
         """Fill the matrices.
 
         Args:
-            forces: how the unknowns act.
+            forces: effect of the unknowns.
             wanted: momentum rate plus weight, [m g] and ANGULAR [m g m], six numbers.
             openings: of the points.
             landing: least force of landing points, shape (12,) [m g], None if nothing lands.

@@ -1,4 +1,4 @@
-"""Free choices of a gait, which the paper has "set manually": their ranges, and a first guess."""
+"""Free choices of a gait, "set manually" in the paper: their ranges, and a first guess."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class Choice:
         name: of the unknown.
         key: parameter that it sets.
         lower, upper: range; in statures if ``scaled``.
-        slack: by how much it may leave the guess before that costs one residual.
+        slack: deviation from the guess that costs one residual.
         guess: where a search begins.
         scaled: whether the parameter is the unknown times the stature.
-        derived: whether the parameter follows from this unknown and others, rather than being it.
+        derived: whether the parameter follows from this unknown and others.
     """
 
     name: str
@@ -69,12 +69,12 @@ CHOICES = (
 """Three more open keys follow: the heel rises when the ZMP reaches the ball (``foot.heel_rise_lead``), the
 front foot comes down turning (``foot.heel_strike_rate``), and L_z is held at zero where the feet could not
 hold its swing (``body.angular_momentum_z``)."""
-_ROLLING = {"toe_off", "toe_turn", "toe_back", "strike", "down"}  # useless where the feet stay flat
+_ROLLING = {"toe_off", "toe_turn", "toe_back", "strike", "down"}  # without effect on flat feet
 _RANGE = {choice.name: choice for choice in CHOICES}
 
 
 class FreeChoices:
-    """From unknowns to parameters: which choices are free, and what the others are.
+    """From unknowns to parameters: the free choices, and the values of the others.
 
     Args:
         run: the request.
@@ -94,7 +94,7 @@ class FreeChoices:
         self.slack = np.array([choice.slack for choice in free])
 
     def easy(self) -> tuple[GaitParameters, ...]:
-        """Easy neighbours: without momentum, and then with a step of middle length in an unhurried time."""
+        """Easy neighbours: without momentum, and then with a step of medium length and duration."""
         gait, h = self.run.gait, self.description.height
         step = float(np.clip(gait.step_length, 0.12 * h, 0.33 * h))
         speed = step / float(np.clip(step / gait.switching_velocity, 0.45, 0.75))
@@ -117,7 +117,7 @@ class FreeChoices:
         return x
 
     def passing(self, x: Array) -> Array:
-        """``x`` with share of single support and roll as the guess has them, with which the COM passes.
+        """``x`` with share of single support and roll of the guess, with which the COM passes.
 
         Raises:
             MathematicalRefusal: there are none.
@@ -312,8 +312,8 @@ def _heel_rise_lead(plan: CentroidalPlan, ball: float) -> float:
     times, double = step_instants(plan)
     start = float(times[double][0])
     zmp = np.maximum.accumulate(plan.sample(times).zmp[:, 0])
-    reached = float(np.interp(ball + 1e-4, zmp, times))  # a little more, for the interpolation's sake
-    if reached > start:  # in double support the ZMP is fast: a few millimetres are forgiven
+    reached = float(np.interp(ball + 1e-4, zmp, times))  # a little more, for the interpolation
+    if reached > start:  # in double support the ZMP is fast: tolerance of a few millimetres
         reached = max(start, float(np.interp(ball - RISE_TOLERANCE, zmp, times)))
     return start - reached
 

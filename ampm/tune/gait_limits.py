@@ -1,4 +1,4 @@
-"""How far a gait is from the limits of formula, body and floor, by plan and periodic step alone.
+"""Distances of a gait from the limits of formula, body and floor, by plan and periodic step alone.
 
 The torques are those of inverse dynamics under the ground force that the plan needs.
 """
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 _KNEE_GRID = 0.015  # by how much a fine grid may find the knee straighter than the search's coarse one [rad]
 _TWIST_LEVER = 0.03  # moment about the vertical over the force that a foot on its ball gives easily [m]
 RISE_TOLERANCE = 0.6 * ROLL_TOLERANCE
-"""How far behind the ball the ZMP may be when the heel rises [m]: less than what a body refuses."""
+"""Distance of the ZMP behind the ball allowed when the heel rises [m]: less than that of a refusal."""
 
 
 _INTO = "least distance of the ZMP into the"
@@ -62,7 +62,7 @@ _ROWS: tuple[tuple[str, str, str, float, float, str], ...] = (
     # Below it the swinging foot was seen to land late in some steps, whatever the motors could give.
     ("pace", "duration of a step", "s", 0.21, 0.22, "step_too_short_in_time"),
     ("friction", "share of the friction that the controller may use", "1", 1.0, 0.75, "friction"),
-    # Beyond its bound a foot yaws; well before it the vertical moment is given up, and the ZMP suffers.
+    # Beyond its bound a foot yaws; well below it the vertical moment is not met, and the ZMP error grows.
     ("twist", "share of the twist that the controller gives a foot", "1", 2.0, 1.0, "friction"),
     ("knee", "least knee flexion", "rad", KNEE_MINIMUM + _KNEE_GRID, 0.35, "knee_too_straight"),
     ("hip", "least distance of a hip joint from its limits", "rad", 0.0, 0.06, "joint_limits"),
@@ -84,7 +84,7 @@ _ROWS: tuple[tuple[str, str, str, float, float, str], ...] = (
     ("arms_torque", "largest share of an arm joint's torque limit", "1", 1.0, 0.8, "torque_limits"),
 )  # fmt: skip
 LIMITS: Mapping[str, Limit] = MappingProxyType({row[0]: Limit(*row[1:]) for row in _ROWS})
-"""Limits that a choice is judged by."""
+"""Limits by which a choice is judged."""
 
 
 def mid_stance_share(gait: GaitParameters) -> float:
@@ -154,7 +154,7 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, float
 
 
 def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Array]:
-    """Joint torques of a periodic step, and how hard it twists on the floor.
+    """Joint torques of a periodic step, and its twisting moment on the floor.
 
     In single support the force is known from the motion; in double support it is shared by the lateral place
     of the ZMP, the rear foot carrying at its ball where its contact allows.

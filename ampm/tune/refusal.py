@@ -1,4 +1,4 @@
-"""Refusal of a gait that no choice lets the body walk: the limit that stayed broken, and the best reached."""
+"""Refusal of a gait that no choice makes walkable: the limit that stayed broken, and the best value."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ampm.parameters import RunParameters
     from ampm.tune.search import Approach, Candidate, ChoiceSearch
 
-_TIGHT = 0.3  # margin below which a limit is named as what ended a way
+_TIGHT = 0.3  # margin below which a limit is named as the end of a continuation
 
 
 class NoFeasibleChoice(BodilyRefusal):
@@ -46,7 +46,7 @@ class NoFeasibleChoice(BodilyRefusal):
 def no_feasible_choice(
     search: ChoiceSearch, best: Candidate | None, farthest: Approach | None
 ) -> NoFeasibleChoice:
-    """The limit that stayed broken in the best of all choices, or where the way to the gait ended."""
+    """The limit that stayed broken in the best of all choices, or at the end of the continuation."""
     space, tried = search.space, len(search.candidates)
     where = beyond = ""
     if best is None and farthest is not None:
@@ -91,7 +91,7 @@ def no_feasible_choice(
 
 
 def way_out(limit: str, run: RunParameters, fixed: Collection[str]) -> str:
-    """Changes that would make a refused gait easier and are not made yet.
+    """Changes that would make a refused gait easier.
 
     Args:
         limit: name in :data:`ampm.tune.gait_limits.LIMITS`, or another.

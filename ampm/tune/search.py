@@ -1,7 +1,7 @@
 """Least squares over the free choices of one gait, each judged by its plan and its periodic step.
 
-The steps are solved on a coarse grid, each from a neighbour's. Its number of intervals is fixed, so that what
-is read off an orbit changes smoothly from plan to plan.
+The steps are solved on a coarse grid, each from a neighbour's. Its number of intervals is fixed, so that
+values of an orbit change smoothly from plan to plan.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _NODES = (32, 14)  # intervals of the grid in single and double support
 _DIFFERENCE = 0.015  # step of finite differences, as a share of a choice's range
 _FAILED = 6.0  # residual of a choice for which there is no periodic step
 _PULL = 0.06  # weight of the distance to the guess
-_SWEEPS = 12  # points at which one search may ask for a Jacobian
+_SWEEPS = 12  # most Jacobians of one search
 
 
 class RoughOrbits:
@@ -80,7 +80,7 @@ class RoughOrbits:
             plan: centroidal motion and feet.
             lean: mean trunk pitch [rad].
             near: orbit of a similar plan; without it, Newton begins from a body that stands upright.
-            shift: what is expected to lead there from ``near``, see :meth:`difference`.
+            shift: expected difference from ``near``, see :meth:`difference`.
             motion: the same plan's, on a fine grid, to begin from instead.
 
         Raises:
@@ -137,14 +137,14 @@ class ChoiceSearch:
 
     Args:
         space: the free choices.
-        base: the guess, for what is not free, and to stay near to.
+        base: the guess, for the values that are not free, and for the distance to it.
         orbits: solver of periodic steps of the body.
         report: called with a line of text now and then.
-        influence: choice to the change of the orbit per unit of it, as far as other searches know it.
+        influence: choice to the change of the orbit per unit of it, as known from other searches.
 
     Attributes:
         candidates: all choices that were evaluated.
-        near: the one from whose orbit others are sought.
+        near: the one whose orbit is the start for others.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class ChoiceSearch:
         self._influence = {} if influence is None else influence
 
     def elsewhere(self, space: FreeChoices, base: Mapping[str, float]) -> ChoiceSearch:
-        """A search over another space that shares orbits and what is known of the choices' influence."""
+        """A search over another space that shares orbits and the known influence of choices."""
         return ChoiceSearch(space, base, self.orbits, self.report, self._influence)
 
     def best_with_orbit(self) -> Candidate | None:
@@ -172,7 +172,7 @@ class ChoiceSearch:
         return max(walked, key=Candidate.worst, default=None)
 
     def evaluate(self, x: Array, near: Candidate | None, *, again: bool = False) -> Candidate:
-        """Evaluate one choice, from the orbit of another; ``again`` if that may lead where others did not."""
+        """Evaluate one choice, from the orbit of another; ``again`` to evaluate it from another orbit."""
         kept = self._kept.get(x.tobytes())
         if kept is not None and not (again and kept.orbit is None):
             return kept
@@ -187,7 +187,7 @@ class ChoiceSearch:
             run = space.parameters({**self.base, **dict(zip(space.names, x.tolist(), strict=True))})
             gait = run.gait.model_copy(update={"steps": 2})
             plan = plan_steps(gait, run.body.mass, run.foot, space.sole)
-        except (RefusedGait, InputError):  # what is named may not fit what is tried
+        except (RefusedGait, InputError):  # given values may not fit those tried
             return Candidate(x, space.run)
         values = plan_margins(plan, run, space.description)
         try:
@@ -197,7 +197,7 @@ class ChoiceSearch:
         return Candidate(x, run, plan, values | orbit_margins(orbit, plan, self.orbits.robot), orbit)
 
     def _orbit(self, x: Array, plan: StepPlan, lean: float, near: Candidate | None) -> Orbit:
-        """The orbit of a choice, from where the choices' known influence puts it, or else from the neighbour.
+        """The orbit of a choice, starting from its prediction by the known influence, or from the neighbour.
 
         Raises:
             Unreachable: there is none, or none was found.
@@ -218,7 +218,7 @@ class ChoiceSearch:
 
         Args:
             start: free unknowns.
-            wanted: margin at which a limit asks for no more [1].
+            wanted: margin from which a limit has no residual [1].
             pull: weight of the distance to the guess [1].
             sweeps: points at which a Jacobian may be computed.
 
@@ -286,13 +286,13 @@ class ChoiceSearch:
 
 @dataclass
 class Approach:
-    """How far the continuation from an easy neighbour led.
+    """Result of the continuation from an easy neighbour.
 
     Attributes:
         share: of the way [1].
         search: at that place.
         candidate: the choice there.
-        why: what was in the way farther on.
+        why: what ended it.
     """
 
     share: float
@@ -317,6 +317,6 @@ def _moved(orbit: Orbit, reference: StepReference) -> Array:
 
 
 def _missing(margin: float, wanted: float) -> float:
-    """Shortfall of a margin; it grows slowly far from the limit, lest one limit hide the others."""
+    """Shortfall of a margin; it grows slowly far from the limit, so that one limit does not dominate."""
     short = max(0.0, wanted - margin)
     return 0.5 * short * (1.0 + short) if short < 2.0 else 3.0 + math.log(short - 1.0)

@@ -1,12 +1,12 @@
-"""What a gait leaves open, found by an optimiser on plan and inverse kinematics alone.
+"""Search for the values that a gait leaves open, on plan and inverse kinematics alone.
 
 The paper fixes a gait by step, speed, c_s and c_y and leaves the rest to be "set manually": how much of the
 step is single support, how far the ZMP rolls under the foot, how high the COM is, when and how far the feet
 turn, how the trunk leans. Here these are unknowns of a nonlinear least-squares problem. Every limit of body
-and floor has a normalised margin: 0 where the limit is met exactly, 1 at its target. What is missing to 1 is
-a residual, and so is, weakly, the distance to a closed-form guess: it makes the answer unique where nothing
-binds. Plan, feet, the periodic step of the inverse kinematics on a coarse grid, and the joint torques of that
-step under the planned ground force are evaluated: no simulation.
+and floor has a normalised margin: 0 where the limit is met exactly, 1 at its target. The shortfall to 1 is a
+residual, and so is, weakly, the distance to a closed-form guess, which makes the solution unique where no
+limit binds. Plan, feet, the periodic step of the inverse kinematics on a coarse grid, and the joint torques
+of that step under the planned ground force are evaluated: no simulation.
 
 Strategies, in order: the values that there are, a preset's own or defaults, which stay if every limit is kept
 with room to spare; the guess and least squares from there; from an easy neighbour, in steps towards the
@@ -125,7 +125,8 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, cache: Path | No
     Raises:
         RefusedGait: there is none; of two refusals, the one that came nearer to its limit.
     """
-    # Arms that take up the legs' swing about the vertical spare the feet the twist of a fast gait.
+    # Arms that balance the legs' momentum about the vertical reduce the feet's twisting moment in a fast
+    # gait.
     zero_yaw = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description)
     free = _L_Z not in space.fixed
     twists = free and _twists(space, robot, report)
@@ -144,12 +145,12 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, cache: Path | No
 
 
 def _nearness(error: RefusedGait) -> float:
-    """How near a search came to the limit that it broke [1]."""
+    """Margin of the limit that a search could not meet [1]."""
     return error.margin if isinstance(error, NoFeasibleChoice) else -math.inf
 
 
 def _twists(space: FreeChoices, robot: Robot, report: Report) -> bool:
-    """Whether the guess already twists harder on the floor than its target."""
+    """Whether the guess already exceeds the target of the twisting moment."""
     search = ChoiceSearch(space, space.guess(), RoughOrbits(robot, space.run), report)
     start = _first_orbit(search)
     return start is not None and start.margins()["twist"] < ENOUGH
@@ -160,7 +161,7 @@ def _best(
 ) -> tuple[ChoiceSearch, Candidate]:
     """The best choice, with the search that found it.
 
-    A retry search takes the ways from easy neighbours a second time, with care.
+    A retry search repeats the continuation from easy neighbours, carefully.
     """
     guess = space.guess()
     orbits = RoughOrbits(robot, space.run, budget=_BUDGET * (1 + retry))
@@ -169,7 +170,7 @@ def _best(
     best = _minimise(search, start) if start is not None else None
     farthest: Approach | None = None
     broken = best is None or best.worst() < 0.0
-    for careful in (False, True)[: 1 + retry]:  # long steps first, which may lose the better orbit
+    for careful in (False, True)[: 1 + retry]:  # long steps first, which may miss the better orbit
         for easy in space.easy() if broken else ():
             way = _approach(easy, search, careful=careful)
             if way is not None and (farthest is None or way.share > farthest.share):
@@ -185,10 +186,10 @@ def _best(
 
 
 def _approach(easy: GaitParameters, search: ChoiceSearch, *, careful: bool) -> Approach | None:
-    """Come from an easy neighbour: tune it, move a little towards the gait, tune again, and so on.
+    """Continuation from an easy neighbour: tune it, move a little towards the gait, tune again, and so on.
 
-    A careful approach takes a long step back that leads to far broken limits. None if not even the easy
-    neighbour has a periodic step.
+    A careful approach takes back a long step that leads to far broken limits. None if the easy neighbour has
+    no periodic step.
     """
     space, first = search.space, search.space.between(easy, 0.0)
     try:
@@ -225,7 +226,7 @@ def _approach(easy: GaitParameters, search: ChoiceSearch, *, careful: bool) -> A
 
 
 def _moved_on(search: ChoiceSearch, last: Candidate) -> Candidate:
-    """The last choice on the way, at the next place; its COM lowered if the legs do not reach otherwise."""
+    """The last choice, at the next place of the continuation; its COM lowered if the legs do not reach."""
     x = last.x
     candidate = search.evaluate(x, last, again=True)
     if candidate.plan is None:
@@ -268,7 +269,7 @@ def _minimise(search: ChoiceSearch, start: Candidate) -> Candidate:
 
 
 def _confirmed(search: ChoiceSearch, best: Candidate, cache: Path | None) -> Tuned:
-    """The choice with its plan over all steps and its motion on the fine grid, which may yet refuse it."""
+    """The choice with its plan over all steps and its motion on the fine grid, which may refuse it."""
     space, run = search.space, best.run
     try:
         plan = AmpmPeriodic().plan(WalkRequest(run, search.orbits.robot, cache=cache))

@@ -38,7 +38,7 @@ class Request:
     Attributes:
         name: preset, or stem of the file.
         run: everything that describes the run.
-        changed: key to value of what settings changed in the preset or file, but for the number of steps.
+        changed: key to value of what settings changed in the preset or file, except the number of steps.
     """
 
     name: str
@@ -180,7 +180,7 @@ def check_formula(request: Request) -> None:
 
 @contextmanager
 def _way_out(run: RunParameters) -> Iterator[None]:
-    """Note at a refusal that values which are all given might be left open."""
+    """Note at a refusal that given values could be left open."""
     try:
         yield
     except RefusedGait as error:
@@ -209,9 +209,9 @@ def plan_walk(
 ) -> PlannedWalk:
     """Plan a walk with its body.
 
-    Where anything but the number of steps differs from a preset's own gait, body and feet, what the request
-    leaves open is found first, and said (:func:`ampm.run_file.changes`); not for another planner, which may
-    need none of it.
+    Where anything but the number of steps differs from a preset's own gait, body and feet, the values that
+    the request leaves open are found first and reported (:func:`ampm.run_file.changes`), but not for another
+    planner.
 
     Args:
         request: the gait.
@@ -226,7 +226,7 @@ def plan_walk(
         if changes(run):
             return tune_walk(request, progress)[0]
         check_formula(request)  # before a body is built
-    # Here, not above: Pinocchio takes long to load.
+    # Imported here: Pinocchio is slow to load.
     from ampm.planners import AmpmPeriodic, WalkRequest
     from ampm.walk import WalkPlan
 
@@ -244,21 +244,21 @@ def plan_walk(
 
 
 def tune_walk(request: Request, progress: Progress | None = None) -> tuple[PlannedWalk, Tuned]:
-    """Find what a request leaves open, whether anything was changed or not; what is given stays.
+    """Find the values that a request leaves open, changed or not; given values are kept.
 
     Args:
         request: the gait.
-        progress: where to report stages, and to say what was found.
+        progress: where to report stages and the values found.
 
     Returns:
-        The walk with what was found, and how near to every limit it is.
+        The walk with the values found, and its margins.
 
     Raises:
         InputError: nothing is open.
         MathematicalRefusal, BodilyRefusal: nothing walks; :class:`ampm.tune.refusal.NoFeasibleChoice`,
             a BodilyRefusal, says which limit stayed broken.
     """
-    from ampm.tune.tuning import tune  # here, not above: Pinocchio takes long to load
+    from ampm.tune.tuning import tune  # imported here: Pinocchio is slow to load
 
     run, progress = request.run, progress or Progress()
     if run.given >= set(OPEN_KEYS):
@@ -275,7 +275,7 @@ def tune_walk(request: Request, progress: Progress | None = None) -> tuple[Plann
 
 
 def complete(request: Request, progress: Progress | None = None) -> Request:
-    """The request with all values, those included that planning would find; another plan finds nothing more.
+    """The request with all values, including those that planning would find.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: as :func:`tune_walk`.
@@ -284,7 +284,7 @@ def complete(request: Request, progress: Progress | None = None) -> Request:
 
 
 def _found(run: RunParameters, tuned: Tuned, changed: Mapping[str, Any]) -> str:
-    """One line: what was changed, and what was found for it, with the value before."""
+    """One line: changed values, and found values with the values before."""
 
     def text(value: float | str) -> str:
         return value if isinstance(value, str) else f"{value:.3g}"

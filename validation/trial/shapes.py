@@ -1,7 +1,7 @@
 """Clearance of a body's parts: arms from legs, from the trunk and from each other, and leg from leg.
 
-Nothing of the body collides but its soles, so a motion can pass through itself. The shapes that are drawn are
-taken for the body, and their distances are MuJoCo's.
+Only the soles of the body collide, so parts of the body can penetrate each other. The distances are MuJoCo's,
+between the drawn shapes.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 REACH = 0.1
-"""Distance beyond which parts are not told apart any more [m]."""
+"""Largest distance that is computed [m]."""
 TRUNK = 0
-"""Number of the trunk; limbs count from 1."""
+"""Number of the trunk; limbs are numbered from 1."""
 
 
 class Shapes:
