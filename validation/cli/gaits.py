@@ -51,7 +51,7 @@ def plan(
     settings: Settings = None,
     as_is: AsIs = False,
     no_body: Annotated[
-        bool, option("--no-body", "Pure mathematics: no soles, no joints, mean L_y zero; as it is.")
+        bool, option("--no-body", "Closed form alone: no soles, no joints, mean L_y zero; implies --as-is.")
     ] = False,
     as_json: Json = False,
     samples: Annotated[

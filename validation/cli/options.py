@@ -52,7 +52,7 @@ Settings = Annotated[
 ]
 AsIs = Annotated[
     bool,
-    option("--as-is", "Find nothing that the gait leaves open: walk the values of the preset, or defaults."),
+    option("--as-is", "Keep the values that the gait leaves open: those of the preset, or defaults."),
 ]
 Steps = Annotated[int | None, option("--steps", "Short for gait.steps=N.", "N")]
 Uncertainty = Annotated[

@@ -81,7 +81,7 @@ def notes(pair: Pair) -> list[str]:
 
 
 def first_answer(pair: Pair) -> list[str]:
-    """Without a study: how many quantities of the walks differ, as far as their values tell."""
+    """Without a study: number of quantities of the walks whose values differ."""
     ratios = [row.ratio for row in pair.rows if row.of.walked and row.ratio]
     if pair.studies or not ratios:
         return []

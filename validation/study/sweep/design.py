@@ -198,7 +198,7 @@ class SweepDefinition(Section, section="sweep"):
     name: str = Field("sweep", description="name of the sweep, for report and table", min_length=1)
     gait: str = Field("normal", description="preset, or TOML file relative to the sweep's", min_length=1)
     steps: int = Field(30, description="steps of every run", ge=1, le=100_000)
-    tune: bool = Field(False, description="find what every run leaves open, instead of walking it as it is")
+    tune: bool = Field(False, description="find the values that every run leaves open; otherwise keep them")
     seed: int = Field(1, description="of the sampled blocks", ge=0, le=2**63 - 1)
     profile: str = Field("default", description="tolerance profile that judges the runs")
     recordings: Literal["none", "failures", "worst", "all"] = Field(
@@ -248,7 +248,7 @@ class SweepDefinition(Section, section="sweep"):
 
     @cached_property
     def shared(self) -> RunParameters:
-        """Parameters that all runs share: the gait with ``steps`` and ``set``, as it is unless they tune."""
+        """Parameters that all runs share: the gait with ``steps`` and ``set``, all given unless they tune."""
         run = self.base.replace({**self.set, STEPS_KEY: self.steps})
         return run if self.tune else run.as_is()
 
