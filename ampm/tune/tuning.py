@@ -30,7 +30,7 @@ from ampm.planner.periodic import plan_gait
 from ampm.planners import AmpmPeriodic, PeriodicWalk, WalkRequest
 from ampm.tune.free_choices import FreeChoices
 from ampm.tune.gait_limits import LIMITS, orbit_margins, plan_margins
-from ampm.tune.refusal import NoFeasibleChoice, no_feasible_choice
+from ampm.tune.refusal import NoFeasibleChoice, no_feasible_choice, way_out
 from ampm.tune.search import ENOUGH, Approach, Candidate, ChoiceSearch, RoughOrbits
 
 if TYPE_CHECKING:
@@ -41,10 +41,11 @@ if TYPE_CHECKING:
     Report = Callable[[str], None]
 
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
-_BUDGET = 1500  # integrated steps that the ways may take; a second, careful try may take as many
+_BUDGET = 1200  # integrated steps that the ways may take; a second, careful try may take as many
 _LONG_STEP = 0.1  # one that a careful try takes back if it leads to far broken limits
 _SPARE = 0.4  # margin with which the values that there are stay
 _GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
+_LONGER = 1.1  # factor by which choices may draw out a step, with room to spare
 _TOO_FAR = -0.5  # margin below which a continuation is stopped
 _L_Z = "body.angular_momentum_z"
 
@@ -105,6 +106,7 @@ def tune(
     if not run.gait.c_y > 0.0:
         plan_gait(run.gait, run.body.mass)  # refuses it, with a better message than a failed search
     space = FreeChoices(run, run.given, robot.description)
+    _check_pace(space)
     own = _own(space, robot, cache)
     if own is not None and own.worst() >= _SPARE:
         return own
@@ -117,6 +119,34 @@ def tune(
             error.add_note("as it is, the gait has a plan beyond these limits: --as-is walks it")
         raise
     return found if own is None or found.worst() >= own.worst() else own
+
+
+def _check_pace(space: FreeChoices) -> None:
+    """Refuse steps that are too short in time whatever is chosen, before a search finds that out.
+
+    Raises:
+        NoFeasibleChoice: they are.
+    """
+    limit, run = LIMITS["pace"], space.run
+    try:
+        plan = plan_gait(space.parameters(space.guess()).gait, run.body.mass)
+    except (RefusedGait, InputError):
+        return  # the search says why
+    duration = plan.constants.step_duration
+    if duration * _LONGER >= limit.bound:
+        return
+    raise NoFeasibleChoice(
+        f"no choice of timing, heights and angles lets this body walk the gait: {limit.what} is "
+        f"{limit.quantity(duration, 4)}, and must be {limit.rule()}",
+        broken="pace",
+        tried=1,
+        choice={},
+        reason=limit.reason,
+        value=duration,
+        limit=limit.bound,
+        unit=limit.unit,
+        way_out=way_out("pace", run, space.fixed),
+    )
 
 
 def _searched(space: FreeChoices, robot: Robot, report: Report, cache: Path | None) -> Tuned:
