@@ -4,7 +4,7 @@ trial = val.walk(run, planner=UprightWalk())
 
 The plan has no constant of L_y, and no motion is solved. The controller's trunk feedback keeps the trunk
 upright by a little more or less angular momentum than planned. ``normal`` walks 30 steps so: the RMSE of the
-ZMP is 7.4 and 1.5 mm, and 2.8 and 0.9 mm with ``controller.trunk_gain=1``; with 0.3 it falls.
+ZMP is 7.4 and 1.4 mm, and 2.8 and 1.0 mm with ``controller.trunk_gain=1``; with 0.3 it falls.
 """
 
 from __future__ import annotations
