@@ -72,7 +72,8 @@ def test_tables_that_make_no_plan(changed, words):
 
 
 def test_a_table_is_walked_as_well_as_the_closed_form():
-    plan, times = samples("normal", 3)
+    """A table gives switches to one row: at 1 kHz, a touch-down may be planned a tick later."""
+    plan, times = samples("normal", 3, 5000)
     run, planner = ampm.load_run("normal", gait={"steps": 3}), example("sampled_plan").TablePlanner
     trials = [val.walk(run), val.walk(run, planner=planner(plan_table(plan, times)))]
     for axis in "xy":
