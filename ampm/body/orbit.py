@@ -174,7 +174,7 @@ class _Search:
         value, limit, unit = cause.value, cause.limit, cause.unit
         why, way_out, height = str(cause), LESS, self.plan.com_height
         if drop > 0.0:
-            why += f"; one is found only with the COM {1000.0 * drop:.0f} mm lower"
+            why += f"; one is found only with the COM {1000.0 * drop:.3g} mm lower"
             value, limit, unit = height, height - drop, "m"
             way_out = f"lower gait.com_height below {height - drop:.3f} m, or shorten gait.step_length"
         elif share < 1.0:

@@ -149,12 +149,13 @@ class Observation:
         }
 
 
-def observe_folder(directory: Path, instrument: Instrument) -> Observation:
+def observe_folder(directory: Path | str, instrument: Instrument) -> Observation:
     """Observe a finished run, from its folder alone.
 
     Raises:
         InputError: the folder is no run folder, has changed, or lacks what the instrument needs.
     """
+    directory = Path(directory)
     missing = [name for name in ("run.toml", "model.xml") if not (directory / name).is_file()]
     if missing:
         raise InputError(f"{directory} has no {missing[0]}; give the folder of a finished run.")
