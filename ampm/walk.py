@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ampm.planner.centroidal import PlanSample
 from ampm.planner.feet import FeetPlan, FootPath, FootSample, pitch_rotation
 from ampm.planner.support import StepPlan
 
@@ -325,7 +324,7 @@ class WalkPlan(StepPlan):
                     ],
                     axis=1,
                 ),
-                right_load=right_load(sample),
+                right_load=sample.right_load,
                 jumps=jumps,
                 feet=_feet_state(feet, held_feet),
                 contacts=ContactState(within(timing.lead), within(timing.early), until_lift),
@@ -495,10 +494,3 @@ def _exact_until_lift(path: FootPath, time: float) -> Array:
     """Time from an instant to the end of the present contact of every group, or of the next one."""
     lifts = path.contact[:-1] & ~path.contact[1:] & (path.start[1:, None] > time)
     return np.min(np.where(lifts, path.start[1:, None], np.inf), axis=0, initial=np.inf) - time
-
-
-def right_load(sample: PlanSample) -> Array:
-    """Share of the right foot: where the planned ZMP lies between the feet's centre lines."""
-    left, right = sample.left_placement[:, 1], sample.right_placement[:, 1]
-    share = (left - sample.zmp[:, 1]) / (left - right)
-    return np.where(sample.stance == 0, 0.0, np.where(sample.stance == 1, 1.0, np.clip(share, 0.0, 1.0)))

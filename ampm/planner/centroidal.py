@@ -154,6 +154,13 @@ class PlanSample:
         return len(self.time)
 
     @property
+    def right_load(self) -> Array:
+        """Share of the right foot, by the ZMP between the centre lines of both feet, shape (N,) [1]."""
+        left, right = self.left_placement[:, 1], self.right_placement[:, 1]
+        share = (left - self.zmp[:, 1]) / (left - right)
+        return np.where(self.stance == 0, 0.0, np.where(self.stance == 1, 1.0, np.clip(share, 0.0, 1.0)))
+
+    @property
     def phase_name(self) -> NDArray[np.str_]:
         """``single_support`` or ``double_support``, shape (N,)."""
         return np.array(PHASE_NAMES)[self.phase]

@@ -28,7 +28,6 @@ from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.feet import HEEL
 from ampm.planner.gaits import LEAST_MID_STANCE_SHARE
 from ampm.planner.support import StepPlan
-from ampm.walk import right_load
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -172,7 +171,7 @@ def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Arr
     time = time.copy()
     time[-1] = np.nextafter(time[-1], 0.0) - 1e-9  # the step's end, not the next one's start
     sample, feet = plan.sample(time), plan.feet.sample(time)
-    shares = right_load(sample)
+    shares = sample.right_load
     torque, twist = np.empty((len(time), robot.nu)), np.empty(len(time))
     for k in range(len(time)):
         q, v = trajectory.q[k], trajectory.v[k]
