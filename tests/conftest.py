@@ -35,7 +35,8 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run_of(shared_folder: Path) -> RunOf:
     """Folder of a real run, simulated by the first test that asks for it.
 
-    ``run_of("normal", {"gait.c_y": 0.4}, steps=8)``: gait, settings by namespaced key, number of steps.
+    ``run_of("normal", {"gait.c_y": 0.4}, steps=8)``: gait, settings by namespaced key, number of steps. All
+    other values are the preset's own: nothing is tuned.
     """
 
     def get(gait: str = "normal", settings: dict[str, object] | None = None, *, steps: int = 8) -> Path:
@@ -49,7 +50,7 @@ def run_of(shared_folder: Path) -> RunOf:
         with _locked(shared_folder / f"{name}.lock"):
             if not (target / "summary.json").is_file():
                 shutil.rmtree(target, ignore_errors=True)
-                asked = load_request(gait, [f"{key}={value}" for key, value in changed.items()])
+                asked = load_request(gait, [f"{key}={value}" for key, value in changed.items()], as_is=True)
                 validate(asked, target, Options(recording=False))
         return target
 

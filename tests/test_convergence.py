@@ -6,6 +6,7 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -236,6 +237,21 @@ def test_the_files_are_whole_and_read_back(folder, result):
     assert known.as_dict()["studies"] == ("time_step", "ik_grid", "qp_tolerance")
     table = json.loads((folder / FILE).read_text())
     assert table["levels"]["time_step"]["values"] == [0.002, 0.001, 0.0005, 0.00025]
+
+
+def test_what_has_no_value_is_unbounded_in_memory_and_file(tmp_path):
+    """A walk that fell has metrics until then, but no level of a study."""
+
+    def runner(run, name):
+        walked = walker(run, name)
+        return replace(walked, outcome="fell", values={**walked.values, "force_y_rmse": math.nan})
+
+    found = study(runner, levels=3, only=("time_step", "ik_grid", "qp_tolerance"))
+    convergence.write(found, tmp_path)
+    assert {name: found.uncertainty.values[name] for name in ("zmp_x_rmse", "force_y_rmse")} == {
+        "zmp_x_rmse": math.inf, "force_y_rmse": math.inf,
+    }  # fmt: skip
+    assert load_uncertainty(tmp_path).values == found.uncertainty.values
 
 
 def test_a_study_serves_any_number_of_steps_of_its_gait_and_no_other_gait(folder):

@@ -268,6 +268,9 @@ def test_a_metric_that_was_lost_is_a_regression(base, value):
     everywhere = compared(base, with_metric(base, "com_agreement_maximum", [value] * 60))
     assert len(everywhere.of_kind("worse_metrics")) == 60
     assert not compared(with_metric(base, "com_agreement_maximum", values), base).regressions
+    passed = replaced(with_metric(base, "zmp_x_rmse", [value] * 60), "verdict", ["pass"] * 60)
+    filled = compared(passed, changed(base, "zmp_x_rmse", 0.0, 1.0))
+    assert len(filled.of_kind("newly_failing")) == 60  # from no value to one over the limit
     gone = compared(base, base.drop_columns([METRIC + "com_agreement_maximum"]))
     assert "only the first sweep has com_agreement_maximum" in gone.notes
 

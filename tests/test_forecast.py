@@ -2,7 +2,6 @@
 
 import json
 import math
-import time
 
 import numpy as np
 import pytest
@@ -105,15 +104,15 @@ def test_bounds_of_every_key(key):
 @pytest.mark.parametrize(
     "count", [30, pytest.param(100, marks=pytest.mark.slow)], ids=["27 thousand", "a million"]
 )
-def test_many_gaits_are_screened_in_seconds(count):
+def test_many_gaits_are_screened_without_planning_any(count, monkeypatch):
     definition = parse_sweep(
         f"{GRID}gait.c_s = {{ from = -0.5, to = 2, count = {count} }}\n"
         f"gait.c_y = {{ from = -0.1, to = 1.4, count = {count} }}\n"
         f"gait.switching_velocity = {{ from = 0.2, to = 1.4, count = {count} }}"
     )
-    start = time.process_time()
-    code = screen(definition)
-    assert time.process_time() - start < 2e-5 * count**3 + 1.0
+    with monkeypatch.context() as patch:
+        patch.delattr(SweepDefinition, "parameters")
+        code = screen(definition)
     assert len(code) == count**3
     for case in np.random.default_rng(1).integers(0, len(code), 100).tolist():
         assert REASONS[code[case]] == planners_answer(definition, case)

@@ -77,7 +77,7 @@ def test_defaults_and_nested_quoted_and_dotted_keys():
     sweep, *others = (parse_sweep(GRID + text) for text in texts)
     assert all(other == sweep for other in others)
     assert (sweep.name, sweep.gait, sweep.steps, sweep.profile) == ("sweep", "normal", 30, "default")
-    assert (sweep.recordings, sweep.wall_clock, sweep.shared) == ("worst", 600.0, load_run("normal"))
+    assert (sweep.recordings, sweep.wall_clock, sweep.shared) == ("failures", 600.0, load_run("normal"))
     assert sweep.keys == ("gait.c_y",)
 
 

@@ -75,7 +75,7 @@ class Direct:
 def _walk(found: Any, job: task.Task, timing: dict[str, float]) -> dict[str, Any]:
     if isinstance(found, Exception):
         raise found
-    recording = f"recordings/{job.name}" if job.keep == "all" else None
+    recording = f"recordings/{job.name}" if job.keep else None
     row = {"outcome": "completed", "verdict": "pass", "failed": "", "steps_completed": 3}
     return row | {"recording": recording} | found
 
@@ -156,7 +156,7 @@ def test_faults_of_the_host_are_walked_again(direct, error, reason):
 
 
 def test_outcomes_are_walked_again_on_request(direct):
-    direct.outcome = {1: ValueError("a bug"), 4: FELL, 7: CRASH}
+    direct.outcome = {1: ValueError("a bug"), 4: FELL | {"recording": "recordings/4"}, 7: CRASH}
     assert direct() == 4
     (direct.out / "recordings" / "4").mkdir(parents=True)
     direct.outcome = {7: CRASH}
@@ -265,7 +265,7 @@ def test_an_interrupted_sweep_goes_on(direct, capsys):
 @pytest.mark.parametrize(
     ("recordings", "kept"),
     [
-        ('"worst"', [4]),  # the others pass
+        ('"failures"', [4]),  # the others pass
         ('"worst"\nworst = 2', [4, 7]),
     ],
 )
@@ -339,7 +339,7 @@ def test_progress_in_words():
 
 def test_a_run_keeps_its_folder(tmp_path):
     run = load_run("flat", ["gait.steps=2"])
-    row, _ = task.walk_task(task.Task(0, "0", run, "default", keep="all", folder=str(tmp_path)))
+    row, _ = task.walk_task(task.Task(0, "0", run, "default", keep=True, folder=str(tmp_path)))
     folder = tmp_path / str(row["recording"])
     assert row["recording"] == "recordings/0"
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
@@ -365,7 +365,7 @@ contact.friction = [0.8]
 
 def test_a_controller_and_pushes_of_ones_own_walk_every_run(tmp_path):
     limp, broken = (parse_sweep(OWN.format(name=name)) for name in ("Limp", "Broken"))
-    row, _ = task.walk_task(task.Task.of(limp, 0, tmp_path, keep="all", wall_clock=None))
+    row, _ = task.walk_task(task.Task.of(limp, 0, tmp_path, keep=True, wall_clock=None))
     assert row["outcome"] == "fell"
     summary = json.loads((tmp_path / "recordings" / "0" / "summary.json").read_text(encoding="utf-8"))
     assert summary["controller"] == "Limp"

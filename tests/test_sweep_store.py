@@ -6,6 +6,7 @@ import csv
 import errno
 import json
 import os
+import signal
 import sqlite3
 import subprocess
 import sys
@@ -81,11 +82,43 @@ def test_either_file_is_complete_whatever_is_killed(tmp_path):
     assert len(read_sweep(folder)) == 1
     (folder / f".{store.RESULTS}.tmp").write_bytes(b"half")
     (folder / "recordings" / "001.partial-x").mkdir(parents=True)
-    (folder / "recordings" / "002").mkdir()
     with opened(folder) as sweep:
         sweep.finish()
     assert not list(folder.glob(".*"))
-    assert [path.name for path in (folder / "recordings").iterdir()] == ["002"]
+    assert not list((folder / "recordings").iterdir())
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from tests.test_sweep_store import opened, row
+
+def kill(statement):
+    if statement.startswith(sys.argv[2]):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+with opened(Path(sys.argv[1])) as sweep:
+    sweep._rows.set_trace_callback(kill)
+    sweep.append([row(2)])
+"""
+
+
+@pytest.mark.parametrize("statement", ["INSERT", "COMMIT"])
+def test_a_kill_never_leaves_a_row_without_its_recording(tmp_path, statement):
+    folder = tmp_path / "a"
+    kept, trace = folder / "recordings" / "002" / "report.html", folder / "crashes" / "003.txt"
+    for path in (kept, trace):
+        path.parent.mkdir(parents=True)
+        path.touch()
+    with opened(folder) as sweep:
+        sweep.append([row(2, "fell", recording="recordings/002"), row(3, "crashed")])
+    done = subprocess.run([sys.executable, "-c", KILLED, str(folder), statement], cwd=ROOT)
+    assert done.returncode == -signal.SIGKILL
+    assert (read_sweep(folder).words("recording")[0], kept.exists()) == ("recordings/002", True)
+    with opened(folder) as sweep:  # the run was walked again
+        sweep.append([row(2)])
+        sweep.finish()
+    assert (kept.parent.exists(), trace.exists()) == (False, True)
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])

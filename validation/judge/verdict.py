@@ -77,6 +77,8 @@ class MetricResult:
     def quoted(self) -> str:
         """The value, and its uncertainty if it is known, in ``display_unit``."""
         value = "–" if math.isnan(self.value) else f"{self.value * self.factor:.3g}"
+        if math.isnan(self.value):
+            return value
         if self.uncertainty is None:
             return f"{value} ± not studied" if self.not_studied else value
         known = "∞" if math.isinf(self.uncertainty) else f"{self.uncertainty * self.factor:.2g}"

@@ -170,9 +170,9 @@ def combine(request: Request, profile: Profile, found: Sequence[Study], walks: W
         counted = [estimates[study].uncertainty for study in needed if study in estimates]
         if len(counted) < len(needed):
             incomplete[name] = tuple(study for study in needed if study not in estimates)
-        total = math.fsum(counted)
-        if (counted or not needed) and not math.isnan(value + total):
-            values[name] = total
+        if counted or not needed:  # what has no value has no bound
+            total = math.fsum(counted)
+            values[name] = math.inf if math.isnan(value + total) else total
     uncertainty = Uncertainty(
         gait=request.name,
         steps=run.gait.steps,

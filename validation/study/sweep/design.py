@@ -202,10 +202,10 @@ class SweepDefinition(Section, section="sweep"):
     seed: int = Field(1, description="of the sampled blocks", ge=0, le=2**63 - 1)
     profile: str = Field("default", description="tolerance profile that judges the runs")
     recordings: Literal["none", "failures", "worst", "all"] = Field(
-        "worst", description="which runs keep a recording"
+        "failures", description="which runs keep a recording"
     )
-    worst: int | None = Field(
-        None, description="how many runs keep one if recordings = worst", ge=1, le=10_000
+    worst: int = Field(
+        10, description="how many runs keep one if recordings = failures or worst", ge=1, le=10_000
     )
     instrument: str | None = Field(None, description="model of the sensors that measure beside the truth")
     controller: str | None = Field(None, description="controller of your own, MODULE:CLASS")

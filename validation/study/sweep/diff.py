@@ -425,7 +425,7 @@ def _kind(before: State, after: State, grown: bool, metrics: Sequence[MetricChan
         # A verdict may change by a difference below the noise, which is no result.
         worse = after is State.OUT_OF_TOLERANCE
         crossed = [item for item in metrics if (item.over_b if worse else item.over_a)[i]]
-        real = any((item.worse if worse else item.better)[i] for item in crossed)
+        real = any((item.worse | ~item.both if worse else item.better)[i] for item in crossed)
         if crossed and not real:  # without a metric over its limit the verdict has other reasons
             return same or "verdict_only"
     if before is after:

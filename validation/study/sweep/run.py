@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 _COMPLETED = (State.PASS, State.OUT_OF_TOLERANCE, State.NOT_MEASURED)
 RETRIED = tuple(state.value for state in State if state not in _COMPLETED)
 """Outcomes that can be walked again on request."""
-WORST = 5
-"""Default number of runs that keep a recording, of those that did not pass."""
 FLUSH = 1.0
 """Time after which a finished row is on the disk at the latest [s]."""
 _LEAST = 3  # walks after which there is a rate
@@ -116,7 +114,7 @@ def sweep(
         if not store.begin(definition, force=force) and resume:
             progress.say(f"nothing to resume in {out}; starting the sweep")
         _walk_missing(definition, store, pool, retry, progress)
-        if definition.recordings == "worst":
+        if definition.recordings in ("failures", "worst"):
             _keep_worst(definition, store, pool, progress)
         store.finish()
         found = read_sweep(out)
@@ -253,11 +251,11 @@ class _Keeper:
 
 
 def _keep_worst(definition: SweepDefinition, store: Store, pool: Pool, progress: Progress) -> None:
-    """Walk the worst runs again, to the same bits, and keep their folders."""
+    """Walk the worst runs, or the worst failures, again, to the same bits, and keep their folders."""
     found = wrap_table(store.rows(), store.folder)
     passed = found.is_state(State.PASS)
-    # Runs that passed keep a recording only if the definition gives their number.
-    chosen = [row for row in found.worst if definition.worst or not passed[row]][: definition.worst or WORST]
+    every = definition.recordings == "worst"
+    chosen = [row for row in found.worst if every or not passed[row]][: definition.worst]
     runs, kept = found.table["run"].to_numpy(), found.words("recording")
     others = np.setdiff1d(np.flatnonzero(kept), chosen)
     store.append([{**row, "recording": None} for row in found.table.take(others).to_pylist()])
@@ -271,5 +269,5 @@ def _keep_worst(definition: SweepDefinition, store: Store, pool: Pool, progress:
     if wanted:
         with progress.stage(f"recordings of the worst runs ({len(wanted)})"):
             # Without time limit: they ended before.
-            _walk(definition, runs[wanted].tolist(), store, pool, take, keep="all", wall_clock=None)
+            _walk(definition, runs[wanted].tolist(), store, pool, take, keep=True, wall_clock=None)
         interruption.check()

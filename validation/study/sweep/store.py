@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from ampm.exceptions import InputError
@@ -221,16 +222,9 @@ class Store:
     def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Make rows durable before returning; a row replaces an earlier one of its run.
 
-        Folder and traceback of the earlier one are removed if the new one has none.
-
         Raises:
             SweepStopped: the disk is full.
         """
-        for row in rows:
-            if row["recording"] is None:
-                shutil.rmtree(self.folder / RECORDINGS / row["name"], ignore_errors=True)
-            if row["outcome"] != "crashed":
-                (self.folder / CRASHES / f"{row['name']}.txt").unlink(missing_ok=True)
         with _errors(self.folder / ROWS), self._rows:
             _insert(self._rows, rows)
 
@@ -240,16 +234,29 @@ class Store:
             return _table(self._rows)
 
     def finish(self) -> None:
-        """Write the one table, then remove the database.
+        """Write the one table, remove recordings and tracebacks of rows before it, then the database.
 
         Raises:
             SweepStopped: the disk is full; the rows are unchanged.
         """
+        table = self.rows()
         with durable(self.folder / RESULTS) as file:
-            pq.write_table(self.rows(), file, compression="zstd")
+            pq.write_table(table, file, compression="zstd")
+        _remove_partial(self.folder)
+        self._remove_unnamed(table)
         self._rows.close()
         (self.folder / ROWS).unlink()
-        _remove_partial(self.folder)
+
+    def _remove_unnamed(self, table: pa.Table) -> None:
+        """Remove what earlier rows of a run have left: folders and tracebacks."""
+        kept = set(table["recording"].to_pylist())
+        for path in (self.folder / RECORDINGS).glob("*"):
+            if f"{RECORDINGS}/{path.name}" not in kept:
+                shutil.rmtree(path, ignore_errors=True)
+        crashed = set(table.filter(pc.equal(table["outcome"], "crashed"))["name"].to_pylist())
+        for path in (self.folder / CRASHES).glob("*.txt"):
+            if path.stem not in crashed:
+                path.unlink(missing_ok=True)
 
     def write_text(self, name: str, text: str) -> None:
         """Write a small file of the folder, whole."""

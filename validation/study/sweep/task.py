@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
@@ -63,7 +63,7 @@ class Task:
         instrument: sensor model beside the simulator's truth, if any.
         controller: the user's, ``module:Class``, if any.
         push: pushes, as texts.
-        keep: which walks keep a run folder.
+        keep: whether the walk keeps a run folder.
         folder: of the sweep, for kept runs.
         wall_clock: after which the process is ended [s]; None for no guard.
         code: hash of the code of the sweep's own process, which the worker must have, too.
@@ -77,7 +77,7 @@ class Task:
     instrument: str | None = None
     controller: str | None = None
     push: tuple[str, ...] = ()
-    keep: Literal["none", "failures", "all"] = "none"
+    keep: bool = False
     folder: str = ""
     wall_clock: float | None = None
     code: str = ""
@@ -95,7 +95,7 @@ class Task:
             run=run,
             name=definition.name_of(run),
             parameters=definition.parameters(run),
-            keep="none" if definition.recordings == "worst" else definition.recordings,
+            keep=definition.recordings == "all",
             folder=str(folder),
             code=code_hash(),
             varied=definition.varied(run),
@@ -189,7 +189,7 @@ def _trial(task: Task, timing: dict[str, float]) -> Row:
         from validation.measure.instruments.observe import instrument_columns  # loads SciPy
 
         row |= instrument_columns(walked.planned, walked.record, task.instrument)
-    if task.keep == "all" or (task.keep == "failures" and row["verdict"] != "pass"):
+    if task.keep:
         start = time.perf_counter()
         row["recording"] = keep_run(walked, task)
         timing["recording"] = time.perf_counter() - start
