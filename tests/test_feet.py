@@ -173,7 +173,7 @@ def test_unequal_footsteps_need_no_other_code():
         for f, m in zip(plan.contacts.footsteps, moves, strict=True)
     )
     moved = {None: None, **dict(zip(plan.contacts.footsteps, steps, strict=True))}
-    phases = [replace(p, left=moved[p.left], right=moved[p.right]) for p in plan.contacts.phases]
+    phases = [p._replace(left=moved[p.left], right=moved[p.right]) for p in plan.contacts.phases]
     feet = plan_feet(Contacts(steps, tuple(phases)), SCHEDULES["roll"], SOLE, 0.4)
     for k, step in enumerate(steps[1:-1]):
         foot = feet.sample((k + 0.3) * plan.constants.step_duration)[0 if step.foot == "left" else 1]
@@ -226,7 +226,7 @@ def test_what_has_no_feet_is_refused():
     foot = SCHEDULES["roll"]
     plan = planned(foot)
     contacts, steps = plan.contacts, plan.contacts.footsteps
-    turned = (*steps[:-1], replace(steps[-1], heading=0.1))
+    turned = (*steps[:-1], steps[-1]._replace(heading=0.1))
     for wrong in (replace(contacts, phases=contacts.phases[1:]), replace(contacts, footsteps=turned)):
         with pytest.raises(InputError):
             plan_feet(wrong, foot, SOLE, 0.4)

@@ -144,7 +144,7 @@ def test_times_in_any_order_and_read_only(plan):
 
 def test_residuals_compare_neighbouring_phases(plan):
     assert plan.residuals().largest <= 1e-13
-    broken = replace(plan.phases[2], origin=(0.61, -0.09))
+    broken = plan.phases[2]._replace(origin=(0.61, -0.09))
     jumped = replace(plan, phases=(*plan.phases[:2], broken, *plan.phases[3:])).residuals()
     assert jumped.position == pytest.approx(0.01 / 0.88)
     assert jumped.zmp == pytest.approx(0.01 / 0.88)
@@ -376,7 +376,7 @@ def check_plan_or_refusal(parameters):
         refusal = caught
     else:
         with np.errstate(all="ignore"):
-            bound = Gaits.of(parameters).rounding
+            bound = Gaits.of(parameters).arrays.rounding
         residuals = plan.residuals()
         if parameters.model == "ipm":  # its acceleration and ZMP jump at every switch
             residuals = replace(residuals, acceleration=0.0, zmp=0.0)

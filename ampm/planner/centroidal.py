@@ -34,8 +34,7 @@ class Law(Protocol):
         """State at times since the start of the phase [s]; every field has the shape of the times."""
 
 
-@dataclass(frozen=True)
-class CentroidalPhase:
+class CentroidalPhase(NamedTuple):
     """One phase of the centroidal motion: the law of each axis about an explicit origin.
 
     Attributes:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,7 @@ STANCE_NAMES = ("left", "right", "both")
 """Values of :attr:`Phase.stance`; a sample's ``stance`` is the place of its name here."""
 
 
-@dataclass(frozen=True)
-class Footstep:
+class Footstep(NamedTuple):
     """One placement of one foot.
 
     Attributes:
@@ -39,8 +38,7 @@ class Footstep:
     heading: float = 0.0
 
 
-@dataclass(frozen=True)
-class Phase:
+class Phase(NamedTuple):
     """A time during which the same feet stand on the same footsteps.
 
     Attributes:
@@ -58,7 +56,7 @@ class Phase:
     @property
     def kind(self) -> Literal["single_support", "double_support"]:
         """Single or double support."""
-        return "single_support" if self.left is None or self.right is None else "double_support"
+        return "double_support" if self.left and self.right else "single_support"
 
     @property
     def stance(self) -> Literal["left", "right", "both"]:
@@ -89,13 +87,12 @@ class Contacts:
     @property
     def steps(self) -> int:
         """Number of single supports."""
-        return sum(phase.kind == "single_support" for phase in self.phases)
+        return int(np.count_nonzero(self.kind_codes == 0))
 
     @cached_property
     def step_ends(self) -> NDArray[np.float64]:
         """End of every step: where the next single support begins, or the walk ends, shape (steps,) [s]."""
-        begins = [phase.start for phase in self.phases if phase.kind == "single_support"]
-        return _read_only([*begins[1:], self.duration])
+        return _read_only([*self.starts[self.kind_codes == 0][1:], self.duration])
 
     @property
     def step_length(self) -> float:
@@ -120,12 +117,14 @@ class Contacts:
     @cached_property
     def kind_codes(self) -> NDArray[np.int8]:
         """Place of every phase's kind in :data:`PHASE_NAMES`, shape (P,)."""
-        return _read_only([PHASE_NAMES.index(phase.kind) for phase in self.phases], np.int8)
+        both = [phase.left is not None and phase.right is not None for phase in self.phases]
+        return _read_only(both, np.int8)
 
     @cached_property
     def stance_codes(self) -> NDArray[np.int8]:
         """Place of every phase's stance in :data:`STANCE_NAMES`, shape (P,)."""
-        return _read_only([STANCE_NAMES.index(phase.stance) for phase in self.phases], np.int8)
+        codes = [1 if phase.left is None else 0 if phase.right is None else 2 for phase in self.phases]
+        return _read_only(codes, np.int8)
 
     @cached_property
     def placements(self) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 HEEL, BALL, TIP = 0, 1, 2
 """Columns of :attr:`FootSample.contact`."""
 
-PIVOT_HEEL, PIVOT_BALL = 0, 1
+PIVOT_HEEL, PIVOT_BALL = np.int8(0), np.int8(1)
 """Values of :attr:`FootPath.pivot`."""
 
 

@@ -6,7 +6,6 @@ All numbers of a plan and of the rules of refusal are computed here, for one gai
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -15,29 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.parameters import GRAVITY, GaitParameters
-from ampm.planner.pendulum import AffineLaw, double_support_root
+from ampm.planner.pendulum import (
+    EPSILON,
+    AffineLaw,
+    arctan2,
+    double_support_root,
+    elementwise,
+    maximum,
+    sqrt,
+    where,
+)
 
 Array = NDArray[np.float64]
 
 LEAST_MID_STANCE_SHARE = 0.2
 """Least speed over the foot, as a share of v0: below it the pendulum nearly stops and every error grows."""
 
-_ROUNDING = 8.0 * np.finfo(np.float64).eps
+_ROUNDING = 8.0 * EPSILON
 
 
-def _elementwise(function: Callable[..., float], arguments: int) -> Callable[..., Array]:
-    """A function of :mod:`math` on numbers and arrays.
-
-    NumPy's own differ in the last bit between processors, and between numbers and arrays; a gait must have
-    the same plan alone and in an array.
-    """
-    ufunc = np.frompyfunc(function, arguments, 1)
-    return lambda *values: np.asarray(ufunc(*values), dtype=np.float64)
-
-
-_ASINH, _ATAN2 = _elementwise(math.asinh, 1), _elementwise(math.atan2, 2)
-_COSH, _TANH = _elementwise(math.cosh, 1), _elementwise(math.tanh, 1)
-_HYPOT = _elementwise(math.hypot, 2)
+_ASINH, _COSH, _TANH = elementwise(math.asinh, 1), elementwise(math.cosh, 1), elementwise(math.tanh, 1)
+_HYPOT = elementwise(math.hypot, 2)
 _LARGEST_COSH = 700.0  # argument at which cosh still fits a double
 
 
@@ -106,7 +103,12 @@ class Gaits:
     @classmethod
     def of(cls, gait: GaitParameters) -> Gaits:
         """One gait."""
-        return cls(**{field.name: np.asarray(getattr(gait, field.name)) for field in fields(cls)})
+        return cls(*(getattr(gait, field.name) for field in fields(cls)))
+
+    @property
+    def arrays(self) -> Gaits:
+        """The same gait as arrays (), which give infinities and NaN where numbers raise an error."""
+        return Gaits(*(np.asarray(getattr(self, field.name)) for field in fields(self)))
 
     def part(self, which: slice) -> Gaits:
         """Some of n gaits."""
@@ -115,7 +117,12 @@ class Gaits:
     @cached_property
     def plain(self) -> NDArray[np.bool_]:
         """Whether it is the plain inverted pendulum."""
-        return np.asarray(self.model == "ipm")
+        return self.model == "ipm"
+
+    @cached_property
+    def ampm(self) -> Any:
+        """Whether it is the AMPM."""
+        return self.model != "ipm"
 
     @cached_property
     def inverse_a_s(self) -> Array:
@@ -131,13 +138,13 @@ class Gaits:
     def least_velocity(self) -> Array:
         """``l_s / T_s``, above which the COM passes over the foot [m/s]."""
         l_s = 0.5 * self.step_length * self.single_support_ratio
-        return l_s / np.sqrt(self.com_height / (self.bracket * GRAVITY))
+        return l_s / sqrt(self.com_height / (self.bracket * GRAVITY))
 
     @cached_property
     def mid_stance_velocity(self) -> Array:
         """Speed of the COM over the foot [m/s]."""
         v0, least = self.switching_velocity, self.least_velocity
-        return np.sqrt((v0 - least) * (v0 + least))
+        return sqrt((v0 - least) * (v0 + least))
 
     @property
     def least_mid_stance_velocity(self) -> Array:
@@ -172,29 +179,29 @@ class Gaits:
         ratio = l_s / l_d
         # Written from 1, so that c_s = 1 leaves c_d exactly 1 and the moment exactly zero.
         c_d = 1.0 - (self.c_s - 1.0) * ratio
-        inverse_a_d = np.where(plain, 1.0, 1.0 + (1.0 - self.inverse_a_s) * ratio)
+        inverse_a_d = where(plain, 1.0, 1.0 + (1.0 - self.inverse_a_s) * ratio)
         # By both continuity conditions the brackets of single and double support have opposite signs.
         rate_s = GRAVITY / self.com_height * self.bracket
         rate_d = -rate_s * ratio
-        k_s, k_d = np.sqrt(rate_s), np.sqrt(-rate_d)
+        k_s, k_d = sqrt(rate_s), sqrt(-rate_d)
         reach_s, reach_d = v0 / k_s, v0 / k_d  # v0 T_s, v0 T_d
-        odd_s = np.sqrt((reach_s - l_s) * (reach_s + l_s))
+        odd_s = sqrt((reach_s - l_s) * (reach_s + l_s))
         duration_s = 2.0 / k_s * _ASINH(l_s / odd_s)
-        duration_d = np.where(plain, 2.0 * l_d / v0, 2.0 / k_d * _ATAN2(l_d, reach_d))
-        odd_d = np.where(plain, v0, _HYPOT(l_d, reach_d))
+        duration_d = where(plain, 2.0 * l_d / v0, 2.0 / k_d * arctan2(l_d, reach_d))
+        odd_d = where(plain, v0, _HYPOT(l_d, reach_d))
         return SagittalPlane(
             l_s=l_s,
             l_d=l_d,
             a_d=1.0 / inverse_a_d,
             c_d=c_d,
             single=AffineLaw(rate_s, self.inverse_a_s, self.c_s, duration_s, 0.0, odd_s),
-            double=AffineLaw(np.where(plain, 0.0, rate_d), inverse_a_d, c_d, duration_d, 0.0, odd_d),
+            double=AffineLaw(where(plain, 0.0, rate_d), inverse_a_d, c_d, duration_d, 0.0, odd_d),
         )
 
     @cached_property
     def time_constants(self) -> Array:
         """Duration of single support over the time constant of the lateral pendulum [1]."""
-        return np.sqrt(self.c_y * GRAVITY / self.com_height) * self.sagittal.single.duration
+        return sqrt(self.c_y * GRAVITY / self.com_height) * self.sagittal.single.duration
 
     @cached_property
     def frontal(self) -> FrontalPlane:
@@ -205,20 +212,20 @@ class Gaits:
         """
         plain, c_y = self.plain, self.c_y
         t_ss, t_ds = self.sagittal.single.duration, self.sagittal.double.duration
-        k = np.sqrt(c_y * GRAVITY / self.com_height)  # 1 / T_l
+        k = sqrt(c_y * GRAVITY / self.com_height)  # 1 / T_l
         h = 0.5 * k * t_ss
         tau = _TANH(h)
         rho = double_support_root(tau, 0.5 * k * t_ds)
         drift = 0.5 * k * t_ds * tau  # beta / s of the plain pendulum
-        s = 0.5 * self.step_width / (1.0 + np.where(plain, drift, rho * rho))
+        s = 0.5 * self.step_width / (1.0 + where(plain, drift, rho * rho))
         velocity = s * k * tau
         slope = 1.0 / (rho * rho)  # s / beta
         return FrontalPlane(
             s=s,
-            beta=np.where(plain, s * drift, s * rho * rho),
+            beta=where(plain, s * drift, s * rho * rho),
             velocity=velocity,
             single=AffineLaw(
-                rate=np.where(plain, GRAVITY / self.com_height, k * k),
+                rate=where(plain, GRAVITY / self.com_height, k * k),
                 zmp_slope=0.0,
                 force_slope=c_y,
                 duration=t_ss,
@@ -226,12 +233,12 @@ class Gaits:
                 odd=0.0,
             ),
             double=AffineLaw(
-                rate=np.where(plain, 0.0, -k * k * slope),
-                zmp_slope=np.where(plain, 1.0, 1.0 + slope),
-                force_slope=np.where(plain, 1.0, 1.0 + (1.0 - c_y) * slope),
+                rate=where(plain, 0.0, -k * k * slope),
+                zmp_slope=where(plain, 1.0, 1.0 + slope),
+                force_slope=where(plain, 1.0, 1.0 + (1.0 - c_y) * slope),
                 duration=t_ds,
                 even=0.0,
-                odd=np.where(plain, -velocity, -s * rho * _HYPOT(rho, tau)),
+                odd=where(plain, -velocity, -s * rho * _HYPOT(rho, tau)),
             ),
         )
 
@@ -245,28 +252,28 @@ class Gaits:
         height, v0 = self.com_height, self.switching_velocity
         sagittal, frontal = self.sagittal, self.frontal
         far, near = (self.steps + 1) * self.step_length, 0.5 * self.step_width
-        worst = np.zeros_like(height)
+        worst: Any = 0.0
         for law, origin, sway in (
-            (sagittal.single, far, v0 / np.sqrt(sagittal.single.rate)),
-            (sagittal.double, far, np.abs(sagittal.double.odd)),
+            (sagittal.single, far, v0 / sqrt(sagittal.single.rate)),
+            (sagittal.double, far, abs(sagittal.double.odd)),
             (frontal.single, near, frontal.s),
-            (frontal.double, near, np.abs(frontal.double.odd)),
+            (frontal.double, near, abs(frontal.double.odd)),
         ):
-            k = np.sqrt(np.abs(law.rate))
+            k = sqrt(abs(law.rate))
             uniform = law.rate == 0.0  # then ``odd`` is a velocity
-            speed = np.where(uniform, sway, k * sway)
-            sway = np.where(uniform, sway * law.duration, sway)
-            arm = (np.abs(law.force_slope) + 1.0) * sway
-            jumps = np.abs(law.rate) * sway / GRAVITY, (origin + np.abs(law.zmp_slope) * sway) / height
+            speed = where(uniform, sway, k * sway)
+            sway = where(uniform, sway * law.duration, sway)
+            arm = (abs(law.force_slope) + 1.0) * sway
+            jumps = abs(law.rate) * sway / GRAVITY, (origin + abs(law.zmp_slope) * sway) / height
             for term in (
                 (origin + sway) / height,
                 speed / v0,
                 arm / height,
                 arm * law.duration * GRAVITY / (height * v0),
-                np.where(self.plain, 0.0, np.maximum(*jumps)),
+                where(self.plain, 0.0, maximum(*jumps)),
             ):
-                worst = np.maximum(worst, term * (1.0 + 0.5 * k * law.duration))  # a NaN stays one
-        return np.where(np.isnan(worst), math.inf, _ROUNDING * worst)
+                worst = maximum(worst, term * (1.0 + 0.5 * k * law.duration))  # a NaN stays one
+        return where(worst >= 0.0, _ROUNDING * worst, math.inf)  # infinite for NaN
 
 
 def _rounded_up(value: float) -> str:

@@ -21,6 +21,7 @@ See ``docs/theory.md`` for the derivation, ``docs/errata.md`` for the errata of 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -28,6 +29,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+EPSILON = float(np.finfo(np.float64).eps)
+"""Relative distance of 1 to the next double [1]."""
+
+
+def elementwise(function: Callable[..., float], arguments: int) -> Callable[..., Any]:
+    """A function of :mod:`math` on numbers and arrays.
+
+    NumPy's own differ in the last bit between processors, and between numbers and arrays; a gait must have
+    the same plan alone and in an array.
+    """
+    ufunc = np.frompyfunc(function, arguments, 1)
+
+    def apply(*values: Any) -> Any:
+        if type(values[0]) is float:
+            return function(*values)
+        return np.asarray(ufunc(*values), dtype=np.float64)
+
+    return apply
+
+
+arctan2 = elementwise(math.atan2, 2)
+"""Angle of the direction (x, y), given y and x [rad]."""
+
+
+def sqrt(value: Any) -> Any:
+    """Square root of a number or an array; of a negative number ValueError, in an array NaN."""
+    return math.sqrt(value) if type(value) is float else np.sqrt(value)
+
+
+def maximum(a: Any, b: Any) -> Any:
+    """The larger of two numbers or arrays; NaN if one is."""
+    if type(a) is type(b) is float:
+        return b if a < b or b != b else a
+    return np.maximum(a, b)
+
+
+def where(condition: Any, yes: Any, no: Any) -> Any:
+    """:func:`numpy.where`; the chosen value itself if the condition is one bool."""
+    if isinstance(condition, bool):
+        return yes if condition else no
+    return np.where(condition, yes, no)
 
 
 class LawState(NamedTuple):
@@ -103,14 +146,13 @@ def solution(rate: Any, even: Any, odd: Any, time: Any) -> tuple[Array, Array]:
     Returns:
         Position [m] and velocity [m/s].
     """
-    rate = np.asarray(rate, dtype=np.float64)
-    k = np.sqrt(np.abs(rate))
+    k = sqrt(abs(rate))
     angle = k * time
     hyperbolic, uniform = rate > 0.0, rate == 0.0
-    safe = np.where(hyperbolic, angle, 0.0)
-    c = np.where(hyperbolic, np.cosh(safe), np.cos(angle))
-    s = np.where(hyperbolic, np.sinh(safe), np.where(uniform, time, np.sin(angle)))
-    return even * c + odd * s, np.where(uniform, 1.0, k) * (np.sign(rate) * even * s + odd * c)
+    safe = where(hyperbolic, angle, 0.0)
+    c = where(hyperbolic, np.cosh(safe), np.cos(angle))
+    s = where(hyperbolic, np.sinh(safe), where(uniform, time, np.sin(angle)))
+    return even * c + odd * s, where(uniform, 1.0, k) * (np.sign(rate) * even * s + odd * c)
 
 
 def position_integral(rate: Any, even: Any, odd: Any, start: Any, end: Any) -> Array:
@@ -120,13 +162,12 @@ def position_integral(rate: Any, even: Any, odd: Any, start: Any, end: Any) -> A
     ``(2/k) sinh(k (end - start)/2) u((start + end)/2)``, with sin for a negative rate and
     ``(end - start) u((start + end)/2)`` for none.
     """
-    rate = np.asarray(rate, dtype=np.float64)
-    k = np.sqrt(np.abs(rate))
+    k = sqrt(abs(rate))
     half = 0.5 * k * (end - start)
     hyperbolic, uniform = rate > 0.0, rate == 0.0
-    width = np.where(hyperbolic, np.sinh(np.where(hyperbolic, half, 0.0)), np.sin(half))
+    width = where(hyperbolic, np.sinh(where(hyperbolic, half, 0.0)), np.sin(half))
     middle, _ = solution(rate, even, odd, 0.5 * (start + end))
-    return np.where(uniform, end - start, 2.0 * width / np.where(uniform, 1.0, k)) * middle
+    return where(uniform, end - start, 2.0 * width / where(uniform, 1.0, k)) * middle
 
 
 def odd_double_integral(rate: float, odd: float, duration: float) -> float:
@@ -168,15 +209,15 @@ def double_support_root(tau: Any, half_angle: Any) -> Array:
     Returns:
         rho, same shape [1], to machine precision.
     """
-    tau, q = np.broadcast_arrays(np.asarray(tau, dtype=np.float64), np.asarray(half_angle, dtype=np.float64))
-    rho = q / np.pi + np.sqrt((q / np.pi) ** 2 + q * tau)
+    q = half_angle
+    rho = q / math.pi + sqrt((q / math.pi) * (q / math.pi) + q * tau)
     # Converged elements stay unchanged, so that a root is independent of the rest of its array.
-    moving = np.ones(rho.shape, dtype=bool)
+    moving: Any = True
     for _ in range(30):
-        angle = np.arctan2(rho, tau)
+        angle = arctan2(rho, tau)
         step = (rho * angle - q) / (angle + rho * tau / (tau * tau + rho * rho))
-        rho = np.where(moving, rho - step, rho)
-        moving &= ~(np.abs(step) <= 4.0 * np.finfo(np.float64).eps * rho)
-        if not moving.any():
+        rho = where(moving, rho - step, rho)
+        moving = moving & (abs(step) > 4.0 * EPSILON * rho)
+        if not (moving if isinstance(moving, bool) else moving.any()):
             break
     return rho

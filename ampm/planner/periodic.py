@@ -6,7 +6,6 @@ t = 0 is the start of the first single support, on the left foot, whose referenc
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,8 +14,8 @@ from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
 from ampm.planner.contacts import Contacts, Footstep, Phase
 from ampm.planner.gaits import Gaits
-from ampm.planner.pendulum import AffineLaw, odd_double_integral
-from ampm.planner.rules import RULES
+from ampm.planner.pendulum import AffineLaw, odd_double_integral, position_integral
+from ampm.planner.rules import refusal_of
 
 
 def plan_gait(gait: GaitParameters, mass: float, *, angular_momentum_y_offset: float = 0.0) -> CentroidalPlan:
@@ -39,10 +38,14 @@ def plan_gait(gait: GaitParameters, mass: float, *, angular_momentum_y_offset: f
             f"the angular momentum offset is {angular_momentum_y_offset}; give a finite number [N m s]."
         )
     one = Gaits.of(gait)
-    with np.errstate(all="ignore"):  # what overflows is refused by the last rule
-        for rule in RULES:
-            if rule.refused(one):
-                raise rule.refusal(one)
+    try:
+        refusal = refusal_of(one)
+    except (ArithmeticError, ValueError):  # numbers of too different size; as arrays they give infinities
+        one = one.arrays
+        with np.errstate(all="ignore"):  # what overflows is refused by the last rule
+            refusal = refusal_of(one)
+    if refusal:
+        raise refusal
     return _assemble(gait, float(mass), one, float(angular_momentum_y_offset))
 
 
@@ -53,7 +56,9 @@ def _numbers(law: AffineLaw) -> AffineLaw:
 
 def _mirrored(law: AffineLaw) -> AffineLaw:
     """A lateral law for the other stance foot."""
-    return replace(law, even=-law.even, odd=-law.odd, zmp_offset=-law.zmp_offset)
+    return AffineLaw(
+        law.rate, law.zmp_slope, law.force_slope, law.duration, -law.even, -law.odd, -law.zmp_offset
+    )
 
 
 def _assemble(gait: GaitParameters, mass: float, one: Gaits, offset: float) -> CentroidalPlan:
@@ -67,7 +72,8 @@ def _assemble(gait: GaitParameters, mass: float, one: Gaits, offset: float) -> C
     weight = mass * GRAVITY
 
     # L_x(t + T) = -L_x(t): half of what one single support adds; double support adds nothing.
-    gained_x = weight * float(single.evaluate(t_ss).moment_arm_integral)
+    travel = position_integral(single.rate, single.even, single.odd, -0.5 * t_ss, 0.5 * t_ss)
+    gained_x = weight * ((single.force_slope - 1.0) * float(travel) + single.zmp_offset * t_ss)
     # L_y returns to its start at every switch; its mean over a step is taken off.
     drift_s, drift_d = (
         (law.force_slope - 1.0) * odd_double_integral(law.rate, law.odd, law.duration)
@@ -76,25 +82,17 @@ def _assemble(gait: GaitParameters, mass: float, one: Gaits, offset: float) -> C
     start_y = weight * (drift_s + drift_d) / step
 
     laws = ((single, double), (_mirrored(single), _mirrored(double)))
-    footsteps = tuple(
-        Footstep("left", (k * length, w, 0.0)) if k % 2 == 0 else Footstep("right", (k * length, -w, 0.0))
-        for k in range(-1, gait.steps + 1)
-    )
-    supports: list[Phase] = []
     phases: list[CentroidalPhase] = []
     for k in range(gait.steps):
-        on_left = k % 2 == 0
-        sign = 1.0 if on_left else -1.0
+        sign = 1.0 if k % 2 == 0 else -1.0
         single_y, double_y = laws[k % 2]
-        start, x = k * step, k * length
-        here, ahead = footsteps[k + 1], footsteps[k + 2]
-        left, right = (here, ahead) if on_left else (ahead, here)
-        supports.append(Phase(start, t_ss, here if on_left else None, None if on_left else here))
-        supports.append(Phase(start + t_ss, t_ds, left, right))
-        gained = 0.5 * sign * gained_x
-        phases.append(CentroidalPhase(start, t_ss, (x, sign * w), single_x, single_y, (-gained, start_y)))
-        middle = (x + 0.5 * length, 0.0)
-        phases.append(CentroidalPhase(start + t_ss, t_ds, middle, double_x, double_y, (gained, start_y)))
+        start, x, gained = k * step, k * length, 0.5 * sign * gained_x
+        phases += [
+            CentroidalPhase(start, t_ss, (x, sign * w), single_x, single_y, (-gained, start_y)),
+            CentroidalPhase(
+                start + t_ss, t_ds, (x + 0.5 * length, 0.0), double_x, double_y, (gained, start_y)
+            ),
+        ]
     constants = PlanConstants(
         **{name: float(getattr(sagittal, name)) for name in ("l_s", "l_d", "a_d", "c_d")},
         inverse_a_s=float(one.inverse_a_s),
@@ -106,7 +104,32 @@ def _assemble(gait: GaitParameters, mass: float, one: Gaits, offset: float) -> C
         mean_velocity=length / step,
         angular_momentum_y_offset=offset,
     )
-    contacts = Contacts(footsteps, tuple(supports))
     return CentroidalPlan(
-        mass, GRAVITY, gait.com_height, gait.switching_velocity, contacts, tuple(phases), constants
+        mass=mass,
+        gravity=GRAVITY,
+        com_height=gait.com_height,
+        switching_velocity=gait.switching_velocity,
+        contacts=straight_contacts(gait, constants, gait.steps),
+        phases=tuple(phases),
+        constants=constants,
     )
+
+
+def straight_contacts(gait: GaitParameters, constants: PlanConstants, steps: int) -> Contacts:
+    """Footsteps and phases of equal steps straight ahead, the first one on the left foot."""
+    length, w = gait.step_length, 0.5 * gait.step_width
+    t_ss, t_ds, step = (
+        constants.single_support_duration, constants.double_support_duration, constants.step_duration,
+    )  # fmt: skip
+    footsteps = [Footstep("right", (-length, -w, 0.0)), Footstep("left", (0.0, w, 0.0))]
+    phases: list[Phase] = []
+    for k in range(steps):
+        start, here = k * step, footsteps[-1]
+        if k % 2 == 0:
+            ahead = Footstep("right", ((k + 1) * length, -w, 0.0))
+            phases += Phase(start, t_ss, here, None), Phase(start + t_ss, t_ds, here, ahead)
+        else:
+            ahead = Footstep("left", ((k + 1) * length, w, 0.0))
+            phases += Phase(start, t_ss, None, here), Phase(start + t_ss, t_ds, ahead, here)
+        footsteps.append(ahead)
+    return Contacts(tuple(footsteps), tuple(phases))

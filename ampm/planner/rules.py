@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -32,7 +33,7 @@ class Rule:
         limit: a number or an attribute of :class:`Gaits`.
         unit: SI unit of value and limit.
         message, way_out: sentence about gait ``g``, ``value`` and ``limit``, as templates.
-        applies: attribute of :class:`Gaits`, true where the rule applies; None for all.
+        exempt: attribute of :class:`Gaits`, true where the rule does not apply; None: it applies to all.
     """
 
     reason: str
@@ -42,15 +43,15 @@ class Rule:
     unit: str
     message: str
     way_out: str
-    applies: str | None = None
+    exempt: str | None = None
 
     def _limit(self, gaits: Gaits) -> Any:
         return getattr(gaits, self.limit) if isinstance(self.limit, str) else self.limit
 
-    def refused(self, gaits: Gaits) -> NDArray[np.bool_]:
-        """Which gaits break the rule."""
-        broken = ~np.asarray(self.passes(getattr(gaits, self.value), self._limit(gaits)))
-        return broken if self.applies is None else broken & getattr(gaits, self.applies)
+    def met(self, gaits: Gaits) -> Any:
+        """Which gaits keep the rule."""
+        passed = self.passes(getattr(gaits, self.value), self._limit(gaits))
+        return passed if self.exempt is None else passed | getattr(gaits, self.exempt)
 
     def refusal(self, gait: Gaits) -> MathematicalRefusal:
         """Message for one gait that breaks the rule."""
@@ -65,47 +66,47 @@ _FASTER = "raise gait.switching_velocity to {g.sufficient_velocity} m/s or short
 RULES: tuple[Rule, ...] = (
     *(
         Rule(  # refused, rather than ignored
-            "not_the_plain_pendulum", key, np.equal, fixed, "1",
+            "not_the_plain_pendulum", key, operator.eq, fixed, "1",
             f"gait.{key} = {{value:.6g}} is no choice of the plain inverted pendulum (gait.model = ipm): its "
             f"ZMP rests under the foot and its force passes through the COM, so that gait.{key} = {fixed:g}",
             f"set gait.{key} to {fixed:g}, take the preset ipm, or gait.model = ampm",
-            applies="plain",
+            exempt="ampm",
         )
         for key, fixed in {"a_s": math.inf, "c_s": 1.0, "c_y": 1.0}.items()
     ),
     Rule(
-        "single_support_not_driven", "bracket", np.greater, 0.0, "1",
+        "single_support_not_driven", "bracket", operator.gt, 0.0, "1",
         "gait.c_s - 1/gait.a_s = {value:.6g} must be greater than 0: the COM would not be driven off the "
         "stance foot",
         "raise gait.c_s above {g.inverse_a_s:.6g}{g.sufficient_a_s}",
     ),
     Rule(
-        "c_y_not_positive", "c_y", np.greater, 0.0, "1",
+        "c_y_not_positive", "c_y", operator.gt, 0.0, "1",
         "gait.c_y = {value:.6g} must be greater than 0: the COM would not be driven back from the stance "
         "foot to the midline",
         "choose gait.c_y greater than 0, for example 0.4",
     ),
     Rule(
-        "switching_velocity_too_low", "switching_velocity", np.greater, "least_velocity", "m/s",
+        "switching_velocity_too_low", "switching_velocity", operator.gt, "least_velocity", "m/s",
         "gait.switching_velocity = {value:.6g} m/s is too slow to pass over the foot: the least is l_s/T_s = "
         "{limit:.6g} m/s",
         _FASTER,
     ),
     Rule(
-        "mid_stance_too_slow", "mid_stance_velocity", np.greater_equal, "least_mid_stance_velocity", "m/s",
+        "mid_stance_too_slow", "mid_stance_velocity", operator.ge, "least_mid_stance_velocity", "m/s",
         "the COM would pass over the foot at {value:.6g} m/s, less than {limit:.6g} m/s, "
         f"{LEAST_MID_STANCE_SHARE:.0%} of gait.switching_velocity = {{g.switching_velocity:.6g}} m/s (it "
         "passes at all from {g.least_velocity:.6g} m/s)",
         _FASTER,
     ),
     Rule(  # cosh of half of the limit still fits a double
-        "single_support_too_long", "time_constants", np.less_equal, 600.0, "1",
+        "single_support_too_long", "time_constants", operator.le, 600.0, "1",
         "single support lasts {value:.4g} time constants of the lateral pendulum, more than {limit:g}: no "
         "side to side motion of that period can be computed",
         "raise gait.switching_velocity, shorten gait.step_length or lower gait.c_y",
     ),
     Rule(
-        "ill_conditioned", "rounding", np.less_equal, RESIDUAL_LIMIT, "1",
+        "ill_conditioned", "rounding", operator.le, RESIDUAL_LIMIT, "1",
         "the gait's numbers are too far apart to be computed: rounding could make the plan jump by "
         "{value:.1e} of its own scale at a switch, more than {limit:g}",
         "bring gait.com_height, gait.step_length, gait.step_width and gait.c_y nearer to each other, and "
@@ -116,6 +117,11 @@ RULES: tuple[Rule, ...] = (
 
 REASONS = ("accepted", *dict.fromkeys(rule.reason for rule in RULES))
 """Results of :func:`screen`; a code is an index into this."""
+
+
+def refusal_of(gait: Gaits) -> MathematicalRefusal | None:
+    """The refusal of one gait by the first rule that it breaks; None if it has a plan."""
+    return next((rule.refusal(gait) for rule in RULES if not rule.met(gait)), None)
 
 
 def screen(gaits: Gaits) -> NDArray[np.int8]:
@@ -133,5 +139,5 @@ def screen(gaits: Gaits) -> NDArray[np.int8]:
             which = slice(start, start + _CHUNK)
             part, found = gaits.part(which), code[which]
             for rule in RULES:
-                found[(found == 0) & rule.refused(part)] = REASONS.index(rule.reason)
+                found[(found == 0) & ~rule.met(part)] = REASONS.index(rule.reason)
     return code

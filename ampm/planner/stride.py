@@ -16,7 +16,7 @@ Everything is closed form; nothing is sampled or integrated.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,7 @@ from ampm.planner.feet import PIVOT_BALL, PIVOT_HEEL, FeetPlan, FootPath
 Array = NDArray[np.float64]
 
 _ORDER = 6  # coefficients of a quintic
+_PITCH, _TOE = 3, 4  # places of a curve after x, y, z
 _CUBIC_RISE = np.array([0.0, 0.0, 3.0, -2.0, 0.0, 0.0, 0.0])  # from 0 to 1 in unit time, at rest at both ends
 _LIFT = np.array([0.0, 0.0, 0.0, 64.0, -192.0, 192.0, -64.0])  # 64 tau^3 (1 - tau)^3, one at mid swing
 
@@ -81,38 +82,20 @@ def cubic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> Array:
     return out
 
 
-class KeyFrame(NamedTuple):
-    """State of a foot where one part of its stride ends and the next begins: value, rate, acceleration.
-
-    Attributes:
-        pitch: of the foot segment, shape (3,) [rad, rad/s, rad/s^2].
-        toe: angle of the toe joint, shape (3,) [rad, rad/s, rad/s^2].
-        ball: x, y, z of the ball in each of n steps, shape (3, 3, n) [m, m/s, m/s^2].
-    """
-
-    pitch: Array
-    toe: Array
-    ball: Array
-
-
 class _Segment(NamedTuple):
-    """One segment of the stride in each of n steps; by default at rest: no motion, flat, straight toe.
+    """One segment of the stride in each of n steps, or a table of segments with one more leading axis.
 
     Attributes:
         start: shape (n,) [s].
-        pivot: the point that ``path`` is written for.
+        pivot: the point that the curve is written for.
         contact: heel, ball, tip.
-        path: shape (n, 3, 7).
-        pitch: shape (n, 6).
-        toe: shape (n, 6).
+        curve: coefficients of the pivot's x, y, z, of pitch and toe angle, shape (n, 5, 7).
     """
 
     start: Array
-    pivot: int
-    contact: tuple[bool, bool, bool]
-    path: Array
-    pitch: Array | None = None
-    toe: Array | None = None
+    pivot: Any
+    contact: Any
+    curve: Array
 
 
 def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift_speed: float) -> FeetPlan:
@@ -138,29 +121,28 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift
         raise InputError(
             "feet are planned straight ahead on level ground; give footsteps of zero heading and z."
         )
-    singles, doubles = contacts.phases[0::2], contacts.phases[1::2]
-    turns = {(single.kind, double.kind) for single, double in zip(singles, doubles, strict=False)}
-    if turns != {("single_support", "double_support")} or len(singles) != len(doubles):
+    if contacts.kind_codes.tolist() != [0, 1] * contacts.steps:
         raise InputError(
             "feet are planned for single and double supports in turn; give a plan of such phases."
         )
-    start, single, double = np.array(
-        [(s.start, s.duration, d.duration) for s, d in zip(singles, doubles, strict=True)]
-    ).T
+    start = contacts.starts[0::2]
+    single, double = np.array([phase.duration for phase in contacts.phases]).reshape(-1, 2).T
     if foot.schedule == "roll" and not -double.min() < foot.heel_rise_lead < single.min():
         raise InputError(
             f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets the heel rise before the foot stands "
             f"alone, or after it has left; take one between {-double.min():.4g} s and {single.min():.4g} s."
         )
     placement = np.array([f.position for f in contacts.footsteps])
-    n = len(singles)
+    n = len(start)
     behind, here, ahead = placement[:n], placement[1 : n + 1], placement[2 : n + 2]
     stance, swing = _stride(foot, sole, start, single, double, behind, here, ahead, lift_speed)
-    stands_left = np.array([p.stance == "left" for p in singles])
+    stands_left = contacts.stance_codes[0::2] == 0
+    table = _Segment(*map(np.array, zip(*stance, *swing, strict=True)))
+    stands = np.arange(len(table.start))[:, None] < len(stance)
     return FeetPlan(
         sole=sole,
-        left=_foot_path(stance, swing, stands_left),
-        right=_foot_path(stance, swing, ~stands_left),
+        left=_foot_path(table, stands == stands_left),
+        right=_foot_path(table, stands != stands_left),
         duration=contacts.duration,
     )
 
@@ -174,25 +156,26 @@ def _stride(
     The times have the shape (n,) [s], the placements (n, 3) [m].
     """
     roll, paper = foot.schedule == "roll", foot.swing == "paper"
-    rise, straighten = double + foot.heel_rise_lead, foot.toe_return * single
-    down = foot.full_contact * double
+    rise, down = double + foot.heel_rise_lead, foot.full_contact * double
     toe_off, landing = _key_frames(foot, sole, behind, ahead, lift_speed)
-    connect = cubic if paper else quintic
-    flat_foot, straight_toe = np.zeros(3), np.zeros(3)
-    pitch_up = connect(flat_foot, toe_off.pitch, rise)
-    pitch = connect(toe_off.pitch, landing.pitch, single)
-    pitch_down = connect(landing.pitch, flat_foot, down)
-    toe = connect(toe_off.toe, straight_toe, straighten)
-    path = np.zeros((len(start), 3, _ORDER + 1))
-    path[:, :, :_ORDER] = connect(toe_off.ball, landing.ball, single).swapaxes(0, 1)
-    pieces = _paper_swing(path, single, foot.swing_height) if paper else [(0.0, path)]
-    if not paper:
+    # One call for the swing's five curves, the pitch from flat to toe off and that from landing to flat.
+    begin, end = np.zeros((2, 3, 7, len(start)))
+    begin[:, :5], end[:, :5] = toe_off, landing
+    end[:, 5], begin[:, 6] = toe_off[:, _PITCH], landing[:, _PITCH]
+    durations = np.array([single, single, single, single, foot.toe_return * single, rise, down])
+    curves = (cubic if paper else quintic)(begin, end, durations)
+    flight = np.zeros((len(start), 5, _ORDER + 1))
+    flight[:, :, :_ORDER] = curves[:5].swapaxes(0, 1)
+    pieces = [(0.0, flight)]
+    if paper:
+        pieces = _paper_swing(flight, single, foot.swing_height)
+    else:
         lift_shape = _LIFT / single[:, None] ** np.arange(_ORDER + 1)
-        path[:, 0] -= (foot.swing_lag * (ahead[:, 0] - behind[:, 0]))[:, None] * lift_shape
-        path[:, 2] += foot.swing_height * lift_shape
+        flight[:, 0] -= (foot.swing_lag * (ahead[:, 0] - behind[:, 0]))[:, None] * lift_shape
+        flight[:, 2] += foot.swing_height * lift_shape
 
     def resting(at: Array, pivot_x: float) -> Array:
-        still = np.zeros((len(start), 3, _ORDER + 1))
+        still = np.zeros_like(flight)
         still[:, 0, 0], still[:, 1, 0] = at[:, 0] + pivot_x, at[:, 1]
         return still
 
@@ -205,17 +188,20 @@ def _stride(
     shares = {share for share, _ in pieces} | ({returned} if returned < 1.0 else set())
     for share in sorted(shares):  # the same polynomials, their time counted from a later start
         since, piece = [item for item in pieces if item[0] <= share][-1]
-        bent = _shift(toe, share * single) if share < returned else None
-        ball, turned = _shift(piece, (share - since) * single), _shift(pitch, share * single)
-        swing.append(_Segment(start + share * single, PIVOT_BALL, none, ball, turned, bent))
-    if not roll:
-        landed = start + single
-    else:
-        off = start + single + double
-        stance.append(_Segment(off - rise, PIVOT_BALL, (False, True, True), standing, pitch_up, -pitch_up))
-        on_heel = resting(ahead, sole.heel_x)
-        swing.append(_Segment(start + single, PIVOT_HEEL, (True, False, False), on_heel, pitch_down))
-        landed = start + single + down
+        curve = _shift(flight, share * single) if share else flight.copy()
+        if paper:
+            curve[:, :_PITCH] = _shift(piece[:, :_PITCH], (share - since) * single)
+        if share >= returned:
+            curve[:, _TOE] = 0.0
+        swing.append(_Segment(start + share * single, PIVOT_BALL, none, curve))
+    landed = start + single
+    if roll:
+        rising, on_heel = standing.copy(), resting(ahead, sole.heel_x)
+        rising[:, _PITCH, :_ORDER], rising[:, _TOE, :_ORDER] = curves[5], -curves[5]
+        on_heel[:, _PITCH, :_ORDER] = curves[6]
+        stance.append(_Segment(start + single + double - rise, PIVOT_BALL, (False, True, True), rising))
+        swing.append(_Segment(landed, PIVOT_HEEL, (True, False, False), on_heel))
+        landed = landed + down
     if not roll or foot.full_contact < 1.0:
         swing.append(_Segment(landed, PIVOT_BALL, flat, resting(ahead, sole.ball_x)))
     return stance, swing
@@ -223,8 +209,13 @@ def _stride(
 
 def _key_frames(
     foot: FootParameters, sole: SoleGeometry, behind: Array, ahead: Array, lift_speed: float
-) -> tuple[KeyFrame, KeyFrame]:
-    """Toe off and initial contact; at heel rise and full contact the foot is flat and at rest."""
+) -> Array:
+    """Toe off and initial contact; at heel rise and full contact the foot is flat and at rest.
+
+    Returns:
+        Of both, value, rate and acceleration of the ball's x, y, z, of pitch and toe angle in each of n
+        steps, shape (2, 3, 5, n) [m, rad, s].
+    """
     lift = land = (0.0, 0.0)
     paper, roll = foot.swing == "paper", foot.schedule == "roll"
     of_ankle = paper and roll and foot.v_swing_of == "ankle"
@@ -232,19 +223,25 @@ def _key_frames(
         rate = lift_speed / _ankle_rise(sole, foot.toe_off_angle) if of_ankle else foot.toe_off_rate
         lift = (foot.toe_off_angle, rate)
         land = (-foot.heel_strike_angle, 0.0 if paper else foot.heel_strike_rate)
-    toe_off, landing = np.zeros((2, 3, 3, len(behind)))
     # The ball leaves its place from rest.
-    toe_off[0, 0], toe_off[0, 1] = behind[:, 0] + sole.ball_x, behind[:, 1]
-    if paper and not of_ankle:
-        toe_off[1, 0] = lift_speed
+    speed = lift_speed if paper and not of_ankle else 0.0
     # It arrives turning about the heel that has just landed.
     x, rate = sole.ball_x - sole.heel_x, land[1]
     c, s = math.cos(land[0]), math.sin(land[0])
-    landing[0, 0], landing[0, 1], landing[0, 2] = ahead[:, 0] + sole.heel_x + x * c, ahead[:, 1], -x * s
-    landing[1, 0], landing[1, 2] = -x * s * rate, -x * c * rate
-    landing[2, 0], landing[2, 2] = -x * c * rate**2, x * s * rate**2
-    angle = np.array([*lift, 0.0])
-    return KeyFrame(angle, -angle, toe_off), KeyFrame(np.array([*land, 0.0]), np.zeros(3), landing)
+    frames = np.array(
+        [
+            [[0.0, 0.0, 0.0, lift[0], -lift[0]], [speed, 0.0, 0.0, lift[1], -lift[1]], [0.0] * 5],
+            [
+                [0.0, 0.0, -x * s, land[0], 0.0],
+                [-x * s * rate, 0.0, -x * c * rate, land[1], 0.0],
+                [-x * c * rate**2, 0.0, x * s * rate**2, 0.0, 0.0],
+            ],
+        ]
+    )
+    both = frames[..., None].repeat(len(behind), axis=3)
+    both[0, 0, 0], both[0, 0, 1] = behind[:, 0] + sole.ball_x, behind[:, 1]
+    both[1, 0, 0], both[1, 0, 1] = ahead[:, 0] + sole.heel_x + x * c, ahead[:, 1]
+    return both
 
 
 def _ankle_rise(sole: SoleGeometry, pitch: float) -> float:
@@ -252,11 +249,11 @@ def _ankle_rise(sole: SoleGeometry, pitch: float) -> float:
     return (sole.ball_x - sole.ankle_x) * math.sin(pitch) + sole.ankle_height * math.cos(pitch)
 
 
-def _paper_swing(path: Array, single: Array, height: float) -> list[tuple[float, Array]]:
+def _paper_swing(flight: Array, single: Array, height: float) -> list[tuple[float, Array]]:
     """The swing's two pieces: a clamped cubic spline through one more key-frame, ``height`` up at mid swing.
 
     Args:
-        path: the swing without the lift, shape (n, 3, 7).
+        flight: the swing without the lift, shape (n, 5, 7).
         single: durations of the swings, shape (n,) [s].
         height: lift at mid swing [m].
 
@@ -265,45 +262,37 @@ def _paper_swing(path: Array, single: Array, height: float) -> list[tuple[float,
     """
     half = 0.5 * single
     shape = height * _CUBIC_RISE / half[:, None] ** np.arange(_ORDER + 1)
-    rising, falling = path.copy(), _shift(path, half)
+    rising, falling = flight.copy(), _shift(flight, half)
     rising[:, 2] += shape
     falling[:, 2] -= shape
     falling[:, 2, 0] += height
     return [(0.0, rising), (0.5, falling)]
 
 
-def _foot_path(stance: list[_Segment], swing: list[_Segment], stands: NDArray[np.bool_]) -> FootPath:
-    """Path of the foot that stands in the steps where ``stands`` holds and swings in the others."""
-    parts = [(segment, stands) for segment in stance] + [(segment, ~stands) for segment in swing]
-    start = np.concatenate([segment.start[steps] for segment, steps in parts])
-    order = np.argsort(start, kind="stable")
-    still = np.zeros((len(stands), _ORDER))
-
-    def gather(values: list[Array]) -> Array:
-        return np.concatenate([v[steps] for v, (_, steps) in zip(values, parts, strict=True)])[order]
-
-    lengths = [int(np.count_nonzero(steps)) for _, steps in parts]
+def _foot_path(table: _Segment, used: NDArray[np.bool_]) -> FootPath:
+    """Path of the foot that passes through the segments of a table of S where ``used``, (S, n), holds."""
+    segment, step = used.nonzero()
+    order = table.start[segment, step].argsort(kind="stable")
+    segment, step = segment[order], step[order]
+    curve = table.curve[segment, step]
     return FootPath(
-        start=start[order],
-        pivot=np.repeat(np.array([segment.pivot for segment, _ in parts], dtype=np.int8), lengths)[order],
-        path=gather([segment.path for segment, _ in parts]),
-        pitch=gather([still if segment.pitch is None else segment.pitch for segment, _ in parts]),
-        toe=gather([still if segment.toe is None else segment.toe for segment, _ in parts]),
-        contact=np.repeat(np.array([segment.contact for segment, _ in parts]), lengths, axis=0)[order],
+        start=table.start[segment, step],
+        pivot=table.pivot[segment],
+        path=curve[:, :_PITCH],
+        pitch=curve[:, _PITCH, :_ORDER],
+        toe=curve[:, _TOE, :_ORDER],
+        contact=table.contact[segment],
     )
 
 
-def _shift(coefficients: Array, by: Array) -> Array:
+def _shift(curve: Array, by: Array) -> Array:
     """Coefficients of p(t + by) from those of p(t), by Taylor expansion (repeated Horner).
 
     Args:
-        coefficients: lowest order first, shape (n, ..., K).
+        curve: lowest order first, shape (n, m, K).
         by: shape (n,) [s].
     """
-    shifted = coefficients.copy()
-    by = by.reshape(-1, *(1,) * (coefficients.ndim - 2))
-    size = coefficients.shape[-1]
-    for k in range(size - 1):
-        for j in range(size - 2, k - 1, -1):
-            shifted[..., j] += by * shifted[..., j + 1]
-    return shifted
+    shifted = curve.transpose(2, 1, 0).copy()
+    for k in range(len(shifted) - 2, -1, -1):
+        shifted[k:-1] += by * shifted[k + 1 :]
+    return shifted.transpose(2, 1, 0)

@@ -12,7 +12,7 @@ from ampm.geometry import convex_hull, polygon_margin
 from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.feet import FeetPlan
-from ampm.planner.periodic import plan_gait
+from ampm.planner.periodic import plan_gait, straight_contacts
 from ampm.planner.stride import plan_feet
 
 Array = NDArray[np.float64]
@@ -121,6 +121,6 @@ def plan_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: So
     """
     plan = plan_gait(gait, mass)
     # One step further than the walk: at its end the rear foot is about to leave, as at any other switch.
-    further = plan_gait(gait.model_copy(update={"steps": gait.steps + 1}), mass)
+    further = straight_contacts(gait, plan.constants, gait.steps + 1)
     lift_speed = plan.constants.l_s / plan.constants.single_support_duration
-    return StepPlan.of(plan, feet=plan_feet(further.contacts, foot, sole, lift_speed))
+    return StepPlan.of(plan, feet=plan_feet(further, foot, sole, lift_speed))
