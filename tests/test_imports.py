@@ -15,8 +15,8 @@ ROOT = Path(__file__).resolve().parents[1]
 
 ORDER = {
     "ampm": (
-        "exceptions geometry so3 description qp section parameters run_file planner walk body control "
-        "planners tune __main__"
+        "exceptions geometry so3 compiled vectors description qp section parameters run_file planner walk "
+        "body control planners tune __main__"
     ).split(),
     "validation": "progress trial store measure judge show run study paper cli".split(),
 }
@@ -90,11 +90,11 @@ INSTRUMENTS = "validation.measure.instruments.model, validation.measure.instrume
     ("statement", "forbidden"),
     [
         ("import " + ", ".join(imports("ampm")), "mujoco dm_control models validation benchmarks"),
-        (PLAN, "pinocchio osqp daqp scipy mujoco"),
-        ("import validation.cli.app", "numpy mujoco pinocchio pyarrow rerun"),
+        (PLAN, "pinocchio osqp daqp scipy mujoco numba"),
+        ("import validation.cli.app", "numpy mujoco pinocchio pyarrow rerun numba"),
         (f"import {TRIAL}", "rerun matplotlib"),
         (f"import {INSTRUMENTS}", "mujoco pinocchio scipy rerun matplotlib"),
-        ("import ampm, validation", "numpy mujoco pinocchio scipy matplotlib rerun rich typer pyarrow"),
+        ("import ampm, validation", "numpy mujoco pinocchio scipy matplotlib rerun rich typer pyarrow numba"),
     ],
     ids=["ampm", "planner", "command line", "trial", "schema of a sweep", "public API"],
 )

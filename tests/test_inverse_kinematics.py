@@ -41,12 +41,12 @@ def posture(ik, q, v):
 
 def task(ik, reference, k, q, v):
     """Jacobian and right-hand side of the constraints at a node."""
-    jacobian = ik.robot.jacobian(q, v).jacobian.copy()
+    jacobian = ik.robot.jacobian(q).jacobian.copy()
     return jacobian[ik.rows], (reference.acceleration[k] - ik.robot.drift(q, v))[ik.rows]
 
 
 def accelerate(ik, reference, k, q, v, *, draft=False):
-    jacobian = ik.robot.jacobian(q, v).jacobian
+    jacobian = ik.robot.jacobian(q).jacobian
     scaled, factor = ik._factor(jacobian, ik.rows, 0.0)
     wanted = (reference.acceleration[k] - ik.robot.drift(q, v))[ik.rows]
     return ik._accelerate(scaled, factor, wanted, q, v, 0.0, draft=draft)
@@ -136,7 +136,7 @@ def test_cost_is_strictly_convex_where_the_printed_one_is_not(solved):
 def task_errors(ik, reference, k, q, v, offset):
     """Errors of the position tasks and of all task velocities, recomputed from frames."""
     robot = ik.robot
-    terms = robot.jacobian(q, v)
+    terms = robot.jacobian(q)
     velocity = terms.jacobian @ v - reference.velocity[k]
     velocity[4] -= offset / robot.mass
     position = [
@@ -144,10 +144,9 @@ def task_errors(ik, reference, k, q, v, offset):
         q[robot.toe_joints + 1] - reference.toe[k],
     ]
     for foot in (0, 1):
-        pose = terms.soles[foot]
-        position.append(pose.translation - reference.position[k, 1 + foot])
+        position.append(terms.sole[foot] - reference.position[k, 1 + foot])
         pitch = pin.utils.rotate("y", reference.pitch[k, foot])
-        position.append(pin.log3(pose.rotation @ pitch.T))
+        position.append(pin.log3(terms.sole_turn[foot] @ pitch.T))
     return np.abs(np.concatenate(position)).max(), np.abs(velocity[ik.rows]).max()
 
 

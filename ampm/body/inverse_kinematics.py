@@ -169,14 +169,15 @@ class InverseKinematics:
         """Task errors of a configuration and its terms, in the order of ``position_rows``."""
         com, left, right = reference.position[k]
         turn_left, turn_right = reference.rotation[k]
-        at_left, at_right = terms.soles
+        at_left, at_right = terms.sole
+        now_left, now_right = terms.sole_turn
         return np.concatenate(
             [
                 com - terms.com,
-                left - at_left.translation,
-                pin.log3(turn_left @ at_left.rotation.T),
-                right - at_right.translation,
-                pin.log3(turn_right @ at_right.rotation.T),
+                left - at_left,
+                pin.log3(turn_left @ now_left.T),
+                right - at_right,
+                pin.log3(turn_right @ now_right.T),
                 reference.toe[k] - q[self._toes],
             ]
         )
@@ -205,7 +206,7 @@ class InverseKinematics:
         """
         robot, time = self.robot, float(reference.time[k])
         for iteration in range(26):
-            terms = robot.jacobian(q, v)
+            terms = robot.jacobian(q)
             error = self._position_error(reference, k, q, terms)
             size = float(np.abs(error).max())
             if size < (1e-13 if iteration < 6 else 1e-11 if iteration < 25 else 1e-10):
@@ -228,7 +229,7 @@ class InverseKinematics:
         """
         robot, still, rows = self.robot, self._still, self.position_rows
         for _ in range(60):
-            terms = robot.jacobian(q, still)
+            terms = robot.jacobian(q)
             error = self._position_error(reference, k, q, terms)
             wanted = self._posture(q, still) / self.stiffness
             scaled, factor = self._factor(terms.jacobian, rows, float(reference.time[k]))
@@ -293,7 +294,7 @@ class InverseKinematics:
                 q, size = self._correct(reference, k, q, v, 1e-12 if k == n else CORRECTED)
                 worst_position = max(worst_position, size)
                 self._check_knees(reference, k, q)
-            terms = robot.jacobian(q, v)
+            terms = robot.jacobian(q)
             jacobian = terms.jacobian
             scaled, factor = self._factor(jacobian, self.rows, float(time[k]))
             if k > 0:
@@ -307,8 +308,7 @@ class InverseKinematics:
             worst_acceleration = max(worst_acceleration, float(np.abs(residual).max()))
             qs[k], vs[k], accelerations[k] = q, v, acceleration
             yaw_momentum[k] = robot.mass * float(jacobian[_L_Z] @ v)
-            rotation = terms.trunk.rotation
-            pitch[k] = math.atan2(rotation[0, 2], rotation[2, 2])
+            pitch[k] = math.atan2(terms.trunk[0, 2], terms.trunk[2, 2])
             if k < n:
                 dt = time[k + 1] - time[k]
                 # Second order (Adams-Bashforth): the slope of the acceleration from the last interval.
@@ -329,7 +329,7 @@ class InverseKinematics:
         """
         first, time = 0.0, float(reference.time[k])
         for iteration in range(4):
-            terms = self.robot.jacobian(q, v)
+            terms = self.robot.jacobian(q)
             error = self._position_error(reference, k, q, terms)
             size = float(np.abs(error).max())
             if iteration == 0:

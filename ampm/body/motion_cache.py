@@ -11,6 +11,7 @@ import zipfile
 import zlib
 from dataclasses import fields
 from functools import cache
+from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -72,7 +73,7 @@ def motion_key(plan: StepPlan, run: RunParameters, robot: Robot) -> str:
     """Hash of everything that a motion depends on: inputs, body, and the code and libraries that solve it."""
     sections = {
         "code": _code_hash(),
-        "versions": [np.__version__, osqp.__version__, pin.__version__],
+        "versions": [np.__version__, osqp.__version__, pin.__version__, metadata.version("numba")],
         "gait": run.gait.model_dump(exclude={"steps"}),
         "body": run.body.model_dump(),
         "foot": run.foot.model_dump(),

@@ -111,7 +111,7 @@ def standing(ik: InverseKinematics, reference: StepReference) -> Array:
     q = pin.neutral(robot.model)
     q[7:] = ik.rest
     q[robot.knee_joints + 1] = 0.6
-    q[:3] += reference.position[0, 0] - robot.jacobian(q, np.zeros(robot.nv)).com
+    q[:3] += reference.position[0, 0] - robot.jacobian(q).com
     return q
 
 

@@ -5,6 +5,7 @@ The ``pin.Model`` is an argument, so this module is independent of the simulator
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
@@ -18,10 +19,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from ampm.body.rigid_body import RigidBody
+
     Array = NDArray[np.float64]
 
 LEFT, RIGHT = 0, 1
-_ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 FOOT_ROWS = 6
 TASK_ROWS = 6 + 2 * FOOT_ROWS + 2
 """com 3, angular momentum 3, left foot 6 (linear, angular), right foot 6, toes 2."""
@@ -36,14 +38,16 @@ class TaskTerms(NamedTuple):
         jacobian: rows com velocity [m/s], angular momentum about the COM / mass [m^2/s], left foot, right
             foot (linear then angular, world axes), toe joints; shape (20, nv).
         com: COM in world, shape (3,) [m].
-        soles: poses of left and right sole in world [m].
-        trunk: pose of the trunk segment in world [m].
+        sole: places of both soles in world, shape (2, 3) [m].
+        sole_turn: their rotations to world, shape (2, 3, 3).
+        trunk: rotation of the trunk segment to world, shape (3, 3).
     """
 
     jacobian: Array
     com: Array
-    soles: tuple[pin.SE3, pin.SE3]
-    trunk: pin.SE3
+    sole: Array
+    sole_turn: Array
+    trunk: Array
 
 
 class Kinematics(NamedTuple):
@@ -138,18 +142,6 @@ class Robot:
         self.point_foot = np.array([foot for foot, _, _ in points])
         self.point_group = np.array([SOLE_POINT_GROUPS.index(group) for _, group, _ in points])
         self._mirror_index, self._mirror_sign = self._mirror_map()
-        self._constant_rows = np.zeros((TASK_ROWS, self.nv))
-        for row, joint in enumerate(self.toe_joints):
-            self._constant_rows[TASK_ROWS - 2 + row, joint] = 1.0
-        self._zero = np.zeros(self.nv)
-        # Views of Pinocchio's own memory, which its algorithms write in place: making them at every call
-        # would cost more than the arithmetic.
-        feet = zip(self.sole_frames, self.toe_frames, strict=True)
-        self._foot_placements = [self.data.oMf[frame] for pair in feet for frame in pair]
-        self._trunk = self.data.oMf[self.trunk_frame].rotation
-        self._momentum_map, self._com = self.data.Ag, self.data.com[0]
-        self._momentum_rate = self.data.dhg.vector
-        self._local_points, self._frames = self._points_in_frames(), np.empty((4, 4, 4))
 
     # ------------------------------------------------------------------ names
 
@@ -241,24 +233,13 @@ class Robot:
 
     # ------------------------------------------------------------------ terms
 
-    def _points_in_frames(self) -> Array:
-        """Points fixed to left sole, left toes, right sole and right toes, homogeneous, shape (4, 4, 4).
+    @cached_property
+    def rigid_body(self) -> RigidBody:
+        """The body as arrays, with its physics in compiled functions."""
+        # Loads numba, which a plan with a known motion does without.
+        from ampm.body.rigid_body import RigidBody
 
-        Soles: heel and ball points. Toes: tip points, and of each the direction ``e_y x point``, which turned
-        to world is the toe joint's moment per force at that point.
-        """
-        data = self.model.createData()
-        pin.framesForwardKinematics(self.model, data, pin.neutral(self.model))
-        local = np.zeros((4, 4, 4))
-        for index, (frame, foot) in enumerate(zip(self.point_frames, self.point_foot, strict=True)):
-            point = index % POINTS
-            tip = point >= SOLES
-            base = self.toe_frames[foot] if tip else self.sole_frames[foot]
-            x, y, z = data.oMf[base].actInv(data.oMf[frame].translation)
-            local[2 * foot + tip, point % SOLES] = x, y, z, 1.0
-            if tip:
-                local[2 * foot + 1, 2 + point % SOLES] = z, 0.0, -x, 0.0
-        return local
+        return RigidBody(self.model, self.sole_frames, self.trunk_frame, self.point_frames, self.toe_joints)
 
     def kinematics(self, q: Array, v: Array, now: Array | None = None) -> Kinematics:
         """All terms of one state.
@@ -269,69 +250,43 @@ class Robot:
             now: velocity at the instant of ``q``, if ``v`` is older, shape (nv,).
         """
         now = v if now is None else now
-        jacobian, com = self._jacobian(q, v), self._com.copy()
-        drift = self.drift(q, v, now)
-        pin.updateFramePlacements(self.model, self.data)
-        frames = self._frames
-        for index, placement in enumerate(self._foot_placements):
-            frames[index] = placement.homogeneous
-        left, _, right, _ = frames.tolist()
-        frames[:, :3, 3] -= com
-        points = (self._local_points @ frames.transpose(0, 2, 1)).reshape(2, 8, 4)
+        terms, body = self.jacobian(q), self.rigid_body
+        points, _ = body.places(body.points)
+        toes = body.link[self.toe_joints - 5]
+        tips = points.reshape(2, POINTS, 3)[:, SOLES:] - toes["place"][:, None]
+        placements = np.zeros((2, 4, 4))
+        placements[:, 3, 3] = 1.0
+        placements[:, :3, :3], placements[:, :3, 3] = terms.sole_turn, terms.sole
+        left, right = placements.tolist()
         return Kinematics(
             q,
             v,
             now,
-            jacobian,
-            (jacobian @ now).tolist(),
-            drift,
-            com,
-            self._trunk.tolist(),
+            terms.jacobian,
+            (terms.jacobian @ now).tolist(),
+            body.drift(v, now),
+            terms.com,
+            terms.trunk.tolist(),
             (left, right),
-            frames[::2, :3, 3].tolist(),
-            points[:, :POINTS, :3],
-            points[:, POINTS:, :3],
+            (terms.sole - terms.com).tolist(),
+            (points + q[:3] - terms.com).reshape(2, POINTS, 3),
+            np.cross(toes["axis"][:, None], tips),
         )
 
-    def jacobian(self, q: Array, v: Array) -> TaskTerms:
-        """Task Jacobian and poses at (q, v).
+    def jacobian(self, q: Array) -> TaskTerms:
+        """Task Jacobian and poses at a configuration, shape (nq,)."""
+        body = self.rigid_body
+        body.place(q)
+        place, turn = body.places(body.poses)
+        return TaskTerms(
+            np.ascontiguousarray(body.columns.T), q[:3] + body.com, q[:3] + place[:2], turn[:2], turn[2]
+        )
 
-        Args:
-            q: Pinocchio configuration, shape (nq,).
-            v: Pinocchio velocity, shape (nv,).
-        """
-        model, data, (left, right) = self.model, self.data, self.sole_frames
-        jacobian, place = self._jacobian(q, v), pin.updateFramePlacement
-        soles = place(model, data, left), place(model, data, right)
-        return TaskTerms(jacobian, self._com.copy(), soles, place(model, data, self.trunk_frame))
-
-    def _jacobian(self, q: Array, v: Array) -> Array:
-        model, data = self.model, self.data
-        pin.ccrba(model, data, q, v)  # fills the joint Jacobians as well
-        jacobian = self._constant_rows.copy()
-        np.multiply(self._momentum_map, 1.0 / self.mass, out=jacobian[:6])
-        for foot, frame in enumerate(self.sole_frames):
-            jacobian[6 + 6 * foot : 12 + 6 * foot] = pin.getFrameJacobian(model, data, frame, _ALIGNED)
-        return jacobian
-
-    def drift(self, q: Array, v: Array, feet_v: Array | None = None) -> Array:
-        """``d(jacobian)/dt v`` at (q, v), shape (20,).
-
-        Args:
-            q: Pinocchio configuration, shape (nq,).
-            v: velocity for the momentum rows, shape (nv,).
-            feet_v: velocity for the feet's rows, ``v`` by default, shape (nv,).
-        """
-        model, data = self.model, self.data
-        drift = np.zeros(TASK_ROWS)
-        pin.computeCentroidalMomentumTimeVariation(model, data, q, v, self._zero)
-        np.multiply(self._momentum_rate, 1.0 / self.mass, out=drift[:6])
-        if feet_v is not None:
-            pin.forwardKinematics(model, data, q, feet_v, self._zero)
-        for foot, frame in enumerate(self.sole_frames):
-            a = pin.getFrameClassicalAcceleration(model, data, frame, _ALIGNED)
-            drift[6 + 6 * foot : 12 + 6 * foot] = a.vector
-        return drift
+    def drift(self, q: Array, v: Array) -> Array:
+        """``d(jacobian)/dt v`` at (q, v), shape (20,)."""
+        body = self.rigid_body
+        body.place(q)
+        return body.drift(v, v)
 
     def trunk_rotations(self, q: Array) -> Array:
         """Rotation of the trunk segment to world at configurations (T, nq), shape (T, 3, 3)."""

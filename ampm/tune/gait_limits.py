@@ -175,7 +175,7 @@ def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Arr
     torque, twist = np.empty((len(time), robot.nu)), np.empty(len(time))
     for k in range(len(time)):
         q, v = trajectory.q[k], trajectory.v[k]
-        jacobian = robot.jacobian(q, v).jacobian
+        jacobian = robot.jacobian(q).jacobian
         soles = [jacobian[6:12].copy(), jacobian[12:18].copy()]
         total = pin.rnea(robot.model, robot.data, q, v, trajectory.acceleration[k])
         wrench = np.linalg.solve(soles[0][:, :6].T, total[:6])  # force and moment about the left sole

@@ -108,14 +108,14 @@ class BodyEvidence:
 
     # -------------------------------------------------------------- Jacobians
 
-    def _jacobian(self, q: Array, v: Array) -> Array:
+    def _jacobian(self, q: Array) -> Array:
         """J_all of Eq. 11, shape (18, nv)."""
-        return self.robot.jacobian(q, v).jacobian[:PAPER_ROWS].copy()
+        return self.robot.jacobian(q).jacobian[:PAPER_ROWS]
 
     @cached_property
     def jacobian(self) -> Array:
         """J_all at the middle of the single support."""
-        return self._jacobian(*self.middle[:2])
+        return self._jacobian(self.middle[0])
 
     def _nearby(self) -> list[tuple[Array, Array]]:
         """States just before and just after :attr:`middle`, at its acceleration."""
@@ -130,11 +130,12 @@ class BodyEvidence:
         Of COM [m/s], momentum over mass, and feet.
         """
         q, v, _ = self.middle
-        before, after = (self.robot.jacobian(*state) for state in self._nearby())
+        before, after = (self.robot.jacobian(near) for near, _ in self._nearby())
         rows = [(after.com - before.com) / (2.0 * _DIFFERENCE), self._momentum(q, v) / self.robot.mass]
-        for first, last in zip(before.soles, after.soles, strict=True):
-            rows.append((last.translation - first.translation) / (2.0 * _DIFFERENCE))
-            rows.append(pin.log3(last.rotation @ first.rotation.T) / (2.0 * _DIFFERENCE))
+        for foot in (0, 1):
+            rows.append((after.sole[foot] - before.sole[foot]) / (2.0 * _DIFFERENCE))
+            turn = after.sole_turn[foot] @ before.sole_turn[foot].T
+            rows.append(pin.log3(turn) / (2.0 * _DIFFERENCE))
         return np.asarray(np.abs(self.jacobian @ v - np.concatenate(rows)))
 
     def _momentum(self, q: Array, v: Array) -> Array:
@@ -156,7 +157,7 @@ class BodyEvidence:
         """``J qdd + dJ/dt qd`` less differences of velocities, shape (18,)."""
         q, v, a = self.middle
         by_jacobian = self.jacobian @ a + self.robot.drift(q, v)[:PAPER_ROWS]
-        before, after = (self._jacobian(*state) @ state[1] for state in self._nearby())
+        before, after = (self._jacobian(q) @ v for q, v in self._nearby())
         return np.asarray(np.abs(by_jacobian - (after - before) / (2.0 * _DIFFERENCE)))
 
     # -------------------------------------------------------------- posture form
@@ -216,7 +217,7 @@ class BodyEvidence:
             [rad/s^2]
         """
         ik, robot = self.inverse_kinematics, self.robot
-        jacobian = robot.jacobian(self.motion.q[0], self.motion.v[0]).jacobian
+        jacobian = robot.jacobian(self.motion.q[0]).jacobian
         if foot_jump is None:
             lift = 2.0 * self.plan.constants.step_duration
             before, after = step_reference(self.plan, lift + np.array([-_BESIDE, _BESIDE])).acceleration

@@ -1,0 +1,421 @@
+"""The physics of a tree of rigid bodies: a free root and hinges of any axis and placement.
+
+Axes are those of the world, positions count from the root's place O. A pass outwards gives places and
+motions, a pass inwards the sums over all that hangs on a hinge: mass m, first moment h = m c, inertia I about
+O, force f and moment n about O. Turning a hinge with the axis a at the place p moves what is at O with the
+velocity ``u = p x a``, and gives
+
+    momentum          l = m u + a x h,    about O   I a + h x u,    about the COM c   I a + h x u - c x l
+    its rate          f,                            n,                                n - c x f
+    torque            a . (n - p x f)
+
+At zero joint accelerations the sums f and n over the whole body are the drift of the momentum.
+
+Coordinates are Pinocchio's, which builds the tree and is compared with in the tests: q the root's position,
+quaternion (x, y, z, w) and hinges; v the root's velocity and rate in its own axes, and the hinges' rates.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ampm.compiled import compiled, records
+from ampm.exceptions import InputError
+from ampm.vectors import (
+    ZERO,
+    column,
+    cross,
+    dot,
+    from_quaternion,
+    minus,
+    multiply,
+    plus,
+    put,
+    times,
+    turn_about,
+    turned,
+    vector,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import pinocchio as pin
+    from numpy.typing import NDArray
+
+    from ampm.vectors import Vector
+
+    Array = NDArray[np.float64]
+    Records = Any
+    """Structured array, whose entries numba and a record array give as attributes."""
+
+_VECTOR, _MATRIX = (np.float64, (3,)), (np.float64, (3, 3))
+
+TREE = np.dtype(
+    [
+        ("parent", np.int64),  # -1 of the root
+        ("offset", *_VECTOR),  # place of the joint in its parent's axes [m]
+        ("turn", *_MATRIX),  # axes of the joint at angle 0 to its parent's
+        ("axis", *_VECTOR),  # of the hinge, unit vector in its own axes
+        ("mass", np.float64),  # of the link that the joint moves [kg]
+        ("com", *_VECTOR),  # its COM in its own axes [m]
+        ("inertia", *_MATRIX),  # about its COM, in its own axes [kg m^2]
+    ]
+)
+"""Joint by joint, parents first; what a body keeps."""
+
+LINK = np.dtype(
+    [
+        ("place", *_VECTOR),  # of the joint, from O [m]
+        ("turn", *_MATRIX),  # its axes to world
+        ("axis", *_VECTOR),  # of the hinge
+        ("com", *_VECTOR),  # of the link, from O [m]
+        ("own", *_MATRIX),  # inertia of the link about its COM [kg m^2]
+        ("mass", np.float64),  # of all that hangs on the joint [kg]
+        ("first", *_VECTOR),  # its first moment h [kg m]
+        ("inertia", *_MATRIX),  # its inertia I about O [kg m^2]
+        ("velocity", *_VECTOR),  # of the joint's place [m/s]
+        ("omega", *_VECTOR),  # rate of the link [rad/s]
+        ("acceleration", *_VECTOR),  # of the joint's place [m/s^2]
+        ("turning", *_VECTOR),  # rate of omega [rad/s^2]
+        ("force", *_VECTOR),  # on all that hangs on the joint [N]
+        ("moment", *_VECTOR),  # the same about O [N m]
+    ]
+)
+"""Joint by joint; what one state gives."""
+
+FRAME = np.dtype(
+    [
+        ("joint", np.int64),  # whose link it is fixed to
+        ("offset", *_VECTOR),  # its origin in the link's axes [m]
+        ("turn", *_MATRIX),  # its axes to the link's
+    ]
+)
+"""A frame fixed to a link."""
+
+
+def tree_of(model: pin.Model) -> Records:
+    """The tree of a Pinocchio model, one entry per joint.
+
+    Raises:
+        InputError: the first joint is not free, or another one is no hinge.
+    """
+    tree = records(model.njoints - 1, TREE)
+    for i in range(len(tree)):
+        source, inertia = model.joints[i + 1], model.inertias[i + 1]
+        axis = _hinge_axis(source) if i else np.zeros(3)
+        if axis is None or (i == 0 and source.shortname() != "JointModelFreeFlyer"):
+            raise InputError(
+                f"joint {model.names[i + 1]!r} is a {source.shortname()}; the body needs a free root, and "
+                "hinges only"
+            )
+        placement = model.jointPlacements[i + 1]
+        tree["parent"][i], tree["axis"][i] = model.parents[i + 1] - 1, axis
+        tree["offset"][i], tree["turn"][i] = placement.translation, placement.rotation
+        tree["mass"][i], tree["com"][i], tree["inertia"][i] = inertia.mass, inertia.lever, inertia.inertia
+    return tree
+
+
+def _hinge_axis(joint: Any) -> Array | None:
+    """Axis of a hinge in its own axes, shape (3,); None for another joint."""
+    if (joint.nq, joint.nv) != (1, 1):
+        return None
+    data = joint.createData()
+    joint.calc(data, np.zeros(joint.idx_q + 1))
+    motion = np.asarray(data.S).reshape(6)
+    return None if motion[:3].any() else motion[3:]
+
+
+def frames_of(model: pin.Model, frames: Sequence[int]) -> Records:
+    """Frames of a Pinocchio model by their numbers, one entry each."""
+    found = records(len(frames), FRAME)
+    for i, frame in enumerate(frames):
+        source = model.frames[frame]
+        found["joint"][i] = source.parentJoint - 1
+        found["offset"][i], found["turn"][i] = source.placement.translation, source.placement.rotation
+    return found
+
+
+@compiled
+def place_links(tree: Records, q: Array, link: Records) -> None:
+    """Places and turns of all links."""
+    put(link[0].place, ZERO)
+    from_quaternion(q[3], q[4], q[5], q[6], link[0].turn)
+    for i in range(1, len(tree)):
+        joint, here, base = tree[i], link[i], link[tree[i].parent]
+        put(here.place, plus(vector(base.place), turned(base.turn, vector(joint.offset))))
+        multiply(base.turn, joint.turn, here.turn)  # at angle 0
+        put(here.axis, turned(here.turn, vector(joint.axis)))
+        turn_about(here.turn, vector(joint.axis), q[6 + i], here.turn)
+
+
+@compiled
+def sum_inertia(tree: Records, link: Records) -> None:
+    """Mass, first moment and inertia about O of all that hangs on every joint."""
+    for i in range(len(tree)):
+        joint, here = tree[i], link[i]
+        c = plus(vector(here.place), turned(here.turn, vector(joint.com)))
+        m = joint.mass
+        put(here.com, c)
+        here.mass = m
+        put(here.first, times(m, c))
+        here.own[:] = 0.0
+        here.inertia[:] = 0.0
+        if m > 0.0:
+            for r in range(3):
+                row = here.turn[r, 0], here.turn[r, 1], here.turn[r, 2]
+                put(here.own[r], turned(here.turn, turned(joint.inertia, row)))
+            for r in range(3):
+                for s in range(3):
+                    here.inertia[r, s] = here.own[r, s] - m * c[r] * c[s]
+                here.inertia[r, r] += m * dot(c, c)
+    for i in range(len(tree) - 1, 0, -1):
+        here, base = link[i], link[tree[i].parent]
+        base.mass += here.mass
+        put(base.first, plus(vector(base.first), vector(here.first)))
+        for r in range(3):
+            for s in range(3):
+                base.inertia[r, s] += here.inertia[r, s]
+
+
+@compiled
+def move_links(tree: Records, v: Array, qdd: Array, gravity: float, link: Records) -> None:
+    """Velocities and accelerations of all links; the floor's push against gravity accelerates the root."""
+    root = link[0]
+    velocity, omega = turned(root.turn, (v[0], v[1], v[2])), turned(root.turn, (v[3], v[4], v[5]))
+    acceleration = plus(turned(root.turn, (qdd[0], qdd[1], qdd[2])), cross(omega, velocity))
+    put(root.velocity, velocity)
+    put(root.omega, omega)
+    put(root.acceleration, plus(acceleration, (0.0, 0.0, gravity)))
+    put(root.turning, turned(root.turn, (qdd[3], qdd[4], qdd[5])))
+    for i in range(1, len(tree)):
+        here, base = link[i], link[tree[i].parent]
+        axis, arm = vector(here.axis), minus(vector(here.place), vector(base.place))
+        omega, turning, spin = vector(base.omega), vector(base.turning), times(v[5 + i], axis)
+        sweep = cross(omega, arm)
+        put(here.velocity, plus(vector(base.velocity), sweep))
+        put(here.omega, plus(omega, spin))
+        put(here.acceleration, accelerated(vector(base.acceleration), turning, omega, arm))
+        put(here.turning, plus(plus(turning, times(qdd[5 + i], axis)), cross(omega, spin)))
+
+
+@compiled
+def accelerated(acceleration: Vector, turning: Vector, omega: Vector, arm: Vector) -> Vector:
+    """Acceleration of a point of a link at an arm from another one [m/s^2]."""
+    return plus(acceleration, plus(cross(turning, arm), cross(omega, cross(omega, arm))))
+
+
+@compiled
+def start_forces(tree: Records, link: Records) -> None:
+    """Force and moment that every link's own motion needs, by Newton and Euler."""
+    for i in range(len(tree)):
+        here = link[i]
+        force, moment = ZERO, ZERO
+        if tree[i].mass > 0.0:
+            omega, turning, com = vector(here.omega), vector(here.turning), vector(here.com)
+            arm = minus(com, vector(here.place))
+            force = times(tree[i].mass, accelerated(vector(here.acceleration), turning, omega, arm))
+            spin = cross(omega, turned(here.own, omega))
+            moment = plus(plus(turned(here.own, turning), spin), cross(com, force))
+        put(here.force, force)
+        put(here.moment, moment)
+
+
+@compiled
+def sum_forces(tree: Records, link: Records) -> None:
+    """Force and moment on all that hangs on every joint, from those on the links."""
+    for i in range(len(tree) - 1, 0, -1):
+        here, base = link[i], link[tree[i].parent]
+        put(base.force, plus(vector(base.force), vector(here.force)))
+        put(base.moment, plus(vector(base.moment), vector(here.moment)))
+
+
+@compiled
+def momentum_columns(link: Records, columns: Array) -> None:
+    """Momentum and angular momentum about the COM over the mass, per unit rate of every coordinate.
+
+    Args:
+        link: placed, with its inertia.
+        columns: transposed Jacobian, shape (nv, 6 or more), of which the first six columns are written
+            [m/s, m^2/s].
+    """
+    root = link[0]
+    mass = root.mass
+    com = times(1.0 / mass, vector(root.first))
+    for k in range(3):
+        put(columns[k, 0:3], column(root.turn, k))
+        put(columns[k, 3:6], ZERO)
+    for j in range(3, len(columns)):
+        here = link[max(j - 5, 0)]
+        axis = column(root.turn, j - 3) if j < 6 else vector(here.axis)
+        first = vector(here.first)
+        moved = cross(vector(here.place), axis)
+        linear = plus(times(here.mass, moved), cross(axis, first))
+        about_root = plus(turned(here.inertia, axis), cross(first, moved))
+        put(columns[j, 0:3], times(1.0 / mass, linear))
+        put(columns[j, 3:6], times(1.0 / mass, minus(about_root, cross(com, linear))))
+
+
+@compiled
+def frame_columns(tree: Records, link: Records, joint: int, point: Vector, columns: Array) -> None:
+    """Velocity and rate of a link at a point, per unit rate of every coordinate that moves it.
+
+    Args:
+        tree: of the body.
+        link: placed.
+        joint: that moves the link.
+        point: from O [m].
+        columns: transposed Jacobian, shape (nv, 6); columns of other coordinates keep their zeros.
+    """
+    while joint > 0:
+        axis = vector(link[joint].axis)
+        put(columns[5 + joint, 0:3], cross(axis, minus(point, vector(link[joint].place))))
+        put(columns[5 + joint, 3:6], axis)
+        joint = tree[joint].parent
+    for k in range(3):
+        axis = column(link[0].turn, k)
+        put(columns[k, 0:3], axis)
+        put(columns[3 + k, 0:3], cross(axis, point))
+        put(columns[3 + k, 3:6], axis)
+
+
+@compiled
+def place_frames(link: Records, frames: Records, places: Array, turns: Array) -> None:
+    """Places of frames from O, and their axes to world, shapes (F, 3) [m] and (F, 3, 3)."""
+    for i in range(len(frames)):
+        here = link[frames[i].joint]
+        put(places[i], plus(vector(here.place), turned(here.turn, vector(frames[i].offset))))
+        multiply(here.turn, frames[i].turn, turns[i])
+
+
+@compiled
+def task_columns(tree: Records, link: Records, soles: Records, columns: Array) -> None:
+    """Transposed task Jacobian: momentum, and velocity and rate of every sole, shape (nv, 6 + 6 F + ...)."""
+    momentum_columns(link, columns)
+    for i in range(len(soles)):
+        joint, first = soles[i].joint, 6 + 6 * i
+        point = plus(vector(link[joint].place), turned(link[joint].turn, vector(soles[i].offset)))
+        frame_columns(tree, link, joint, point, columns[:, first : first + 6])
+
+
+@compiled
+def task_drift(
+    tree: Records, link: Records, soles: Records, v: Array, now: Array, still: Array, drift: Array
+) -> None:
+    """Accelerations of the tasks at zero accelerations of the coordinates.
+
+    Args:
+        tree: of the body.
+        link: placed, with its inertia; its motion is overwritten.
+        soles: frames of the feet.
+        v: velocity for the momentum, shape (nv,).
+        now: velocity for the soles, shape (nv,).
+        still: zeros, shape (nv,).
+        drift: shape (6 + 6 F + ...).
+    """
+    move_links(tree, now, still, 0.0, link)
+    for i in range(len(soles)):
+        here, first = link[soles[i].joint], 6 + 6 * i
+        arm = turned(here.turn, vector(soles[i].offset))
+        turning, omega = vector(here.turning), vector(here.omega)
+        put(drift[first : first + 3], accelerated(vector(here.acceleration), turning, omega, arm))
+        put(drift[first + 3 : first + 6], turning)
+    move_links(tree, v, still, 0.0, link)
+    start_forces(tree, link)
+    sum_forces(tree, link)
+    root, per_mass = link[0], 1.0 / link[0].mass
+    force, com = vector(root.force), times(per_mass, vector(root.first))
+    put(drift[0:3], times(per_mass, force))
+    put(drift[3:6], times(per_mass, minus(vector(root.moment), cross(com, force))))
+
+
+@compiled
+def joint_torques(
+    tree: Records,
+    armature: Array,
+    link: Records,
+    v: Array,
+    qdd: Array,
+    gravity: float,
+    points: Records,
+    forces: Array,
+    torque: Array,
+) -> None:
+    """Torques of the hinges for accelerations and forces on points of the links.
+
+    Args:
+        tree: of the body.
+        armature: of every coordinate, shape (nv,) [kg m^2].
+        link: placed, with its inertia; its motion and forces are overwritten.
+        v: shape (nv,).
+        qdd: shape (nv,).
+        gravity: [m/s^2].
+        points: frames at which the forces act.
+        forces: on the body, in axes of the world, shape (P, 3) [N].
+        torque: shape (nv - 6,) [N m].
+    """
+    move_links(tree, v, qdd, gravity, link)
+    start_forces(tree, link)
+    for i in range(len(points)):
+        here, force = link[points[i].joint], vector(forces[i])
+        point = plus(vector(here.place), turned(here.turn, vector(points[i].offset)))
+        put(here.force, minus(vector(here.force), force))
+        put(here.moment, minus(vector(here.moment), cross(point, force)))
+    sum_forces(tree, link)
+    for i in range(1, len(tree)):
+        here = link[i]
+        about = minus(vector(here.moment), cross(vector(here.place), vector(here.force)))
+        torque[i - 1] = dot(vector(here.axis), about) + armature[5 + i] * qdd[5 + i]
+
+
+class RigidBody:
+    """A body's tree and frames, and the arrays that one state fills.
+
+    Args:
+        model: Pinocchio's.
+        soles: numbers of the frames of the feet.
+        trunk: number of the frame of the trunk.
+        points: numbers of the frames of the sole points.
+        toes: velocity indices of the toe joints.
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        soles: Sequence[int],
+        trunk: int,
+        points: Sequence[int],
+        toes: NDArray[np.intp],
+    ) -> None:
+        self.tree, self.armature = tree_of(model), np.array(model.armature)
+        self.link = records(len(self.tree), LINK)
+        self.soles, self.points = frames_of(model, soles), frames_of(model, points)
+        self.poses = frames_of(model, [*soles, trunk])
+        rows = 6 + 6 * len(soles) + len(toes)
+        self.columns, self._still = np.zeros((model.nv, rows)), np.zeros(model.nv)
+        self.columns[toes, rows - len(toes) + np.arange(len(toes))] = 1.0
+
+    @property
+    def com(self) -> Array:
+        """COM from the root, shape (3,) [m]."""
+        return self.link["first"][0] / self.link["mass"][0]
+
+    def place(self, q: Array) -> None:
+        """Fill in a configuration, shape (nq,): places, inertia and the task Jacobian."""
+        place_links(self.tree, q, self.link)
+        sum_inertia(self.tree, self.link)
+        task_columns(self.tree, self.link, self.soles, self.columns)
+
+    def places(self, frames: Records) -> tuple[Array, Array]:
+        """Places of frames from the root and their axes to world, shapes (F, 3) [m] and (F, 3, 3)."""
+        places, turns = np.empty((len(frames), 3)), np.empty((len(frames), 3, 3))
+        place_frames(self.link, frames, places, turns)
+        return places, turns
+
+    def drift(self, v: Array, now: Array) -> Array:
+        """See :func:`task_drift`; a new array."""
+        drift = np.zeros(self.columns.shape[1])
+        task_drift(self.tree, self.link, self.soles, v, now, self._still, drift)
+        return drift

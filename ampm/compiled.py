@@ -1,0 +1,82 @@
+"""Functions that numba compiles once per machine; plain Python under ``NUMBA_DISABLE_JIT=1``.
+
+No function is compiled with ``fastmath``: sums keep their order, and no product is contracted with a sum, so
+every x86-64 processor computes the same bits.
+
+numba looks for changes of a function in its own file only, not in those of the functions that it calls. The
+compiled code is therefore kept in a folder named after all source files that it may come from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numba
+import numpy as np
+from numba.core import config, event
+from platformdirs import user_cache_path
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Function = TypeVar("Function", bound=Callable[..., Any])
+
+_SOURCES = (
+    "ampm/compiled.py",
+    "ampm/vectors.py",
+    "ampm/body/*.py",
+    "ampm/control/*.py",
+    "validation/trial/*.py",
+)
+
+
+@cache
+def folder() -> Path:
+    """Where the compiled code of these very sources is kept."""
+    package, digest = Path(__file__).parent, hashlib.sha256()
+    for pattern in _SOURCES:
+        for path in sorted(package.parent.glob(pattern)):
+            digest.update(path.read_bytes())
+    base = package / "__pycache__" if os.access(package, os.W_OK) else user_cache_path("ampm")
+    return Path(os.environ.get("NUMBA_CACHE_DIR", base)) / f"compiled-{digest.hexdigest()[:16]}"
+
+
+def compiled(function: Function) -> Function:
+    """Compile a function when it is first called, and keep the code on disk."""
+    options = {"error_model": "numpy"}  # a division by zero gives what numpy gives
+    before, config.CACHE_DIR = config.CACHE_DIR, str(folder())
+    try:
+        return numba.njit(cache=True, **options)(function)
+    except RuntimeError:  # no folder can be written
+        return numba.njit(**options)(function)
+    finally:
+        config.CACHE_DIR = before
+
+
+def records(count: int, dtype: np.dtype[Any]) -> Any:
+    """Zeroed entries of a structured type, whose fields compiled functions read as attributes."""
+    array = np.zeros(count, dtype)
+    return array.view(np.recarray) if config.DISABLE_JIT else array
+
+
+class _Announce(event.Listener):
+    """Reports the first compilation."""
+
+    def on_start(self, event: Any) -> None:
+        module = event.data["dispatcher"].py_func.__module__
+        if module.startswith(("ampm.", "validation.")):
+            numba.core.event.unregister("numba:compile", self)
+            logging.getLogger("ampm").warning(
+                "Compiling the controller for this machine. This is done once and takes about 20 s."
+            )
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+event.register("numba:compile", _Announce())
