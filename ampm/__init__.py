@@ -18,28 +18,31 @@ from ampm.exceptions import (
     RefusedGait,
     SolverError,
 )
-from ampm.parameters import GaitParameters, RunParameters
-from ampm.run_file import dump_run, load_run, preset_names
+from ampm.presets import preset_names
 
 if TYPE_CHECKING:
+    from ampm.parameters import GaitParameters, RunParameters
     from ampm.planner.centroidal import CentroidalPlan, Law
     from ampm.planner.contacts import Contacts, Footstep, Phase
     from ampm.planner.sampled import SampledLaw, sampled_contacts, sampled_plan
     from ampm.planners import AmpmPeriodic, WalkRequest
+    from ampm.run_file import dump_run, load_run
     from ampm.walk import Controller, ControlOutput, Planner, Posture, Reference, State, Touch, WalkPlan
 
 __version__ = "0.1.0"
 
 _MODULES = {
+    "ampm.parameters": ("GaitParameters", "RunParameters"),
     "ampm.planner.centroidal": ("CentroidalPlan", "Law"),
     "ampm.planner.contacts": ("Contacts", "Footstep", "Phase"),
     "ampm.planner.sampled": ("SampledLaw", "sampled_contacts", "sampled_plan"),
     "ampm.planners": ("AmpmPeriodic", "WalkRequest"),
+    "ampm.run_file": ("dump_run", "load_run"),
     "ampm.walk": (
         "ControlOutput", "Controller", "Planner", "Posture", "Reference", "State", "Touch", "WalkPlan",
     ),
 }  # fmt: skip
-# imported when first read: loading NumPy would delay 'ampm --help' by a tenth of a second
+# Imported when first read: NumPy and pydantic would delay 'ampm --help' by a tenth of a second each.
 
 
 def plan(run: RunParameters | str | Path) -> CentroidalPlan:
@@ -52,7 +55,10 @@ def plan(run: RunParameters | str | Path) -> CentroidalPlan:
         InputError: no such preset or file.
         MathematicalRefusal: the closed form has no solution, or none that can be computed.
     """
-    from ampm.planner.periodic import plan_gait  # imported here because it loads NumPy
+    # Imported here because they load NumPy and pydantic.
+    from ampm.parameters import RunParameters
+    from ampm.planner.periodic import plan_gait
+    from ampm.run_file import load_run
 
     run = run if isinstance(run, RunParameters) else load_run(run)
     return plan_gait(run.gait, run.body.mass)

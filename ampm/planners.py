@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ampm.body.feasibility import check_body
+from ampm.body.feasibility import check_body, check_motion
 from ampm.body.motion import PeriodicPosture, WholeBodyMotion
-from ampm.body.orbit import solve_motion
+from ampm.body.motion_cache import known_motion
 from ampm.body.robot import Robot
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
@@ -69,5 +69,11 @@ class AmpmPeriodic:
         run, robot = request.run, request.robot
         steps = plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
         check_body(steps, robot.description)
-        motion = solve_motion(steps, run, robot, progress=request.progress, cache=request.cache)
+        motion = known_motion(steps, run, robot, request.cache)
+        if motion is None:
+            # Imported here: SciPy and the solver are loaded only where a motion is not known.
+            from ampm.body.orbit import solve_motion
+
+            motion = solve_motion(steps, run, robot, progress=request.progress, cache=request.cache)
+        check_motion(motion.report, robot.description)
         return periodic_walk(steps, motion, robot)

@@ -14,21 +14,8 @@ import tomli_w
 
 from ampm.exceptions import InputError
 from ampm.parameters import OPEN_KEYS, SECTIONS, RunParameters, assign, keys, unknown_key
+from ampm.presets import PRESETS
 from ampm.section import check_table, parse_toml, read_source, unit_of, unknown
-
-PRESETS: Mapping[str, str] = {
-    "normal": "the paper's gait: 0.6 m steps, 1.0 m/s at every switch, no angular momentum about the COM",
-    "momentum": "the same with angular momentum about both horizontal axes (c_s 1.2, c_y 0.4)",
-    "flat": "an easy gait: 0.3 m steps on flat feet",
-    "roll-0.1": "the normal gait with c_y 0.1: large angular momentum about the forward axis (Fig. 11)",
-    "roll-0.4": "the same with c_y 0.4",
-    "roll-0.7": "the same with c_y 0.7",
-    "roll-1.0": "the same with c_y 1: none",
-    "pitch": "0.65 m steps with c_s 1.6: large angular momentum about the lateral axis (Fig. 12)",
-    "pitch-low": "0.7 m steps with c_s 0.33: the same with the opposite sign",
-    "ipm": "the plain inverted pendulum, whose acceleration jumps at every switch, as the normal gait",
-}
-"""Presets and what they are; each is ``ampm/presets/<name>.toml``."""
 
 
 def load_run(
@@ -195,11 +182,6 @@ def key_info(key: str) -> KeyInfo:
 def describe_keys() -> tuple[KeyInfo, ...]:
     """Meaning, unit, default and bounds of every key, in the order of the file."""
     return tuple(key_info(key) for key in keys())
-
-
-def preset_names() -> tuple[str, ...]:
-    """Names of the presets."""
-    return tuple(PRESETS)
 
 
 def _parsed(setting: str) -> tuple[str, Any]:

@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 from ampm.exceptions import InputError
+from ampm.presets import PRESETS
 from ampm.qp import BACKENDS
-from ampm.run_file import PRESETS
 from validation.cli.console import Narrator
 from validation.cli.errors import explain
 from validation.cli.options import Status, option

@@ -14,7 +14,8 @@ import numpy as np
 from trials import AGREEMENT, agreement, ending, walk, write_rows
 
 import validation as val
-from ampm.run_file import PRESETS, load_run
+from ampm.presets import PRESETS
+from ampm.run_file import load_run
 from validation.judge.profiles import own_profile
 from validation.show.text import markdown_table, replace_between
 

@@ -7,15 +7,20 @@ and only with the floor.
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+import os
 from dataclasses import dataclass, replace
+from importlib import metadata
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
+from pydantic import TypeAdapter
 
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription, LegDescription, SoleGeometry
 from models import anthropometry as table
-from models._pymjcf import mjcf
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -133,6 +138,8 @@ class _Builder:
     def __init__(
         self, body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters
     ) -> None:
+        from models._pymjcf import mjcf  # imported here: a body that is kept needs no PyMJCF
+
         self.height = float(body.height)
         self.mass = float(body.mass)
         # The table adds up to 100.00 %; dividing by the sum keeps the total exact whatever is edited there.
@@ -442,16 +449,38 @@ def _mirrored(joint: str) -> tuple[str, str, float]:
     return (joint, image, 1.0 if joint.endswith("pitch") else -1.0)
 
 
-def build(body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters) -> BodyModel:
+def build(
+    body: BodyParameters,
+    contact: ContactParameters,
+    simulation: SimulationParameters,
+    *,
+    cache: Path | None = None,
+) -> BodyModel:
     """Build the human for a stature, a mass, a floor and a time step.
 
     Args:
         body: ``height`` [m] and ``mass`` [kg].
         contact: stiffness and friction of the soles on the floor.
         simulation: ``time_step`` [s] and ``integrator``.
+        cache: folder that keeps built bodies by their inputs; None keeps nothing.
 
     Returns:
         MJCF text and description. At ``q = 0`` the body stands upright with hanging arms, its hips at x = 0
         and its soles on the floor.
     """
-    return _Builder(body, contact, simulation).build()
+    if cache is None:
+        return _Builder(body, contact, simulation).build()
+    digest = hashlib.sha256(repr((body, contact, simulation, metadata.version("dm_control"))).encode())
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    kept = cache / f"body-{digest.hexdigest()[:24]}.json"
+    adapter = TypeAdapter(BodyModel)
+    # A file that is not there or is damaged is written again; where none can be written the body is built.
+    with contextlib.suppress(OSError, ValueError):
+        return adapter.validate_json(kept.read_bytes())
+    model = _Builder(body, contact, simulation).build()
+    with contextlib.suppress(OSError):
+        partial = kept.with_suffix(f".{os.getpid()}")
+        partial.write_bytes(adapter.dump_json(model))
+        partial.replace(kept)  # renamed, so that readers see whole files only
+    return model

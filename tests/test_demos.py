@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from ampm.planner.periodic import plan_gait
-from ampm.run_file import load_run, preset_names
+from ampm.presets import preset_names
+from ampm.run_file import load_run
 from validation.judge.profiles import own_profile
 from validation.store.signals import load_signals
 

@@ -16,7 +16,8 @@ from ampm.planner.contacts import Contacts, Footstep
 from ampm.planner.feet import BALL, HEEL, TIP, FootSample
 from ampm.planner.stride import cubic, plan_feet, quintic
 from ampm.planner.support import plan_steps
-from ampm.run_file import load_run, preset_names
+from ampm.presets import preset_names
+from ampm.run_file import load_run
 from models.human import sole_geometry
 
 SOLE = SoleGeometry(-0.1, 0.09, 0.16, 0.03, 0.04, 0.035, -0.035, 0.066)

@@ -15,8 +15,8 @@ ROOT = Path(__file__).resolve().parents[1]
 
 ORDER = {
     "ampm": (
-        "exceptions geometry so3 compiled vectors description qp section parameters run_file planner walk "
-        "body control planners tune __main__"
+        "exceptions presets geometry so3 compiled vectors description qp section parameters run_file "
+        "planner walk body control planners tune __main__"
     ).split(),
     "validation": "progress trial store measure judge show run study paper cli".split(),
 }
@@ -91,7 +91,7 @@ INSTRUMENTS = "validation.measure.instruments.model, validation.measure.instrume
     [
         ("import " + ", ".join(imports("ampm")), "mujoco dm_control models validation benchmarks"),
         (PLAN, "pinocchio osqp daqp scipy mujoco numba"),
-        ("import validation.cli.app", "numpy mujoco pinocchio pyarrow rerun numba"),
+        ("import validation.cli.app", "numpy mujoco pinocchio pyarrow pydantic rerun numba"),
         (f"import {TRIAL}", "rerun matplotlib"),
         (f"import {INSTRUMENTS}", "mujoco pinocchio scipy rerun matplotlib"),
         ("import ampm, validation", "numpy mujoco pinocchio scipy matplotlib rerun rich typer pyarrow numba"),

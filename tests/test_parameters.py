@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from ampm.exceptions import InputError
 from ampm.parameters import ContactParameters, GaitParameters, RunParameters, keys
-from ampm.run_file import describe_keys, dump_run, load_run, preset_names
+from ampm.presets import preset_names
+from ampm.run_file import describe_keys, dump_run, load_run
 
 
 def read_back(run, path):

@@ -14,7 +14,8 @@ from ampm.body.feasibility import check_body
 from ampm.exceptions import MathematicalRefusal
 from ampm.parameters import OPEN_KEYS, keys
 from ampm.planner.support import plan_steps
-from ampm.run_file import PRESETS, changes, dump_run, load_run
+from ampm.presets import PRESETS
+from ampm.run_file import changes, dump_run, load_run
 from ampm.tune.free_choices import CHOICES, FreeChoices
 from ampm.tune.gait_limits import LIMITS, plan_margins, step_torques
 from ampm.tune.refusal import NoFeasibleChoice, way_out

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from ampm.exceptions import InputError
-from ampm.run_file import preset_names
+from ampm.presets import preset_names
 from tests.walk import APART, MASS, STILL, perfect_walk, with_state
 from validation.judge.compare import compare
 from validation.judge.metrics import BODY_WEIGHT, METRICS, evaluate

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import osqp
 import pinocchio as pin
 
 from ampm.body.motion import MotionReport, WholeBodyMotion
@@ -27,6 +26,13 @@ if TYPE_CHECKING:
     from ampm.planner.support import StepPlan
 
 _DAMAGED = (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error)
+
+
+def known_motion(
+    plan: StepPlan, run: RunParameters, robot: Robot, folder: Path | None
+) -> WholeBodyMotion | None:
+    """The motion of a plan that a folder keeps, None if there is none."""
+    return None if folder is None else find_motion(folder, motion_key(plan, run, robot))
 
 
 def find_motion(folder: Path, key: str) -> WholeBodyMotion | None:
@@ -73,7 +79,7 @@ def motion_key(plan: StepPlan, run: RunParameters, robot: Robot) -> str:
     """Hash of everything that a motion depends on: inputs, body, and the code and libraries that solve it."""
     sections = {
         "code": _code_hash(),
-        "versions": [np.__version__, osqp.__version__, pin.__version__, metadata.version("numba")],
+        "versions": [np.__version__, pin.__version__, *map(metadata.version, ("osqp", "numba"))],
         "gait": run.gait.model_dump(exclude={"steps"}),
         "body": run.body.model_dump(),
         "foot": run.foot.model_dump(),

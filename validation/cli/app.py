@@ -2,7 +2,7 @@
 
 Results go to stdout, everything else to stderr. Exit status: 0 pass, 1 out of tolerance, 2 bad input or
 refused, 3 did not complete, 4 our crash, 130 interrupted. Modules that simulate are imported by the command
-that needs them, so that ``ampm --help`` and ``ampm plan --no-body`` start fast.
+that needs them, so that ``ampm --help`` and ``ampm plan`` start fast.
 """
 
 from __future__ import annotations

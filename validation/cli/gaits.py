@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ampm.exceptions import InputError
-from ampm.parameters import keys as parameter_keys
-from ampm.run_file import PRESETS, dump_run, key_info
+from ampm.presets import PRESETS
 from validation.cli.console import Narrator
 from validation.cli.options import (
     AsIs,
@@ -213,9 +212,12 @@ def keys(gait: Gait = "normal", settings: Settings = None, as_json: Json = False
 
 def describe_keys(request: Request) -> list[dict[str, Any]]:
     """All parameters as JSON objects: key, value in this gait, default, unit, bounds and meaning."""
+    from ampm.parameters import keys
+    from ampm.run_file import key_info
+
     values = request.run.model_dump()
     described = []
-    for info in map(key_info, parameter_keys()):
+    for info in map(key_info, keys()):
         section, name = info.key.split(".")
         limits = [f"{_SIGNS[comparison]} {limit:g}" for comparison, limit in info.bounds.items()]
         described.append(
@@ -257,6 +259,7 @@ def tune(
     plan and whole-body motion; nothing is simulated. If no choice can be walked, the refusal names the limit
     and the best value found.
     """
+    from ampm.run_file import dump_run
     from validation.trial.plan import load_request, tune_walk
 
     if out is not None:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from ampm.exceptions import InputError
-from ampm.run_file import preset_names
+from ampm.presets import preset_names
 from validation.cli.console import print_json
 from validation.store.folders import check_folder_of, check_output_file
 

@@ -15,7 +15,6 @@ import typer
 from rich.text import Text
 
 from ampm.exceptions import RefusedGait
-from ampm.run_file import changes
 from validation.cli.console import Narrator, print_json
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import (
@@ -104,6 +103,7 @@ def validate(
     Where a preset's gait or body is changed, what it leaves open (heights, timing, angles of the feet) is
     found for the change, and said; what is given stays.
     """
+    from ampm.run_file import changes
     from validation.judge import profiles
     from validation.judge.uncertainty import load_uncertainty, matching
     from validation.measure.instruments.model import load_instrument

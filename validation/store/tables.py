@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from ampm.description import SOLE_POINT_GROUPS
 from ampm.exceptions import InputError
@@ -98,6 +96,10 @@ def write_columns(
     Raises:
         InputError: another suffix.
     """
+    # Imported here: 'ampm plan' writes nothing by default, and starts faster without.
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     check_suffix(path)
     arrays = {
         name: pa.array(column.tolist() if column.dtype == object else column, from_pandas=True)

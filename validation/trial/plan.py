@@ -17,7 +17,8 @@ import platformdirs
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import OPEN_KEYS, RunParameters
 from ampm.planner.periodic import plan_gait
-from ampm.run_file import PRESETS, changes, load_run
+from ampm.presets import PRESETS
+from ampm.run_file import changes, load_run
 from validation.progress import Progress
 from validation.trial.users import UsersCode
 
@@ -198,7 +199,7 @@ def make_body(run: RunParameters) -> Body:
     from models.human import build
     from validation.trial.shapes import Shapes, make_robot
 
-    model = build(run.body, run.contact, run.simulation)
+    model = build(run.body, run.contact, run.simulation, cache=motion_cache())
     compiled = model.compile()
     shapes = Shapes(compiled)
     return Body(model, make_robot(compiled, model.description, shapes), shapes)
@@ -301,7 +302,7 @@ def _found(run: RunParameters, tuned: Tuned, changed: Mapping[str, Any]) -> str:
 
 
 def motion_cache() -> Path | None:
-    """Folder of solved motions, in the user's cache; None if it cannot be written."""
+    """Folder of solved motions and built bodies, in the user's cache; None if it cannot be written."""
     folder = platformdirs.user_cache_path("ampm") / "motions"
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -22,7 +22,8 @@ from pydantic import Field, model_validator
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters, keys
-from ampm.run_file import PRESETS, KeyInfo, key_info, load_run
+from ampm.presets import PRESETS
+from ampm.run_file import KeyInfo, key_info, load_run
 from ampm.section import Real, Section, parse_toml, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
 from validation.trial.users import load_object

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from ampm.run_file import PRESETS, load_run
+from ampm.presets import PRESETS
+from ampm.run_file import load_run
 from validation.judge.metrics import METRICS, metric_label
 from validation.show.page import render_page
 from validation.show.text import format_duration, format_value, limit_with_unit, number, with_unit
