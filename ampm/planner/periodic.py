@@ -31,6 +31,13 @@ def plan_gait(gait: GaitParameters, mass: float, *, angular_momentum_y_offset: f
         InputError: mass or offset is no usable number.
         MathematicalRefusal: the closed form has no solution, or none that can be computed.
     """
+    return plan_with_next_step(gait, mass, angular_momentum_y_offset)[0]
+
+
+def plan_with_next_step(
+    gait: GaitParameters, mass: float, angular_momentum_y_offset: float = 0.0
+) -> tuple[CentroidalPlan, Contacts]:
+    """:func:`plan_gait`, and the contacts of the walk with one more step."""
     if not (math.isfinite(mass) and mass > 0.0):
         raise InputError(f"the mass is {mass:g} kg; it must be a finite number greater than 0 kg.")
     if not math.isfinite(angular_momentum_y_offset):
@@ -61,7 +68,9 @@ def _mirrored(law: AffineLaw) -> AffineLaw:
     )
 
 
-def _assemble(gait: GaitParameters, mass: float, one: Gaits, offset: float) -> CentroidalPlan:
+def _assemble(
+    gait: GaitParameters, mass: float, one: Gaits, offset: float
+) -> tuple[CentroidalPlan, Contacts]:
     """Plan of the closed form over its footsteps."""
     sagittal, frontal = one.sagittal, one.frontal
     single_x, double_x, single, double = map(
@@ -104,26 +113,25 @@ def _assemble(gait: GaitParameters, mass: float, one: Gaits, offset: float) -> C
         mean_velocity=length / step,
         angular_momentum_y_offset=offset,
     )
-    return CentroidalPlan(
+    further = _contacts(gait, t_ss, t_ds)
+    plan = CentroidalPlan(
         mass=mass,
         gravity=GRAVITY,
         com_height=gait.com_height,
         switching_velocity=gait.switching_velocity,
-        contacts=straight_contacts(gait, constants, gait.steps),
+        contacts=Contacts(further.footsteps[:-1], further.phases[:-2]),
         phases=tuple(phases),
         constants=constants,
     )
+    return plan, further
 
 
-def straight_contacts(gait: GaitParameters, constants: PlanConstants, steps: int) -> Contacts:
-    """Footsteps and phases of equal steps straight ahead, the first one on the left foot."""
-    length, w = gait.step_length, 0.5 * gait.step_width
-    t_ss, t_ds, step = (
-        constants.single_support_duration, constants.double_support_duration, constants.step_duration,
-    )  # fmt: skip
+def _contacts(gait: GaitParameters, t_ss: float, t_ds: float) -> Contacts:
+    """Footsteps and phases of the walk and one step more, with both durations of a step [s]."""
+    length, w, step = gait.step_length, 0.5 * gait.step_width, t_ss + t_ds
     footsteps = [Footstep("right", (-length, -w, 0.0)), Footstep("left", (0.0, w, 0.0))]
     phases: list[Phase] = []
-    for k in range(steps):
+    for k in range(gait.steps + 1):
         start, here = k * step, footsteps[-1]
         if k % 2 == 0:
             ahead = Footstep("right", ((k + 1) * length, -w, 0.0))

@@ -23,11 +23,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.parameters import FootParameters
 from ampm.planner.contacts import Contacts
 from ampm.planner.feet import PIVOT_BALL, PIVOT_HEEL, FeetPlan, FootPath
-
-Array = NDArray[np.float64]
 
 _ORDER = 6  # coefficients of a quintic
 _PITCH, _TOE = 3, 4  # places of a curve after x, y, z
@@ -121,12 +120,13 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift
         raise InputError(
             "feet are planned straight ahead on level ground; give footsteps of zero heading and z."
         )
-    if contacts.kind_codes.tolist() != [0, 1] * contacts.steps:
+    stance = contacts.stance_codes
+    if len(stance) % 2 or ((stance[0::2] == 2) | (stance[1::2] != 2)).any():
         raise InputError(
             "feet are planned for single and double supports in turn; give a plan of such phases."
         )
-    start = contacts.starts[0::2]
-    single, double = np.array([phase.duration for phase in contacts.phases]).reshape(-1, 2).T
+    times = np.array([phase[:2] for phase in contacts.phases])
+    start, single, double = times[0::2, 0], times[0::2, 1], times[1::2, 1]
     if foot.schedule == "roll" and not -double.min() < foot.heel_rise_lead < single.min():
         raise InputError(
             f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets the heel rise before the foot stands "
@@ -135,10 +135,10 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift
     placement = np.array([f.position for f in contacts.footsteps])
     n = len(start)
     behind, here, ahead = placement[:n], placement[1 : n + 1], placement[2 : n + 2]
-    stance, swing = _stride(foot, sole, start, single, double, behind, here, ahead, lift_speed)
-    stands_left = contacts.stance_codes[0::2] == 0
-    table = _Segment(*map(np.array, zip(*stance, *swing, strict=True)))
-    stands = np.arange(len(table.start))[:, None] < len(stance)
+    standing, swing = _stride(foot, sole, start, single, double, behind, here, ahead, lift_speed)
+    stands_left = stance[0::2] == 0
+    table = _Segment(*map(np.array, zip(*standing, *swing, strict=True)))
+    stands = np.arange(len(table.start))[:, None] < len(standing)
     return FeetPlan(
         sole=sole,
         left=_foot_path(table, stands == stands_left),

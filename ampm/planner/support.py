@@ -8,14 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ampm.description import SoleGeometry
-from ampm.geometry import convex_hull, polygon_margin
+from ampm.geometry import Array, convex_hull, polygon_margin
 from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.feet import FeetPlan
-from ampm.planner.periodic import plan_gait, straight_contacts
+from ampm.planner.periodic import plan_with_next_step
 from ampm.planner.stride import plan_feet
-
-Array = NDArray[np.float64]
 
 _BESIDE_JUMP = 1e-9  # how far beside a jump of the support its two sides are evaluated [s]
 _GRID = 24  # instants between two jumps, and in every refinement
@@ -119,8 +117,7 @@ def plan_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: So
         InputError: the mass is no usable number, or the feet's timing does not fit the gait's.
         MathematicalRefusal: the closed form has no solution, or none that can be computed.
     """
-    plan = plan_gait(gait, mass)
     # One step further than the walk: at its end the rear foot is about to leave, as at any other switch.
-    further = straight_contacts(gait, plan.constants, gait.steps + 1)
+    plan, further = plan_with_next_step(gait, mass)
     lift_speed = plan.constants.l_s / plan.constants.single_support_duration
     return StepPlan.of(plan, feet=plan_feet(further, foot, sole, lift_speed))

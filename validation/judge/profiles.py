@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 from ampm.exceptions import InputError
-from validation.judge.metrics import METRICS, Metric
+from validation.judge.metrics import BODY_WEIGHT, METRICS, Metric
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,10 @@ class Tolerance:
     limit: float
     unit: str
     reason: str
+
+    def limit_for(self, weight: Any) -> Any:
+        """The limit in the metric's own unit, for a body's weight or weights [N]."""
+        return self.limit * weight if self.unit == BODY_WEIGHT else self.limit
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from validation.judge.compare import Comparison, statistics_table
-from validation.judge.metrics import BODY_WEIGHT, METRICS, display_unit
+from validation.judge.metrics import METRICS, display_unit
 from validation.judge.profiles import Profile, Tolerance
 from validation.store.json import json_ready
 
@@ -202,7 +202,7 @@ def _result(
     limit = passed = margin = None
     undecided = False
     if tolerance is not None:
-        limit = tolerance.limit * (weight if tolerance.unit == BODY_WEIGHT else 1.0)
+        limit = tolerance.limit_for(weight)
         if judged and not math.isnan(of.value):
             undecided = bool(lacking) or (known is not None and abs(limit - of.value) < known)
             passed = None if undecided else of.value <= limit

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ampm.body.robot import Robot
 from ampm.exceptions import SolverError
+from ampm.geometry import Array
 from ampm.planner.support import StepPlan
 from ampm.walk import PostureState
 from validation.judge.profiles import own_profile
@@ -21,7 +22,6 @@ from validation.run.walk import walk_planned
 from validation.trial.bridge import to_pinocchio
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
 
-Array = NDArray[np.float64]
 Numbers = dict[str, dict[str, float | str]]
 """Distances of two curves, by name."""
 
@@ -176,11 +176,9 @@ class Walk:
         return motion[:, index], simulation[..., index]
 
     def limit(self, metric: str) -> float:
-        """Tolerances of the profile that judges this gait, in SI (forces in newton)."""
-        profile = own_profile(self.trial.planned.request.name)
-        tolerance = next(item for item in profile.tolerances if item.metric == metric)
-        weight = self.plan.mass * self.plan.gravity
-        return tolerance.limit * (weight if metric.startswith("force_") else 1.0)
+        """Tolerance of the profile that judges this gait, in SI (forces in newton)."""
+        limits = {item.metric: item for item in own_profile(self.trial.planned.request.name).tolerances}
+        return float(limits[metric].limit_for(self.plan.weight))
 
     def configuration(self, row: int | NDArray[np.intp]) -> Array:
         """Simulated configurations, in Pinocchio's coordinates, of a row or of several rows of the record."""

@@ -257,9 +257,9 @@ class SweepTable:
     def limit_values(self, metric: str) -> Array:
         """A metric's limit in the unit of its column, shape (N,); NaN if it is not judged."""
         limit = self.limits.get(metric)
-        if limit is None:
-            return np.full(len(self), np.nan)
-        return limit.limit * (self.weight if limit.unit == BODY_WEIGHT else np.ones(len(self)))
+        return (
+            np.full(len(self), np.nan) if limit is None else limit.limit_for(self.weight) + 0.0 * self.weight
+        )
 
     def used(self, metric: str) -> Array:
         """Share of its tolerance that a metric used in every *completed* run, shape (N,); NaN elsewhere.
