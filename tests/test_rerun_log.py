@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import subprocess
 import sys
 from pathlib import Path
@@ -43,6 +44,28 @@ def columns(path: Path, entity: str) -> dict[str, np.ndarray]:
                 name: np.array(batch.column(name).to_pylist()) for name in batch.schema.names if ":" in name
             } | {"time": batch.column("sim_time").to_numpy() / np.timedelta64(1, "s")}
     raise AssertionError(f"{entity} has no rows")
+
+
+FULL = """
+import resource, sys
+from validation.show.report import write_report
+from validation.show.rerun.record import write_recording
+
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+for write in (write_recording, write_report):
+    try:
+        write(sys.argv[1])
+    except OSError as error:
+        print(error.errno)
+"""
+
+
+def test_a_full_disk_is_an_error_that_leaves_the_earlier_file(run_dir):
+    words = [sys.executable, "-c", FULL, str(run_dir)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    assert done.stdout.split() == [str(errno.EFBIG)] * 2, done.stderr
+    assert_rrd("verify", run_dir / RECORDING_FILE)
+    assert {path.suffix for path in run_dir.iterdir()} == {".parquet", ".json", ".toml", ".xml", ".rrd"}
 
 
 def test_series_are_the_signals_bit_for_bit(run_dir):

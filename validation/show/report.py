@@ -21,6 +21,7 @@ from validation.show.page import render_page
 from validation.show.run_figures import RunFigures
 from validation.show.style import style
 from validation.show.text import BODY_WEIGHT, limit_with_unit, number, with_unit
+from validation.store.folders import output_file
 from validation.store.saved import REPORT_FILE, SavedRun, load_saved_run, run_events
 from validation.trial.outcome import OutcomeName
 
@@ -99,7 +100,8 @@ def write_report(run: str | Path | SavedRun) -> Path:
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path = saved.directory / REPORT_FILE
-    path.write_text(render(saved), encoding="utf-8")
+    with output_file(path) as work:
+        work.write_text(render(saved), encoding="utf-8")
     return path
 
 

@@ -44,6 +44,7 @@ from validation.show.rerun.views import (
     axis_range,
     run_blueprint,
 )
+from validation.store.folders import output_file
 from validation.store.saved import RECORDING_FILE as RECORDING_FILE
 from validation.store.saved import SavedRun, load_saved_run, run_events
 from validation.store.signals import Signals
@@ -167,13 +168,13 @@ def open_stream(name: str, key: str, path: Path, blueprint: rrb.Blueprint) -> It
     # Chunks end where they are full or the file does, never by the clock.
     whole = rr.ChunkBatcherConfig.NEVER()
     stream = rr.RecordingStream(name, recording_id=key, send_properties=False, batcher_config=whole)
-    stream.save(str(path), default_blueprint=blueprint)
-    try:
-        yield stream
-    finally:
-        # Without the footer that this writes the file does not verify.
-        stream.flush()
-        stream.disconnect()
+    # In memory first: where the disk is full, the SDK's own file never ends its flush.
+    memory = stream.memory_recording()
+    stream.send_blueprint(blueprint, make_active=False, make_default=True)
+    yield stream
+    stream.flush()
+    with output_file(path) as work:
+        work.write_bytes(memory.drain_as_bytes())
 
 
 def _gait_phase(signals: Signals, end: float) -> tuple[Array, Array]:
