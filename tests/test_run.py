@@ -92,6 +92,8 @@ def as_text(path):
         ("signals.parquet", without_rows),
         ("run.toml", lambda path: path.write_text(path.read_text().replace("c_y = 1.0", "c_y = 0.9"))),
         ("summary.json", lambda path: path.write_text("[]")),
+        ("summary.json", lambda path: path.write_text(path.read_text().replace('"pass"', '"fail"'))),
+        ("summary.json", lambda path: path.write_text(path.read_text().replace('"bias"', '"cias"'))),
         ("states.parquet", lambda path: path.unlink()),
     ],
 )

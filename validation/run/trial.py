@@ -170,7 +170,7 @@ def write_inputs(folder: Path, planned: PlannedWalk, environment: Mapping[str, A
 def write_results(
     folder: Path, trial: Trial, environment: Mapping[str, Any], instrument: Instrument | None = None
 ) -> dict[str, Any]:
-    """Write signals, readings of an instrument and, last, the summary with the digests of all other files.
+    """Write signals, readings of an instrument and, last, the summary with the digests of all files.
 
     Args:
         folder: of the run; inputs and record are there already.
@@ -192,7 +192,7 @@ def write_results(
         if observed is not None:
             write_columns(observed.signal_columns(), folder / INSTRUMENT_FILE)
             summary["instrument"] = observed.as_dict()
-    summary["files"] = digests(folder)
+    summary["files"] = digests(folder, summary)
     write_json(folder / SUMMARY_FILE, summary)
     return summary
 

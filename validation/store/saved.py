@@ -22,6 +22,7 @@ from ampm.planner.support import StepPlan, plan_steps
 from ampm.run_file import load_run
 from models.human import sole_geometry
 from validation.store.folders import RUN_FILES
+from validation.store.json import dump_json
 from validation.store.record import StoredRecord
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
 from validation.trial.plan import gait_title
@@ -114,17 +115,18 @@ def check_files(directory: Path, summary: Mapping[str, Any] | None = None) -> No
     Raises:
         InputError: a file is missing, or has changed since the run was judged.
     """
-    written = (summary or _load_summary(directory / SUMMARY_FILE))["files"]
-    found = digests(directory)
+    summary = summary or _load_summary(directory / SUMMARY_FILE)
+    written, found = summary["files"], digests(directory, summary)
     for name in written:
         if found.get(name) != written[name]:
             what = "has changed since the run was judged" if name in found else "is missing"
             raise InputError(f"{directory / name} {what}; walk the gait again for a true verdict.")
 
 
-def digests(directory: Path) -> dict[str, str]:
-    """SHA-256 of all files of a run, except the summary and the files drawn from the others."""
-    found = {}
+def digests(directory: Path, summary: Mapping[str, Any]) -> dict[str, str]:
+    """SHA-256 of all files of a run, except those drawn from the others; of the summary without ``files``."""
+    rest = {name: value for name, value in summary.items() if name != "files"}
+    found = {SUMMARY_FILE: hashlib.sha256(dump_json(rest).encode()).hexdigest()}
     for path in sorted(directory.iterdir()):
         if path.name in RUN_FILES - {SUMMARY_FILE, RECORDING_FILE, REPORT_FILE}:
             with path.open("rb") as file:
