@@ -473,14 +473,18 @@ def build(
     digest = hashlib.sha256(repr((body, contact, simulation, metadata.version("dm_control"))).encode())
     for path in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(path.read_bytes())
-    kept = cache / f"body-{digest.hexdigest()[:24]}.json"
-    adapter = TypeAdapter(BodyModel)
-    # A file that is not there or is damaged is written again; where none can be written the body is built.
+    key = digest.hexdigest()[:24]
+    kept = cache / f"body-{key}.json"
+    adapter = TypeAdapter(tuple[str, BodyModel])
+    # A file that is not there, is damaged or of another body is written again; where none can be written the
+    # body is built.
     with contextlib.suppress(OSError, ValueError):
-        return adapter.validate_json(kept.read_bytes())
+        own, model = adapter.validate_json(kept.read_bytes())
+        if own == key:
+            return model
     model = _Builder(body, contact, simulation).build()
     with contextlib.suppress(OSError):
         partial = kept.with_suffix(f".{os.getpid()}")
-        partial.write_bytes(adapter.dump_json(model))
+        partial.write_bytes(adapter.dump_json((key, model)))
         partial.replace(kept)  # renamed, so that readers see whole files only
     return model
