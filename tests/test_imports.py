@@ -92,11 +92,12 @@ INSTRUMENTS = "validation.measure.instruments.model, validation.measure.instrume
         ("import " + ", ".join(imports("ampm")), "mujoco dm_control models validation benchmarks"),
         (PLAN, "pinocchio osqp daqp scipy mujoco numba"),
         ("import validation.cli.app", "numpy mujoco pinocchio pyarrow pydantic rerun numba"),
+        ("import ampm.planners, models.human", "osqp daqp scipy numba dm_control"),
         (f"import {TRIAL}", "rerun matplotlib"),
         (f"import {INSTRUMENTS}", "mujoco pinocchio scipy rerun matplotlib"),
         ("import ampm, validation", "numpy mujoco pinocchio scipy matplotlib rerun rich typer pyarrow numba"),
     ],
-    ids=["ampm", "planner", "command line", "trial", "schema of a sweep", "public API"],
+    ids=["ampm", "planner", "command line", "known motion", "trial", "schema of a sweep", "public API"],
 )
 def test_what_is_not_needed_is_not_loaded(statement, forbidden):
     assert not loaded_by(statement) & set(forbidden.split())
