@@ -44,7 +44,7 @@ NOT_REPRODUCIBLE = tuple(
 """Beginnings of the names of what differs between equal runs: wall clock, memory, host, paths."""
 BULKY = (
     "parameters statistics motion torque_by_joint display normalised margin tolerance by_study "
-    "first_step effort_first_step measured_single_support measured_double_support"
+    "first_step effort_first_step measured_single_support measured_double_support sole"
 ).split()
 """Branches of JSON of which only digests are kept."""
 TEXTS = ("outcome", "verdict", "pass", "text", "failed", "regression", "better")

@@ -209,6 +209,7 @@ def results_of(trial: Trial, environment: Mapping[str, Any]) -> dict[str, Any]:
         changed=trial.planned.request.changed,
         motion=trial.plan.posture.report(),
         standing=standing,
+        sole=trial.planned.body.model.description.sole,
         memory_peak={"value": memory_peak(), "unit": "MB"},
         **({} if known is None else {"uncertainty": known.as_dict()}),
         **trial.extra,

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ampm.description import SoleGeometry
 from ampm.exceptions import AmpmError, InputError
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.run_file import load_run
-from models.human import sole_geometry
 from validation.store.folders import RUN_FILES
 from validation.store.json import dump_json
 from validation.store.record import StoredRecord
@@ -76,8 +76,7 @@ class SavedRun:
         if "planner" in self.summary:
             return None
         try:
-            sole = sole_geometry(run.body.height)
-            return plan_steps(run.gait, run.body.mass, run.foot, sole)
+            return plan_steps(run.gait, run.body.mass, run.foot, SoleGeometry(**self.summary["sole"]))
         except AmpmError:
             return None
 
@@ -144,7 +143,7 @@ def _load_summary(path: Path) -> dict[str, Any]:
         summary = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is no JSON ({error}); run the gait again.") from error
-    if not (isinstance(summary, dict) and isinstance(summary.get("files"), dict)):
+    if not (isinstance(summary, dict) and all(isinstance(summary.get(k), dict) for k in ("files", "sole"))):
         raise InputError(f"{path} is damaged: it is no summary of a run; run the gait again.")
     return summary
 
