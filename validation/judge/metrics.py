@@ -313,7 +313,8 @@ def _failed_qp(walk: Comparison) -> float | None:
     return None if not failed and np.isnan(walk.record.qp_residual).all() else float(failed)
 
 
-def _rms(values: Array) -> float:
+def rms(values: Array) -> float:
+    """Root mean square of the finite values, NaN if there is none."""
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known * known))) if known.size else math.nan
 
@@ -334,7 +335,7 @@ _INSTRUMENT = (
     _instrument(
         "zmp_agreement_relative", "1", "both measured ZMPs, distance over the ZMP's way in a time step",
         "root mean square distance of the ZMP by contact and by momentum, over its way in a time step",
-        lambda walk: _rms(_zmp_gaps(walk)) / (_rms(_zmp_ways(walk)) or math.nan), 0.25,
+        lambda walk: rms(_zmp_gaps(walk)) / (rms(_zmp_ways(walk)) or math.nan), 0.25,
         "The two measurements of the ZMP share no force and no acceleration. Each is a mean over the time "
         "step, so neither is finer than the way that the ZMP makes in it, and their gap is about a tenth of "
         "that at any time step. One contact missing from the log makes it more than the whole.",
@@ -343,7 +344,7 @@ _INSTRUMENT = (
     _instrument(
         "force_agreement_rmse", "N", "F = m (a + g), RMS error",
         "root mean square of contact force minus m (a + g)",
-        lambda walk: _rms(_force_gaps(walk)), 0.002,
+        lambda walk: rms(_force_gaps(walk)), 0.002,
         "F = m (a + g) is exact but for the time step. Half of the smallest tolerance on a force, so "
         "that the instrument is finer than what it measures.",
         tolerance_unit=BODY_WEIGHT, scales=("body_weight",),
@@ -390,7 +391,7 @@ _INSTRUMENT = (
     _instrument(
         "zmp_agreement_rmse", "m", "both measured ZMPs, RMS distance",
         "root mean square distance of the ZMP by contact and by momentum",
-        lambda walk: _rms(_zmp_gaps(walk)), scales=("foot_length",),
+        lambda walk: rms(_zmp_gaps(walk)), scales=("foot_length",),
     ),
     _instrument(
         "zmp_agreement_maximum", "m", "both measured ZMPs, largest distance",

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from validation.judge.metrics import METRICS, display_unit
+from validation.judge.metrics import METRICS, display_unit, rms
 
 if TYPE_CHECKING:
     from ampm.planner.support import StepPlan
@@ -200,11 +200,6 @@ def switch_values(
         "torque_rate_peak": peak(torque_rate.max(axis=1)),
     }
     for where, inside in rows.items():
-        values |= {f"{name}_{where}": _rms(series[inside]) for name, series in of_joints.items()}
-        values |= {f"{name}_{where}": _rms(series[inside]) * 2**0.5 for name, series in of_vectors.items()}
+        values |= {f"{name}_{where}": rms(series[inside]) for name, series in of_joints.items()}
+        values |= {f"{name}_{where}": rms(series[inside]) * 2**0.5 for name, series in of_vectors.items()}
     return {item.name: values[item.name] for item in SWITCH}
-
-
-def _rms(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known * known))) if known.size else math.nan
