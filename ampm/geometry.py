@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_BLOCK = 2000  # sets at a time: bounds the memory of their (n, k, k, k) arrays
+_BLOCK = 500  # sets at a time: their (k, k, n) arrays stay in the processor's cache
 _TINY = 1e-12  # points nearer than this are one, points farther right than this are right of a line [m]
 
 
@@ -51,11 +53,10 @@ def polygon_margin(points: Array, active: NDArray[np.bool_], query: Array) -> Ar
     """
     margin = np.full(len(query), np.nan)
     # Few patterns of contact occur in a walk, and each has few points: far cheaper than all M points at once.
-    patterns, which = np.unique(active, axis=0, return_inverse=True)
-    for number, pattern in enumerate(patterns):
-        if not pattern.any():
-            continue
-        rows, columns = np.flatnonzero(which.ravel() == number), np.flatnonzero(pattern)
+    code = active @ (1 << np.arange(active.shape[1]))
+    for number in np.unique(code[code > 0]):
+        rows = np.flatnonzero(code == number)
+        columns = np.flatnonzero(active[rows[0]])
         for first in range(0, rows.size, _BLOCK):
             part = rows[first : first + _BLOCK]
             margin[part] = hull_distance(points[np.ix_(part, columns)], query[part])
@@ -66,7 +67,7 @@ def hull_distance(points: Array, query: Array) -> Array:
     """Signed distance of each query point to the edge of the convex hull of its own k points.
 
     No hull is built: an ordered pair of points is an edge where every point lies on its left. Outside, the
-    nearest point of the hull lies on a segment between two of its points. Memory grows with N k^3.
+    nearest point of the hull lies on a segment between two of its points.
 
     Args:
         points: shape (N, k, 2), k >= 1 [m].
@@ -75,19 +76,20 @@ def hull_distance(points: Array, query: Array) -> Array:
     Returns:
         Positive inside, negative outside, NaN where the query is NaN, shape (N,) [m].
     """
-    arm = points[:, None, :, :] - points[:, :, None, :]  # [n, i, j] from i to j
-    length = np.hypot(arm[..., 0], arm[..., 1])
+    # The sets lie along the last axis: numpy's inner loops are then long.
+    x, y = np.ascontiguousarray(points.T)  # [i, n]
+    arm_x, arm_y = x - x[:, None], y - y[:, None]  # [i, j, n] from i to j
+    length = np.hypot(arm_x, arm_y)
     proper = length > _TINY
-    unit = arm / np.where(proper, length, 1.0)[..., None]
-    # How far every point m lies to the left of the line i -> j, [n, i, j, m].
-    left = unit[:, :, :, None, 0] * arm[:, :, None, :, 1] - unit[:, :, :, None, 1] * arm[:, :, None, :, 0]
-    is_edge = proper & (left >= -_TINY).all(axis=-1)
-    to_query = query[:, None, None, :] - points[:, :, None, :]  # [n, i, 1]
-    side = unit[..., 0] * to_query[..., 1] - unit[..., 1] * to_query[..., 0]
-    inside = np.where(is_edge, side, np.inf).min(axis=(1, 2))
+    unit_x, unit_y = (arm / np.where(proper, length, 1.0) for arm in (arm_x, arm_y))
+    # How far every point m lies to the left of the line i -> j.
+    left = (unit_x * arm_y[:, m, None] - unit_y * arm_x[:, m, None] for m in range(len(x)))
+    is_edge = proper & (reduce(np.minimum, left) >= -_TINY)
+    to_x, to_y = (query.T[:, None] - (x, y))[:, :, None]  # [i, 1, n] from i to the query
+    side = unit_x * to_y - unit_y * to_x
+    inside = np.where(is_edge, side, np.inf).min(axis=(0, 1))
     # A point paired with itself has unit and length zero: its segment is that point.
-    along = np.clip(unit[..., 0] * to_query[..., 0] + unit[..., 1] * to_query[..., 1], 0.0, length)
-    rest = to_query - unit * along[..., None]
-    outside = np.hypot(rest[..., 0], rest[..., 1]).min(axis=(1, 2))
+    along = np.clip(unit_x * to_x + unit_y * to_y, 0.0, length)
+    outside = np.hypot(to_x - unit_x * along, to_y - unit_y * along).min(axis=(0, 1))
     enclosed = (inside >= 0.0) & np.isfinite(inside)
     return np.where(enclosed, inside, -outside)
