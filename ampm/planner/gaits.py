@@ -11,7 +11,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.pendulum import (
@@ -24,8 +23,6 @@ from ampm.planner.pendulum import (
     sqrt,
     where,
 )
-
-Array = NDArray[np.float64]
 
 LEAST_MID_STANCE_SHARE = 0.2
 """Least speed over the foot, as a share of v0: below it the pendulum nearly stops and every error grows."""
@@ -85,8 +82,9 @@ class Gaits:
     Attributes:
         model: ``ampm`` or ``ipm``.
 
-    All others: see :class:`ampm.parameters.GaitParameters`. Numbers of too different size give infinities or
-    NaN, which the last rule refuses.
+    All others: see :class:`ampm.parameters.GaitParameters`. What follows is numbers or arrays as these are.
+    Numbers of too different size raise ArithmeticError or ValueError; arrays then have infinities or NaN,
+    which the last rule refuses.
     """
 
     model: Any
@@ -107,7 +105,7 @@ class Gaits:
 
     @property
     def arrays(self) -> Gaits:
-        """The same gait as arrays (), which give infinities and NaN where numbers raise an error."""
+        """One gait as arrays of shape ()."""
         return Gaits(*(np.asarray(getattr(self, field.name)) for field in fields(self)))
 
     def part(self, which: slice) -> Gaits:
@@ -115,7 +113,7 @@ class Gaits:
         return Gaits(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
 
     @cached_property
-    def plain(self) -> NDArray[np.bool_]:
+    def plain(self) -> Any:
         """Whether it is the plain inverted pendulum."""
         return self.model == "ipm"
 
@@ -125,29 +123,29 @@ class Gaits:
         return self.model != "ipm"
 
     @cached_property
-    def inverse_a_s(self) -> Array:
+    def inverse_a_s(self) -> Any:
         """``1/a_s`` [1]."""
         return 1.0 / self.a_s
 
     @cached_property
-    def bracket(self) -> Array:
+    def bracket(self) -> Any:
         """``c_s - 1/a_s`` [1]."""
         return self.c_s - self.inverse_a_s
 
     @cached_property
-    def least_velocity(self) -> Array:
+    def least_velocity(self) -> Any:
         """``l_s / T_s``, above which the COM passes over the foot [m/s]."""
         l_s = 0.5 * self.step_length * self.single_support_ratio
         return l_s / sqrt(self.com_height / (self.bracket * GRAVITY))
 
     @cached_property
-    def mid_stance_velocity(self) -> Array:
+    def mid_stance_velocity(self) -> Any:
         """Speed of the COM over the foot [m/s]."""
         v0, least = self.switching_velocity, self.least_velocity
         return sqrt((v0 - least) * (v0 + least))
 
     @property
-    def least_mid_stance_velocity(self) -> Array:
+    def least_mid_stance_velocity(self) -> Any:
         """Speed over the foot below which the pendulum nearly stops [m/s]."""
         return LEAST_MID_STANCE_SHARE * self.switching_velocity
 
@@ -199,7 +197,7 @@ class Gaits:
         )
 
     @cached_property
-    def time_constants(self) -> Array:
+    def time_constants(self) -> Any:
         """Duration of single support over the time constant of the lateral pendulum [1]."""
         return sqrt(self.c_y * GRAVITY / self.com_height) * self.sagittal.single.duration
 
@@ -243,7 +241,7 @@ class Gaits:
         )
 
     @cached_property
-    def rounding(self) -> Array:
+    def rounding(self) -> Any:
         """Bound on the jumps at a switch that rounding can cause, in the scales of ``PlanResiduals`` [1].
 
         The closed form is continuous, so that every jump is rounding. Every law is purely even or purely odd:
