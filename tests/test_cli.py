@@ -114,7 +114,7 @@ def test_bad_input_is_one_sentence(ampm, arguments, words, tmp_path, monkeypatch
 
 def test_a_title_names_what_was_changed_but_for_the_number_of_steps():
     request = load_request("normal", ["gait.steps=4", "gait.c_y = 0.93", "solver.qp=daqp"])
-    assert request.title == "normal, gait.c_y 0.93, solver.qp daqp"
+    assert request.title.split(", ") == ["normal", "gait.c_y 0.93", "solver.qp daqp"]
     assert load_request("normal", ["gait.steps=4"]).title == "normal"
 
 

@@ -73,7 +73,7 @@ def test_a_bodily_refusal_names_value_limit_and_way_out(gait, foot, reason, valu
 def test_a_refusal_names_the_way_out_of_the_next_one_too():
     refusal = refused(flat(a_s=1.4, com_height=0.95), FLAT)
     assert refusal.reason == "zmp_leaves_sole"
-    assert "also leg too short: lower gait.com_height" in refusal.way_out
+    assert "lower gait.com_height" in refusal.way_out
     assert str(refusal).count("raise gait.a_s") == 1
 
 

@@ -88,7 +88,7 @@ def test_silence():
     assert "vary" in target({"x": x}, np.full(LEAST_RUNS, 3.0)).reason
     rare = np.zeros(200)
     rare[:4] = 1.0
-    assert "all but 4 of 200" in target({"x": rng.random(200)}, rare).reason
+    assert "4 of 200" in target({"x": rng.random(200)}, rare).reason
     rare[:5] = 1.0
     assert target({"x": rng.random(200)}, rare).reason == ""
 

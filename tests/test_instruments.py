@@ -358,7 +358,7 @@ def test_a_trial_with_an_instrument_keeps_and_shows_it(run_of, tmp_path, capsys)
     out = tmp_path / "run"
     arguments = ["validate", "normal", "--steps", "2", "--instrument", "force-plate", "--out", str(out)]
     assert call(arguments) == Status.PASS
-    assert "instrument        force-plate shows the ZMP" in capsys.readouterr().out
+    assert "force-plate" in capsys.readouterr().out
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert call(["instrument", str(out), "--json"]) == Status.PASS
     again = json.loads(capsys.readouterr().out)

@@ -104,7 +104,7 @@ def test_one_that_fails_names_itself_and_one_without_an_instant_is_not_measured(
     assert math.isnan(named(verdict_of(compared(perfect_walk(count=40)), DEFAULT), drop.name).value)
     register(replace(drop, name="broken", compute=lambda walk: walk.nonsense))
     try:
-        with pytest.raises(InputError, match="metric 'broken' cannot be computed"):
+        with pytest.raises(InputError, match="broken"):
             evaluate(compared(perfect_walk()))
     finally:
         unregister("broken")

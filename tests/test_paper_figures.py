@@ -86,7 +86,7 @@ def test_a_gait_is_walked_once_and_a_fall_is_not_drawn(monkeypatch):
     assert walks.walk("normal") is first
     assert walks.walk("normal", ("gait.c_y=0.4",)) is not first
     assert walked == [("normal", 5), ("normal", 5)]
-    with pytest.raises(SolverError, match=r"flat: fell after 1\.50 s \(It slipped\.\)"):
+    with pytest.raises(SolverError, match=r"flat.*1\.50 s.*It slipped"):
         walks.walk("flat")
 
 

@@ -51,7 +51,7 @@ def test_a_force_law_with_a_wrong_scale_shows(record: SimulationRecord) -> None:
 
 def test_a_com_that_is_too_high_is_refused() -> None:
     run = RUN.replace({"gait.com_height": 1.2})
-    with pytest.raises(BodilyRefusal, match=r"cannot stand .* 1\.2 m; lower gait\.com_height"):
+    with pytest.raises(BodilyRefusal, match=r"1\.2 m; lower gait\.com_height"):
         stand(run, build(run.body, run.contact, run.simulation))
 
 

@@ -299,7 +299,7 @@ def test_files_that_are_no_sweep(tmp_path):
         load_sweep(tmp_path)
     broken = tmp_path / "broken.toml"
     broken.write_text("[sweep\n")
-    with pytest.raises(InputError, match=r"no valid TOML.*line 1"):
+    with pytest.raises(InputError, match="line 1"):
         load_sweep(broken)
     run = tmp_path / "run.toml"
     run.write_text(dump_run(load_run("normal")))

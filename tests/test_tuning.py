@@ -264,7 +264,7 @@ def test_validate_finds_what_is_left_open(ampm, tmp_path):
     status, out, err = validate("gait.step_length=0.3", "gait.com_height=0.87", "gait.steps=2")
     assert status in (Status.PASS, Status.OUT_OF_TOLERANCE)
     assert json.loads(out)["outcome"] == "completed"
-    assert "gait.step_length = 0.3 changed" in err.replace("gait.com_height = 0.87, ", "")
+    assert "gait.step_length = 0.3" in err
     assert "--as-is" in err
     run = load_run(tmp_path / "run" / "run.toml")
     assert (run.gait.step_length, run.gait.com_height) == (0.3, 0.87)

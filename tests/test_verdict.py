@@ -63,9 +63,7 @@ def test_an_error_between_the_profiles_passes_one_and_fails_the_other(walk):
     assert verdict.name is VerdictName.FAIL
     assert [item.name for item in verdict.failed] == ["zmp_x_rmse"]
     assert verdict.failed[0].margin == pytest.approx(-0.1)
-    assert verdict.reason == (
-        f"1 of {len(STRICT.tolerances)} tolerances not met; the furthest is zmp_x_rmse: 2.2 mm, limit 2."
-    )
+    assert "zmp_x_rmse: 2.2 mm, limit 2." in verdict.reason
 
 
 def test_forces_are_judged_in_newton_as_share_of_the_weight(walk):
@@ -101,13 +99,14 @@ def test_what_did_not_complete_has_no_verdict(walk, name):
     assert verdict.name is VerdictName.NOT_MEASURED
     assert all(item.passed is None and item.margin is None for item in verdict.metrics)
     assert not verdict.undecided
-    assert verdict.reason.endswith("at 1.234 s: The left knee went straight.")
+    assert "1.234 s" in verdict.reason
+    assert record.outcome.cause in verdict.reason
 
 
 def test_a_walk_of_one_step_has_nothing_to_judge():
     verdict = verdict_of(compared(perfect_walk(steps=1)), DEFAULT)
     assert verdict.name is VerdictName.NOT_MEASURED
-    assert "a run must last longer than its first step" in verdict.reason
+    assert "first step" in verdict.reason
 
 
 # ------------------------------------------------------------------------------ numerical uncertainty
@@ -130,7 +129,7 @@ def test_a_value_closer_to_its_limit_than_its_uncertainty_is_undecided(walk, shi
     if name is VerdictName.UNDECIDED:
         assert (item.passed, item.margin, item.undecided) == (None, None, True)
         assert (item.uncertainty, item.displayed(item.uncertainty)) == (0.0003, pytest.approx(0.3))
-        assert f"zmp_x_rmse: {1e3 * shift:.1f} ± 0.3 mm, limit 2" in verdict.reason
+        assert f"{1e3 * shift:.1f} ± 0.3 mm" in verdict.reason
         assert [one.name for one in verdict.undecided] == ["zmp_x_rmse"]
 
 
@@ -237,7 +236,7 @@ def test_the_docs_state_the_limits_that_hold():
 
 def test_profiles_are_found_by_name_and_by_preset():
     assert profile("wide") is WIDE
-    with pytest.raises(InputError, match="use one of default, strict, wide"):
+    with pytest.raises(InputError, match="default, strict, wide"):
         profile("lenient")
     wide = {name for name in preset_names() if own_profile(name) is WIDE}
     assert wide == {"roll-0.1", "pitch"}  # no other demo may take twice the limits
