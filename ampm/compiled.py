@@ -22,12 +22,13 @@ from numba.core import config, event
 from platformdirs import user_cache_path
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     Function = TypeVar("Function", bound=Callable[..., Any])
 
 _SOURCES = (
     "ampm/compiled.py",
+    "ampm/qp.py",
     "ampm/vectors.py",
     "ampm/body/*.py",
     "ampm/control/*.py",
@@ -58,9 +59,9 @@ def compiled(function: Function) -> Function:
         config.CACHE_DIR = before
 
 
-def records(count: int, dtype: np.dtype[Any]) -> Any:
-    """Zeroed entries of a structured type, whose fields compiled functions read as attributes."""
-    array = np.zeros(count, dtype)
+def records(shape: int | tuple[int, ...], fields: Sequence[Any]) -> Any:
+    """Zeroed entries with fields (name, type, shape), which compiled functions read as attributes."""
+    array = np.zeros(shape, np.dtype(list(fields), align=True))
     return array.view(np.recarray) if config.DISABLE_JIT else array
 
 

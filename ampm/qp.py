@@ -17,6 +17,7 @@ import numpy as np
 import osqp
 import scipy.sparse as sparse
 
+from ampm.compiled import compiled
 from ampm.exceptions import InputError, SolverError
 
 if TYPE_CHECKING:
@@ -123,6 +124,51 @@ class _Pattern:
         return sparse.csc_matrix((values, csc.indices, csc.indptr), shape=csc.shape)
 
 
+@compiled
+def gather(
+    P: Array,
+    P_places: NDArray[np.intp],
+    A: Array,
+    A_places: NDArray[np.intp],
+    lower: Array,
+    upper: Array,
+    infinity: float,
+    P_values: Array,
+    A_values: Array,
+    low: Array,
+    high: Array,
+) -> bool:
+    """Take matrices to their values in sparse order, and bounds to finite ones.
+
+    Args:
+        P: dense, C-contiguous.
+        P_places: of its values in memory.
+        A: dense, C-contiguous.
+        A_places: of its values in memory.
+        lower: shape (m,).
+        upper: shape (m,).
+        infinity: largest size of a bound.
+        P_values: written.
+        A_values: written.
+        low: written, shape (m,).
+        high: written, shape (m,).
+
+    Returns:
+        Whether no lower bound is above its upper one.
+    """
+    costs, rows = P.reshape(-1), A.reshape(-1)
+    for i in range(len(P_places)):
+        P_values[i] = costs[P_places[i]]
+    for i in range(len(A_places)):
+        A_values[i] = rows[A_places[i]]
+    ordered = True
+    for i in range(len(lower)):
+        low[i], high[i] = max(lower[i], -infinity), min(upper[i], infinity)
+        if lower[i] > upper[i]:
+            ordered = False
+    return ordered
+
+
 class OsqpBackend:
     """OSQP with one workspace and fixed patterns (Stellato et al. 2020).
 
@@ -134,6 +180,8 @@ class OsqpBackend:
 
     def __init__(self, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings) -> None:
         self._P, self._A = _Pattern(np.triu(P_mask)), _Pattern(A_mask)
+        self._values = np.empty(self._P.gather.size), np.empty(self._A.gather.size)
+        self._bounds = np.empty(len(A_mask)), np.empty(len(A_mask))
         self._settings = settings
         self._solver: Any = None
 
@@ -145,7 +193,9 @@ class OsqpBackend:
             KeyboardInterrupt: the user interrupted the solve.
         """
         start = time.perf_counter()
-        if np.logical_or.reduce(lower > upper):  # OSQP would keep the last bounds and solve with those
+        patterns, bounds = (P, self._P.gather, A, self._A.gather), (lower, upper, _INFINITY)
+        if not gather(*patterns, *bounds, *self._values, *self._bounds):
+            # OSQP would keep the last bounds and solve with those.
             gap = float((lower - upper).max())
             return QPSolution(
                 np.full(len(q), np.nan), QPStatus.INFEASIBLE, gap, 0, time.perf_counter() - start
@@ -154,8 +204,8 @@ class OsqpBackend:
         if solver is None:
             solver = self._solver = self._setup(P, q, A, lower, upper)
         else:
-            solver.update_data_vec(q=q, l=np.maximum(lower, -_INFINITY), u=np.minimum(upper, _INFINITY))
-            P_x, A_x = P.reshape(-1).take(self._P.gather), A.reshape(-1).take(self._A.gather)
+            (low, high), (P_x, A_x) = self._bounds, self._values
+            solver.update_data_vec(q=q, l=low, u=high)
             solver.update_data_mat(P_x=P_x, P_i=None, A_x=A_x, A_i=None)
         solver.solve()
         x = np.array(solver.solution.x, dtype=np.float64)

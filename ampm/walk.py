@@ -163,6 +163,16 @@ class Reference(NamedTuple):
         return self.centre[..., 4, :]
 
 
+def read_only(reference: Reference) -> Reference:
+    """The same reference, whose arrays cannot be written to."""
+    if reference.centre.flags.writeable:
+        for part in (reference[:-3], *reference[-3:]):
+            for array in part:
+                if isinstance(array, np.ndarray):
+                    array.setflags(write=False)
+    return reference
+
+
 class Timing(NamedTuple):
     """Times by which a controller's references look ahead.
 
@@ -193,9 +203,7 @@ class ReferenceTable(Sequence[Reference]):
     """
 
     def __init__(self, rows: Reference) -> None:
-        self.rows = rows
-        for array in (*rows[:-3], *rows.feet, *rows.contacts, *rows.posture):
-            array.setflags(write=False)
+        self.rows = read_only(rows)
 
     def __len__(self) -> int:
         return len(self.rows.centre)

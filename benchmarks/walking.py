@@ -20,7 +20,7 @@ from validation.trial.outcome import OutcomeName
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
 
-PARTS = ("references", "terms", "assembly", "solve", "torque")
+PARTS = ("all but the QP", "solve")
 """Parts of a control tick, in its order; ``docs/benchmarks.md`` says what they hold."""
 
 
@@ -129,17 +129,7 @@ class _Ticks:
 
 
 def time_parts(watch: Stopwatch, controller: TrackingController) -> None:
-    """Count a controller's methods as the parts of its tick; its own lines are assembly."""
-    tracker = controller.tracker
-    watch.time("references", controller.stabilizer, "command")
-    for task in (*tracker.feet, tracker.toes, tracker.posture):
-        watch.time("references", task, "at")
-    watch.time("references", tracker.gate, "update")
-    watch.time("terms", controller.robot, "kinematics")
-    watch.time("assembly", tracker.forces, "update")
-    watch.time("assembly", tracker.condensed, "build")
-    watch.time("assembly", controller, "update")
-    watch.time("solve", tracker.condensed, "solve")
-    watch.time("solve", tracker, "_solve_limited")
-    watch.time("torque", tracker, "_torque")
-    watch.time("torque", tracker.limits, "broken")
+    """Count a controller's methods as the parts of its tick."""
+    watch.time("all but the QP", controller, "update")
+    watch.time("solve", controller.condensed, "solve")
+    watch.time("solve", controller, "_solve_limited")

@@ -10,12 +10,13 @@ import pytest
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.body.robot import TASK_ROWS, Robot
-from ampm.control.contact_gate import ContactGate
-from ampm.control.controller import TrackingController
+from ampm.control import controller as tick_module
+from ampm.control.controller import ALPHA, POSTURE, WANTED, TrackingController, torques
 from ampm.control.forces import ANGULAR
-from ampm.control.limited_qp import JointLimits
+from ampm.control.limited_qp import acceleration_bounds, limit_broken
+from ampm.control.records import TIP
 from ampm.control.tasks import STANCE, SWING
-from ampm.control.wrench_qp import LEAST_LOAD, TANGENT_COST, YAW_COST, Rows
+from ampm.control.wrench_qp import LEAST_LOAD, TANGENT_COST, YAW_COST
 from ampm.planners import periodic_walk
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, State, Timing, Touch
 from tests.solved import COARSE, motion_of, walk_of
@@ -69,7 +70,7 @@ def dynamics(it, q, v, output):
     model, data = robot.model, robot.model.createData()
     mass = pin.crba(model, data, q)
     mass = np.triu(mass) + np.triu(mass, 1).T
-    total = mass @ it.tracker.acceleration + pin.nle(model, data, q, v)
+    total = mass @ it.acceleration + pin.nle(model, data, q, v)
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
     for frame, force in zip(robot.point_frames, output.point_force, strict=True):
@@ -86,6 +87,24 @@ def test_torques_forces_and_accelerations_obey_the_dynamics(time, shift):
     total = dynamics(it, q, v, output)
     np.testing.assert_allclose(total[:6], 0.0, atol=1e-6)  # nothing but the floor holds the root
     np.testing.assert_allclose(total[6:], output.torque, atol=1e-6)
+
+
+def test_a_body_without_toes_and_with_four_points_a_foot_obeys_the_dynamics():
+    whole = walk_of(COARSE).robot
+    flat = Robot(whole.model, whole.description, whole.shapes)
+    kept = flat.point_group < TIP
+    flat.point_frames = tuple(np.array(flat.point_frames)[kept].tolist())
+    flat.point_foot, flat.point_group = flat.point_foot[kept], flat.point_group[kept]
+    flat.toe_joints = np.zeros(0, dtype=np.intp)
+    it = TrackingController(flat, walk_of(COARSE, "solver.qp=daqp").run)
+    for time in INSTANTS:
+        now, sensed = state(time, 0.005), touch(time).contact[np.tile(np.arange(6) < 4, 2)]
+        output = it.update(now, Touch(sensed, np.zeros(8)), reference(time))
+        assert output.status == SOLVED
+        assert len(np.array(output.point_force)) == 8
+        total = dynamics(it, now.q, now.v, output)
+        np.testing.assert_allclose(total[:6], 0.0, atol=1e-6)
+        np.testing.assert_allclose(total[6:], output.torque, atol=1e-6)
 
 
 @pytest.mark.parametrize("time", INSTANTS)
@@ -116,10 +135,10 @@ def points(it, q):
 def test_the_other_foot_makes_up_for_what_a_landing_foot_does_not_carry(miss):
     """The QP's wrench, and what it expects the landing heel to carry beyond it, are as commanded."""
     it = controller("solver.qp=daqp")
-    gains, gate = walk_of(COARSE).run.controller, it.tracker.gate
+    gains = walk_of(COARSE).run.controller
     at = round(walk_of(COARSE).plan.contacts.phases[0].duration, 3) + 0.002
     robot, heel = it.robot, np.flatnonzero((it.robot.point_foot == 1) & (it.robot.point_group == 0))
-    gate.update(reference(0.5).contacts, touch(0.5).contact)  # the right foot is in the air
+    it.update(state(0.5), touch(0.5), reference(0.5))  # the right foot is in the air
     asked = np.zeros(12)
     for row in (0, 1):
         force = np.zeros(12)
@@ -128,10 +147,12 @@ def test_the_other_foot_makes_up_for_what_a_landing_foot_does_not_carry(miss):
         posture = now.posture
         standing = touch(at).contact & (robot.point_foot == 0)
         standing[heel] = True
-        output = it.update(State(now.time, posture.q, posture.v), Touch(standing, force), now)
+        output = it.update(
+            State(now.time, posture.q, posture.v), Touch(standing, force, 1.0 / gains.frequency), now
+        )
         lost = gains.landing_compensation * (force - asked)[heel] * row
         asked = output.point_force[:, 2].copy()
-    assert 0.0 < it.tracker.gate.update(now.contacts, standing).opening[1][0] < 1.0
+    assert 0.0 < it._lines[1, 0]["opening"] < 1.0
     total = output.point_force[:, 2].sum() + lost.sum()
     assert lost.sum() == pytest.approx(-2.0 * gains.landing_compensation * miss)
     assert total == pytest.approx(output.force[2], abs=0.5)
@@ -152,18 +173,14 @@ def test_condensed_answer_is_that_of_the_whole_problem(time):
     """Accelerations of the forces found, and the price of yaw, by a dense KKT system of all accelerations."""
     it, q, v, _ = tick(time, shift=0.005)
     robot, g = it.robot, it.robot.gravity
-    tracker, terms = it.tracker, robot.kinematics(q, v)
     weights = robot.by_group(POSTURE_WEIGHTS)
     ref = reference(time)
     stands = ref.contacts.planned.any(axis=1)
     soft = np.concatenate([np.repeat(np.where(stands, STANCE, SWING), 6), np.full(2, 1e-12)])
-    rows = terms.jacobian * np.repeat([1.0, ANGULAR, 1.0], [3, 3, TASK_ROWS - 6])[:, None]
-    contact = ContactGate(robot, 1.0, 1.0).update(ref.contacts, touch(time).contact)
-    feet = ref.feet.values.tolist()
-    tasks = [tracker.fall.task, *(task.at(terms, feet[i], contact) for i, task in enumerate(tracker.feet))]
-    wanted = np.concatenate([part for part, _ in [*tasks, tracker.toes.at(terms, feet)]])
-    rhs = np.repeat([1.0, ANGULAR, 1.0], [3, 3, TASK_ROWS - 6]) * (wanted - terms.drift) / g
-    posture = tracker.posture.at(terms, ref.posture) / np.sqrt(weights)
+    rows = robot.jacobian(q).jacobian * np.repeat([1.0, ANGULAR, 1.0], [3, 3, TASK_ROWS - 6])[:, None]
+    scale = np.repeat([1.0, ANGULAR, 1.0], [3, 3, TASK_ROWS - 6])
+    rhs = scale * (it._tasks[WANTED] - robot.drift(q, v)) / g
+    posture = it._motion[POSTURE] / np.sqrt(weights)
 
     def accelerations(wrench):
         """Closest to posture and foot tasks of all those that a net wrench gives."""
@@ -175,20 +192,20 @@ def test_condensed_answer_is_that_of_the_whole_problem(time):
         lost = alpha - posture, rows[6:] @ alpha - rhs[6:]
         return alpha, 0.5 * (weights * lost[0] ** 2).sum() + 0.5 * (lost[1] ** 2 / soft).sum()
 
-    wrench = tracker.forces.wrench @ tracker.phi
-    np.testing.assert_allclose(tracker.acceleration / g, accelerations(wrench)[0], atol=2e-4)
+    wrench = it._wrench @ it.phi
+    np.testing.assert_allclose(it.acceleration / g, accelerations(wrench)[0], atol=2e-4)
     # The price of yaw that the QP was told of: curvature and gradient of the cost left over.
     unit = np.eye(6)[5]
     (_, up), (_, mid), (_, down) = (accelerations(s * unit) for s in (1.0, 0.0, -1.0))
-    row = tracker.forces.wrench[5, [6, 7, 8, 15, 16, 17]]
+    row = it._wrench[5, [6, 7, 8, 15, 16, 17]]
     tangent = np.ix_([6, 7, 8, 15, 16, 17], [6, 7, 8, 15, 16, 17])
     loads = np.maximum([1.0 - ref.right_load, ref.right_load], LEAST_LOAD)
-    block = tracker.condensed.P[tangent] - np.diag(np.repeat(TANGENT_COST / loads, 3))
+    block = it.condensed.P[tangent] - np.diag(np.repeat(TANGENT_COST / loads, 3))
     np.testing.assert_allclose(
         block, YAW_COST * (up - 2 * mid + down) * np.outer(row, row), rtol=1e-3, atol=1e-9
     )
     np.testing.assert_allclose(
-        tracker.condensed.q[[6, 7, 8, 15, 16, 17]], YAW_COST * 0.5 * (up - down) * row, rtol=2e-3, atol=1e-7
+        it.condensed.q[[6, 7, 8, 15, 16, 17]], YAW_COST * 0.5 * (up - down) * row, rtol=2e-3, atol=1e-7
     )
 
 
@@ -222,8 +239,8 @@ def test_a_tilted_trunk_asks_for_angular_momentum_against_the_tilt(axis, row, si
     world[row] = 0.01
     turn[3:6] = pin.Quaternion(q[3:7]).matrix().T @ world
     tilted = pin.integrate(it.robot.model, q, turn)
-    body = it.robot.kinematics(tilted, reference(0.3).posture.v)
-    wanted = it.stabilizer.command(body, reference(0.3)).angular_momentum
+    leaning = State(0.3, tilted, reference(0.3).posture.v)
+    wanted = controller().update(leaning, touch(0.3), reference(0.3)).angular_momentum
     gain = walk_of(COARSE).run.controller.trunk_gain
     change = np.zeros(3)
     change[row] = sign * gain * 0.01
@@ -246,36 +263,36 @@ def test_with_less_torque_the_limits_are_kept_and_the_dynamics_too(time, solver)
 
 
 def test_torque_map_is_affine_and_exact():
-    it, q, v, _ = tick(0.62)
-    tracker, body = it.tracker, it.robot.kinematics(q, v)
-    torque_map, bias = tracker._torque_map(body, tracker.forces)
-    rng = np.random.default_rng(0)
+    it = tick(0.62)[0]
+    torque_map, bias = it._torque_map()
+    rng, direct, force = np.random.default_rng(0), np.empty(34), np.empty((12, 3))
     for _ in range(3):
         alpha, phi = rng.normal(size=40), rng.normal(size=18)
-        direct = tracker._torque(body, tracker.forces, alpha, phi)
+        it._motion[ALPHA] = it.robot.gravity * alpha
+        torques(*(*it._torques, phi, direct, force))
         np.testing.assert_allclose(torque_map @ np.concatenate([alpha, phi]) + bias, direct, atol=1e-9)
 
 
 def test_joints_may_only_run_as_fast_as_they_can_brake():
     robot = walk_of(COARSE).robot
-    limits = JointLimits(robot)
     middle = pin.neutral(robot.model)
     middle[7:] = 0.5 * (robot.lower + robot.upper)
     still, free = np.zeros(40), np.zeros(34)
-    assert not limits.broken(middle, still, still, free)
-    assert limits.broken(middle, still, still, free + np.eye(34)[3] * 1.001 * robot.torque_limit)
+    limits = robot.torque_limit, robot.lower, robot.upper
+    assert not limit_broken(middle, still, still, free, *limits)
+    assert limit_broken(middle, still, still, np.eye(34)[3] * 1.001 * robot.torque_limit, *limits)
     near = middle.copy()
     near[10] = robot.upper[3] - 0.001  # from 1 rad/s on it cannot brake at 500 rad/s^2 within that
     for rate, breaks in ((0.99, False), (1.01, True), (-5.0, False)):
         v = np.zeros(40)
         v[9] = rate
-        assert limits.broken(near, v, still, free) is breaks
-        low, high = limits.acceleration_bounds(near, v)
+        assert limit_broken(near, v, still, free, *limits) is breaks
+        low, high = acceleration_bounds(robot, near, v)
         assert bool(high[3] < 0.0) is breaks
         assert (low <= high).all()
     outside = near.copy()
     outside[10] = robot.upper[3] + 1.0
-    low, high = limits.acceleration_bounds(outside, np.eye(40)[9] * 100.0)
+    low, high = acceleration_bounds(robot, outside, np.eye(40)[9] * 100.0)
     assert -200.0 <= high[3] < 0.0
     assert (low <= high).all()
 
@@ -292,13 +309,12 @@ def test_a_state_that_is_no_number_gives_no_torque_and_is_told():
 
 def test_dependent_rows_hold_the_last_command(monkeypatch):
     it, q, v, before = tick(0.3)
-    tracker = it.tracker
-    phi, acceleration = tracker.phi.copy(), tracker.acceleration.copy()
-    monkeypatch.setattr(Rows, "eliminate", lambda rows: None)
+    phi, acceleration, prepare = it.phi.copy(), it.acceleration.copy(), tick_module.prepare
+    monkeypatch.setattr(tick_module, "prepare", lambda *arguments: prepare(*arguments) and False)
     output = it.update(State(0.302, q, v), touch(0.3), reference(0.3, 1))
     assert output.status == UNSOLVED
-    np.testing.assert_allclose(tracker.phi, phi, atol=1e-12)
-    np.testing.assert_allclose(tracker.acceleration, acceleration)
+    np.testing.assert_allclose(it.phi, phi, atol=1e-12)
+    np.testing.assert_allclose(it.acceleration, acceleration)
     np.testing.assert_allclose(output.torque, before.torque, atol=1e-6)
 
 

@@ -7,10 +7,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-from ampm.control.contact_gate import Contact
+from ampm.compiled import records
 from ampm.control.controller import TrackingController
-from ampm.control.forces import Openings
-from ampm.control.hold import LARGEST_CHANGE, FirstOrderHold
+from ampm.control.hold import LARGEST_CHANGE, update_rate
+from ampm.control.records import LINE
 from ampm.run_file import load_run
 from ampm.walk import ControlOutput, Touch
 from validation.run.walk import walk
@@ -21,16 +21,30 @@ STEP = 0.01 * LIMIT
 
 
 def contact(touching=True, opening=1.0, planned=True):
-    """A left heel; the right foot stands."""
-    lines = [[[planned, False, False], [True, True, True]], [[opening, 0.0, 0.0], [1.0, 1.0, 1.0]]]
-    touched = [[touching, False, False], [True, True, True]]
-    return Contact(lines[0], lines[0], touched, touched, lines[1], opening < 1.0, Openings.of(np.ones(12)))
+    """Planned, touching, opening of a left heel; the right foot stands."""
+    return planned, touching, opening
+
+
+class Hold:
+    """Rates from tick to tick."""
+
+    def __init__(self):
+        self.lines, self.last, self.now, self.first = records((2, 3), LINE), np.zeros(2), np.zeros(2), True
+        for name in ("planned", "touching", "opening"):
+            self.lines[name][1] = 1.0
+
+    def rate(self, torque, heel, jumps):
+        for name, value in zip(("planned", "touching", "opening"), heel, strict=True):
+            self.lines[name][0, 0] = value
+        update_rate(torque, self.last, LIMIT, 1.0 / PERIOD, self.lines, jumps or self.first, self.now)
+        self.last, self.first = torque, False
+        return self.now.copy()
 
 
 @pytest.fixture
 def rates():
     """A hold that has seen two ticks of a steady slope."""
-    it = FirstOrderHold(LIMIT, PERIOD)
+    it = Hold()
     np.testing.assert_array_equal(it.rate(0.0 * STEP, contact(), False), 0.0)  # nothing is known yet
     np.testing.assert_allclose(it.rate(STEP, contact(), False), STEP / PERIOD)
     return it

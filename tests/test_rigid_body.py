@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.body.rigid_body import RigidBody, joint_torques
+from ampm.body.rigid_body import RigidBody, frames_of, joint_torques
 from ampm.exceptions import InputError
 
 ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -42,7 +42,7 @@ class Tree:
         self.model, self.data, self.mass = model, model.createData(), pin.computeTotalMass(model)
         self.soles, self.trunk, self.points = frames[:FEET], frames[FEET], frames[FEET + 1 :]
         self.toes = np.arange(6, 6 + toes)
-        self.body = RigidBody(model, self.soles, self.trunk, self.points, self.toes)
+        self.body = RigidBody(model, self.soles, self.trunk, self.toes)
         self.q = pin.integrate(model, pin.neutral(model), rng.normal(size=model.nv))
         self.v, self.now, self.acceleration = rng.normal(size=(3, model.nv))
         self.body.place(self.q)
@@ -64,7 +64,7 @@ def close(actual, expected):
 
 def test_places_are_pinocchios(tree):
     close(tree.q[:3] + tree.body.com, pin.centerOfMass(tree.model, tree.data, tree.q))
-    for frames, numbers in ((tree.body.poses, [*tree.soles, tree.trunk]), (tree.body.points, tree.points)):
+    for frames, numbers in ((tree.body.soles, tree.soles), (tree.body.trunk, [tree.trunk])):
         for place, turn, number in zip(*tree.body.places(frames), numbers, strict=True):
             close(tree.q[:3] + place, tree.data.oMf[number].translation)
             close(turn, tree.data.oMf[number].rotation)
@@ -90,9 +90,9 @@ def test_torques_are_pinocchios(tree):
     total = pin.rnea(model, tree.data, tree.q, tree.v, tree.acceleration)
     for point, force in zip(tree.points, forces, strict=True):
         total = total - tree.frame_jacobian(point)[:3].T @ force
-    body, torque = tree.body, np.empty(HINGES)
+    body, torque, points = tree.body, np.empty(HINGES), frames_of(model, tree.points)
     state = tree.v, tree.acceleration, 9.81
-    joint_torques(body.tree, body.armature, body.link, *state, body.points, forces, torque)
+    joint_torques(body.tree, body.armature, body.link, *state, points, forces, torque)
     close(torque, total[6:])
 
 
@@ -105,4 +105,4 @@ def test_other_joints_are_refused(first):
     for kind in kinds:
         model.addJoint(model.njoints - 1, kind, pin.SE3.Identity(), f"joint {model.njoints}")
     with pytest.raises(InputError, match=f"joint {1 if first else 2}.*free root"):
-        RigidBody(model, [], 0, [], np.arange(0))
+        RigidBody(model, [], 0, np.arange(0))

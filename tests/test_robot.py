@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.body.robot import LEFT, RIGHT, TASK_ROWS, Robot
+from ampm.body.robot import TASK_ROWS, Robot
 from ampm.exceptions import InputError
 from tests.solved import walk_of
 
@@ -78,27 +78,18 @@ def test_drift_is_the_jacobians_rate_times_velocity(robot, seed):
     np.testing.assert_allclose(robot.drift(q, v), wanted, atol=2e-6)
 
 
-def test_kinematics_are_those_of_the_frames(robot):
-    q, v = state(robot, 2)
-    body = robot.kinematics(q, v)
-    robot.kinematics(*state(robot, 3))  # which must not write into the first
+def test_poses_are_those_of_the_frames(robot):
+    q, _ = state(robot, 2)
+    terms = robot.jacobian(q)
+    robot.jacobian(state(robot, 3)[0])  # which must not write into the first
     com, soles, _ = task_position(robot, q)
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
-    for foot in (LEFT, RIGHT):
-        np.testing.assert_allclose(body.soles[foot], soles[foot].homogeneous, atol=1e-12)
-        np.testing.assert_allclose(body.sole_arm[foot], soles[foot].translation - com, atol=1e-12)
-        frames = np.array(robot.point_frames)[robot.point_foot == foot]
-        points = np.array([data.oMf[int(frame)].translation for frame in frames])
-        np.testing.assert_allclose(body.arm[foot], points - com, atol=1e-12)
-        toe = data.oMf[robot.toe_frames[foot]]
-        lever = np.cross(toe.rotation[:, 1], points[4:] - toe.translation)
-        np.testing.assert_allclose(body.toe_lever[foot], lever, atol=1e-12)
-    np.testing.assert_allclose(body.trunk, data.oMf[robot.trunk_frame].rotation, atol=1e-12)
-    terms = robot.jacobian(q)
-    np.testing.assert_allclose(terms.sole[LEFT], soles[LEFT].translation, atol=1e-12)
-    np.testing.assert_allclose(terms.sole_turn[RIGHT], soles[RIGHT].rotation, atol=1e-12)
-    np.testing.assert_allclose(terms.trunk, body.trunk, atol=1e-12)
+    np.testing.assert_allclose(terms.com, com, atol=1e-12)
+    for sole, turn, expected in zip(terms.sole, terms.sole_turn, soles, strict=True):
+        np.testing.assert_allclose(sole, expected.translation, atol=1e-12)
+        np.testing.assert_allclose(turn, expected.rotation, atol=1e-12)
+    np.testing.assert_allclose(terms.trunk, data.oMf[robot.trunk_frame].rotation, atol=1e-12)
 
 
 def test_groups_of_joints_cover_every_hinge_once(robot):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ampm.control import limited_qp, wrench_qp
-from ampm.control.controller import Tracker
+from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.qp import QPSolution, QPStatus, make_backend
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
@@ -367,13 +367,13 @@ def test_a_fall_between_control_ticks_is_noticed():
 
 
 def test_a_qp_that_the_solver_refuses_ends_the_walk_and_keeps_its_record(monkeypatch):
-    def refuse(self, body, command, touch, reference):
+    def refuse(self, state, touch, reference):
         if reference.time > 0.1:
             raise SolverError("not convex")
-        return track(self, body, command, touch, reference)
+        return update(self, state, touch, reference)
 
-    track = Tracker.track
-    monkeypatch.setattr(Tracker, "track", refuse)
+    update = TrackingController.update
+    monkeypatch.setattr(TrackingController, "update", refuse)
     record = walk()
     assert record.outcome.name == OutcomeName.INFEASIBLE
     assert "not convex" in record.outcome.cause

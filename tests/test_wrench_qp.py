@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import pytest
 
-from ampm.body.robot import POINTS
+from ampm.compiled import records
 from ampm.control import forces as contact_forces
 from ampm.control import wrench_qp
 from ampm.control.forces import (
     ANGULAR,
-    FOOT,
-    FORCES,
     LARGEST_NORMAL,
     LEAST_NORMAL,
     TWIST_ARM,
-    ForceMap,
-    Openings,
+    point_forces,
+    share_forces,
     without_closed,
+    wrench_map,
 )
-from ampm.control.wrench_qp import MOMENTUM_SLACK, TWIST_SHARE, CondensedForm
+from ampm.control.records import POINT
+from ampm.control.wrench_qp import MOMENTUM_SLACK, TWIST_SHARE, CondensedForm, fill_qp
 from ampm.qp import QPSettings
 
+POINTS = 6
+FOOT = POINTS + 3
+FORCES = 2 * FOOT
+LINES = np.tile(np.repeat([0, 1, 2], 2), (2, 1))
 SEEDS = range(4)
 FRICTION = 0.6
 UPRIGHT = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # a wrench that carries the weight
@@ -32,49 +34,52 @@ Y = np.array([0.03, -0.03, 0.045, -0.045, 0.03, -0.03])
 
 
 def stance(seed):
-    """Sole points about the COM, opening and toe levers of two feet on the floor, one half open."""
+    """Sole points about the COM and openings of two feet on the floor, one half open; force unknowns."""
     rng = np.random.default_rng(seed)
     arm = np.empty((2, POINTS, 3))
     for foot, (x, y) in enumerate([(0.1, 0.09), (-0.2, -0.09)]):
         arm[foot] = np.column_stack([X + x, Y + y, np.full(POINTS, -0.88)])
     arm += rng.normal(scale=0.01, size=arm.shape)
     opening = np.concatenate([np.ones(POINTS), np.repeat(rng.uniform(0.0, 1.0, 3), 2)])
-    return arm, opening, rng.normal(scale=0.05, size=(2, 2, 3)), rng.normal(size=FORCES)
+    return arm, opening, rng.normal(size=FORCES)
 
 
-class Soles(NamedTuple):
-    """All that a force map reads of a body."""
+class ForceMap:
+    """Points with their shares, and the net wrench of the unknowns."""
 
-    arm: np.ndarray
-    toe_lever: np.ndarray
+    def __init__(self, arm, opening):
+        self.points = records(2 * POINTS, POINT)
+        self.points["foot"], self.points["line"] = np.repeat([0, 1], POINTS), LINES.ravel()
+        self.wrench = np.ones((6, FORCES))
+        self.update(arm, opening)
 
+    def update(self, arm, opening):
+        self.points["arm"], self.points["limit"] = arm.reshape(-1, 3), opening
+        share_forces(2, self.points)
+        wrench_map(2, self.points, self.wrench)
 
-def map_of(arm, opening, lever):
-    forces = ForceMap()
-    forces.update(Soles(arm, lever), Openings.of(opening))  # type: ignore[arg-type]
-    return forces
+    def point_forces(self, phi):
+        forces = np.empty((2 * POINTS, 3))
+        point_forces(2, self.points, phi, 1.0, forces)
+        return forces.reshape(2, POINTS, 3)
 
 
 def force_map(seed):
-    arm, opening, lever, phi = stance(seed)
-    return map_of(arm, opening, lever), arm, opening, lever, phi
+    arm, opening, phi = stance(seed)
+    return ForceMap(arm, opening), arm, opening, phi
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_wrenches_are_those_of_the_point_forces(seed):
-    """Of both feet, of each, and the moment about its toe."""
-    forces, arm, _, lever, phi = force_map(seed)
+def test_wrench_is_that_of_the_point_forces(seed):
+    forces, arm, _, phi = force_map(seed)
     point = forces.point_forces(phi)
-    force, moment = point.sum(axis=1), ANGULAR * np.cross(arm, point).sum(axis=1)
-    np.testing.assert_allclose(forces.wrench @ phi, [*force.sum(axis=0), *moment.sum(axis=0)], atol=1e-12)
-    toe = (lever * point[:, 4:]).sum(axis=(1, 2))
-    expected = np.column_stack([force, moment, toe])
-    np.testing.assert_allclose(forces.foot_wrenches(phi), expected, atol=1e-12)
+    moment = ANGULAR * np.cross(arm, point).sum(axis=(0, 1))
+    np.testing.assert_allclose(forces.wrench @ phi, [*point.sum(axis=(0, 1)), *moment], atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_unknowns_mean_what_they_are_called(seed):
-    forces, arm, opening, _, phi = force_map(seed)
+    forces, arm, opening, phi = force_map(seed)
     point, by_foot = forces.point_forces(phi), phi.reshape(2, FOOT)
     np.testing.assert_allclose(point[:, :, 2], by_foot[:, :POINTS], atol=1e-14)
     np.testing.assert_allclose(point[:, :, :2].sum(axis=1), by_foot[:, 6:8], atol=1e-12)
@@ -93,28 +98,32 @@ def test_unknowns_mean_what_they_are_called(seed):
 
 def test_map_follows_the_points_and_the_openings():
     forces, *_ = force_map(0)
-    arm, opening, lever, phi = stance(1)
-    forces.update(Soles(arm, lever), Openings.of(opening))
-    fresh = map_of(arm, opening, lever)
+    arm, opening, phi = stance(1)
+    forces.update(arm, opening)
+    fresh = ForceMap(arm, opening)
     np.testing.assert_array_equal(forces.wrench, fresh.wrench)
     np.testing.assert_array_equal(forces.point_forces(phi), fresh.point_forces(phi))
-    np.testing.assert_array_equal(forces.foot_wrenches(phi), fresh.foot_wrenches(phi))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_forces_at_closed_points_are_dropped_within_the_friction(seed):
+    def still_open(phi, opening):
+        points = records(2 * POINTS, POINT)
+        points["limit"] = opening
+        return without_closed(2, points, phi)
+
     rng = np.random.default_rng(seed)
     phi, opening = rng.uniform(0.1, 1.0, FORCES), np.ones(2 * POINTS)
     phi[[6, 7, 8, 15, 16, 17]] *= 0.1
-    np.testing.assert_array_equal(without_closed(phi, opening), phi)
+    np.testing.assert_array_equal(still_open(phi, opening), phi)
     opening[[0, 1, 8]] = 0.0
-    kept = without_closed(phi, opening).reshape(2, FOOT)
+    kept = still_open(phi, opening).reshape(2, FOOT)
     assert kept[0, 0] == kept[0, 1] == kept[1, 2] == 0.0
     before = phi.reshape(2, FOOT)
     ratio = before[:, POINTS:] / before[:, :POINTS].sum(axis=1, keepdims=True)
     np.testing.assert_allclose(kept[:, POINTS:] / kept[:, :POINTS].sum(axis=1, keepdims=True), ratio)
-    assert (without_closed(phi, np.zeros(12)) == 0.0).all()
-    assert (without_closed(np.zeros(18), np.ones(12)) == 0.0).all()
+    assert (still_open(phi, np.zeros(12)) == 0.0).all()
+    assert (still_open(np.zeros(18), np.ones(12)) == 0.0).all()
 
 
 # ---------------------------------------------------------------------------------------------------- the QP
@@ -122,12 +131,22 @@ def test_forces_at_closed_points_are_dropped_within_the_friction(seed):
 
 def condensed(solver="daqp", tolerance=1e-9):
     settings = QPSettings(tolerance=tolerance, max_iterations=20_000)
-    return CondensedForm(solver, settings, FRICTION)
+    return CondensedForm(solver, settings, FRICTION, LINES)
+
+
+def fill(form, forces, wanted=UPRIGHT, landing=None, load=0.4, yaw=(0.2, -0.03)):
+    if landing is not None:
+        forces.points["least"] = np.maximum(forces.points["least"], landing)
+        forces.points["largest"] = np.maximum(forces.points["largest"], forces.points["least"])
+    curvature, gradient = yaw
+    costs, limits = (form.P, form.q), (form.A, form.lower, form.upper)
+    given = load, curvature, gradient, FRICTION
+    fill_qp(2, forces.points, forces.wrench, wanted, *given, *costs, *limits)
 
 
 def build(form, seed, wanted=UPRIGHT, landing=None, load=0.4, yaw=(0.2, -0.03)):
-    forces, arm, opening, _, _ = force_map(seed)
-    form.build(forces, wanted, Openings.of(opening), landing, load, *yaw)
+    forces, arm, opening, _ = force_map(seed)
+    fill(form, forces, wanted, landing, load, yaw)
     return forces, arm, opening
 
 
@@ -135,7 +154,7 @@ def build(form, seed, wanted=UPRIGHT, landing=None, load=0.4, yaw=(0.2, -0.03)):
 def test_wanted_wrench_is_given_where_it_can_be(seed):
     """That of forces shared as planned: hardly any slack, but for the yaw, which has little weight."""
     rng = np.random.default_rng(seed)
-    forces, _, opening, _, _ = force_map(seed)
+    forces, _, opening, _ = force_map(seed)
     share = np.maximum(opening.reshape(2, POINTS)[:, :4], 1e-3)
     phi = np.zeros((2, FOOT))
     phi[:, :4] = np.array([[0.6], [0.4]]) * share / share.sum(axis=1, keepdims=True)
@@ -166,22 +185,19 @@ def test_forces_stay_within_friction_and_ramps_whatever_is_asked(seed, solver):
             assert (normal >= LEAST_NORMAL * ramp - slack).all()
             assert (normal <= np.maximum(LARGEST_NORMAL, LEAST_NORMAL) * ramp + slack).all()
             assert np.hypot(*phi[6:8]) <= np.abs(phi[6:8]).sum() <= FRICTION * total + slack
-            share = Openings.of(opening).share[foot]
+            share = np.maximum(ramp, 1e-3) / np.maximum(ramp, 1e-3).sum()
             lever = np.linalg.norm(arm[foot, :, :2] - share @ arm[foot, :, :2], axis=1)
             assert abs(phi[8]) * TWIST_ARM <= TWIST_SHARE * FRICTION * normal @ lever + slack
 
 
 def test_closed_feet_carry_nothing_and_landing_points_what_they_sense():
     form = condensed()
-    arm, _, lever, _ = stance(0)
-    opening = np.array([1.0] * 6 + [0.0] * 6)
-    forces = map_of(arm, opening, lever)
-    wanted = UPRIGHT
-    form.build(forces, wanted, Openings.of(opening), None, 0.0, 0.1, 0.0)
+    forces = ForceMap(stance(0)[0], np.array([1.0] * 6 + [0.0] * 6))
+    fill(form, forces, load=0.0, yaw=(0.1, 0.0))
     np.testing.assert_allclose(form.solve().x[FOOT : 2 * FOOT], 0.0, atol=1e-9)
     landing = np.zeros(12)
     landing[6:8] = 0.03, 0.05
-    form.build(forces, wanted, Openings.of(opening), landing, 0.0, 0.1, 0.0)
+    fill(form, forces, landing=landing, load=0.0, yaw=(0.1, 0.0))
     np.testing.assert_allclose(form.solve().x[FOOT : FOOT + POINTS], landing[6:], atol=1e-9)
 
 
@@ -189,14 +205,13 @@ def test_closed_feet_carry_nothing_and_landing_points_what_they_sense():
 def test_load_goes_where_it_is_planned_if_the_wrench_leaves_it_open(load):
     """With the wanted moment of that very load, both agree to the last gram."""
     form = condensed()
-    arm, _, lever, _ = stance(0)
-    opening = np.ones(12)
-    forces = map_of(arm, opening, lever)
+    arm = stance(0)[0]
+    forces = ForceMap(arm, np.ones(12))
     normal = np.zeros((2, 6, 3))
     normal[0, :4, 2], normal[1, :4, 2] = 0.25 * (1.0 - load), 0.25 * load
     wanted = np.zeros(6)
     wanted[:3], wanted[3:] = normal.sum(axis=(0, 1)), ANGULAR * np.cross(arm, normal).sum(axis=(0, 1))
-    form.build(forces, wanted, Openings.of(opening), None, load, 0.1, 0.0)
+    fill(form, forces, wanted, load=load, yaw=(0.1, 0.0))
     by_foot = form.solve().x[:FORCES].reshape(2, FOOT)[:, :POINTS].sum(axis=1)
     np.testing.assert_allclose(by_foot, [1.0 - load, load], atol=0.03)
 
@@ -240,11 +255,10 @@ def test_matrices_are_the_documented_cost(seed):
 def test_a_form_keeps_its_sparsity_and_nothing_of_the_tick_before(seed):
     """But the twist's linear force, which is zero but for rounding."""
     form, other = condensed(), condensed()
-    forces, _, opening, _, _ = force_map(seed)
-    openings = Openings.of(opening)
-    form.build(forces, 0.5 * UPRIGHT, Openings.of(1.0 - opening), np.full(12, 0.02), 0.9, 0.3, 0.1)
+    forces, _, opening, _ = force_map(seed)
+    fill(form, ForceMap(stance(seed)[0], 1.0 - opening), 0.5 * UPRIGHT, np.full(12, 0.02), 0.9, (0.3, 0.1))
     for one in (form, other):
-        one.build(forces, UPRIGHT, openings, None, 0.4, 0.1, 0.0)
+        fill(one, forces)
     for name in ("P", "q", "A", "lower", "upper"):
         np.testing.assert_array_equal(getattr(form, name), getattr(other, name))
     assert not form.P[~form.P_mask()].any()

@@ -53,47 +53,41 @@ if TYPE_CHECKING:
 
 _VECTOR, _MATRIX = (np.float64, (3,)), (np.float64, (3, 3))
 
-TREE = np.dtype(
-    [
-        ("parent", np.int64),  # -1 of the root
-        ("offset", *_VECTOR),  # place of the joint in its parent's axes [m]
-        ("turn", *_MATRIX),  # axes of the joint at angle 0 to its parent's
-        ("axis", *_VECTOR),  # of the hinge, unit vector in its own axes
-        ("mass", np.float64),  # of the link that the joint moves [kg]
-        ("com", *_VECTOR),  # its COM in its own axes [m]
-        ("inertia", *_MATRIX),  # about its COM, in its own axes [kg m^2]
-    ]
-)
+TREE = [
+    ("parent", np.int64),  # -1 of the root
+    ("offset", *_VECTOR),  # place of the joint in its parent's axes [m]
+    ("turn", *_MATRIX),  # axes of the joint at angle 0 to its parent's
+    ("axis", *_VECTOR),  # of the hinge, unit vector in its own axes
+    ("mass", np.float64),  # of the link that the joint moves [kg]
+    ("com", *_VECTOR),  # its COM in its own axes [m]
+    ("inertia", *_MATRIX),  # about its COM, in its own axes [kg m^2]
+]
 """Joint by joint, parents first; what a body keeps."""
 
-LINK = np.dtype(
-    [
-        ("place", *_VECTOR),  # of the joint, from O [m]
-        ("turn", *_MATRIX),  # its axes to world
-        ("axis", *_VECTOR),  # of the hinge
-        ("com", *_VECTOR),  # of the link, from O [m]
-        ("own", *_MATRIX),  # inertia of the link about its COM [kg m^2]
-        ("mass", np.float64),  # of all that hangs on the joint [kg]
-        ("first", *_VECTOR),  # its first moment h [kg m]
-        ("inertia", *_MATRIX),  # its inertia I about O [kg m^2]
-        ("velocity", *_VECTOR),  # of the joint's place [m/s]
-        ("omega", *_VECTOR),  # rate of the link [rad/s]
-        ("acceleration", *_VECTOR),  # of the joint's place [m/s^2]
-        ("turning", *_VECTOR),  # rate of omega [rad/s^2]
-        ("force", *_VECTOR),  # on all that hangs on the joint [N]
-        ("moment", *_VECTOR),  # the same about O [N m]
-    ]
-)
+LINK = [
+    ("place", *_VECTOR),  # of the joint, from O [m]
+    ("turn", *_MATRIX),  # its axes to world
+    ("axis", *_VECTOR),  # of the hinge
+    ("com", *_VECTOR),  # of the link, from O [m]
+    ("own", *_MATRIX),  # inertia of the link about its COM [kg m^2]
+    ("mass", np.float64),  # of all that hangs on the joint [kg]
+    ("first", *_VECTOR),  # its first moment h [kg m]
+    ("inertia", *_MATRIX),  # its inertia I about O [kg m^2]
+    ("velocity", *_VECTOR),  # of the joint's place [m/s]
+    ("omega", *_VECTOR),  # rate of the link [rad/s]
+    ("acceleration", *_VECTOR),  # of the joint's place [m/s^2]
+    ("turning", *_VECTOR),  # rate of omega [rad/s^2]
+    ("force", *_VECTOR),  # on all that hangs on the joint [N]
+    ("moment", *_VECTOR),  # the same about O [N m]
+]
 """Joint by joint; what one state gives."""
 
-FRAME = np.dtype(
-    [
-        ("joint", np.int64),  # whose link it is fixed to
-        ("offset", *_VECTOR),  # its origin in the link's axes [m]
-        ("turn", *_MATRIX),  # its axes to the link's
-    ]
-)
-"""A frame fixed to a link."""
+FRAME = [
+    ("joint", np.int64),  # whose link it is fixed to
+    ("offset", *_VECTOR),  # its origin in the link's axes [m]
+    ("turn", *_MATRIX),  # its axes to the link's
+]
+"""Fields of a frame that is fixed to a link."""
 
 
 def tree_of(model: pin.Model) -> Records:
@@ -128,9 +122,10 @@ def _hinge_axis(joint: Any) -> Array | None:
     return None if motion[:3].any() else motion[3:]
 
 
-def frames_of(model: pin.Model, frames: Sequence[int]) -> Records:
-    """Frames of a Pinocchio model by their numbers, one entry each."""
-    found = records(len(frames), FRAME)
+def frames_of(model: pin.Model, frames: Sequence[int], more: Sequence[Any] = ()) -> Records:
+    """Frames of a Pinocchio model by their numbers, one entry each, which may have more fields."""
+    # The further fields come first: numba takes an entry with more fields at its end for one with fewer.
+    found = records(len(frames), [*more, *FRAME])
     for i, frame in enumerate(frames):
         source = model.frames[frame]
         found["joint"][i] = source.parentJoint - 1
@@ -233,6 +228,21 @@ def sum_forces(tree: Records, link: Records) -> None:
 
 
 @compiled
+def place_of(link: Records, frame: Any) -> Vector:
+    """Place of a frame from O [m]."""
+    here = link[frame.joint]
+    return plus(vector(here.place), turned(here.turn, vector(frame.offset)))
+
+
+@compiled
+def place_frames(link: Records, frames: Records, places: Array, turns: Array) -> None:
+    """Places of frames from O, and their axes to world, shapes (F, 3) [m] and (F, 3, 3)."""
+    for i in range(len(frames)):
+        put(places[i], place_of(link, frames[i]))
+        multiply(link[frames[i].joint].turn, frames[i].turn, turns[i])
+
+
+@compiled
 def momentum_columns(link: Records, columns: Array) -> None:
     """Momentum and angular momentum about the COM over the mass, per unit rate of every coordinate.
 
@@ -282,22 +292,12 @@ def frame_columns(tree: Records, link: Records, joint: int, point: Vector, colum
 
 
 @compiled
-def place_frames(link: Records, frames: Records, places: Array, turns: Array) -> None:
-    """Places of frames from O, and their axes to world, shapes (F, 3) [m] and (F, 3, 3)."""
-    for i in range(len(frames)):
-        here = link[frames[i].joint]
-        put(places[i], plus(vector(here.place), turned(here.turn, vector(frames[i].offset))))
-        multiply(here.turn, frames[i].turn, turns[i])
-
-
-@compiled
 def task_columns(tree: Records, link: Records, soles: Records, columns: Array) -> None:
     """Transposed task Jacobian: momentum, and velocity and rate of every sole, shape (nv, 6 + 6 F + ...)."""
     momentum_columns(link, columns)
     for i in range(len(soles)):
-        joint, first = soles[i].joint, 6 + 6 * i
-        point = plus(vector(link[joint].place), turned(link[joint].turn, vector(soles[i].offset)))
-        frame_columns(tree, link, joint, point, columns[:, first : first + 6])
+        rows = columns[:, 6 + 6 * i : 12 + 6 * i]
+        frame_columns(tree, link, soles[i].joint, place_of(link, soles[i]), rows)
 
 
 @compiled
@@ -359,8 +359,7 @@ def joint_torques(
     move_links(tree, v, qdd, gravity, link)
     start_forces(tree, link)
     for i in range(len(points)):
-        here, force = link[points[i].joint], vector(forces[i])
-        point = plus(vector(here.place), turned(here.turn, vector(points[i].offset)))
+        here, force, point = link[points[i].joint], vector(forces[i]), place_of(link, points[i])
         put(here.force, minus(vector(here.force), force))
         put(here.moment, minus(vector(here.moment), cross(point, force)))
     sum_forces(tree, link)
@@ -377,7 +376,6 @@ class RigidBody:
         model: Pinocchio's.
         soles: numbers of the frames of the feet.
         trunk: number of the frame of the trunk.
-        points: numbers of the frames of the sole points.
         toes: velocity indices of the toe joints.
     """
 
@@ -386,13 +384,11 @@ class RigidBody:
         model: pin.Model,
         soles: Sequence[int],
         trunk: int,
-        points: Sequence[int],
         toes: NDArray[np.intp],
     ) -> None:
         self.tree, self.armature = tree_of(model), np.array(model.armature)
         self.link = records(len(self.tree), LINK)
-        self.soles, self.points = frames_of(model, soles), frames_of(model, points)
-        self.poses = frames_of(model, [*soles, trunk])
+        self.soles, self.trunk = frames_of(model, soles), frames_of(model, [trunk])
         rows = 6 + 6 * len(soles) + len(toes)
         self.columns, self._still = np.zeros((model.nv, rows)), np.zeros(model.nv)
         self.columns[toes, rows - len(toes) + np.arange(len(toes))] = 1.0

@@ -23,12 +23,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-LEFT, RIGHT = 0, 1
-FOOT_ROWS = 6
-TASK_ROWS = 6 + 2 * FOOT_ROWS + 2
+TASK_ROWS = 6 + 2 * 6 + 2
 """com 3, angular momentum 3, left foot 6 (linear, angular), right foot 6, toes 2."""
-POINTS, SOLES = 6, 4
-"""Points of one sole. The first of them, heel and ball, sit on the foot segment, the tips on the toes."""
 
 
 class TaskTerms(NamedTuple):
@@ -48,37 +44,6 @@ class TaskTerms(NamedTuple):
     sole: Array
     sole_turn: Array
     trunk: Array
-
-
-class Kinematics(NamedTuple):
-    """One state of a body, and all that its tasks and contact forces need of it; axes of the world.
-
-    Attributes:
-        q, v: Pinocchio configuration and velocity, shapes (nq,), (nv,).
-        now: velocity at the instant of ``q``, shape (nv,).
-        jacobian: of the tasks, see :class:`TaskTerms`, shape (20, nv).
-        rates: ``jacobian @ now``, 20 plain numbers.
-        drift: ``d(jacobian)/dt v``, the feet's rows with ``now``, shape (20,).
-        com: shape (3,) [m].
-        trunk: rotation of the trunk segment, plain numbers of shape (3, 3).
-        soles: homogeneous placements of both soles, plain numbers of shape (2, 4, 4) [m].
-        sole_arm: their reference points about the COM, plain numbers of shape (2, 3) [m].
-        arm: sole points about the COM, shape (2, 6, 3) [m].
-        toe_lever: moment about the toe joint per force at each tip, shape (2, 2, 3) [m].
-    """
-
-    q: Array
-    v: Array
-    now: Array
-    jacobian: Array
-    rates: list[float]
-    drift: Array
-    com: Array
-    trunk: list[list[float]]
-    soles: tuple[list[list[float]], list[list[float]]]
-    sole_arm: list[list[float]]
-    arm: Array
-    toe_lever: Array
 
 
 class Gaps(NamedTuple):
@@ -239,47 +204,15 @@ class Robot:
         # Loads numba, which a plan with a known motion does without.
         from ampm.body.rigid_body import RigidBody
 
-        return RigidBody(self.model, self.sole_frames, self.trunk_frame, self.point_frames, self.toe_joints)
-
-    def kinematics(self, q: Array, v: Array, now: Array | None = None) -> Kinematics:
-        """All terms of one state.
-
-        Args:
-            q: Pinocchio configuration, shape (nq,).
-            v: Pinocchio velocity, shape (nv,).
-            now: velocity at the instant of ``q``, if ``v`` is older, shape (nv,).
-        """
-        now = v if now is None else now
-        terms, body = self.jacobian(q), self.rigid_body
-        points, _ = body.places(body.points)
-        toes = body.link[self.toe_joints - 5]
-        tips = points.reshape(2, POINTS, 3)[:, SOLES:] - toes["place"][:, None]
-        placements = np.zeros((2, 4, 4))
-        placements[:, 3, 3] = 1.0
-        placements[:, :3, :3], placements[:, :3, 3] = terms.sole_turn, terms.sole
-        left, right = placements.tolist()
-        return Kinematics(
-            q,
-            v,
-            now,
-            terms.jacobian,
-            (terms.jacobian @ now).tolist(),
-            body.drift(v, now),
-            terms.com,
-            terms.trunk.tolist(),
-            (left, right),
-            (terms.sole - terms.com).tolist(),
-            (points + q[:3] - terms.com).reshape(2, POINTS, 3),
-            np.cross(toes["axis"][:, None], tips),
-        )
+        return RigidBody(self.model, self.sole_frames, self.trunk_frame, self.toe_joints)
 
     def jacobian(self, q: Array) -> TaskTerms:
         """Task Jacobian and poses at a configuration, shape (nq,)."""
         body = self.rigid_body
         body.place(q)
-        place, turn = body.places(body.poses)
+        (place, turn), (_, trunk) = body.places(body.soles), body.places(body.trunk)
         return TaskTerms(
-            np.ascontiguousarray(body.columns.T), q[:3] + body.com, q[:3] + place[:2], turn[:2], turn[2]
+            np.ascontiguousarray(body.columns.T), q[:3] + body.com, q[:3] + place, turn, trunk[0]
         )
 
     def drift(self, q: Array, v: Array) -> Array:

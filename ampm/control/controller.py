@@ -1,43 +1,318 @@
 """Torque-level tracking of a planned walk: state, sensed contact and reference in, joint torques out.
 
-Every tick the stabiliser commands a momentum rate (the plan's, plus COM and angular momentum feedback). The
-tracker adds accelerations of feet and posture, finds contact forces and accelerations by the QP of
-:mod:`ampm.control.wrench_qp`, and turns them into torques by inverse dynamics. It is independent of the
-simulator.
+Every tick commands a momentum rate (the plan's, plus feedback of COM and angular momentum) and accelerations
+of feet and posture. The QP of :mod:`ampm.control.wrench_qp` finds contact forces, which give the
+accelerations, and inverse dynamics the torques. :func:`prepare` is the tick before the QP, :func:`respond`
+the one after it.
+The controller is independent of the simulator.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pinocchio as pin
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
-from ampm.body.robot import LEFT, RIGHT, TASK_ROWS
-from ampm.control.contact_gate import TIP, Contact, ContactGate
-from ampm.control.forces import ANGULAR, FORCES, NORMALS, ForceMap, without_closed
-from ampm.control.hold import FirstOrderHold
-from ampm.control.limited_qp import JointLimits, LimitedForm
-from ampm.control.stabilizer import Stabilizer, WrenchCommand
-from ampm.control.tasks import FootTask, FreeFall, PostureTask, Task, ToeTask
-from ampm.control.wrench_qp import L_Z, CondensedForm, Rows
+from ampm.body.rigid_body import (
+    joint_torques,
+    place_links,
+    place_of,
+    sum_inertia,
+    task_columns,
+    task_drift,
+)
+from ampm.compiled import compiled, records
+from ampm.control.contact_gate import update_gate
+from ampm.control.forces import ANGULAR, point_forces, share_forces, without_closed, wrench_map
+from ampm.control.hold import update_rate
+from ampm.control.limited_qp import LimitedForm, acceleration_bounds, limit_broken
+from ampm.control.records import LINE, TIP, feet_of, gains_of, points_of
+from ampm.control.stabilizer import command_wrench, rotation_error
+from ampm.control.tasks import foot_task, posture_task, toe_task
+from ampm.control.wrench_qp import L_Z, CondensedForm, eliminate, fill_qp
 from ampm.qp import QPSettings, QPSolution, QPStatus
-from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput
+from ampm.vectors import minus, multiply, plus, put, times, vector
+from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, read_only
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.body.robot import Kinematics, Robot
+    from ampm.body.robot import Robot
     from ampm.parameters import RunParameters
     from ampm.walk import Reference, State, Touch
 
     Array = NDArray[np.float64]
+    Flags = NDArray[np.bool_]
 
-_ROW_SCALE = np.concatenate([np.ones(3), np.full(3, ANGULAR), np.ones(TASK_ROWS - 6)])
+V, NOW, LAST, STILL, POSTURE, ALPHA = range(6)
+"""Rows of ``motion``, shape (6, nv): measured velocity, the same at the instant of q, the last tick's
+acceleration [m/s^2], zeros, wanted acceleration in the metric of the posture [g], this tick's [m/s^2]."""
+
+SCALE, RATES, DRIFT, WANTED, SOFTNESS, RHS = range(6)
+"""Rows of ``tasks``, shape (6, R): scale in the QP, rate, drift, wanted acceleration, softness, right-hand
+side of the elimination."""
+
+LIMIT, LOW, HIGH, TORQUE, RATE = range(5)
+"""Rows of ``hinges``, shape (5, nu): torque limit [N m], range [rad], last torque [N m], its rate [N m/s]."""
+
+PHI, CHANGE = range(2)
+"""Rows of ``phi``, shape (2, U): forces of the last tick [m g], and their change from the tick before."""
+
 _END_SOFTNESS = 1e-2  # of the task of a toe that is at the end of its range
-_NO_ANSWER = QPSolution(np.full(FORCES, np.nan), QPStatus.UNSOLVED, math.inf, 0, 0.0)
+
+
+@compiled
+def prepare(
+    tree: Any,
+    link: Any,
+    feet: Any,
+    trunk: Any,
+    points: Any,
+    lines: Any,
+    gains: Any,
+    gravity: float,
+    root_weight: Array,
+    q: Array,
+    motion: Array,
+    tasks: Array,
+    columns: Array,
+    scaled: Array,
+    system: Array,
+    phi: Array,
+    wrench: Array,
+    P: Array,
+    gradient: Array,
+    A: Array,
+    lower: Array,
+    upper: Array,
+    command: Array,
+    lag: float,
+    age: float,
+    first: bool,
+    extrapolates: bool,
+    sensed: Array,
+    touching: Flags,
+    centre: Array,
+    right_load: float,
+    feet_values: Array,
+    planned: Flags,
+    due: Flags,
+    until_lift: Array,
+    posture_q: Array,
+    posture_v: Array,
+    posture_a: Array,
+    posture_trunk: Array,
+) -> bool:
+    """One tick up to the QP, which it fills in; false if the tasks depend on each other or are not finite."""
+    v, now, last, still, posture = motion[V], motion[NOW], motion[LAST], motion[STILL], motion[POSTURE]
+    rates, drift, wanted, softness = tasks[RATES], tasks[DRIFT], tasks[WANTED], tasks[SOFTNESS]
+    if first:
+        last[:] = posture_a
+    for j in range(len(v)):
+        now[j] = v[j] + lag * last[j]
+    for i in range(len(points)):
+        points[i].sensed, points[i].touching = sensed[i], touching[i]
+
+    # The body.
+    place_links(tree, q, link)
+    sum_inertia(tree, link)
+    task_columns(tree, link, feet, columns)
+    task_drift(tree, link, feet, v, now, still, drift)
+    rates[:] = 0.0
+    for j in range(len(v)):
+        for e in range(len(rates)):
+            rates[e] += columns[j, e] * now[j]
+    mass, from_root = link[0].mass, times(1.0 / link[0].mass, vector(link[0].first))
+    com = plus((q[0], q[1], q[2]), from_root)
+    for i in range(len(feet)):
+        put(feet[i].place, minus(place_of(link, feet[i]), from_root))
+        multiply(link[feet[i].joint].turn, feet[i].turn, feet[i].pose)
+    for i in range(len(points)):
+        put(points[i].arm, minus(place_of(link, points[i]), from_root))
+
+    # What is wanted.
+    pose = np.empty((3, 3))
+    multiply(link[trunk[0].joint].turn, trunk[0].turn, pose)
+    tilt = rotation_error(posture_trunk, pose)
+    command_wrench(gains, mass, gravity, centre, tilt, com, rates, command)
+    gain = gains[0]
+    rate = 1.0 / (gain.frequency * gain.contact_ramp)
+    landing = update_gate(planned, due, until_lift, rate, gain.contact_ramp, first, points, lines)
+    put(wanted[0:3], (0.0, 0.0, -gravity))  # the momentum rate without contact forces; the QP adds them
+    wanted[3:6] = 0.0
+    softness[:] = 0.0
+    per_foot = len(points) // len(feet)
+    for i in range(len(feet)):
+        foot, own, rows = feet[i], points[per_foot * i : per_foot * (i + 1)], slice(6 + 6 * i, 12 + 6 * i)
+        task = feet_values[i], rates[rows], wanted[rows]
+        softness[rows] = foot_task(gains, foot, lines[i], own, com, *task)
+        if foot.toe_row >= 0:
+            state = q[foot.toe + 1], rates[foot.toe_row]
+            wanted[foot.toe_row] = toe_task(gains, feet_values[i], *state)
+    posture_task(gains, q, now, posture_q, posture_v, posture_a, posture)
+
+    # In units of the QP.
+    for j in range(len(v)):
+        posture[j] *= root_weight[j] / gravity
+        per_weight = 1.0 / root_weight[j]
+        for e in range(len(drift)):
+            scaled[j, e] = columns[j, e] * (tasks[SCALE, e] * per_weight)
+    for e in range(len(drift)):
+        tasks[RHS, e] = tasks[SCALE, e] / gravity * (wanted[e] - drift[e])
+    if not eliminate(scaled, softness, tasks[RHS], posture, system):
+        return False
+    share_forces(len(feet), points)
+    wrench_map(len(feet), points, wrench)
+    weight, momentum = mass * gravity, np.empty(6)
+    for e in range(6):
+        momentum[e] = tasks[SCALE, e] * command[e] / weight
+    if landing:
+        since = 1.0 - age * gain.frequency if extrapolates else 0.0
+        land(gain, len(feet), points, weight, phi, since, wrench, momentum)
+    yaw = system[L_Z, len(drift) + L_Z], system[L_Z, len(drift) + 6]
+    qp = P, gradient, A, lower, upper
+    fill_qp(len(feet), points, wrench, momentum, right_load, *yaw, gain.friction, *qp)
+    return True
+
+
+@compiled
+def land(
+    gain: Any,
+    feet: int,
+    points: Any,
+    weight: float,
+    phi: Array,
+    since: float,
+    wrench: Array,
+    momentum: Array,
+) -> None:
+    """Account for points of landing lines, whose forces differ from those commanded.
+
+    The floor pushes as the foot arrives. The QP takes a share of this force as given, their least force, and
+    shifts the other foot's load instead of letting the ZMP jump. A line that has touched has a least force at
+    once, or it would bounce.
+
+    With ``f`` the commanded force of a point when ``s`` was sensed there, a force ``k (s - f)`` is expected
+    beyond the QP's, with k the gain ``landing_compensation``. The net wrench of the QP's forces and of these
+    is the commanded one.
+
+    Args:
+        gain: of the controller.
+        feet: number of feet.
+        points: open to a share.
+        weight: of the body [N].
+        phi: forces of the last tick and their change, shape (2, U) [m g].
+        since: time between the last tick and the sensed forces, in ticks [1].
+        wrench: W, shape (6, U).
+        momentum: wanted momentum rate plus weight; the expected forces are taken from it, shape (6,).
+    """
+    for i in range(len(points)):
+        point, unknown = points[i], 3 * points[i].foot + i
+        given = gain.landing_share / weight * point.sensed if point.touching and point.opening < 1.0 else 0.0
+        if 0.0 < point.opening < 1.0:
+            if point.line != TIP:
+                given = max(given, gain.landing_force)
+            asked = phi[PHI, unknown] + since * phi[CHANGE, unknown]
+            missing = gain.landing_compensation * (point.sensed / weight - asked)
+            for e in range(6):
+                momentum[e] -= wrench[e, unknown] * missing
+        point.least = max(point.least, given)
+        point.largest = max(point.largest, point.least)
+
+
+@compiled
+def respond(
+    tree: Any,
+    link: Any,
+    feet: Any,
+    points: Any,
+    lines: Any,
+    gains: Any,
+    gravity: float,
+    armature: Array,
+    root_weight: Array,
+    q: Array,
+    motion: Array,
+    hinges: Array,
+    scaled: Array,
+    system: Array,
+    wrench: Array,
+    phi: Array,
+    forces: Array,
+    still: bool,
+    first: bool,
+    torque: Array,
+    point_force: Array,
+) -> bool:
+    """Accelerations and torques of the forces found; false, with nothing kept, if they break a limit."""
+    rows, posture, alpha = len(system), motion[POSTURE], motion[ALPHA]
+    total = np.empty(rows)  # per task, what the net wrench and the tasks themselves add
+    net = np.empty(6)
+    for e in range(6):
+        net[e] = 0.0
+        for k in range(len(forces)):
+            net[e] += wrench[e, k] * forces[k]
+    for e in range(rows):
+        total[e] = system[e, rows + 6]
+        for k in range(6):
+            total[e] += system[e, rows + k] * net[k]
+    for j in range(len(alpha)):
+        pull = posture[j]
+        for e in range(rows):
+            pull += scaled[j, e] * total[e]
+        alpha[j] = gravity * pull / root_weight[j]
+    body = tree, link, feet, points, gravity, armature, motion
+    torques(*body, forces, torque, point_force)
+    limits = hinges[LIMIT], hinges[LOW], hinges[HIGH]
+    if limit_broken(q, motion[V], alpha, torque, *limits):
+        return False
+    keep(lines, gains, motion, hinges, phi, forces, still, first, torque)
+    return True
+
+
+@compiled
+def torques(
+    tree: Any,
+    link: Any,
+    feet: Any,
+    points: Any,
+    gravity: float,
+    armature: Array,
+    motion: Array,
+    forces: Array,
+    torque: Array,
+    point_force: Array,
+) -> None:
+    """Joint torques of accelerations and force unknowns [m g], and the forces at the points [N]."""
+    point_forces(len(feet), points, forces, link[0].mass * gravity, point_force)
+    joint_torques(tree, armature, link, motion[V], motion[ALPHA], gravity, points, point_force, torque)
+
+
+@compiled
+def keep(
+    lines: Any,
+    gains: Any,
+    motion: Array,
+    hinges: Array,
+    phi: Array,
+    forces: Array,
+    still: bool,
+    first: bool,
+    torque: Array,
+) -> None:
+    """Clip the torques to the motors' limits, give them their rates, and keep what the next tick needs."""
+    for j in range(len(torque)):
+        torque[j] = min(max(torque[j], -hinges[LIMIT, j]), hinges[LIMIT, j])
+    last = hinges[TORQUE]
+    update_rate(torque, last, hinges[LIMIT], gains[0].frequency, lines, still or first, hinges[RATE])
+    last[:] = torque
+    for k in range(len(forces)):
+        if not first:
+            phi[CHANGE, k] = forces[k] - phi[PHI, k]
+        phi[PHI, k] = forces[k]
+    motion[LAST] = motion[ALPHA]
 
 
 class TrackingController:
@@ -46,12 +321,72 @@ class TrackingController:
     Args:
         robot: the body, as the controller knows it.
         run: gains, friction, solver.
+
+    Attributes:
+        condensed: the QP of every tick.
+        limited: the QP of a tick that would break a limit.
     """
 
     def __init__(self, robot: Robot, run: RunParameters) -> None:
-        self.robot = robot
-        self.stabilizer = Stabilizer(robot, run.controller)
-        self.tracker = Tracker(robot, run)
+        self.robot, gains, solver = robot, run.controller, run.solver
+        body = robot.rigid_body
+        self._body, self._gains, self._lines = (
+            body,
+            gains_of(gains),
+            records((len(robot.sole_frames), 3), LINE),
+        )
+        self._feet, self._points = feet_of(robot), points_of(robot)
+        self._extrapolates = gains.hold == "first-order"
+        weights = robot.by_group(POSTURE_WEIGHTS)
+        self._root_weight = np.sqrt(weights)
+        rows = body.columns.shape[1]
+        self._q, self._motion, self._tasks = np.zeros(robot.nq), np.zeros((6, robot.nv)), np.zeros((6, rows))
+        self._tasks[SCALE] = 1.0
+        self._tasks[SCALE, 3:6] = ANGULAR
+        self._hinges = np.zeros((5, robot.nu))
+        self._hinges[LIMIT], self._hinges[LOW], self._hinges[HIGH] = (
+            robot.torque_limit,
+            robot.lower,
+            robot.upper,
+        )
+        settings = QPSettings(tolerance=solver.tolerance, max_iterations=solver.max_iterations)
+        groups = self._points["line"].reshape(len(self._feet), -1)
+        qp = self.condensed = CondensedForm(solver.qp, settings, gains.friction, groups)
+        limit_settings = QPSettings(  # a problem of mixed scales, solved in few ticks: it is equilibrated
+            tolerance=2.0 * solver.tolerance,
+            max_iterations=4 * solver.max_iterations,
+            rho=0.1,
+            alpha=1.6,
+            scaling=10,
+        )
+        self.limited = LimitedForm(solver.qp, limit_settings, weights, rows, qp)
+        self._phi, self._wrench = np.zeros((2, qp.forces)), np.zeros((6, qp.forces))
+        self._scaled, self._system = np.zeros((robot.nv, rows)), np.zeros((rows, rows + 7))
+        count = len(self._points)
+        self._sensed, self._touching = np.zeros(count), np.zeros(count, dtype=bool)
+        self._first, self._command = True, np.zeros(11)
+        own = body.tree, body.link, self._feet
+        self._before = (
+            *own, body.trunk, self._points, self._lines, self._gains, robot.gravity, self._root_weight,
+            self._q, self._motion, self._tasks, body.columns, self._scaled, self._system, self._phi,
+            self._wrench, qp.P, qp.q, qp.A, qp.lower, qp.upper, self._command,
+        )  # fmt: skip
+        self._torques = *own, self._points, robot.gravity, body.armature, self._motion
+        self._keeps = self._lines, self._gains, self._motion, self._hinges, self._phi
+        self._after = (
+            *own, self._points, self._lines, self._gains, robot.gravity, body.armature, self._root_weight,
+            self._q, self._motion, self._hinges, self._scaled, self._system, self._wrench, self._phi,
+        )  # fmt: skip
+
+    @property
+    def acceleration(self) -> Array | None:
+        """Commanded by the last tick, shape (nv,) [m/s^2, rad/s^2]; None before the first."""
+        return None if self._first else self._motion[LAST]
+
+    @property
+    def phi(self) -> Array:
+        """Contact forces of the last tick in the unknowns of :mod:`ampm.control.forces`, shape (U,) [m g]."""
+        return self._phi[PHI]
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One control tick.
@@ -61,243 +396,105 @@ class TrackingController:
             touch: readings of the soles.
             reference: what is planned at this instant.
         """
-        last = self.tracker.acceleration
-        last = reference.posture.acceleration if last is None else last
-        body = self.robot.kinematics(state.q, state.v, state.v + state.velocity_lag * last)
-        command = self.stabilizer.command(body, reference)
-        return self.tracker.track(body, command, touch, reference)
-
-
-class Tracker:
-    """Joint torques that give a wrench and follow feet and posture.
-
-    Args:
-        robot: the body, as the controller knows it.
-        run: gains, friction, solver.
-
-    Attributes:
-        acceleration: commanded by the last tick, shape (nv,) [m/s^2, rad/s^2]; None before the first.
-        phi: its contact forces, in the unknowns of :mod:`ampm.control.forces`, shape (18,) [m g].
-        phi_change: their difference from the tick before, shape (18,) [m g].
-    """
-
-    def __init__(self, robot: Robot, run: RunParameters) -> None:
-        self.robot, gains, solver = robot, run.controller, run.solver
-        self._g, self._weight = robot.gravity, robot.mass * robot.gravity
-        weights = robot.by_group(POSTURE_WEIGHTS)
-        self._root_weight = np.sqrt(weights)
-        self._row_scale = _ROW_SCALE[:, None] / self._root_weight
-        self._to_rows = _ROW_SCALE / self._g
-        self._to_wrench = [1.0 / self._weight] * 3 + [ANGULAR / self._weight] * 3
-        self._torque_limit = robot.torque_limit
-        self._period, self._gains = 1.0 / gains.frequency, gains
-        first_order = gains.hold == "first-order"
-        self.hold = FirstOrderHold(robot.torque_limit, self._period) if first_order else None
-
-        self.gate = ContactGate(robot, self._period, gains.contact_ramp)
-        self.forces = ForceMap()
-        self.fall = FreeFall(robot)
-        self.feet = [FootTask(foot, gains) for foot in (LEFT, RIGHT)]
-        self.toes = ToeTask(robot, gains)
-        self.posture = PostureTask(gains, self._root_weight / self._g)
-        self.limits = JointLimits(robot)
-        settings = QPSettings(tolerance=solver.tolerance, max_iterations=solver.max_iterations)
-        self.condensed = CondensedForm(solver.qp, settings, gains.friction)
-        limit_settings = QPSettings(  # a problem of mixed scales, solved in few ticks: it is equilibrated
-            tolerance=2.0 * solver.tolerance,
-            max_iterations=4 * solver.max_iterations,
-            rho=0.1,
-            alpha=1.6,
-            scaling=10,
-        )
-        self.limited = LimitedForm(solver.qp, limit_settings, weights, TASK_ROWS, self.condensed)
-
-        self._softness: dict[tuple[float, ...], Array] = {}
-        self.acceleration: Array | None = None
-        self.phi, self.phi_change = np.zeros(FORCES), np.zeros(FORCES)
-        self._load = np.ones(7)  # net wrench, and one for the rows themselves
-
-    def track(
-        self, body: Kinematics, command: WrenchCommand, touch: Touch, reference: Reference
-    ) -> ControlOutput:
-        """One tick: contact, tasks, forces, accelerations, torques."""
-        contact = self.gate.update(reference.contacts, touch.contact)
-        forces = self.forces
-        forces.update(body, contact.openings)
-        feet = reference.feet.values.tolist()
-        left, right = self.feet
-        tasks = [
-            self.fall.task,
-            left.at(body, feet[LEFT], contact),
-            right.at(body, feet[RIGHT], contact),
-            self.toes.at(body, feet),
-        ]
-        rows = self._stack(body, tasks, self.posture.at(body, reference.posture))
-        columns = rows.eliminate()
-        if columns is None:  # rows that are dependent or not finite
-            alpha, phi, torque = self._hold_last_command(body, forces, contact, reference)
-            solution, status = _NO_ANSWER, UNSOLVED
+        reference = read_only(reference)
+        self._q[:], self._motion[V] = state.q, state.v
+        self._sensed[:], self._touching[:] = touch.normal_force, touch.contact
+        first, still = self._first, bool(reference.jumps)
+        torque, point_force = np.empty(self.robot.nu), np.empty((len(self._points), 3))
+        if prepare(
+            *self._before,
+            float(state.velocity_lag),
+            float(touch.age),
+            first,
+            self._extrapolates,
+            self._sensed,
+            self._touching,
+            reference.centre,
+            float(reference.right_load),
+            reference.feet.values,
+            *reference.contacts,
+            *reference.posture[:4],
+        ):
+            solution, status = self._solve(still, torque, point_force)
         else:
-            wanted = np.multiply(self._to_wrench, command.wrench)
-            least = None
-            if contact.landing:
-                opening = np.array(contact.opening)[self.robot.point_foot, self.robot.point_group]
-                least = self._landing_force(opening, touch)
-                wanted -= forces.wrench[:, NORMALS] @ self._missing(opening, touch)
-            self.condensed.build(
-                forces,
-                wanted,
-                contact.openings,
-                least,
-                float(reference.right_load),
-                columns.item(L_Z, L_Z),
-                columns.item(L_Z, 6),
-            )
-            solution = self.condensed.solve()
-            solved, phi = solution.solved, solution.x[:FORCES]
-            status = SOLVED if solved else UNSOLVED
-            if not (solved or _usable(solution)):  # the accelerations still follow the dynamics
-                phi = without_closed(self.phi, contact.openings.limit)
-            self._load[:6] = forces.wrench @ phi
-            alpha = (rows.posture + (columns @ self._load) @ rows.scaled) / self._root_weight
-            torque = self._torque(body, forces, alpha, phi)
-            if self.limits.broken(body.q, body.v, alpha, torque):
-                limited = self._solve_limited(body, forces, rows)
-                if limited.solved:
-                    alpha, phi = np.split(limited.x, [self.robot.nv, self.robot.nv + FORCES])[:2]
-                    torque = self._torque(body, forces, alpha, phi)
-                status = max(status, LIMITED if limited.solved else UNSOLVED)
-                solution = _both(solution, limited)
-        if self.acceleration is not None:
-            self.phi_change = phi - self.phi
-        self.phi, self.acceleration = phi, self._g * alpha
-        torque = np.minimum(np.maximum(torque, -self._torque_limit), self._torque_limit)
+            solution, status = self._hold_last_command(still, torque, point_force), UNSOLVED
+        self._first = False
+        command = self._command.copy()
         return ControlOutput(
-            torque=torque,
-            rate=None if self.hold is None else self.hold.rate(torque, contact, bool(reference.jumps)),
-            force=np.array(command.wrench[:3]),
-            zmp=command.zmp,
-            angular_momentum=np.array(command.angular_momentum),
-            point_force=self._weight * forces.point_forces(phi).reshape(-1, 3),
-            status=status,
-            residual=solution.residual,
-            iterations=solution.iterations,
-            seconds=solution.seconds,
+            torque,
+            command[0:3],
+            command[9:11],
+            command[6:9],
+            point_force,
+            status,
+            solution.residual,
+            solution.iterations,
+            solution.seconds,
+            self._hinges[RATE].copy() if self._extrapolates else None,
         )
 
     # ------------------------------------------------------------------ parts
 
-    def _stack(self, body: Kinematics, tasks: list[Task], posture: Array) -> Rows:
-        """Tasks in the order of the Jacobian's rows, in units of the QP."""
-        wanted: list[float] = []
-        kinds: tuple[float, ...] = ()
-        for part, kind in tasks:
-            wanted += part
-            kinds += (kind,)
-        softness = self._softness.get(kinds)
-        if softness is None:
-            softness = np.concatenate([np.full(len(part), kind) for part, kind in tasks])
-            self._softness[kinds] = softness
-        return Rows(
-            body.jacobian * self._row_scale,
-            self._to_rows * (np.array(wanted) - body.drift),
-            softness,
-            posture,
-        )
+    def _solve(self, still: bool, torque: Array, point_force: Array) -> tuple[QPSolution, int]:
+        """Forces, accelerations and torques of the QP, or of that with limits; solution and status."""
+        solution = self.condensed.solve()
+        status, forces = SOLVED if solution.solved else UNSOLVED, solution.x[: self.condensed.forces]
+        if not (solution.solved or _usable(solution)):  # the accelerations still follow the dynamics
+            forces = without_closed(len(self._feet), self._points, self.phi)
+        if respond(*self._after, forces, still, self._first, torque, point_force):
+            return solution, status
+        limited = self._solve_limited()
+        if limited.solved:
+            nv = self.robot.nv
+            self._motion[ALPHA] = self.robot.gravity * limited.x[:nv]
+            forces = limited.x[nv : nv + self.condensed.forces]
+            torques(*self._torques, forces, torque, point_force)
+        keep(*self._keeps, forces, still, self._first, torque)
+        return _both(solution, limited), max(status, LIMITED if limited.solved else UNSOLVED)
 
-    def _hold_last_command(
-        self, body: Kinematics, forces: ForceMap, contact: Contact, reference: Reference
-    ) -> tuple[Array, Array, Array]:
-        """Accelerations [g] and forces [m g] of the last tick, and their torques [N m]."""
-        last = reference.posture.acceleration if self.acceleration is None else self.acceleration
-        alpha, phi = last / self._g, without_closed(self.phi, contact.openings.limit)
-        torque = self._torque(body, forces, alpha, phi)
-        return alpha, phi, torque if np.isfinite(torque).all() else np.zeros(self.robot.nu)
+    def _hold_last_command(self, still: bool, torque: Array, point_force: Array) -> QPSolution:
+        """Accelerations and forces of the last tick, and their torques; the solution that there is not."""
+        self._motion[ALPHA] = self._motion[LAST]
+        share_forces(len(self._feet), self._points)
+        forces = without_closed(len(self._feet), self._points, self.phi)
+        torques(*self._torques, forces, torque, point_force)
+        if not np.isfinite(torque).all():
+            torque[:] = 0.0
+        keep(*self._keeps, forces, still, self._first, torque)
+        return QPSolution(forces, QPStatus.UNSOLVED, math.inf, 0, 0.0)
 
-    def _landing_force(self, opening: Array, touch: Touch) -> Array:
-        """Least force of the points of a landing line, shape (P,) [m g].
+    def _torque_map(self) -> tuple[Array, Array]:
+        """Torques as ``map @ (alpha, phi) + bias``, shapes (nu, nv + U) and (nu,) [N m]."""
+        kept, (nu, nv, count) = self._motion.copy(), (self.robot.nu, self.robot.nv, self.condensed.forces)
+        point_force, by_unknown = np.empty((len(self._points), 3)), np.zeros((nv + count + 1, nu))
+        for column, unit in zip(
+            by_unknown, np.eye(nv + count + 1), strict=True
+        ):  # the last one is none of them
+            self._motion[ALPHA] = self.robot.gravity * unit[:nv]
+            torques(*self._torques, unit[nv:-1], column, point_force)
+        self._motion[:] = kept
+        return (by_unknown[:-1] - by_unknown[-1]).T, by_unknown[-1]
 
-        The floor pushes as the foot arrives. The QP takes a share of this force as given and shifts the other
-        foot's load instead of letting the ZMP jump. A line that has touched has a least force at once, or it
-        would bounce.
-        """
-        gains, below = self._gains, opening < 1.0
-        given = gains.landing_share / self._weight * touch.normal_force * (touch.contact & below)
-        lands = below & (opening > 0.0) & (self.robot.point_group != TIP)
-        return np.maximum(given, gains.landing_force * lands)
-
-    def _missing(self, opening: Array, touch: Touch) -> Array:
-        """Expected force of the points of landing lines beyond the QP's forces, (P,) [m g].
-
-        With ``f`` the commanded force of a point when ``s`` was sensed there, it is ``k (s - f)``, with k the
-        gain ``landing_compensation``. The net wrench of the QP's forces and of these is the commanded one.
-        """
-        since = 1.0 - touch.age / self._period if self.hold is not None else 0.0
-        asked = self.phi[NORMALS] + since * self.phi_change[NORMALS]
-        lands = (opening > 0.0) & (opening < 1.0)
-        return self._gains.landing_compensation * lands * (touch.normal_force / self._weight - asked)
-
-    def _torque(self, body: Kinematics, forces: ForceMap, alpha: Array, phi: Array) -> Array:
-        """Joint torques ``M qdd + h - J' f`` of accelerations [g] and force unknowns [m g], (nu,) [N m]."""
-        robot = self.robot
-        total = pin.rnea(robot.model, robot.data, body.q, body.v, self._g * alpha)
-        total -= (self._weight * _loads(body, forces, phi)) @ body.jacobian[6:]
-        return total[6:]
-
-    def _torque_map(self, body: Kinematics, forces: ForceMap) -> tuple[Array, Array]:
-        """Torques as ``map @ (alpha, phi) + bias``, shapes (nu, nv + 18) and (nu,) [N m]."""
-        robot = self.robot
-        mass = pin.crba(robot.model, robot.data, body.q)
-        mass = np.triu(mass) + np.triu(mass, 1).T
-        bias = pin.nle(robot.model, robot.data, body.q, body.v)
-        loads = np.array([_loads(body, forces, unit) for unit in np.eye(FORCES)])
-        by_force = -self._weight * (loads @ body.jacobian[6:]).T
-        return np.hstack([self._g * mass[6:], by_force[6:]]), bias[6:]
-
-    def _solve_limited(self, body: Kinematics, forces: ForceMap, rows: Rows) -> QPSolution:
+    def _solve_limited(self) -> QPSolution:
         """The whole problem again, with the limits of torque and joint range as constraints."""
-        torque_map, bias = self._torque_map(body, forces)
-        low, high = self.limits.acceleration_bounds(body.q, body.v)
-        limit, softness, toes = self._torque_limit, rows.softness[6:].copy(), self.robot.toe_joints - 6
-        ends = (rows.rhs[-len(toes) :] < low[toes]) | (rows.rhs[-len(toes) :] > high[toes])
-        softness[-len(toes) :][ends] = _END_SOFTNESS  # exact rows would contradict the limit
+        torque_map, bias = self._torque_map()
+        low, high = acceleration_bounds(self.robot, self._q, self._motion[V])
+        limit, rhs, softness = self.robot.torque_limit, self._tasks[RHS], self._tasks[SOFTNESS].copy()
+        for foot in self._feet:
+            row, toe = foot["toe_row"], foot["toe"] - 6
+            if row >= 0 and not low[toe] <= rhs[row] <= high[toe]:  # an exact row would contradict the limit
+                softness[row] = _END_SOFTNESS
         return self.limited.solve(
-            rows.scaled * self._root_weight,
-            rows.rhs,
-            forces.wrench,
-            softness,
-            rows.posture / self._root_weight,
+            self._scaled.T * self._root_weight,
+            rhs,
+            self._wrench,
+            softness[6:],
+            self._motion[POSTURE] / self._root_weight,
             torque_map / limit[:, None],
             bias / limit,
             low,
             high,
         )
-
-
-def _loads(body: Kinematics, forces: ForceMap, phi: Array) -> Array:
-    """Force and moment about the sole of each foot, and the toe moments, shape (14,) [m g, m g m]."""
-    left, right = forces.foot_wrenches(phi).tolist()
-    (lx, ly, lz), (rx, ry, rz) = body.sole_arm  # moments: from about the COM to about the soles
-    fx, fy, fz, mx, my, mz, left_toe = left
-    gx, gy, gz, nx, ny, nz, right_toe = right
-    return np.array(
-        [
-            fx,
-            fy,
-            fz,
-            mx / ANGULAR - ly * fz + lz * fy,
-            my / ANGULAR - lz * fx + lx * fz,
-            mz / ANGULAR - lx * fy + ly * fx,
-            gx,
-            gy,
-            gz,
-            nx / ANGULAR - ry * gz + rz * gy,
-            ny / ANGULAR - rz * gx + rx * gz,
-            nz / ANGULAR - rx * gy + ry * gx,
-            left_toe,
-            right_toe,
-        ]
-    )
 
 
 def _usable(solution: QPSolution) -> bool:

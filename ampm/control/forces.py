@@ -1,4 +1,4 @@
-"""Contact forces in the controller's QP: nine unknowns per foot, and their effect on the body.
+"""Contact forces in the controller's QP: k + 3 unknowns per foot of k points, and their effect on the body.
 
 Units: forces in m g, moments in m g m times :data:`ANGULAR`, so that a metre of lever is as large as a third
 of a weight. Per foot: the normal forces of its points, two tangential forces and a twist about the vertical.
@@ -7,16 +7,16 @@ Tangential forces are distributed over the points by their openings.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+import math
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ampm.body.robot import POINTS, SOLES
+from ampm.compiled import compiled
+from ampm.control.records import TIP
+from ampm.vectors import cross, put, times, vector
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
-
-    from ampm.body.robot import Kinematics
 
     Array = NDArray[np.float64]
 
@@ -35,119 +35,101 @@ LARGEST_NORMAL = 0.6
 LEAST_NORMAL = 0.004
 """Least normal force of an open point [m g]: enough to keep it from chattering on a compliant floor."""
 
-FOOT = POINTS + 3
-"""Unknowns of one foot."""
-
-FORCES = 2 * FOOT
-"""Unknowns of both feet."""
-
-NORMALS = np.concatenate([np.arange(POINTS), FOOT + np.arange(POINTS)])
-"""Their normal forces, by point."""
-
 _LEAST_OPENING = 1e-3  # a foot with all points closed has shares, too
-_SKEWS = ANGULAR * np.array(  # arm @ _SKEWS: rows of the matrix that turns a force at the arm into a moment
-    [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float
-)
 
 
-class Openings(NamedTuple):
-    """Openings of the sole points, and the limits and shares that follow.
+@compiled
+def share_forces(feet: int, points: Any) -> None:
+    """Limits and shares of the points, from their openings and arms."""
+    per_foot = len(points) // feet
+    for foot in range(feet):
+        own = points[per_foot * foot : per_foot * (foot + 1)]
+        loads = total = 0.0
+        for i in range(per_foot):
+            point = own[i]
+            point.share = max(point.limit, _LEAST_OPENING)
+            total += point.share
+            loads += point.share if point.line != TIP else 0.0
+            point.least = LEAST_NORMAL * point.limit
+            point.largest = max(LARGEST_NORMAL * point.limit, point.least)
+        x = y = 0.0
+        for i in range(per_foot):
+            point = own[i]
+            point.load_gradient = -NORMAL_COST * point.share / loads if point.line != TIP else 0.0
+            point.share /= total
+            x += point.share * point.arm[0]
+            y += point.share * point.arm[1]
+        turning = 0.0
+        for i in range(per_foot):
+            point = own[i]
+            dx, dy = point.arm[0] - x, point.arm[1] - y
+            point.lever = math.hypot(dx, dy)
+            point.twist[0], point.twist[1] = -point.share * dy, point.share * dx
+            turning += point.twist[1] * dx - point.twist[0] * dy
+        for i in range(per_foot):
+            own[i].twist[0] *= TWIST_ARM / turning
+            own[i].twist[1] *= TWIST_ARM / turning
 
-    Attributes:
-        limit: share of the full force limit, 0 ... 1, shape (P,).
-        share: of each point in its foot's tangential forces, shape (2, 6).
-        load_cost: gradient of the soles' normal forces per planned load of the foot, shape (2, 4).
-        least, largest: normal forces, shape (P,) [m g].
-    """
 
-    limit: Array
-    share: Array
-    load_cost: Array
-    least: Array
-    largest: Array
+@compiled
+def wrench_map(feet: int, points: Any, wrench: Array) -> None:
+    """W, net force and moment about the COM per unknown, shape (6, F (k + 3))."""
+    per_foot = len(points) // feet
+    for i in range(len(points)):
+        point, foot = points[i], points[i].foot
+        tangent = (per_foot + 3) * foot + per_foot
+        if i == per_foot * foot:
+            wrench[:, tangent : tangent + 3] = 0.0
+        arm, share = vector(point.arm), point.share
+        _add(wrench[:, 3 * foot + i], (0.0, 0.0, 1.0), arm, True)
+        _add(wrench[:, tangent], (share, 0.0, 0.0), arm, False)
+        _add(wrench[:, tangent + 1], (0.0, share, 0.0), arm, False)
+        _add(wrench[:, tangent + 2], (point.twist[0], point.twist[1], 0.0), arm, False)
 
-    @classmethod
-    def of(cls, limit: Array) -> Openings:
-        """From the share of the force limit of every point, shape (P,)."""
-        share = np.maximum(limit.reshape(2, POINTS), _LEAST_OPENING)
-        loads = share[:, :SOLES]
-        load_cost = -NORMAL_COST * loads / np.add.reduce(loads, axis=1, keepdims=True)
-        share /= np.add.reduce(share, axis=1, keepdims=True)
-        least = LEAST_NORMAL * limit
-        return cls(
-            limit=limit,
-            share=share,
-            load_cost=load_cost,
-            least=least,
-            largest=np.maximum(LARGEST_NORMAL * limit, least),
+
+@compiled
+def _add(column: Array, force: Any, arm: Any, first: bool) -> None:
+    """Add the effect of a force at an arm, or begin with it."""
+    if first:
+        column[:] = 0.0
+    moment = times(ANGULAR, cross(arm, force))
+    for k in range(3):
+        column[k] += force[k]
+        column[3 + k] += moment[k]
+
+
+@compiled
+def point_forces(feet: int, points: Any, phi: Array, weight: float, forces: Array) -> None:
+    """Forces at the points for the unknowns phi [m g], shape (P, 3) [N]."""
+    per_foot = len(points) // feet
+    for i in range(len(points)):
+        point, foot = points[i], points[i].foot
+        tangent = (per_foot + 3) * foot + per_foot
+        x, y, twist = phi[tangent], phi[tangent + 1], phi[tangent + 2]
+        force = (
+            point.share * x + point.twist[0] * twist,
+            point.share * y + point.twist[1] * twist,
+            phi[3 * foot + i],
         )
+        put(forces[i], times(weight, force))
 
 
-class ForceMap:
-    """Effect of the force unknowns; made once, its arrays are overwritten by every :meth:`update`.
-
-    Point forces are ``f = D phi`` and the net wrench ``W = X D``, with X the points' lever arms. New arrays
-    at every tick would cost more than the arithmetic.
-
-    Attributes:
-        wrench: W, net force and moment about the COM, shape (6, 18).
-        foot_wrench: the same by foot, and the moment of the tips' forces about the toe axis [m g m],
-            shape (2, 7, 9).
-        twist_lever: distance of the points from the centre of their foot's tangential forces, (2, 6) [m].
-    """
-
-    def __init__(self) -> None:
-        self.wrench = np.zeros((6, FORCES))
-        self.foot_wrench = np.zeros((2, 7, FOOT))
-        self.twist_lever = np.zeros((2, POINTS))
-        self._wrench_by_foot = self.wrench.reshape(6, 2, FOOT).transpose(1, 0, 2)
-        self._spread = np.zeros((2, POINTS, 3, FOOT))  # D
-        self._spread[:, np.arange(POINTS), 2, np.arange(POINTS)] = 1.0
-        self._shares = self._spread[:, :, 0, POINTS], self._spread[:, :, 1, POINTS + 1]
-        self._twists = self._spread[:, :, 0, POINTS + 2], self._spread[:, :, 1, POINTS + 2]
-        self._spread_rows = self._spread.reshape(2, 3 * POINTS, FOOT)
-        self._lever = np.zeros((2, 7, POINTS, 3))  # X, and a row for the toe
-        self._lever[:, :3] = np.eye(3)[:, None, :]
-        self._moment_rows = self._lever[:, 3:6].transpose(0, 2, 1, 3)
-        self._toe_row = self._lever[:, 6, SOLES:]
-        self._lever_rows = self._lever.reshape(2, 7, 3 * POINTS)
-
-    def update(self, body: Kinematics, openings: Openings) -> None:
-        """Fill in a tick."""
-        share, arm = openings.share, body.arm
-        self._shares[0][:] = self._shares[1][:] = share
-        offset = arm[:, :, :2] - share[:, None, :] @ arm[:, :, :2]
-        np.hypot(offset[:, :, 0], offset[:, :, 1], out=self.twist_lever)
-        pull = share[:, :, None] * offset
-        pull *= TWIST_ARM / np.add.reduce(pull * offset, axis=(1, 2), keepdims=True)
-        np.negative(pull[:, :, 1], out=self._twists[0])
-        self._twists[1][:] = pull[:, :, 0]
-        self._moment_rows[:] = (arm @ _SKEWS).reshape(2, POINTS, 3, 3)
-        self._toe_row[:] = body.toe_lever
-        np.matmul(self._lever_rows, self._spread_rows, out=self.foot_wrench)
-        self._wrench_by_foot[:] = self.foot_wrench[:, :6]
-
-    def foot_wrenches(self, phi: Array) -> Array:
-        """Wrench of each foot in the units of ``wrench``, and its toe moment [m g m], shape (2, 7)."""
-        return (self.foot_wrench @ phi.reshape(2, FOOT, 1))[:, :, 0]
-
-    def point_forces(self, phi: Array) -> Array:
-        """Forces at the points for the unknowns phi, shape (2, 6, 3) [m g]."""
-        return (self._spread_rows @ phi.reshape(2, FOOT, 1)).reshape(2, POINTS, 3)
-
-
-def without_closed(phi: Array, opening: Array) -> Array:
-    """Forces of an earlier tick, less those at points that have closed since.
+@compiled
+def without_closed(feet: int, points: Any, phi: Array) -> Array:
+    """Forces of an earlier tick, less those at points that have closed since; a new array.
 
     Tangential forces and twist of a foot shrink with its normal force, so that they stay within the friction.
-
-    Args:
-        phi: force unknowns, shape (18,) [m g].
-        opening: of the points now, shape (12,).
     """
-    kept = phi.reshape(2, FOOT).copy()
-    before = kept[:, :POINTS].sum(axis=1)
-    kept[:, :POINTS] *= opening.reshape(2, POINTS) > 0.0
-    after = kept[:, :POINTS].sum(axis=1)
-    kept[:, POINTS:] *= np.divide(after, before, out=np.zeros(2), where=before > 0.0)[:, None]
-    return kept.reshape(-1)
+    kept, per_foot = phi.copy(), len(points) // feet
+    for foot in range(feet):
+        first = (per_foot + 3) * foot
+        before = after = 0.0
+        for i in range(per_foot):
+            before += phi[first + i]
+            if not points[per_foot * foot + i].limit > 0.0:
+                kept[first + i] = 0.0
+            after += kept[first + i]
+        share = after / before if before > 0.0 else 0.0
+        for k in range(3):
+            kept[first + per_foot + k] *= share
+    return kept

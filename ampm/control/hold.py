@@ -6,14 +6,13 @@ A constant torque lags by half a period: where the plan's ZMP moves by 7 mm in a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
+from ampm.compiled import compiled
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
-
-    from ampm.control.contact_gate import Contact
 
     Array = NDArray[np.float64]
 
@@ -22,8 +21,11 @@ LARGEST_CHANGE = 0.03
 one is the response to an event, such as a landing, and is not repeated in the next tick."""
 
 
-class FirstOrderHold:
-    """Rates of the torques from tick to tick.
+@compiled
+def update_rate(
+    torque: Array, last: Array, limit: Array, frequency: float, lines: Any, still: bool, rate: Array
+) -> None:
+    """Rates of the torques until the next tick, from those until this one.
 
     The rate is the last difference over the period, with three exceptions. It is limited by
     :data:`LARGEST_CHANGE`. Where the contact has changed, the difference is the response to it, and the
@@ -31,39 +33,24 @@ class FirstOrderHold:
     hold.
 
     Args:
-        torque_limit: shape (nu,) [N m].
-        period: of the ticks [s].
+        torque: of this tick, shape (nu,) [N m].
+        last: of the last tick, shape (nu,) [N m].
+        limit: of the motors, shape (nu,) [N m].
+        frequency: of the ticks [1/s].
+        lines: of this tick; they keep what of the contact determines the slope of the torque.
+        still: this is the first tick, or the plan jumps in this tick or has jumped in the last one.
+        rate: shape (nu,) [N m/s].
     """
-
-    def __init__(self, torque_limit: Array, period: float) -> None:
-        self._largest = LARGEST_CHANGE * torque_limit
-        self._period = period
-        self._torque: Array | None = None
-        self._contact: object = None
-        self._rate = np.zeros_like(torque_limit)
-
-    def rate(self, torque: Array, contact: Contact, jumps: bool) -> Array:
-        """Rate for the time until the next tick, shape (nu,) [N m/s].
-
-        Args:
-            torque: of this tick, shape (nu,) [N m].
-            contact: of this tick.
-            jumps: the plan jumps in this tick or has jumped in the last one.
-        """
-        last, self._torque = self._torque, torque
-        before, self._contact = self._contact, _kind(contact)
-        if last is None or jumps:
-            self._rate = np.zeros_like(torque)
-        elif self._contact == before:
-            change = np.minimum(np.maximum(torque - last, -self._largest), self._largest)
-            self._rate = change / self._period
-        return self._rate
-
-
-def _kind(contact: Contact) -> tuple[list[list[bool]], list[list[bool]]]:
-    """Contact state that determines the slope of the torque: planned lines, and those that are opening."""
-    opening = [
-        [touches and 0.0 < share < 1.0 for touches, share in zip(*foot, strict=True)]
-        for foot in zip(contact.touching, contact.opening, strict=True)
-    ]
-    return contact.planned, opening
+    same = True
+    for foot in range(len(lines)):
+        for group in range(3):
+            line = lines[foot, group]
+            opening = line.touching and 0.0 < line.opening < 1.0
+            same = same and line.planned == line.was_planned and opening == line.was_opening
+            line.was_planned, line.was_opening = line.planned, opening
+    for j in range(len(torque)):
+        largest = LARGEST_CHANGE * limit[j]
+        if still:
+            rate[j] = 0.0
+        elif same:
+            rate[j] = min(max(torque[j] - last[j], -largest), largest) * frequency

@@ -5,12 +5,12 @@ A joint may run towards the end of its range as fast as it can still brake befor
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ampm.control.forces import FORCES
-from ampm.control.wrench_qp import CONDENSED_ROWS, CONDENSED_SIZE
+from ampm.compiled import compiled
 from ampm.qp import QPSettings, QPSolution, make_backend
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ _LARGEST = 200.0  # largest acceleration that brings back a joint far outside [g
 
 
 class LimitedForm:
-    """The whole problem, torque and joint limits as constraints: 40 accelerations, 18 forces, 20 slacks.
+    """The whole problem, torque and joint limits as constraints: accelerations, forces, slacks.
 
     Args:
         backend: name of the solver.
@@ -49,17 +49,18 @@ class LimitedForm:
         self._weights = self.TASK_COST * weights
         self._condensed = condensed
         self._soft = rows - 6
-        n = nv + FORCES + 6 + self._soft
-        self._phi = slice(nv, nv + FORCES)
-        self._force_unknowns = slice(nv, nv + CONDENSED_SIZE)
-        m = 6 + CONDENSED_ROWS + self._soft + 2 * self.nu
+        force_rows, force_unknowns = condensed.A.shape
+        n = nv + force_unknowns + self._soft
+        self._phi = slice(nv, nv + condensed.forces)
+        self._force_unknowns = slice(nv, nv + force_unknowns)
+        start = 6 + force_rows + self._soft
+        m = start + 2 * self.nu
         self.P, self.q = np.zeros((n, n)), np.zeros(n)
         self.A, self.lower, self.upper = np.zeros((m, n)), np.zeros(m), np.zeros(m)
         self.P[np.arange(nv), np.arange(nv)] = self._weights
         self.P[-self._soft :, -self._soft :] = self.TASK_COST * np.eye(self._soft)
-        self._dynamics, self._force_rows = slice(0, 6), slice(6, 6 + CONDENSED_ROWS)
-        self._task_rows = slice(6 + CONDENSED_ROWS, 6 + CONDENSED_ROWS + self._soft)
-        start = 6 + CONDENSED_ROWS + self._soft
+        self._dynamics, self._force_rows = slice(0, 6), slice(6, 6 + force_rows)
+        self._task_rows = slice(6 + force_rows, start)
         self._torque_rows, self._joint_rows = slice(start, start + self.nu), slice(start + self.nu, m)
         self.A[self._joint_rows, 6:nv] = np.eye(self.nu)
         self._backend = make_backend(backend, self._P_mask(n), self._A_mask(m, n), settings)
@@ -72,11 +73,11 @@ class LimitedForm:
     def _A_mask(self, m: int, n: int) -> NDArray[np.bool_]:
         mask = self.A != 0.0
         mask[self._dynamics, : self.nv] = True
-        mask[self._dynamics, self._phi] = self._condensed.A_mask()[:6, :FORCES]
+        mask[self._dynamics, self._phi] = self._condensed.A_mask()[:6, : self._condensed.forces]
         mask[self._force_rows, self._force_unknowns] = self._condensed.A_mask()
         mask[self._task_rows, : self.nv] = True
         mask[self._task_rows, -self._soft :] = np.eye(self._soft, dtype=bool)
-        mask[self._torque_rows, : self.nv + FORCES] = True
+        mask[self._torque_rows, : self._phi.stop] = True
         return mask
 
     def solve(
@@ -94,12 +95,12 @@ class LimitedForm:
         """Solve with the condensed form's current forces, costs and wanted momentum.
 
         Args:
-            rows: B, shape (20, nv).
-            offset: right-hand side of the 20 rows: the first six without forces, shape (20,).
-            wrench: W, shape (6, 18).
-            softness: of the 14 foot and toe rows, shape (14,).
+            rows: B, shape (R, nv).
+            offset: right-hand side of the rows: the first six without forces, shape (R,).
+            wrench: W, shape (6, U).
+            softness: of the rows of feet and toes, shape (R - 6,).
             posture: wanted accelerations, shape (nv,) [g].
-            torque_map: torques over the limit per unit of (alpha, phi), shape (nu, nv + 18).
+            torque_map: torques over the limit per unit of (alpha, phi), shape (nu, nv + U).
             torque_bias: torques over the limit at zero, shape (nu,).
             joint_lower: least accelerations of the hinges, shape (nu,) [g].
             joint_upper: largest ones, shape (nu,) [g].
@@ -116,7 +117,7 @@ class LimitedForm:
         A[self._force_rows, self._force_unknowns] = c.A
         A[self._task_rows, :nv] = rows[6:]
         np.fill_diagonal(A[self._task_rows, -self._soft :], np.sqrt(softness))
-        A[self._torque_rows, : nv + FORCES] = torque_map
+        A[self._torque_rows, : self._phi.stop] = torque_map
         lower[self._dynamics] = upper[self._dynamics] = offset[:6]
         lower[self._force_rows], upper[self._force_rows] = c.lower, c.upper
         lower[self._task_rows] = upper[self._task_rows] = offset[6:]
@@ -126,56 +127,48 @@ class LimitedForm:
         return self._backend.solve(self.P, self.q, A, lower, upper)
 
 
-class JointLimits:
-    """Checks an answer against the limits, and gives them as bounds.
+@compiled
+def braking_rate(room: float) -> float:
+    """Rate from which a joint can brake within the room before its limit [rad/s]."""
+    return math.sqrt(2.0 * _BRAKE * max(room, 0.0))
+
+
+@compiled
+def limit_broken(
+    q: Array, v: Array, acceleration: Array, torque: Array, torque_limit: Array, low: Array, high: Array
+) -> bool:
+    """Whether an answer breaks a torque limit, or makes a joint too fast to brake before its range ends.
 
     Args:
-        robot: its torque limits and joint ranges.
+        q: Pinocchio configuration, shape (nq,).
+        v: velocity, shape (nv,).
+        acceleration: shape (nv,) [rad/s^2].
+        torque: shape (nu,) [N m].
+        torque_limit: shape (nu,) [N m].
+        low: lower ends of the joints' ranges, shape (nu,) [rad].
+        high: upper ends, shape (nu,) [rad].
     """
+    for j in range(len(torque)):
+        rate = v[6 + j] + _BRAKE_TIME * acceleration[6 + j]
+        if (
+            abs(torque[j]) > torque_limit[j]
+            or rate > braking_rate(high[j] - q[7 + j])
+            or -rate > braking_rate(q[7 + j] - low[j])
+        ):
+            return True
+    return False
 
-    def __init__(self, robot: Robot) -> None:
-        self._lower, self._upper = robot.lower, robot.upper
-        self._nu = robot.nu
-        self._horizon = _BRAKE_TIME * robot.gravity
-        self._tested = np.zeros((3, robot.nu))  # torques, joint rates shortly ahead up and down
-        self._bounds = np.zeros((3, robot.nu))
-        self._bounds[0] = robot.torque_limit
-        self._rates = self._bounds[1:]
-        self._torque, self._up, self._down = self._tested
 
-    def broken(
-        self,
-        q: Array,
-        v: Array,
-        alpha: Array,
-        torque: Array,
-    ) -> bool:
-        """Whether an answer breaks a limit at (q, v).
+def acceleration_bounds(robot: Robot, q: Array, v: Array) -> tuple[Array, Array]:
+    """Accelerations that keep every joint able to brake before its limits, shape (nu,) each [g].
 
-        Args:
-            q: Pinocchio configuration, shape (nq,).
-            v: velocity, shape (nv,).
-            alpha: accelerations, shape (nv,) [g].
-            torque: shape (nu,) [N m].
-        """
-        np.abs(torque, out=self._torque)
-        np.multiply(self._horizon, alpha[6:], out=self._up)
-        self._up += v[6:]
-        np.negative(self._up, out=self._down)
-        self._braking_rates(q, out=self._rates)
-        return bool(np.logical_or.reduce(self._tested > self._bounds, axis=None))
-
-    def acceleration_bounds(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Accelerations that keep every joint able to brake before its limits, shape (nu,) each [g]."""
-        up, down = self._braking_rates(q, np.empty((2, self._nu)))
-        scale = 1.0 / self._horizon
-        low, high = scale * (-down - v[6:]), scale * (up - v[6:])
-        return np.minimum(low, _LARGEST), np.maximum(high, -_LARGEST)
-
-    def _braking_rates(self, q: Array, out: Array) -> Array:
-        """Rates up and down from which every joint can brake before its limits, shape (2, nu) [rad/s]."""
-        np.subtract(self._upper, q[7:], out=out[0])
-        np.subtract(q[7:], self._lower, out=out[1])
-        np.maximum(out, 0.0, out=out)
-        out *= 2.0 * _BRAKE
-        return np.sqrt(out, out=out)
+    Args:
+        robot: its joint ranges.
+        q: Pinocchio configuration, shape (nq,).
+        v: velocity, shape (nv,).
+    """
+    up = np.array([braking_rate(room) for room in robot.upper - q[7:]])
+    down = np.array([braking_rate(room) for room in q[7:] - robot.lower])
+    scale = 1.0 / (_BRAKE_TIME * robot.gravity)
+    low, high = scale * (-down - v[6:]), scale * (up - v[6:])
+    return np.minimum(low, _LARGEST), np.maximum(high, -_LARGEST)

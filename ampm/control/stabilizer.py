@@ -2,44 +2,43 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ampm.so3 import rotation_error
+from ampm.compiled import compiled
+from ampm.vectors import column, cross, minus, plus, put, times, vector
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
-    from ampm.body.robot import Kinematics, Robot
-    from ampm.parameters import ControllerParameters
-    from ampm.walk import Reference
+    from ampm.vectors import Vector
 
     Array = NDArray[np.float64]
 
 
-class WrenchCommand(NamedTuple):
-    """Command of the stabiliser, in plain numbers.
+@compiled
+def rotation_error(wanted: Array, actual: Array) -> Vector:
+    """Small rotation vector in world axes that takes ``actual`` to ``wanted``, shapes (3, 3) [rad].
 
-    Attributes:
-        com: COM that the wrench refers to, three numbers [m].
-        wrench: net force [N] and moment about the COM [N m], six numbers.
-        angular_momentum: about the COM, three numbers [N m s].
+    Half the sum of ``a x w`` over the axes of both: the skew part of ``wanted actual^T``.
     """
-
-    com: list[float]
-    wrench: list[float]
-    angular_momentum: list[float]
-
-    @property
-    def zmp(self) -> Array:
-        """ZMP on the floor of the wrench, shape (2,) [m]."""
-        x, y, z = self.com
-        fx, fy, fz, mx, my, _ = self.wrench
-        return np.array([x - (z * fx + my) / fz, y - (z * fy - mx) / fz])
+    total = cross(column(actual, 0), column(wanted, 0))
+    for k in (1, 2):
+        total = plus(total, cross(column(actual, k), column(wanted, k)))
+    return times(0.5, total)
 
 
-class Stabilizer:
+@compiled
+def command_wrench(
+    gains: Any,
+    mass: float,
+    gravity: float,
+    centre: Array,
+    tilt: Vector,
+    com: Vector,
+    rates: Array,
+    out: Array,
+) -> None:
     """Net ground wrench: the plan's, plus feedback of COM, momentum and trunk.
 
     With c the COM, p and L momentum and angular momentum about it, and bars for the plan::
@@ -47,34 +46,29 @@ class Stabilizer:
         f = m (cdd_bar + g e_z) + com_damping (p_bar - p) + m com_stiffness (c_bar - c)
         n = Ld_bar + momentum_gain (L_wanted - L),    L_wanted = L_bar + trunk_gain (tilt_bar - tilt)_xy
 
+    The periodic motion is an unstable orbit: a trunk that has tilted is brought back by a little more or less
+    angular momentum than planned, slowly.
+
     Args:
-        robot: the body.
         gains: of the controller.
+        mass: [kg].
+        gravity: [m/s^2].
+        centre: of the :class:`~ampm.walk.Reference`, shape (5, 3).
+        tilt: rotation from the trunk to the planned one [rad].
+        com: [m].
+        rates: momentum and angular momentum over the mass, shape (6, ...).
+        out: f [N], n [N m], L_wanted [N m s] and the ZMP on the floor of this wrench [m], shape (11,).
     """
-
-    def __init__(self, robot: Robot, gains: ControllerParameters) -> None:
-        mass = self._mass = robot.mass
-        self._gravity = robot.gravity
-        self._stiffness, self._damping = mass * gains.com_stiffness, mass * gains.com_damping
-        self._momentum_gain, self._trunk_gain = gains.momentum_gain, gains.trunk_gain
-
-    def command(self, body: Kinematics, reference: Reference) -> WrenchCommand:
-        """The wrench commanded at one tick."""
-        (cx, cy, cz), (ux, uy, uz), (ax, ay, az), (lx, ly, lz), (nx, ny, nz) = reference.centre.tolist()
-        x, y, z = com = body.com.tolist()
-        vx, vy, vz, hx, hy, hz = body.rates[:6]
-        # The periodic motion is an unstable orbit: a trunk that has tilted is brought back by a little more
-        # or less angular momentum than planned, slowly.
-        tilt = rotation_error(reference.posture.trunk.tolist(), body.trunk)
-        lx += self._trunk_gain * tilt[0]
-        ly += self._trunk_gain * tilt[1]
-        stiffness, damping, gain, mass = self._stiffness, self._damping, self._momentum_gain, self._mass
-        wrench = [
-            mass * ax + damping * (ux - vx) + stiffness * (cx - x),
-            mass * ay + damping * (uy - vy) + stiffness * (cy - y),
-            mass * (az + self._gravity) + damping * (uz - vz) + stiffness * (cz - z),
-            nx + gain * (lx - mass * hx),
-            ny + gain * (ly - mass * hy),
-            nz + gain * (lz - mass * hz),
-        ]
-        return WrenchCommand(com, wrench, [lx, ly, lz])
+    gain = gains[0]
+    planned, velocity, acceleration = vector(centre[0]), vector(centre[1]), vector(centre[2])
+    force = plus(acceleration, (0.0, 0.0, gravity))
+    force = plus(force, times(gain.com_damping, minus(velocity, vector(rates[0:3]))))
+    force = times(mass, plus(force, times(gain.com_stiffness, minus(planned, com))))
+    wanted = plus(vector(centre[3]), times(gain.trunk_gain, (tilt[0], tilt[1], 0.0)))
+    momentum = times(mass, vector(rates[3:6]))
+    moment = plus(vector(centre[4]), times(gain.momentum_gain, minus(wanted, momentum)))
+    put(out[0:3], force)
+    put(out[3:6], moment)
+    put(out[6:9], wanted)
+    out[9] = com[0] - (com[2] * force[0] + moment[1]) / force[2]
+    out[10] = com[1] - (com[2] * force[1] - moment[0]) / force[2]

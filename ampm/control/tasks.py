@@ -1,215 +1,180 @@
-"""Accelerations wanted of soles, toes and posture.
+"""Accelerations wanted of soles, toes and posture. Soles swing, stand, or roll on a heel or toe line.
 
-Soles swing, stand, or roll on a heel or toe line. All in plain numbers: arrays of three elements are slower.
+A task is some consecutive rows of the task Jacobian, ``jacobian qdd + drift ~ wanted``, with one softness for
+all of them, 0 for rows that are met exactly.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from ampm.body.robot import FOOT_ROWS
-from ampm.control.contact_gate import BALL, HEEL, TIP
-from ampm.so3 import cross, rotation_error
+from ampm.compiled import compiled
+from ampm.control.records import BALL, HEEL, TIP
+from ampm.control.stabilizer import rotation_error
+from ampm.vectors import ZERO, cross, minus, plus, put, times, vector
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ampm.body.robot import Kinematics, Robot
-    from ampm.control.contact_gate import Contact
-    from ampm.parameters import ControllerParameters
-    from ampm.so3 import Vector
-    from ampm.walk import PostureState
+    from ampm.vectors import Vector
+
+    Array = NDArray[np.float64]
 
 STANCE, SWING = 1e-8, 1e-4
 """Softness of a foot's acceleration task when it stands and when it swings, in the metric of the posture."""
 
 
-Task = tuple[list[float], float]
-"""Consecutive rows of the task Jacobian, ``jacobian qdd + drift ~ wanted``: the wanted accelerations
-[m/s^2, rad/s^2], and one softness for all of them, 0 for rows that are met exactly."""
-
-
-class FreeFall:
-    """The momentum rate without contact forces; the QP adds them.
-
-    Args:
-        robot: the body.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self.task: Task = ([0.0, 0.0, -robot.gravity, 0.0, 0.0, 0.0], 0.0)
-
-
-class FootTask:
+@compiled
+def foot_task(
+    gains: Any, foot: Any, lines: Any, points: Any, com: Vector, reference: Array, rates: Array, wanted: Array
+) -> float:
     """Acceleration of one sole.
 
     Args:
-        foot: 0 left, 1 right.
         gains: of the controller.
+        foot: placed; keeps the line that holds it, and that line's vertical speed, for the next tick.
+        lines: of this foot.
+        points: of this foot.
+        com: [m].
+        reference: the foot's row of :class:`~ampm.walk.FeetState`, shape (27,).
+        rates: velocity of the sole, linear then angular, shape (6,).
+        wanted: linear then angular, shape (6,) [m/s^2, rad/s^2].
+
+    Returns:
+        The softness.
     """
-
-    def __init__(self, foot: int, gains: ControllerParameters) -> None:
-        self._foot, self._gains = foot, gains
-        first = 6 + FOOT_ROWS * foot
-        self._linear, self._angular = slice(first, first + 3), slice(first + 3, first + FOOT_ROWS)
-        self._sinking: tuple[list[bool], float] | None = None  # the line that holds, and its vertical speed
-
-    def at(self, body: Kinematics, reference: list[float], contact: Contact) -> Task:
-        """The task at one tick.
-
-        Args:
-            body: its state.
-            reference: the foot's row of :class:`~ampm.walk.FeetState`, 27 plain numbers.
-            contact: touching lines, and their share of the load.
-        """
-        foot = self._foot
-        planned = [c or t for c, t in zip(contact.planned[foot], contact.touched[foot], strict=True)]
-        x, y, z, ux, uy, uz, ax, ay, az, xx, xy, xz, yx, yy, yz, zx, zy, zz = reference[:18]
-        turn, turning = reference[18:21], reference[21:24]
-        (axx, axy, axz, px), (ayx, ayy, ayz, py), (azx, azy, azz, pz), _ = body.soles[foot]
-        here = (axx, axy, axz), (ayx, ayy, ayz), (azx, azy, azz)
-        tilt = rotation_error(((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)), here)
-        velocity, omega = body.rates[self._linear], body.rates[self._angular]
-        if True in planned:
-            return self._stance(body, planned, contact, velocity, omega, tilt, turn, turning), STANCE
-        self._sinking = None
-        stiffness, damping = self._gains.swing_stiffness, self._gains.swing_damping
-        vx, vy, vz = velocity
-        wanted = [
-            ax + stiffness * (x - px) + damping * (ux - vx),
-            ay + stiffness * (y - py) + damping * (uy - vy),
-            az + stiffness * (z - pz) + damping * (uz - vz),
-        ]
-        for e, w, o, a in zip(tilt, turn, omega, turning, strict=True):
-            wanted.append(stiffness * e + damping * (w - o) + a)
-        return wanted, SWING
-
-    def _stance(
-        self,
-        body: Kinematics,
-        planned: list[bool],
-        contact: Contact,
-        velocity: Vector,
-        omega: Vector,
-        tilt: Vector,
-        turn: Vector,
-        turning: Vector,
-    ) -> list[float]:
-        """Wanted acceleration of a sole in contact, linear then angular [m/s^2, rad/s^2]."""
-        gains, held, opening = self._gains, contact.touched[self._foot], contact.opening[self._foot]
-        # A foot that has not yet taken its load is pressed down, otherwise it would bounce.
-        landing = True in contact.planned[self._foot]
-        press = 1.0 - max(opening[HEEL], opening[BALL]) if landing else 0.0
-        damping = gains.stance_damping + press * (gains.touchdown_damping - gains.stance_damping)
-        vx, vy, vz = velocity
-        wx, wy, wz = omega
-        if False not in planned and held[HEEL] and held[BALL]:  # flat
-            down = self._vertical(contact, held, press, damping, vz)
-            still = -gains.stance_damping
-            return [-damping * vx, -damping * vy, down, still * wx, still * wy, still * wz]
-        stiffness, rolling = gains.roll_stiffness, gains.roll_damping
-        sx, sy, sz = (stiffness * e - rolling * w for e, w in zip(tilt, omega, strict=True))
-        if False not in planned:  # a line is late: turn it to the floor
-            rate = gains.touchdown_rate if held[HEEL] else -gains.touchdown_rate
-            sy = rolling * ((rate if True in held else 0.0) - wy)
-        else:  # rolling on heel or toes
-            sy += turning[1] + rolling * turn[1]
-            if not planned[BALL]:
-                sy -= stiffness * gains.roll_down_bias
-        # The line that holds the foot stays where it is; the reference point turns about it.
-        pivot = self._pivot(body, held if True in held else planned)
-        slide = cross(omega, pivot)
-        down = self._vertical(contact, held, press, damping, vz + slide[2])
-        tangential, centripetal = cross((sx, sy, sz), pivot), cross(omega, slide)
-        return [
-            -damping * (vx + slide[0]) - tangential[0] - centripetal[0],
-            -damping * (vy + slide[1]) - tangential[1] - centripetal[1],
-            down - tangential[2] - centripetal[2],
-            sx,
-            sy,
-            sz,
-        ]
-
-    def _vertical(
-        self, contact: Contact, held: list[bool], press: float, damping: float, speed: float
-    ) -> float:
-        """Wanted vertical acceleration of the line that holds the foot [m/s^2].
-
-        The floor yields under a foot that takes its load. On any floor, a commanded acceleration that differs
-        from the actual one gives a force that differs from the commanded one. So the command contains a share
-        of the actual acceleration.
-
-        Args:
-            contact: of this tick.
-            held: lines of this foot that have touched.
-            press: share of its load that the foot has still to take, 1 ... 0.
-            damping: towards the touch-down velocity [1/s].
-            speed: of the line [m/s].
-        """
-        asked = -damping * (speed + press * self._gains.touchdown_velocity)
-        last, self._sinking = self._sinking, (held[:TIP], speed)
-        if last is None or last[0] != held[:TIP] or True not in contact.touching[self._foot]:
-            return asked
-        own = (speed - last[1]) * self._gains.frequency
-        share = press * self._gains.landing_yield
-        return (1.0 - share) * asked + share * own
-
-    def _pivot(self, body: Kinematics, held: list[bool]) -> list[float]:
-        """Middle of the line that holds a rolling foot, from the sole's reference point [m]."""
-        first = 0 if held[HEEL] else 2
-        one, other = body.arm[self._foot, first : first + 2].tolist()
-        sole = body.sole_arm[self._foot]
-        return [0.5 * (a + b) - c for a, b, c in zip(one, other, sole, strict=True)]
+    tilt = rotation_error(reference[9:18].reshape(3, 3), foot.pose)
+    velocity, omega = vector(rates[0:3]), vector(rates[3:6])
+    some = all_planned = lines[HEEL].planned or lines[HEEL].touched
+    for group in (BALL, TIP):
+        planned = lines[group].planned or lines[group].touched
+        some, all_planned = some or planned, all_planned and planned
+    if some:
+        _stance(gains, foot, lines, points, reference, all_planned, velocity, omega, tilt, wanted)
+        return STANCE
+    foot.stood = False
+    gain = gains[0]
+    place = minus(vector(reference[0:3]), plus(com, vector(foot.place)))
+    swing = plus(times(gain.swing_stiffness, place), vector(reference[6:9]))
+    put(wanted[0:3], plus(swing, times(gain.swing_damping, minus(vector(reference[3:6]), velocity))))
+    turn = plus(times(gain.swing_stiffness, tilt), vector(reference[21:24]))
+    put(wanted[3:6], plus(turn, times(gain.swing_damping, minus(vector(reference[18:21]), omega))))
+    return SWING
 
 
-class ToeTask:
-    """Accelerations of the toe joints.
+@compiled
+def _stance(
+    gains: Any,
+    foot: Any,
+    lines: Any,
+    points: Any,
+    reference: Array,
+    all_planned: bool,
+    velocity: Vector,
+    omega: Vector,
+    tilt: Vector,
+    wanted: Array,
+) -> None:
+    """Wanted acceleration of a sole in contact."""
+    gain, heel, ball = gains[0], lines[HEEL], lines[BALL]
+    # A foot that has not yet taken its load is pressed down, otherwise it would bounce.
+    landing = heel.planned or ball.planned or lines[TIP].planned
+    press = 1.0 - max(heel.opening, ball.opening) if landing else 0.0
+    damping = gain.stance_damping + press * (gain.touchdown_damping - gain.stance_damping)
+    if all_planned and heel.touched and ball.touched:  # flat
+        put(wanted[0:3], times(-damping, velocity))
+        wanted[2] = _vertical(gain, foot, lines, press, damping, velocity[2])
+        put(wanted[3:6], times(-gain.stance_damping, omega))
+        return
+    turning = minus(times(gain.roll_stiffness, tilt), times(gain.roll_damping, omega))
+    holds = heel.touched or ball.touched or lines[TIP].touched
+    if all_planned:  # a line is late: turn it to the floor
+        rate = gain.touchdown_rate if heel.touched else -gain.touchdown_rate
+        pitch = gain.roll_damping * ((rate if holds else 0.0) - omega[1])
+    else:  # rolling on heel or toes
+        pitch = turning[1] + reference[22] + gain.roll_damping * reference[19]
+        if not (ball.planned or ball.touched):
+            pitch -= gain.roll_stiffness * gain.roll_down_bias
+    turning = turning[0], pitch, turning[2]
+    # The line that holds the foot stays where it is; the reference point turns about it.
+    on_heel = heel.touched if holds else heel.planned or heel.touched
+    pivot = minus(_middle(points, HEEL if on_heel else BALL), vector(foot.place))
+    slide = cross(omega, pivot)
+    speed = plus(velocity, slide)
+    down = _vertical(gain, foot, lines, press, damping, speed[2])
+    still = -damping * speed[0], -damping * speed[1], down
+    put(wanted[0:3], minus(minus(still, cross(turning, pivot)), cross(omega, slide)))
+    put(wanted[3:6], turning)
+
+
+@compiled
+def _vertical(gain: Any, foot: Any, lines: Any, press: float, damping: float, speed: float) -> float:
+    """Wanted vertical acceleration of the line that holds the foot [m/s^2].
+
+    The floor yields under a foot that takes its load. On any floor, a commanded acceleration that differs
+    from the actual one gives a force that differs from the commanded one. So the command contains a share
+    of the actual acceleration.
 
     Args:
-        robot: the body.
-        gains: of the controller.
+        gain: of the controller.
+        foot: its state at the last tick, which is replaced.
+        lines: of the foot.
+        press: share of its load that the foot has still to take, 1 ... 0.
+        damping: towards the touch-down velocity [1/s].
+        speed: of the line [m/s].
     """
-
-    def __init__(self, robot: Robot, gains: ControllerParameters) -> None:
-        self._stiffness, self._damping = gains.swing_stiffness, gains.swing_damping
-        self._coordinates = [int(joint) + 1 for joint in robot.toe_joints]
-
-    def at(self, body: Kinematics, reference: list[list[float]]) -> Task:
-        """The task at one tick, from both rows of :class:`~ampm.walk.FeetState` in plain numbers."""
-        measured = body.rates[-len(self._coordinates) :]
-        wanted = [
-            row[26] + self._damping * (row[25] - now) + self._stiffness * (row[24] - body.q.item(coordinate))
-            for row, now, coordinate in zip(reference, measured, self._coordinates, strict=True)
-        ]
-        return wanted, 0.0
+    heel, ball = lines[HEEL], lines[BALL]
+    asked = -damping * (speed + press * gain.touchdown_velocity)
+    touching = heel.touching or ball.touching or lines[TIP].touching
+    if foot.stood and touching and foot.on_heel == heel.touched and foot.on_ball == ball.touched:
+        share = press * gain.landing_yield
+        asked = (1.0 - share) * asked + share * (speed - foot.speed) * gain.frequency
+    foot.stood, foot.speed = True, speed
+    foot.on_heel, foot.on_ball = heel.touched, ball.touched
+    return asked
 
 
-class PostureTask:
+@compiled
+def _middle(points: Any, line: int) -> Vector:
+    """Middle of a line's points about the COM [m]."""
+    total, count = ZERO, 0
+    for i in range(len(points)):
+        if points[i].line == line:
+            total, count = plus(total, vector(points[i].arm)), count + 1
+    return times(1.0 / count, total)
+
+
+@compiled
+def toe_task(gains: Any, reference: Array, angle: float, rate: float) -> float:
+    """Acceleration of a toe joint [rad/s^2], from its foot's row of :class:`~ampm.walk.FeetState`."""
+    gain = gains[0]
+    pull = gain.swing_damping * (reference[25] - rate) + gain.swing_stiffness * (reference[24] - angle)
+    return reference[26] + pull
+
+
+@compiled
+def posture_task(
+    gains: Any, q: Array, now: Array, planned_q: Array, planned_v: Array, planned_a: Array, wanted: Array
+) -> None:
     """Accelerations that follow the planned posture: all joints, and the root's rotation.
 
     Args:
         gains: of the controller.
-        scale: from rad/s^2 to the metric of the posture, shape (nv,).
+        q: shape (nq,).
+        now: velocity, shape (nv,).
+        planned_q: configuration of the :class:`~ampm.walk.PostureState`, shape (nq,).
+        planned_v: its velocity, shape (nv,).
+        planned_a: its acceleration, shape (nv,).
+        wanted: shape (nv,) [m/s^2, rad/s^2].
     """
-
-    def __init__(self, gains: ControllerParameters, scale: NDArray[np.float64]) -> None:
-        self._stiffness, self._damping = gains.posture_stiffness, gains.posture_damping
-        self._scale = scale
-
-    def at(self, body: Kinematics, reference: PostureState) -> NDArray[np.float64]:
-        """Wanted accelerations at one tick, in the metric of the posture, shape (nv,) [g]."""
-        q = body.q
-        wanted = reference.v - body.now
-        wanted *= self._damping
-        wanted += reference.acceleration
-        wanted[6:] += self._stiffness * (reference.q[7:] - q[7:])
-        # Root rotation: small-angle error in the root's axes, from the quaternions' product.
-        x, y, z, w = q[3:7].tolist()
-        a, b, c, d = reference.q[3:7].tolist()
-        gain = 2.0 * self._stiffness
-        wanted[3] += gain * (w * a - d * x - y * c + z * b)
-        wanted[4] += gain * (w * b - d * y - z * a + x * c)
-        wanted[5] += gain * (w * c - d * z - x * b + y * a)
-        wanted *= self._scale
-        return wanted
+    gain = gains[0]
+    for j in range(len(now)):
+        wanted[j] = planned_a[j] + gain.posture_damping * (planned_v[j] - now[j])
+        if j >= 6:
+            wanted[j] += gain.posture_stiffness * (planned_q[j + 1] - q[j + 1])
+    # Root rotation: small-angle error in the root's axes, from the quaternions' product.
+    here, there = (q[3], q[4], q[5]), (planned_q[3], planned_q[4], planned_q[5])
+    error = plus(minus(times(q[6], there), times(planned_q[6], here)), cross(there, here))
+    for k in range(3):
+        wanted[3 + k] += 2.0 * gain.posture_stiffness * error[k]

@@ -7,10 +7,10 @@ Accelerations in g (``alpha = qdd / g``), forces as in :mod:`ampm.control.forces
     feet and toes      B_f alpha ~ wanted                      (with a softness)
     posture            alpha ~ alpha_p                         (metric of the posture weights)
 
-are eliminated by one Cholesky factorisation of the 20 x 20 matrix ``S = B W^-1 B' + softness``; what is left
-is a QP in 24 unknowns: nine forces per foot and six slacks of the wanted momentum rate. One workspace serves
-all contact modes: a point without contact has zero bounds, so the sparsity pattern and the warm start survive
-every switch.
+are eliminated by one factorisation of the 20 x 20 matrix ``S = B W^-1 B' + softness``; what is left is a QP
+in 24 unknowns: nine forces per foot of six points, and six slacks of the wanted momentum rate. One workspace
+serves all contact modes: a point without contact has zero bounds, so the sparsity pattern and the warm start
+survive every switch.
 
 When its answer breaks a torque or joint limit, :class:`LimitedForm` solves the whole problem with those
 limits as constraints: clipping torques afterwards would cause large ZMP errors.
@@ -18,23 +18,17 @@ limits as constraints: clipping torques afterwards would cause large ZMP errors.
 
 from __future__ import annotations
 
-import math
-from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg import lapack
 
-from ampm.body.robot import POINTS, SOLES
-from ampm.control.forces import ANGULAR, FOOT, FORCES, NORMAL_COST, NORMALS, TWIST_ARM
+from ampm.compiled import compiled
+from ampm.control.forces import ANGULAR, NORMAL_COST, TWIST_ARM
+from ampm.control.records import TIP
 from ampm.qp import QPBackend, QPSettings, QPSolution, make_backend
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
-
-    from ampm.control.forces import ForceMap, Openings
 
     Array = NDArray[np.float64]
 
@@ -65,157 +59,191 @@ MOMENTUM_SLACK = np.array([1.0, 1.0, 1.0, ANGULAR, ANGULAR, ANGULAR]) / np.sqrt(
 )
 """Scale of the slacks: linear and horizontal angular momentum far above everything else, L_z far below."""
 
-CONDENSED_SIZE = FORCES + 6
-"""Unknowns of the condensed form."""
-
-CONDENSED_ROWS = 6 + 12 + 2 * POINTS
-"""Constraints of the condensed form."""
-
 L_Z = 5
 """Row of the vertical angular momentum."""
-_COST = np.tile([NORMAL_COST] * SOLES + [TIP_COST] * (POINTS - SOLES), 2)
-_TANGENT = np.concatenate([np.arange(POINTS, FOOT), FOOT + np.arange(POINTS, FOOT)])
 _CONE = np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float)
 """Bounds of a foot's tangential forces and twist: a pyramid with its edges on the cone, along x and y."""
 
 
-class Rows(NamedTuple):
-    """The task rows ``B alpha = rhs`` of one tick, in units of the QP.
+@compiled
+def eliminate(scaled: Array, softness: Array, rhs: Array, posture: Array, system: Array) -> bool:
+    """Solve ``(B W^-1 B' + softness) y = r`` for unit net wrenches and for the rows themselves.
 
-    Attributes:
-        scaled: B in the metric of the posture, shape (20, nv).
-        rhs: wanted accelerations less drift; the first six without contact forces, shape (20,).
-        softness: shape (20,).
+    Args:
+        scaled: transposed task rows in the metric of the posture, shape (nv, R).
+        softness: shape (R,).
+        rhs: wanted accelerations less drift; the first six without contact forces, shape (R,) [g].
         posture: wanted accelerations in the metric of the posture, shape (nv,) [g].
+        system: its last seven columns are y, shape (R, R + 7). The accelerations of a net wrench w are
+            ``W^-1/2 (posture + scaled y (w, 1))``.
+
+    Returns:
+        Whether there is a solution: the rows are independent, and all numbers finite.
     """
-
-    scaled: Array
-    rhs: Array
-    softness: Array
-    posture: Array
-
-    def eliminate(self) -> Array | None:
-        """Solve ``(B W^-1 B' + softness) y = r`` for unit net wrenches and for the rows themselves.
-
-        Returns:
-            Seven columns y, shape (20, 7), or None if the rows depend on each other. The accelerations of a
-            net wrench w are ``W^-1/2 (posture + scaled' y (w, 1))``.
-        """
-        count = len(self.rhs)
-        gram = self.scaled @ self.scaled.T
-        gram.reshape(-1)[:: count + 1] += self.softness
-        right = _unit_wrenches(count).copy(order="F")  # LAPACK's own order
-        right[:, 6] = self.rhs - self.scaled @ self.posture
-        _, columns, info = lapack.dposv(gram.T, right, lower=1, overwrite_a=1, overwrite_b=1)
-        # The last number depends on all others: it is finite only if all are.
-        return columns if info == 0 and math.isfinite(columns.item(-1)) else None
+    _set_up(scaled, softness, rhs, posture, system)
+    if not _triangular(system):
+        return False
+    _substitute(system)
+    return bool(np.isfinite(system[0, -1]))  # the first solution depends on all others
 
 
-@cache
-def _unit_wrenches(count: int) -> Array:
-    """Right-hand sides of the six unit wrenches and a place for one more, shape (count, 7)."""
-    return np.eye(count, 7, order="F")
+@compiled
+def _set_up(scaled: Array, softness: Array, rhs: Array, posture: Array, system: Array) -> None:
+    """Write matrix and right-hand sides."""
+    count = len(rhs)
+    system[:] = 0.0
+    for e in range(count):
+        system[e, e], system[e, count + 6] = softness[e], rhs[e]
+    for k in range(6):
+        system[k, count + k] = 1.0
+    for j in range(len(scaled)):
+        row = scaled[j]
+        p = posture[j]
+        for e in range(count):
+            s = row[e]
+            if s != 0.0:  # a limb moves few tasks
+                out = system[e]
+                for d in range(count):
+                    out[d] += s * row[d]
+                out[count + 6] -= s * p
+
+
+@compiled
+def _triangular(system: Array) -> bool:
+    """Eliminate below the diagonal of a symmetric matrix, in its upper half; whether it is positive."""
+    count = len(system)
+    for c in range(count):
+        pivot = system[c, c]
+        if not pivot > 0.0:
+            return False
+        for r in range(c + 1, count):
+            factor = system[c, r] / pivot
+            if factor != 0.0:
+                for d in range(r, count + 7):
+                    system[r, d] -= factor * system[c, d]
+    return True
+
+
+@compiled
+def _substitute(system: Array) -> None:
+    """Turn the right-hand sides of a triangular system into its solutions."""
+    count = len(system)
+    for c in range(count - 1, -1, -1):
+        right = system[c, count:]
+        for r in range(c + 1, count):
+            factor, other = system[c, r], system[r, count:]
+            for d in range(7):
+                right[d] -= factor * other[d]
+        for d in range(7):
+            right[d] /= system[c, c]
+
+
+@compiled
+def fill_qp(
+    feet: int,
+    points: Any,
+    wrench: Array,
+    wanted: Array,
+    right_load: float,
+    yaw_curvature: float,
+    yaw_gradient: float,
+    friction: float,
+    P: Array,
+    q: Array,
+    A: Array,
+    lower: Array,
+    upper: Array,
+) -> None:
+    """Fill in what changes from tick to tick.
+
+    Args:
+        feet: number of feet.
+        points: their limits and shares.
+        wrench: W, shape (6, U).
+        wanted: momentum rate plus weight, [m g] and ANGULAR [m g m], shape (6,).
+        right_load: planned share of the right foot [1].
+        yaw_curvature: of the posture's cost over the vertical moment.
+        yaw_gradient: of the same at no moment.
+        friction: coefficient that the forces may use [1].
+        P: cost of the QP.
+        q: its gradient at zero.
+        A: its constraints.
+        lower: their lower bounds.
+        upper: their upper bounds.
+    """
+    per_foot = len(points) // feet
+    unknowns, first = per_foot + 3, 6 + 6 * feet
+    yaw = wrench[L_Z]
+    for foot in range(feet):
+        load = right_load if foot else 1.0 - right_load
+        for i in range(unknowns * foot + per_foot, unknowns * (foot + 1)):
+            for other in range(feet):
+                for j in range(unknowns * other + per_foot, unknowns * (other + 1)):
+                    P[i, j] = YAW_COST * yaw_curvature * yaw[i] * yaw[j]
+            P[i, i] += TANGENT_COST / max(load, LEAST_LOAD)
+            q[i] = YAW_COST * yaw_gradient * yaw[i]
+        for i in range(per_foot):
+            point, unknown = points[per_foot * foot + i], unknowns * foot + i
+            q[unknown] = load * point.load_gradient
+            if foot:
+                q[unknown] -= LOAD_COST * load
+            for row in (10 + 6 * foot, 11 + 6 * foot):
+                A[row, unknown] = -TWIST_SHARE * friction / TWIST_ARM * point.lever
+            lower[first + per_foot * foot + i] = point.least
+            upper[first + per_foot * foot + i] = point.largest
+    A[:6, : unknowns * feet] = wrench
+    lower[:6] = wanted
+    upper[:6] = wanted
 
 
 class CondensedForm:
-    """The QP in 24 unknowns: builds its matrices, and solves it by a backend.
+    """The QP in the contact forces: its matrices, and a backend.
 
     Args:
         backend: name of the solver.
         settings: of the ADMM solver.
         friction: coefficient that the forces may use [1].
+        lines: of every point, by foot, shape (F, k).
     """
 
-    def __init__(self, backend: str, settings: QPSettings, friction: float) -> None:
-        self.P = np.zeros((CONDENSED_SIZE, CONDENSED_SIZE))
-        self.q = np.zeros(CONDENSED_SIZE)
-        self.A = np.zeros((CONDENSED_ROWS, CONDENSED_SIZE))
-        self.lower, self.upper = np.full(CONDENSED_ROWS, -np.inf), np.zeros(CONDENSED_ROWS)
-        self._base = np.zeros(CONDENSED_SIZE)
-        self._base[NORMALS], self._base[_TANGENT], self._base[FORCES:] = _COST, TANGENT_COST, 1.0
-        self.P[np.arange(CONDENSED_SIZE), np.arange(CONDENSED_SIZE)] = self._base
-        self.P[FOOT : FOOT + POINTS, FOOT : FOOT + POINTS] += LOAD_COST
-        self._right = slice(FOOT, FOOT + POINTS)
-        self.A[np.arange(6), FORCES + np.arange(6)] = -MOMENTUM_SLACK
-        row = 6
-        for foot in (0, 1):
-            points = slice(FOOT * foot, FOOT * foot + POINTS)
-            self.A[row : row + 6, points] = -friction
-            self.A[row : row + 6, points.stop : points.stop + 3] = _CONE
-            row += 6
-        self.A[row + np.arange(2 * POINTS), NORMALS] = 1.0
-        # Views of the parts of the matrices that change from tick to tick.
-        by_foot = self.P[:FORCES, :FORCES].reshape(2, FOOT, 2, FOOT)
-        self._tangent_block = by_foot[:, POINTS:, :, POINTS:]
-        self._tangent_gradient = self.q[:FORCES].reshape(2, FOOT)[:, POINTS:]
-        self._sole_gradients = self.q[:SOLES], self.q[FOOT : FOOT + SOLES]
-        self._right_gradient = self.q[self._right]
-        self._wrench = self.A[:6, :FORCES]
-        by_foot = self.A[6:row, :FORCES].reshape(2, 6, 2, FOOT)
-        self._twists = [by_foot[foot, 4:, foot, :POINTS] for foot in (0, 1)]
-        self._twist_friction = -TWIST_SHARE * friction / TWIST_ARM
-        self._least, self._largest = self.lower[row:], self.upper[row:]
-        self._least[:] = 0.0
+    def __init__(self, backend: str, settings: QPSettings, friction: float, lines: NDArray[np.int64]) -> None:
+        feet, per_foot = lines.shape
+        unknowns = per_foot + 3
+        self.forces = feet * unknowns
+        size, rows = self.forces + 6, 6 + 6 * feet + lines.size
+        by_foot = np.arange(self.forces).reshape(feet, unknowns)
+        self.normals, self._tangents = by_foot[:, :per_foot].ravel(), by_foot[:, per_foot:].ravel()
+        base = np.ones(size)
+        base[self.normals] = np.where(lines.ravel() == TIP, TIP_COST, NORMAL_COST)
+        base[self._tangents] = TANGENT_COST
+        self.P, self.q, self.A = np.diag(base), np.zeros(size), np.zeros((rows, size))
+        self.lower, self.upper = np.full(rows, -np.inf), np.zeros(rows)
+        self._right = slice(unknowns, unknowns + per_foot)
+        self.P[self._right, self._right] += LOAD_COST
+        self.A[np.arange(6), self.forces + np.arange(6)] = -MOMENTUM_SLACK
+        for foot in range(feet):
+            cone = slice(6 + 6 * foot, 12 + 6 * foot)
+            self.A[cone, by_foot[foot, :per_foot]] = -friction
+            self.A[cone, by_foot[foot, per_foot:]] = _CONE
+        self.A[rows - lines.size + np.arange(lines.size), self.normals] = 1.0
+        self.lower[-lines.size :] = 0.0
         self._backend: QPBackend = make_backend(backend, self.P_mask(), self.A_mask(), settings)
 
     def P_mask(self) -> NDArray[np.bool_]:
-        """Where the cost matrix may ever be other than zero, shape (24, 24)."""
-        mask = np.eye(CONDENSED_SIZE, dtype=bool)
-        mask[np.ix_(_TANGENT, _TANGENT)] = True
+        """Where the cost matrix may ever be other than zero."""
+        mask = np.eye(len(self.q), dtype=bool)
+        mask[np.ix_(self._tangents, self._tangents)] = True
         mask[self._right, self._right] = True
         return mask
 
     def A_mask(self) -> NDArray[np.bool_]:
-        """Where the constraint matrix may ever be other than zero, shape (30, 24)."""
+        """Where the constraint matrix may ever be other than zero."""
         mask = self.A != 0.0
-        for foot in (0, 1):
-            c = FOOT * foot
-            mask[2:5, c : c + POINTS] = True
-            for column, rows in enumerate(((0, 4, 5), (1, 3, 5), (3, 4, 5)), start=c + POINTS):
-                mask[rows, column] = True
+        mask[2:5, self.normals] = True
+        for x, y, twist in self._tangents.reshape(-1, 3):
+            mask[[0, 4, 5], x] = mask[[1, 3, 5], y] = mask[3:6, twist] = True
         return mask
 
-    def build(
-        self,
-        forces: ForceMap,
-        wanted: Sequence[float] | Array,
-        openings: Openings,
-        landing: Array | None,
-        right_load: float,
-        yaw_curvature: float,
-        yaw_gradient: float,
-    ) -> None:
-        """Fill the matrices.
-
-        Args:
-            forces: effect of the unknowns.
-            wanted: momentum rate plus weight, [m g] and ANGULAR [m g m], six numbers.
-            openings: of the points.
-            landing: least force of landing points, shape (12,) [m g], None if nothing lands.
-            right_load: planned share of the right foot [1].
-            yaw_curvature: of the posture's cost over the vertical moment.
-            yaw_gradient: of the same at no moment.
-        """
-        row = forces.wrench[L_Z].take(_TANGENT)
-        block = row[:, None] * (YAW_COST * yaw_curvature * row)
-        for foot, load in enumerate((1.0 - right_load, right_load)):
-            own = np.arange(3 * foot, 3 * foot + 3)
-            block[own, own] += TANGENT_COST / max(load, LEAST_LOAD)
-            np.multiply(self._twist_friction, forces.twist_lever[foot], out=self._twists[foot])
-        self._tangent_block[:] = block.reshape(2, 3, 2, 3)
-        self._tangent_gradient[:] = (YAW_COST * yaw_gradient * row).reshape(2, 3)
-        left, right = self._sole_gradients
-        np.multiply(1.0 - right_load, openings.load_cost[0], out=left)
-        self._right_gradient[:] = -LOAD_COST * right_load
-        right += right_load * openings.load_cost[1]
-        self._wrench[:] = forces.wrench
-        self.lower[:6] = self.upper[:6] = wanted
-        least, largest = openings.least, openings.largest
-        if landing is not None:
-            least = np.maximum(least, landing)
-            largest = np.maximum(largest, least)
-        self._least[:], self._largest[:] = least, largest
-
     def solve(self) -> QPSolution:
-        """Solve what :meth:`build` filled in; the first 18 unknowns are phi."""
+        """Solve what :func:`fill_qp` filled in: first the forces, then six slacks."""
         return self._backend.solve(self.P, self.q, self.A, self.lower, self.upper)

@@ -10,7 +10,6 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ampm.so3 import cross
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.trial.outcome import OutcomeName
 
@@ -100,7 +99,7 @@ class Watch:
         error = com[0] - planned[0], com[1] - planned[1], com[2] - planned[2]
         distance = math.hypot(*error)
         axis = "xyz"[max(range(3), key=lambda i: abs(error[i]))]
-        lean = math.atan2(math.hypot(*cross(trunk, planned_trunk)), _dot(trunk, planned_trunk))
+        lean = math.atan2(_cross_size(trunk, planned_trunk), _dot(trunk, planned_trunk))
         degrees, at = math.degrees(lean), f"at {time:.3f} s"
         signs = (
             (status == UNSOLVED, f"an unsolved QP {at} (residual {residual:.2g})"),
@@ -171,6 +170,10 @@ class Watch:
 
     def _end(self, name: OutcomeName, what: str) -> End:
         return End(name, f"{what}; the first sign was {self._first_sign}" if self._first_sign else what)
+
+
+def _cross_size(a: Sequence[float], b: Sequence[float]) -> float:
+    return math.hypot(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def _dot(a: Sequence[float], b: Sequence[float]) -> float:

@@ -1,0 +1,53 @@
+"""Compiled functions: compiled once per machine, with one message; the same bits on every processor."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+CROSS = """
+from ampm.vectors import cross, dot
+assert cross((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)) == (0.0, 0.0, 1.0)
+assert dot((1.0, 2.0, 3.0), (1.0, 1.0, 1.0)) == 6.0
+"""
+WALK = """
+import hashlib
+import ampm, validation
+record = validation.walk(ampm.load_run("momentum", gait={"steps": 2})).record
+print(hashlib.sha256(record.q.tobytes() + record.torque.tobytes()).hexdigest())
+"""
+
+
+def run(code: str, cache: Path, **environment: str) -> tuple[str, str]:
+    """Output and errors of a fresh interpreter."""
+    given = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "XDG_CACHE_HOME": str(cache), **environment}
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, env=given)
+    assert answer.returncode == 0, answer.stderr
+    return answer.stdout, answer.stderr
+
+
+def test_the_first_process_compiles_and_reports_it_once(tmp_path):
+    first, second = (run(CROSS, tmp_path)[1] for _ in range(2))
+    assert first.count("Compiling") == 1
+    assert "Compiling" not in second
+    assert "Compiling" not in run(CROSS, tmp_path / "none", NUMBA_DISABLE_JIT="1")[1]
+
+
+def test_other_sources_are_compiled_anew(tmp_path, monkeypatch):
+    from ampm import compiled  # here, so that numba is loaded by this test alone
+
+    now = compiled.folder()
+    monkeypatch.setattr(compiled, "_SOURCES", compiled._SOURCES[1:])
+    assert compiled.folder.__wrapped__() != now
+
+
+@pytest.mark.slow
+def test_a_walk_has_the_same_bits_in_another_process_and_on_a_generic_processor(tmp_path):
+    here, again = (run(WALK, tmp_path)[0] for _ in range(2))
+    assert here == again == run(WALK, tmp_path / "generic", NUMBA_CPU_NAME="generic")[0]
