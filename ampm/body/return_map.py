@@ -141,6 +141,7 @@ def newton(
     inverse: _BroydenInverse | None = None,
     *,
     rebuilds: int = 8,
+    left: float = 0.3,
     report: Callable[[str], None] | None = None,
 ) -> Orbit:
     """Fixed point of a map near ``z``.
@@ -151,6 +152,7 @@ def newton(
         tolerance: of the residual [rad, m, rad/s, m/s].
         inverse: of the Jacobian at a neighbour; built here if it is missing or too inaccurate.
         rebuilds: how many times it may be built.
+        left: share of the residual after a step above which it is built anew [1]; a building costs ten steps.
         report: called with a line of text before every step.
 
     Raises:
@@ -192,7 +194,7 @@ def newton(
                 raise cause or stalled(best)
             inverse = None
             continue
-        if damping == 1.0 and size < 0.3 * best:
+        if damping == 1.0 and size < left * best:
             inverse.update(trial - z, new - value)
         else:
             inverse = None

@@ -185,8 +185,14 @@ class FreeChoices:
         )
 
     def _replaced(self, run: RunParameters, values: Mapping[str, float | str]) -> RunParameters:
-        """The run with other values where they are free."""
-        return run.replace({key: value for key, value in values.items() if key not in self.fixed})
+        """The run with other values where they are free, not validated: all ranges are within the bounds."""
+        sections: dict[str, dict[str, float | str]] = {}
+        for key, value in values.items():
+            if key not in self.fixed:
+                section, _, name = key.partition(".")
+                sections.setdefault(section, {})[name] = value
+        changed = {name: getattr(run, name).model_copy(update=own) for name, own in sections.items()}
+        return run.model_copy(update=changed)
 
     def _kept(self, key: str, value: float) -> float:
         """The value of a key that was named, or else the one that was chosen."""

@@ -15,7 +15,6 @@ import pinocchio as pin
 
 from ampm.body.feasibility import (
     CLEARANCE,
-    FLOOR_TOLERANCE,
     KNEE_MINIMUM,
     LEG_ALLOWANCE,
     ROLL_TOLERANCE,
@@ -38,7 +37,11 @@ if TYPE_CHECKING:
     from ampm.geometry import Array
     from ampm.planner.feet import FootSample
 
-_KNEE_GRID = 0.015  # by how much a fine grid may find the knee straighter than the search's coarse one [rad]
+# By how much a fine grid may find a knee straighter, a joint nearer to its limit and two parts nearer to each
+# other than the search's coarse one [rad, rad, m].
+_KNEE_GRID, _JOINT_GRID, _GAP_GRID = 0.015, 0.002, 0.0003
+_BETWEEN = np.array([0.2, 0.4, 0.6, 0.8])  # places between two nodes
+_SWING_ENDS = 0.2  # share of the swing at either end in which the sole's height grows with time's cube
 _TWIST_LEVER = 0.03  # moment about the vertical over the force that a foot on its ball gives easily [m]
 RISE_TOLERANCE = 0.6 * ROLL_TOLERANCE
 """Distance of the ZMP behind the ball allowed when the heel rises [m]: less than that of a refusal."""
@@ -53,7 +56,8 @@ _ROWS: tuple[tuple[str, str, str, float, float, str], ...] = (
      "zmp_leaves_support"),
     ("reach", "distance of hip and ankle over the straight leg", "1", 1.0 + LEG_ALLOWANCE, 0.995,
      "leg_too_short"),
-    ("floor", "least height of a sole point", "m", -FLOOR_TOLERANCE, 0.0, "sole_under_floor"),
+    ("floor", "height of the sole at lift and landing, scaled to a fifth of the swing", "m", 0.0, 0.001,
+     "sole_under_floor"),
     ("clearance", "height of the sole in mid swing", "m", 0.0, 0.006, "sole_under_floor"),
     ("turn", "fastest turn of a foot at the floor", "rad/s", 25.0, 10.0, "foot_turns_too_fast"),
     ("handover", "double support over the controller's contact ramp", "1", 0.5, 1.0,
@@ -64,13 +68,14 @@ _ROWS: tuple[tuple[str, str, str, float, float, str], ...] = (
     # Beyond its bound a foot yaws; well below it the vertical moment is not met, and the ZMP error grows.
     ("twist", "share of the twist that the controller gives a foot", "1", 2.0, 1.0, "friction"),
     ("knee", "least knee flexion", "rad", KNEE_MINIMUM + _KNEE_GRID, 0.35, "knee_too_straight"),
-    ("hip", "least distance of a hip joint from its limits", "rad", 0.0, 0.06, "joint_limits"),
-    ("ankle", "least distance of an ankle joint from its limits", "rad", 0.0, 0.045, "joint_limits"),
-    ("toe", "least distance of a toe joint from its limits", "rad", 0.0, 0.06, "joint_limits"),
-    ("trunk", "least distance of a waist or chest joint from its limits", "rad", 0.0, 0.12, "joint_limits"),
+    ("hip", "least distance of a hip joint from its limits", "rad", _JOINT_GRID, 0.06, "joint_limits"),
+    ("ankle", "least distance of an ankle joint from its limits", "rad", _JOINT_GRID, 0.045, "joint_limits"),
+    ("toe", "least distance of a toe joint from its limits", "rad", _JOINT_GRID, 0.06, "joint_limits"),
+    ("trunk", "least distance of a waist or chest joint from its limits", "rad", _JOINT_GRID, 0.12,
+     "joint_limits"),
     # The inverse kinematics may hold an arm at its limit.
     ("arms", "least distance of an arm joint from its limits", "rad", -1e-3, 0.05, "joint_limits"),
-    ("gap", "least distance of two parts of the body", "m", CLEARANCE, 0.012, "self_collision"),
+    ("gap", "least distance of two parts of the body", "m", CLEARANCE + _GAP_GRID, 0.012, "self_collision"),
     ("hip_torque", "largest share of a hip joint's torque limit", "1", 1.0, 0.8, "torque_limits"),
     # Feedback needs what is left, above all in the hips, which stop and turn the legs of a fast gait.
     ("hip_time", "mean use of a hip motor's last fifth of torque over a step", "1", 0.045, 0.02,
@@ -108,48 +113,78 @@ def step_instants(plan: CentroidalPlan) -> tuple[Array, NDArray[np.bool_]]:
     return together, together >= double.start - 1e-12
 
 
-def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescription) -> dict[str, float]:
-    """Values that plan and feet alone give, by name in :data:`LIMITS`, in its unit."""
+def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescription) -> dict[str, Array]:
+    """Values that plan and feet alone give, by name in :data:`LIMITS`, in its unit; one or more of each."""
     times, double = step_instants(plan)
     margin, force = plan.zmp_margin(times), plan.sample(times).force
     feet = plan.feet.sample(times)
     level = ~double & feet[0].contact[:, HEEL]  # a rising heel leaves the ZMP on the edge
-    height = np.stack([foot.sole_points[:, :, 2].min(axis=1) for foot in feet])
     share = times / plan.contacts.phases[0].duration
+    swing = feet[1].sole_points[:, :, 2].min(axis=1)
     turn = max(run.foot.toe_off_rate, run.foot.heel_strike_rate)
-    return {
+    near = np.minimum(share, 1.0 - share) / _SWING_ENDS
+    ends = [(near > 0.1) & (near < 1.0) & side for side in (share < 0.5, share > 0.5)]
+    values = {
         "mid_stance": mid_stance_share(run.gait),
-        "zmp_single": float(margin[level].min()),
-        "zmp_double": float(margin[~level].min()),
+        "zmp_single": [part.min() for part in np.array_split(margin[level], 2)],
+        "zmp_double": [part.min() for part in np.array_split(margin[~level], 2)],
         "reach": leg_extension(plan, description, times),
-        "floor": float(height.min()),
-        "clearance": float(height[1, ~double & (share > 0.2) & (share < 0.8)].min()),
+        "floor": [(swing[end] / near[end] ** 3).min() for end in ends],
+        "clearance": swing[(share > _SWING_ENDS) & (share < 1.0 - _SWING_ENDS)].min(),
         "turn": turn if run.foot.schedule == "roll" else 0.0,
         "handover": plan.constants.double_support_duration / run.controller.contact_ramp,
         "pace": plan.constants.step_duration,
-        "friction": float((np.hypot(force[:, 0], force[:, 1]) / force[:, 2]).max()) / run.controller.friction,
+        "friction": (np.hypot(force[:, 0], force[:, 1]) / force[:, 2]).max() / run.controller.friction,
     }
+    return {name: np.atleast_1d(value) for name, value in values.items()}
 
 
-def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, float]:
-    """Values that the periodic step gives, by name in :data:`LIMITS`, in its unit."""
-    angles = orbit.trajectory.q[:, 7:]
-    margin = np.minimum(angles - robot.lower, robot.upper - angles).min(axis=0)
+def least(values: Mapping[str, Array]) -> dict[str, float]:
+    """Of every limit the value with the least margin."""
+    return {name: float(min(every, key=LIMITS[name].margin)) for name, every in values.items()}
+
+
+def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, Array]:
+    """Values that the periodic step gives, by name in :data:`LIMITS`, in its unit.
+
+    Returns:
+        Of every limit the extreme values of each joint, on either side of its range, in single and in double
+        support, or another number of values.
+    """
+    time, angles = orbit.reference.time, orbit.trajectory.q[:, 7:]
     torque, twist = step_torques(orbit, plan, robot)
     share = np.abs(torque) / robot.torque_limit
+    single = time < plan.constants.single_support_duration - 1e-9
+    phases = single, ~single
     values = {
-        "twist": float(np.abs(twist).max()) / _TWIST_LEVER,
-        "gap": float(robot.shapes.gaps(orbit.trajectory.q).distance.min()),
+        "twist": np.array([np.abs(twist[phase]).max() for phase in phases]) / _TWIST_LEVER,
+        "gap": np.array([_gap(orbit, robot)]),
     }
+    low = np.stack([angles[phase].min(axis=0) for phase in phases])
+    high = np.stack([angles[phase].max(axis=0) for phase in phases])
+    most = np.stack([share[phase].max(axis=0) for phase in phases])
     for name, names in joint_groups(robot.description).items():
         joints = robot.velocity_indices(names) - 6
-        values[name] = float((angles[:, joints] if name == "knee" else margin[joints]).min())
-        values[f"{name}_torque"] = float(share[:, joints].max())
+        margins = low[:, joints] - robot.lower[joints], robot.upper[joints] - high[:, joints]
+        values[name] = low[:, joints].ravel() if name == "knee" else np.concatenate(margins).ravel()
+        values[f"{name}_torque"] = most[:, joints].ravel()
         if name == "hip":
-            time = orbit.reference.time
             last = np.clip((share[:, joints] - 0.8) / 0.2, 0.0, 1.0)
-            values["hip_time"] = float(np.trapezoid(last, time, axis=0).max() / time[-1])
+            values["hip_time"] = np.trapezoid(last, time, axis=0) / time[-1]
     return values
+
+
+def _gap(orbit: Orbit, robot: Robot) -> float:
+    """Least distance of two parts of the body, also between the nodes of the grid next to the least [m]."""
+    trajectory, time = orbit.trajectory, orbit.reference.time
+    gaps = robot.shapes.gaps(trajectory.q).distance
+    k = int(gaps.argmin())
+    v, a = trajectory.v[k], trajectory.acceleration[k]
+    later = np.concatenate(
+        [(time[i] - time[k]) * _BETWEEN for i in (max(k - 1, 0), min(k + 1, len(time) - 1))]
+    )
+    near = [pin.integrate(robot.model, trajectory.q[k], t * v + 0.5 * t**2 * a) for t in later]
+    return min(float(gaps[k]), float(robot.shapes.gaps(np.stack(near)).distance.min()))
 
 
 def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Array]:
@@ -192,10 +227,10 @@ def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Arr
                 continue
             force = part * wrench[:3]
             y = centre[1] if share in (0.0, 1.0) else reference[foot][1]
-            at = np.array([places[foot], y, 0.0])
-            moment = np.cross(at - reference[foot], force)
-            moment[2] += part * yaw
-            rest -= soles[foot][:3, 6:].T @ force + soles[foot][3:, 6:].T @ moment
+            x, y, z = places[foot] - reference[foot][0], y - reference[foot][1], -reference[foot][2]
+            fx, fy, fz = force
+            load = [fx, fy, fz, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx + part * yaw]
+            rest -= soles[foot][:, 6:].T @ load
             toe = robot.toe_joints[foot] - 6
             axis = reference[foot][0] + robot.description.sole.ball_x * math.cos(feet[foot].pitch[k])
             rest[toe] += max(0.0, places[foot] - axis) * force[2]

@@ -6,7 +6,6 @@ values of an orbit change smoothly from plan to plan.
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -14,15 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
-from scipy.optimize import least_squares
 
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
-from ampm.body.orbit import RUNG_TOLERANCE
 from ampm.body.return_map import Orbit, StepMap, newton, standing
 from ampm.body.step_reference import StepReference, phase_grid, step_reference
 from ampm.exceptions import InputError, RefusedGait
 from ampm.planner.support import StepPlan, plan_steps
-from ampm.tune.gait_limits import LIMITS, orbit_margins, plan_margins
+from ampm.tune.gait_limits import LIMITS, least, orbit_margins, plan_margins
 
 if TYPE_CHECKING:
     from ampm.body.motion import WholeBodyMotion
@@ -34,10 +31,13 @@ if TYPE_CHECKING:
 ENOUGH = 0.9
 """Share of the target margins at which a search ends [1]."""
 _NODES = (32, 14)  # intervals of the grid in single and double support
+_TOLERANCE = 1e-4  # of a periodic step [rad, m, rad/s, m/s]
 _DIFFERENCE = 0.015  # step of finite differences, as a share of a choice's range
-_FAILED = 6.0  # residual of a choice for which there is no periodic step
 _PULL = 0.06  # weight of the distance to the guess
-_SWEEPS = 12  # most Jacobians of one search
+_TRIES = 30  # most steps of one search
+_RADIUS, _LEAST_RADIUS = 0.3, 0.02  # trust region at first, and that at which a search ends [slacks]
+_LITTLE = 0.02  # share of the residuals' squares that is worth another step
+_PROGRESS = 0.8  # what must be left of them at most to compute the slopes again
 
 
 class RoughOrbits:
@@ -100,7 +100,7 @@ class RoughOrbits:
                 q = pin.integrate(self.robot.model, q, shift[:nv])
                 v, offset = v + shift[nv:-1], offset + shift[-1]
             z, inverse = step_map.encode(q, v, offset), near.inverse
-        return newton(step_map, z, RUNG_TOLERANCE, inverse, rebuilds=2 if near else 4)
+        return newton(step_map, z, _TOLERANCE, inverse, rebuilds=1 if near else 4, left=0.9)
 
 
 @dataclass
@@ -112,6 +112,7 @@ class Candidate:
         run: complete, if there is a plan.
         plan: None where the formula has no solution.
         values: limit to value; those of the orbit are missing where there is none.
+        detail: normalised margins of every joint and phase; empty where there is no periodic step.
         orbit: the periodic step, if there is one.
         why: why there is none.
     """
@@ -120,6 +121,7 @@ class Candidate:
     run: RunParameters
     plan: StepPlan | None = None
     values: dict[str, float] = field(default_factory=dict)
+    detail: Array = field(default_factory=lambda: np.empty(0))
     orbit: Orbit | None = None
     why: Unreachable | None = None
 
@@ -135,12 +137,16 @@ class Candidate:
 class ChoiceSearch:
     """Least squares over one space.
 
+    Margins and orbit are taken as linear in the choices within a trust region. Their slopes come from
+    differences once, and from then on from every choice that is evaluated (Broyden), so that most choices
+    cost one periodic step.
+
     Args:
         space: the free choices.
         base: the guess, for the values that are not free, and for the distance to it.
         orbits: solver of periodic steps of the body.
         report: called with a line of text now and then.
-        influence: choice to the change of the orbit per unit of it, as known from other searches.
+        slopes: as known from a search nearby, shape (limits + orbit, choices), per slack.
 
     Attributes:
         candidates: all choices that were evaluated.
@@ -153,18 +159,19 @@ class ChoiceSearch:
         base: Mapping[str, float],
         orbits: RoughOrbits,
         report: Callable[[str], None],
-        influence: dict[str, Array] | None = None,
+        slopes: Array | None = None,
     ) -> None:
         self.space, self.base, self.orbits, self.report = space, base, orbits, report
         self.guess = np.clip([base[name] for name in space.names], space.lower, space.upper)
         self.candidates: list[Candidate] = []
         self.near: Candidate | None = None
+        self.slopes = slopes
         self._kept: dict[bytes, Candidate] = {}
-        self._influence = {} if influence is None else influence
 
     def elsewhere(self, space: FreeChoices, base: Mapping[str, float]) -> ChoiceSearch:
-        """A search over another space that shares orbits and the known influence of choices."""
-        return ChoiceSearch(space, base, self.orbits, self.report, self._influence)
+        """A search over another space that shares orbits and the slopes that are known."""
+        slopes = None if self.slopes is None else self.slopes.copy()
+        return ChoiceSearch(space, base, self.orbits, self.report, slopes)
 
     def best_with_orbit(self) -> Candidate | None:
         """The candidate with the widest least margin, of those that have a periodic step."""
@@ -193,95 +200,112 @@ class ChoiceSearch:
         try:
             orbit = self._orbit(x, plan, run.body.lean, near)
         except Unreachable as error:
-            return Candidate(x, run, plan, values, why=error)
-        return Candidate(x, run, plan, values | orbit_margins(orbit, plan, self.orbits.robot), orbit)
+            return Candidate(x, run, plan, least(values), why=error)
+        values |= orbit_margins(orbit, plan, self.orbits.robot)
+        detail = [LIMITS[name].margin(value) for name, every in values.items() for value in every.tolist()]
+        return Candidate(x, run, plan, least(values), np.array(detail), orbit)
 
     def _orbit(self, x: Array, plan: StepPlan, lean: float, near: Candidate | None) -> Orbit:
-        """The orbit of a choice, starting from its prediction by the known influence, or from the neighbour.
+        """The orbit of a choice, starting from its prediction by the slopes, or from the neighbour.
 
         Raises:
             Unreachable: there is none, or none was found.
         """
         if near is None:
             return self.orbits.solve(plan, lean)
-        moved = [(name, dx) for name, dx in zip(self.space.names, x - near.x, strict=True) if dx]
-        if moved and all(name in self._influence for name, _ in moved):
-            shift = np.sum([dx * self._influence[name] for name, dx in moved], axis=0)
-            with contextlib.suppress(Unreachable):
-                return self.orbits.solve(plan, lean, near.orbit, shift)
-        return self.orbits.solve(plan, lean, near.orbit)
+        step = (x - near.x) / self.space.slack
+        shift = None if self.slopes is None else self.slopes[len(near.detail) :] @ step
+        return self.orbits.solve(plan, lean, near.orbit, shift)
 
     def minimise(
-        self, start: Array, *, wanted: float = 1.0, pull: float = _PULL, sweeps: int = _SWEEPS
+        self, start: Candidate, *, wanted: float = 1.0, pull: float = _PULL, enough: float = ENOUGH
     ) -> Candidate:
-        """Least squares from a start that has an orbit.
+        """Least squares from a choice that has an orbit.
 
         Args:
-            start: free unknowns.
+            start: the choice.
             wanted: margin from which a limit has no residual [1].
             pull: weight of the distance to the guess [1].
-            sweeps: points at which a Jacobian may be computed.
+            enough: least margin at which the search ends [1].
 
         Returns:
             The candidate with the least residuals.
         """
-        space = self.space
+        space, here, radius, misses = self.space, start, _RADIUS, 0
+        stale, fresh, at_slopes = False, False, math.inf
 
-        def residuals(candidate: Candidate) -> Array:
-            margins = candidate.margins()
-            missing = [_missing(margins[name], wanted) if name in margins else _FAILED for name in LIMITS]
-            least = 0.5 * _FAILED if candidate.orbit is None else 0.0
-            away = pull * (candidate.x - self.guess) / space.slack
-            return np.concatenate([np.maximum(missing, least), away])
+        def away(candidate: Candidate) -> Array:
+            return pull * (candidate.x - self.guess) / space.slack
 
-        def jacobian(x: Array) -> Array:
-            here = self.evaluate(x, self.near)
-            if here.orbit is not None:
-                self.near = here
-            if here.worst() >= ENOUGH * wanted:
-                raise SearchFinished(here)
-            if self.orbits.ik.integrations >= self.orbits.budget:
-                raise SearchFinished(max(self.candidates, key=Candidate.worst))
-            columns = self._differences(here, residuals)
-            self.report(f"worst margin {here.worst():.2f} after {len(self.candidates)} choices")
-            return columns
+        def cost(candidate: Candidate) -> float:
+            if candidate.orbit is None:
+                return math.inf
+            return float((_missing(candidate.detail, wanted) ** 2).sum() + (away(candidate) ** 2).sum())
 
-        try:
-            found = least_squares(
-                lambda x: residuals(self.evaluate(x, self.near)),
-                np.clip(start, space.lower + 1e-9, space.upper - 1e-9),
-                jac=jacobian,
-                bounds=(space.lower, space.upper),
-                x_scale=space.slack,
-                method="trf",
-                ftol=5e-3,
-                xtol=1e-3,
-                gtol=1e-6,
-                max_nfev=sweeps,
+        for _ in range(_TRIES):
+            self.near, before = here, cost(here)
+            if here.worst() >= enough or self.orbits.ik.integrations >= self.orbits.budget:
+                break
+            if stale or self.slopes is None:
+                if before > _PROGRESS * at_slopes:
+                    break
+                self.slopes = self._differences(here)
+                stale, fresh, at_slopes = False, True, before
+            bounds = (
+                np.maximum((space.lower - here.x) / space.slack, -radius),
+                np.minimum((space.upper - here.x) / space.slack, radius),
             )
-        except SearchFinished as end:
-            return end.candidate
-        return self.evaluate(found.x, self.near)
+            slopes = self.slopes[: len(here.detail)]
+            step, expected = _linear_step(here.detail, slopes, away(here), pull, wanted, bounds)
+            if expected < _LITTLE * before:
+                if fresh:
+                    break
+                stale = True
+                continue
+            trial = self.evaluate(here.x + step * space.slack, here)
+            gain = (before - cost(trial)) / expected
+            self.report(f"worst margin {trial.worst():.2f} after {len(self.candidates)} choices")
+            if gain > -1.0:
+                missed = self._change(here, trial) - self.slopes @ step
+                self.slopes = self.slopes + np.outer(missed, step / (step @ step))  # Broyden
+            if gain > 0.75:
+                radius *= 2.0
+            elif gain < 0.25:
+                radius = 0.4 * float(np.abs(step).max())
+            if gain > 0.0:
+                here, fresh, misses = trial, False, 0
+            else:
+                misses += 1
+            if radius < _LEAST_RADIUS:
+                if fresh:
+                    break
+                radius = _RADIUS
+                stale = True
+            stale = stale or (misses > 1 and not fresh)
+        return here
 
-    def _differences(self, here: Candidate, residuals: Callable[[Candidate], Array]) -> Array:
-        """Jacobian of the residuals by differences; learns the choices' influence on the orbit."""
-        space, x, base = self.space, here.x, residuals(here)
-        jacobian = np.zeros((len(base), len(x)))
-        for j, name in enumerate(space.names):
+    def _change(self, here: Candidate, there: Candidate) -> Array:
+        """Change of margins and orbit from one choice to another."""
+        a, b = here.orbit, there.orbit
+        turned = np.empty(0) if a is None or b is None else self.orbits.difference(a, b)
+        return np.concatenate([there.detail - here.detail, turned])
+
+    def _differences(self, here: Candidate) -> Array:
+        """Slopes by differences, per slack; zero where a choice has no periodic step on either side."""
+        space, x = self.space, here.x
+        slopes = np.zeros((len(here.detail) + 2 * self.orbits.robot.nv + 1, len(x)))
+        for j in range(len(x)):
             step = _DIFFERENCE * (space.upper[j] - space.lower[j])
             for sign in (1.0, -1.0) if x[j] + step <= space.upper[j] else (-1.0,):
                 moved = x.copy()
                 moved[j] += sign * step
                 if not space.lower[j] <= moved[j] <= space.upper[j]:
                     continue
-                candidate = self.evaluate(moved, self.near)
-                if candidate.orbit is not None and here.orbit is not None:
-                    shift = self.orbits.difference(here.orbit, candidate.orbit)
-                    self._influence[name] = shift / (sign * step)
-                if (candidate.orbit is None) == (here.orbit is None):
-                    jacobian[:, j] = (residuals(candidate) - base) / (sign * step)
+                candidate = self.evaluate(moved, here)
+                if candidate.orbit is not None:
+                    slopes[:, j] = self._change(here, candidate) * (space.slack[j] / (sign * step))
                     break
-        return jacobian
+        return slopes
 
 
 @dataclass
@@ -301,14 +325,6 @@ class Approach:
     why: Unreachable | None = None
 
 
-class SearchFinished(Exception):
-    """The search is finished: every margin is wide enough, or the budget is spent."""
-
-    def __init__(self, candidate: Candidate) -> None:
-        super().__init__()
-        self.candidate = candidate
-
-
 def _moved(orbit: Orbit, reference: StepReference) -> Array:
     """Start configuration of an orbit, moved to where another reference has its COM."""
     q = orbit.trajectory.q[0].copy()
@@ -316,7 +332,49 @@ def _moved(orbit: Orbit, reference: StepReference) -> Array:
     return q
 
 
-def _missing(margin: float, wanted: float) -> float:
-    """Shortfall of a margin; it grows slowly far from the limit, so that one limit does not dominate."""
-    short = max(0.0, wanted - margin)
-    return 0.5 * short * (1.0 + short) if short < 2.0 else 3.0 + math.log(short - 1.0)
+def _linear_step(
+    margins: Array, slopes: Array, away: Array, pull: float, wanted: float, bounds: tuple[Array, Array]
+) -> tuple[Array, float]:
+    """Step within bounds with the least residuals where margins are linear, and how much less (Levenberg)."""
+
+    def residuals(step: Array) -> Array:
+        return np.concatenate([_missing(margins + slopes @ step, wanted), away + pull * step])
+
+    low, high = bounds
+    step, damping = np.zeros(len(low)), 1e-3
+    r = first = residuals(step)
+    for _ in range(40):
+        jacobian = np.vstack(
+            [_slope(margins + slopes @ step, wanted)[:, None] * slopes, pull * np.eye(len(low))]
+        )
+        down = -(jacobian.T @ r)
+        free = ~((step <= low) & (down < 0.0) | (step >= high) & (down > 0.0))
+        if not free.any():
+            break
+        part = jacobian[:, free]
+        moved = step.copy()
+        moved[free] += np.linalg.solve(part.T @ part + damping * np.eye(part.shape[1]), down[free])
+        moved = np.clip(moved, low, high)
+        new = residuals(moved)
+        if new @ new < r @ r:
+            small = new @ new > 0.999 * (r @ r)
+            step, r, damping = moved, new, 0.3 * damping
+            if small:
+                break
+        else:
+            damping *= 5.0
+            if damping > 1e3:
+                break
+    return step, float(first @ first - r @ r)
+
+
+def _missing(margins: Array, wanted: float) -> Array:
+    """Shortfall of margins; it grows slowly far from the limit, so that one limit does not dominate."""
+    short = np.maximum(0.0, wanted - margins)
+    return np.where(short < 2.0, 0.5 * short * (1.0 + short), 3.0 + np.log(np.maximum(short - 1.0, 1.0)))
+
+
+def _slope(margins: Array, wanted: float) -> Array:
+    """Derivative of :func:`_missing` by the margins."""
+    short = np.maximum(0.0, wanted - margins)
+    return -np.where(short < 2.0, 0.5 + short, 1.0 / np.maximum(short - 1.0, 1.0)) * (short > 0.0)

@@ -10,8 +10,7 @@ of that step under the planned ground force are evaluated: no simulation.
 
 Strategies, in order: the values that there are, a preset's own or defaults, which stay if every limit is kept
 with room to spare; the guess and least squares from there; from an easy neighbour, in steps towards the
-gait; the same once more with care; L_z held at zero where the feet would twist; the values that
-there are, if they keep the limits at all.
+gait; L_z held at zero where the feet would twist; the values that there are, if they keep the limits at all.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from ampm.parameters import GaitParameters, RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.planners import AmpmPeriodic, PeriodicWalk, WalkRequest
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.gait_limits import LIMITS, orbit_margins, plan_margins
+from ampm.tune.gait_limits import LIMITS, least, orbit_margins, plan_margins
 from ampm.tune.refusal import NoFeasibleChoice, no_feasible_choice, way_out
 from ampm.tune.search import ENOUGH, Approach, Candidate, ChoiceSearch, RoughOrbits
 
@@ -41,11 +40,12 @@ if TYPE_CHECKING:
     Report = Callable[[str], None]
 
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
-_BUDGET = 1200  # integrated steps that the ways may take; a second, careful try may take as many
-_LONG_STEP = 0.1  # one that a careful try takes back if it leads to far broken limits
+_BUDGET = 1500  # integrated steps of one search
+_LONG_STEP = 0.1  # one that is taken back if limits stay broken where it leads
 _SPARE = 0.4  # margin with which the values that there are stay
 _GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
 _LONGER = 1.1  # factor by which choices may draw out a step, with room to spare
+_EASY = 0.5  # margin at which a gait on the way is left for the next
 _TOO_FAR = -0.5  # margin below which a continuation is stopped
 _L_Z = "body.angular_momentum_z"
 
@@ -155,23 +155,34 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, cache: Path | No
     Raises:
         RefusedGait: there is none; of two refusals, the one that came nearer to its limit.
     """
-    # Arms that balance the legs' momentum about the vertical reduce the feet's twisting moment in a fast
-    # gait.
-    zero_yaw = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description)
+    search = _begun(space, robot, report, _BUDGET)
     free = _L_Z not in space.fixed
-    twists = free and _twists(space, robot, report)
-    refusals: list[RefusedGait] = []
-    for choices, retry in ((zero_yaw, False), (space, False)) if twists else ((space, True),):
+    twists = free and search.near is not None and search.near.margins()["twist"] < ENOUGH
+
+    def plain() -> Tuned:
+        return _confirmed(search, _best(search), cache)
+
+    def balanced() -> Tuned:
+        """With arms that balance the legs about the vertical, which takes from the feet's twisting moment."""
+        zero = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description)
+        here = _begun(zero, robot, report, _BUDGET - search.orbits.ik.integrations)
+        return _confirmed(here, _best(here), cache)
+
+    first, second = (balanced, plain) if twists else (plain, balanced)
+    try:
+        found = first()
+    except RefusedGait as error:
+        if not twists and not (free and isinstance(error, NoFeasibleChoice) and error.broken == "twist"):
+            raise
         try:
-            search, best = _best(choices, robot, report, retry=retry)
-            if retry and free and best.margins()["twist"] < ENOUGH:
-                with contextlib.suppress(RefusedGait):
-                    return _confirmed(*_best(zero_yaw, robot, report), cache)
-                report("no choice with L_z at zero")
-            return _confirmed(search, best, cache)
-        except RefusedGait as error:
-            refusals.append(error)
-    raise max(reversed(refusals), key=_nearness)
+            return second()
+        except RefusedGait as other:
+            raise max(other, error, key=_nearness) from None
+    if twists or not free or LIMITS["twist"].margin(found.margins["twist"]) >= ENOUGH:
+        return found
+    with contextlib.suppress(RefusedGait):
+        return second()
+    return found
 
 
 def _nearness(error: RefusedGait) -> float:
@@ -179,47 +190,42 @@ def _nearness(error: RefusedGait) -> float:
     return error.margin if isinstance(error, NoFeasibleChoice) else -math.inf
 
 
-def _twists(space: FreeChoices, robot: Robot, report: Report) -> bool:
-    """Whether the guess already exceeds the target of the twisting moment."""
-    search = ChoiceSearch(space, space.guess(), RoughOrbits(robot, space.run), report)
-    start = _first_orbit(search)
-    return start is not None and start.margins()["twist"] < ENOUGH
+def _begun(space: FreeChoices, robot: Robot, report: Report, budget: float) -> ChoiceSearch:
+    """A search with the guess as its first choice, if that has a periodic step.
 
-
-def _best(
-    space: FreeChoices, robot: Robot, report: Report, *, retry: bool = False
-) -> tuple[ChoiceSearch, Candidate]:
-    """The best choice, with the search that found it.
-
-    A retry search repeats the continuation from easy neighbours, carefully.
+    Raises:
+        MathematicalRefusal: there is no guess.
     """
-    guess = space.guess()
-    orbits = RoughOrbits(robot, space.run, budget=_BUDGET * (1 + retry))
-    search = ChoiceSearch(space, guess, orbits, report)
-    start = _first_orbit(search)
-    best = _minimise(search, start) if start is not None else None
+    search = ChoiceSearch(space, space.guess(), RoughOrbits(robot, space.run, budget=budget), report)
+    _first_orbit(search)
+    return search
+
+
+def _best(search: ChoiceSearch) -> Candidate:
+    """The best choice of a search that has begun.
+
+    Raises:
+        NoFeasibleChoice: there is none.
+    """
+    best = None if search.near is None else _minimise(search, search.near)
     farthest: Approach | None = None
-    broken = best is None or best.worst() < 0.0
-    for careful in (False, True)[: 1 + retry]:  # long steps first, which may miss the better orbit
-        for easy in space.easy() if broken else ():
-            way = _approach(easy, search, careful=careful)
-            if way is not None and (farthest is None or way.share > farthest.share):
-                farthest = way
-            if way is not None and way.share == 1.0:
-                broken = way.candidate.worst() < 0.0
-                break
-    if best is None or best.worst() < 0.0:
-        best = search.best_with_orbit() or best
+    for easy in search.space.easy():
+        if best is not None and best.worst() >= 0.0:
+            return best
+        way = _approach(easy, search)
+        if way is not None and (farthest is None or way.share > farthest.share):
+            farthest = way
+        best = search.best_with_orbit()
     if best is None or best.worst() < 0.0:
         raise no_feasible_choice(search, best, farthest)
-    return search, best
+    return best
 
 
-def _approach(easy: GaitParameters, search: ChoiceSearch, *, careful: bool) -> Approach | None:
+def _approach(easy: GaitParameters, search: ChoiceSearch) -> Approach | None:
     """Continuation from an easy neighbour: tune it, move a little towards the gait, tune again, and so on.
 
-    A careful approach takes back a long step that leads to far broken limits. None if the easy neighbour has
-    no periodic step.
+    A long step to a place where limits stay broken is taken back. None if the easy neighbour has no periodic
+    step.
     """
     space, first = search.space, search.space.between(easy, 0.0)
     try:
@@ -229,26 +235,26 @@ def _approach(easy: GaitParameters, search: ChoiceSearch, *, careful: bool) -> A
     start = _first_orbit(here)
     if start is None:
         return None
-    found = Approach(0.0, here, here.minimise(start.x, sweeps=5))
+    found = Approach(0.0, here, here.minimise(start, enough=_EASY))
     way, too_far = Continuation(shrink=0.5, grow=1.5), False
-    while way.open and not too_far and search.orbits.ik.integrations < _BUDGET * (1 + careful):
+    while way.open and not too_far and search.orbits.ik.integrations < search.orbits.budget:
         there, local = way.ahead, search
         if there < 1.0:
             place, base = space.between(easy, there), search.base
             with contextlib.suppress(RefusedGait):
                 base = place.guess()
             local = search.elsewhere(place, base)
+        local.slopes = found.search.slopes
         candidate = _moved_on(local, found.candidate)
         search.report(f"{there:.0%} of the way: {candidate.why or 'done'}")
-        too_long = careful and way.step > _LONG_STEP and candidate.worst() < _TOO_FAR
-        if candidate.orbit is None or too_long:
+        if candidate.orbit is None:
             found.why = candidate.why or found.why
             way.tried(reached=False)
             continue
-        local.near = candidate
-        best = _minimise(local, candidate) if there == 1.0 else local.minimise(candidate.x, sweeps=4)
-        if there < 1.0 and best.worst() < 0.0:
-            best = _minimise(local, candidate)
+        best = _minimise(local, candidate, ENOUGH if there == 1.0 else _EASY)
+        if best.worst() < 0.0 and way.step > _LONG_STEP:
+            way.tried(reached=False)
+            continue
         found = Approach(there, local, best)
         too_far = best.worst() < _TOO_FAR
         way.tried(reached=True)
@@ -284,18 +290,13 @@ def _first_orbit(search: ChoiceSearch) -> Candidate | None:
     return None
 
 
-def _minimise(search: ChoiceSearch, start: Candidate) -> Candidate:
-    """Minimise with target margins; if a hard limit is still broken, retry with small margins."""
-    best = search.minimise(start.x)
+def _minimise(search: ChoiceSearch, start: Candidate, enough: float = ENOUGH) -> Candidate:
+    """Minimise with target margins; if a hard limit is still broken, go on with small margins."""
+    best = search.minimise(start, enough=enough)
     if best.worst() >= 0.0:
         return best
-    near = start if best.orbit is None else best
-    if best.orbit is not None:
-        search.near = best
-    harder = search.minimise(near.x, wanted=0.15, pull=0.02)
-    if harder.worst() > best.worst():
-        best = harder
-    return best if best.worst() >= 0.0 else search.best_with_orbit() or best
+    harder = search.minimise(best, wanted=0.15, pull=0.02, enough=0.1)
+    return max(best, harder, key=Candidate.worst)
 
 
 def _confirmed(search: ChoiceSearch, best: Candidate, cache: Path | None) -> Tuned:
@@ -328,4 +329,4 @@ def _own(space: FreeChoices, robot: Robot, cache: Path | None) -> Tuned | None:
     except (RefusedGait, InputError, Unreachable):
         return None
     values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, robot)
-    return Tuned(run.as_is(), plan, space.found(run), values, 1)
+    return Tuned(run.as_is(), plan, space.found(run), least(values), 1)
