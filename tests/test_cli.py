@@ -89,6 +89,7 @@ def test_a_plan_for_readers_and_its_picture(ampm, tmp_path):
         (["--rate", "0", "--samples", "x.csv"], "--rate"),
         (["--rate", "nan", "--samples", "x.csv"], "--rate"),
         (["--rate", "1e12", "--samples", "x.csv"], "lower rate"),
+        (["--rate", "1e308", "--samples", "x.csv"], "lower rate"),
         (["--samples", "x.txt"], ".parquet"),
         (["--plot", "x.jpeg2"], ".png"),
         (["--samples=none/x.csv"], "there is no folder none"),

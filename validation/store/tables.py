@@ -37,13 +37,13 @@ def sample_times(duration: float, rate: float) -> NDArray[np.float64]:
     """
     if not (math.isfinite(rate) and rate > 0):
         raise InputError(f"--rate {rate:g} Hz must be a positive number; give for example 200.")
-    count = math.floor(duration * rate * (1 + 1e-12)) + 1
-    if count > MOST_SAMPLES:
+    last = duration * rate * (1 + 1e-12)
+    if last >= MOST_SAMPLES:
         raise InputError(
-            f"--rate {rate:g} Hz gives {count} samples of {duration:.3g} s, more than {MOST_SAMPLES}; "
+            f"--rate {rate:g} Hz gives {last:.4g} samples of {duration:.3g} s, more than {MOST_SAMPLES}; "
             "give a lower rate or fewer steps."
         )
-    return np.minimum(np.arange(count) / rate, duration)
+    return np.minimum(np.arange(math.floor(last) + 1) / rate, duration)
 
 
 def plan_table(plan: CentroidalPlan, times: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
