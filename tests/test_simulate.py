@@ -345,18 +345,18 @@ def check_interrupted(record, steps, tmp_path):
 )
 def test_an_interrupt_keeps_whole_steps(monkeypatch, spoil, tmp_path, where, at):
     """OSQP catches the signal itself, and its backend raises ``KeyboardInterrupt`` afterwards."""
-    keep, progress = RunLog.keep_contacts, None
+    keep, progress = RunLog.end, None
     at = plain().steps if at is None else at  # the very end
 
-    def stop_late(self, k, *contacts):
-        return interrupt() if k == at else keep(self, k, *contacts)
+    def stop_late(self, k, data):
+        return interrupt() if k == at else keep(self, k, data)
 
     if where == "within a solve":
         spoil(interrupt, [at])
     elif where == "between steps":
         progress = lambda done, _: interrupt() if done == at else None  # noqa: E731
     else:
-        monkeypatch.setattr(RunLog, "keep_contacts", stop_late)
+        monkeypatch.setattr(RunLog, "end", stop_late)
     check_interrupted(walk(progress=progress), at, tmp_path)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
@@ -28,8 +29,8 @@ def watched(ticks, limit=0.05, until=3000):
     watch = Watch(limit)
     for k in range(until):
         error, trunk, status = ticks(k)
-        com = tuple(a + b for a, b in zip(PLANNED, error, strict=True))
-        end = watch.check(k * PERIOD, com, trunk, PLANNED, UP, status, residual=0.5, limit="knee at 100%")
+        places = np.array(PLANNED) + error, np.array(trunk), np.array(PLANNED), np.array(UP)
+        end = watch.check(k * PERIOD, *places, status, residual=0.5, limit="knee at 100%")
         if end is not None:
             return end, k
     return None, until

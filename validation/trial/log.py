@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ampm.compiled import compiled
 from validation.trial.record import INTEGERS, SHAPES, shape_of
 
 if TYPE_CHECKING:
@@ -18,8 +19,173 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-_FRICTION_ROWS = np.arange(3)  # of a contact of a point on the floor: normal and two tangents
-_UNKNOWN = float("nan")
+
+def _contact_views(data: mujoco.MjData) -> list[NDArray[Any]]:
+    """Geoms, address of the forces, frame, place and distance of contacts.
+
+    MuJoCo's own views have one row per present contact, so they would have to be taken at every step.
+    Contacts lie at the beginning of the simulation's arena; these views have as many rows as it can hold.
+    """
+    contact, views = data.contact, []
+    for name in ("geom", "efc_address", "frame", "pos", "dist"):
+        present = getattr(contact, name)
+        shape = (data.narena // present.strides[0], *present.shape[1:])
+        views.append(np.lib.stride_tricks.as_strided(present, shape, present.strides, writeable=False))
+    return views
+
+
+@compiled
+def read_step(
+    k: int,
+    contacts: int,
+    geom: NDArray[np.int32],
+    of_geom: NDArray[np.intp],
+    site_place: Array,
+    site_rotation: Array,
+    sites: NDArray[np.intp],
+    point: NDArray[np.intp],
+    touching: NDArray[np.bool_],
+    places: Array,
+    rotation: Array,
+) -> None:
+    """Copy places of sole points and soles, and read which points are in contact.
+
+    Args:
+        k: step, whose rows are written.
+        contacts: how many there are.
+        geom: their two geoms. MuJoCo sorts them by type: the floor, a plane, comes first.
+        of_geom: sole point of every geom, -1 for none.
+        site_place: of all sites [m].
+        site_rotation: of all sites, nine numbers each.
+        sites: numbers of those of sole points and, last, of the two soles.
+        point: sole point of every contact, -1 for none; written.
+        touching: whether each sole point is in contact, shape (P,); written.
+        places: of the sites by step [m].
+        rotation: of the soles by step.
+    """
+    for i in range(len(sites)):
+        places[k, i] = site_place[sites[i]]
+    for i in range(2):
+        rotation[k, i] = site_rotation[sites[len(sites) - 2 + i]]
+    touching[:] = False
+    for i in range(contacts):
+        point[i] = of_geom[geom[i, 1]]
+        if point[i] >= 0:
+            touching[point[i]] = True
+
+
+@compiled
+def keep_step(
+    k: int,
+    contacts: int,
+    efc_force: Array,
+    address: NDArray[np.int32],
+    frame: Array,
+    place: Array,
+    distance: Array,
+    point: NDArray[np.intp],
+    point_force: Array,
+    point_penetration: Array,
+    point_position: Array,
+    normal_force: Array,
+    sensordata: Array,
+    read: NDArray[np.intp],
+    readings: Array,
+    ctrl: Array,
+    torque: Array,
+    qpos: Array,
+    q: Array,
+    qvel: Array,
+    qd: Array,
+    qacc_warmstart: Array,
+    warmstart: Array,
+) -> None:
+    """Copy contacts, sensors and torques of step k, and the state after it.
+
+    Args:
+        k: step.
+        contacts: how many there are.
+        efc_force: forces of all constraints.
+        address: of the contacts' first force, along the normal; two along the tangents follow. -1: none.
+        frame: of the contacts: normal and tangents, nine numbers each.
+        place: of the contacts [m].
+        distance: of the geoms, negative where they overlap [m].
+        point: sole point of every contact, -1 for none; a point is a sphere, with one contact at most.
+        point_force: by step and sole point [N].
+        point_penetration: by step and sole point [m].
+        point_position: by step and sole point [m].
+        normal_force: by sole point [N].
+        sensordata: of the simulation.
+        read: numbers of the readings that are kept.
+        readings: by step.
+        ctrl: of the simulation [N m].
+        torque: by step [N m].
+        qpos: of the simulation.
+        q: by instant.
+        qvel: of the simulation.
+        qd: by instant.
+        qacc_warmstart: of the simulation.
+        warmstart: by step.
+    """
+    for i in range(len(read)):
+        readings[k, i] = sensordata[read[i]]
+    torque[k] = ctrl
+    normal_force[:] = 0.0
+    for i in range(contacts):
+        p, first = point[i], address[i]
+        if p >= 0 and first >= 0:
+            for axis in range(3):
+                point_force[k, p, axis] = (
+                    efc_force[first] * frame[i, axis]
+                    + efc_force[first + 1] * frame[i, 3 + axis]
+                    + efc_force[first + 2] * frame[i, 6 + axis]
+                )
+                point_position[k, p, axis] = place[i, axis]
+            point_penetration[k, p] = -distance[i]
+            normal_force[p] = efc_force[first]
+    q[k + 1] = qpos
+    qd[k + 1] = qvel
+    if k + 1 < len(warmstart):
+        warmstart[k + 1] = qacc_warmstart
+
+
+@compiled
+def copy_command(
+    k: int,
+    count: int,
+    centre: Array,
+    zmp: Array,
+    force: Array,
+    angular_momentum: Array,
+    point_force: Array,
+    command_com: Array,
+    command_zmp: Array,
+    command_force: Array,
+    command_angular_momentum: Array,
+    command_point_force: Array,
+) -> None:
+    """Copy a tick's command to its steps.
+
+    Args:
+        k: first step.
+        count: steps of a tick.
+        centre: of the reference, shape (5, 3).
+        zmp: shape (2,) [m].
+        force: shape (3,) [N].
+        angular_momentum: shape (3,) [N m s].
+        point_force: shape (P, 3) [N].
+        command_com: by step.
+        command_zmp: by step.
+        command_force: by step.
+        command_angular_momentum: by step.
+        command_point_force: by step.
+    """
+    for i in range(k, min(k + count, len(command_com))):
+        command_com[i] = centre[0]
+        command_zmp[i] = zmp
+        command_force[i] = force
+        command_angular_momentum[i] = angular_momentum
+        command_point_force[i] = point_force
 
 
 class RunLog:
@@ -30,7 +196,10 @@ class RunLog:
     Args:
         steps: K.
         model: that is stepped.
-        points, soles: numbers of the sites of the P sole points, and of both soles.
+        data: its state, of which views are kept.
+        points: numbers of the sites of the P sole points.
+        soles: numbers of the sites of both soles.
+        of_geom: sole point of every geom, -1 for none.
         substeps: steps of a control tick.
     """
 
@@ -58,8 +227,10 @@ class RunLog:
         self,
         steps: int,
         model: mujoco.MjModel,
+        data: mujoco.MjData,
         points: NDArray[np.intp],
         soles: Sequence[int],
+        of_geom: NDArray[np.intp],
         substeps: int,
     ) -> None:
         self.sites, self.substeps = np.concatenate([points, soles]), substeps
@@ -74,6 +245,24 @@ class RunLog:
         self.rotation = np.zeros((steps + 1, 2, 9))
         self.external: dict[str, Array] = {}
         self._make_sensors(model, steps)
+        # All that is read and written at every step, as views that are taken once.
+        geom, address, frame, place, distance = _contact_views(data)
+        point = np.zeros(len(geom), dtype=np.intp)  # sole point of every contact
+        self.touching, self.normal_force = np.zeros(len(points), dtype=bool), np.zeros(len(points))
+        self._read: Any = (
+            geom, of_geom, data.site_xpos, data.site_xmat, self.sites, point, self.touching, self.places,
+            self.rotation,
+        )  # fmt: skip
+        self._kept: Any = (
+            address, frame, place, distance, point, self.point_force, self.point_penetration,
+            self.point_position, self.normal_force, data.sensordata, self.read, self.readings, data.ctrl,
+            self.torque, data.qpos, self.q, data.qvel, self.qd, data.qacc_warmstart, self.warmstart,
+        )  # fmt: skip
+        self._commands: Any = (
+            self.command_com, self.command_zmp, self.command_force, self.command_angular_momentum,
+            self.command_point_force,
+        )  # fmt: skip
+        self._unknown = [np.full(array.shape[1:], np.nan) for array in self._commands[1:]]
 
     def _make_sensors(self, model: mujoco.MjModel, steps: int) -> None:
         """Arrays for readings; those of a joint's position or rate are views of the states."""
@@ -97,25 +286,33 @@ class RunLog:
             name: getattr(self, source)[:, at : at + size] for name, (source, at, size) in columns.items()
         }
 
-    def keep_state(self, k: int, data: mujoco.MjData) -> None:
-        """Copy the state from which step k starts, before ``mj_step1``."""
-        self.q[k], self.qd[k] = data.qpos, data.qvel
-        self.warmstart[k] = data.qacc_warmstart
+    def start(self, data: mujoco.MjData) -> None:
+        """Copy the state from which the first step starts."""
+        self.q[0], self.qd[0] = data.qpos, data.qvel
+        self.warmstart[:1] = data.qacc_warmstart
 
-    def keep_places(self, k: int, data: mujoco.MjData) -> None:
-        """Copy the places of sole points and soles at t_k, after ``mj_step1``."""
-        data.site_xpos.take(self.sites, axis=0, out=self.places[k], mode="clip")
-        data.site_xmat.take(self.sites[-2:], axis=0, out=self.rotation[k], mode="clip")
+    def begin(self, k: int, data: mujoco.MjData) -> None:
+        """Copy places of sole points and soles at t_k, and read which points touch, after ``mj_step1``."""
+        read_step(k, data.ncon, *self._read)
+
+    def end(self, k: int, data: mujoco.MjData) -> None:
+        """Copy contacts, sensors and torques of step k, and the state from which the next one starts.
+
+        Args:
+            k: step.
+            data: after ``mj_step2``.
+        """
+        keep_step(k, data.ncon, data.efc_force, *self._kept)
 
     def keep_command(self, k: int, output: ControlOutput, reference: Reference) -> None:
         """Copy the command of the tick at step k; it is valid until the next one."""
-        held, tick = slice(k, k + self.substeps), k // self.substeps
-        self.command_com[held] = reference.centre[0]
-        self.command_zmp[held] = _UNKNOWN if output.zmp is None else output.zmp
-        self.command_force[held] = _UNKNOWN if output.force is None else output.force
-        momentum, forces = output.angular_momentum, output.point_force
-        self.command_angular_momentum[held] = _UNKNOWN if momentum is None else momentum
-        self.command_point_force[held] = _UNKNOWN if forces is None else forces
+        given = output.zmp, output.force, output.angular_momentum, output.point_force
+        parts = [
+            np.asarray(unknown if part is None else part, dtype=np.float64)
+            for part, unknown in zip(given, self._unknown, strict=True)
+        ]
+        copy_command(k, self.substeps, reference.centre, *parts, *self._commands)
+        tick = k // self.substeps
         self.qp_status[tick], self.qp_residual[tick] = output.status, output.residual
         self.qp_iterations[tick], self.qp_time[tick] = output.iterations, output.seconds
 
@@ -123,33 +320,6 @@ class RunLog:
         """Copy force, moment and point of every segment that is pushed in step k, shape (9,)."""
         for segment, push in pushes.items():
             self.external.setdefault(segment, np.zeros((len(self.torque), 9)))[k] = push
-
-    def keep_contacts(self, k: int, data: mujoco.MjData, point: NDArray[np.intp]) -> Array:
-        """Copy contacts and sensors of step k.
-
-        Args:
-            k: step.
-            data: after ``mj_step2``.
-            point: sole point of every contact, -1 for none.
-
-        Returns:
-            The sole points' normal forces, shape (P,) [N].
-        """
-        data.sensordata.take(self.read, out=self.readings[k], mode="clip")
-        normal = np.zeros(self.sites.size - 2)
-        if data.ncon:
-            contact = data.contact
-            found = [point, contact.efc_address, contact.frame, contact.pos, contact.dist]
-            mine = (point >= 0) & (found[1] >= 0)
-            if not mine.all():
-                found = [array[mine] for array in found]
-            point, address, frame, place, distance = found  # a point is a sphere: one contact at most
-            local = data.efc_force.take(address[:, None] + _FRICTION_ROWS)
-            self.point_force[k, point] = np.einsum("ck,ckj->cj", local, frame.reshape(-1, 3, 3))
-            self.point_penetration[k, point] = -distance
-            self.point_position[k, point] = place
-            normal[point] = local[:, 0]
-        return normal
 
     def close(self, done: int, data: mujoco.MjData) -> dict[str, Any]:
         """Add the instant at which the last step ends, and return the record's arrays.
@@ -163,7 +333,7 @@ class RunLog:
             the ticks that began in them. An incomplete step has no tick either.
         """
         self.q[done], self.qd[done] = data.qpos, data.qvel
-        self.keep_places(done, data)
+        self.begin(done, data)
         data.sensordata.take(self.read, out=self.readings[done], mode="clip")
         steps, instants = slice(0, done), slice(0, done + 1)
         places = self.places[instants, :-2]

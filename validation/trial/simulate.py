@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
+from ampm.compiled import compiled
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import steps_per_tick
+from ampm.vectors import put, turned, vector
 from ampm.walk import LIMITED, State, Timing, Touch
 from validation.trial.bridge import to_mujoco
 from validation.trial.disturbances import Disturbance, Plant
@@ -35,9 +37,9 @@ if TYPE_CHECKING:
     from ampm.walk import Controller, ControllerFactory, ControlOutput, Reference, WalkPlan
     from models.human import BodyModel
 
+    Array = NDArray[np.float64]
+
 _PROGRESS_STEPS = 50
-_NO_POINTS = np.zeros(0, dtype=np.intp)
-_XYZW = np.array([4, 5, 6, 3])  # Pinocchio's order of the root's quaternion
 _BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
 
 
@@ -78,13 +80,12 @@ class Physics:
             soles=tuple(int(self.model.site(leg.sole_frame).id) for leg in description.legs),
         )
         self.q, self.v = np.zeros(self.robot.nq), np.zeros(self.robot.nv)
-        self._order = np.arange(self.robot.nq)
-        self._order[3:7] = _XYZW
         # Views of MuJoCo's own memory.
         root = self.model.body(description.root_segment).id
-        self._root_rotation = self.data.xmat[root].reshape(3, 3)
-        self._root_com = self.data.subtree_com[root]
-        self._trunk_axis = self.data.xmat[self.model.body(description.trunk_segment).id].reshape(3, 3)[:, 2]
+        rotations = self.data.xmat.reshape(-1, 3, 3)
+        self._state = self.data.qpos, self.data.qvel, rotations[root], self.q, self.v
+        self.com = self.data.subtree_com[root]
+        self.trunk = rotations[self.model.body(description.trunk_segment).id, :, 2]  # its long axis
 
     def place(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> None:
         """Set the state from Pinocchio's coordinates."""
@@ -93,32 +94,32 @@ class Physics:
 
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """State in Pinocchio's coordinates after ``mj_step1``; the next call overwrites the arrays."""
-        qpos, qvel, q, v = self.data.qpos, self.data.qvel, self.q, self.v
-        qpos.take(self._order, out=q, mode="clip")
-        v[:] = qvel
-        v[:3] = qvel[:3].dot(self._root_rotation)  # world to root axes
-        return q, v
+        convert_state(*self._state)
+        return self.q, self.v
 
-    def com(self) -> list[float]:
-        """COM of the body after ``mj_step1``, plain numbers [m]."""
-        return self._root_com.tolist()
 
-    def trunk(self) -> list[float]:
-        """Long axis of the trunk after ``mj_step1``, plain numbers."""
-        return self._trunk_axis.tolist()
+@compiled
+def convert_state(qpos: Array, qvel: Array, root_rotation: Array, q: Array, v: Array) -> None:
+    """A state of MuJoCo in Pinocchio's coordinates, with the root's rotation to world, shape (3, 3)."""
+    q[:] = qpos
+    q[3], q[4], q[5], q[6] = qpos[4], qpos[5], qpos[6], qpos[3]
+    v[:] = qvel
+    put(v[0:3], turned(root_rotation.T, vector(qvel[0:3])))
 
-    def sensed(self, point: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Whether each sole point is in contact, shape (P,), from :meth:`touching_points`."""
-        touching = np.zeros(len(self.points.sites) + 1, dtype=bool)
-        touching[point] = True
-        return touching[:-1]  # the last entry stands for contacts without a sole point
 
-    def touching_points(self) -> NDArray[np.intp]:
-        """Sole point of every contact after ``mj_step1``, -1 for none, shape (ncon,)."""
-        if not self.data.ncon:
-            return _NO_POINTS
-        # MuJoCo sorts the two geoms of a contact by type: the floor, a plane, comes first.
-        return self.points.of_geom.take(self.data.contact.geom[:, 1])
+@compiled
+def carry_on(torque: Array, rate: Array, since: float, limit: Array, ctrl: Array) -> None:
+    """Let the torque go on with its rate, within the motors' limits.
+
+    Args:
+        torque: of the tick, shape (nu,) [N m].
+        rate: shape (nu,) [N m/s].
+        since: time since the tick [s].
+        limit: of the motors, shape (nu,) [N m].
+        ctrl: written, shape (nu,) [N m].
+    """
+    for j in range(len(torque)):
+        ctrl[j] = min(max(torque[j] + since * rate[j], -limit[j]), limit[j])
 
 
 def simulate(
@@ -216,13 +217,15 @@ class ClosedLoop:
         own = type(controller) is TrackingController
         self.users_code = contextlib.nullcontext() if own else UsersCode("controller", controller)
         self.torque_shape = (physics.robot.nu,)
-        self.torque = np.zeros(physics.robot.nu)
+        self.torque, self.torque_limit = np.zeros(physics.robot.nu), physics.robot.torque_limit.copy()
         self.rate: NDArray[np.float64] | None = None
         self.run_parameters = run
         self.step_ends, self.total, self.progress = step_ends, total, progress
         points = physics.points
-        self.log = RunLog(total, physics.model, points.sites, points.soles, physics.substeps)
-        self.normal_force = np.zeros(len(points.sites))
+        self.log = RunLog(
+            total, physics.model, physics.data, points.sites, points.soles, points.of_geom, physics.substeps
+        )
+        self.log.start(physics.data)
         self.watch = Watch(run.controller.unsolved_limit)
         self.warnings = physics.data.warning.number[_BAD_STATE]  # a view
 
@@ -260,32 +263,20 @@ class ClosedLoop:
         """One step of the physics, with a control tick where one is due."""
         physics, log = self.physics, self.log
         model, data, time = physics.model, physics.data, k * physics.time_step
-        log.keep_state(k, data)
         mujoco.mj_step1(model, data)
-        log.keep_places(k, data)
-        point = physics.touching_points()
+        log.begin(k, data)
         if self.disturbances:
             self._disturb(k, time)
-        if k % physics.substeps == 0:
-            end = self._tick(k, time, point)
+        since = k % physics.substeps
+        if since == 0:
+            end = self._tick(k, time)
         else:
-            self._carry_on(k % physics.substeps * physics.time_step)
-            end = self.watch.check_between_ticks(time, physics.com(), physics.trunk(), *self.planned)
-        log.torque[k] = data.ctrl
+            if self.rate is not None:
+                carry_on(self.torque, self.rate, since * physics.time_step, self.torque_limit, data.ctrl)
+            end = self.watch.check_between_ticks(time, physics.com, physics.trunk, *self.planned)
         mujoco.mj_step2(model, data)
-        self.normal_force = log.keep_contacts(k, data, point)
+        log.end(k, data)
         return end
-
-    def _carry_on(self, since: float) -> None:
-        """Let the torque go on with its rate, within the motors' limits.
-
-        Args:
-            since: time since the tick [s].
-        """
-        if self.rate is None:
-            return
-        limit = self.physics.robot.torque_limit
-        self.physics.data.ctrl[:] = np.minimum(np.maximum(self.torque + since * self.rate, -limit), limit)
 
     def _disturb(self, k: int, time: float) -> None:
         """Push the body during step k."""
@@ -295,12 +286,12 @@ class ClosedLoop:
                 disturbance.apply(time, self.plant)
         self.log.keep_pushes(k, self.plant.pushes)
 
-    def _tick(self, k: int, time: float, point: NDArray[np.intp]) -> End | None:
+    def _tick(self, k: int, time: float) -> End | None:
         """One control tick; whether the walk is over."""
         physics = self.physics
         reference = next(self.references)
         state = State(time, *physics.state(), 0.5 * physics.time_step)
-        touch = Touch(physics.sensed(point), self.normal_force, physics.time_step)
+        touch = Touch(self.log.touching.copy(), self.log.normal_force.copy(), physics.time_step)
         with self.users_code:
             output = self.controller.update(state, touch, reference)
             self.log.keep_command(k, output, reference)
@@ -310,11 +301,11 @@ class ClosedLoop:
                 raise ValueError(f"rate of shape {output.rate.shape}, not {self.torque_shape}")
         physics.data.ctrl[:] = self.torque = output.torque
         self.rate = output.rate
-        self.planned = reference.centre[0].tolist(), reference.posture.trunk[:, 2].tolist()
+        self.planned = reference.centre[0], reference.posture.trunk[:, 2]
         return self.watch.check(
             time,
-            physics.com(),
-            physics.trunk(),
+            physics.com,
+            physics.trunk,
             *self.planned,
             output.status,
             residual=output.residual,

@@ -8,10 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
+from ampm.compiled import compiled
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.trial.outcome import OutcomeName
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 FALL_SHARE = 0.75
 """The body has fallen when its COM is lower than this share of the planned height [1]."""
@@ -43,6 +51,24 @@ FALL_TIME = 1.0
 """Time that a body off the plan is given to fall while its QP stays unsolved [s]."""
 
 
+@compiled
+def near(
+    com: Array, trunk: Array, planned: Array, planned_trunk: Array, distance: float, cosine: float
+) -> bool:
+    """Whether the body is so near to the plan: its COM [m], and its trunk by the cosine of the angle."""
+    x, y, z = com[0] - planned[0], com[1] - planned[1], com[2] - planned[2]
+    upright = trunk[0] * planned_trunk[0] + trunk[1] * planned_trunk[1] + trunk[2] * planned_trunk[2]
+    return math.sqrt(x * x + y * y + z * z) <= distance and upright >= cosine
+
+
+@compiled
+def moved(com: Array, last: Array) -> float:
+    """Distance of the COM from the last one, which it replaces [m]."""
+    x, y, z = com[0] - last[0], com[1] - last[1], com[2] - last[2]
+    last[:] = com
+    return math.sqrt(x * x + y * y + z * z)
+
+
 class End(NamedTuple):
     """Early end of a walk: its kind, and one sentence on it and its first sign."""
 
@@ -60,17 +86,16 @@ class Watch:
     def __init__(self, unsolved_limit: float) -> None:
         self._unsolved_limit = unsolved_limit
         self._unsolved: tuple[float, float] | None = None  # since when, and how long it may last
-        self._last_com: Sequence[float] | None = None
-        self._last_time = 0.0
+        self._last_com, self._last_time = np.zeros(3), math.inf  # there is none yet
         self._first_sign, self._last_sign = "", 0.0
 
     def check(
         self,
         time: float,
-        com: Sequence[float],
-        trunk: Sequence[float],
-        planned: Sequence[float],
-        planned_trunk: Sequence[float],
+        com: Array,
+        trunk: Array,
+        planned: Array,
+        planned_trunk: Array,
         status: int,
         *,
         residual: float = 0.0,
@@ -80,10 +105,10 @@ class Watch:
 
         Args:
             time: [s].
-            com: x, y, z [m].
-            trunk: its long axis in world, unit vector.
-            planned: COM of the plan [m].
-            planned_trunk: the same of the planned motion.
+            com: shape (3,) [m].
+            trunk: its long axis in world, unit vector, shape (3,).
+            planned: COM of the plan, shape (3,) [m].
+            planned_trunk: the same of the planned motion, shape (3,).
             status: of the controller's tick.
             residual: of its QP.
             limit: description of the torque or joint at its limit, if the status is ``LIMITED``.
@@ -92,10 +117,35 @@ class Watch:
             None while the walk goes on.
         """
         speed = self._speed(time, com)
-        close = math.dist(com, planned) <= FIRST_SIGN and _dot(trunk, planned_trunk) >= _UPRIGHT
+        close = near(com, trunk, planned, planned_trunk, FIRST_SIGN, _UPRIGHT)
         if close and status == SOLVED and not self._first_sign and speed <= BLOW_UP:
             self._unsolved = None
             return None
+        return self._judge(
+            time,
+            com.tolist(),
+            trunk.tolist(),
+            planned.tolist(),
+            planned_trunk.tolist(),
+            status,
+            residual,
+            limit,
+            speed,
+        )
+
+    def _judge(
+        self,
+        time: float,
+        com: list[float],
+        trunk: list[float],
+        planned: list[float],
+        planned_trunk: list[float],
+        status: int,
+        residual: float,
+        limit: str,
+        speed: float,
+    ) -> End | None:
+        """The end of the walk, or its signs noted; arguments as in :meth:`check`."""
         error = com[0] - planned[0], com[1] - planned[1], com[2] - planned[2]
         distance = math.hypot(*error)
         axis = "xyz"[max(range(3), key=lambda i: abs(error[i]))]
@@ -123,16 +173,14 @@ class Watch:
     def check_between_ticks(
         self,
         time: float,
-        com: Sequence[float],
-        trunk: Sequence[float],
-        planned: Sequence[float],
-        planned_trunk: Sequence[float],
+        com: Array,
+        trunk: Array,
+        planned: Array,
+        planned_trunk: Array,
     ) -> End | None:
         """Whether the body has fallen at a step without a tick; arguments as in :meth:`check`."""
-        if (
-            com[2] >= FALL_SHARE * planned[2]
-            and math.dist(com, planned) <= FALL_DISTANCE
-            and _dot(trunk, planned_trunk) >= _FALL_COSINE
+        if com[2] >= FALL_SHARE * planned[2] and near(
+            com, trunk, planned, planned_trunk, FALL_DISTANCE, _FALL_COSINE
         ):
             return None
         return self.check(time, com, trunk, planned, planned_trunk, SOLVED)
@@ -141,11 +189,11 @@ class Watch:
         """The end of a walk whose accelerations the simulator refused to integrate."""
         return self._end(OutcomeName.DIVERGED, f"the accelerations left all bounds at {time:.3f} s")
 
-    def _speed(self, time: float, com: Sequence[float]) -> float:
+    def _speed(self, time: float, com: Array) -> float:
         """Mean speed of the COM since the last tick [m/s]."""
-        last, span = self._last_com, time - self._last_time
-        self._last_com, self._last_time = com, time
-        return math.dist(com, last) / span if last is not None and span > 0.0 else 0.0
+        span, self._last_time = time - self._last_time, time
+        way = moved(com, self._last_com)
+        return way / span if span > 0.0 else 0.0
 
     def _note(self, time: float, sign: str) -> None:
         """Store the first sign of a failure; discard it after a time without a sign."""
