@@ -220,6 +220,8 @@ def verdict_markdown(saved: SavedRun) -> str:
 
 def plain_text(text: str) -> str:
     """Text with characters of the viewer's font only: some versions end at the first missing glyph."""
+    for sign, words in (("∞", "inf"), ("≥", ">="), ("−", "-"), ("–", "-")):
+        text = text.replace(sign, words)
     return text.encode("latin-1", errors="replace").decode("latin-1")
 
 
