@@ -98,3 +98,17 @@ def from_quaternion(x: float, y: float, z: float, w: float, out: Array) -> None:
     put(out[0], (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)))
     put(out[1], (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)))
     put(out[2], (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)))
+
+
+@compiled
+def rotation_vector(to: Array, start: Array) -> Vector:
+    """Rotation vector in world axes that takes ``start`` to ``to``, both rotations to world [rad]."""
+    sine, trace = (0.0, 0.0, 0.0), 0.0
+    for k in range(3):  # of the columns: half the sum of their cross products is the axis times the sine
+        before, after = column(start, k), column(to, k)
+        sine = plus(sine, times(0.5, cross(before, after)))
+        trace += dot(before, after)
+    size = math.sqrt(dot(sine, sine))
+    if size < 1e-8:  # the sine is the angle, to the last bit
+        return sine
+    return times(math.atan2(size, 0.5 * (trace - 1.0)) / size, sine)

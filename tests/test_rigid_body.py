@@ -6,8 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ampm.body.rigid_body import RigidBody, frames_of, joint_torques
+from ampm.body.rigid_body import RigidBody, frames_of, joint_torques, moved
 from ampm.exceptions import InputError
+from ampm.linear import substitute, triangular
+from ampm.vectors import rotation_vector
 
 ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 FEET, POINTS, HINGES = 3, 5, 14
@@ -94,6 +96,32 @@ def test_torques_are_pinocchios(tree):
     state = tree.v, tree.acceleration, 9.81
     joint_torques(body.tree, body.armature, body.link, *state, points, forces, torque)
     close(torque, total[6:])
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-9, 1e-4, 1.1e-4, 0.1, 3.0])
+def test_a_configuration_moves_as_pinocchios(tree, size):
+    change = size * tree.rng.normal(size=tree.model.nv)
+    close(moved(tree.q, change), pin.integrate(tree.model, tree.q, change))
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-8, 1e-3, 1.0, 2.9])
+def test_rotation_vector_is_the_logarithm(angle):
+    rng = np.random.default_rng(0)
+    turn, axis = pin.exp3(rng.normal(size=3)), rng.normal(size=3)
+    vector = angle * axis / np.linalg.norm(axis)
+    np.testing.assert_allclose(rotation_vector(pin.exp3(vector) @ turn, turn), vector, atol=1e-14)
+
+
+def test_symmetric_systems_are_solved_and_others_refused():
+    rng = np.random.default_rng(0)
+    root, right = rng.normal(size=(7, 9)), rng.normal(size=(7, 3))
+    matrix = root @ root.T
+    system = np.hstack([matrix, right])
+    assert triangular(system)
+    substitute(system)
+    np.testing.assert_allclose(system[:, 7:], np.linalg.solve(matrix, right), atol=1e-12)
+    for wrong in (-np.eye(2), np.ones((2, 2)), np.full((2, 2), np.nan)):
+        assert not triangular(np.hstack([wrong, np.ones((2, 1))]))
 
 
 @pytest.mark.parametrize("first", [True, False])

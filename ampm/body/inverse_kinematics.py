@@ -23,14 +23,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pinocchio as pin
-from scipy.linalg import lapack
 
-from ampm.body.robot import TASK_ROWS, Robot, TaskTerms
+from ampm.body.rigid_body import moved, place_body, place_of, task_drift
+from ampm.body.robot import TASK_ROWS, Robot
+from ampm.compiled import compiled
+from ampm.linear import substitute, triangular
 from ampm.qp import OsqpBackend, QPSettings
+from ampm.vectors import column, minus, multiply, plus, put, rotation_vector, turned, vector
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -55,6 +57,10 @@ SHOULDER_ROLL = 1
 """Place of the joint that spreads an arm among the arm's joints."""
 WIDEST = 1.2
 """Largest abduction of the arms' rest posture [rad]."""
+
+DONE, LOST, DEPENDENT, BOUND = range(4)
+"""How a compiled function ended: as wanted; too far from the tasks; tasks that depend on each other; a joint
+limit binds."""
 
 _LIMIT_HORIZON = 0.02  # time over which a joint limit may be approached [s]
 _LOST = 0.05  # error after a step of the grid at which the legs no longer follow [m, rad]
@@ -109,6 +115,337 @@ class Unreachable(Exception):
         self.time, self.what, self.value, self.limit, self.unit = time, what, value, limit, unit
 
 
+@compiled
+def position_error(
+    link: Any,
+    soles: Any,
+    q: Array,
+    toes: NDArray[np.intp],
+    place: Array,
+    rotation: Array,
+    toe: Array,
+    error: Array,
+) -> float:
+    """Errors of COM, soles (place, then rotation vector) and toe joints; the largest size of them.
+
+    Args:
+        link: placed, with its inertia.
+        soles: frames of the feet.
+        q: configuration, shape (nq,).
+        toes: indices of the toe joints in q.
+        place: wanted ones of COM and soles, shape (1 + F, 3) [m].
+        rotation: wanted ones of the soles to world, shape (F, 3, 3).
+        toe: wanted angles, shape (T,) [rad].
+        error: written, shape (3 + 6 F + T,) [m, rad].
+    """
+    root, pose = (q[0], q[1], q[2]), np.empty((3, 3))
+    mass, first = link[0].mass, vector(link[0].first)
+    com = first[0] / mass, first[1] / mass, first[2] / mass
+    put(error[0:3], minus(vector(place[0]), plus(root, com)))
+    for i in range(len(soles)):
+        multiply(link[soles[i].joint].turn, soles[i].turn, pose)
+        row = 3 + 6 * i
+        put(error[row : row + 3], minus(vector(place[1 + i]), plus(root, place_of(link, soles[i]))))
+        put(error[row + 3 : row + 6], rotation_vector(rotation[i], pose))
+    for i in range(len(toes)):
+        error[len(error) - len(toes) + i] = toe[i] - q[toes[i]]
+    return np.abs(error).max()
+
+
+@compiled
+def row_error(columns: Array, rows: NDArray[np.intp], x: Array, wanted: Array, error: Array) -> float:
+    """``error = (wanted - J x)[rows]`` of a transposed Jacobian; the largest size of it."""
+    largest = 0.0
+    for i in range(len(rows)):
+        e = wanted[rows[i]]
+        for j in range(len(x)):
+            e -= columns[j, rows[i]] * x[j]
+        error[i] = e
+        largest = max(largest, abs(e))
+    return largest
+
+
+@compiled
+def pull(columns: Array, rows: NDArray[np.intp], root_weight: Array, error: Array, change: Array) -> bool:
+    """Weighted least-norm change of the coordinates that cancels the error of some rows.
+
+    Args:
+        columns: transposed task Jacobian, shape (nv, R).
+        rows: of the Jacobian, m of them.
+        root_weight: square roots of the coordinates' weights, shape (nv,).
+        error: shape (m,).
+        change: written, shape (nv,).
+
+    Returns:
+        Whether the rows are independent.
+    """
+    count = len(rows)
+    scaled, system = weighted(columns, rows, root_weight), np.zeros((count, count + 1))
+    _gram(scaled, system)
+    system[:, count] = error
+    if not triangular(system):
+        return False
+    substitute(system)
+    for j in range(len(change)):
+        change[j] = 0.0
+        for i in range(count):
+            change[j] += scaled[j, i] * system[i, count]
+        change[j] /= root_weight[j]
+    return True
+
+
+@compiled
+def weighted(columns: Array, rows: NDArray[np.intp], root_weight: Array) -> Array:
+    """``W^-1/2 J'`` of some rows, shape (nv, m)."""
+    scaled = np.empty((len(columns), len(rows)))
+    for j in range(len(columns)):
+        for i in range(len(rows)):
+            scaled[j, i] = columns[j, rows[i]] / root_weight[j]
+    return scaled
+
+
+@compiled
+def _gram(scaled: Array, system: Array) -> None:
+    """Add ``J W^-1 J'`` to a system."""
+    count = len(system)
+    for j in range(len(scaled)):
+        row = scaled[j]
+        for e in range(count):
+            s = row[e]
+            if s != 0.0:
+                out = system[e]
+                for d in range(count):
+                    out[d] += s * row[d]
+
+
+@compiled
+def orthonormal(
+    columns: Array, rows: NDArray[np.intp], root_weight: Array, right: Array, out: Array, level: Array
+) -> None:
+    """Orthonormal rows with the span of ``J W^-1/2``, and their right-hand sides.
+
+    Args:
+        columns: transposed task Jacobian, shape (nv, R).
+        rows: of the Jacobian, m of them, independent.
+        root_weight: square roots of the coordinates' weights, shape (nv,).
+        right: right-hand sides of the rows, shape (m,).
+        out: written, shape (m, nv).
+        level: written, shape (m,).
+    """
+    count, nv = len(rows), len(columns)
+    scaled, system = weighted(columns, rows, root_weight), np.zeros((count, count + nv + 1))
+    _gram(scaled, system)
+    for i in range(count):
+        for j in range(nv):
+            system[i, count + j] = scaled[j, i]
+        system[i, count + nv] = right[i]
+    triangular(system)
+    for i in range(count):
+        size = math.sqrt(system[i, i])
+        for j in range(nv):
+            out[i, j] = system[i, count + j] / size
+        level[i] = system[i, count + nv] / size
+
+
+@compiled
+def posture_pull(
+    q: Array, v: Array, rest: Array, free: NDArray[np.bool_], stiffness: float, damping: float, wanted: Array
+) -> None:
+    """Desired acceleration of the posture: -k (q - q0) - d qd (Eq. 12, sign corrected).
+
+    Args:
+        q: shape (nq,).
+        v: shape (nv,).
+        rest: angles of the hinges, shape (nu,) [rad].
+        free: hinges with a posture, those that are not of the legs, shape (nu,).
+        stiffness: k [1/s^2].
+        damping: d [1/s].
+        wanted: written, shape (nv,).
+    """
+    wanted[0:3] = 0.0
+    size = math.sqrt(q[3] ** 2 + q[4] ** 2 + q[5] ** 2)
+    angle = 2.0 * math.atan2(size, q[6]) / size if size > 1e-12 else 2.0
+    for k in range(3, 6):
+        wanted[k] = -stiffness * angle * q[k] - damping * v[k]
+    for j in range(len(rest)):
+        pulled = -stiffness * (q[7 + j] - rest[j]) - damping * v[6 + j]
+        wanted[6 + j] = pulled if free[j] else 0.0
+
+
+@compiled
+def settle(
+    tree: Any,
+    link: Any,
+    soles: Any,
+    columns: Array,
+    rows: NDArray[np.intp],
+    position_rows: NDArray[np.intp],
+    toes: NDArray[np.intp],
+    root_weight: Array,
+    k: int,
+    position: Array,
+    rotation: Array,
+    toe: Array,
+    velocity: Array,
+    tolerance: float,
+    q: Array,
+    v: Array,
+    errors: Array,
+) -> tuple[int, float, float]:
+    """Correct the drift of the integration at a node of the grid.
+
+    Args:
+        tree: of the body.
+        link: placed at the end.
+        soles: frames of the feet.
+        columns: transposed task Jacobian, of the state at the end.
+        rows: of the tasks.
+        position_rows: of the tasks that a configuration has.
+        toes: indices of the toe joints in q.
+        root_weight: square roots of the coordinates' weights, shape (nv,).
+        k: the node.
+        position: of :class:`~ampm.body.step_reference.StepReference`.
+        rotation: of the same.
+        toe: of the same.
+        velocity: wanted task velocities, shape (n+1, R).
+        tolerance: of the position error [m, rad].
+        q: corrected, shape (nq,).
+        v: corrected, shape (nv,).
+        errors: of the positions when the node was lost, shape (P,).
+
+    Returns:
+        How it ended, and the largest errors of position and velocity before.
+    """
+    first, change = 0.0, np.empty(len(v))
+    for iteration in range(4):
+        place_body(tree, link, soles, q, columns)
+        size = position_error(link, soles, q, toes, position[k], rotation[k], toe[k], errors)
+        if iteration == 0:
+            first = size
+        if not size < _LOST:
+            return LOST, first, 0.0
+        if size < tolerance:
+            break
+        if not pull(columns, position_rows, root_weight, errors, change):
+            return DEPENDENT, first, 0.0
+        q[:] = moved(q, change)
+        if size * size < tolerance:  # quadratic convergence: the remaining error is about size^2
+            place_body(tree, link, soles, q, columns)
+            break
+    error = np.empty(len(rows))
+    speed = row_error(columns, rows, v, velocity[k], error)
+    if not pull(columns, rows, root_weight, error, change):
+        return DEPENDENT, first, speed
+    for j in range(len(v)):
+        v[j] += change[j]
+    return DONE, first, speed
+
+
+@compiled
+def unbounded(
+    tree: Any,
+    link: Any,
+    soles: Any,
+    columns: Array,
+    rows: NDArray[np.intp],
+    root_weight: Array,
+    still: Array,
+    wanted: Array,
+    q: Array,
+    v: Array,
+    rest: Array,
+    free: NDArray[np.bool_],
+    stiffness: float,
+    damping: float,
+    joints: NDArray[np.intp],
+    low: Array,
+    high: Array,
+    posture: Array,
+    right: Array,
+    acceleration: Array,
+) -> int:
+    """Accelerations that meet the tasks and are closest to the posture's, where no joint limit binds.
+
+    Args:
+        tree: of the body.
+        link: placed.
+        soles: frames of the feet.
+        columns: transposed task Jacobian.
+        rows: of the tasks.
+        root_weight: square roots of the coordinates' weights, shape (nv,).
+        still: zeros, shape (nv,).
+        wanted: task accelerations, of which the drift is taken, shape (R,).
+        q: shape (nq,).
+        v: shape (nv,).
+        rest: see :func:`posture_pull`.
+        free: see :func:`posture_pull`.
+        stiffness: see :func:`posture_pull`.
+        damping: see :func:`posture_pull`.
+        joints: velocity indices of the limited joints.
+        low: their lower limits [rad].
+        high: their upper limits [rad].
+        posture: desired ones, written, shape (nv,).
+        right: tasks less what the posture gives, written, shape (m,).
+        acceleration: written, shape (nv,).
+
+    Returns:
+        DONE, DEPENDENT, or BOUND where a joint limit binds.
+    """
+    drift = np.zeros(len(wanted))
+    task_drift(tree, link, soles, v, v, still, drift)
+    for e in range(len(wanted)):
+        wanted[e] -= drift[e]
+    posture_pull(q, v, rest, free, stiffness, damping, posture)
+    row_error(columns, rows, posture, wanted, right)
+    if not pull(columns, rows, root_weight, right, acceleration):
+        return DEPENDENT
+    for j in range(len(v)):
+        acceleration[j] += posture[j]
+    for i in range(len(joints)):
+        j = joints[i]
+        least, most = limits_of(q[j + 1] + _LIMIT_HORIZON * v[j], low[i], high[i])
+        if not least <= acceleration[j] <= most:
+            return BOUND
+    return DONE
+
+
+@compiled
+def limits_of(reach: float, low: float, high: float) -> tuple[float, float]:
+    """Accelerations between which a joint keeps its range, from where it gets within the horizon [rad]."""
+    scale = 2.0 / _LIMIT_HORIZON**2
+    return scale * (low - reach), scale * (high - reach)
+
+
+@compiled
+def advance(q: Array, v: Array, acceleration: Array, before: Array, dt: float, last: float) -> Array:
+    """Configuration after an interval, of second order (Adams-Bashforth); v becomes that after it.
+
+    Args:
+        q: shape (nq,).
+        v: overwritten, shape (nv,).
+        acceleration: shape (nv,).
+        before: that of the node before, shape (nv,).
+        dt: the interval [s].
+        last: the interval before, 0 at the first node [s].
+    """
+    change = np.empty(len(v))
+    for j in range(len(v)):
+        slope = (acceleration[j] - before[j]) / last if last > 0.0 else 0.0
+        change[j] = dt * v[j] + 0.5 * dt**2 * acceleration[j] + dt**3 / 6.0 * slope
+        v[j] += dt * acceleration[j] + 0.5 * dt**2 * slope
+    return moved(q, change)
+
+
+@compiled
+def yaw_rate_and_pitch(link: Any, trunk: Any, columns: Array, v: Array) -> tuple[float, float]:
+    """Angular momentum about z over the mass [m^2/s], and pitch of the trunk [rad]."""
+    total = 0.0
+    for j in range(len(v)):
+        total += columns[j, _L_Z] * v[j]
+    axis = turned(link[trunk[0].joint].turn, column(trunk[0].turn, 2))
+    return total, math.atan2(axis[0], axis[2])
+
+
 class InverseKinematics:
     """Integrates one step of a plan for one body.
 
@@ -149,41 +486,37 @@ class InverseKinematics:
             self.tolerance, max_iterations=4000, rho=1.0, adaptive_rho=False, alpha=1.0, check_every=2
         )
         self._solver = OsqpBackend(np.eye(robot.nv, dtype=bool), mask, settings)
-        self._toes, self._limited_q = robot.toe_joints + 1, self.limited + 1
-        self._still = np.zeros(robot.nv)
-        self._legs = np.concatenate(robot.leg_joints)
-        self._limits_low, self._limits_high = robot.lower[self.limited - 6], robot.upper[self.limited - 6]
+        self._still, self._toes = np.zeros(robot.nv), robot.toe_joints + 1
+        self._knees = (robot.knee_joints + 1).tolist()
+        free = np.ones(robot.nu, dtype=bool)
+        free[np.concatenate(robot.leg_joints) - 6] = False
+        self._rest = self.rest, free, self.stiffness, self.damping
+        self._errors, self._right, self._level = np.zeros(len(self.position_rows)), np.zeros(m), np.zeros(m)
+        body = self._body = robot.rigid_body
+        own = body.tree, body.link, body.soles, body.columns, self.rows
+        self._tasks: Any = *own, self.position_rows, self._toes, self._root_weight
+        self._free_tasks: Any = *own, self._root_weight
+        self._limits = self.limited, robot.lower[self.limited - 6], robot.upper[self.limited - 6]
 
     # ------------------------------------------------------------- one instant
 
-    def _factor(self, jacobian: Array, rows: NDArray[np.intp], time: float) -> tuple[Array, Array]:
-        """Scaled rows J W^(-1/2) and the Cholesky factor of their Gram matrix; refuses dependent rows."""
-        scaled = jacobian.take(rows, axis=0) / self._root_weight
-        factor, info = lapack.dpotrf(scaled @ scaled.T, lower=1)
-        if info != 0:
-            what = "feet, COM and angular momentum cannot be chosen independently: a leg is straight"
-            raise Unreachable(time, what, 0.0, 0.0, "1")
-        return scaled, factor
+    def _error(self, reference: StepReference, k: int, q: Array) -> float:
+        """Place the body; fill in its task errors, in the order of ``position_rows``. The largest one."""
+        body = self._body
+        body.place(q)
+        wanted = reference.position[k], reference.rotation[k], reference.toe[k]
+        return position_error(body.link, body.soles, q, self._toes, *wanted, self._errors)
 
-    def _position_error(self, reference: StepReference, k: int, q: Array, terms: TaskTerms) -> Array:
-        """Task errors of a configuration and its terms, in the order of ``position_rows``."""
-        com, left, right = reference.position[k]
-        turn_left, turn_right = reference.rotation[k]
-        at_left, at_right = terms.sole
-        now_left, now_right = terms.sole_turn
-        return np.concatenate(
-            [
-                com - terms.com,
-                left - at_left,
-                pin.log3(turn_left @ now_left.T),
-                right - at_right,
-                pin.log3(turn_right @ now_right.T),
-                reference.toe[k] - q[self._toes],
-            ]
-        )
+    def _pull(self, rows: NDArray[np.intp], error: Array, time: float) -> Array:
+        """Weighted least-norm change of the coordinates that cancels an error; refuses dependent rows."""
+        change = np.empty(self.robot.nv)
+        if not pull(self._body.columns, rows, self._root_weight, error, change):
+            raise _dependent(time)
+        return change
 
-    def _miss(self, reference: StepReference, k: int, error: Array) -> Unreachable:
-        """Message for an error of the position rows at node k."""
+    def _miss(self, reference: StepReference, k: int) -> Unreachable:
+        """Message for the errors of the position rows at node k."""
+        error = self._errors
         com, left, right = (float(np.abs(part).max()) for part in (error[:3], error[3:9], error[9:15]))
         side = "left" if left >= right else "right"
         size = max(com, left, right)
@@ -191,10 +524,10 @@ class InverseKinematics:
         return Unreachable(float(reference.time[k]), what, size, 0.0, "m")
 
     def _check_knees(self, reference: StepReference, k: int, q: Array) -> None:
-        for foot, joint in enumerate(self.robot.knee_joints):
-            if q[joint + 1] < 0.0:
+        for foot, knee in enumerate(self._knees):
+            if (angle := q.item(knee)) < 0.0:
                 what = f"the {('left', 'right')[foot]} knee would bend backwards: the leg is too short"
-                raise Unreachable(float(reference.time[k]), what, float(q[joint + 1]), 0.0, "rad")
+                raise Unreachable(float(reference.time[k]), what, angle, 0.0, "rad")
 
     def project(
         self, reference: StepReference, k: int, q: Array, v: Array, offset: float
@@ -204,22 +537,20 @@ class InverseKinematics:
         Raises:
             Unreachable: Newton does not converge; the legs are too short for this instant.
         """
-        robot, time = self.robot, float(reference.time[k])
+        time = float(reference.time[k])
         for iteration in range(26):
-            terms = robot.jacobian(q)
-            error = self._position_error(reference, k, q, terms)
-            size = float(np.abs(error).max())
+            size = self._error(reference, k, q)
             if size < (1e-13 if iteration < 6 else 1e-11 if iteration < 25 else 1e-10):
                 break
             if iteration == 25:
-                raise self._miss(reference, k, error)
-            step = self._pull(*self._factor(terms.jacobian, self.position_rows, time), error)
+                raise self._miss(reference, k)
+            step = self._pull(self.position_rows, self._errors, time)
             largest = float(np.abs(step).max())
-            q = pin.integrate(robot.model, q, step * min(1.0, 0.3 / largest) if largest > 0.3 else step)
+            q = moved(q, step * min(1.0, 0.3 / largest) if largest > 0.3 else step)
         self._check_knees(reference, k, q)
-        scaled, factor = self._factor(terms.jacobian, self.rows, time)
-        v = v + self._pull(scaled, factor, self._velocity_error(reference, k, terms.jacobian, v, offset))
-        return q, v
+        wanted = self._velocity(reference, offset)[k]
+        row_error(self._body.columns, self.rows, v, wanted, self._right)
+        return q, v + self._pull(self.rows, self._right, time)
 
     def upright(self, reference: StepReference, k: int, q: Array) -> Array:
         """Configuration on the constraints at grid node k that is nearest to the upright posture.
@@ -227,41 +558,29 @@ class InverseKinematics:
         Raises:
             Unreachable: no such configuration was found.
         """
-        robot, still, rows = self.robot, self._still, self.position_rows
+        still, rows, error = self._still, self.position_rows, np.empty(len(self.position_rows))
         for _ in range(60):
-            terms = robot.jacobian(q)
-            error = self._position_error(reference, k, q, terms)
-            wanted = self._posture(q, still) / self.stiffness
-            scaled, factor = self._factor(terms.jacobian, rows, float(reference.time[k]))
-            step = wanted + self._pull(scaled, factor, error - terms.jacobian[rows] @ wanted)
+            self._error(reference, k, q)
+            wanted, task = self._posture(q, still) / self.stiffness, np.zeros(TASK_ROWS)
+            task[rows] = self._errors
+            row_error(self._body.columns, rows, wanted, task, error)
+            step = wanted + self._pull(rows, error, float(reference.time[k]))
             largest = float(np.abs(step).max())
-            q = pin.integrate(robot.model, q, step * min(1.0, 0.2 / max(largest, 1e-300)))
+            q = moved(q, step * min(1.0, 0.2 / max(largest, 1e-300)))
             if largest < 1e-6:
                 break
         return self.project(reference, k, q, still, 0.0)[0]
 
-    def _pull(self, scaled: Array, factor: Array, error: Array) -> Array:
-        """Weighted least-norm change of the coordinates that cancels a task error."""
-        multiplier, _ = lapack.dpotrs(factor, error, lower=1)
-        return (scaled.T @ multiplier) / self._root_weight
-
-    def _velocity_error(
-        self, reference: StepReference, k: int, jacobian: Array, v: Array, offset: float
-    ) -> Array:
-        error = reference.velocity[k] - jacobian @ v
-        error[4] += offset / self.robot.mass
-        return error[self.rows]
+    def _velocity(self, reference: StepReference, offset: float) -> Array:
+        """Task velocities with the constant of L_y, shape (n+1, 20)."""
+        velocity = reference.velocity.copy()
+        velocity[:, 4] += offset / self.robot.mass
+        return velocity
 
     def _posture(self, q: Array, v: Array) -> Array:
-        """Desired acceleration of the posture: -k (q - q0) - d qd (Eq. 12, sign corrected)."""
-        wanted = -self.damping * v
-        wanted[:3] = 0.0
-        vector, w = q[3:6], float(q[6])
-        norm = math.sqrt(vector @ vector)
-        angle = 2.0 * math.atan2(norm, w) / norm if norm > 1e-12 else 2.0
-        wanted[3:6] -= (self.stiffness * angle) * vector
-        wanted[6:] -= self.stiffness * (q[7:] - self.rest)
-        wanted[self._legs] = 0.0
+        """Desired acceleration of the posture, shape (nv,)."""
+        wanted = np.empty(self.robot.nv)
+        posture_pull(q, v, *self._rest, wanted)
         return wanted
 
     # ---------------------------------------------------------------- one step
@@ -282,91 +601,72 @@ class InverseKinematics:
             Unreachable: the legs cannot follow, or joint limits and constraints contradict each other.
         """
         self.integrations += 1
-        robot, time = self.robot, reference.time
+        robot, body, time, columns = self.robot, self._body, reference.time, self._body.columns
         n = len(time) - 1
         qs, (vs, accelerations) = np.empty((n + 1, robot.nq)), np.empty((2, n + 1, robot.nv))
         pitch, yaw_momentum = np.empty(n + 1), np.empty(n + 1)
         worst_position = worst_velocity = worst_acceleration = 0.0
+        velocity = self._velocity(reference, offset)
         q, v = self.project(reference, 0, q, v, offset)
         last_step = 0.0
         for k in range(n + 1):
             if k > 0:
-                q, size = self._correct(reference, k, q, v, 1e-12 if k == n else CORRECTED)
-                worst_position = max(worst_position, size)
+                place, speed = self._settle(reference, k, velocity, 1e-12 if k == n else CORRECTED, q, v)
+                worst_position, worst_velocity = max(worst_position, place), max(worst_velocity, speed)
                 self._check_knees(reference, k, q)
-            terms = robot.jacobian(q)
-            jacobian = terms.jacobian
-            scaled, factor = self._factor(jacobian, self.rows, float(time[k]))
-            if k > 0:
-                velocity_error = self._velocity_error(reference, k, jacobian, v, offset)
-                worst_velocity = max(worst_velocity, float(np.abs(velocity_error).max()))
-                v = v + self._pull(scaled, factor, velocity_error)
-            wanted = reference.acceleration[k] - robot.drift(q, v)
-            parts = scaled, factor, wanted[self.rows]
-            acceleration = self._accelerate(*parts, q, v, float(time[k]), draft=draft)
-            residual = (jacobian @ acceleration - wanted)[self.rows]
-            worst_acceleration = max(worst_acceleration, float(np.abs(residual).max()))
+            wanted = reference.acceleration[k].copy()
+            acceleration = self._accelerate(wanted, q, v, float(time[k]), draft=draft)
+            residual = row_error(columns, self.rows, acceleration, wanted, self._right)
+            worst_acceleration = max(worst_acceleration, residual)
             qs[k], vs[k], accelerations[k] = q, v, acceleration
-            yaw_momentum[k] = robot.mass * float(jacobian[_L_Z] @ v)
-            pitch[k] = math.atan2(terms.trunk[0, 2], terms.trunk[2, 2])
+            yaw_rate, pitch[k] = yaw_rate_and_pitch(body.link, body.trunk, columns, v)
+            yaw_momentum[k] = robot.mass * yaw_rate
             if k < n:
-                dt = time[k + 1] - time[k]
-                # Second order (Adams-Bashforth): the slope of the acceleration from the last interval.
-                slope = (acceleration - accelerations[k - 1]) / last_step if k > 0 else self._still
-                move = dt * v + (0.5 * dt**2) * acceleration + (dt**3 / 6.0) * slope
-                q = pin.integrate(robot.model, q, move)
-                v = v + dt * acceleration + (0.5 * dt**2) * slope
+                dt = float(time[k + 1] - time[k])
+                q = advance(q, v, acceleration, accelerations[k - 1], dt, last_step)
                 last_step = dt
         worst = worst_position, worst_velocity, worst_acceleration
         return StepTrajectory(qs, vs, accelerations, pitch, yaw_momentum, *worst)
 
-    def _correct(
-        self, reference: StepReference, k: int, q: Array, v: Array, tolerance: float
-    ) -> tuple[Array, float]:
-        """Correct the drift of the integration; returns the largest error before [m, rad].
+    def _settle(
+        self, reference: StepReference, k: int, velocity: Array, tolerance: float, q: Array, v: Array
+    ) -> tuple[float, float]:
+        """Correct the drift of the integration in place; the largest errors before [m, rad, m/s, rad/s]."""
+        goals = reference.position, reference.rotation, reference.toe, velocity
+        state = tolerance, q, v, self._errors
+        end, place, speed = settle(*(*self._tasks, k, *goals, *state))
+        if end == LOST:
+            raise self._miss(reference, k)
+        if end == DEPENDENT:
+            raise _dependent(float(reference.time[k]))
+        return place, speed
 
-        One Newton step is enough unless the grid is coarse.
+    def _accelerate(self, wanted: Array, q: Array, v: Array, time: float, *, draft: bool) -> Array:
+        """Accelerations of one instant, the body placed; the drift is taken off the wanted ones.
+
+        Where a joint limit binds, and at every instant of the step that is returned, by the QP in
+        u = W^(1/2) (qdd - posture) with orthonormal rows.
         """
-        first, time = 0.0, float(reference.time[k])
-        for iteration in range(4):
-            terms = self.robot.jacobian(q)
-            error = self._position_error(reference, k, q, terms)
-            size = float(np.abs(error).max())
-            if iteration == 0:
-                first = size
-            if not size < _LOST:
-                raise self._miss(reference, k, error)
-            if size < tolerance:
-                break
-            step = self._pull(*self._factor(terms.jacobian, self.position_rows, time), error)
-            q = pin.integrate(self.robot.model, q, step)
-            if size * size < tolerance:  # quadratic convergence: the remaining error is about size^2
-                break
-        return q, first
-
-    def _accelerate(
-        self, scaled: Array, factor: Array, wanted: Array, q: Array, v: Array, time: float, *, draft: bool
-    ) -> Array:
-        """The QP of one instant, in u = W^(1/2) (qdd - posture) with orthonormal rows."""
-        posture = self._posture(q, v)
-        rhs = wanted - scaled @ (posture * self._root_weight)
-        joints, h = self.limited, _LIMIT_HORIZON
-        reach = q.take(self._limited_q) + h * v.take(joints)
-        low = (2.0 / h**2) * (self._limits_low - reach)
-        high = (2.0 / h**2) * (self._limits_high - reach)
-        if draft:
-            acceleration = posture + self._pull(scaled, factor, rhs)
-            bounded = acceleration.take(joints)
-            if (bounded >= low).all() and (bounded <= high).all():
-                return acceleration
-        m = len(self.rows)
-        rows, _ = lapack.dtrtrs(factor, scaled, lower=1)
-        level, _ = lapack.dtrtrs(factor, rhs, lower=1)
-        self._A[:m] = rows
+        posture, acceleration = np.empty((2, self.robot.nv))
+        given = self._still, wanted, q, v, *self._rest, *self._limits, posture, self._right, acceleration
+        end = unbounded(*(*self._free_tasks, *given))
+        if end == DEPENDENT:
+            raise _dependent(time)
+        if draft and end == DONE:
+            return acceleration
+        m, (joints, *ends) = len(self.rows), self._limits
+        orthonormal(self._body.columns, self.rows, self._root_weight, self._right, self._A[:m], self._level)
         scale, shift = self._root_weight.take(joints), posture.take(joints)
-        lower, upper = (np.concatenate([level, (bound - shift) * scale]) for bound in (low, high))
+        reach = q.take(joints + 1) + _LIMIT_HORIZON * v.take(joints)
+        bounds = np.array([limits_of(*limit) for limit in zip(reach, *ends, strict=True)]).T
+        lower, upper = (np.concatenate([self._level, (bound - shift) * scale]) for bound in bounds)
         solution = self._solver.solve(self._P, self._q, self._A, lower, upper)
         if not solution.solved:
             what = "the joint limits of trunk and arms leave no acceleration that meets the plan"
             raise Unreachable(time, what, solution.residual, self.tolerance, "1")
         return posture + solution.x / self._root_weight
+
+
+def _dependent(time: float) -> Unreachable:
+    what = "feet, COM and angular momentum cannot be chosen independently: a leg is straight"
+    return Unreachable(time, what, 0.0, 0.0, "1")

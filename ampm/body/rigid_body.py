@@ -17,6 +17,7 @@ quaternion (x, y, z, w) and hinges; v the root's velocity and rate in its own ax
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -369,6 +370,49 @@ def joint_torques(
         torque[i - 1] = dot(vector(here.axis), about) + armature[5 + i] * qdd[5 + i]
 
 
+@compiled
+def place_body(tree: Records, link: Records, soles: Records, q: Array, columns: Array) -> None:
+    """Fill in a configuration: places, inertia and the transposed task Jacobian."""
+    place_links(tree, q, link)
+    sum_inertia(tree, link)
+    task_columns(tree, link, soles, columns)
+
+
+@compiled
+def moved(q: Array, change: Array) -> Array:
+    """Configuration after a change of the coordinates, as Pinocchio's ``integrate``; a new array.
+
+    Args:
+        q: shape (nq,).
+        change: the root's is a twist in its own axes over a unit time, shape (nv,) [m, rad].
+    """
+    out = np.empty(len(q))
+    linear, turn = (change[0], change[1], change[2]), (change[3], change[4], change[5])
+    square = dot(turn, turn)
+    angle = math.sqrt(square)
+    if angle < 1e-4:  # the first terms of the series, exact to rounding
+        straight, along, half = 1.0 - square / 6.0, 1.0 / 6.0 - square / 120.0, 0.5 - square / 48.0
+    else:
+        straight, half = math.sin(angle) / angle, math.sin(0.5 * angle) / angle
+        along = (1.0 - straight) / square
+    shift = plus(times(straight, linear), times(2.0 * half * half, cross(turn, linear)))
+    shift = plus(shift, times(along * dot(turn, linear), turn))
+    rotation = np.empty((3, 3))
+    from_quaternion(q[3], q[4], q[5], q[6], rotation)
+    put(out[0:3], plus((q[0], q[1], q[2]), turned(rotation, shift)))
+    u, w, a, b = (q[3], q[4], q[5]), q[6], times(half, turn), math.cos(0.5 * angle)
+    if b < 0.0:  # of the two quaternions the one nearer to the present one
+        a, b = times(-1.0, a), -b
+    put(out[3:6], plus(plus(times(w, a), times(b, u)), cross(u, a)))
+    out[6] = w * b - dot(u, a)
+    norm = math.sqrt(out[3] ** 2 + out[4] ** 2 + out[5] ** 2 + out[6] ** 2)
+    for i in range(3, 7):
+        out[i] /= norm
+    for i in range(7, len(q)):
+        out[i] = q[i] + change[i - 1]
+    return out
+
+
 class RigidBody:
     """A body's tree and frames, and the arrays that one state fills.
 
@@ -400,9 +444,7 @@ class RigidBody:
 
     def place(self, q: Array) -> None:
         """Fill in a configuration, shape (nq,): places, inertia and the task Jacobian."""
-        place_links(self.tree, q, self.link)
-        sum_inertia(self.tree, self.link)
-        task_columns(self.tree, self.link, self.soles, self.columns)
+        place_body(self.tree, self.link, self.soles, q, self.columns)
 
     def places(self, frames: Records) -> tuple[Array, Array]:
         """Places of frames from the root and their axes to world, shapes (F, 3) [m] and (F, 3, 3)."""

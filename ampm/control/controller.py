@@ -17,10 +17,8 @@ import numpy as np
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.body.rigid_body import (
     joint_torques,
-    place_links,
+    place_body,
     place_of,
-    sum_inertia,
-    task_columns,
     task_drift,
 )
 from ampm.compiled import compiled, records
@@ -116,9 +114,7 @@ def prepare(
         points[i].sensed, points[i].touching = sensed[i], touching[i]
 
     # The body.
-    place_links(tree, q, link)
-    sum_inertia(tree, link)
-    task_columns(tree, link, feet, columns)
+    place_body(tree, link, feet, q, columns)
     task_drift(tree, link, feet, v, now, still, drift)
     rates[:] = 0.0
     for j in range(len(v)):

@@ -25,6 +25,7 @@ import numpy as np
 from ampm.compiled import compiled
 from ampm.control.forces import ANGULAR, NORMAL_COST, TWIST_ARM
 from ampm.control.records import TIP
+from ampm.linear import substitute, triangular
 from ampm.qp import QPBackend, QPSettings, QPSolution, make_backend
 
 if TYPE_CHECKING:
@@ -81,9 +82,9 @@ def eliminate(scaled: Array, softness: Array, rhs: Array, posture: Array, system
         Whether there is a solution: the rows are independent, and all numbers finite.
     """
     _set_up(scaled, softness, rhs, posture, system)
-    if not _triangular(system):
+    if not triangular(system):
         return False
-    _substitute(system)
+    substitute(system)
     return bool(np.isfinite(system[0, -1]))  # the first solution depends on all others
 
 
@@ -106,36 +107,6 @@ def _set_up(scaled: Array, softness: Array, rhs: Array, posture: Array, system: 
                 for d in range(count):
                     out[d] += s * row[d]
                 out[count + 6] -= s * p
-
-
-@compiled
-def _triangular(system: Array) -> bool:
-    """Eliminate below the diagonal of a symmetric matrix, in its upper half; whether it is positive."""
-    count = len(system)
-    for c in range(count):
-        pivot = system[c, c]
-        if not pivot > 0.0:
-            return False
-        for r in range(c + 1, count):
-            factor = system[c, r] / pivot
-            if factor != 0.0:
-                for d in range(r, count + 7):
-                    system[r, d] -= factor * system[c, d]
-    return True
-
-
-@compiled
-def _substitute(system: Array) -> None:
-    """Turn the right-hand sides of a triangular system into its solutions."""
-    count = len(system)
-    for c in range(count - 1, -1, -1):
-        right = system[c, count:]
-        for r in range(c + 1, count):
-            factor, other = system[c, r], system[r, count:]
-            for d in range(7):
-                right[d] -= factor * other[d]
-        for d in range(7):
-            right[d] /= system[c, c]
 
 
 @compiled
