@@ -51,3 +51,13 @@ def test_other_sources_are_compiled_anew(tmp_path, monkeypatch):
 def test_a_walk_has_the_same_bits_in_another_process_and_on_a_generic_processor(tmp_path):
     here, again = (run(WALK, tmp_path)[0] for _ in range(2))
     assert here == again == run(WALK, tmp_path / "generic", NUMBA_CPU_NAME="generic")[0]
+
+
+def test_what_a_walk_needs_is_compiled_before_workers_start_and_only_once(tmp_path, monkeypatch):
+    from validation.run import walk  # here, because it loads the simulator
+
+    monkeypatch.setattr(walk, "folder", lambda: tmp_path)
+    walk.compile_once()
+    monkeypatch.setattr(walk, "walk", None)
+    walk.compile_once()
+    assert [path.name for path in tmp_path.iterdir()] == ["complete"]

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from ampm.body.orbit import solve_motion
+from ampm.compiled import folder
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
+from ampm.planner.support import plan_steps
+from ampm.run_file import load_run
 from validation.judge import profiles
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
@@ -22,7 +26,7 @@ from validation.measure.standing import weigh
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
 from validation.trial.bridge import to_pinocchio
-from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk
+from validation.trial.plan import PlannedWalk, Request, load_request, make_body, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
 
@@ -142,6 +146,20 @@ def walk_planned(
     if disturbances:
         extra["disturbances"] = [repr(item) for item in disturbances]
     return Trial(planned, record, comparison, metrics, verdict, MappingProxyType(taken), uncertainty, extra)
+
+
+def compile_once() -> None:
+    """Compile what a walk needs, unless it was: processes that start together would all do it."""
+    mark = folder() / "complete"
+    if mark.exists():
+        return
+    run = load_run("normal", gait={"steps": 1})
+    body = make_body(run)
+    plan = plan_steps(run.gait, run.body.mass, run.foot, body.model.description.sole)
+    solve_motion(plan, run, body.robot, cache=None)
+    walk(run)
+    with suppress(OSError):  # nothing is kept where nothing can be written
+        mark.touch()
 
 
 @contextmanager

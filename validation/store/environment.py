@@ -13,8 +13,8 @@ from typing import Any
 from validation.store.machine import cores
 
 DISTRIBUTIONS = (
-    "ampm", "mujoco", "dm-control", "pin", "osqp", "daqp", "numpy", "scipy", "pyarrow", "rerun-sdk",
-    "matplotlib", "pydantic",
+    "ampm", "mujoco", "dm-control", "pin", "osqp", "daqp", "numba", "numpy", "scipy", "pyarrow",
+    "rerun-sdk", "matplotlib", "pydantic",
 )  # fmt: skip
 """Distributions whose version can change a result."""
 

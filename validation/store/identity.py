@@ -21,7 +21,7 @@ FOLDERS = (
 )
 """Sources that a row is computed with; command line and reports are not among them."""
 _SUFFIXES = (".py", ".toml", ".xml", ".csv")
-_VERSIONS = ("mujoco", "dm-control", "pin", "osqp", "daqp", "numpy", "scipy")
+_VERSIONS = ("mujoco", "dm-control", "pin", "osqp", "daqp", "numba", "numpy", "scipy")
 _DIGITS = 16
 
 

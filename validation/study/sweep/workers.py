@@ -237,6 +237,10 @@ class _Registered(WorkerPlugin):
 @contextmanager
 def local_pool(workers: int) -> Iterator[WorkerPool]:
     """Processes of this machine."""
+    if workers > 1:
+        from validation.run.walk import compile_once  # loads simulator and controller
+
+        compile_once()
     _silence()
     with (
         tempfile.TemporaryDirectory(prefix="ampm-sweep-") as scratch,
