@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 _SOURCES = (
     "ampm/compiled.py",
+    "ampm/admm.py",
     "ampm/linear.py",
     "ampm/qp.py",
     "ampm/vectors.py",

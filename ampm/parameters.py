@@ -234,7 +234,9 @@ class SimulationParameters(Section, section="simulation"):
 class SolverParameters(Section, section="solver"):
     """Numerical solvers and grids."""
 
-    qp: Literal["osqp", "daqp"] = parameter("osqp", "solver of the controller's quadratic programme", "1")
+    qp: Literal["osqp", "admm", "daqp"] = parameter(
+        "osqp", "solver of the controller's quadratic programme", "1"
+    )
     tolerance: Real = parameter(
         5e-5, "tolerance of the controller's OSQP, forces in body weights", "1", gt=0, le=1e-2
     )

@@ -1,8 +1,9 @@
 """Convex quadratic programs ``min 1/2 x'Px + q'x  s.t.  l <= A x <= u`` behind one small interface.
 
 A :class:`QPBackend` keeps its workspace between calls: the sparsity pattern is fixed when it is made, and a
-call only passes new numbers. :class:`OsqpBackend` is the default; :class:`DaqpBackend` is an active-set
-solver that serves as a cross-check. No backend has a time limit: the same numbers give the same answer.
+call only passes new numbers. :class:`OsqpBackend` is the default. :class:`AdmmBackend` is the same iteration,
+compiled for small problems; :class:`DaqpBackend` is an active-set solver for cross-checks. No backend has a
+time limit: the same numbers give the same answer.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 import osqp
 import scipy.sparse as sparse
 
+from ampm import admm
 from ampm.compiled import compiled
 from ampm.exceptions import InputError, SolverError
 
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-BACKENDS = ("osqp", "daqp")
+BACKENDS = ("osqp", "admm", "daqp")
 """Names that :func:`make_backend` accepts."""
 
 
@@ -43,6 +45,13 @@ _OSQP_STATUS = {
     int(osqp.SolverStatus.OSQP_MAX_ITER_REACHED): QPStatus.UNSOLVED,
 }
 """All others are certificates of infeasibility."""
+
+_ADMM_STATUS = {
+    admm.SOLVED: QPStatus.SOLVED,
+    admm.UNSOLVED: QPStatus.UNSOLVED,
+    admm.INFEASIBLE: QPStatus.INFEASIBLE,
+    admm.REFUSED: QPStatus.UNSOLVED,
+}
 
 _INTERRUPTED = int(osqp.SolverStatus.OSQP_SIGINT)
 _INFINITY = 1e30  # OSQP's infinity
@@ -259,6 +268,43 @@ class OsqpBackend:
         return solver._solver
 
 
+class AdmmBackend:
+    """OSQP's iteration on dense matrices, see :mod:`ampm.admm`; without equilibration.
+
+    Args:
+        P_mask: pattern of the symmetric cost matrix, shape (n, n).
+        A_mask: pattern of the constraint matrix, shape (m, n).
+        settings: tolerances and penalties.
+    """
+
+    def __init__(self, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings) -> None:
+        s, (rows, size) = settings, A_mask.shape
+        self._settings = s.tolerance, s.max_iterations, s.rho, s.adaptive_rho, s.alpha, s.check_every
+        slack_rows: list[int] = []
+        for j in reversed(range(size)):  # the last unknowns, as long as each has a cost and a row of its own
+            (mine,) = np.nonzero(A_mask[:, j])
+            if len(mine) != 1 or mine[0] in slack_rows or P_mask[j].sum() != 1:
+                break
+            slack_rows.insert(0, int(mine[0]))
+        self._slack_rows = np.array(slack_rows, dtype=np.intp)
+        self._start = np.zeros(size), np.zeros(rows), np.zeros(rows)
+
+    def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
+        """See :class:`QPBackend`; warm-started from the last answer.
+
+        Raises:
+            SolverError: the cost is not convex.
+        """
+        start = time.perf_counter()
+        x = np.empty(len(q))
+        state = self._slack_rows, *self._start, x
+        status, residual, iterations = admm.solve(P, q, A, lower, upper, *(*self._settings, *state))
+        if status == admm.REFUSED and np.isfinite(P).all() and np.isfinite(A).all():
+            raise SolverError("the problem cannot be solved; is its cost convex?")
+        seconds = time.perf_counter() - start
+        return QPSolution(x, _ADMM_STATUS[status], residual, iterations, seconds)
+
+
 class DaqpBackend:
     """DAQP, a dual active-set solver (Arnström et al. 2022); exact, needs ``pip install -e '.[daqp]'``.
 
@@ -306,6 +352,10 @@ def make_backend(
     """
     if name == "osqp":
         return OsqpBackend(P_mask, A_mask, settings)
+    if name == "admm":
+        if settings.scaling:  # a problem of mixed scales, solved in few ticks
+            return OsqpBackend(P_mask, A_mask, settings)
+        return AdmmBackend(P_mask, A_mask, settings)
     if name == "daqp":
         return DaqpBackend(A_mask.shape[1], A_mask.shape[0])
     raise InputError(f"there is no QP solver {name!r}; choose one of {', '.join(BACKENDS)}")

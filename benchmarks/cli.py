@@ -40,7 +40,7 @@ def benchmark(
     walks: Annotated[
         int, typer.Option("--walks", min=1, help="Equal walks; of every tick the least time counts.")
     ] = 3,
-    qp: Annotated[str, option("--qp", "QP solver of the controller.", "osqp|daqp|both")] = "both",
+    qp: Annotated[str, option("--qp", "QP solver of the controller.", "osqp|admm|daqp|all")] = "all",
     json_file: Annotated[
         Path | None, option("--json", "Write everything as JSON as well; - for stdout alone.", "FILE")
     ] = None,
@@ -62,9 +62,9 @@ def benchmark(
     from benchmarks.run import run_benchmarks
     from benchmarks.table import print_result, update_document
 
-    solvers = BACKENDS if qp == "both" else (qp,)
-    if qp not in (*BACKENDS, "both"):
-        raise InputError(f"--qp {qp!r} must be of {', '.join(BACKENDS)}, both; correct it.")
+    solvers = BACKENDS if qp == "all" else (qp,)
+    if qp not in (*BACKENDS, "all"):
+        raise InputError(f"--qp {qp!r} must be of {', '.join(BACKENDS)}, all; correct it.")
     alone = str(json_file) == "-"
     if json_file is not None and not alone:
         check_output_file(json_file, force=force)

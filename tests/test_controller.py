@@ -18,6 +18,7 @@ from ampm.control.records import TIP
 from ampm.control.tasks import STANCE, SWING
 from ampm.control.wrench_qp import LEAST_LOAD, TANGENT_COST, YAW_COST
 from ampm.planners import periodic_walk
+from ampm.qp import BACKENDS
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, State, Timing, Touch
 from tests.solved import COARSE, motion_of, walk_of
 
@@ -210,8 +211,9 @@ def test_condensed_answer_is_that_of_the_whole_problem(time):
 
 
 @pytest.mark.parametrize("time", INSTANTS)
-def test_osqp_finds_what_daqp_finds(time):
-    one, other = tick(time, shift=0.003)[-1], tick(time, shift=0.003, solver="osqp")[-1]
+@pytest.mark.parametrize("solver", ["osqp", "admm"])
+def test_others_find_what_daqp_finds(time, solver):
+    one, other = tick(time, shift=0.003)[-1], tick(time, shift=0.003, solver=solver)[-1]
     assert other.status == SOLVED
     np.testing.assert_allclose(other.force, one.force, atol=1e-9)
     np.testing.assert_allclose(other.point_force.sum(axis=0), one.point_force.sum(axis=0), atol=0.2)
@@ -248,7 +250,7 @@ def test_a_tilted_trunk_asks_for_angular_momentum_against_the_tilt(axis, row, si
 
 
 @pytest.mark.parametrize("time", INSTANTS)
-@pytest.mark.parametrize("solver", ["osqp", "daqp"])
+@pytest.mark.parametrize("solver", BACKENDS)
 def test_with_less_torque_the_limits_are_kept_and_the_dynamics_too(time, solver):
     free = tick(time)[-1]
     share = 0.9 * (np.abs(free.torque) / walk_of(COARSE).robot.torque_limit).max()

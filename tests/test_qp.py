@@ -11,7 +11,7 @@ import osqp
 import pytest
 
 from ampm.exceptions import InputError, SolverError
-from ampm.qp import OsqpBackend, QPSettings, QPStatus, make_backend
+from ampm.qp import BACKENDS, OsqpBackend, QPSettings, QPStatus, make_backend
 
 EXACT = QPSettings(tolerance=1e-10, max_iterations=20000)
 N, M = 12, 16
@@ -44,7 +44,7 @@ def backend(name, settings=EXACT, n=N, m=M):
     return make_backend(name, np.ones((n, n), dtype=bool), np.ones((m, n), dtype=bool), settings)
 
 
-@pytest.mark.parametrize("name", ["osqp", "daqp"])
+@pytest.mark.parametrize("name", BACKENDS)
 def test_known_solutions(name):
     solver = backend(name)
     for seed in range(20):
@@ -78,17 +78,53 @@ def test_one_workspace_serves_all_problems_of_a_pattern():
         assert solver._solver is first
 
 
-def test_warm_start_saves_iterations():
-    solver = backend("osqp")
+@pytest.mark.parametrize("tolerance", [3e-4, 1e-9])
+@pytest.mark.parametrize(
+    ("rho", "adaptive", "atol"), [(1.0, False, 1e-11), (1.0, True, 1e-5), (1e-3, True, 1e-5)]
+)
+def test_our_iteration_is_osqps(tolerance, rho, adaptive, atol):
+    """On problems with slacks, warm-started: as many iterations; rho, adapted, differs in its last digits."""
+    mask, rows = np.ones((M, N), dtype=bool), np.arange(4)
+    mask[:, -4:] = False
+    mask[rows, N - 4 + rows] = True
+    costs = np.ones((N, N), dtype=bool)
+    costs[-4:], costs[:, -4:] = False, False
+    costs |= np.eye(N, dtype=bool)
+    settings = QPSettings(tolerance, max_iterations=20_000, rho=rho, adaptive_rho=adaptive)
+    one, other = (make_backend(name, costs, mask, settings) for name in ("osqp", "admm"))
+    for seed in range(12):
+        P, q, A, *_, x = problem(seed)
+        A[rows, N - 4 + rows] = 0.3
+        A, room = np.where(mask, A, 0.0), np.random.default_rng(seed).uniform(0.0, 0.5, M)
+        room[:3] = 0.0
+        numbers = np.where(costs, P, 0.0), 3.0 * q, A, A @ x - room, A @ x + room
+        expected, found = one.solve(*numbers), other.solve(*numbers)
+        assert expected.solved
+        assert (found.status, found.iterations) == (expected.status, expected.iterations)
+        np.testing.assert_allclose(found.x, expected.x, atol=atol)
+        assert found.residual == pytest.approx(expected.residual, abs=atol)
+
+
+def test_a_cost_without_a_least_value_is_infeasible():
+    one = backend("admm", n=2, m=2)
+    flat = np.diag([1.0, 0.0]), np.array([0.0, -1.0])
+    bounded = np.array([[1.0, 0.0], [1.0, 0.0]]), -np.ones(2), np.ones(2)
+    assert one.solve(*flat, *bounded).status == QPStatus.INFEASIBLE
+
+
+@pytest.mark.parametrize("name", ["osqp", "admm"])
+def test_warm_start_saves_iterations(name):
+    solver = backend(name)
     *numbers, _ = problem(1)
     cold = solver.solve(*numbers).iterations
     assert solver.solve(*numbers).iterations < cold
 
 
-def test_the_same_calls_give_the_same_bits():
+@pytest.mark.parametrize("name", ["osqp", "admm"])
+def test_the_same_calls_give_the_same_bits(name):
     answers = []
     for _ in range(2):
-        solver = backend("osqp", QPSettings())
+        solver = backend(name, QPSettings())
         answers.append([solver.solve(*problem(seed)[:5]).x for seed in range(8)])
     np.testing.assert_array_equal(answers[0], answers[1])
 
@@ -103,7 +139,7 @@ def test_only_the_pattern_is_read():
     np.testing.assert_allclose(x, [0.1, 0.2, 0.0], atol=1e-8)
 
 
-@pytest.mark.parametrize("name", ["osqp", "daqp"])
+@pytest.mark.parametrize("name", BACKENDS)
 def test_infeasible_problems_are_named_and_leave_no_trace(name):
     solver = backend(name, n=2, m=2)
     P, q, A = np.eye(2), np.zeros(2), np.array([[1.0, 0.0], [1.0, 0.0]])
@@ -114,7 +150,7 @@ def test_infeasible_problems_are_named_and_leave_no_trace(name):
     np.testing.assert_allclose(good.x, [1.0, 0.0], atol=1e-8)
 
 
-@pytest.mark.parametrize("name", ["osqp", "daqp"])
+@pytest.mark.parametrize("name", BACKENDS)
 @pytest.mark.parametrize("used", [False, True], ids=["fresh", "used"])
 def test_contradicting_bounds_are_infeasible(name, used):
     """OSQP's own update would keep the last bounds and call the last problem's answer solved."""
@@ -128,8 +164,9 @@ def test_contradicting_bounds_are_infeasible(name, used):
     assert solver.solve(P, q, A, np.ones(2), np.ones(2)).solved
 
 
-def test_running_out_of_iterations_gives_the_last_iterate():
-    solver = backend("osqp", QPSettings(tolerance=1e-12, max_iterations=10))
+@pytest.mark.parametrize("name", ["osqp", "admm"])
+def test_running_out_of_iterations_gives_the_last_iterate(name):
+    solver = backend(name, QPSettings(tolerance=1e-12, max_iterations=10))
     solution = solver.solve(*problem(3)[:5])
     assert solution.status == QPStatus.UNSOLVED
     assert not solution.solved
@@ -137,9 +174,10 @@ def test_running_out_of_iterations_gives_the_last_iterate():
     assert solution.iterations == 10
 
 
+@pytest.mark.parametrize("name", ["osqp", "admm"])
 @pytest.mark.parametrize("used", [False, True], ids=["fresh", "used"])
-def test_a_nan_is_not_a_solution(used):
-    solver = backend("osqp")
+def test_a_nan_is_not_a_solution(name, used):
+    solver = backend(name)
     P, q, A, lower, upper, x = problem(4)
     if used:
         solver.solve(P, q, A, lower, upper)
@@ -165,13 +203,14 @@ def test_interrupt_during_a_solve_is_raised():
     assert solver.solve(np.eye(1), np.zeros(1), np.eye(1), np.ones(1), np.ones(1)).solved
 
 
-def test_a_cost_that_is_not_convex_is_refused(capfd):
+@pytest.mark.parametrize("name", ["osqp", "admm"])
+def test_a_cost_that_is_not_convex_is_refused(name, capfd):
     with pytest.raises(SolverError, match="convex"):
-        backend("osqp", n=2, m=2).solve(-9.0 * np.eye(2), np.zeros(2), np.eye(2), -np.ones(2), np.ones(2))
+        backend(name, n=2, m=2).solve(-9.0 * np.eye(2), np.zeros(2), np.eye(2), -np.ones(2), np.ones(2))
 
 
 def test_unknown_and_missing_backends(monkeypatch):
     monkeypatch.setitem(sys.modules, "daqp", None)
-    for name, words in (("simplex", "osqp, daqp"), ("daqp", r"pip install -e \.\[daqp\]")):
+    for name, words in (("simplex", "osqp, admm, daqp"), ("daqp", r"pip install -e \.\[daqp\]")):
         with pytest.raises(InputError, match=words):
             backend(name)

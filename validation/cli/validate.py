@@ -59,7 +59,7 @@ def validate(
             "--profile", "Tolerance profile: default, strict, or wide; if not given, the preset's own.", "P"
         ),
     ] = None,
-    qp: Annotated[str | None, option("--qp", "Short for solver.qp.", "osqp|daqp")] = None,
+    qp: Annotated[str | None, option("--qp", "Short for solver.qp.", "osqp|admm|daqp")] = None,
     out: Annotated[
         Path | None,
         option(
