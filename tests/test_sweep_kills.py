@@ -233,15 +233,16 @@ def test_hours_of_bad_luck_change_nothing(tmp_path):
     path.write_text(
         """
 [sweep]
+gait = "flat"
 steps = 6
 recordings = "failures"
 
 [[vary]]
 method = "sobol"
 count = 32
-gait.step_length = { from = 0.3, to = 0.7 }
-gait.switching_velocity = { from = 0.5, to = 1.2 }
-contact.friction = { from = 0.3, to = 0.8 }
+gait.c_y = { from = 0.6, to = 1.1 }
+gait.switching_velocity = { from = 0.5, to = 0.8 }
+contact.friction = { from = 0.1, to = 0.8 }
 """,
         encoding="utf-8",
     )
