@@ -192,7 +192,7 @@ class ControllerParameters(Section, section="controller"):
         0.006, "least force of a sole point that lands, as share of the weight", "1", ge=0, le=0.1
     )
     landing_compensation: Real = parameter(
-        0.6, "share of what a landing foot fails to carry that the other foot makes up for", "1", ge=0, le=1
+        0.3, "share of what a landing foot fails to carry that the other foot makes up for", "1", ge=0, le=1
     )
     landing_yield: Real = parameter(
         0.5, "share of its own vertical acceleration that a landing foot is left with", "1", ge=0, le=1
@@ -210,7 +210,7 @@ class ControllerParameters(Section, section="controller"):
         0.05, "speed at which a foot that is late closes in on the floor", "m/s", ge=0, le=2
     )
     touchdown_rate: Real = parameter(
-        0.5, "rate at which a sole that is late turns to the floor", "rad/s", ge=0, le=20
+        1.0, "rate at which a sole that is late turns to the floor", "rad/s", ge=0, le=20
     )
     unsolved_limit: Real = parameter(
         0.05, "time for which the QP may stay unsolved before the run ends as infeasible", "s", gt=0, le=10
@@ -220,7 +220,7 @@ class ControllerParameters(Section, section="controller"):
 class SimulationParameters(Section, section="simulation"):
     """The physics engine."""
 
-    time_step: Real = parameter(0.002, "time step of the physics", "s", gt=0, le=0.05)
+    time_step: Real = parameter(0.0005, "time step of the physics", "s", gt=0, le=0.05)
     integrator: Literal["Euler", "implicitfast"] = parameter("Euler", "integrator of the physics", "1")
     start_depth: Real = parameter(
         0.001,

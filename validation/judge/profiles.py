@@ -83,15 +83,23 @@ STRICT = Profile(
 )
 WIDE = Profile(
     "wide",
-    "For gaits with much angular momentum or speed (presets `roll-0.1` and `pitch`) and for sweeps far from "
-    "the presets (c_y 0.2 ... 1.2, c_s 0.8 ... 1.4): twice `default` on the walk; "
-    "the instrument has to be as good as ever.",
+    "For gaits with much angular momentum and speed (preset `pitch`) and for sweeps far from the presets "
+    "(c_y 0.2 ... 1.2, c_s 0.8 ... 1.4): twice `default` on the walk; the instrument has to be as good "
+    "as ever.",
     base=DEFAULT,
     factor=2.0,
 )
-PROFILES: Mapping[str, Profile] = MappingProxyType({item.name: item for item in (DEFAULT, STRICT, WIDE)})
+JUMPS = Profile(
+    "jumps",
+    "For plans whose acceleration jumps (preset `ipm`): a torque is held for a tick and cannot jump within "
+    "it, so the ZMP is on the wrong side of each jump for up to half a tick.",
+    base=DEFAULT,
+)
+PROFILES: Mapping[str, Profile] = MappingProxyType(
+    {item.name: item for item in (DEFAULT, STRICT, WIDE, JUMPS)}
+)
 
-OWN: Mapping[str, str] = MappingProxyType({"roll-0.1": "wide", "pitch": "wide"})
+OWN: Mapping[str, str] = MappingProxyType({"pitch": "wide", "ipm": "jumps"})
 """Presets that are judged by another profile than `default` unless one is given."""
 
 
