@@ -33,11 +33,14 @@ from validation.study.convergence.studies import studies
 from validation.study.convergence.walks import LevelResult, studied_quantities, walk_level, walk_levels
 from validation.trial.plan import load_request
 
+COARSE = ["simulation.time_step=0.002"]
+"""The finest of four levels is then not too slow."""
+
 # --------------------------------------------------------------------------------- studies
 
 
 def test_what_is_studied():
-    run = load_run("normal")
+    run = load_run("normal", COARSE)
     found = {study.name: study for study in studies(run)}
     assert found["time_step"].values == (0.002, 0.001, 0.0005, 0.00025)
     assert found["qp_tolerance"].values == (5e-5, 5e-6, 5e-7, 5e-8)
@@ -47,9 +50,9 @@ def test_what_is_studied():
     assert [study.numerical for study in found.values()] == [True] * 3 + [False] * 2
     fine = studies(load_run("normal", ["simulation.time_step=0.001"]), ["time_step"], levels=5)
     assert fine[0].values == (0.001, 0.0005, 0.00025, 0.000125, 0.0000625)
-    exact = studies(load_run("normal", ["solver.qp=daqp"]))  # has no tolerance
+    exact = studies(load_run("normal", [*COARSE, "solver.qp=daqp"]))  # has no tolerance
     assert [study.name for study in exact] == [name for name in found if name != "qp_tolerance"]
-    short = studies(load_run("normal", ["contact.time_constant=0.005"]), ["contact_stiffness"])
+    short = studies(load_run("normal", [*COARSE, "contact.time_constant=0.005"]), ["contact_stiffness"])
     assert min(short[0].values) == 0.005  # MuJoCo would not walk 3.5 ms, below twice the step, as requested
 
 
@@ -82,7 +85,7 @@ def walker(run, name, *, falls=lambda run: False, offset=0.0):
 
 
 def study(runner=walker, settings=(), **options):
-    return convergence.study_gait("normal", settings, workers=1, runner=runner, **options)
+    return convergence.study_gait("normal", [*COARSE, *settings], workers=1, runner=runner, **options)
 
 
 @pytest.fixture(scope="module")
@@ -243,9 +246,9 @@ def test_what_has_no_value_is_unbounded_in_memory_and_file(tmp_path):
 
 def test_a_study_serves_any_number_of_steps_of_its_gait_and_no_other_gait(folder):
     known = load_uncertainty(folder)
-    assert matching([known], load_request("normal", ["gait.steps=30"])) is known
+    assert matching([known], load_request("normal", [*COARSE, "gait.steps=30"])) is known
     with pytest.raises(InputError, match=r"momentum.*gait\.c_s.*1\.2"):
-        matching([known], load_request("momentum", []))
+        matching([known], load_request("momentum", COARSE))
     with pytest.raises(InputError, match=r"simulation\.time_step.*0\.001"):
         matching([known], load_request("normal", ["simulation.time_step=0.001"]))
 
@@ -348,7 +351,7 @@ def test_a_real_study(tmp_path):
     """Two steps of the easy gait at 2, 1, 0.5 ms, in two processes that have to learn of a metric."""
     compute = lambda walk: float(walk.measured.com[walk.inside, 2].mean())  # noqa: E731  # goes to them by value
     register(Metric("com_height", "m", "mean height", "mean height of the COM", "walk", compute))
-    settings, name = ["solver.ik_time_step=0.004"], "zmp_x_rmse"
+    settings, name = [*COARSE, "solver.ik_time_step=0.004"], "zmp_x_rmse"
     try:
         found = convergence.study_gait(
             "flat", settings, steps=2, levels=3, only=("time_step",), workers=2, out=tmp_path

@@ -43,13 +43,15 @@ def test_a_push_is_recorded_where_and_when_it_acts(tmp_path):
     record = walk(SHOVE)
     assert record.outcome.completed
     assert record.external_segments == ("thorax",)
-    pushed = (record.time[:-1] > 0.599) & (record.time[:-1] < 0.699)
-    np.testing.assert_array_equal(record.external_force[pushed, 0], np.tile(SHOVE.force, (50, 1)))
+    pushed = (record.time[:-1] > 0.5999) & (record.time[:-1] < 0.6999)
+    np.testing.assert_array_equal(
+        record.external_force[pushed, 0], np.tile(SHOVE.force, (np.count_nonzero(pushed), 1))
+    )
     assert not record.external_force[~pushed].any()
     assert not record.external_moment.any()
     assert (np.abs(record.external_position[pushed, 0] - record.com[:-1][pushed]) < 0.5).all()
     assert record.metadata["disturbances"] == str(SHOVE)
-    gained = record.com[400] - walk().com[400]
+    gained = (record.com - walk().com)[record.time.searchsorted(0.8)]
     assert gained[1] > 1e-3
     save_record(record, tmp_path)
     assert first_difference(record, load_record(tmp_path)) is None
@@ -104,8 +106,9 @@ def test_a_users_own_wind_pushes_with_the_relative_air():
     assert record.outcome.completed
     blown = record.external_force[:, 0]
     assert not blown[record.time[:-1] < 0.2].any()
-    assert (blown[110:290, 1] > 10.0).all()  # across
-    assert (blown[110:290, 0] < 0.0).all()  # against the walk
+    while_it_blows = (record.time[:-1] > 0.22) & (record.time[:-1] < 0.58)
+    assert (blown[while_it_blows, 1] > 10.0).all()  # across
+    assert (blown[while_it_blows, 0] < 0.0).all()  # against the walk
     assert "Wind" in record.metadata["disturbances"]
 
 
