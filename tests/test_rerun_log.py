@@ -20,6 +20,9 @@ from validation.store.record import load_record
 from validation.store.saved import load_saved_run
 from validation.store.signals import load_signals
 
+COARSE = ("simulation.time_step=0.002",)
+"""The recording then has a sample for every row of the signals."""
+
 
 def assert_rrd(command: str, *files: Path) -> None:
     """Check files by the viewer's own program."""
@@ -30,7 +33,7 @@ def assert_rrd(command: str, *files: Path) -> None:
 
 @pytest.fixture(scope="module")
 def run_dir(tmp_path_factory):
-    directory = make_run(tmp_path_factory.mktemp("run"), steps=4)
+    directory = make_run(tmp_path_factory.mktemp("run"), steps=4, settings=COARSE)
     assert write_recording(directory) == directory / RECORDING_FILE
     return directory
 
@@ -116,7 +119,9 @@ def test_recording_is_sound_and_has_what_a_viewer_must_show(run_dir, tmp_path):
     )  # fmt: skip
     assert {f"/{name}" for name in wanted} <= {chunk.entity_path for chunk in RrdReader(path).stream()}
     assert path.stat().st_size / load_record(run_dir).time[-1] < 1e6
-    assert_rrd("compare", path, write_recording(make_run(tmp_path / "run", steps=4)))  # of an identical run
+    assert_rrd(
+        "compare", path, write_recording(make_run(tmp_path / "run", steps=4, settings=COARSE))
+    )  # of an identical run
 
 
 def test_a_small_time_step_makes_no_larger_recording(tmp_path):
