@@ -24,6 +24,7 @@ from validation.store.signals import load_signals
 from validation.study.sweep.table import read_sweep
 from validation.trial.outcome import Outcome, OutcomeName
 
+COARSE = ("simulation.time_step=0.002",)  # as many samples recorded as measured
 SLOW = ("gait.switching_velocity=0.9", "gait.a_s=2.4")
 
 
@@ -32,9 +33,9 @@ def walks(tmp_path_factory):
     """Folders of runs with recordings: a gait, the same again but shorter, and a slower one."""
     base = tmp_path_factory.mktemp("walks")
     folders = {
-        "one": make_run(base / "one", steps=4),
-        "two": make_run(base / "two", steps=2),
-        "slow": make_run(base / "slow", steps=4, settings=SLOW),
+        "one": make_run(base / "one", steps=4, settings=COARSE),
+        "two": make_run(base / "two", steps=2, settings=COARSE),
+        "slow": make_run(base / "slow", steps=4, settings=(*COARSE, *SLOW)),
     }
     for folder in folders.values():
         write_recording(folder)
@@ -119,7 +120,7 @@ def test_phases_of_different_gaits_coincide(walks, tmp_path, capsys):
 
 def test_a_walk_that_fell_keeps_the_pace_of_its_last_phase(walks, tmp_path):
     end = Outcome(OutcomeName.FELL, 0.9, "It fell.", 1)
-    folder = make_run(tmp_path / "fell", steps=4, outcome=end)
+    folder = make_run(tmp_path / "fell", steps=4, outcome=end, settings=COARSE)
     write_recording(folder)
     files = [walks["one"] / "recording.rrd", folder / "recording.rrd"]
     assert same_gait([read_part(file, "a", "") for file in files])
