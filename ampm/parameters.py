@@ -384,6 +384,8 @@ OPEN_KEYS = (
     "foot.heel_rise_lead",
     "foot.swing_height",
     "foot.swing_lag",
+    "controller.swing_stiffness",
+    "controller.swing_damping",
 )
 """What a gait may leave open, to be found for the rest: all others say what the gait is about."""
 

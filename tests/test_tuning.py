@@ -80,6 +80,21 @@ def test_the_guess_scales_with_stature():
     assert found[0] == pytest.approx(found[1], abs=2e-4)
 
 
+def test_the_feedback_of_a_short_swing_is_fast_unless_it_is_given():
+    keys, step = ("controller.swing_stiffness", "controller.swing_damping"), "gait.step_length=0.6"
+    rates = []
+    for settings in ((step,), ("gait.step_length=0.3",), ("gait.step_length=0.3", f"{keys[0]}=500")):
+        run, robot = body_of(*settings)
+        space = FreeChoices(run, run.given, robot.description)
+        guessed = space.parameters(space.guess())
+        swing = plan_of(guessed, robot).constants.single_support_duration
+        rates.append((*(guessed.value(key) for key in keys), swing))
+    assert rates[0][:2] == (400.0, 40.0)
+    assert math.sqrt(rates[1][0]) * rates[1][2] == pytest.approx(6.4)
+    assert rates[1][1] == pytest.approx(2.0 * math.sqrt(rates[1][0]))  # critical
+    assert rates[2][0] == 500.0
+
+
 # ------------------------------------------------------------------ limits
 
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ampm.description import BodyDescription
 
 _STATURE = 1.70  # of the body on which the guess was made [m]
+_SWING_RATE = 6.4  # least rate of the swing foot's feedback times the swing's duration: slower, it lands late
 _LANDING_TURN = 1.7  # heel strike rate over its mean: the foot comes down turning, and slows down
 
 
@@ -66,9 +67,10 @@ CHOICES = (
     Choice("lift", "foot.swing_height", 0.0, 0.09, 0.02, 0.05 / _STATURE, scaled=True),
     Choice("lag", "foot.swing_lag", -0.1, 0.25, 0.06, 0.08),
 )
-"""Three more open keys follow: the heel rises when the ZMP reaches the ball (``foot.heel_rise_lead``), the
-front foot comes down turning (``foot.heel_strike_rate``), and L_z is held at zero where the feet could not
-hold its swing (``body.angular_momentum_z``)."""
+"""Five more open keys follow: the heel rises when the ZMP reaches the ball (``foot.heel_rise_lead``), the
+front foot comes down turning (``foot.heel_strike_rate``), the swing foot's feedback is fast beside the swing
+(``controller.swing_stiffness``, ``controller.swing_damping``), and L_z is held at zero where the feet could
+not hold its swing (``body.angular_momentum_z``)."""
 _ROLLING = {"toe_off", "toe_turn", "toe_back", "strike", "down"}  # without effect on flat feet
 _RANGE = {choice.name: choice for choice in CHOICES}
 
@@ -152,9 +154,14 @@ class FreeChoices:
                 "foot.swing_lag": choice["lag"],
             },
         )
+        plan = plan_gait(run.gait, run.body.mass)
+        own, swing = self.run.controller, plan.constants.single_support_duration
+        faster = max(1.0, _SWING_RATE / (swing * math.sqrt(max(own.swing_stiffness, 1.0))))
+        gains = own.swing_stiffness * faster**2, own.swing_damping * faster
+        keys = "controller.swing_stiffness", "controller.swing_damping"
+        run = self._replaced(run, dict(zip(keys, gains, strict=True)))
         if self.flat:
             return run
-        plan = plan_gait(run.gait, run.body.mass)
         lead = self._kept("foot.heel_rise_lead", _heel_rise_lead(plan, ball))
         double = plan.constants.double_support_duration
         rolling = self._rolling(run, choice, double, lead)
@@ -256,6 +263,11 @@ class FreeChoices:
             "gait.com_height": choice["height"] * self.description.height,
             "gait.a_s": l_s / travel if travel > 1e-9 else math.inf,
         }
+
+    def longest(self) -> GaitParameters:
+        """The gait with the choices that give its step the longest duration."""
+        ratio, height = _RANGE["ratio"].upper, _RANGE["height"].lower
+        return self._gait({"ratio": ratio, "roll": 0.0, "height": height})
 
     def _gait(self, choice: Mapping[str, float]) -> GaitParameters:
         free = {key[5:]: value for key, value in self._timing(choice).items() if key not in self.fixed}

@@ -40,11 +40,10 @@ if TYPE_CHECKING:
     Report = Callable[[str], None]
 
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
-_BUDGET = 1500  # integrated steps of one search
+_BUDGET = 1800  # integrated steps of one search
 _LONG_STEP = 0.1  # one that is taken back if limits stay broken where it leads
 _SPARE = 0.4  # margin with which the values that there are stay
 _GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
-_LONGER = 1.1  # factor by which choices may draw out a step, with room to spare
 _EASY = 0.5  # margin at which a gait on the way is left for the next
 _TOO_FAR = -0.5  # margin below which a continuation is stopped
 _L_Z = "body.angular_momentum_z"
@@ -129,15 +128,14 @@ def _check_pace(space: FreeChoices) -> None:
     """
     limit, run = LIMITS["pace"], space.run
     try:
-        plan = plan_gait(space.parameters(space.guess()).gait, run.body.mass)
+        duration = plan_gait(space.longest(), run.body.mass).constants.step_duration
     except (RefusedGait, InputError):
-        return  # the search says why
-    duration = plan.constants.step_duration
-    if duration * _LONGER >= limit.bound:
+        return  # the COM hardly passes over the foot: no short step
+    if duration >= limit.bound:
         return
     raise NoFeasibleChoice(
         f"no choice of timing, heights and angles lets this body walk the gait: {limit.what} is "
-        f"{limit.quantity(duration, 4)}, and must be {limit.rule()}",
+        f"{limit.quantity(duration, 4)} at best, and must be {limit.rule()}",
         broken="pace",
         tried=1,
         choice={},
@@ -174,6 +172,7 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, cache: Path | No
     except RefusedGait as error:
         if not twists and not (free and isinstance(error, NoFeasibleChoice) and error.broken == "twist"):
             raise
+        search.orbits.budget = _BUDGET / 3
         try:
             return second()
         except RefusedGait as other:
