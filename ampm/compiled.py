@@ -75,7 +75,7 @@ class _Announce(event.Listener):
         if module.startswith(("ampm.", "validation.")):
             numba.core.event.unregister("numba:compile", self)
             logging.getLogger("ampm").warning(
-                "Compiling the controller for this machine. This is done once and takes about 20 s."
+                "Compiling the controller for this machine. This is done once and takes about 30 s."
             )
 
     def on_end(self, event: Any) -> None:

@@ -7,7 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from ampm import compiled
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -22,12 +25,22 @@ import ampm, validation
 record = validation.walk(ampm.load_run("momentum", gait={"steps": 2})).record
 print(hashlib.sha256(record.q.tobytes() + record.torque.tobytes()).hexdigest())
 """
+STAND = """
+import sys
+import ampm, numpy
+from validation.measure import standing
+from validation.trial.plan import make_body
+standing.DURATION = 0.04
+run = ampm.load_run("normal", ["solver.qp=admm"])
+numpy.save(sys.argv[1], standing.stand(run, make_body(run).model).torque)
+"""
 
 
-def run(code: str, cache: Path, **environment: str) -> tuple[str, str]:
+def run(code: str, cache: Path, *arguments: str, **environment: str) -> tuple[str, str]:
     """Output and errors of a fresh interpreter."""
     given = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "XDG_CACHE_HOME": str(cache), **environment}
-    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, env=given)
+    command = [sys.executable, "-c", code, *arguments]
+    answer = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=given)
     assert answer.returncode == 0, answer.stderr
     return answer.stdout, answer.stderr
 
@@ -39,9 +52,16 @@ def test_the_first_process_compiles_and_reports_it_once(tmp_path):
     assert "Compiling" not in run(CROSS, tmp_path / "none", NUMBA_DISABLE_JIT="1")[1]
 
 
-def test_other_sources_are_compiled_anew(tmp_path, monkeypatch):
-    from ampm import compiled  # here, so that numba is loaded by this test alone
+def test_plain_python_gives_the_same_torques(tmp_path):
+    """Of a body that is put down: inverse kinematics, control ticks and their record."""
+    for name, plain in (("compiled", "0"), ("plain", "1")):
+        run(STAND, compiled.folder().parent, str(tmp_path / name), NUMBA_DISABLE_JIT=plain)
+    here, there = (np.load(tmp_path / f"{name}.npy") for name in ("compiled", "plain"))
+    assert len(here) >= 20
+    np.testing.assert_allclose(there, here, atol=1e-6)
 
+
+def test_other_sources_are_compiled_anew(tmp_path, monkeypatch):
     now = compiled.folder()
     monkeypatch.setattr(compiled, "_SOURCES", compiled._SOURCES[1:])
     assert compiled.folder.__wrapped__() != now
