@@ -71,7 +71,7 @@ class _Announce(event.Listener):
     """Reports the first compilation."""
 
     def on_start(self, event: Any) -> None:
-        module = event.data["dispatcher"].py_func.__module__
+        module = event.data["dispatcher"].py_func.__module__ or ""
         if module.startswith(("ampm.", "validation.")):
             numba.core.event.unregister("numba:compile", self)
             logging.getLogger("ampm").warning(

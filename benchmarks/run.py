@@ -92,6 +92,7 @@ def run_benchmarks(
     plan = plan_steps(run.gait, mass, run.foot, sole)
     check_body(plan, body.model.description)
     with progress.stage("periodic motion"):
+        solve_motion(plan, run, body.robot, cache=None)  # loads the compiled functions
         start = time.perf_counter()
         motion = solve_motion(plan, run, body.robot, cache=None)
         orbit = time.perf_counter() - start
