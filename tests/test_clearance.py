@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest.mock import patch
+
 import mujoco
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from models.human import build
 from tests.saved_run import make_run
 from validation.show.report import render
 from validation.show.rerun.record import write_recording
+from validation.show.run_figures import RunFigures
 from validation.store.saved import load_saved_run
 from validation.trial.plan import load_request, plan_walk
 from validation.trial.shapes import REACH, Shapes
@@ -114,6 +117,26 @@ def test_a_walk_that_passes_through_itself_fails(passing_through):
     assert judged["value"] == pytest.approx(CLEARANCE - clearance["value"])
     assert judged["pass"] is False
     assert clearance["where"] in render(saved)
+
+
+def test_report_and_recording_show_the_clearance_over_time_with_its_limit(passing_through):
+    saved = load_saved_run(passing_through)
+    least = saved.summary["margins"]["clearance"]["value"]
+    with patch.object(RunFigures, "_picture") as picture:
+        RunFigures(saved, None).clearance()
+    (axis,) = picture.call_args.args[0].axes
+    drawn, limit, *_ = (line.get_ydata() for line in axis.lines)
+    assert 1e-3 * drawn.min() == pytest.approx(least)
+    assert set(limit) == {1e3 * CLEARANCE}
+    assert axis.get_ylim()[0] < 1e3 * least
+
+    chunks = RrdReader(write_recording(saved)).stream().filter(content="/margin/clearance")
+    (batch,) = (chunk.to_record_batch() for chunk in chunks if not chunk.is_static)
+    distance, limit = np.array(batch.column("Scalars:scalars").to_pylist()).T
+    gaps = Shapes(mujoco.MjModel.from_xml_string(saved.model_xml)).recorded_gaps(saved.record.q[:-1:20])
+    np.testing.assert_allclose(distance, 1e3 * gaps.distance)
+    assert distance.min() <= 1e3 * least
+    assert set(limit) == {1e3 * CLEARANCE}
 
 
 def test_where_a_walk_passes_through_itself_shows_in_the_recording(passing_through, tmp_path):

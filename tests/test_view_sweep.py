@@ -89,6 +89,8 @@ def test_one_gait_of_two_revisions_is_overlaid(walks, tmp_path, capsys):
     assert bodies[0] != bodies[1]  # surfaces in the same place would mix their colours
     names = [last_static(target, f"/{which}/residual/zmp", "SeriesLines:names") for which in "ab"]
     assert names == [["one x", "one y"], ["two x", "two y"]]
+    names = [last_static(target, f"/{which}/margin/clearance", "SeriesLines:names") for which in "ab"]
+    assert names == [["one", "limit"], ["two", "limit"]]
 
 
 def test_data_is_not_touched(walks, tmp_path):

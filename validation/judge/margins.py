@@ -16,10 +16,12 @@ from ampm.geometry import polygon_margin
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ampm.body.robot import Gaps
     from ampm.description import BodyDescription
     from ampm.planner.centroidal import PlanSample
     from ampm.walk import WalkPlan
     from validation.measure.measure import MeasuredGait
+    from validation.store.record import StoredRecord
     from validation.trial.record import SimulationRecord
     from validation.trial.shapes import Shapes
 
@@ -151,10 +153,15 @@ def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
     return dict(zip(names, (positive, negative, distance, transport, mean_power), strict=True))
 
 
-def _clearance(record: SimulationRecord, shapes: Shapes) -> Extreme:
-    """Least distance of two parts of the body, at instants :data:`CLEARANCE_STEP` apart."""
+def clearance_over_time(record: SimulationRecord | StoredRecord, shapes: Shapes) -> tuple[Array, Gaps]:
+    """Instants [s], :data:`CLEARANCE_STEP` apart, and the parts of the body that are closest at each."""
     every = max(1, round(CLEARANCE_STEP / record.time_step))
-    gaps, time = shapes.recorded_gaps(record.q[::every]), record.time[::every]
+    return record.time[::every], shapes.recorded_gaps(record.q[::every])
+
+
+def _clearance(record: SimulationRecord, shapes: Shapes) -> Extreme:
+    """Least distance of two parts of the body."""
+    time, gaps = clearance_over_time(record, shapes)
     closest = int(gaps.distance.argmin())
     return Extreme(float(gaps.distance[closest]), float(time[closest]), gaps.parts[closest])
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from itertools import count, pairwise
 from typing import Any
 
+import mujoco
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -13,9 +14,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ampm.body.feasibility import CLEARANCE
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.judge.compare import PARTS as CAUSES
+from validation.judge.margins import clearance_over_time
 from validation.show import style
 from validation.show.style import (
     BAD,
@@ -38,6 +41,7 @@ from validation.show.style import (
 from validation.store.folders import INSTRUMENT_FILE
 from validation.store.saved import SavedRun
 from validation.store.signals import Signals
+from validation.trial.shapes import REACH, Shapes
 
 Array = NDArray[np.float64]
 
@@ -117,7 +121,7 @@ class RunFigures:
                     "Difference of the two measured ZMPs",
                 )
             ],
-            "cost": [self.torque_use()],
+            "cost": [self.torque_use(), self.clearance()],
             "first": [self.first_steps(axis) for axis in "xy"],
         }  # fmt: skip
         if np.isfinite(self.signals["motion_angular_momentum_z"]).any():
@@ -297,6 +301,21 @@ class RunFigures:
         axis.set(xlabel="torque [% of the motor's limit]", title="The busiest motors")
         legend(axis)
         return self._picture(figure, "Torque of the busiest motors")
+
+    def clearance(self) -> Picture:
+        """Least distance of two parts of the body over the whole run, with its limit."""
+        figure, (axis,) = new_figure(2.3)
+        shapes = Shapes(mujoco.MjModel.from_xml_string(self.saved.model_xml))
+        time, gaps = clearance_over_time(self.saved.record, shapes)
+        axis.plot(*decimate(time, 1e3 * gaps.distance), color=MEASURED, linewidth=0.9)
+        limit = 1e3 * CLEARANCE
+        axis.axhline(limit, color=BAD, linewidth=0.9, linestyle=_DASHED, label=f"limit, {limit:g} mm")
+        axis.set_ylim(bottom=min(0.0, 1.1e3 * float(gaps.distance.min())))
+        self._finish_run(axis, "Least distance of two parts of the body", "[mm]")
+        closest = gaps.parts[int(gaps.distance.argmin())]
+        caption = f"Arms, legs and trunk; {1e3 * REACH:g} mm where nothing is nearer."
+        label = "Least distance of two parts of the body over the run, and its limit"
+        return self._picture(figure, label, f"{caption} Closest: {closest}." if closest else caption)
 
     def qp_statistics(self) -> Picture:
         """Wall-clock time of the controller's QP, and its residual at every tick."""

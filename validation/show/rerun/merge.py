@@ -20,6 +20,7 @@ from rerun.chunk import Chunk, RrdReader
 from ampm.exceptions import InputError
 from validation.show.rerun.record import SERIES, open_stream
 from validation.show.rerun.views import (
+    ALERT,
     PHASE,
     RUN_COLORS,
     TIMELINE,
@@ -157,8 +158,8 @@ def _paint(stream: rr.RecordingStream, part: Part, color: Color, *, first: bool)
                 colors = [_GREY, shades[1], color]
             elif names == list("xyz")[: len(names)]:
                 names = [f"{who} {axis}" for axis in names]
-            elif len(names) == 1:
-                names = [who]
+            elif names[1:] in ([], ["limit"]):
+                names, colors = [who, *names[1:]], [color, ALERT][: len(names)]
             else:
                 continue
             widths = [1.5] * len(names)

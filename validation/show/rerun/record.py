@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ampm.body.feasibility import CLEARANCE
+from ampm.body.robot import Gaps
 from ampm.geometry import convex_hull
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
@@ -75,12 +76,16 @@ _SHAPES: dict[int, Any] = {
 }
 """How a kind of MuJoCo's geoms is drawn; planes and meshes are not: the floor is the grid."""
 
+_FAR = 0.07
+"""Largest distance of two parts that is drawn [m]: the axis then has labels every 10 mm."""
+
 _LEAST_SHAPE = 0.005
 """Radius from which a shape of the body is drawn [m]."""
 
 SERIES = {"plan": PLAN, "command": COMMAND, "measured": MEASURED}
 _AXES: dict[str, Color] = {"x": (255, 99, 99, 255), "y": (120, 220, 120, 255), "z": (110, 160, 255, 255)}
 _FEET = {"left": LEFT, "right": RIGHT}
+_CLEARANCE_LINES = {"measured": MEASURED, "limit": ALERT}
 
 
 class _Log:
@@ -142,14 +147,18 @@ def write_recording(run: str | Path | SavedRun) -> Path:
     path = saved.directory / RECORDING_FILE
     frames = np.arange(0, len(saved.signals), _stride(saved, 1.0 / PICTURE_RATE))
     times, curves = _curves(saved) if len(frames) else (np.zeros(0), {})
-    ranges = {entity: axis_range(values) for entity, (values, _) in curves.items()}
+    gaps = Shapes(mujoco.MjModel.from_xml_string(saved.model_xml)).recorded_gaps(saved.record.q[frames])
+    distance = 1e3 * np.column_stack([np.minimum(gaps.distance, _FAR), np.full(len(frames), CLEARANCE)])
+    drawn = {**{entity: values for entity, (values, _) in curves.items()}, "margin/clearance": distance}
+    ranges = {entity: axis_range(values) for entity, values in drawn.items()}
     with open_stream("ampm", "ampm-run", path, run_blueprint(ranges)) as stream:
         log, plan = _Log(stream, saved), saved.plan()
         log.static("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         log.static("verdict", rr.TextDocument(verdict_markdown(saved), media_type=rr.MediaType.MARKDOWN))
         _log_body(log, saved, frames)
         if len(frames):
-            _log_clearance(log, saved, frames)
+            log.series("margin/clearance", saved.record.time[frames], distance, _CLEARANCE_LINES)
+            _log_near(log, saved.record.time[frames], gaps)
             _log_ground(log, saved, frames, plan)
             for entity, (values, lines) in curves.items():
                 log.series(entity, times, values, lines)
@@ -265,14 +274,13 @@ def _log_body(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None:
             log.columns(entity, saved.record.time[frames], poses.partition(np.full(len(frames), len(mine))))
 
 
-def _log_clearance(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None:
+def _log_near(log: _Log, times: Array, gaps: Gaps) -> None:
     """Line between the nearest points of two parts of the body that come closer than they may."""
-    gaps = Shapes(mujoco.MjModel.from_xml_string(saved.model_xml)).recorded_gaps(saved.record.q[frames])
     near = gaps.distance < CLEARANCE
     entity = "world/clearance"
     log.static(entity, rr.LineStrips3D.from_fields(colors=[ALERT], radii=[0.012]))
     lines = rr.LineStrips3D.columns(strips=gaps.points[near].astype(np.float32))
-    log.columns(entity, saved.record.time[frames], lines.partition(near.astype(int)))
+    log.columns(entity, times, lines.partition(near.astype(int)))
 
 
 def _shape_color(rgba: Array) -> Color:

@@ -53,6 +53,7 @@ TITLES = {
     "feedback/zmp": "Feedback: commanded - planned ZMP [mm]",
     "effort/torque": "Torque of the busiest motor [% of its limit]",
     "selfcheck/zmp": "Self-check: ZMP by momentum - by contact [mm]",
+    "margin/clearance": "Least distance of two parts of the body, 70 at most [mm]",
 }
 """Entities that are curves. Signals are shown about the cursor, the others over the whole run."""
 _TWO, _THREE = ("x red, y green", "y darker"), ("x red, y green, z blue", "y darker, z paler")
@@ -64,6 +65,7 @@ _COLORS = {
     "feedback/zmp": _TWO,
     "selfcheck/zmp": _TWO,
     "signals/foot_force_z": ("left pink, right yellow, plan blue", ""),
+    "margin/clearance": ("limit red", "limit red"),
 }
 """Colours of an entity's curves in one run, and in several over each other; a legend would cover curves."""
 _LABELS = 7
@@ -109,7 +111,7 @@ def run_blueprint(ranges: Ranges) -> rrb.Blueprint:
             "Force": [_of_axes("force", "xyz"), ["signals/foot_force_z", "residual/force"]],
             "Momentum": [_of_axes("angular_momentum", "xyz"), ["residual/angular_momentum"]],
             "COM": [_of_axes("com", "xyz"), ["residual/com"]],
-            "Cost": [["feedback/zmp", "selfcheck/zmp"], ["effort/torque"]],
+            "Cost": [["feedback/zmp", "selfcheck/zmp"], ["effort/torque", "margin/clearance"]],
         },
         [""],
         ranges,
@@ -131,7 +133,13 @@ def beside_blueprint(runs: Labels, ranges: Ranges) -> rrb.Blueprint:
         follow = f"{at}/world/follow"
         more = [
             _plot(entity, [at], ranges)
-            for entity in ("signals/zmp_x", "residual/force", "residual/angular_momentum", "effort/torque")
+            for entity in (
+                "signals/zmp_x",
+                "residual/force",
+                "residual/angular_momentum",
+                "effort/torque",
+                "margin/clearance",
+            )
         ]
         verdict = rrb.TextDocumentView(name="Verdict", origin=f"{at}/verdict")
         views: list[rrb.Container | rrb.View] = [
@@ -166,7 +174,7 @@ def overlay_blueprint(runs: Labels, ranges: Ranges) -> rrb.Blueprint:
             "ZMP": [["residual/zmp"], _of_axes("zmp", "xy")],
             "Force": [["residual/force"], _of_axes("force", "xyz")],
             "Momentum": [["residual/angular_momentum"], _of_axes("angular_momentum", "xy")],
-            "Cost": [["feedback/zmp", "residual/com"], ["effort/torque"]],
+            "Cost": [["feedback/zmp", "residual/com"], ["effort/torque", "margin/clearance"]],
         },
         list(runs),
         ranges,
