@@ -326,11 +326,7 @@ class TrackingController:
     def __init__(self, robot: Robot, run: RunParameters) -> None:
         self.robot, gains, solver = robot, run.controller, run.solver
         body = robot.rigid_body
-        self._body, self._gains, self._lines = (
-            body,
-            gains_of(gains),
-            records((len(robot.sole_frames), 3), LINE),
-        )
+        self._gains, self._lines = gains_of(gains), records((len(robot.sole_frames), 3), LINE)
         self._feet, self._points = feet_of(robot), points_of(robot)
         self._extrapolates = gains.hold == "first-order"
         weights = robot.by_group(POSTURE_WEIGHTS)
@@ -340,11 +336,7 @@ class TrackingController:
         self._tasks[SCALE] = 1.0
         self._tasks[SCALE, 3:6] = ANGULAR
         self._hinges = np.zeros((5, robot.nu))
-        self._hinges[LIMIT], self._hinges[LOW], self._hinges[HIGH] = (
-            robot.torque_limit,
-            robot.lower,
-            robot.upper,
-        )
+        self._hinges[[LIMIT, LOW, HIGH]] = robot.torque_limit, robot.lower, robot.upper
         settings = QPSettings(tolerance=solver.tolerance, max_iterations=solver.max_iterations)
         groups = self._points["line"].reshape(len(self._feet), -1)
         qp = self.condensed = CondensedForm(solver.qp, settings, gains.friction, groups)
