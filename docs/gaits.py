@@ -1,7 +1,8 @@
 """Walk the gaits of docs/gaits.md again: ``python docs/gaits.py`` writes docs/data/gaits.csv.
 
 Every row is one trial, about eight seconds; the two long walks take a minute each. ``python docs/gaits.py
-unseen`` finds and walks the gaits of docs/examples/unseen.toml instead, and writes docs/data/unseen.csv.
+unseen`` finds and walks the gaits of docs/examples/unseen.toml instead, and writes docs/data/unseen.csv;
+``campaign`` does so for docs/examples/campaign.toml.
 """
 
 from __future__ import annotations
@@ -76,12 +77,10 @@ def _row(steps: int, gait: str, *settings: str) -> tuple[str, ...]:
     )
 
 
-def unseen() -> None:
-    """Find and walk every gait of the draw and rewrite its table."""
-    draw = load_sweep(Path(__file__).parent / "examples" / "unseen.toml")
-    write_rows(
-        "unseen", [("gait", *DRAWN.values(), *FOUND), *(_drawn(draw, run) for run in range(len(draw)))]
-    )
+def walk_draw(name: str) -> None:
+    """Find and walk every gait of a draw and rewrite its table."""
+    draw = load_sweep(Path(__file__).parent / "examples" / f"{name}.toml")
+    write_rows(name, [("gait", *DRAWN.values(), *FOUND), *(_drawn(draw, run) for run in range(len(draw)))])
 
 
 def _drawn(draw: SweepDefinition, number: int) -> tuple[str, ...]:
@@ -103,4 +102,4 @@ def _drawn(draw: SweepDefinition, number: int) -> tuple[str, ...]:
 
 
 if __name__ == "__main__":
-    unseen() if "unseen" in sys.argv[1:] else main()
+    walk_draw(sys.argv[1]) if sys.argv[1:] else main()
