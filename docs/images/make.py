@@ -1,6 +1,8 @@
-"""Draw the pictures of the documentation again: ``python docs/images/make.py RUN_FOLDER [TIME [RUN RUN]]``.
+"""Draw the pictures of the documentation again: ``python docs/images/make.py MOMENTUM TIME NORMAL RUN RUN``.
 
-The two runs at the end are of one gait, for the picture of the overlay.
+The first two folders are runs of these presets, for recording and instrument; the time is the end of a single
+support of the first [s]. The last two are overlaid: ``normal`` with 8 steps and ``controller.hold``
+``zero-order`` and ``first-order``. ``sweep-report.png`` is a browser's picture of a sweep's page.
 
 Needs a Vulkan driver; Mesa's software one will do (``mesa-vulkan-drivers`` on Debian).
 """
@@ -87,9 +89,7 @@ def picture_of_plan(gait: str, target: Path) -> None:
 
 if __name__ == "__main__":
     picture_of_plan("momentum", HERE / "plan.png")
-    run_folder = Path(sys.argv[1])
-    instant = float(sys.argv[2]) if len(sys.argv) > 2 else 5.0
-    picture_of_recording(run_folder / "recording.rrd", instant, HERE / "recording.png")
-    picture_of_instrument(run_folder, HERE / "instrument.png")
-    if len(sys.argv) > 3:
-        picture_of_overlay([Path(folder) for folder in sys.argv[3:]], 4.3, HERE / "overlay.png")
+    momentum, normal, *overlaid = (Path(argument) for argument in (sys.argv[1], *sys.argv[3:]))
+    picture_of_recording(momentum / "recording.rrd", float(sys.argv[2]), HERE / "recording.png")
+    picture_of_instrument(normal, HERE / "instrument.png")
+    picture_of_overlay(overlaid, 4.3, HERE / "overlay.png")

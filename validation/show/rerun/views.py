@@ -53,7 +53,7 @@ TITLES = {
     "feedback/zmp": "Feedback: commanded - planned ZMP [mm]",
     "effort/torque": "Torque of the busiest motor [% of its limit]",
     "selfcheck/zmp": "Self-check: ZMP by momentum - by contact [mm]",
-    "margin/clearance": "Least distance of two parts of the body, 70 at most [mm]",
+    "margin/clearance": "Least distance of two parts [mm]",
 }
 """Entities that are curves. Signals are shown about the cursor, the others over the whole run."""
 _TWO, _THREE = ("x red, y green", "y darker"), ("x red, y green, z blue", "y darker, z paler")
