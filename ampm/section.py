@@ -165,7 +165,7 @@ def read_toml(path: Traversable) -> dict[str, Any]:
                 raise InputError(message)
     except (FileNotFoundError, NotADirectoryError):
         raise
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:  # no UTF-8, or a zero byte in its name
         message = f"the file {str(path)!r} cannot be read ({error}); give a readable TOML file."
         raise InputError(message) from None
     return parse_toml(text, f"the file {str(path)!r}")

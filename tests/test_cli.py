@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from ampm import __version__
-from ampm.exceptions import SolverError
+from ampm.exceptions import InputError, SolverError
 from validation.cli.app import Status
 from validation.show.viewer import page_address, viewer_command
 from validation.trial.plan import load_request
@@ -238,6 +238,12 @@ def test_crash_is_one_sentence_and_keeps_its_traceback(ampm, failing):
     assert "Traceback" in answer.err
 
 
+def noted() -> InputError:
+    error = InputError("the value is too large; lower it.")
+    error.add_note("or leave it open")
+    return error
+
+
 def full_disk() -> OSError:
     error = OSError(errno.ENOSPC, "No space left on device")
     error.add_note("the record is in /elsewhere")
@@ -247,6 +253,7 @@ def full_disk() -> OSError:
 @pytest.mark.parametrize(
     ("error", "status", "kind", "words"),
     [
+        (noted(), Status.REFUSED, "input", "lower it; or leave it open."),
         (full_disk(), Status.STOPPED, "stopped", "/elsewhere"),
         (KeyboardInterrupt(), Status.INTERRUPTED, "interrupted", "interrupted"),
         (SolverError("not convex"), Status.NOT_COMPLETED, "solver", "not convex."),

@@ -167,6 +167,7 @@ def test_a_file_that_is_none(tmp_path, monkeypatch):
         ("norml", r"did you mean 'normal'\?.*normal, momentum, flat, roll"),
         (tmp_path / "none.toml", "neither a preset nor a file"),
         (tmp_path, "cannot be read"),
+        ("zero\0byte", "cannot be read"),
     ):
         with pytest.raises(InputError, match=words):
             load_run(source)

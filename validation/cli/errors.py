@@ -69,7 +69,8 @@ def explain(error: BaseException) -> tuple[Status, str]:
         text = f"{error.filename}: {error.strerror}; give another file or folder"
     elif status is Status.CRASH:
         text = f"crash of ampm itself ({type(error).__name__}: {text})"
-    text += "".join(f"; {_one_line(note)}" for note in getattr(error, "__notes__", ()))
+    for note in getattr(error, "__notes__", ()):
+        text = f"{text.removesuffix('.')}; {_one_line(note)}"
     return status, text if status in (Status.INTERRUPTED, Status.CRASH) else _sentence(text) + way_out
 
 
