@@ -90,6 +90,8 @@ TOTAL_MASS_SHARE = (
 # height of the hip over the floor; DE_LEVA's trunk and head are then scaled so that the vertex is at stature.
 HIP_HEIGHT = 0.530
 """WINTER."""
+COM_OVER_HIP = 0.037
+"""Of the body standing straight: 0.567, from the rows above, less ``HIP_HEIGHT``."""
 KNEE_HEIGHT = 0.285
 """WINTER."""
 ANKLE_HEIGHT = 0.039

@@ -248,18 +248,22 @@ class _Builder:
             mass=self.mass,
             root_segment="pelvis",
             trunk_segment="thorax",
+            trunk_frame="thorax",
             left_leg=left_leg,
             right_leg=right_leg,
             waist=waist,
             chest=chest,
             left_arm=left_arm,
             right_arm=right_arm,
+            head=(),
             sole=self.sole,
             hip_height=table.HIP_HEIGHT * self.height,
             hip_half_width=table.HIP_HALF_WIDTH * self.height,
             leg_length=(table.HIP_HEIGHT - table.ANKLE_HEIGHT) * self.height,
+            com_over_hip=table.COM_OVER_HIP * self.height,
             mirror=tuple(_mirrored(name) for name, _ in limits),
             torque_limits=limits,
+            spread=(("left_shoulder_roll", 1.0), ("right_shoulder_roll", -1.0)),
         )
         return BodyModel(self.root.to_xml_string(precision=_XML_PRECISION), description)
 
@@ -379,7 +383,6 @@ class _Builder:
             foot_segment=f"{side}_foot",
             toe_segment=f"{side}_toe",
             sole_frame=f"{side}_sole",
-            toe_frame=f"{side}_toe_axis",
             sole_points=tuple(points),
         )
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
-from ampm.body.robot import TASK_ROWS, Robot
+from ampm.body.robot import Robot
 from ampm.control import controller as tick_module
 from ampm.control.controller import ALPHA, POSTURE, WANTED, TrackingController, torques
 from ampm.control.forces import ANGULAR
@@ -178,8 +178,8 @@ def test_condensed_answer_is_that_of_the_whole_problem(time):
     ref = reference(time)
     stands = ref.contacts.planned.any(axis=1)
     soft = np.concatenate([np.repeat(np.where(stands, STANCE, SWING), 6), np.full(2, 1e-12)])
-    rows = robot.jacobian(q).jacobian * np.repeat([1.0, ANGULAR, 1.0], [3, 3, TASK_ROWS - 6])[:, None]
-    scale = np.repeat([1.0, ANGULAR, 1.0], [3, 3, TASK_ROWS - 6])
+    rows = robot.jacobian(q).jacobian * np.repeat([1.0, ANGULAR, 1.0], [3, 3, robot.task_rows - 6])[:, None]
+    scale = np.repeat([1.0, ANGULAR, 1.0], [3, 3, robot.task_rows - 6])
     rhs = scale * (it._tasks[WANTED] - robot.drift(q, v)) / g
     posture = it._motion[POSTURE] / np.sqrt(weights)
 

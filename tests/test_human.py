@@ -143,7 +143,7 @@ def test_toe_axis_passes_through_the_ball_points(body: Standing) -> None:
     leg = body.description.left_leg
     data.qpos[body.model.joint(leg.toe).qposadr[0]] = -0.5
     mujoco.mj_kinematics(body.model, data)
-    axis = data.site(leg.toe_frame).xpos
+    axis = data.site("left_toe_axis").xpos
     for name in leg.sole_points[2:4]:
         np.testing.assert_allclose(data.site(name).xpos[[0, 2]], axis[[0, 2]], atol=1e-10)
     assert data.site(leg.sole_points[4]).xpos[2] > 0.02, "negative toe angles lift the tip"

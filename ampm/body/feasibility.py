@@ -26,8 +26,6 @@ which the heel rises by less than the millimetre that a soft contact yields."""
 LEG_ALLOWANCE = 0.02
 """Reach beyond the straight leg that the pelvis can add, as a share of the leg's length [1]. This early check
 refuses only what no rotation of the pelvis can correct; the inverse kinematics decides the rest."""
-COM_OVER_HIP = 0.037
-"""Height of the COM over the hip centres when standing, as a share of stature [1] (0.567 less 0.530)."""
 KNEE_MINIMUM = 0.1
 """Least flexion of a knee [rad]: a straighter one can hardly change the hip's height."""
 CLEARANCE = 0.010
@@ -222,19 +220,20 @@ def leg_extension(plan: StepPlan, description: BodyDescription, times: Array) ->
         c, s = np.cos(foot.pitch), np.sin(foot.pitch)
         forward, up = sole.ankle_x * c + sole.ankle_height * s, sole.ankle_height * c - sole.ankle_x * s
         lever = np.stack([forward, np.zeros_like(c), up], axis=1)
-        hip = com + np.array([0.0, side * description.hip_half_width, -COM_OVER_HIP * description.height])
+        hip = com + np.array([0.0, side * description.hip_half_width, -description.com_over_hip])
         longest = max(longest, float(np.linalg.norm(hip - foot.position - lever, axis=1).max()))
     return longest / description.leg_length
 
 
 def joint_groups(description: BodyDescription) -> dict[str, tuple[str, ...]]:
-    """Names of the hinges by group: hip, knee, ankle, toe, trunk, arms."""
+    """Names of the hinges by group: hip, knee, ankle, toe, trunk, arms; those that the body has."""
     legs = description.legs
-    return {
+    groups = {
         "hip": tuple(joint for leg in legs for joint in leg.hip),
         "knee": tuple(leg.knee for leg in legs),
         "ankle": tuple(joint for leg in legs for joint in leg.ankle),
-        "toe": tuple(leg.toe for leg in legs),
+        "toe": tuple(toe for leg in legs for toe in leg.toes),
         "trunk": description.trunk,
         "arms": description.arms,
     }
+    return {name: joints for name, joints in groups.items() if joints}

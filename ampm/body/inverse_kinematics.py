@@ -6,9 +6,9 @@ At every instant (paper, section 2.3, Eqs. 8-12)
     subject to  J qdd + dJ/dt qd = lambda,     lower <= qdd <= upper,
 
 where the rows of J are the COM (3), the angular momentum about it (2, or 3 with L_z held at zero), both feet
-(6 each) and both toes (2). The sign of k is corrected: with the printed sign the posture is unstable. The
-printed cost weighs loins and chest only, which leaves 40 - 20 directions with several minimisers; here every
-coordinate has a weight (:data:`POSTURE_WEIGHTS`), so the minimiser is unique.
+(6 each) and both toes (2, if there are any). The sign of k is corrected: with the printed sign the posture is
+unstable. The printed cost weighs loins and chest only, which leaves 40 - 20 directions with several
+minimisers; here every coordinate has a weight (:data:`POSTURE_WEIGHTS`), so the minimiser is unique.
 
 OSQP gets the QP after the change of variables ``u = W^(1/2) (qdd - qdd_0)`` and with orthonormal constraint
 rows, on which ADMM converges to rounding error in a few iterations. Where no joint limit binds, the same
@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ampm.body.rigid_body import moved, place_body, place_of, task_drift
-from ampm.body.robot import TASK_ROWS, Robot
+from ampm.body.robot import Robot
 from ampm.compiled import compiled
 from ampm.linear import substitute, triangular
 from ampm.qp import OsqpBackend, QPSettings
@@ -53,8 +53,6 @@ feet and COM; their small weights only make the minimiser unique."""
 
 ARM_BEND = 0.3
 """How far the arms' rest posture stays inside the joint limits [rad]: hanging, with slightly bent elbows."""
-SHOULDER_ROLL = 1
-"""Place of the joint that spreads an arm among the arm's joints."""
 WIDEST = 1.2
 """Largest abduction of the arms' rest posture [rad]."""
 
@@ -460,7 +458,7 @@ class InverseKinematics:
     def __init__(self, robot: Robot, run: RunParameters) -> None:
         self.robot = robot
         self.stiffness, self.damping = run.body.posture_stiffness, run.body.posture_damping
-        rows = np.arange(TASK_ROWS)
+        rows = np.arange(robot.task_rows)
         self.position_rows = np.delete(rows, [3, 4, 5])  # a configuration has no angular momentum
         self.rows = rows if run.body.angular_momentum_z == "zero" else np.delete(rows, _L_Z)
         self.weights = robot.by_group(POSTURE_WEIGHTS)
@@ -470,8 +468,10 @@ class InverseKinematics:
         inside = np.minimum(ARM_BEND, 0.5 * (robot.upper - robot.lower))
         self.rest[arms] = np.clip(0.0, (robot.lower + inside)[arms], (robot.upper - inside)[arms])
         spread = run.body.arm_abduction + run.body.arm_abduction_roll * abs(1.0 - run.gait.c_y)
-        for arm, side in ((robot.description.left_arm, 1.0), (robot.description.right_arm, -1.0)):
-            self.rest[robot.velocity_indices(arm)[SHOULDER_ROLL] - 6] = side * min(spread, WIDEST)
+        for joint, sign in robot.description.spread:
+            self.rest[robot.velocity_indices((joint,)) - 6] = sign * min(spread, WIDEST)
+        for joint, angle in robot.description.rest:
+            self.rest[robot.velocity_indices((joint,)) - 6] = angle
         # Joint limits bind only where there is freedom to respect them; the legs' are checked on the orbit.
         self.limited = np.concatenate([robot.trunk_joints, robot.arm_joints])
         m = len(self.rows)
@@ -487,7 +487,6 @@ class InverseKinematics:
         )
         self._solver = OsqpBackend(np.eye(robot.nv, dtype=bool), mask, settings)
         self._still, self._toes = np.zeros(robot.nv), robot.toe_joints + 1
-        self._knees = (robot.knee_joints + 1).tolist()
         free = np.ones(robot.nu, dtype=bool)
         free[np.concatenate(robot.leg_joints) - 6] = False
         self._rest = self.rest, free, self.stiffness, self.damping
@@ -524,8 +523,8 @@ class InverseKinematics:
         return Unreachable(float(reference.time[k]), what, size, 0.0, "m")
 
     def _check_knees(self, reference: StepReference, k: int, q: Array) -> None:
-        for foot, knee in enumerate(self._knees):
-            if (angle := q.item(knee)) < 0.0:
+        for foot, angle in enumerate(self.robot.knee_flexion(q).tolist()):
+            if angle < 0.0:
                 what = f"the {('left', 'right')[foot]} knee would bend backwards: the leg is too short"
                 raise Unreachable(float(reference.time[k]), what, angle, 0.0, "rad")
 
@@ -561,7 +560,7 @@ class InverseKinematics:
         still, rows, error = self._still, self.position_rows, np.empty(len(self.position_rows))
         for _ in range(60):
             self._error(reference, k, q)
-            wanted, task = self._posture(q, still) / self.stiffness, np.zeros(TASK_ROWS)
+            wanted, task = self._posture(q, still) / self.stiffness, np.zeros(self.robot.task_rows)
             task[rows] = self._errors
             row_error(self._body.columns, rows, wanted, task, error)
             step = wanted + self._pull(rows, error, float(reference.time[k]))

@@ -42,7 +42,7 @@ _STABLE = 0.8  # largest product of a posture gain's rate and the grid's step th
 _COARSE_TOLERANCE = 1e-7
 RUNG_TOLERANCE = 1e-5
 """Tolerance of the orbits on the way to the requested one [rad, m, rad/s, m/s]."""
-_DROPS = (0.03, 0.06, 0.1)  # by how much the COM is lowered to find a first orbit [m]
+_DROPS = (0.03, 0.06, 0.1)  # by how much the COM of a body of 1.70 m is lowered to find a first orbit [m]
 _BUDGET = 700  # coarse steps that a search may take
 
 
@@ -126,7 +126,7 @@ class _Search:
             failed = error
         spins = bool(np.abs(self.coarse.acceleration[:, 3:6]).max() > 1e-9)
         refusal = self._refusal(failed)
-        for drop in _DROPS:
+        for drop in (self.robot.description.scale * drop for drop in _DROPS):
             eased = self._map(self.coarse.eased(drop, 0.0))
             try:
                 orbit = newton(eased, eased.guess(), RUNG_TOLERANCE, report=self._report)
@@ -200,7 +200,7 @@ class _Search:
         offset = orbit.offset
         value = fine.returned(trajectory, offset) - fine.encode(trajectory.q[0], trajectory.v[0], offset)
         fine.draft = True
-        angles, knee_joints = trajectory.q[:, 7:], robot.knee_joints - 6
+        angles = trajectory.q[:, 7:]
         margins = np.minimum(angles - robot.lower, robot.upper - angles)
         single = self.plan.constants.single_support_duration
         gaps = robot.shapes.gaps(trajectory.q)
@@ -213,7 +213,7 @@ class _Search:
             constraint_position=trajectory.constraint_position,
             constraint_velocity=trajectory.constraint_velocity,
             constraint_acceleration=trajectory.constraint_acceleration,
-            knee_minimum=_least(angles[:, knee_joints], time, ("left", "right")),
+            knee_minimum=_least(robot.knee_flexion(trajectory.q), time, ("left", "right")),
             joint_limit_margin=_least(margins, time, robot.joint_names),
             clearance=Extreme(float(gaps.distance[closest]), float(time[closest]), gaps.parts[closest]),
             acceleration_jump=self._jump(trajectory, int(np.searchsorted(time, single - 1e-12))),

@@ -92,7 +92,10 @@ class StepMap:
         Raises:
             Unreachable: the body cannot even stand at the start of the step, or walk these steps.
         """
-        nv, offset = self.ik.robot.nv, 0.4
+        robot = self.ik.robot
+        body = robot.description
+        # The usual L_y of a human of 60 kg and 1.70 m, which scales as m (g h^3)^1/2.
+        nv, offset = robot.nv, 0.4 * (body.mass / 60.0) * body.scale**1.5
         q = self.ik.upright(self.reference, 0, self.origin)
         q, v = self.ik.project(self.reference, 0, q, np.zeros(nv), offset)
         z = self.encode(q, v, offset)
@@ -110,7 +113,7 @@ def standing(ik: InverseKinematics, reference: StepReference) -> Array:
     robot = ik.robot
     q = pin.neutral(robot.model)
     q[7:] = ik.rest
-    q[robot.knee_joints + 1] = 0.6
+    q[robot.knee_joints + 1] = robot.knee_angles(0.6)
     q[:3] += reference.position[0, 0] - robot.jacobian(q).com
     return q
 

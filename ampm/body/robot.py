@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-TASK_ROWS = 6 + 2 * 6 + 2
-"""com 3, angular momentum 3, left foot 6 (linear, angular), right foot 6, toes 2."""
+TASK_ROWS = 6 + 2 * 6
+"""com 3, angular momentum 3, left foot 6 (linear, angular), right foot 6; toes are further rows."""
 
 
 class TaskTerms(NamedTuple):
@@ -32,7 +32,7 @@ class TaskTerms(NamedTuple):
 
     Attributes:
         jacobian: rows com velocity [m/s], angular momentum about the COM / mass [m^2/s], left foot, right
-            foot (linear then angular, world axes), toe joints; shape (20, nv).
+            foot (linear then angular, world axes), toe joints; shape (R, nv).
         com: COM in world, shape (3,) [m].
         sole: places of both soles in world, shape (2, 3) [m].
         sole_turn: their rotations to world, shape (2, 3, 3).
@@ -95,10 +95,12 @@ class Robot:
         self.mass = pin.computeTotalMass(model)
         self.gravity = float(-model.gravity.linear[2])
         self.sole_frames = tuple(self._frame(leg.sole_frame) for leg in description.legs)
-        self.toe_frames = tuple(self._frame(leg.toe_frame) for leg in description.legs)
-        self.trunk_frame = self._frame(description.trunk_segment)
-        self.toe_joints = self.velocity_indices(tuple(leg.toe for leg in description.legs))
+        self.trunk_frame = self._frame(description.trunk_frame)
+        self.toe_joints = self.velocity_indices(tuple(toe for leg in description.legs for toe in leg.toes))
+        self.task_rows = TASK_ROWS + len(self.toe_joints)
         self.knee_joints = self.velocity_indices(tuple(leg.knee for leg in description.legs))
+        self._knee_signs = np.array([leg.knee_sign for leg in description.legs])
+        self.straight_knees = np.array([leg.straight_knee for leg in description.legs])
         self.trunk_joints = self.velocity_indices(description.trunk)
         self.arm_joints = self.velocity_indices(description.arms)
         self.leg_joints = tuple(self.velocity_indices(leg.joints) for leg in description.legs)
@@ -141,6 +143,14 @@ class Robot:
             out[legs] = values["legs"]
         out[self.trunk_joints] = values["trunk"]
         return out
+
+    def knee_angles(self, flexion: float) -> Array:
+        """Angles of both knees at a flexion, shape (2,) [rad]."""
+        return self.straight_knees + self._knee_signs * flexion
+
+    def knee_flexion(self, q: Array) -> Array:
+        """Flexion of both knees at configurations (..., nq), 0 where they are straight, (..., 2) [rad]."""
+        return np.asarray(self._knee_signs * (q[..., self.knee_joints + 1] - self.straight_knees))
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -216,7 +226,7 @@ class Robot:
         )
 
     def drift(self, q: Array, v: Array) -> Array:
-        """``d(jacobian)/dt v`` at (q, v), shape (20,)."""
+        """``d(jacobian)/dt v`` at (q, v), shape (R,)."""
         body = self.rigid_body
         body.place(q)
         return body.drift(v, v)

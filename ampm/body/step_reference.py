@@ -23,8 +23,8 @@ class StepReference:
     Attributes:
         time: shape (n+1,) [s], the first step of the plan.
         position: com, left sole, right sole, shape (n+1, 3, 3) [m].
-        velocity: the task velocities in the order of the task rows, shape (n+1, 20).
-        acceleration: the same for accelerations, shape (n+1, 20).
+        velocity: the task velocities in the order of the task rows, shape (n+1, R).
+        acceleration: the same for accelerations, shape (n+1, R).
         pitch: pitch of left and right foot, shape (n+1, 2) [rad].
         toe: angles of left and right toe joint, shape (n+1, 2) [rad].
     """
@@ -77,8 +77,8 @@ def step_reference(plan: StepPlan, time: Array) -> StepReference:
     """Evaluate a plan and its feet as task references, without the plan's constant of L_y."""
     feet, mass = plan.feet.sample(time), plan.mass
     sample = plan.with_angular_momentum_offset(0.0).sample(time)
-    n = len(time)
-    position, velocity, acceleration = np.zeros((n, 3, 3)), np.zeros((n, TASK_ROWS)), np.zeros((n, TASK_ROWS))
+    n, has_toes = len(time), plan.feet.sole.has_toes
+    position, (velocity, acceleration) = np.zeros((n, 3, 3)), np.zeros((2, n, TASK_ROWS + 2 * has_toes))
     position[:, 0] = sample.com
     velocity[:, 0:3], acceleration[:, 0:3] = sample.com_velocity, sample.com_acceleration
     velocity[:, 3:5], acceleration[:, 3:5] = sample.angular_momentum / mass, sample.moment / mass
@@ -87,7 +87,9 @@ def step_reference(plan: StepPlan, time: Array) -> StepReference:
         position[:, 1 + foot] = motion.position
         velocity[:, row : row + 3], acceleration[:, row : row + 3] = motion.velocity, motion.acceleration
         velocity[:, row + 4], acceleration[:, row + 4] = motion.pitch_velocity, motion.pitch_acceleration
-        velocity[:, 18 + foot], acceleration[:, 18 + foot] = motion.toe_velocity, motion.toe_acceleration
+        if has_toes:
+            row = TASK_ROWS + foot
+            velocity[:, row], acceleration[:, row] = motion.toe_velocity, motion.toe_acceleration
     return StepReference(
         time=np.array(time),
         position=position,

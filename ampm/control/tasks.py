@@ -49,7 +49,7 @@ def foot_task(
     some = all_planned = lines[HEEL].planned or lines[HEEL].touched
     for group in (BALL, TIP):
         planned = lines[group].planned or lines[group].touched
-        some, all_planned = some or planned, all_planned and planned
+        some, all_planned = some or planned, all_planned and (planned or (group == TIP and foot.toe < 0))
     if some:
         _stance(gains, foot, lines, points, reference, all_planned, velocity, omega, tilt, wanted)
         return STANCE

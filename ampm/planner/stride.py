@@ -179,7 +179,8 @@ def _stride(
         still[:, 0, 0], still[:, 1, 0] = at[:, 0] + pivot_x, at[:, 1]
         return still
 
-    none, flat = (False, False, False), (True, True, True)
+    toes = sole.has_toes
+    none, flat = (False, False, False), (True, True, toes)
     standing = resting(here, sole.ball_x)
     stance = [_Segment(start, PIVOT_BALL, flat, standing)]
     swing = []
@@ -199,7 +200,7 @@ def _stride(
         rising, on_heel = standing.copy(), resting(ahead, sole.heel_x)
         rising[:, _PITCH, :_ORDER], rising[:, _TOE, :_ORDER] = curves[5], -curves[5]
         on_heel[:, _PITCH, :_ORDER] = curves[6]
-        stance.append(_Segment(start + single + double - rise, PIVOT_BALL, (False, True, True), rising))
+        stance.append(_Segment(start + single + double - rise, PIVOT_BALL, (False, True, toes), rising))
         swing.append(_Segment(landed, PIVOT_HEEL, (True, False, False), on_heel))
         landed = landed + down
     if not roll or foot.full_contact < 1.0:

@@ -163,10 +163,11 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, Array
     low = np.stack([angles[phase].min(axis=0) for phase in phases])
     high = np.stack([angles[phase].max(axis=0) for phase in phases])
     most = np.stack([share[phase].max(axis=0) for phase in phases])
+    knee = np.stack([robot.knee_flexion(orbit.trajectory.q[phase]).min(axis=0) for phase in phases])
     for name, names in joint_groups(robot.description).items():
         joints = robot.velocity_indices(names) - 6
         margins = low[:, joints] - robot.lower[joints], robot.upper[joints] - high[:, joints]
-        values[name] = low[:, joints].ravel() if name == "knee" else np.concatenate(margins).ravel()
+        values[name] = knee.ravel() if name == "knee" else np.concatenate(margins).ravel()
         values[f"{name}_torque"] = most[:, joints].ravel()
         if name == "hip":
             last = np.clip((share[:, joints] - 0.8) / 0.2, 0.0, 1.0)
@@ -231,9 +232,10 @@ def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Arr
             fx, fy, fz = force
             load = [fx, fy, fz, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx + part * yaw]
             rest -= soles[foot][:, 6:].T @ load
-            toe = robot.toe_joints[foot] - 6
-            axis = reference[foot][0] + robot.description.sole.ball_x * math.cos(feet[foot].pitch[k])
-            rest[toe] += max(0.0, places[foot] - axis) * force[2]
+            if robot.description.sole.has_toes:
+                toe = robot.toe_joints[foot] - 6
+                axis = reference[foot][0] + robot.description.sole.ball_x * math.cos(feet[foot].pitch[k])
+                rest[toe] += max(0.0, places[foot] - axis) * force[2]
         torque[k], twist[k] = rest, yaw / wrench[2]
     return torque, twist
 

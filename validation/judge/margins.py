@@ -105,7 +105,12 @@ def margins(
     high = record.joint_range[:, 1] - record.hinge_q
     legs = () if description is None else description.legs
     knees = tuple(leg.knee for leg in legs if leg.knee in joints)
-    knee_q = record.hinge_q[:, [joints.index(name) for name in knees]]
+    flexion = [
+        leg.knee_sign * (record.hinge_q[:, joints.index(leg.knee)] - leg.straight_knee)
+        for leg in legs
+        if leg.knee in joints
+    ]
+    knee_q = np.stack(flexion, axis=1) if flexion else np.zeros((len(record.hinge_q), 0))
     foot_ratio, net_ratio = (
         _ratio(force, LOADED * measured.weight) for force in (measured.foot_force, measured.force)
     )

@@ -14,11 +14,12 @@ import numpy as np
 
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.return_map import standing
-from ampm.body.robot import TASK_ROWS, Robot
+from ampm.body.robot import Robot
 from ampm.body.step_reference import StepReference
 from ampm.control.controller import TrackingController
 from ampm.exceptions import BodilyRefusal
 from ampm.parameters import ControllerParameters
+from ampm.planner.feet import TIP
 from ampm.walk import ContactState, FeetState, PostureState, Reference
 from validation.measure.measure import StandingCheck, measure, standing_check
 from validation.trial.bridge import to_pinocchio
@@ -57,6 +58,7 @@ def stand(run: RunParameters, body_model: BodyModel) -> SimulationRecord:
     q = _posture(robot, run, np.vstack([com, feet]))
     still = np.zeros(robot.nv)
     centre, linear, contact = np.zeros((5, 3)), np.zeros((2, 3, 3)), np.ones((2, 3), dtype=bool)
+    contact[:, TIP] = robot.description.sole.has_toes
     centre[0], linear[:, 0] = com, feet
     reference = Reference(
         time=0.0,
@@ -94,7 +96,7 @@ def weigh(run: RunParameters, body_model: BodyModel, robot: Robot) -> StandingCh
 
 def _posture(robot: Robot, run: RunParameters, places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Upright configuration with COM and both soles in their places, shape (3, 3) [m]; shape (nq,)."""
-    ik, still = InverseKinematics(robot, run), np.zeros((1, TASK_ROWS))
+    ik, still = InverseKinematics(robot, run), np.zeros((1, robot.task_rows))
     reference = StepReference(
         time=np.zeros(1), position=places[None], velocity=still, acceleration=still,
         pitch=np.zeros((1, 2)), toe=np.zeros((1, 2)),

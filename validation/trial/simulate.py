@@ -85,7 +85,13 @@ class Physics:
         rotations = self.data.xmat.reshape(-1, 3, 3)
         self._state = self.data.qpos, self.data.qvel, rotations[root], self.q, self.v
         self.com = self.data.subtree_com[root]
-        self.trunk = rotations[self.model.body(description.trunk_segment).id, :, 2]  # its long axis
+        self.trunk = self._axes(description.trunk_frame)[:, 2]  # its long axis
+
+    def _axes(self, name: str) -> Array:
+        """Axes of a segment, or of a site, to world; a view of shape (3, 3)."""
+        site = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, name)
+        flat = self.data.xmat[self.model.body(name).id] if site < 0 else self.data.site_xmat[site]
+        return np.asarray(flat.reshape(3, 3))
 
     def place(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> None:
         """Set the state from Pinocchio's coordinates."""

@@ -276,24 +276,28 @@ def _ankle(
     """
     dt = record.time_step
     site = model.site(leg.sole_frame)
-    heel, toe, hinge = model.body(leg.foot_segment).id, model.body(leg.toe_segment).id, model.joint(leg.toe)
+    heel = model.body(leg.foot_segment).id
     sole = _rotation(record.foot_rotation[: rows + 1, foot])
     turned = sole * _rotation(site.quat).inv()  # of the foot segment
     origin = record.foot_position[: rows + 1, foot] - turned.apply(site.pos)
-    # The toe's frame: placed in the foot, then turned about its hinge.
-    angle = record.q[: rows + 1, int(model.jnt_qposadr[hinge.id])]
-    bend = Rotation.from_rotvec(angle[:, None] * model.jnt_axis[hinge.id])
-    toe_base = turned * _rotation(model.body_quat[toe])
-    toe_turned = toe_base * bend
-    anchor = model.jnt_pos[hinge.id]
-    toe_origin = (
-        origin + turned.apply(model.body_pos[toe]) + toe_base.apply(anchor) - toe_turned.apply(anchor)
-    )
+    parts = [(heel, turned, origin)]
+    if leg.toe is not None:
+        # The toe's frame: placed in the foot, then turned about its hinge.
+        toe, hinge = model.body(leg.toe_segment).id, model.joint(leg.toe)
+        angle = record.q[: rows + 1, int(model.jnt_qposadr[hinge.id])]
+        bend = Rotation.from_rotvec(angle[:, None] * model.jnt_axis[hinge.id])
+        toe_base = turned * _rotation(model.body_quat[toe])
+        toe_turned = toe_base * bend
+        anchor = model.jnt_pos[hinge.id]
+        toe_origin = (
+            origin + turned.apply(model.body_pos[toe]) + toe_base.apply(anchor) - toe_turned.apply(anchor)
+        )
+        parts.append((toe, toe_turned, toe_origin))
     sensor = origin[:rows]
 
-    mass = np.array([model.body_mass[heel], model.body_mass[toe]])
+    mass = np.array([model.body_mass[body] for body, *_ in parts])
     weighted, force, moment = np.zeros((3, rows, 3))
-    for body, rotation, place in ((heel, turned, origin), (toe, toe_turned, toe_origin)):
+    for body, rotation, place in parts:
         com = place + rotation.apply(model.body_ipos[body])
         push = model.body_mass[body] * _from_second(np.diff(com, n=2, axis=0) / dt**2)
         # Angular momentum about the COM between the instants, from the principal axes.

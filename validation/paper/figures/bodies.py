@@ -112,7 +112,7 @@ def pose(robot: Robot, q: Array) -> Pose:
 
     chains: list[tuple[str, str, Sequence[Array]]] = []
     for side, leg, arm in (("left", body.left_leg, body.left_arm), ("right", body.right_leg, body.right_arm)):
-        hip, knee, ankle, ball = joint(leg.hip[0]), joint(leg.knee), joint(leg.ankle[0]), joint(leg.toe)
+        hip, knee, ankle, ball = joint(leg.hip[0]), joint(leg.knee), joint(leg.ankle[0]), joint(leg.toes[0])
         points = [frame(name) for name in leg.sole_points]
         heel, front, tip = (np.mean(points[k : k + 2], axis=0) for k in (0, 2, 4))
         wrist = data.oMi[model.getJointId(arm[-1])]
