@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +12,9 @@ from ampm.body.motion_cache import known_motion
 from ampm.body.robot import Robot
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from ampm.planner.support import StepPlan, plan_steps
-from ampm.walk import Boundary, WalkPlan
+from ampm.planner.support import StepPlan
+from ampm.planner.zmp_laws import STEP_PLANNERS, StepPlanner
+from ampm.walk import Boundary, Planner, WalkPlan
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,13 @@ def periodic_walk(steps: StepPlan, motion: WholeBodyMotion, robot: Robot) -> Per
 
 
 class AmpmPeriodic:
-    """The paper's planner: equal steps in closed form, and the periodic whole-body motion for them."""
+    """The paper's planner: equal steps in closed form, and the periodic whole-body motion for them.
+
+    Attributes:
+        steps: makes COM and feet; the other planners of :data:`PLANNERS` replace it.
+    """
+
+    steps: StepPlanner = staticmethod(STEP_PLANNERS["ampm"])
 
     def plan(self, request: WalkRequest, begin: Boundary | None = None) -> PeriodicWalk:
         """Plan a walk.
@@ -67,13 +74,54 @@ class AmpmPeriodic:
         if begin is not None:
             raise InputError("a periodic walk begins on its own motion; plan it without a boundary.")
         run, robot = request.run, request.robot
-        steps = plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
-        check_body(steps, robot.description)
-        motion = known_motion(steps, run, robot, request.cache)
-        if motion is None:
-            # Imported here: SciPy and the solver are loaded only where a motion is not known.
-            from ampm.body.orbit import solve_motion
+        steps = self.steps(run.gait, run.body.mass, run.foot, robot.description.sole)
+        return periodic_walk(steps, periodic_motion(steps, request), robot)
 
-            motion = solve_motion(steps, run, robot, progress=request.progress, cache=request.cache)
-        check_motion(motion.report, robot.description)
-        return periodic_walk(steps, motion, robot)
+
+def periodic_motion(steps: StepPlan, request: WalkRequest) -> WholeBodyMotion:
+    """Periodic whole-body motion of a plan's first step, checked.
+
+    Raises:
+        BodilyRefusal: the body cannot walk it.
+        InputError: the grid is too coarse for the posture's gains.
+    """
+    run, robot = request.run, request.robot
+    check_body(steps, robot.description)
+    motion = known_motion(steps, run, robot, request.cache)
+    if motion is None:
+        # Imported here: SciPy and the solver are loaded only where a motion is not known.
+        from ampm.body.orbit import solve_motion
+
+        motion = solve_motion(steps, run, robot, progress=request.progress, cache=request.cache)
+    check_motion(motion.report, robot.description)
+    return motion
+
+
+class IpmPeriodic(AmpmPeriodic):
+    """The plain inverted pendulum on the footsteps, times and feet of the gait; its ZMP jumps."""
+
+    steps = staticmethod(STEP_PLANNERS["ipm"])
+
+
+class PreviewPeriodic(AmpmPeriodic):
+    """ZMP preview control (Kajita et al., ICRA 2003) on the footsteps, times and feet of the gait."""
+
+    steps = staticmethod(STEP_PLANNERS["preview"])
+
+
+class DcmPeriodic(AmpmPeriodic):
+    """DCM planning (Englsberger et al., T-RO 2015) on the footsteps, times and feet of the gait."""
+
+    steps = staticmethod(STEP_PLANNERS["dcm"])
+
+
+PLANNERS: Mapping[str, type[AmpmPeriodic]] = {
+    "ampm": AmpmPeriodic, "ipm": IpmPeriodic, "preview": PreviewPeriodic, "dcm": DcmPeriodic,
+}  # fmt: skip
+"""Planners of equal steps by name, see :mod:`ampm.planner.zmp_laws`."""
+
+
+def planner_name(planner: Planner[WalkRequest]) -> str:
+    """Name of a planner: of one in :data:`PLANNERS` its name there, else of its class."""
+    kind = type(planner)
+    return next((name for name, known in PLANNERS.items() if known is kind), kind.__name__)

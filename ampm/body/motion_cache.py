@@ -19,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from ampm.body.motion import MotionReport, WholeBodyMotion
+from ampm.body.step_reference import step_grid, step_reference
 
 if TYPE_CHECKING:
     from ampm.body.robot import Robot
@@ -97,6 +98,10 @@ def motion_key(plan: StepPlan, run: RunParameters, robot: Robot) -> str:
     for frame in model.frames:
         digest.update(frame.placement.homogeneous.tobytes())
     digest.update(robot.lower.tobytes() + robot.upper.tobytes())
+    # Planners differ in the motion of the COM alone.
+    reference = step_reference(plan, step_grid(plan, run.solver.ik_time_step))
+    for values in (reference.time, reference.position, reference.velocity, reference.acceleration):
+        digest.update(values.tobytes())
     return digest.hexdigest()[:24]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,9 @@ from ampm.planner.contacts import Contacts, Footstep, Phase, Side
 from ampm.planner.pendulum import LawState
 
 Array = NDArray[np.float64]
+
+NO_CONSTANTS = PlanConstants(**dict.fromkeys((item.name for item in fields(PlanConstants)), 0.0))
+"""Of a plan whose constants are still to be read from its motion, see :func:`plan_constants`."""
 
 
 @dataclass(frozen=True)
@@ -111,17 +114,21 @@ def sampled_plan(
     arm = np.zeros_like(c) if acceleration is None else a / rate - c + p
     x, y = (SampledLaw(t, c[:, k], v[:, k], a[:, k], p[:, k], arm[:, k]) for k in (0, 1))
     phase = CentroidalPhase(0.0, contacts.duration, (0.0, 0.0), x, y, angular_momentum)
-    constants = _constants(x, y, contacts)
-    return CentroidalPlan(mass, GRAVITY, com_height, constants.mean_velocity, contacts, (phase,), constants)
+    plan = CentroidalPlan(mass, GRAVITY, com_height, 1.0, contacts, (phase,), NO_CONSTANTS)
+    constants = plan_constants(plan)
+    return replace(plan, switching_velocity=constants.mean_velocity, constants=constants)
 
 
-def _constants(x: SampledLaw, y: SampledLaw, contacts: Contacts) -> PlanConstants:
-    """Constants of the first single support and the double support after it."""
+def plan_constants(plan: CentroidalPlan) -> PlanConstants:
+    """Constants of the first single support of any plan, and the double support after it."""
+    contacts = plan.contacts
     index = next(k for k, phase in enumerate(contacts.phases) if phase.kind == "single_support")
     single, double = contacts.phases[index : index + 2]
-    times = np.array([single.start, double.start, double.start + double.duration])
-    com, zmp, arm = (np.diff(getattr(x.evaluate(times), name)) for name in ("position", "zmp", "moment_arm"))
-    lateral = y.evaluate(double.start)
+    sample = plan.sample([single.start, double.start, double.start + double.duration])
+    com, zmp, arm = (
+        np.diff(values) for values in (sample.com[:, 0], sample.zmp[:, 0], -sample.moment[:, 1] / plan.weight)
+    )
+    lateral, speed = sample.com[1, 1], sample.com_velocity[1, 1]
     here, there = contacts.placements[index, :, 1]
     stance = here if single.right is None else there
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -133,9 +140,9 @@ def _constants(x: SampledLaw, y: SampledLaw, contacts: Contacts) -> PlanConstant
             c_d=float(1.0 + arm[1] / com[1]),
             single_support_duration=single.duration,
             double_support_duration=double.duration,
-            s=float(abs(lateral.position - stance)),
-            beta=float(abs(lateral.position - 0.5 * (here + there))),
-            lateral_switching_velocity=float(abs(lateral.velocity)),
+            s=float(abs(lateral - stance)),
+            beta=float(abs(lateral - 0.5 * (here + there))),
+            lateral_switching_velocity=float(abs(speed)),
             mean_velocity=float(com.sum() / (single.duration + double.duration)),
             angular_momentum_y_offset=0.0,
         )

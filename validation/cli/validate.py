@@ -75,7 +75,10 @@ def validate(
         str | None, option("--controller", "Walk with a controller of your own.", "MODULE:CLASS")
     ] = None,
     planner: Annotated[
-        str | None, option("--planner", "Walk the plan of a planner of your own.", "MODULE:CLASS")
+        str | None,
+        option(
+            "--planner", "Plan with ampm, ipm, preview, dcm or a planner of your own.", "NAME|MODULE:CLASS"
+        ),
     ] = None,
     push: Annotated[
         list[str] | None,
@@ -108,9 +111,10 @@ def validate(
     from validation.judge.uncertainty import load_uncertainty, matching
     from validation.measure.instruments.model import load_instrument
     from validation.run import validate as run
+    from validation.run.planner import load_planner
     from validation.trial.disturbances import parse_push
     from validation.trial.plan import complete, load_requests
-    from validation.trial.users import load_object, make_object
+    from validation.trial.users import load_object
 
     extra = [*with_steps(settings, steps), *([] if qp is None else [f'solver.qp="{qp}"'])]
     gaits = gaits or ["normal"]
@@ -124,7 +128,7 @@ def validate(
         force=force,
         instrument=None if instrument is None else load_instrument(instrument),
         controller=None if controller is None else load_object("--controller", controller),
-        planner=None if planner is None else make_object("--planner", planner),
+        planner=None if planner is None else load_planner(planner),
         disturbances=[parse_push(text) for text in push or ()],
     )
     targets = run.targets(requests, out, force=force)
@@ -273,7 +277,7 @@ def print_result(summary: Mapping[str, Any], folder: Path) -> None:
     """
     from validation.trial.plan import gait_title
 
-    title = gait_title(summary["gait"], summary.get("changed", {}))
+    title = gait_title(summary["gait"], summary.get("changed", {}), summary.get("planner", ""))
     print_table(
         f"{title}: measured against plan, without the first step (profile {summary['profile']})",
         ("metric", ">value", ">limit", "unit", ""),

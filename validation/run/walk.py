@@ -24,6 +24,7 @@ from validation.judge.verdict import judge
 from validation.measure.measure import measure
 from validation.measure.standing import weigh
 from validation.progress import Progress, interruption
+from validation.run.planner import load_planner
 from validation.run.trial import Trial
 from validation.trial.bridge import to_pinocchio
 from validation.trial.plan import PlannedWalk, Request, load_request, make_body, plan_walk
@@ -41,7 +42,7 @@ def walk(
     run: RunParameters | str | Path = "normal",
     *,
     controller: ControllerFactory | None = None,
-    planner: Planner[WalkRequest] | None = None,
+    planner: Planner[WalkRequest] | str | None = None,
     disturbances: Sequence[Disturbance] = (),
     profile: Profile | str | None = None,
     uncertainty: Uncertainty | None = None,
@@ -56,7 +57,8 @@ def walk(
     Args:
         run: parameters from :func:`ampm.load_run`, or a preset or TOML file.
         controller: makes the controller from robot and run, a class for example; the built-in one by default.
-        planner: makes the plan, :class:`ampm.planners.AmpmPeriodic` by default.
+        planner: makes the plan, or a name, see :func:`validation.run.planner.load_planner`;
+            :class:`ampm.planners.AmpmPeriodic` by default.
         disturbances: external forces, such as :class:`validation.Push`.
         profile: tolerances, or the name of a profile; that of the preset by default.
         uncertainty: numerical uncertainty of the metrics, from a convergence study.
@@ -73,6 +75,8 @@ def walk(
     ):
         if not good:
             raise InputError(f"{value!r} is no {wanted}; correct it.")
+    if isinstance(planner, str):
+        planner = load_planner(planner, "planner=")
     if isinstance(run, RunParameters):
         request = Request(name or "walk", run)
     else:

@@ -1,7 +1,7 @@
 """A finished run read from its folder, from which recording and report are drawn.
 
-Nothing is simulated or measured here. Only the closed-form plan is evaluated again from ``run.toml``: it is
-exact, and the support polygons are cheaper to recompute than to store.
+Nothing is simulated or measured here. Only the plan of COM and feet is evaluated again from ``run.toml``: it
+is exact, and the support polygons are cheaper to recompute than to store.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from ampm.description import SoleGeometry
 from ampm.exceptions import AmpmError, InputError
 from ampm.parameters import RunParameters
-from ampm.planner.support import StepPlan, plan_steps
+from ampm.planner.support import StepPlan
+from ampm.planner.zmp_laws import STEP_PLANNERS
 from ampm.run_file import load_run
 from validation.store.folders import RUN_FILES
 from validation.store.json import dump_json
@@ -64,19 +65,20 @@ class SavedRun:
 
     @property
     def title(self) -> str:
-        """Name of the gait and what was changed in it."""
-        return gait_title(self.summary["gait"], self.summary.get("changed", {}))
+        """Name of the gait, what was changed in it, and its planner if it is not the default one."""
+        summary = self.summary
+        return gait_title(summary["gait"], summary.get("changed", {}), summary.get("planner", ""))
 
     def plan(self) -> StepPlan | None:
-        """Evaluate the closed-form plan again, with feet.
+        """Evaluate the plan of COM and feet again.
 
-        None if another planner made the plan, or this version of ours refuses it.
+        None if a planner of a user's own made the plan, or this version of ours refuses it.
         """
-        run = self.parameters
-        if "planner" in self.summary:
+        run, planner = self.parameters, STEP_PLANNERS.get(self.summary.get("planner", "ampm"))
+        if planner is None:
             return None
         try:
-            return plan_steps(run.gait, run.body.mass, run.foot, SoleGeometry(**self.summary["sole"]))
+            return planner(run.gait, run.body.mass, run.foot, SoleGeometry(**self.summary["sole"]))
         except AmpmError:
             return None
 

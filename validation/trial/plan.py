@@ -52,10 +52,11 @@ class Request:
         return gait_title(self.name, self.changed)
 
 
-def gait_title(name: str, changed: Mapping[str, Any]) -> str:
-    """Name of a gait and what was changed in it: ``normal, gait.c_y 0.93``."""
+def gait_title(name: str, changed: Mapping[str, Any], planner: str = "") -> str:
+    """Name of a gait, what was changed in it, its planner: ``normal, gait.c_y 0.93, planner dcm``."""
     values = (f"{value:.6g}" if isinstance(value, float) else str(value) for value in changed.values())
-    return ", ".join([name, *map(" ".join, zip(changed, values, strict=True))])
+    parts = [name, *map(" ".join, zip(changed, values, strict=True))]
+    return ", ".join([*parts, f"planner {planner}"] if planner else parts)
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ class PlannedWalk:
         request: name and parameters, with the values that were found.
         plan: COM, momentum, feet and posture.
         body: that walks.
-        planner: name of the class that made the plan, empty for the built-in one.
+        planner: name of the planner that made the plan, empty for the default one.
     """
 
     request: Request
@@ -211,8 +212,9 @@ def plan_walk(
     """Plan a walk with its body.
 
     Where anything but the number of steps differs from a preset's own gait, body and feet, the values that
-    the request leaves open are found first and reported (:func:`ampm.run_file.changes`), but not for another
-    planner.
+    the request leaves open are found first and reported (:func:`ampm.run_file.changes`), for the AMPM's plan:
+    the other planners of :data:`ampm.planners.PLANNERS` have its footsteps, times and feet. Any other planner
+    gets the request unchanged.
 
     Args:
         request: the gait.
@@ -223,21 +225,26 @@ def plan_walk(
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met, or a user's planner fails.
     """
     run, progress = request.run, progress or Progress()
-    if planner is None:
-        if changes(run):
-            return tune_walk(request, progress)[0]
-        check_formula(request)  # before a body is built
     # Imported here: Pinocchio is slow to load.
-    from ampm.planners import AmpmPeriodic, WalkRequest
+    from ampm.planners import PLANNERS, AmpmPeriodic, WalkRequest, planner_name
     from ampm.walk import WalkPlan
 
-    with progress.stage(f"{request.name}: body"):
-        body = make_body(run)
-    name = "" if planner is None else type(planner).__name__
+    name = "" if planner is None else planner_name(planner)
     planner = planner or AmpmPeriodic()
+    body = None
+    if name in ("", *PLANNERS):
+        if changes(run):
+            found = tune_walk(request, progress)[0]
+            if not name:
+                return found
+            request, run, body = found.request, found.run, found.body
+        check_formula(request)  # before a body is built
+    if body is None:
+        with progress.stage(f"{request.name}: body"):
+            body = make_body(run)
     with progress.stage(f"{request.name}: whole-body motion") as stage:
         wanted = WalkRequest(run, body.robot, stage.note, motion_cache())
-        with UsersCode("planner", planner) if name else _way_out(run):
+        with UsersCode("planner", planner) if name not in ("", *PLANNERS) else _way_out(run):
             plan = planner.plan(wanted)
             if not isinstance(plan, WalkPlan):
                 raise TypeError(f"it made a {type(plan).__name__}, not a WalkPlan")

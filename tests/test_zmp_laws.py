@@ -1,0 +1,181 @@
+"""IPM, preview control and DCM planning on a gait's footsteps: against their own equations, and walked."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_discrete_are
+
+import ampm
+import validation as val
+from ampm.parameters import GRAVITY
+from ampm.planner.zmp_laws import (
+    JERK_WEIGHT,
+    SAMPLE_TIME,
+    STEP_PLANNERS,
+    ZmpLaw,
+    preview_gains,
+    reference_zmp,
+)
+from ampm.planner.zmp_laws import _axes as axes_of
+from tests.solved import body_of
+
+STEPS = 4
+GAITS = ["normal", "momentum", "flat"]
+
+
+def plans(name, planner):
+    """The AMPM's plan of a gait and another planner's."""
+    run = ampm.load_run(name, gait={"steps": STEPS})
+    sole = body_of().description.sole
+    return [STEP_PLANNERS[which](run.gait, 60.0, run.foot, sole) for which in ("ampm", planner)]
+
+
+def inside(plan, count=401):
+    """Times within every phase, none on a switch, and their phases."""
+    phases = plan.contacts.phases
+    share = (np.arange(count) + 0.5) / count
+    return np.concatenate([phase.start + phase.duration * share for phase in phases])
+
+
+@pytest.mark.parametrize("planner", ["ipm", "preview", "dcm"])
+@pytest.mark.parametrize("name", GAITS)
+def test_every_planner_walks_the_same_footsteps_at_the_same_times(name, planner):
+    own, plan = plans(name, planner)
+    for a, b in zip(own.contacts.phases, plan.contacts.phases, strict=True):
+        assert b.start == pytest.approx(a.start, abs=1e-12)
+        assert b.duration == pytest.approx(a.duration, abs=1e-12)
+        for one, other in ((a.left, b.left), (a.right, b.right)):
+            assert (one is None) == (other is None)
+            assert one is None or one.position == pytest.approx(other.position, abs=1e-12)
+    times = inside(own, 31)
+    for mine, others in zip(own.feet.sample(times), plan.feet.sample(times), strict=True):
+        np.testing.assert_allclose(others.position, mine.position, atol=1e-9)
+        np.testing.assert_allclose(others.pitch, mine.pitch, atol=1e-9)
+    assert plan.constants.mean_velocity == pytest.approx(own.constants.mean_velocity, abs=1e-12)
+
+
+@pytest.mark.parametrize("planner", ["ipm", "preview", "dcm"])
+@pytest.mark.parametrize("name", GAITS)
+def test_the_cart_table(name, planner):
+    _, plan = plans(name, planner)
+    times = inside(plan)
+    if planner == "preview":  # between its samples the ZMP is interpolated
+        period = plan.phases[0].x.time[1]
+        times = period * np.arange(1, math.floor(plan.duration / period))
+    sample, rate = plan.sample(times), GRAVITY / plan.com_height
+    zmp = sample.com[:, :2] - sample.com_acceleration[:, :2] / rate
+    np.testing.assert_allclose(sample.zmp, zmp, atol=1e-9)
+    assert not sample.moment.any()
+    assert not sample.angular_momentum.any()
+
+
+@pytest.mark.parametrize("planner", ["preview", "dcm"])
+@pytest.mark.parametrize("name", GAITS)
+def test_position_velocity_and_acceleration_are_consistent_continuous_and_periodic(name, planner):
+    _, plan = plans(name, planner)
+    times, h = inside(plan, 40), 1e-6
+    middle, before, after = (plan.sample(times + shift) for shift in (0.0, -h, h))
+    np.testing.assert_allclose((after.com - before.com) / (2 * h), middle.com_velocity, atol=1e-8)
+    rate = (after.com_velocity - before.com_velocity) / (2 * h)
+    np.testing.assert_allclose(rate, middle.com_acceleration, atol=1e-6)
+    assert plan.residuals().largest < 1e-12
+    assert not plan.jump_times.size
+    step = plan.constants.step_duration
+    times = times[times < (STEPS - 1) * step]
+    now, later = plan.sample(times), plan.sample(times + step)
+    mirrored = now.com[:, :2] * [1.0, -1.0] + [plan.contacts.step_length, 0.0]
+    np.testing.assert_allclose(later.com[:, :2], mirrored, atol=1e-9)
+    np.testing.assert_allclose(later.zmp[:, 1], -now.zmp[:, 1], atol=1e-9)
+
+
+def test_the_dcm_obeys_its_dynamics_and_its_recursion():
+    """xi' = w (xi - p); single support closed form, double support a cubic of xi; both ends of it meet."""
+    own, plan = plans("normal", "dcm")
+    w, h = math.sqrt(GRAVITY / plan.com_height), 1e-6
+    times = inside(plan, 60)
+    sample, before, after = (plan.sample(times + shift) for shift in (0.0, -h, h))
+    np.testing.assert_allclose((after.dcm - before.dcm) / (2 * h), w * (sample.dcm - sample.zmp), atol=1e-8)
+
+    single, double = plan.contacts.phases[:2]
+    inner = double.start + double.duration * np.linspace(0.01, 0.99, 9)
+    assert np.abs(np.diff(plan.sample(inner).dcm, 4, axis=0)).max() < 1e-12
+    assert np.abs(np.diff(plan.sample(inner).dcm, 3, axis=0)).max() > 1e-7  # no parabola
+
+    # Backwards from the start of the next single support, the ZMP at its heel for half of the double support,
+    # then at the toe: the end of this single support (Englsberger et al. 2015).
+    toe, heel = plan.sample(double.start).zmp[0], plan.sample(double.start + double.duration).zmp[0]
+    fade = math.exp(-0.5 * w * double.duration)
+    middle = heel + (plan.sample(double.start + double.duration).dcm[0] - heel) * fade
+    np.testing.assert_allclose(plan.sample(double.start).dcm[0], toe + (middle - toe) * fade, atol=1e-12)
+    roll = own.constants.l_s * own.constants.inverse_a_s
+    np.testing.assert_allclose(plan.sample([0.0, single.duration]).zmp[:, 0], [-roll, roll], atol=1e-12)
+
+
+def test_preview_control_is_its_own_recursion_from_any_start():
+    """The periodic plan is what the servo of the paper comes to, with the sum of errors as its integrator."""
+    _, plan = plans("normal", "preview")
+    law, count = plan.phases[0].x, round(plan.constants.step_duration / SAMPLE_TIME)
+    period = plan.constants.step_duration / count
+    gains = preview_gains(plan.com_height, plan.gravity, period)
+    for axis, one in zip(axes_of(plans("normal", "ampm")[0]), (law, plan.phases[0].y), strict=True):
+        ahead, number = len(gains.preview), 20 * count
+        reference = reference_zmp(plan, axis, period * np.arange(number + ahead + 1))
+        state, total, states = np.array([0.05, 0.1, 0.0]), 0.0, []
+        for k in range(number):
+            states.append(state)
+            total += gains.C @ state - reference[k]
+            jerk = -gains.feedback[0] * total - gains.feedback[1:] @ state
+            jerk -= gains.preview @ reference[k + 1 : k + 1 + ahead]
+            state = gains.A @ state + gains.B * jerk
+        begin = 18 * count  # an even step, like the first
+        position, velocity, acceleration = np.array(states[begin:]).T
+        expected = one.position[: 2 * count] + (18 * axis.shift)
+        np.testing.assert_allclose(position, expected, atol=1e-9)
+        np.testing.assert_allclose(velocity, one.velocity[: 2 * count], atol=1e-9)
+        np.testing.assert_allclose(acceleration, one.acceleration[: 2 * count], atol=1e-8)
+
+
+def test_gains_of_preview_control_are_the_papers():
+    """G_i, G_x and the first gain of the preview, from the Riccati equation (Kajita et al. 2003)."""
+    gains = preview_gains(0.814, GRAVITY, 0.005)
+    A, B = gains.in_errors()
+    weight = np.diag([1.0, 0.0, 0.0, 0.0])
+    P = solve_discrete_are(A, B[:, None], weight, [[JERK_WEIGHT]])
+    F = np.vstack([gains.C @ gains.A, gains.A])
+    scale = JERK_WEIGHT + B @ P @ B
+    np.testing.assert_allclose(gains.feedback[0], B @ P[:, 0] / scale, rtol=1e-9)
+    np.testing.assert_allclose(gains.feedback[1:], B @ P @ F / scale, rtol=1e-9)
+    assert gains.preview[0] == pytest.approx(-gains.feedback[0], rel=1e-9)
+    # All the gains of a ZMP at rest cancel those of a COM at rest over it.
+    assert gains.preview.sum() + gains.feedback[1] == pytest.approx(0.0, abs=1e-4 * gains.feedback[1])
+    assert abs(np.linalg.eigvals(A - np.outer(B, gains.feedback))).max() < 1.0
+
+
+def test_a_law_of_a_moving_zmp_solves_its_equation():
+    law = ZmpLaw(3.3, np.array([0.1, -0.4, 0.9, 1.7]), 0.02, -0.03)
+    t, h = np.linspace(0.1, 0.6, 7), 1e-4
+    now, before, after = (law.evaluate(t + shift) for shift in (0.0, -h, h))
+    bend = (after.position - 2 * now.position + before.position) / h**2
+    np.testing.assert_allclose(bend, 3.3**2 * (now.position - now.zmp), atol=1e-6)
+
+
+@pytest.mark.parametrize("planner", ["preview", "dcm"])
+def test_it_is_walked_by_the_same_controller(planner):
+    trial = val.walk(ampm.load_run("normal", gait={"steps": STEPS}), planner=planner)
+    assert trial.record.outcome.steps_completed == STEPS
+    assert trial.metrics["zmp_x_rmse"].value < 1e-3
+    assert trial.metrics["zmp_y_rmse"].value < 0.5e-3
+    assert trial.summary["planner"] == planner
+    other = STEP_PLANNERS[planner](
+        trial.planned.run.gait, trial.planned.run.body.mass, trial.planned.run.foot, trial.plan.feet.sole
+    )
+    np.testing.assert_array_equal(trial.plan.sample([0.1, 0.7]).com, other.sample([0.1, 0.7]).com)
+
+
+def test_the_plain_pendulum_walks_the_same_footsteps_and_times_but_not_its_zmp():
+    trial = val.walk(ampm.load_run("normal", gait={"steps": STEPS}), planner="ipm")
+    assert trial.record.outcome.steps_completed == STEPS
+    assert trial.metrics["zmp_x_rmse"].value > 5e-3

@@ -1,0 +1,32 @@
+"""Planners by name, by file, or of a user's own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from validation.trial.users import make_object
+
+if TYPE_CHECKING:
+    from ampm.planners import WalkRequest
+    from ampm.walk import Planner
+
+
+def load_planner(text: str, option: str = "--planner") -> Planner[WalkRequest] | None:
+    """The planner that a text names.
+
+    Args:
+        text: a name of :data:`ampm.planners.PLANNERS`, or ``module:Class``.
+        option: how errors call it.
+
+    Returns:
+        None for ``ampm``, the default.
+
+    Raises:
+        InputError: there is no such planner.
+    """
+    from ampm.planners import PLANNERS  # imported here: Pinocchio is slow to load
+
+    if text in PLANNERS:
+        return None if text == "ampm" else PLANNERS[text]()
+    planner: Any = make_object(option, text)
+    return planner
