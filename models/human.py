@@ -79,7 +79,7 @@ class _Inertial:
     def about(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Inertia (3, 3) about ``point`` (3,) of the same frame [kg m^2]."""
         r = self.com - point
-        return self.inertia + self.mass * (r @ r * np.eye(3) - np.outer(r, r))
+        return self.inertia + self.mass * ((r * r).sum() * np.eye(3) - np.outer(r, r))
 
     def plus(self, other: _Inertial) -> _Inertial:
         """Both bodies taken together."""

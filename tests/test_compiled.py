@@ -22,8 +22,11 @@ assert dot((1.0, 2.0, 3.0), (1.0, 1.0, 1.0)) == 6.0
 WALK = """
 import hashlib
 import ampm, validation
-record = validation.walk(ampm.load_run("momentum", gait={"steps": 2})).record
-print(hashlib.sha256(record.q.tobytes() + record.torque.tobytes()).hexdigest())
+trial = validation.walk(ampm.load_run("momentum", gait={"steps": 2}))
+record, motion, sample = trial.record, trial.plan.posture.motion, trial.plan.sample(trial.record.time)
+arrays = sample.com, sample.zmp, motion.q, motion.acceleration, record.q, record.torque, record.point_force
+print(*(hashlib.sha256(array.tobytes()).hexdigest() for array in arrays))
+print({name: metric.value for name, metric in trial.metrics.items()})
 """
 STAND = """
 import sys
@@ -65,6 +68,16 @@ def test_other_sources_are_compiled_anew(tmp_path, monkeypatch):
     now = compiled.folder()
     monkeypatch.setattr(compiled, "_SOURCES", compiled._SOURCES[1:])
     assert compiled.folder.__wrapped__() != now
+
+
+def test_a_walk_has_the_same_bits_with_the_libraries_of_another_processor(tmp_path):
+    """Plan, body, periodic motion, walk and metrics, all without a cache."""
+    found = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
+    old = {"OPENBLAS_CORETYPE": "Nehalem", "NPY_DISABLE_CPU_FEATURES": " ".join(found)}
+    code = {"NUMBA_CACHE_DIR": str(compiled.folder().parent)}
+    here = run(WALK, tmp_path / "here", OPENBLAS_CORETYPE="Haswell", **code)[0]
+    assert "zmp_x_rmse" in here
+    assert here == run(WALK, tmp_path / "there", **old, **code)[0]
 
 
 @pytest.mark.slow

@@ -15,8 +15,8 @@ ROOT = Path(__file__).resolve().parents[1]
 
 ORDER = {
     "ampm": (
-        "exceptions presets geometry compiled vectors linear description admm qp section parameters run_file "
-        "planner walk body control planners tune __main__"
+        "exceptions presets arithmetic geometry compiled vectors linear description admm qp section "
+        "parameters run_file planner walk body control planners tune __main__"
     ).split(),
     "validation": "progress trial store measure judge show run study paper cli".split(),
 }

@@ -6,6 +6,7 @@ on a small Krylov space and takes it as minus the identity elsewhere.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
+from ampm.arithmetic import product
 from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory, Unreachable
 from ampm.body.step_reference import StepReference
 
@@ -222,13 +224,14 @@ def _approximate_inverse(step_map: StepMap, z: Array, value: Array) -> _BroydenI
         if used == _KRYLOV:
             break
         known = basis[:used]
-        direction = following - known.T @ (known @ following)
-        direction = direction - known.T @ (known @ direction)  # orthogonalised twice because of rounding
-        norm = float(np.linalg.norm(direction))
+        direction = following
+        for _ in range(2):  # orthogonalised twice because of rounding
+            direction = direction - product(known.T, product(known, direction))
+        norm = _length(direction)
         if norm < 1e-12:
             break
         direction = direction / norm
-    return _BroydenInverse(basis[:used].T, images[:used].T)
+    return _BroydenInverse(basis[:used], images[:used])
 
 
 def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, float], ...]:
@@ -238,16 +241,16 @@ def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, f
     base = step_map.returned(orbit.trajectory, offset)
     basis, hessenberg = np.zeros((most + 1, n)), np.zeros((most + 1, most))
     start = np.random.default_rng(0).normal(size=n)
-    basis[0] = start / np.linalg.norm(start)
+    basis[0] = start / _length(start)
     leading = np.zeros(0, dtype=complex)
     for k in range(most):
         moved = z.copy()
         moved[:-1] += _DIFFERENCE * basis[k]
         image = (step_map.returned(step_map.step(moved), offset) - base)[:-1] / _DIFFERENCE
         for j in range(k + 1):
-            hessenberg[j, k] = basis[j] @ image
+            hessenberg[j, k] = product(basis[j], image)
             image = image - hessenberg[j, k] * basis[j]
-        rest = float(np.linalg.norm(image))
+        rest = _length(image)
         hessenberg[k + 1, k] = rest
         values, vectors = np.linalg.eig(hessenberg[: k + 1, : k + 1])
         order = np.argsort(-np.abs(values), kind="stable")[:MULTIPLIERS]
@@ -261,25 +264,32 @@ def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, f
     return tuple((float(x.real), float(x.imag)) for x in leading)
 
 
+def _length(a: Array) -> float:
+    return math.sqrt(product(a, a))
+
+
 class _BroydenInverse:
-    """Inverse of a Jacobian that is minus the identity off a small known space, with Broyden's updates."""
+    """Inverse of a Jacobian that is minus the identity off a small known space, with Broyden's updates.
+
+    Args:
+        basis: orthonormal vectors, shape (k, n).
+        images: of the Jacobian, shape (k, n).
+    """
 
     def __init__(self, basis: Array, images: Array) -> None:
-        # J = -I + (images + basis) basis^T, inverted by Woodbury.
-        self._U, self._V = images + basis, basis
-        small = np.eye(basis.shape[1]) - self._V.T @ self._U
-        self._core = np.linalg.solve(small, self._V.T)
         self._updates: list[tuple[Array, Array]] = []
+        for direction, image in zip(basis, images, strict=True):
+            self.update(direction, image)
 
     def __call__(self, value: Array) -> Array:
-        out = -(value + self._U @ (self._core @ value))
+        out = -value
         for left, right in self._updates:
-            out = out + left * (right @ out)
+            out = out + left * product(right, out)
         return out
 
     def update(self, step: Array, change: Array) -> None:
         """Make the inverse map ``change`` to ``step``."""
         image = self(change)
-        denominator = float(step @ image)
+        denominator = float(product(step, image))
         if abs(denominator) > 1e-300:
             self._updates.append(((step - image) / denominator, step))

@@ -6,6 +6,7 @@ Conventions: world x forward, y left, z up, floor z = 0.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -156,5 +157,6 @@ def footprint(sole: SoleGeometry, step: Footstep) -> NDArray[np.float64]:
     x = np.array([sole.heel_x, sole.ball_x, sole.tip_x])
     half = np.array([sole.heel_half_width, sole.ball_half_width, sole.tip_half_width])
     outline = np.column_stack([np.r_[x, x[::-1], x[0]], np.r_[half, -half[::-1], half[0]]])
-    c, s = np.cos(step.heading), np.sin(step.heading)
-    return outline @ np.array([[c, s], [-s, c]]) + np.asarray(step.position[:2])
+    c, s = math.cos(step.heading), math.sin(step.heading)
+    turned = np.column_stack([c * outline[:, 0] - s * outline[:, 1], s * outline[:, 0] + c * outline[:, 1]])
+    return turned + np.asarray(step.position[:2])

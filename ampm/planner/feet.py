@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ampm.arithmetic import cos, sin
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
 
@@ -109,8 +110,8 @@ class FeetPlan:
 def pitch_rotation(pitch: Array) -> Array:
     """Rotation of a foot to world, (..., 3, 3), by its pitch (...) [rad]."""
     rotation = np.zeros((*pitch.shape, 3, 3))
-    rotation[..., 0, 0] = rotation[..., 2, 2] = np.cos(pitch)
-    rotation[..., 0, 2] = np.sin(pitch)
+    rotation[..., 0, 0] = rotation[..., 2, 2] = cos(pitch)
+    rotation[..., 0, 2] = sin(pitch)
     rotation[..., 2, 0] = -rotation[..., 0, 2]
     rotation[..., 1, 1] = 1.0
     return rotation
@@ -135,7 +136,7 @@ def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
     pitch, pitch_velocity, pitch_acceleration = _evaluate(path.pitch[index], local)
     toe, toe_velocity, toe_acceleration = _evaluate(path.toe[index], local)
     x = np.where(path.pivot[index] == PIVOT_HEEL, sole.heel_x, sole.ball_x)
-    c, s = np.cos(pitch), np.sin(pitch)
+    c, s = cos(pitch), sin(pitch)
     zero = np.zeros_like(c)
     arm = np.stack([x * c, zero, -x * s], axis=1)
     arm_first = np.stack([-x * s, zero, -x * c], axis=1)  # d arm / d pitch
@@ -155,15 +156,14 @@ def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
         toe_velocity=toe_velocity,
         toe_acceleration=toe_acceleration,
         contact=path.contact[index],
-        sole_points=_sole_points(sole, position, pitch, toe),
+        sole_points=_sole_points(sole, position, c, s, pitch + toe),
     )
 
 
-def _sole_points(sole: SoleGeometry, position: Array, pitch: Array, toe: Array) -> Array:
-    """Heel left/right, ball left/right, tip left/right, shape (N, 6, 3) [m]."""
+def _sole_points(sole: SoleGeometry, position: Array, c: Array, s: Array, toes_pitch: Array) -> Array:
+    """Heel left/right, ball left/right, tip left/right, shape (N, 6, 3) [m]; c and s are of the pitch."""
     points = np.empty((len(position), 6, 3))
-    c, s = np.cos(pitch), np.sin(pitch)
-    ct, st = np.cos(pitch + toe), np.sin(pitch + toe)
+    ct, st = cos(toes_pitch), sin(toes_pitch)
     toes = sole.tip_x - sole.ball_x
     for group, half_width in enumerate((sole.heel_half_width, sole.ball_half_width, sole.tip_half_width)):
         x = (sole.heel_x, sole.ball_x, sole.ball_x)[group]

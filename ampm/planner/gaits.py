@@ -12,26 +12,15 @@ from typing import Any
 
 import numpy as np
 
+from ampm.arithmetic import arctan2, asinh, cosh, hypot, maximum, sqrt, tanh, where
 from ampm.parameters import GRAVITY, GaitParameters
-from ampm.planner.pendulum import (
-    EPSILON,
-    AffineLaw,
-    arctan2,
-    double_support_root,
-    elementwise,
-    maximum,
-    sqrt,
-    where,
-)
+from ampm.planner.pendulum import EPSILON, AffineLaw, double_support_root
 
 LEAST_MID_STANCE_SHARE = 0.2
 """Least speed over the foot, as a share of v0: below it the pendulum nearly stops and every error grows."""
 
 _ROUNDING = 8.0 * EPSILON
 
-
-_ASINH, _COSH, _TANH = elementwise(math.asinh, 1), elementwise(math.cosh, 1), elementwise(math.tanh, 1)
-_HYPOT = elementwise(math.hypot, 2)
 _LARGEST_COSH = 700.0  # argument at which cosh still fits a double
 
 
@@ -184,9 +173,9 @@ class Gaits:
         k_s, k_d = sqrt(rate_s), sqrt(-rate_d)
         reach_s, reach_d = v0 / k_s, v0 / k_d  # v0 T_s, v0 T_d
         odd_s = sqrt((reach_s - l_s) * (reach_s + l_s))
-        duration_s = 2.0 / k_s * _ASINH(l_s / odd_s)
+        duration_s = 2.0 / k_s * asinh(l_s / odd_s)
         duration_d = where(plain, 2.0 * l_d / v0, 2.0 / k_d * arctan2(l_d, reach_d))
-        odd_d = where(plain, v0, _HYPOT(l_d, reach_d))
+        odd_d = where(plain, v0, hypot(l_d, reach_d))
         return SagittalPlane(
             l_s=l_s,
             l_d=l_d,
@@ -212,7 +201,7 @@ class Gaits:
         t_ss, t_ds = self.sagittal.single.duration, self.sagittal.double.duration
         k = sqrt(c_y * GRAVITY / self.com_height)  # 1 / T_l
         h = 0.5 * k * t_ss
-        tau = _TANH(h)
+        tau = tanh(h)
         rho = double_support_root(tau, 0.5 * k * t_ds)
         drift = 0.5 * k * t_ds * tau  # beta / s of the plain pendulum
         s = 0.5 * self.step_width / (1.0 + where(plain, drift, rho * rho))
@@ -227,7 +216,7 @@ class Gaits:
                 zmp_slope=0.0,
                 force_slope=c_y,
                 duration=t_ss,
-                even=-s / _COSH(np.minimum(h, _LARGEST_COSH)),
+                even=-s / cosh(np.minimum(h, _LARGEST_COSH)),
                 odd=0.0,
             ),
             double=AffineLaw(
@@ -236,7 +225,7 @@ class Gaits:
                 force_slope=where(plain, 1.0, 1.0 + (1.0 - c_y) * slope),
                 duration=t_ds,
                 even=0.0,
-                odd=where(plain, -velocity, -s * rho * _HYPOT(rho, tau)),
+                odd=where(plain, -velocity, -s * rho * hypot(rho, tau)),
             ),
         )
 

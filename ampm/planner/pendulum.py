@@ -21,56 +21,18 @@ See ``docs/theory.md`` for the derivation, ``docs/errata.md`` for the errata of 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ampm.arithmetic import arctan2, cos, cosh, sin, sinh, sqrt, where
+
 Array = NDArray[np.float64]
 
 EPSILON = float(np.finfo(np.float64).eps)
 """Relative distance of 1 to the next double [1]."""
-
-
-def elementwise(function: Callable[..., float], arguments: int) -> Callable[..., Any]:
-    """A function of :mod:`math` on numbers and arrays.
-
-    NumPy's own differ in the last bit between processors, and between numbers and arrays; a gait must have
-    the same plan alone and in an array.
-    """
-    ufunc = np.frompyfunc(function, arguments, 1)
-
-    def apply(*values: Any) -> Any:
-        if type(values[0]) is float:
-            return function(*values)
-        return np.asarray(ufunc(*values), dtype=np.float64)
-
-    return apply
-
-
-arctan2 = elementwise(math.atan2, 2)
-"""Angle of the direction (x, y), given y and x [rad]."""
-
-
-def sqrt(value: Any) -> Any:
-    """Square root of a number or an array; of a negative number ValueError, in an array NaN."""
-    return math.sqrt(value) if type(value) is float else np.sqrt(value)
-
-
-def maximum(a: Any, b: Any) -> Any:
-    """The larger of two numbers or arrays; NaN if one is."""
-    if type(a) is type(b) is float:
-        return b if a < b or b != b else a
-    return np.maximum(a, b)
-
-
-def where(condition: Any, yes: Any, no: Any) -> Any:
-    """:func:`numpy.where`; the chosen value itself if the condition is one bool."""
-    if isinstance(condition, bool):
-        return yes if condition else no
-    return np.where(condition, yes, no)
 
 
 class LawState(NamedTuple):
@@ -150,8 +112,8 @@ def solution(rate: Any, even: Any, odd: Any, time: Any) -> tuple[Array, Array]:
     angle = k * time
     hyperbolic, uniform = rate > 0.0, rate == 0.0
     safe = where(hyperbolic, angle, 0.0)
-    c = where(hyperbolic, np.cosh(safe), np.cos(angle))
-    s = where(hyperbolic, np.sinh(safe), where(uniform, time, np.sin(angle)))
+    c = where(hyperbolic, cosh(safe), cos(angle))
+    s = where(hyperbolic, sinh(safe), where(uniform, time, sin(angle)))
     return even * c + odd * s, where(uniform, 1.0, k) * (np.sign(rate) * even * s + odd * c)
 
 
@@ -165,7 +127,7 @@ def position_integral(rate: Any, even: Any, odd: Any, start: Any, end: Any) -> A
     k = sqrt(abs(rate))
     half = 0.5 * k * (end - start)
     hyperbolic, uniform = rate > 0.0, rate == 0.0
-    width = where(hyperbolic, np.sinh(where(hyperbolic, half, 0.0)), np.sin(half))
+    width = where(hyperbolic, sinh(where(hyperbolic, half, 0.0)), sin(half))
     middle, _ = solution(rate, even, odd, 0.5 * (start + end))
     return where(uniform, end - start, 2.0 * width / where(uniform, 1.0, k)) * middle
 

@@ -77,7 +77,7 @@ def cubic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> Array:
     out = np.zeros((*dp.shape, _ORDER))
     out[..., 0], out[..., 1] = p0, v0
     out[..., 2] = (3.0 * dp - dv) / T**2
-    out[..., 3] = (dv - 2.0 * dp) / T**3
+    out[..., 3] = (dv - 2.0 * dp) / (T * T * T)
     return out
 
 
@@ -170,7 +170,7 @@ def _stride(
     if paper:
         pieces = _paper_swing(flight, single, foot.swing_height)
     else:
-        lift_shape = _LIFT / single[:, None] ** np.arange(_ORDER + 1)
+        lift_shape = _LIFT / np.vander(single, _ORDER + 1, increasing=True)
         flight[:, 0] -= (foot.swing_lag * (ahead[:, 0] - behind[:, 0]))[:, None] * lift_shape
         flight[:, 2] += foot.swing_height * lift_shape
 
@@ -262,7 +262,7 @@ def _paper_swing(flight: Array, single: Array, height: float) -> list[tuple[floa
         (share of the swing at which it begins, coefficients) of either piece.
     """
     half = 0.5 * single
-    shape = height * _CUBIC_RISE / half[:, None] ** np.arange(_ORDER + 1)
+    shape = height * _CUBIC_RISE / np.vander(half, _ORDER + 1, increasing=True)
     rising, falling = flight.copy(), _shift(flight, half)
     rising[:, 2] += shape
     falling[:, 2] -= shape

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
+from ampm.arithmetic import product
 from ampm.body.feasibility import (
     CLEARANCE,
     KNEE_MINIMUM,
@@ -211,10 +212,13 @@ def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Arr
     torque, twist = np.empty((len(time), robot.nu)), np.empty(len(time))
     for k in range(len(time)):
         q, v = trajectory.q[k], trajectory.v[k]
-        jacobian = robot.jacobian(q).jacobian
-        soles = [jacobian[6:12].copy(), jacobian[12:18].copy()]
+        terms = robot.jacobian(q)
+        soles, turn = [terms.jacobian[6:12], terms.jacobian[12:18]], terms.jacobian[6:9, :3]
         total = pin.rnea(robot.model, robot.data, q, v, trajectory.acceleration[k])
-        wrench = np.linalg.solve(soles[0][:, :6].T, total[:6])  # force and moment about the left sole
+        force, moment = product(turn, total[:3]), product(turn, total[3:6])  # about the root
+        wrench = np.concatenate(
+            [force, moment - np.cross(terms.sole[0] - q[:3], force)]
+        )  # about the left sole
         reference = [feet[0].position[k], feet[1].position[k]]
         share = float(shares[k])
         centre = _centre(reference[0], wrench)
@@ -231,7 +235,7 @@ def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Arr
             x, y, z = places[foot] - reference[foot][0], y - reference[foot][1], -reference[foot][2]
             fx, fy, fz = force
             load = [fx, fy, fz, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx + part * yaw]
-            rest -= soles[foot][:, 6:].T @ load
+            rest -= product(soles[foot][:, 6:].T, load)
             if robot.description.sole.has_toes:
                 toe = robot.toe_joints[foot] - 6
                 axis = reference[foot][0] + robot.description.sole.ball_x * math.cos(feet[foot].pitch[k])

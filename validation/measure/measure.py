@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
+from ampm.arithmetic import cos, sin
 from ampm.exceptions import InputError
 from ampm.geometry import polygon_margin
 
@@ -318,8 +319,8 @@ def _step_back(q: Array, qd: Array, dt: float) -> Array:
     back[:, 7:] -= dt * qd[:, 6:]
     turn = -dt * qd[:, 3:6]  # rotation vector in the root's axes
     angle = np.linalg.norm(turn, axis=1)
-    cosine = np.cos(0.5 * angle)
-    x, y, z = (turn * (0.5 * np.sinc(0.5 * angle / np.pi))[:, None]).T
+    cosine, sine = cos(0.5 * angle), sin(0.5 * angle)
+    x, y, z = (turn * np.where(angle > 0.0, sine / np.where(angle > 0.0, angle, 1.0), 0.5)[:, None]).T
     w0, x0, y0, z0 = q[:, 3:7].T
     back[:, 3] = w0 * cosine - x0 * x - y0 * y - z0 * z
     back[:, 4] = w0 * x + x0 * cosine + y0 * z - z0 * y

@@ -150,8 +150,8 @@ def pinocchio_model(model: mujoco.MjModel) -> pin.Model:
 def _inertia(model: mujoco.MjModel, body: int) -> pin.Inertia:
     """Inertia of a body in its frame, from the compiled principal axes."""
     pose = _pose(model.body_ipos[body], model.body_iquat[body])
-    about_com = pose.rotation @ np.diag(model.body_inertia[body]) @ pose.rotation.T
-    return pin.Inertia(float(model.body_mass[body]), pose.translation, 0.5 * (about_com + about_com.T))
+    principal = np.diag(model.body_inertia[body])
+    return pose * pin.Inertia(float(model.body_mass[body]), np.zeros(3), principal)
 
 
 def _set_limits(result: pin.Model, model: mujoco.MjModel, joint: int, pin_joint: int) -> None:

@@ -20,6 +20,7 @@ import numpy as np
 import tomli_w
 from pydantic import Field, model_validator
 
+from ampm.arithmetic import exp
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters, keys
 from ampm.presets import PRESETS
@@ -178,7 +179,7 @@ def _scaled(info: KeyInfo, value: Range, unit: NDArray[np.float64]) -> Column:
     start, stop = (value.start - 0.5, value.stop + 0.5) if whole else (value.start, value.stop)
     if value.scale == "log":
         low, high = math.log(start), math.log(stop)
-        values = np.exp(low + unit * (high - low))
+        values = exp(low + unit * (high - low))
     else:
         values = start + unit * (stop - start)
     if whole:
