@@ -104,6 +104,52 @@ def sweep(
     return Status.PASS if is_met(timing) else Status.OUT_OF_TOLERANCE
 
 
+@app.command()
+def peers(
+    only: Annotated[list[str] | None, option("--only", "One task; repeatable.", "TASK")] = None,
+    install: Annotated[
+        bool, typer.Option("--install/--no-install", help="Make environments that are missing.")
+    ] = True,
+    json_file: Annotated[Path | None, option("--json", "Write everything as JSON as well.", "FILE")] = None,
+    to_document: Annotated[
+        bool, option("--markdown", "Put the table into docs/benchmarks.md as well.")
+    ] = False,
+) -> int:
+    """Compare with other libraries at the same work.
+
+    Every library that the project's environment lacks gets one of its own in the user's cache. One that
+    cannot be installed is listed with the reason.
+    """
+    from benchmarks.peers.compare import TASKS, compare, print_sections, update_document
+
+    for task in only or ():
+        if task not in TASKS:
+            raise InputError(f"--only {task!r} must be of {', '.join(TASKS)}; correct it.")
+    sections = compare(only or tuple(TASKS), install=install, progress=Narrator())
+    print_sections(sections)
+    _write(json_file, sections, force=True)
+    if to_document:
+        update_document(sections)
+        Narrator().say("wrote docs/benchmarks.md")
+    return Status.PASS
+
+
+@app.command()
+def qpset(
+    file: Annotated[Path, typer.Argument(help="File to write (npz).", metavar="FILE")],
+    force: Annotated[bool, option("--force", "Replace an earlier FILE.")] = False,
+) -> int:
+    """Record the control QPs of two walks, with reference solutions; docs/benchmarks.md has the format."""
+    from benchmarks.peers.qpset import record_set, save_set
+
+    check_output_file(file, force=force)
+    problems = record_set(Narrator())
+    with output_file(file, force=force) as work:
+        save_set(work, problems)
+    Narrator().wrote(file)
+    return Status.PASS
+
+
 def _write(file: Path | None, result: object, *, force: bool) -> None:
     if file is not None:
         with output_file(file, force=force) as work:

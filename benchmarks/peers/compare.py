@@ -1,0 +1,132 @@
+"""What the peers are measured at, and the table of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from rich.text import Text
+
+from benchmarks.peers.environments import MissingPeer, work
+from benchmarks.peers.qpset import accuracy, load_set
+from benchmarks.peers.solve import SOLVERS
+from benchmarks.table import DOCUMENT
+from validation.progress import Progress
+from validation.show.text import format_duration, markdown_table, print_line, print_table, replace_between
+
+MARK = "table of the peers, written by python -m benchmarks peers --markdown"
+HEADER = ("", "version", "cold", "warm", "p99", "times ours", "error")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One library at one task; times are NaN where there is none.
+
+    Attributes:
+        name: of the library and its setting.
+        version: of the library.
+        error: what its answers are wrong by; for a missing peer the reason.
+        warm: median, or the time of the only way to call it [s].
+        p99: 99th percentile of the same [s].
+        cold: median with a new workspace for every call [s].
+    """
+
+    name: str
+    version: str
+    error: str
+    warm: float = float("nan")
+    p99: float = float("nan")
+    cold: float = float("nan")
+
+    def cells(self, ours: float) -> tuple[str, ...]:
+        """The row of the table."""
+        times = [format_duration(value) if value > 0.0 else "" for value in (self.cold, self.warm, self.p99)]
+        ratio = f"{self.warm / ours:.2g}" if self.warm > 0.0 else ""
+        return self.name, self.version, *times, ratio, self.error
+
+
+@dataclass(frozen=True)
+class Section:
+    """Entries of one task; the first one is ours.
+
+    Attributes:
+        title: the task.
+        entries: of all libraries.
+        why: reason why ours is not first everywhere.
+    """
+
+    title: str
+    entries: tuple[Entry, ...]
+    why: str
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Rows of the table."""
+        return [entry.cells(self.entries[0].warm) for entry in self.entries]
+
+    def remark(self) -> str:
+        """Which libraries are faster than ours, where, and why; empty if none is."""
+        ours, *others = self.entries
+        faster = []
+        for entry in others:
+            where = [name for name in ("cold", "warm", "p99") if getattr(entry, name) < getattr(ours, name)]
+            if where:
+                faster.append(f"{entry.name} ({', '.join(where)})")
+        return f"{self.title}: faster than ours are {', '.join(faster)}. {self.why}" if faster else ""
+
+
+def compare(tasks: Sequence[str], *, install: bool, progress: Progress) -> list[Section]:
+    """Measure all peers at some of :data:`TASKS`."""
+    return [TASKS[task](install, progress) for task in tasks]
+
+
+def compare_solvers(install: bool, progress: Progress) -> Section:
+    """QP solvers on the recorded control QPs."""
+    problems, entries = load_set(), []
+    for name in SOLVERS:
+        with progress.stage(f"QPs by {name}"):
+            try:
+                found = work("solve.py", name, problems, install=install)
+            except MissingPeer as error:
+                entries.append(Entry(name, "", str(error)))
+                continue
+        for mode in dict.fromkeys(key.split("/")[0] for key in found if "/" in key):
+            cold, warm = (found[f"{mode}/{start}/seconds"] for start in ("cold", "warm"))
+            x, y, solved = (found[f"{mode}/warm/{part}"] for part in ("x", "y", "solved"))
+            rows, gradient, force, zmp = (error.max() for error in accuracy(problems, x, y))
+            text = f"{force:.2g} N, {1e3 * zmp:.2g} mm; rows {rows:.1g}, gradient {gradient:.1g}"
+            if not solved.all():
+                text += f"; {(~solved).sum()} unsolved"
+            title = name if mode == "None" else f"{name}, {float(mode):g}"
+            times = [float(value) for value in (np.median(warm), np.percentile(warm, 99.0), np.median(cold))]
+            entries.append(Entry(title, str(found["version"]), text, *times))
+    why = (
+        "An active-set method needs few changes of its working set, also from a cold start and where contact "
+        "switches and ADMM takes more iterations. ADMM is first where nothing switches."
+    )
+    return Section(f"{len(problems['q'])} control QPs", tuple(entries), why)
+
+
+TASKS: dict[str, Callable[[bool, Progress], Section]] = {"solvers": compare_solvers}
+"""What is compared, by name."""
+
+
+def print_sections(sections: Sequence[Section]) -> None:
+    """Print the table on stdout."""
+    rows: list[tuple[str | Text, ...]] = []
+    for section in sections:
+        rows += [(Text(section.title, "bold"), *[""] * 6), *section.rows()]
+    print_table("peers", ["", "", *(f">{name}" for name in HEADER[2:6]), ""], rows)
+    for section in sections:
+        print_line(section.remark())
+
+
+def update_document(sections: Sequence[Section]) -> None:
+    """Replace the table in the documentation."""
+    rows: list[tuple[str, ...]] = []
+    for section in sections:
+        rows += [(f"**{section.title}**", *[""] * 6), *section.rows()]
+    remarks = [remark for section in sections if (remark := section.remark())]
+    text = "\n\n".join([markdown_table(HEADER, rows), *remarks])
+    page = DOCUMENT.read_text(encoding="utf-8")
+    DOCUMENT.write_text(replace_between(page, MARK, f"\n{text}\n"), encoding="utf-8")
