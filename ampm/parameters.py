@@ -145,8 +145,11 @@ def _damping(default: float, description: str) -> Any:
 
 
 class ControllerParameters(Section, section="controller"):
-    """The torque-level tracking controller."""
+    """The torque-level tracking controller; another one reads what it needs of these."""
 
+    name: str = parameter(
+        "ampm", "controller: ampm, joint-pd, the name of an installed one, or MODULE:CLASS", "1", min_length=1
+    )
     frequency: Real = parameter(500.0, "control ticks per second", "Hz", ge=20, le=10_000)
     hold: Literal["first-order", "zero-order"] = parameter(
         "first-order",

@@ -97,7 +97,7 @@ class KeyInfo:
         unit: SI unit, ``"1"`` if it has none.
         default: its value where it is not given.
         kind: type of its values.
-        options: values of a text, empty for numbers.
+        options: values of a text, empty for numbers and for a text that is free.
         bounds: limits by comparison (``gt``, ``ge``, ``lt``, ``le``), those that there are.
         finite: whether infinity is refused.
     """
@@ -135,7 +135,8 @@ class KeyInfo:
         """
         is_number = isinstance(value, float) or (type(value) is int and abs(value) <= _LARGEST_INTEGER)
         if self.kind == "text":
-            good, wanted = value in self.options, f"one of {', '.join(self.options)}"
+            good = value in self.options if self.options else bool(value) and isinstance(value, str)
+            wanted = f"one of {', '.join(self.options)}" if self.options else "a text"
         elif self.kind == "int":
             good, wanted = is_number and value % 1 == 0, "a whole number"
         else:
@@ -172,7 +173,7 @@ def key_info(key: str) -> KeyInfo:
         meaning=str(field.description),
         unit=unit_of(field),
         default=field.default,
-        kind="text" if options else "int" if field.annotation is int else "float",
+        kind="text" if options or field.annotation is str else "int" if field.annotation is int else "float",
         options=options,
         bounds=bounds,
         finite=any(getattr(item, "allow_inf_nan", None) is False for item in field.metadata),

@@ -85,7 +85,7 @@ def test_a_controller_and_a_planner_of_ones_own(tmp_path, ampm):
     options = ["--controller", f"{HERE}:Weaker", "--planner", f"{HERE}:Planner", "--out", tmp_path / "a"]
     answer = ampm("validate", "normal", "--steps", "2", *options, "--json")
     assert answer.status in (Status.PASS, Status.OUT_OF_TOLERANCE)
-    assert (answer.json["controller"], answer.json["planner"]) == ("Weaker", "Planner")
+    assert (answer.json["controller"], answer.json["planner"]) == (f"{HERE}:Weaker", "Planner")
     assert val.load(tmp_path / "a").plan() is None  # of another planner
 
 
@@ -93,7 +93,8 @@ def test_a_fall_without_qp_has_its_folder_and_report(tmp_path, ampm):
     settings = ["--set=gait.steps=2", "--set=solver.ik_time_step=0.01", "--out", tmp_path / "a"]
     answer = ampm("validate", "normal", "--controller", f"{HERE}:Limp", *settings)
     assert answer.status == Status.NOT_COMPLETED
-    assert "QP                none" in answer.out
+    assert "QP                none, so failed_qp does not apply" in answer.out
+    assert "feedback          not reported by the controller" in answer.out
     assert "failed_qp" not in val.load(tmp_path / "a").summary["metrics"]
     assert "no QP" in (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
 
@@ -130,7 +131,8 @@ class Short(Broken):
         ({"planner": Broken()}, "planner Broken failed .*int"),
         ({"disturbances": [Broken()]}, "disturbance Broken failed .KeyError: 'gusts'"),
         ({"disturbances": PUSH}, "Push.* is no disturbances="),
-        ({"controller": "x"}, "'x' is no controller="),
+        ({"controller": "x"}, "controller.name 'x' is none of ampm, joint-pd; .* MODULE:CLASS"),
+        ({"controller": 3}, "3 is no controller="),
         ({"planner": object}, "is no planner="),
     ],
 )

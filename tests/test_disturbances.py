@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ampm.control.joint_pd import JointPD
 from ampm.exceptions import InputError
 from tests.records import first_difference
 from tests.solved import COARSE, body_of, simulated, walk_of
@@ -112,9 +113,9 @@ def test_a_users_own_wind_pushes_with_the_relative_air():
 
 
 def test_a_users_own_controller_may_fall_and_leaves_the_rest_unsaid():
-    record = walk(controller=example("joint_pd").JointPD)
+    record = walk(controller=JointPD)
     assert record.outcome.name is OutcomeName.FELL
-    assert record.metadata["controller"] == "joint_pd:JointPD"
+    assert record.metadata["controller"] == "joint-pd"
     assert np.isnan(record.command_zmp).all()
     assert np.isnan(record.qp_residual).all()
     np.testing.assert_array_equal(record.command_com[0], walk().command_com[0])

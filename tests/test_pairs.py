@@ -182,7 +182,10 @@ def test_what_cannot_be_compared_is_refused(folders, tmp_path):
     normal, ipm = folders
     for sources, options, why in (
         (("normal", "normal"), {}, "both gaits are named 'normal'"),
-        ((normal, ipm), {"settings": ["gait.steps=3"]}, "--set has nothing to change"),
+        ((normal, ipm), {"settings": ["gait.steps=3"]}, "--set and --controller have nothing"),
+        ((normal, ipm), {"controllers": ["ampm"]}, "--set and --controller have nothing"),
+        (("normal", "ipm"), {"controllers": ["ampm"] * 3}, "3 controllers"),
+        (("normal", "normal"), {"controllers": ["ampm", "ampm"]}, "both gaits are named 'normal'"),
         ((normal, tmp_path), {}, "no folder of a finished run"),
         ((normal, "nowhere"), {}, "neither a preset nor a file"),
         ((normal, normal), {"out": ipm, "force": True}, "holds no comparison"),

@@ -26,6 +26,7 @@ from validation.study.sweep import report, schema, store, task, workers
 from validation.study.sweep import run as sweep_run
 from validation.study.sweep.design import parse_sweep
 from validation.study.sweep.exceptions import SweepStopped
+from validation.study.sweep.report import repeat_command
 from validation.study.sweep.run import sweep
 from validation.study.sweep.store import ROWS
 from validation.study.sweep.table import read_sweep
@@ -366,8 +367,10 @@ OWN = """
 gait = "flat"
 steps = 2
 recordings = "none"
-controller = "tests.test_api:{name}"
 push = ["chest,20,0,0,0.5,0.1"]
+
+[set]
+controller.name = "tests.test_api:{name}"
 
 [[vary]]
 method = "list"
@@ -380,7 +383,7 @@ def test_a_controller_and_pushes_of_ones_own_walk_every_run(tmp_path):
     row, _ = task.walk_task(task.Task.of(limp, 0, tmp_path, keep=True, wall_clock=None))
     assert row["outcome"] == "fell"
     summary = json.loads((tmp_path / "recordings" / "0" / "summary.json").read_text(encoding="utf-8"))
-    assert summary["controller"] == "Limp"
+    assert summary["controller"] == "tests.test_api:Limp"
     assert "force=(20.0, 0.0, 0.0)" in summary["disturbances"][0]
     row, trace = task.walk_task(task.Task.of(broken, 0, tmp_path, wall_clock=None))
     assert (row["outcome"], row["reason"]) == ("crashed", "UsersError")
@@ -395,12 +398,13 @@ def test_a_controller_and_pushes_are_part_of_the_sweeps_identity(direct, tmp_pat
     text = OWN.format(name="Limp").replace("tests.test_api", "own_controller")
     direct.file.write_text(text, encoding="utf-8")
     assert direct() == 0
-    options = ["--controller", "own_controller:Limp", "--push", "chest,20,0,0,0.5,0.1"]
-    assert read_sweep(direct.out).metadata["options"] == options
+    table = read_sweep(direct.out)
+    assert table.metadata["options"] == ["--push", "chest,20,0,0,0.5,0.1"]
+    assert "--set controller.name=own_controller:Limp" in repeat_command(table)[0]
     direct.file.write_text(text.replace("20,0", "30,0"), encoding="utf-8")
     assert direct("--resume") == 2
     assert "sweep.push" in capsys.readouterr().err
     direct.file.write_text(text, encoding="utf-8")
     mine.write_text("class Limp:\n    changed = True\n", encoding="utf-8")
     assert direct("--resume") == 2
-    assert "sweep.controller" in capsys.readouterr().err
+    assert "controller own_controller:Limp" in capsys.readouterr().err

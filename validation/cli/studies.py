@@ -226,6 +226,10 @@ def compare(
     settings: Settings = None,
     as_is: AsIs = False,
     steps: Steps = None,
+    controller: Annotated[
+        list[str] | None,
+        option("--controller", "Of both gaits; given twice, of A and of B.", "NAME|MODULE:CLASS"),
+    ] = None,
     uncertainty: Uncertainty = None,
     out: Annotated[Path | None, option("--out", "Keep the report, the numbers and the runs.", "DIR")] = None,
     force: Force = False,
@@ -240,8 +244,9 @@ def compare(
 
     extra = with_steps(settings, steps)
     pair = compare_pair(
-        a, b, extra, as_is=as_is, uncertainty=uncertainty or (), out=out, force=force, stages=Narrator()
-    )
+        a, b, extra, as_is=as_is, controllers=controller or (), uncertainty=uncertainty or (), out=out,
+        force=force, stages=Narrator(),
+    )  # fmt: skip
     answer(pair, type(pair).as_dict, print_pair, as_json=as_json)
     if out is not None:
         from validation.study.compare.report import write_pair  # loads matplotlib

@@ -72,7 +72,8 @@ def validate(
     as_json: Json = False,
     uncertainty: Uncertainty = None,
     controller: Annotated[
-        str | None, option("--controller", "Walk with a controller of your own.", "MODULE:CLASS")
+        str | None,
+        option("--controller", "Short for controller.name: ampm, joint-pd, your own.", "NAME|MODULE:CLASS"),
     ] = None,
     planner: Annotated[
         str | None,
@@ -114,9 +115,10 @@ def validate(
     from validation.run.planner import load_planner
     from validation.trial.disturbances import parse_push
     from validation.trial.plan import complete, load_requests
-    from validation.trial.users import load_object
 
-    extra = [*with_steps(settings, steps), *([] if qp is None else [f'solver.qp="{qp}"'])]
+    short = {"solver.qp": qp, "controller.name": controller}
+    extra = [f'{key}="{value}"' for key, value in short.items() if value is not None]
+    extra = [*with_steps(settings, steps), *extra]
     gaits = gaits or ["normal"]
     requests = load_requests(gaits, extra, as_is=as_is)
     judges = [profiles.own_profile(gait) if profile is None else profiles.profile(profile) for gait in gaits]
@@ -127,7 +129,6 @@ def validate(
     options = run.Options(
         force=force,
         instrument=None if instrument is None else load_instrument(instrument),
-        controller=None if controller is None else load_object("--controller", controller),
         planner=None if planner is None else load_planner(planner),
         disturbances=[parse_push(text) for text in push or ()],
     )
@@ -331,8 +332,10 @@ def _cost(summary: Mapping[str, Any]) -> dict[str, str]:
         f"{_scaled(solver['time_p99'], 1e6, ' us')} at the 99th percentile",
         "speed": f"closed loop at {format_number(timing['real_time_factor'], 3)} times real time",
     }
-    if solver["time_median"] is None:  # of a controller of one's own
-        lines["QP"] = "none"
+    if solver["unsolved"] is None:
+        lines["QP"] = "none, so failed_qp does not apply"
+    if summary["effort"]["zmp"] == [None, None]:
+        lines["feedback"] = "not reported by the controller"
     if observed := summary.get("instrument"):
         sizes = {cause: windows["run"]["rmse"] for cause, windows in observed["causes"].items()}
         known = {cause: math.hypot(*rmse) for cause, rmse in sizes.items() if None not in rmse}

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from validation.judge.compare import Comparison
+    from validation.trial.record import SimulationRecord
 
     Array = NDArray[np.float64]
 
@@ -320,10 +321,15 @@ def _force_gaps(walk: Comparison) -> Array:
     return np.asarray(np.linalg.norm(gap[walk.inside], axis=1))
 
 
+def has_qp(record: SimulationRecord) -> bool:
+    """Whether the controller reported anything of a QP; otherwise nothing of a QP applies to it."""
+    return bool(record.qp_status.any() or np.isfinite(record.qp_residual).any())
+
+
 def _failed_qp(walk: Comparison) -> float | None:
     """Control ticks whose QP stayed unsolved; None for a controller that reports no QP."""
-    failed = np.count_nonzero(walk.record.qp_status == UNSOLVED)
-    return None if not failed and np.isnan(walk.record.qp_residual).all() else float(failed)
+    record = walk.record
+    return float(np.count_nonzero(record.qp_status == UNSOLVED)) if has_qp(record) else None
 
 
 def rms(values: Array) -> float:

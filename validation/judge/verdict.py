@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.judge.compare import Comparison, statistics_table
-from validation.judge.metrics import METRICS, display_unit
+from validation.judge.metrics import METRICS, display_unit, has_qp
 from validation.judge.profiles import Profile, Tolerance
 from validation.store.json import json_ready
 
@@ -282,17 +283,17 @@ def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> d
 
 
 def _solver(record: SimulationRecord) -> dict[str, Any]:
-    """How the controller's QPs were solved, NaN without a tick."""
+    """How the controller's QPs were solved, NaN without a tick; nothing is counted without a QP."""
 
     def quantile(values: Any, share: float) -> float:
         return float(np.quantile(values, share)) if values.size else math.nan
 
     status = record.qp_status
+    states = {"solved": SOLVED, "solved_with_limits": LIMITED, "unsolved": UNSOLVED}
+    known = has_qp(record)
     return {
         "ticks": status.size,
-        "solved": np.count_nonzero(status == 0),
-        "solved_with_limits": np.count_nonzero(status == 1),
-        "unsolved": np.count_nonzero(status == 2),
+        **{name: np.count_nonzero(status == code) if known else None for name, code in states.items()},
         "residual_maximum": quantile(record.qp_residual, 1.0),
         "iterations_median": quantile(record.qp_iterations, 0.5),
         "iterations_maximum": quantile(record.qp_iterations, 1.0),

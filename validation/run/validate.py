@@ -30,7 +30,7 @@ from validation.trial.record import SimulationRecord
 
 if TYPE_CHECKING:
     from ampm.planners import WalkRequest
-    from ampm.walk import ControllerFactory, Planner
+    from ampm.walk import Planner
     from validation.measure.instruments.model import Instrument
     from validation.trial.disturbances import Disturbance
 
@@ -48,7 +48,7 @@ class Options:
         recording: write ``recording.rrd`` and ``report.html``; both can be written later from the folder.
         uncertainty: of the metrics, from a convergence study; None judges the values as they are.
         instrument: shown beside the simulator's truth, see :mod:`validation.measure.instruments`.
-        controller, planner, disturbances: as :func:`validation.walk` takes them.
+        planner, disturbances: as :func:`validation.walk` takes them.
     """
 
     profile: Profile = DEFAULT
@@ -56,7 +56,6 @@ class Options:
     recording: bool = True
     uncertainty: Uncertainty | None = None
     instrument: Instrument | None = None
-    controller: ControllerFactory | None = None
     planner: Planner[WalkRequest] | None = None
     disturbances: Sequence[Disturbance] = ()
 
@@ -127,7 +126,6 @@ def validate(
             trial = walk_planned(
                 planned,
                 options.profile,
-                controller=options.controller,
                 disturbances=options.disturbances,
                 uncertainty=options.uncertainty,
                 progress=progress,

@@ -27,6 +27,7 @@ from validation.progress import Progress, interruption
 from validation.run.planner import load_planner
 from validation.run.trial import Trial
 from validation.trial.bridge import to_pinocchio
+from validation.trial.controllers import find_controller, name_of
 from validation.trial.plan import PlannedWalk, Request, load_request, make_body, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
 def walk(
     run: RunParameters | str | Path = "normal",
     *,
-    controller: ControllerFactory | None = None,
+    controller: ControllerFactory | str | None = None,
     planner: Planner[WalkRequest] | str | None = None,
     disturbances: Sequence[Disturbance] = (),
     profile: Profile | str | None = None,
@@ -56,7 +57,8 @@ def walk(
 
     Args:
         run: parameters from :func:`ampm.load_run`, or a preset or TOML file.
-        controller: makes the controller from robot and run, a class for example; the built-in one by default.
+        controller: makes the controller from robot and run, a class for example; or its name. That of the run
+            by default.
         planner: makes the plan, or a name, see :func:`validation.run.planner.load_planner`;
             :class:`ampm.planners.AmpmPeriodic` by default.
         disturbances: external forces, such as :class:`validation.Push`.
@@ -69,7 +71,11 @@ def walk(
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk, or a user's class fails.
     """
     for value, good, wanted in (
-        (controller, controller is None or callable(controller), "controller=, a class for example"),
+        (
+            controller,
+            controller is None or isinstance(controller, str) or callable(controller),
+            "controller=, a class for example",
+        ),
         (planner, not isinstance(planner, type), "planner=, an object, not its class"),
         (disturbances, isinstance(disturbances, list | tuple), "disturbances=, a list of them"),
     ):
@@ -82,6 +88,9 @@ def walk(
     else:
         request = load_request(str(run))
         request = replace(request, name=name or request.name)
+    factory = find_controller(controller) if isinstance(controller, str) else controller
+    if factory is not None:
+        request = replace(request, run=request.run.replace({"controller.name": name_of(factory)}))
     if not isinstance(profile, Profile):
         profile = profiles.own_profile(request.name) if profile is None else profiles.profile(profile)
     seconds: dict[str, float] = {}
@@ -90,7 +99,7 @@ def walk(
     return walk_planned(
         planned,
         profile,
-        controller=controller,
+        controller=factory,
         disturbances=disturbances,
         uncertainty=uncertainty,
         progress=progress,
@@ -114,7 +123,7 @@ def walk_planned(
     Args:
         planned: see :func:`validation.trial.plan.plan_walk`.
         profile: tolerances.
-        controller: makes the controller from robot and run.
+        controller: makes the controller from robot and run; the one that the run names by default.
         disturbances: external forces.
         uncertainty: numerical uncertainty of the metrics.
         progress: where to report stages.
@@ -143,8 +152,8 @@ def walk_planned(
         metrics = MappingProxyType(evaluate(comparison))
         verdict = judge(metrics, profile, measured.weight, uncertainty, ended=record.outcome.ending)
     extra: dict[str, Any] = {}
-    if controller is not None:
-        extra["controller"] = getattr(controller, "__qualname__", repr(controller))
+    if "controller" in record.metadata:
+        extra["controller"] = record.metadata["controller"]
     if planned.planner:
         extra["planner"] = planned.planner
     if disturbances:

@@ -204,7 +204,7 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
         "planned speed": "" if plan is None else with_unit(float(plan.constants.mean_velocity), "m/s"),
         "body": f"{number(float(record.mass))}\u00a0kg, {number(saved.parameters.body.height)}\u00a0m",
         # A controller of one's own may have no QP.
-        "unsolved QPs": "no QP" if summary["solver"]["time_median"] is None else unsolved,
+        "unsolved QPs": "no QP" if summary["solver"]["unsolved"] is None else unsolved,
         "times real time": number(summary["timing"].get("real_time_factor")),
     }
     return {label: value for label, value in facts.items() if value}

@@ -133,12 +133,9 @@ class RunFigures:
             )
         if np.isfinite(self.saved.record.qp_time).any():  # a user's controller may have no QP
             found["cost"].append(self.qp_statistics())
-        found["cost"].append(
-            self.difference(
-                "command_zmp", "plan_zmp", "xy", "Feedback: commanded − planned ZMP",
-                "Commanded minus planned ZMP",
-            )
-        )  # fmt: skip
+        if np.isfinite(self.signals["command_zmp_x"]).any():  # nor report a command
+            title, label = "Feedback: commanded − planned ZMP", "Commanded minus planned ZMP"
+            found["cost"].append(self.difference("command_zmp", "plan_zmp", "xy", title, label))
         path = self.saved.directory / INSTRUMENT_FILE
         if path.is_file():
             table = pq.read_table(path)

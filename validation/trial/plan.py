@@ -20,6 +20,7 @@ from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
 from ampm.run_file import changes, load_run
 from validation.progress import Progress
+from validation.trial.controllers import CONTROLLERS, find_controller
 from validation.trial.users import UsersCode
 
 if TYPE_CHECKING:
@@ -129,11 +130,13 @@ def load_request(gait: str, settings: Sequence[str] = (), *, as_is: bool = False
         as_is: every value counts as given, so that nothing is found.
 
     Raises:
-        InputError: unknown gait or key, or a bad value.
+        InputError: unknown gait, key or controller, or a bad value.
     """
     run = load_run(gait, settings)
     if as_is:
         run = run.as_is()
+    if run.controller.name not in CONTROLLERS:
+        find_controller(run.controller.name)
     path = Path(gait)
     # A run folder's own run.toml is named after the folder.
     name = path.resolve().parent.name if path.name == "run.toml" else path.stem

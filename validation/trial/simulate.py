@@ -22,6 +22,7 @@ from ampm.parameters import steps_per_tick
 from ampm.vectors import put, turned, vector
 from ampm.walk import LIMITED, State, Timing, Touch
 from validation.trial.bridge import to_mujoco
+from validation.trial.controllers import find_controller, name_of
 from validation.trial.disturbances import Disturbance, Plant
 from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
@@ -144,7 +145,7 @@ def simulate(
         plan: of the walk; it starts on the plan's own posture.
         run: gains, contact, time step.
         body: the simulated body.
-        controller: makes the controller from robot and run, :class:`TrackingController` by default.
+        controller: makes the controller from robot and run; the one that ``run`` names by default.
         disturbances: external forces; the controller gets no information on them.
         steps: walking steps, the plan's by default.
         progress: called with (simulation steps done, all) now and then.
@@ -177,19 +178,16 @@ def simulate(
     q = start.q.copy()
     q[2] -= run.simulation.start_depth  # the soles carry weight from the first instant
     physics.place(q, start.v)
-    with contextlib.nullcontext() if controller is None else UsersCode("controller", controller):
-        follower = (controller or TrackingController)(physics.robot, run)
+    factory = controller or find_controller(run.controller.name)
+    own = factory is TrackingController
+    with contextlib.nullcontext() if own else UsersCode("controller", factory):
+        follower = factory(physics.robot, run)
     loop = ClosedLoop(physics, follower, references, run, step_ends, total, progress, disturbances)
     record = loop.run()
-    metadata = {} if controller is None else {"controller": _name(controller)}
+    metadata = {} if own else {"controller": name_of(factory)}
     if disturbances:
         metadata["disturbances"] = "; ".join(str(disturbance) for disturbance in disturbances)
     return replace(record, metadata=metadata) if metadata else record
-
-
-def _name(factory: ControllerFactory) -> str:
-    """Module and name of what makes a controller."""
-    return f"{getattr(factory, '__module__', '')}:{getattr(factory, '__qualname__', factory)}"
 
 
 class ClosedLoop:

@@ -1,9 +1,11 @@
-"""Users' classes: import them, and report their errors with their name."""
+"""Users' classes: find and import them, and report their errors with their name."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -58,6 +60,28 @@ def load_object(option: str, text: str) -> Any:
         raise InputError(f"{option} {text!r} cannot be imported ({error}); correct the name.") from error
     finally:
         sys.path.pop(0)
+
+
+def load_named(option: str, text: str, known: Mapping[str, str], group: str) -> Any:
+    """Import what a name stands for, or ``module:name``.
+
+    Args:
+        option: that names it, for messages.
+        text: a name or ``module:name``.
+        known: the project's own names, and what they stand for.
+        group: of entry points, by which installed packages add names.
+
+    Raises:
+        InputError: nothing has this name, or it cannot be imported.
+    """
+    if ":" not in text and text not in known:
+        known = {**known, **{item.name: item.value for item in entry_points(group=group)}}
+        if text not in known:
+            raise InputError(
+                f"{option} {text!r} is none of {', '.join(known)}; take one of them, or MODULE:CLASS, "
+                "for example mine:Controller."
+            )
+    return load_object(option, known.get(text, text))
 
 
 def make_object(option: str, text: str) -> Any:

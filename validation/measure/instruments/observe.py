@@ -6,19 +6,18 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ampm.exceptions import InputError
-from ampm.parameters import RunParameters
-from ampm.run_file import dump_run, load_run
+from ampm.run_file import load_run
 from validation.measure.instruments.chain import BIAS, FILTER
 from validation.measure.instruments.model import Instrument, load_instrument
 from validation.measure.instruments.names import CAUSES, INSTRUMENT_COLUMNS, METHOD, RUN, STATISTICS, WINDOWS
 from validation.measure.instruments.rigs import RIGS, Rig, usable_rows
+from validation.store.identity import parameter_values, run_key
 from validation.store.saved import SUMMARY_FILE, check_files
 
 if TYPE_CHECKING:
@@ -173,7 +172,7 @@ def observe_folder(directory: Path | str, instrument: Instrument) -> Observation
         xml = (directory / "model.xml").read_text(encoding="utf-8")
         return mujoco.MjModel.from_xml_string(xml), build(run.body, run.contact, run.simulation).description
 
-    observed = observe(instrument, load_record(directory), run_key(run), body)
+    observed = observe(instrument, load_record(directory), run_key(parameter_values(run)), body)
     if observed is None:
         raise InputError(
             f"the walk of {directory} ended before its second time step; there is nothing to observe."
@@ -186,7 +185,7 @@ def observe_walk(
 ) -> Observation | None:
     """Observe a walk in memory; of ``planned`` only body and parameters are used. See :func:`observe`."""
     model = planned.body.model
-    key = run_key(planned.request.run)
+    key = run_key(parameter_values(planned.run))
     return observe(instrument, record, key, lambda: (model.compile(), model.description))
 
 
@@ -208,18 +207,13 @@ def instrument_columns(planned: PlannedWalk, record: SimulationRecord, name: str
 _loaded = lru_cache(maxsize=8)(load_instrument)
 
 
-def run_key(run: RunParameters) -> str:
-    """Identity of a run for an instrument's draws: a hash of its complete parameters."""
-    return sha256(dump_run(run).encode()).hexdigest()[:16]
-
-
 def observe(instrument: Instrument, record: SimulationRecord, key: str, body: Body) -> Observation | None:
     """Apply an instrument to a walk.
 
     Args:
         instrument: which.
         record: of the walk; the plan is not used.
-        key: of the run, see :func:`run_key`.
+        key: of the run, see :func:`validation.store.identity.run_key`.
         body: gives the compiled model and its description; called only by instruments that need them.
 
     Returns:

@@ -201,6 +201,7 @@ def compare_pair(
     settings: Sequence[str] = (),
     *,
     as_is: bool = False,
+    controllers: Sequence[str] = (),
     uncertainty: Sequence[Path] = (),
     out: Path | None = None,
     force: bool = False,
@@ -213,6 +214,7 @@ def compare_pair(
         b: likewise.
         settings: ``key=value`` texts for the gaits that are to be walked.
         as_is: find nothing that they leave open.
+        controllers: name of one for both walks, or of one for each.
         uncertainty: ``convergence.json`` of both gaits; without, no value of a walk is called better.
         out: folder that keeps the runs that are walked, and that
             :func:`validation.study.compare.report.write_pair` will fill; None keeps nothing.
@@ -223,7 +225,7 @@ def compare_pair(
         InputError, MathematicalRefusal, BodilyRefusal: a gait or folder cannot be used.
     """
     stages = stages or Progress()
-    sources = _sources([a, b], settings, as_is=as_is)
+    sources = _sources([a, b], settings, controllers, as_is=as_is)
     for label, source in sources.items():
         if isinstance(source, Request):  # refuse gaits without a plan before the first walk
             check_formula(source)
@@ -255,17 +257,28 @@ def compare_pair(
         return pair_of(*sides, studies=studies)
 
 
-def _sources(texts: Sequence[str], settings: Sequence[str], *, as_is: bool) -> Mapping[str, Request | Path]:
+def _sources(
+    texts: Sequence[str], settings: Sequence[str], controllers: Sequence[str], *, as_is: bool
+) -> Mapping[str, Request | Path]:
     """Gaits or folders, by their name in tables."""
+    if len(controllers) > len(texts):
+        raise InputError(
+            f"{len(controllers)} controllers were given, two gaits are compared; give one for both, or two."
+        )
+    own = [[f'controller.name="{name}"'] for name in controllers] or [[]]
     sources = [
-        Path(text) if Path(text).is_dir() else load_request(text, settings, as_is=as_is) for text in texts
+        Path(text) if Path(text).is_dir() else load_request(text, [*settings, *more], as_is=as_is)
+        for text, more in zip(texts, own * len(texts), strict=False)
     ]
     walks = [source for source in sources if isinstance(source, Request)]
-    if settings and not walks:
+    if (settings or controllers) and not walks:
         raise InputError(
-            "both sides are runs that are already walked: --set has nothing to change; leave it out."
+            "both sides are runs that are already walked: --set and --controller have nothing to change; "
+            "leave them out."
         )
     names = [s.name if isinstance(s, Request) else s.resolve().name for s in sources]
+    if names[0] == names[1] and len({*controllers}) == len(walks) == 2:
+        names = [f"{name}-{controller}" for name, controller in zip(names, controllers, strict=True)]
     if names[0] == names[1]:
         if len(walks) == len(sources):
             raise InputError(

@@ -27,7 +27,7 @@ from ampm.presets import PRESETS
 from ampm.run_file import KeyInfo, key_info, load_run
 from ampm.section import Real, Section, parse_toml, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
-from validation.trial.users import load_object
+from validation.trial.controllers import CONTROLLERS, find_controller
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,7 +41,7 @@ MOST_CASES = 10_000_000
 """Runs of one sweep at most."""
 MOST_POINTS = 1_000_000
 """Points of one sampled block at most: 8 MB for every key."""
-STEPS_KEY = "gait.steps"
+STEPS_KEY, CONTROLLER_KEY = "gait.steps", "controller.name"
 
 _TABLES = ("sweep", "set", "vary", "base")
 _DIGITS = 12  # significant digits to which a grid's inner values are rounded
@@ -210,7 +210,6 @@ class SweepDefinition(Section, section="sweep"):
         10, description="how many runs keep one if recordings = failures or worst", ge=1, le=10_000
     )
     instrument: str | None = Field(None, description="model of the sensors that measure beside the truth")
-    controller: str | None = Field(None, description="controller of your own, MODULE:CLASS")
     push: tuple[str, ...] = Field(
         (), description="pushes of every run, each SEGMENT,FX,FY,FZ,AT,DURATION", strict=False
     )
@@ -275,6 +274,13 @@ class SweepDefinition(Section, section="sweep"):
                 inner //= len(values)  # of a grid the last key changes fastest
                 axes[key] = values, inner if block.method == "grid" else stride
         return axes
+
+    @property
+    def controllers(self) -> list[str]:
+        """Names of the controllers in its runs that are not the project's own."""
+        varied = (block.keys[CONTROLLER_KEY] for block in self.vary if CONTROLLER_KEY in block.keys)
+        names: Any = next(varied, [self.shared.controller.name])
+        return sorted({*names} - CONTROLLERS.keys())
 
     def column(self, key: str, runs: NDArray[np.int64]) -> Column:
         """Values of any key of the run, varied or not, in some runs, shape (n,)."""
@@ -367,8 +373,8 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
             blocks.append(_block(item))
     head = {"name": name, "steps": base.gait.steps, **head}
     definition = SweepDefinition(**head, set=fixed, vary=tuple(blocks), base=base)
-    if definition.controller is not None:
-        load_object("sweep.controller", definition.controller)
+    for controller in definition.controllers:
+        find_controller(controller)
     if definition.push:
         from validation.trial.disturbances import parse_push  # loads the simulator
 
@@ -407,7 +413,8 @@ def _values(key: str, value: Any) -> Range | tuple[Value, ...]:
     info = key_info(key)
     if isinstance(value, dict):
         if info.kind == "text":
-            raise InputError(f"{key} is a text and has no range; list {', '.join(info.options)}.", key=key)
+            values = ", ".join(info.options) or "its values"
+            raise InputError(f"{key} is a text and has no range; list {values}.", key=key)
         with _place(key):
             found = Range(**value)
         info.convert(found.start), info.convert(found.stop)

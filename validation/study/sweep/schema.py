@@ -29,7 +29,7 @@ from ampm.planner.centroidal import CentroidalPlan, PlanConstants
 from ampm.planner.periodic import plan_gait
 from ampm.run_file import describe_keys
 from ampm.walk import LIMITED, UNSOLVED
-from validation.judge.metrics import METRICS
+from validation.judge.metrics import METRICS, has_qp
 from validation.measure.instruments.names import INSTRUMENT_COLUMNS
 from validation.store.environment import DISTRIBUTIONS, describe_environment
 from validation.store.identity import code_hash, run_key
@@ -38,6 +38,7 @@ from validation.trial.users import UsersError
 
 if TYPE_CHECKING:
     from validation.run.trial import Trial
+    from validation.trial.record import SimulationRecord
 
 WORKER_DIED = "worker_died"
 """Reason of a crash that ended its worker's process."""
@@ -204,6 +205,12 @@ def walk_columns(walk: Trial) -> dict[str, Any]:
         "margin_joint_name": margins["joint"].where or None,
         "margin_clearance_parts": margins["clearance"].where or None,
         "qp_ticks": int(record.qp_status.size),
+        **(_qp_columns(record) if has_qp(record) else {}),
+    }
+
+
+def _qp_columns(record: SimulationRecord) -> dict[str, int]:
+    return {
         "qp_limited": int(np.count_nonzero(record.qp_status == LIMITED)),
         "qp_unsolved": int(np.count_nonzero(record.qp_status == UNSOLVED)),
         "qp_iterations_maximum": int(record.qp_iterations.max(initial=0)),

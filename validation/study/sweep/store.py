@@ -31,7 +31,7 @@ from validation.store.identity import code
 from validation.study.sweep.design import SweepDefinition, dump_sweep
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import columns, schema
-from validation.trial.users import load_object
+from validation.trial.controllers import find_controller
 
 DEFINITION = "sweep.toml"
 ROWS = "rows.sqlite"
@@ -70,10 +70,7 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
         "runs": len(definition),
         "varied": list(definition.keys),
         "profile": profile.name,
-        "options": [
-            *(["--controller", definition.controller] if definition.controller else []),
-            *(word for push in definition.push for word in ("--push", push)),
-        ],
+        "options": [word for push in definition.push for word in ("--push", push)],
         "tolerances": {
             item.metric: {"limit": item.limit, "unit": item.unit, "reason": item.reason}
             for item in profile.tolerances
@@ -128,10 +125,9 @@ def _identity(definition: SweepDefinition) -> dict[str, Any]:
         from validation.measure.instruments.model import load_instrument  # loads simulator and measurement
 
         settings["sweep.instrument"] = repr(load_instrument(definition.instrument))  # a file may change
-    if definition.controller is not None:
-        source = inspect.getfile(load_object("sweep.controller", definition.controller))
-        digest = hashlib.sha256(Path(source).read_bytes()).hexdigest()
-        settings["sweep.controller"] = f"{definition.controller} of a file {digest[:8]}"
+    for name in definition.controllers:
+        digest = hashlib.sha256(Path(inspect.getfile(find_controller(name))).read_bytes()).hexdigest()
+        settings[f"controller {name}"] = f"of a file {digest[:8]}"
     return {"settings": settings, "code": code()}
 
 

@@ -33,7 +33,6 @@ from validation.study.sweep.design import SweepDefinition
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import clean_text, error_columns, make_row, walk_columns
 from validation.study.sweep.store import RECORDINGS, disk_full
-from validation.trial.users import load_object
 
 if TYPE_CHECKING:
     from validation.run.trial import Trial
@@ -61,7 +60,6 @@ class Task:
         parameters: all of them.
         profile: tolerances.
         instrument: sensor model beside the simulator's truth, if any.
-        controller: the user's, ``module:Class``, if any.
         push: pushes, as texts.
         keep: whether the walk keeps a run folder.
         folder: of the sweep, for kept runs.
@@ -75,7 +73,6 @@ class Task:
     parameters: RunParameters
     profile: str
     instrument: str | None = None
-    controller: str | None = None
     push: tuple[str, ...] = ()
     keep: bool = False
     folder: str = ""
@@ -90,7 +87,7 @@ class Task:
         Raises:
             InputError: a parameter is beyond its bounds.
         """
-        same = ("profile", "instrument", "controller", "push", "wall_clock")
+        same = ("profile", "instrument", "push", "wall_clock")
         task = cls(
             run=run,
             name=definition.name_of(run),
@@ -123,11 +120,9 @@ class Task:
         from validation.run.walk import walk_planned  # loads the simulator
         from validation.trial.disturbances import parse_push
 
-        own = self.controller
         return walk_planned(
             planned,
             find_profile(self.profile),
-            controller=None if own is None else load_object("sweep.controller", own),
             disturbances=[parse_push(text) for text in self.push],
             seconds=seconds,
         )

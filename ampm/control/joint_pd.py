@@ -1,10 +1,4 @@
-"""Example of an own controller: joint PD along the planned posture, with the planned torques fed forward.
-
-    import ampm, validation as val
-    from docs.examples.joint_pd import JointPD
-
-    trial = val.walk(ampm.load_run("normal"), controller=JointPD)
-    print(trial)
+"""Joint PD along the planned posture, with the planned torques fed forward: a baseline.
 
 It uses neither COM nor contact, so the body falls.
 """

@@ -1,0 +1,118 @@
+"""Controllers by name, without a QP, in sweeps and side by side."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ampm
+import validation as val
+from ampm.control.controller import TrackingController
+from ampm.control.joint_pd import JointPD
+from ampm.exceptions import InputError
+from ampm.walk import LIMITED
+from validation.judge.metrics import has_qp
+from validation.study.compare.pair import compare_pair
+from validation.study.sweep.design import dump_sweep, parse_sweep
+from validation.study.sweep.task import Task, walk_task
+from validation.trial import users
+from validation.trial.controllers import GROUP, find_controller, name_of
+
+EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
+QUICK = {"gait": {"steps": 2}, "solver": {"ik_time_step": 0.01}, "simulation": {"time_step": 0.002}}
+SETTINGS = [f"{section}.{key}={value}" for section, keys in QUICK.items() for key, value in keys.items()]
+
+
+class Refined(TrackingController):
+    """A controller of an installed package."""
+
+
+@pytest.fixture
+def installed(monkeypatch):
+    """A package that adds the controller ``refined``, and one whose module is missing."""
+    points = [
+        EntryPoint("refined", f"{__name__}:Refined", GROUP),
+        EntryPoint("broken", "no_such_module:Controller", GROUP),
+    ]
+    monkeypatch.setattr(users, "entry_points", lambda group: [p for p in points if p.group == group])
+
+
+def test_a_controller_has_one_name_wherever_it_comes_from(installed):
+    assert find_controller("ampm") is TrackingController
+    assert find_controller("joint-pd") is JointPD
+    assert find_controller("refined") is find_controller(f"{__name__}:Refined") is Refined
+    assert (name_of(JointPD), name_of(Refined)) == ("joint-pd", f"{__name__}:Refined")
+    with pytest.raises(InputError, match="'joint_pd' is none of ampm, joint-pd, refined, broken"):
+        find_controller("joint_pd")
+    with pytest.raises(InputError, match="no_such_module:Controller' cannot be imported"):
+        find_controller("broken")
+
+
+def test_a_named_controller_walks_and_the_run_says_so(tmp_path):
+    trial = val.walk(ampm.load_run("normal", **QUICK), controller="joint-pd")
+    assert trial.planned.run.controller.name == trial.summary["controller"] == "joint-pd"
+    assert trial.record.outcome.name == "fell"
+    again = val.walk(str(trial.save(tmp_path / "run", recording=False) / "run.toml"))
+    np.testing.assert_array_equal(again.record.q, trial.record.q)
+
+
+def test_what_belongs_to_a_qp_does_not_apply_without_one():
+    trial = val.walk(ampm.load_run("normal", **QUICK), controller=JointPD)
+    assert not has_qp(trial.record)
+    assert "failed_qp" not in trial.metrics
+    solver = trial.summary["solver"]
+    assert [solver[name] for name in ("solved", "solved_with_limits", "unsolved")] == [None] * 3
+    assert solver["ticks"] > 0
+
+
+def test_a_status_alone_tells_of_a_qp():
+    class Limited(JointPD):
+        def update(self, state, touch, reference):
+            return super().update(state, touch, reference)._replace(status=LIMITED)
+
+    trial = val.walk(ampm.load_run("normal", **QUICK), controller=Limited)
+    assert trial.metrics["failed_qp"].value == 0.0
+    assert trial.summary["solver"]["solved_with_limits"] == trial.summary["solver"]["ticks"]
+
+
+def test_the_template_walks_until_it_falls(monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    assert len((EXAMPLES / "controller_template.py").read_text(encoding="utf-8").splitlines()) <= 30
+    trial = val.walk(ampm.load_run("normal", **QUICK), controller="controller_template:MyController")
+    assert trial.record.outcome.name == "fell"
+    assert trial.record.outcome.time > 0.2
+
+
+SWEEP = f"""
+[sweep]
+recordings = "none"
+steps = 2
+
+[set]
+{chr(10).join(setting for setting in SETTINGS if "steps" not in setting)}
+
+[[vary]]
+method = "grid"
+controller.name = ["ampm", "joint-pd"]
+"""
+
+
+def test_a_sweep_varies_the_controller(tmp_path):
+    definition = parse_sweep(SWEEP)
+    assert parse_sweep(dump_sweep(definition)) == definition
+    rows = [walk_task(Task.of(definition, run, tmp_path, wall_clock=None))[0] for run in (0, 1)]
+    assert [row["controller.name"] for row in rows] == ["ampm", "joint-pd"]
+    assert [row["outcome"] for row in rows] == ["completed", "fell"]
+    assert [row["metric_failed_qp"] for row in rows] == [0.0, None]
+    assert [row["qp_unsolved"] for row in rows] == [0, None]
+    assert rows[0]["key"] != rows[1]["key"]
+
+
+def test_one_gait_is_compared_under_two_controllers(tmp_path):
+    pair = compare_pair("normal", "normal", SETTINGS, controllers=["ampm", "joint-pd"])
+    assert (pair.a.label, pair.b.label) == ("normal-ampm", "normal-joint-pd")
+    assert pair.parameters == {"controller.name": ("ampm", "joint-pd")}
+    assert [side.outcome for side in (pair.a, pair.b)] == ["completed", "fell"]
