@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,11 @@ from validation.trial import users
 from validation.trial.controllers import GROUP, find_controller, name_of
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
-QUICK = {"gait": {"steps": 2}, "solver": {"ik_time_step": 0.01}, "simulation": {"time_step": 0.002}}
+QUICK: dict[str, Any] = {
+    "gait": {"steps": 2},
+    "solver": {"ik_time_step": 0.01},
+    "simulation": {"time_step": 0.002},
+}
 SETTINGS = [f"{section}.{key}={value}" for section, keys in QUICK.items() for key, value in keys.items()]
 
 

@@ -1,6 +1,7 @@
 """Joint PD along the planned posture, with the planned torques fed forward: a baseline.
 
-It uses neither COM nor contact, so the body falls.
+Springs follow the inertia of each joint, and in the standing legs the strength of the motors. The controller
+uses neither COM nor contact, so the body falls.
 """
 
 from __future__ import annotations
@@ -19,22 +20,31 @@ class JointPD:
     Args:
         robot: the body.
         run: its parameters; unused.
-        stiffness: share of a joint's largest torque per radian of error [1/rad].
-        damping: the same per radian per second [s/rad].
+        frequency: of every joint as an oscillator [rad/s]; damping is critical.
+        stance: share of a motor's largest torque per radian of error, in a standing leg [1/rad].
     """
 
     def __init__(
-        self, robot: Robot, run: RunParameters, stiffness: float = 5.0, damping: float = 0.2
+        self, robot: Robot, run: RunParameters, frequency: float = 40.0, stance: float = 2.0
     ) -> None:
-        self.robot, self.stiffness, self.damping = robot, stiffness, damping
-        self.data = robot.model.createData()
+        self.robot, self.data = robot, robot.model.createData()
+        inertia = pin.crba(robot.model, self.data, pin.neutral(robot.model)).diagonal()[6:]
+        self.legs = [
+            [robot.joint_names.index(name) for name in (*leg.hip, leg.knee, *leg.ankle)]
+            for leg in robot.description.legs
+        ]
+        self.swinging, self.standing = frequency**2 * inertia, stance * robot.torque_limit
+        self.damping_time = 2.0 / frequency  # critical [s]
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One tick."""
         planned, limit = reference.posture, self.robot.torque_limit
-        torque = self._feed_forward(reference)
-        torque += limit * self.stiffness * (planned.q[7:] - state.q[7:])
-        torque += limit * self.damping * (planned.v[6:] - state.v[6:])
+        stiffness = self.swinging.copy()
+        for leg, contact in zip(self.legs, reference.contacts.planned, strict=True):
+            if contact.any():
+                stiffness[leg] = self.standing[leg]
+        error = planned.q[7:] - state.q[7:] + self.damping_time * (planned.v[6:] - state.v[6:])
+        torque = self._feed_forward(reference) + stiffness * error
         return ControlOutput(np.clip(torque, -limit, limit))
 
     def _feed_forward(self, reference: Reference) -> np.ndarray:
