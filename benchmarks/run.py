@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.body.feasibility import check_body
-from ampm.body.inverse_kinematics import InverseKinematics
+from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory
 from ampm.body.motion import WholeBodyMotion
 from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
@@ -97,7 +97,7 @@ def run_benchmarks(
         motion = solve_motion(plan, run, body.robot, cache=None)
         orbit = time.perf_counter() - start
     with progress.stage("inverse kinematics"):
-        ticks = _time_ik(run, body.robot, plan, motion)
+        ticks, _ = time_ik(run, body.robot, plan, motion)
     sections = {
         "once per gait": [
             Line.of("plan, closed form", pure),
@@ -127,16 +127,22 @@ def run_benchmarks(
     )
 
 
-def _time_ik(run: RunParameters, robot: Robot, plan: StepPlan, motion: WholeBodyMotion) -> Samples:
-    """Times of the ticks of one step of the inverse kinematics: drift correction, QP and integration [s]."""
+def time_ik(
+    run: RunParameters, robot: Robot, plan: StepPlan, motion: WholeBodyMotion, *, draft: bool = False
+) -> tuple[Samples, StepTrajectory]:
+    """Times of the ticks of one step of the inverse kinematics [s], and the step.
+
+    A tick is drift correction, QP and integration; a draft does without the QP where no limit binds.
+    """
     kinematics = _TimedKinematics(robot, run)
     reference = step_reference(plan, step_grid(plan, run.solver.ik_time_step))
+    start = motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset
     rounds = []
     for _ in range(_STEPS):
         kinematics.times = []
-        kinematics.integrate(reference, motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset)
+        step = kinematics.integrate(reference, *start, draft=draft)
         rounds.append(np.diff(kinematics.times))
-    return least(rounds)
+    return least(rounds), step
 
 
 class _TimedKinematics(InverseKinematics):

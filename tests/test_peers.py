@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from benchmarks import cli
-from benchmarks.peers import compare, environments, qpset
+from benchmarks.peers import body, compare, environments, plans, qpset
 from benchmarks.peers.solve import PARTS, time_solver
 from benchmarks.table import DOCUMENT
 from validation.cli.options import Status
 from validation.progress import Progress
+from validation.trial.plan import load_request, plan_walk
 
 EXACT = ("None/cold", "None/warm")
 
@@ -99,3 +101,53 @@ def test_the_faster_ones_are_named_with_the_reason():
 def test_an_unknown_task_is_refused(capsys):
     assert cli.main(["peers", "--only", "chess"]) == Status.REFUSED
     assert "chess" in capsys.readouterr().err
+
+
+def test_the_bodys_description_for_others_is_the_same_body():
+    walk = plan_walk(load_request("normal", ["gait.steps=2"]))
+    robot, given = walk.body.robot, body.references(walk, 0.05)
+    model = pin.buildModelFromXML(given["urdf"], pin.JointModelFreeFlyer())
+    data, order = model.createData(), [model.joints[model.getJointId(n)].idx_v for n in robot.joint_names]
+    q = np.concatenate([given["q"][:7], np.zeros(robot.nu)])
+    q[np.array(order) + 1] = given["q"][7:]
+    indices = [*range(6), *order]
+    own = pin.crba(robot.model, robot.data, given["q"])
+    np.testing.assert_allclose(pin.crba(model, data, q)[np.ix_(indices, indices)], own, atol=1e-9)
+    pin.framesForwardKinematics(model, data, q)
+    terms = robot.jacobian(given["q"])
+    for foot, name in enumerate(given["soles"]):
+        pose = data.oMf[model.getFrameId(str(name))]
+        np.testing.assert_allclose(pose.translation, terms.sole[foot], atol=1e-12)
+        np.testing.assert_allclose(pose.rotation, terms.sole_turn[foot], atol=1e-12)
+    times = walk.plan.contacts.step_ends[1]
+    assert len(given["com"]) == int(times / 0.05)
+    states = walk.plan.table(0.05 * np.arange(1, len(given["com"]) + 1)).rows.posture.q
+    assert max(body.errors(robot, given, states)) < 1e-6
+    assert body.errors(robot, given, states[:1] + np.eye(robot.nq)[:1] * 1e-3)[0] == pytest.approx(
+        1e-3, rel=1e-3
+    )
+
+
+def test_plans_of_others_follow_their_zmp(monkeypatch):
+    monkeypatch.setattr(plans, "_TIMES", 1)
+    monkeypatch.setattr(plans, "PERIODS", (0.1, 0.05))
+    found = plans.plans()
+    ours, dcm, preview, coarse, fine = found.values()
+    assert ours.error == dcm.error == 0.0
+    assert max(plan.jump for plan in found.values()) < 1e-12
+    assert ours.margin > 0.0
+    assert 1e-3 < preview.error < fine.error < coarse.error < 0.1
+    assert coarse.margin < fine.margin < 0.0  # only the samples are within the support
+
+
+def test_the_mpc_keeps_the_zmp_of_its_samples_within_the_support():
+    walk = plan_walk(load_request("normal", ["gait.steps=6"]))
+    mpc, start = plans.Mpc(walk.plan, 0.05), walk.plan.sample([0.0])
+    state = np.stack([start.com[0, :2], start.com_velocity[0, :2], start.com_acceleration[0, :2]])
+    states, jerks = mpc.follow(state, 20)
+    times = np.linspace(0.05, 0.95, 19)
+    zmp = mpc.zmp(states, jerks, times)
+    margin = [(edges[:, 2] - edges[:, :2] @ p).min() for edges, p in zip(mpc.edges[1:20], zmp, strict=True)]
+    assert min(margin) > -1e-6
+    assert np.abs(zmp - mpc.reference[1:20]).max() < 0.03
+    assert walk.plan.com_height == pytest.approx(-mpc.output[2] * walk.plan.gravity)

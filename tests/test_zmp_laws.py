@@ -19,7 +19,7 @@ from ampm.planner.zmp_laws import (
     preview_gains,
     reference_zmp,
 )
-from ampm.planner.zmp_laws import _axes as axes_of
+from ampm.planner.zmp_laws import step_axes as axes_of
 from tests.solved import body_of
 
 STEPS = 4

@@ -104,7 +104,7 @@ class _Axis(NamedTuple):
         return moved
 
 
-def _axes(steps: StepPlan) -> tuple[_Axis, _Axis]:
+def step_axes(steps: StepPlan) -> tuple[_Axis, _Axis]:
     """Sagittal and frontal plane of a gait's first step, from the reference point of the stance foot."""
     constants, contacts = steps.constants, steps.contacts
     roll, half = constants.l_s * constants.inverse_a_s, 0.5 * contacts.step_width
@@ -157,7 +157,7 @@ def dcm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: Sol
         InputError, MathematicalRefusal: as :func:`ampm.planner.support.plan_steps`.
     """
     steps = plan_steps(gait, mass, foot, sole)
-    phases, laws = [], [_dcm_laws(steps, axis) for axis in _axes(steps)]
+    phases, laws = [], [_dcm_laws(steps, axis) for axis in step_axes(steps)]
     for number, phase in enumerate(steps.contacts.phases):
         step, kind = divmod(number, 2)
         x, y = laws[0][kind], laws[1][kind]
@@ -273,7 +273,7 @@ def preview_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole:
     number = np.arange(count * steps.contacts.steps + 1)
     times = np.asarray(number * period, dtype=np.float64)
     laws: list[SampledLaw] = []
-    for axis in _axes(steps):
+    for axis in step_axes(steps):
         position, *rates = _preview_step(steps, axis, gains, count, period)
         step, index = np.divmod(number, count)
         velocity, acceleration = (axis.sign**step * rate[index] for rate in rates)

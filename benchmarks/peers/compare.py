@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.text import Text
 
+from benchmarks.clock import Samples
 from benchmarks.peers.environments import MissingPeer, work
 from benchmarks.peers.qpset import accuracy, load_set
 from benchmarks.peers.solve import SOLVERS
 from benchmarks.table import DOCUMENT
 from validation.progress import Progress
 from validation.show.text import format_duration, markdown_table, print_line, print_table, replace_between
+from validation.trial.plan import load_request, plan_walk
+
+Array = NDArray[np.float64]
 
 MARK = "table of the peers, written by python -m benchmarks peers --markdown"
 HEADER = ("", "version", "cold", "warm", "p99", "times ours", "error")
@@ -69,6 +75,8 @@ class Section:
         ours, *others = self.entries
         faster = []
         for entry in others:
+            if entry.name.startswith(ours.name):
+                continue
             where = [name for name in ("cold", "warm", "p99") if getattr(entry, name) < getattr(ours, name)]
             if where:
                 faster.append(f"{entry.name} ({', '.join(where)})")
@@ -107,7 +115,64 @@ def compare_solvers(install: bool, progress: Progress) -> Section:
     return Section(f"{len(problems['q'])} control QPs", tuple(entries), why)
 
 
-TASKS: dict[str, Callable[[bool, Progress], Section]] = {"solvers": compare_solvers}
+def compare_plans(install: bool, progress: Progress) -> Section:
+    """Plans of COM and ZMP, with the feet; each is made here."""
+    from benchmarks.peers.plans import STEPS, plans
+
+    with progress.stage("plans"):
+        judged = plans()
+    entries = []
+    for name, plan in judged.items():
+        smooth = "C2" if plan.jump < 1e-9 else f"jumps by {plan.jump:.2g} g"
+        text = f"ZMP {1e3 * plan.error:.2g} mm off; {1e3 * plan.margin:.3g} mm within the support; {smooth}"
+        entries.append(Entry(name, "", text, min(plan.seconds)))
+    return Section(f"plan of {STEPS} steps", tuple(entries), "")
+
+
+def compare_kinematics(install: bool, progress: Progress) -> Section:
+    """Differential inverse kinematics of one body along one plan."""
+    from ampm.body.step_reference import step_grid, step_reference
+    from benchmarks.peers.body import errors, references
+    from benchmarks.peers.track import FOLLOWERS
+    from benchmarks.run import time_ik
+
+    walk = plan_walk(load_request("normal", ["gait.steps=3"]), progress)
+    run, robot = walk.run, walk.body.robot
+    entries = []
+
+    def add(name: str, version: str, seconds: Samples, given: dict[str, Any], q: Array) -> None:
+        com, sole, turn = (1e3 * error for error in errors(robot, given, q))
+        text = f"COM {com:.1g} mm, soles {sole:.1g} mm and {turn:.1g} mrad"
+        times = float(np.median(seconds)), float(np.percentile(seconds, 99.0))
+        entries.append(Entry(name, version, text, *times))
+
+    wanted = step_reference(walk.plan, step_grid(walk.plan, run.solver.ik_time_step))
+    own = {"com": wanted.position[:, 0], "place": wanted.position[:, 1:], "turn": wanted.rotation}
+    for name, draft in (("ours", False), ("ours, without its QP", True)):
+        with progress.stage(f"inverse kinematics by {name}"):
+            seconds, step = time_ik(run, robot, walk.plan, walk.motion, draft=draft)
+        add(name, "", seconds, own, step.q)
+    given = references(walk, run.solver.ik_time_step)
+    for name in FOLLOWERS:
+        with progress.stage(f"inverse kinematics by {name}"):
+            try:
+                found = work("track.py", name, given, install=install)
+            except MissingPeer as error:
+                entries.append(Entry(name, "", str(error)))
+                continue
+        add(name, str(found["version"]), found["seconds"], given, found["q"])
+    why = (
+        "They solve for velocities that follow feet, COM and trunk by weights. Ours solves for accelerations "
+        "under the angular momentum, too, with a QP to 1e-12, and corrects every node to 1e-9 m."
+    )
+    return Section("tick of the inverse kinematics", tuple(entries), why)
+
+
+TASKS: dict[str, Callable[[bool, Progress], Section]] = {
+    "plans": compare_plans,
+    "kinematics": compare_kinematics,
+    "solvers": compare_solvers,
+}
 """What is compared, by name."""
 
 

@@ -38,6 +38,11 @@ PEERS = {
     "PIQP": Peer("piqp", ("piqp==0.6.4", "numpy<3")),
     "Clarabel": Peer("clarabel", ("clarabel==0.11.1", "numpy<3", "scipy")),
     "quadprog": Peer("quadprog", ("quadprog==0.1.14", "numpy<3")),
+    "mink": Peer("mink", ("mink==1.3.0", "daqp")),
+    "pink": Peer("pink", ("pin-pink==4.4.0", "daqp")),
+    "placo IK": Peer("placo", ("placo==0.10.2",)),
+    "placo": Peer("placo", ("placo==0.10.2",)),
+    "TSID": Peer("tsid", ("tsid==1.10.0",)),
 }
 
 
