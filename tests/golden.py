@@ -36,7 +36,7 @@ CORE = {"OPENBLAS_CORETYPE": "Haswell", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_TH
 CORE |= {"MUJOCO_GL": "disable"}
 """Of the environment: one kernel of linear algebra for all x86 machines, one thread, no display."""
 VERSIONS = ("numpy", "scipy", "mujoco", "pin", "osqp", "daqp", "numba", "sympy")
-RECORD_FILES = ("joints.parquet", "contacts.parquet", "states.parquet", "ticks.parquet")
+RECORD_FILES = ("joints.parquet", "ticks.parquet")
 NOT_REPRODUCIBLE = tuple(
     "qp_time time_median time_p timing seconds memory_peak environment directory revision source "
     "files".split()

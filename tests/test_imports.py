@@ -171,6 +171,7 @@ def test_only_the_simulation_side_owns_simulator_data():
     }
     assert owners <= {
         "validation/trial/simulate.py",
+        "validation/trial/restart.py",
         "validation/run/replay.py",
         "validation/trial/shapes.py",
         "validation/show/rerun/record.py",

@@ -244,7 +244,6 @@ def test_foot_sensor_feels_what_mujocos_own_sensor_feels(run_of):
     felt = np.empty((len(rows), 12))
     for index, row in enumerate(rows):
         data.qpos[:], data.qvel[:] = record.q[row], record.qd[row]
-        data.qacc_warmstart[:] = record.warmstart[row]
         mujoco.mj_step1(sensing, data)
         data.ctrl[:] = record.torque[row]
         mujoco.mj_step2(sensing, data)

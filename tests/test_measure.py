@@ -130,6 +130,7 @@ def test_a_long_record_is_measured_in_few_blocks(swing):
         extra = len(value) - record.steps if isinstance(value, np.ndarray) else -1
         if extra in (0, 1):
             many[name] = np.resize(value, (10_000 + extra, *value.shape[1:]))
+    many["warmstart"] = np.resize(record.warmstart, (2_000, *record.qd.shape[1:]))
     long = replace(record, **many, sensors={})
     q, v = to_pinocchio(long.q, long.qd)  # the test's own conversion is a slow loop
 

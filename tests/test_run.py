@@ -17,7 +17,7 @@ from ampm.run_file import dump_run, load_run
 from tests.records import first_difference
 from validation.cli.app import Status, call
 from validation.store.folders import INSTRUMENT_FILE, RUN_FILES
-from validation.store.record import JOINTS_FILE, RECORD_FILES, load_record
+from validation.store.record import RECORD_FILES, TICKS_FILE, load_record
 
 STEPS = 2
 
@@ -59,16 +59,16 @@ def test_replay_stops_at_the_first_difference_and_is_quiet(walked, tmp_path, cap
     """Also where the physics blows up."""
     changed = tmp_path / "changed"
     shutil.copytree(walked[0], changed)
-    table = pq.read_table(changed / JOINTS_FILE)
+    table = pq.read_table(changed / TICKS_FILE)
     name = next(name for name in table.column_names if name.startswith("torque_"))
     values = table[name].to_numpy().copy()
-    values[201:] = torque(values[201:])
+    values[51:] = torque(values[51:])
     column = table.schema.get_field_index(name)
-    pq.write_table(table.set_column(column, table.schema.field(name), [values]), changed / JOINTS_FILE)
+    pq.write_table(table.set_column(column, table.schema.field(name), [values]), changed / TICKS_FILE)
     monkeypatch.chdir(tmp_path)
     assert call(["replay", str(changed)]) == Status.OUT_OF_TOLERANCE
     printed = capfd.readouterr()
-    assert "0.101 s" in printed.out
+    assert "0.11 s" in printed.out  # the first recorded state after it
     assert "WARNING" not in printed.out + printed.err
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
 
@@ -94,7 +94,7 @@ def as_text(path):
         ("summary.json", lambda path: path.write_text("[]")),
         ("summary.json", lambda path: path.write_text(path.read_text().replace('"pass"', '"fail"'))),
         ("summary.json", lambda path: path.write_text(path.read_text().replace('"bias"', '"cias"'))),
-        ("states.parquet", lambda path: path.unlink()),
+        ("ticks.parquet", lambda path: path.unlink()),
     ],
 )
 def test_a_damaged_or_changed_folder_is_refused(walked, tmp_path, capsys, file, damage):

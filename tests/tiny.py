@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.record import SimulationRecord
+from validation.trial.record import SimulationRecord, restart_steps
 
 MASS = 10.0
 ARM_MASS = 2.0
@@ -112,6 +112,7 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
     mujoco.mj_forward(model, data)
     keep(com=data.sensor("com").data, angular_momentum=data.sensor("momentum").data)
     arrays: dict[str, Any] = {name: np.array(values) for name, values in log.items()}
+    arrays["warmstart"] = arrays["warmstart"][:: restart_steps(dt)]
     q, force = arrays["q"], arrays["point_force"]
     ticks = np.arange(0, steps, 2)
     return SimulationRecord(
@@ -126,7 +127,7 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
         command_zmp=np.zeros((steps, 2)),
         command_force=force.sum(axis=1),
         command_angular_momentum=arrays["angular_momentum"][:-1],
-        command_point_force=force,
+        torque_rate=np.zeros((ticks.size, 1)),
         tick_time=ticks * dt,
         qp_status=np.zeros(ticks.size, dtype=np.int8),
         qp_residual=np.full(ticks.size, 1e-7),

@@ -16,7 +16,7 @@ from ampm.run_file import load_run
 from ampm.walk import PostureState, WalkPlan
 from validation.measure.measure import MeasuredGait, SelfChecks, StandingCheck, zmp_from_momentum
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.record import SimulationRecord
+from validation.trial.record import SimulationRecord, restart_steps
 
 MASS = 60.0
 STILL = StandingCheck(
@@ -66,7 +66,8 @@ def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
         q=np.zeros((k + 1, 9)),
         qd=np.zeros((k + 1, 8)),
         torque=np.zeros((k, 2)),
-        warmstart=np.zeros((k, 8)),
+        torque_rate=np.zeros((k, 2)),
+        warmstart=np.zeros((-(-k // restart_steps(dt)), 8)),
         point_force=force,
         point_position=points,
         point_penetration=np.zeros((k, 12)),
@@ -82,7 +83,6 @@ def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
         command_zmp=sample.zmp[:k],
         command_force=sample.force[:k],
         command_angular_momentum=momentum[:k],
-        command_point_force=force,
         tick_time=time[:k],
         qp_status=np.zeros(k),
         qp_residual=np.full(k, 1e-8),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ampm.geometry import polygon_margin
+from validation.trial.record import restart_steps
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -35,9 +36,9 @@ SLIDING = 0.99
 SATURATED = 0.999
 """Share of its limit from which a motor counts as saturated [1]."""
 
-CLEARANCE_STEP = 0.02
-"""Time between the postures of which the clearance is measured [s]: at 10 m/s^2 half a millimetre is lost
-between two of them."""
+CLEARANCE_ROWS = 2
+"""Restarts of the record, 10 ms apart, from one posture of which the clearance is measured to the next: at
+10 m/s^2 half a millimetre is lost in 20 ms."""
 
 
 @dataclass(frozen=True)
@@ -159,9 +160,10 @@ def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
 
 
 def clearance_over_time(record: SimulationRecord | StoredRecord, shapes: Shapes) -> tuple[Array, Gaps]:
-    """Instants [s], :data:`CLEARANCE_STEP` apart, and the parts of the body that are closest at each."""
-    every = max(1, round(CLEARANCE_STEP / record.time_step))
-    return record.time[::every], shapes.recorded_gaps(record.q[::every])
+    """Instants [s], :data:`CLEARANCE_ROWS` restarts apart, and the closest parts of the body at each."""
+    instants = record.state_rows
+    rows = instants % (CLEARANCE_ROWS * restart_steps(record.time_step)) == 0
+    return instants[rows] * record.time_step, shapes.recorded_gaps(record.q[rows])
 
 
 def _clearance(record: SimulationRecord, shapes: Shapes) -> Extreme:

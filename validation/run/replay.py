@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import mujoco
@@ -15,10 +16,10 @@ import numpy as np
 from ampm.exceptions import InputError
 from validation.progress import Progress
 from validation.store.environment import describe_environment
-from validation.store.record import JOINTS_FILE, load_record, record_columns
-from validation.store.saved import ENVIRONMENT_FILE, MODEL_FILE
+from validation.store.record import StoredRecord, state_names
+from validation.store.saved import ENVIRONMENT_FILE
 from validation.trial.record import SimulationRecord
-from validation.trial.simulate import quiet_mujoco
+from validation.trial.restart import quiet_mujoco
 
 
 @dataclass(frozen=True)
@@ -68,17 +69,19 @@ def replay(directory: str | Path, *, progress: Progress | None = None) -> Replay
     directory = Path(directory)
     if not directory.is_dir():
         raise InputError(f"there is no folder {directory}; give the folder of a run.")
-    record = load_record(directory)
-    model = _load_model(directory / MODEL_FILE, record)
+    record = StoredRecord(directory)
+    model = record.model()
     with (progress or Progress()).stage("replay", "steps") as stage:
         found = step_again(model, record, stage.advance)
     return found if found.identical else replace(found, note=_note(directory / ENVIRONMENT_FILE))
 
 
 def step_again(
-    model: mujoco.MjModel, record: SimulationRecord, advance: Callable[[int, int], None] | None = None
+    model: mujoco.MjModel,
+    record: SimulationRecord | StoredRecord,
+    advance: Callable[[int, int], None] | None = None,
 ) -> Replay:
-    """Step the physics with recorded torques, up to the first bit that differs.
+    """Step the physics with recorded torques, up to the first recorded state of which a bit differs.
 
     Args:
         model: the model that was simulated.
@@ -90,40 +93,25 @@ def step_again(
     if record.steps:
         data.qacc_warmstart[:] = record.warmstart[0]
     pushed = [model.body(name).id for name in record.external_segments]
-    pushes = np.concatenate([record.external_force, record.external_moment], axis=2)
     with quiet_mujoco():
-        for k in range(record.steps):
-            data.ctrl[:] = record.torque[k]
-            data.xfrc_applied[pushed] = pushes[k]
-            mujoco.mj_step(model, data)
-            recorded = np.concatenate([record.q[k + 1], record.qd[k + 1]])
+        for row, (start, end) in enumerate(pairwise(record.state_rows.tolist()), 1):
+            for k, torque in enumerate(record.torque_at(range(start, end)), start):
+                data.ctrl[:] = torque
+                if pushed:
+                    push = record.external_force[k], record.external_moment[k]
+                    data.xfrc_applied[pushed] = np.hstack(push)
+                mujoco.mj_step(model, data)
+            recorded = np.concatenate([record.q[row], record.qd[row]])
             replayed = np.concatenate([data.qpos, data.qvel])
             # Bit patterns, not values: -0 is not 0, and a NaN is itself.
             differ = np.flatnonzero(recorded.view(np.int64) != replayed.view(np.int64))
             if differ.size:
                 i = int(differ[0])
-                columns = record_columns(record)[JOINTS_FILE]
-                name = [name for name in columns if name.startswith(("q_", "qd_"))][i]
                 values = float(recorded[i]), float(replayed[i])
-                return Replay(record.steps, name, float(record.time[k + 1]), *values)
-            if advance is not None and k % 500 == 0:
-                advance(k, record.steps)
+                return Replay(record.steps, state_names(record)[i], end * record.time_step, *values)
+            if advance is not None and row % 50 == 0:
+                advance(end, record.steps)
     return Replay(record.steps)
-
-
-def _load_model(path: Path, record: SimulationRecord) -> mujoco.MjModel:
-    try:
-        model = mujoco.MjModel.from_xml_string(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path} cannot be read ({error}); give the folder of a run.") from error
-    shape = (model.nq, model.nv, model.nu)
-    recorded = (record.q.shape[1], record.qd.shape[1], record.torque.shape[1])
-    if shape != recorded:
-        raise InputError(
-            f"{path} has (nq, nv, nu) = {shape}, the record {recorded}; "
-            "the files are of two runs, give the folder of one."
-        )
-    return model
 
 
 def _note(path: Path) -> str:

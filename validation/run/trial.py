@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ampm.run_file import dump_run
-from validation.judge.signals import signals_table
+from validation.judge.signals import kept_rows, signals_table
 from validation.judge.verdict import build_summary
 from validation.progress import Progress
 from validation.store.environment import describe_environment
@@ -181,7 +181,8 @@ def write_results(
     Returns:
         The contents of ``summary.json``.
     """
-    save_signals(signals_table(trial.comparison), folder / SIGNALS_FILE)
+    rows = kept_rows(trial.record.steps, trial.record.time_step)
+    save_signals(signals_table(trial.comparison, rows), folder / SIGNALS_FILE)
     summary = results_of(trial, environment)
     if instrument is not None:
         # Imported here: needed only with an instrument.

@@ -194,13 +194,19 @@ def _convergence_study(known: Summary | None) -> str:
     return text
 
 
+def _distance(saved: SavedRun) -> float:
+    """Way of the COM [m]."""
+    way = saved.signals["measured_com_x"]
+    return float(way[-1] - way[0]) if len(way) else 0.0
+
+
 def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     record, summary = saved.record, saved.summary
     unsolved = f"{int((record.qp_status == 2).sum())} of {len(record.qp_status)}"
     facts = {
         "steps walked": f"{record.outcome.steps_completed} of {saved.parameters.gait.steps}",
         "simulated": with_unit(float(record.outcome.time), "s"),
-        "distance": with_unit(float(record.com[-1, 0] - record.com[0, 0]), "m"),
+        "distance": with_unit(_distance(saved), "m"),
         "planned speed": "" if plan is None else with_unit(float(plan.constants.mean_velocity), "m/s"),
         "body": f"{number(float(record.mass))}\u00a0kg, {number(saved.parameters.body.height)}\u00a0m",
         # A controller of one's own may have no QP.

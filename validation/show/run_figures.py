@@ -267,11 +267,12 @@ class RunFigures:
         if self.plan is not None:
             planned = self.plan.feet.sample(np.minimum(time, self.plan.duration))
         ticks: dict[str, float] = {}
+        force, _ = record.contacts_at(np.round(time / record.time_step).astype(np.intp))
         for foot, (name, color) in enumerate(_FEET.items()):
             for group, region in enumerate(("heel", "ball", "tip")):
                 at = ticks[f"{name} {region}"] = -(3.5 * foot + group)
                 points = (record.point_foot == foot) & (record.point_group == group)
-                loaded = record.point_force[rows][:, points, 2].max(axis=1, initial=0.0) > 1.0
+                loaded = force[:, points, 2].max(axis=1, initial=0.0) > 1.0
                 bars(loaded, at, 0.62, color, 0.85)
                 if planned is not None:
                     bars(planned[foot].contact[:, group], at, 0.14, INK, 1.0)
@@ -284,7 +285,7 @@ class RunFigures:
         """Largest and RMS torque of the busiest motors, as shares of their limits."""
         record = self.saved.record
         figure, (axis,) = new_figure(3.9, left=1.45)
-        share = 100.0 * np.abs(record.torque) / record.torque_limit
+        share = 100.0 * np.abs(record.tick_torque) / record.torque_limit
         peak, rms = share.max(axis=0), np.sqrt((share**2).mean(axis=0))
         order = np.argsort(peak)[::-1][:most]
         rows = np.arange(len(order))

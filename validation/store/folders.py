@@ -26,8 +26,7 @@ INSTRUMENT_FILE = "instrument.parquet"
 RUN_FILES = frozenset(
     {
         "run.toml", "model.xml", "environment.json", "summary.json", "signals.parquet", "joints.parquet",
-        "contacts.parquet", "states.parquet", "ticks.parquet", "external.parquet", "recording.rrd",
-        "report.html", INSTRUMENT_FILE,
+        "ticks.parquet", "external.parquet", "recording.rrd", "report.html", INSTRUMENT_FILE,
     }
 )  # fmt: skip
 """All files that a run folder may hold; a folder with other files is never replaced."""

@@ -1,9 +1,9 @@
-"""A record on disk, lossless: arrays of a record as columns of Parquet files.
+"""A record on disk: what the physics of a walk depends on, as columns of Parquet files.
 
-One column per scalar, so that any tool can read them: ``joints.parquet`` (state, torque, and what a restart
-needs), ``contacts.parquet`` (every contact force), ``states.parquet`` (body quantities, sensors, the
-controller's commands), ``ticks.parquet`` (the solver), and ``external.parquet`` (forces of disturbances) if
-there were any. Nothing is pickled or rounded: a record is read back bit for bit.
+``ticks.parquet`` has torques, commands and solver of every control tick, ``joints.parquet`` a state every
+10 ms, from which the physics can be started again, and ``external.parquet`` the forces of disturbances, if
+there were any. Everything else is stepped again when it is used, see :mod:`validation.trial.restart`: contact
+forces and states of every step would take twenty times the space. Nothing is pickled or rounded.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import mujoco
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -22,7 +23,8 @@ import pyarrow.parquet as pq
 from ampm.exceptions import InputError
 from validation.store.json import json_ready
 from validation.trial.outcome import Outcome
-from validation.trial.record import FEET, INTEGERS, SHAPES, SimulationRecord, shape_of
+from validation.trial.record import INTEGERS, SHAPES, SimulationRecord, restart_steps
+from validation.trial.restart import Restart, carry_on
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,26 +32,27 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 JOINTS_FILE = "joints.parquet"
-CONTACTS_FILE = "contacts.parquet"
-STATES_FILE = "states.parquet"
 TICKS_FILE = "ticks.parquet"
-RECORD_FILES = (JOINTS_FILE, CONTACTS_FILE, STATES_FILE, TICKS_FILE)
+RECORD_FILES = (JOINTS_FILE, TICKS_FILE)
 EXTERNAL_FILE = "external.parquet"
 """Beside the others if the walk was disturbed."""
+MODEL_FILE = "model.xml"
+"""The model that was simulated."""
 
+_COMMANDS = "command_com command_zmp command_force command_angular_momentum"
 _FIELDS = {
-    JOINTS_FILE: "time q qd torque warmstart",
-    CONTACTS_FILE: "time point_force point_position point_penetration point_velocity command_point_force",
-    STATES_FILE: "time com angular_momentum foot_position foot_rotation command_com command_zmp "
-    "command_force command_angular_momentum sensors",
-    TICKS_FILE: "tick_time qp_status qp_residual qp_iterations qp_time",
-    EXTERNAL_FILE: "time external_force external_moment external_position",
+    JOINTS_FILE: "q qd warmstart",
+    TICKS_FILE: f"torque torque_rate {_COMMANDS} qp_status qp_residual qp_iterations qp_time",
+    EXTERNAL_FILE: "external_force external_moment external_position",
 }
-"""Fields of a :class:`SimulationRecord` in each file. All others are in the header, a text in every file."""
-_WORDS = {"foot_position": "foot", "foot_rotation": "foot", "command_point_force": "command_force"}
-"""Words in the names of columns that differ from the field's name."""
-_BEGINNINGS = ("point_", "external_", "tick_")
-_FORMAT = 2
+"""Fields of a :class:`SimulationRecord` in each file. Those that are in none and are no result of the physics
+are in the header, a text in every file."""
+_STEPPED = (
+    "time point_force point_position point_penetration point_velocity com angular_momentum foot_position "
+    "foot_rotation sensors tick_time"
+)
+"""Fields that follow from the others."""
+_FORMAT = 3
 _METADATA_KEY = b"ampm_record"
 _ROOT_Q = ("root_x", "root_y", "root_z", "root_qw", "root_qx", "root_qy", "root_qz")
 _ROOT_V = ("root_x", "root_y", "root_z", "root_wx", "root_wy", "root_wz")
@@ -65,33 +68,28 @@ class _Block(NamedTuple):
 
 
 def _blocks(header: Mapping[str, Any]) -> list[_Block]:
-    """Every array of a record whose header this is; one of each sensor, ``sensors:`` before its name."""
-    steps, joints = header["steps"], header["joint_names"]
-    owners = {"P": header["point_names"], "S": header["external_segments"], "F": FEET}
+    """Every array on disk of a record whose header this is."""
+    joints, segments = header["joint_names"], header["external_segments"]
     parts = {
-        "2": "xy", "3": "xyz", "4": ("qw", "qx", "qy", "qz"), "nu": joints,
+        "2": "xy", "3": "xyz", "nu": joints,
         "nq": _coordinate_names(header["nq"], _ROOT_Q, joints),
         "nv": _coordinate_names(header["nv"], _ROOT_V, joints),
     }  # fmt: skip
-    sizes = {name: len(names) for name, names in (owners | parts).items()}
-    sizes |= {"K": steps, "K+1": steps + 1, "T": header["ticks"]}
+    sizes = {name: len(names) for name, names in parts.items()} | {"S": len(segments)}
+    rows = {JOINTS_FILE: header["restarts"] + 1, TICKS_FILE: header["ticks"], EXTERNAL_FILE: header["steps"]}
     found = []
     for file, names in _FIELDS.items():
         for name in names.split():
-            if name == "sensors":
-                for sensor, width in header["sensors"].items():
-                    columns = tuple(f"sensor_{sensor}_{index}" for index in range(width))
-                    found.append(_Block(f"sensors:{sensor}", file, (steps + 1, width), columns))
-                continue
-            word = _WORDS.get(name, name)
-            for beginning in _BEGINNINGS:
-                word = word.removeprefix(beginning)
             symbols = SHAPES[name].split()[1:]
-            owned = next((owners[symbol] for symbol in symbols if symbol in owners), ("",))
-            split = next((parts[symbol] for symbol in symbols if symbol in parts), ("",))
+            owned = segments if "S" in symbols else ("",)
+            split = parts[symbols[-1]] if symbols else ("",)
+            word = name.removeprefix("external_")
             columns = tuple("_".join(filter(None, (a, word, b))) for a in owned for b in split)
-            found.append(_Block(name, file, shape_of(name, sizes), columns))
-    return [block for block in found if owners["S"] or block.file != EXTERNAL_FILE]
+            count = rows[file] - (name == "warmstart")
+            found.append(
+                _Block(name, file, (count, *(sizes[s] if s in sizes else int(s) for s in symbols)), columns)
+            )
+    return [block for block in found if segments or block.file != EXTERNAL_FILE]
 
 
 def _coordinate_names(count: int, root: tuple[str, ...], joints: Sequence[str]) -> list[str]:
@@ -101,36 +99,58 @@ def _coordinate_names(count: int, root: tuple[str, ...], joints: Sequence[str]) 
     return [str(index) for index in range(count)]
 
 
+def state_names(record: SimulationRecord | StoredRecord) -> list[str]:
+    """Names of the columns of q and qd."""
+    q, qd = (array.shape[1] for array in (record.q, record.qd))
+    places = (f"q_{name}" for name in _coordinate_names(q, _ROOT_Q, record.joint_names))
+    return [*places, *(f"qd_{name}" for name in _coordinate_names(qd, _ROOT_V, record.joint_names))]
+
+
 # -------------------------------------------------------------------------------------------------- writing
 
 
 def save_record(record: SimulationRecord, directory: str | Path) -> None:
     """Write ``record`` into ``directory`` (which is created): the files of :data:`RECORD_FILES`, and
-    :data:`EXTERNAL_FILE` if anything but the floor pushed the body.
+    :data:`EXTERNAL_FILE` if anything but the floor pushed the body. To be read it needs the model beside it.
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    header = json.dumps(_header(record), allow_nan=False)
-    for name, columns in record_columns(record).items():
-        rows = max(column.size for column in columns.values())
-        arrays = [_padded(column, rows) for column in columns.values()]
+    described = _header(record)
+    header = json.dumps(described, allow_nan=False)
+    ticks = slice(None, None, described["substeps"])
+    states = restart_rows(record.steps, record.time_step)
+    times = {JOINTS_FILE: record.time[states], TICKS_FILE: record.tick_time, EXTERNAL_FILE: record.time[:-1]}
+    files: dict[str, dict[str, NDArray[Any]]] = {}
+    for block in _blocks(described):
+        array = getattr(record, block.field)
+        if block.field in ("q", "qd"):
+            array = array[states]
+        elif len(array) != block.shape[0]:
+            array = array[ticks]
+        flat = array.reshape(len(array), len(block.columns))
+        file = files.setdefault(block.file, {"time": times[block.file]})
+        file.update((name, flat[:, index]) for index, name in enumerate(block.columns))
+    usual = _usual_rate(record.torque[ticks], record.tick_time)
+    known = (record.torque_rate.view(np.int64) == usual.view(np.int64)).T
+    nulls = {f"torque_rate_{name}": same for name, same in zip(record.joint_names, known, strict=True)}
+    for name, columns in files.items():
+        arrays = [_padded(column, len(times[name]), nulls.get(key)) for key, column in columns.items()]
         table = pa.Table.from_arrays(arrays, names=list(columns))
         write_table(table.replace_schema_metadata({_METADATA_KEY: header.encode()}), directory / name)
 
 
-def record_columns(record: SimulationRecord) -> dict[str, dict[str, NDArray[Any]]]:
-    """All numbers of a record as named columns, grouped by the file that holds them.
+def _usual_rate(torque: Array, tick_time: Array) -> Array:
+    """Difference of the torques of a tick and the last one over the period, shape (T, nu) [N m/s].
 
-    Columns of one file may differ by one in length: what belongs to a step has no entry at the last instant.
+    A rate that is this one to the bit is null on disk.
     """
-    files: dict[str, dict[str, NDArray[Any]]] = {}
-    for block in _blocks(_header(record)):
-        name, _, sensor = block.field.partition(":")
-        array = record.sensors[sensor] if sensor else getattr(record, name)
-        flat = array.reshape(len(array), len(block.columns))
-        file = files.setdefault(block.file, {})
-        file.update((name, flat[:, index]) for index, name in enumerate(block.columns))
-    return files
+    frequency = 1.0 / tick_time[1] if len(tick_time) > 1 else 0.0
+    return np.diff(torque, axis=0, prepend=torque[:1]) * frequency
+
+
+def restart_rows(steps: int, time_step: float) -> NDArray[np.intp]:
+    """Instants of the states on disk: those of the restarts, and the last one."""
+    return np.append(np.arange(0, steps, restart_steps(time_step)), steps)
 
 
 def write_table(table: pa.Table, path: str | Path) -> None:
@@ -144,23 +164,28 @@ def write_table(table: pa.Table, path: str | Path) -> None:
 
 def _header(record: SimulationRecord) -> dict[str, Any]:
     """Sizes, names and all fields that are no columns, as JSON, which keeps every bit of finite numbers."""
-    stored = " ".join(_FIELDS.values()).split()
-    constants = {item.name: getattr(record, item.name) for item in fields(record) if item.name not in stored}
+    ticks = record.tick_time
     header = {
         "format": _FORMAT,
         "steps": record.steps,
-        "ticks": record.tick_time.size,
+        "ticks": ticks.size,
+        "restarts": len(record.warmstart),
+        "substeps": record.substeps,
         "nq": record.q.shape[1],
         "nv": record.qd.shape[1],
-        "point_names": record.point_names,
-        "sensors": {name: value.shape[1] for name, value in record.sensors.items()},
-        **constants,
+        **{name: getattr(record, name) for name in _header_fields()},
     }
     return dict(json_ready(header))
 
 
-def _padded(column: NDArray[Any], rows: int) -> pa.Array:
-    array = pa.array(np.ascontiguousarray(column))
+def _header_fields() -> list[str]:
+    """Fields of a record that are in its header."""
+    elsewhere = " ".join([_STEPPED, *_FIELDS.values()]).split()
+    return [item.name for item in fields(SimulationRecord) if item.name not in elsewhere]
+
+
+def _padded(column: NDArray[Any], rows: int, nulls: NDArray[np.bool_] | None) -> pa.Array:
+    array = pa.array(np.ascontiguousarray(column), mask=nulls)
     if column.size < rows:
         array = pa.concat_arrays([array, pa.nulls(rows - column.size, array.type)])
     return array
@@ -170,8 +195,11 @@ def _padded(column: NDArray[Any], rows: int) -> pa.Array:
 
 
 class StoredRecord:
-    """The fields of a :class:`validation.trial.record.SimulationRecord`, each read when it is first used: a
-    run has more numbers than pictures need.
+    """A record in a folder: its constants, its arrays on disk, each read when it is first used, and what the
+    physics makes of them. The arrays are those of a :class:`validation.trial.record.SimulationRecord`, but
+
+    - ``q`` and ``qd`` have a row for each of ``state_rows`` only, shape (C + 1, ...),
+    - ``tick_torque`` and the commands have a row for each control tick, shape (T, ...).
 
     Args:
         directory: folder of a recorded run.
@@ -190,22 +218,43 @@ class StoredRecord:
     joint_names: tuple[str, ...]
     point_foot: NDArray[np.int8]
     point_group: NDArray[np.int8]
+    point_sites: tuple[str, ...]
+    sole_sites: tuple[str, ...]
+    external_segments: tuple[str, ...]
+    metadata: Mapping[str, str]
+    # Read when used.
+    q: Array
+    qd: Array
+    warmstart: Array
+    tick_torque: Array
+    torque_rate: Array
+    qp_status: NDArray[np.int8]
+    qp_residual: Array
+    qp_iterations: NDArray[np.int32]
+    qp_time: Array
+    external_force: Array
+    external_moment: Array
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
         header = _read_header(directory / JOINTS_FILE)
         try:
-            self._blocks = {block.field: block for block in _blocks(header)}
+            self._blocks = {
+                "tick_torque" if block.field == "torque" else block.field: block for block in _blocks(header)
+            }
             self._constants = _constants(header)
-            self.steps = int(header["steps"])
+            self.steps, self.substeps = int(header["steps"]), int(header["substeps"])
+            self.ticks, self.coordinates = int(header["ticks"]), (int(header["nq"]), int(header["nv"]))
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise InputError(
                 f"{directory / JOINTS_FILE} is damaged: its description is ({error}); walk the gait again."
             ) from error
         vars(self).update(self._constants)
+        self.every = restart_steps(self.time_step)
+        self.state_rows = restart_rows(self.steps, self.time_step)
 
     def __getattr__(self, name: str) -> NDArray[Any]:
-        """Read a field; it is kept until :meth:`forget`.
+        """Read an array; it is kept until :meth:`forget`.
 
         Raises:
             InputError: its file or one of its columns is missing.
@@ -214,8 +263,63 @@ class StoredRecord:
         if block is None:
             raise AttributeError(f"a record has no field {name!r}")
         array = _array(block, self.directory / block.file)
+        if name == "torque_rate":
+            usual = _usual_rate(self.tick_torque, self.tick_time)
+            array = np.where(_nulls(block, self.directory / block.file), usual, array)
+        array.setflags(write=False)
         vars(self)[name] = array
         return array
+
+    @property
+    def tick_time(self) -> Array:
+        """Time of each control tick, shape (T,) [s]."""
+        return np.arange(self.ticks, dtype=np.float64) * (self.substeps * self.time_step)
+
+    @property
+    def torque(self) -> Array:
+        """Torque of every step, shape (K, nu) [N m]."""
+        return self.torque_at(range(self.steps))
+
+    def torque_at(self, rows: Sequence[int] | NDArray[np.intp]) -> Array:
+        """Torques of some steps, shape (n, nu) [N m]."""
+        torque = np.empty((len(rows), len(self.joint_names)))
+        for i, row in enumerate(rows):
+            tick, since = divmod(min(int(row), self.steps - 1), self.substeps)
+            passed, limit = since * self.time_step, self.torque_limit
+            if since == 0:
+                torque[i] = self.tick_torque[tick]
+            else:
+                carry_on(self.tick_torque[tick], self.torque_rate[tick], passed, limit, torque[i])
+        return torque
+
+    def contacts_at(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Force of the floor at every sole point, and where it acts, in some steps in ascending order.
+
+        Returns:
+            Shape (n, P, 3) each [N], [m].
+        """
+        restart = Restart(self.model(), self)
+        kept = restart.log(rows).close(len(rows), restart.data)
+        return kept["point_force"], kept["point_position"]
+
+    def model(self) -> mujoco.MjModel:
+        """The model that was simulated.
+
+        Raises:
+            InputError: its file is missing or damaged, or of another body.
+        """
+        path = self.directory / MODEL_FILE
+        try:
+            model = mujoco.MjModel.from_xml_string(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path} cannot be read ({error}); give the folder of a run.") from error
+        shape, recorded = (model.nq, model.nv, model.nu), (*self.coordinates, len(self.joint_names))
+        if shape != recorded:
+            raise InputError(
+                f"{path} has (nq, nv, nu) = {shape}, the record {recorded}; "
+                "the files are of two runs, give the folder of one."
+            )
+        return model
 
     def forget(self) -> None:
         """Free the memory of all arrays; they are read again when used."""
@@ -223,22 +327,25 @@ class StoredRecord:
             vars(self).pop(name, None)
 
     def load(self) -> SimulationRecord:
-        """Read everything.
+        """Read everything, and step the physics again for the rest.
 
         Raises:
             InputError: a file or one of its columns is missing or damaged.
         """
-        files = dict.fromkeys(block.file for block in self._blocks.values())
-        tables = {file: read_table(self.directory / file) for file in files}
-        values: dict[str, Any] = {"sensors": {}}
-        for block in self._blocks.values():
-            name, _, sensor = block.field.partition(":")
-            array = _array(block, self.directory / block.file, tables[block.file])
-            if sensor:
-                values["sensors"][sensor] = array
-            else:
-                values[name] = array
-        return SimulationRecord(**values, **self._constants)
+        restart = Restart(self.model(), self)
+        values = restart.log(np.arange(self.steps)).close(self.steps, restart.data)
+        for name in self._blocks:
+            if name.startswith("command_"):
+                values[name] = np.repeat(getattr(self, name), self.substeps, axis=0)[: self.steps]
+            elif name not in ("q", "qd", "tick_torque"):
+                values[name] = getattr(self, name)
+        sensors = dict(values["sensors"])
+        body = {name: sensors.pop(name) for name in ("com", "angular_momentum")}
+        time = np.arange(self.steps + 1, dtype=np.float64) * self.time_step
+        return SimulationRecord(
+            **{**values, **body, "sensors": sensors},
+            time=time, tick_time=self.tick_time, **self._constants
+        )  # fmt: skip
 
 
 def load_record(directory: str | Path) -> SimulationRecord:
@@ -250,9 +357,9 @@ def load_record(directory: str | Path) -> SimulationRecord:
     return StoredRecord(Path(directory)).load()
 
 
-def _array(block: _Block, path: Path, table: pa.Table | None = None) -> NDArray[Any]:
-    """One array, from its file or from the table of it."""
-    table = read_table(path, block.columns) if table is None else table
+def _array(block: _Block, path: Path) -> NDArray[Any]:
+    """One array, from its file."""
+    table = read_table(path, block.columns)
     try:
         columns = [table.column(name).slice(0, block.shape[0]).to_numpy() for name in block.columns]
         array = np.stack(columns, axis=-1).reshape(block.shape)
@@ -260,8 +367,13 @@ def _array(block: _Block, path: Path, table: pa.Table | None = None) -> NDArray[
             raise ValueError(f"{block.columns[0]} holds no numbers")
     except (KeyError, ValueError) as error:
         raise InputError(f"{path} is damaged ({error.args[0]}); walk the gait again.") from None
-    array.setflags(write=False)
     return array
+
+
+def _nulls(block: _Block, path: Path) -> NDArray[np.bool_]:
+    """Where an array has no value."""
+    table = read_table(path, block.columns)
+    return np.stack([table.column(name).is_null().to_numpy() for name in block.columns], axis=-1)
 
 
 def _read_header(path: Path) -> dict[str, Any]:
@@ -282,9 +394,8 @@ def _read_header(path: Path) -> dict[str, Any]:
 
 def _constants(header: Mapping[str, Any]) -> dict[str, Any]:
     """Fields of a :class:`SimulationRecord` that are in its header."""
-    stored = " ".join(_FIELDS.values()).split()
     found: dict[str, Any] = {}
-    for name in (item.name for item in fields(SimulationRecord) if item.name not in stored):
+    for name in _header_fields():
         value = header[name]
         if name in SHAPES:
             found[name] = np.array(value, dtype=INTEGERS.get(name, np.float64))

@@ -24,6 +24,7 @@ from ampm.planner.zmp_laws import STEP_PLANNERS
 from ampm.run_file import load_run
 from validation.store.folders import RUN_FILES
 from validation.store.json import dump_json
+from validation.store.record import MODEL_FILE as MODEL_FILE
 from validation.store.record import StoredRecord
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
 from validation.trial.plan import gait_title
@@ -31,7 +32,6 @@ from validation.trial.plan import gait_title
 Array = NDArray[np.float64]
 
 RUN_FILE = "run.toml"
-MODEL_FILE = "model.xml"
 ENVIRONMENT_FILE = "environment.json"
 SUMMARY_FILE = "summary.json"
 RECORDING_FILE = "recording.rrd"
@@ -62,6 +62,11 @@ class SavedRun:
         """Folder, gait, steps, outcome and verdict."""
         said, outcome = self.summary, self.record.outcome
         return f"SavedRun({self.directory}: {said.get('gait')}, {outcome.summary}, {said.get('verdict')})"
+
+    @property
+    def signal_steps(self) -> NDArray[np.intp]:
+        """Step of the physics of every row of the signals."""
+        return np.round(self.signals.time / self.record.time_step).astype(np.intp)
 
     @property
     def title(self) -> str:

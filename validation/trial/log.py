@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ampm.compiled import compiled
-from validation.trial.record import INTEGERS, SHAPES, shape_of
+from validation.trial.record import INTEGERS, SHAPES, restart_steps, shape_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -99,6 +99,7 @@ def keep_step(
     qd: Array,
     qacc_warmstart: Array,
     warmstart: Array,
+    every: int,
 ) -> None:
     """Copy contacts, sensors and torques of step k, and the state after it.
 
@@ -125,7 +126,8 @@ def keep_step(
         qvel: of the simulation.
         qd: by instant.
         qacc_warmstart: of the simulation.
-        warmstart: by step.
+        warmstart: by restart.
+        every: steps from one restart to the next.
     """
     for i in range(len(read)):
         readings[k, i] = sensordata[read[i]]
@@ -145,8 +147,9 @@ def keep_step(
             normal_force[p] = efc_force[first]
     q[k + 1] = qpos
     qd[k + 1] = qvel
-    if k + 1 < len(warmstart):
-        warmstart[k + 1] = qacc_warmstart
+    following, left = divmod(k + 1, every)
+    if left == 0 and following < len(warmstart):
+        warmstart[following] = qacc_warmstart
 
 
 @compiled
@@ -157,12 +160,10 @@ def copy_command(
     zmp: Array,
     force: Array,
     angular_momentum: Array,
-    point_force: Array,
     command_com: Array,
     command_zmp: Array,
     command_force: Array,
     command_angular_momentum: Array,
-    command_point_force: Array,
 ) -> None:
     """Copy a tick's command to its steps.
 
@@ -173,19 +174,32 @@ def copy_command(
         zmp: shape (2,) [m].
         force: shape (3,) [N].
         angular_momentum: shape (3,) [N m s].
-        point_force: shape (P, 3) [N].
         command_com: by step.
         command_zmp: by step.
         command_force: by step.
         command_angular_momentum: by step.
-        command_point_force: by step.
     """
     for i in range(k, min(k + count, len(command_com))):
         command_com[i] = centre[0]
         command_zmp[i] = zmp
         command_force[i] = force
         command_angular_momentum[i] = angular_momentum
-        command_point_force[i] = point_force
+
+
+class SolePoints:
+    """Sole points and soles in a compiled model.
+
+    Args:
+        model: that is stepped.
+        names: of the sites of the P sole points; each has a geom of its name.
+        sole_names: of the sites of both soles.
+    """
+
+    def __init__(self, model: mujoco.MjModel, names: tuple[str, ...], sole_names: tuple[str, ...]) -> None:
+        self.names, self.sole_names = names, sole_names
+        self.sites = np.array([model.site(name).id for name in (*names, *sole_names)], dtype=np.intp)
+        self.of_geom = np.full(model.ngeom, -1, dtype=np.intp)  # sole point of every geom, -1 for none
+        self.of_geom[[model.geom(name).id for name in names]] = np.arange(len(names))
 
 
 class RunLog:
@@ -197,15 +211,14 @@ class RunLog:
         steps: K.
         model: that is stepped.
         data: its state, of which views are kept.
-        points: numbers of the sites of the P sole points.
-        soles: numbers of the sites of both soles.
-        of_geom: sole point of every geom, -1 for none.
+        points: the P sole points, and both soles.
         substeps: steps of a control tick.
     """
 
     q: Array
     qd: Array
     torque: Array
+    torque_rate: Array
     warmstart: Array
     point_force: Array
     point_position: Array
@@ -217,7 +230,6 @@ class RunLog:
     command_zmp: Array
     command_force: Array
     command_angular_momentum: Array
-    command_point_force: Array
     qp_status: NDArray[np.int8]
     qp_residual: Array
     qp_iterations: NDArray[np.int32]
@@ -228,15 +240,15 @@ class RunLog:
         steps: int,
         model: mujoco.MjModel,
         data: mujoco.MjData,
-        points: NDArray[np.intp],
-        soles: Sequence[int],
-        of_geom: NDArray[np.intp],
+        points: SolePoints,
         substeps: int,
     ) -> None:
-        self.sites, self.substeps = np.concatenate([points, soles]), substeps
+        self.model, self.sites, self.substeps = model, points.sites, substeps
         self.time_step = float(model.opt.timestep)
+        self.every = restart_steps(self.time_step)
         sizes = {
-            "K": steps, "K+1": steps + 1, "T": -(-steps // substeps), "P": len(points), "F": 2,
+            "K": steps, "K+1": steps + 1, "T": -(-steps // substeps), "P": len(points.names), "F": 2,
+            "C": -(-steps // self.every),
             "nq": model.nq, "nv": model.nv, "nu": model.nu,
         }  # fmt: skip
         for name in RunLog.__annotations__:
@@ -248,19 +260,22 @@ class RunLog:
         # All that is read and written at every step, as views that are taken once.
         geom, address, frame, place, distance = _contact_views(data)
         point = np.zeros(len(geom), dtype=np.intp)  # sole point of every contact
-        self.touching, self.normal_force = np.zeros(len(points), dtype=bool), np.zeros(len(points))
+        self.touching, self.normal_force = (
+            np.zeros(len(points.names), dtype=bool),
+            np.zeros(len(points.names)),
+        )
         self._read: Any = (
-            geom, of_geom, data.site_xpos, data.site_xmat, self.sites, point, self.touching, self.places,
-            self.rotation,
+            geom, points.of_geom, data.site_xpos, data.site_xmat, self.sites, point, self.touching,
+            self.places, self.rotation,
         )  # fmt: skip
         self._kept: Any = (
             address, frame, place, distance, point, self.point_force, self.point_penetration,
             self.point_position, self.normal_force, data.sensordata, self.read, self.readings, data.ctrl,
             self.torque, data.qpos, self.q, data.qvel, self.qd, data.qacc_warmstart, self.warmstart,
+            self.every,
         )  # fmt: skip
         self._commands: Any = (
             self.command_com, self.command_zmp, self.command_force, self.command_angular_momentum,
-            self.command_point_force,
         )  # fmt: skip
         self._unknown = [np.full(array.shape[1:], np.nan) for array in self._commands[1:]]
 
@@ -306,13 +321,14 @@ class RunLog:
 
     def keep_command(self, k: int, output: ControlOutput, reference: Reference) -> None:
         """Copy the command of the tick at step k; it is valid until the next one."""
-        given = output.zmp, output.force, output.angular_momentum, output.point_force
+        given = output.zmp, output.force, output.angular_momentum
         parts = [
             np.asarray(unknown if part is None else part, dtype=np.float64)
             for part, unknown in zip(given, self._unknown, strict=True)
         ]
         copy_command(k, self.substeps, reference.centre, *parts, *self._commands)
         tick = k // self.substeps
+        self.torque_rate[tick] = np.nan if output.rate is None else output.rate
         self.qp_status[tick], self.qp_residual[tick] = output.status, output.residual
         self.qp_iterations[tick], self.qp_time[tick] = output.iterations, output.seconds
 
@@ -326,13 +342,17 @@ class RunLog:
 
         Args:
             done: whole steps.
-            data: at their end.
+            data: set to their end.
 
         Returns:
             Name to array, read-only and without a copy: ``done + 1`` rows of instants, ``done`` of steps, and
             the ticks that began in them. An incomplete step has no tick either.
         """
-        self.q[done], self.qd[done] = data.qpos, data.qvel
+        # The same whatever ended the walk: no push, the last torques, and no warm start.
+        data.qpos[:], data.qvel[:] = self.q[done], self.qd[done]
+        data.xfrc_applied[:], data.qacc_warmstart[:] = 0.0, 0.0
+        data.ctrl[:] = self.torque[done - 1] if done else 0.0
+        mujoco.mj_forward(self.model, data)
         self.begin(done, data)
         data.sensordata.take(self.read, out=self.readings[done], mode="clip")
         steps, instants = slice(0, done), slice(0, done + 1)
@@ -343,7 +363,7 @@ class RunLog:
         np.copyto(self.point_position[steps], places[:-1], where=above)
         xyzw = Rotation.from_matrix(self.rotation[instants].reshape(-1, 3, 3)).as_quat()
         self.foot_rotation[instants] = xyzw.reshape(-1, 2, 4)[..., [3, 0, 1, 2]]
-        rows = {"K+1": done + 1, "K": done, "T": -(-done // self.substeps)}
+        rows = {"K+1": done + 1, "K": done, "T": -(-done // self.substeps), "C": -(-done // self.every)}
         result: dict[str, Any] = {}
         for name in RunLog.__annotations__:
             array = getattr(self, name)

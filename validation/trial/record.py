@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -23,22 +23,31 @@ if TYPE_CHECKING:
 FEET = ("left", "right")
 
 SHAPES = {
-    "time": "K+1", "q": "K+1 nq", "qd": "K+1 nv", "torque": "K nu", "warmstart": "K nv",
-    "point_force": "K P 3", "point_position": "K P 3", "point_penetration": "K P",
+    "time": "K+1", "q": "K+1 nq", "qd": "K+1 nv", "torque": "K nu", "torque_rate": "T nu",
+    "warmstart": "C nv", "point_force": "K P 3", "point_position": "K P 3", "point_penetration": "K P",
     "point_velocity": "K P 3", "point_foot": "P", "point_group": "P", "com": "K+1 3",
     "angular_momentum": "K+1 3", "foot_position": "K+1 F 3", "foot_rotation": "K+1 F 4",
     "command_com": "K 3", "command_zmp": "K 2", "command_force": "K 3",
-    "command_angular_momentum": "K 3", "command_point_force": "K P 3", "tick_time": "T",
+    "command_angular_momentum": "K 3", "tick_time": "T",
     "qp_status": "T", "qp_residual": "T", "qp_iterations": "T", "qp_time": "T",
     "torque_limit": "nu", "joint_range": "nu 2", "external_force": "K S 3",
     "external_moment": "K S 3", "external_position": "K S 3",
 }  # fmt: skip
-"""Shape of every array: K steps, P sole points, T control ticks, S pushed segments."""
+"""Shape of every array: K steps, P sole points, T control ticks, C warm starts, S pushed segments."""
 
 INTEGERS: dict[str, Any] = {
     "point_foot": np.int8, "point_group": np.int8, "qp_status": np.int8, "qp_iterations": np.int32
 }  # fmt: skip
 """Types of the arrays that are not float64."""
+
+
+RESTART_INTERVAL = 0.01
+"""Time between the states from which the physics can be started again [s]."""
+
+
+def restart_steps(time_step: float) -> int:
+    """Steps of the physics from one state of a restart to the next."""
+    return max(1, round(RESTART_INTERVAL / time_step))
 
 
 def shape_of(name: str, sizes: Mapping[str, int]) -> tuple[int, ...]:
@@ -61,7 +70,10 @@ class SimulationRecord:
         qd: MuJoCo ``qvel``, root velocity in world [m/s], root angular velocity in the root [rad/s], hinges
             [rad/s], shape (K + 1, nv).
         torque: applied joint torque, actuator order, shape (K, nu) [N m].
-        warmstart: ``qacc_warmstart`` before the step, needed for a restart, shape (K, nv) [rad/s^2, m/s^2].
+        torque_rate: rate at which the torques of a tick go on until the next one, NaN where they are held,
+            shape (T, nu) [N m/s].
+        warmstart: ``qacc_warmstart`` before every step that :func:`restart_steps` divides, needed for a
+            restart, shape (C, nv) [rad/s^2, m/s^2].
         point_force: force of the floor on the body at each sole point, shape (K, P, 3) [N].
         point_position: where it acts, shape (K, P, 3) [m].
         point_penetration: depth under the floor, >= 0, shape (K, P) [m].
@@ -77,7 +89,6 @@ class SimulationRecord:
         command_zmp: ZMP commanded, shape (K, 2) [m].
         command_force: net ground force commanded, shape (K, 3) [N].
         command_angular_momentum: angular momentum about the COM commanded, shape (K, 3) [N m s].
-        command_point_force: its QP's force at each sole point, shape (K, P, 3) [N].
         tick_time: time of each control tick, shape (T,) [s].
         qp_status: 0 solved, 1 solved in the form with limits, 2 unsolved, shape (T,).
         qp_residual: largest constraint or stationarity residual of the tick's QP, shape (T,).
@@ -95,6 +106,8 @@ class SimulationRecord:
         external_force: force on each of them, shape (K, S, 3) [N].
         external_moment: moment on each of them, shape (K, S, 3) [N m].
         external_position: where the force acts, the segment's COM, shape (K, S, 3) [m].
+        point_sites: sites of the sole points in the model, P names.
+        sole_sites: sites of both soles, left first.
         metadata: further identification of the run, text to text.
     """
 
@@ -102,6 +115,7 @@ class SimulationRecord:
     q: Array
     qd: Array
     torque: Array
+    torque_rate: Array
     warmstart: Array
     point_force: Array
     point_position: Array
@@ -118,7 +132,6 @@ class SimulationRecord:
     command_zmp: Array
     command_force: Array
     command_angular_momentum: Array
-    command_point_force: Array
     tick_time: Array
     qp_status: NDArray[np.int8]
     qp_residual: Array
@@ -136,6 +149,8 @@ class SimulationRecord:
     external_force: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
     external_moment: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
     external_position: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    point_sites: tuple[str, ...] = ()
+    sole_sites: tuple[str, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -147,7 +162,7 @@ class SimulationRecord:
         sizes = {
             "K+1": time.size, "K": time.size - 1, "nq": q.shape[1], "nv": qd.shape[1],
             "P": len(self.point_foot), "F": 2, "T": len(self.tick_time), "nu": len(self.joint_names),
-            "S": len(self.external_segments),
+            "S": len(self.external_segments), "C": -(-(time.size - 1) // restart_steps(self.time_step)),
         }  # fmt: skip
         for name, symbols in SHAPES.items():
             shape, given = shape_of(name, sizes), getattr(self, name)
@@ -168,7 +183,7 @@ class SimulationRecord:
             sensors[name] = value
         object.__setattr__(self, "sensors", MappingProxyType(sensors))
         object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
-        for name in ("joint_names", "external_segments"):
+        for name in ("joint_names", "external_segments", "point_sites", "sole_sites"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         for name in ("mass", "gravity", "time_step", "friction"):
             object.__setattr__(self, name, float(getattr(self, name)))
@@ -181,6 +196,24 @@ class SimulationRecord:
     def steps(self) -> int:
         """Number K of simulation steps."""
         return self.time.size - 1
+
+    @property
+    def substeps(self) -> int:
+        """Steps of a control tick."""
+        return (
+            round(float(self.tick_time[1]) / self.time_step)
+            if len(self.tick_time) > 1
+            else max(self.steps, 1)
+        )
+
+    @property
+    def state_rows(self) -> NDArray[np.intp]:
+        """Instants of the rows of ``q`` and ``qd``: all of them."""
+        return np.arange(self.time.size)
+
+    def torque_at(self, rows: Sequence[int] | NDArray[np.intp]) -> Array:
+        """Torques of some steps, shape (n, nu) [N m]."""
+        return self.torque[np.asarray(rows, dtype=np.intp)]
 
     @property
     def hinge_q(self) -> NDArray[np.float64]:

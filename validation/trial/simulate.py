@@ -8,8 +8,8 @@ motion.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -24,9 +24,10 @@ from ampm.walk import LIMITED, State, Timing, Touch
 from validation.trial.bridge import to_mujoco
 from validation.trial.controllers import find_controller, name_of
 from validation.trial.disturbances import Disturbance, Plant
-from validation.trial.log import RunLog
+from validation.trial.log import RunLog, SolePoints
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import SimulationRecord
+from validation.trial.restart import carry_on, quiet_mujoco
 from validation.trial.shapes import make_robot
 from validation.trial.users import UsersCode
 from validation.trial.watch import End, Watch
@@ -42,15 +43,6 @@ if TYPE_CHECKING:
 
 _PROGRESS_STEPS = 50
 _BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
-
-
-@dataclass(frozen=True)
-class _Points:
-    """Indices of the sole points' geoms and sites in the compiled model."""
-
-    of_geom: NDArray[np.intp]
-    sites: NDArray[np.intp]
-    soles: tuple[int, ...]
 
 
 class Physics:
@@ -71,14 +63,10 @@ class Physics:
         self.time_step = float(self.model.opt.timestep)
         self.substeps = steps_per_tick(run.controller.frequency, self.time_step)
         description = body_model.description
-        sites = [site for _, _, site in description.sole_points()]
-        of_geom = np.full(self.model.ngeom, -1, dtype=np.intp)
-        for index, name in enumerate(sites):
-            of_geom[self.model.geom(name).id] = index
-        self.points = _Points(
-            of_geom=of_geom,
-            sites=np.array([self.model.site(name).id for name in sites]),
-            soles=tuple(int(self.model.site(leg.sole_frame).id) for leg in description.legs),
+        self.points = SolePoints(
+            self.model,
+            tuple(site for _, _, site in description.sole_points()),
+            tuple(leg.sole_frame for leg in description.legs),
         )
         self.q, self.v = np.zeros(self.robot.nq), np.zeros(self.robot.nv)
         # Views of MuJoCo's own memory.
@@ -112,21 +100,6 @@ def convert_state(qpos: Array, qvel: Array, root_rotation: Array, q: Array, v: A
     q[3], q[4], q[5], q[6] = qpos[4], qpos[5], qpos[6], qpos[3]
     v[:] = qvel
     put(v[0:3], turned(root_rotation.T, vector(qvel[0:3])))
-
-
-@compiled
-def carry_on(torque: Array, rate: Array, since: float, limit: Array, ctrl: Array) -> None:
-    """Let the torque go on with its rate, within the motors' limits.
-
-    Args:
-        torque: of the tick, shape (nu,) [N m].
-        rate: shape (nu,) [N m/s].
-        since: time since the tick [s].
-        limit: of the motors, shape (nu,) [N m].
-        ctrl: written, shape (nu,) [N m].
-    """
-    for j in range(len(torque)):
-        ctrl[j] = min(max(torque[j] + since * rate[j], -limit[j]), limit[j])
 
 
 def simulate(
@@ -222,13 +195,10 @@ class ClosedLoop:
         self.users_code = contextlib.nullcontext() if own else UsersCode("controller", controller)
         self.torque_shape = (physics.robot.nu,)
         self.torque, self.torque_limit = np.zeros(physics.robot.nu), physics.robot.torque_limit.copy()
-        self.rate: NDArray[np.float64] | None = None
+        self.rate = np.full(physics.robot.nu, np.nan)
         self.run_parameters = run
         self.step_ends, self.total, self.progress = step_ends, total, progress
-        points = physics.points
-        self.log = RunLog(
-            total, physics.model, physics.data, points.sites, points.soles, points.of_geom, physics.substeps
-        )
+        self.log = RunLog(total, physics.model, physics.data, physics.points, physics.substeps)
         self.log.start(physics.data)
         self.watch = Watch(run.controller.unsolved_limit)
         self.warnings = physics.data.warning.number[_BAD_STATE]  # a view
@@ -255,7 +225,6 @@ class ClosedLoop:
             end = End(OutcomeName.INFEASIBLE, f"the solver refused the QP at {refused:.3f} s: {error}")
         except KeyboardInterrupt:
             end = End(OutcomeName.INTERRUPTED, "the run was interrupted by the user")
-        self._finish(done)
         time = done * self.physics.time_step
         if end is None:
             walked = len(self.step_ends)
@@ -275,8 +244,7 @@ class ClosedLoop:
         if since == 0:
             end = self._tick(k, time)
         else:
-            if self.rate is not None:
-                carry_on(self.torque, self.rate, since * physics.time_step, self.torque_limit, data.ctrl)
+            carry_on(self.torque, self.rate, since * physics.time_step, self.torque_limit, data.ctrl)
             end = self.watch.check_between_ticks(time, physics.com, physics.trunk, *self.planned)
         mujoco.mj_step2(model, data)
         log.end(k, data)
@@ -298,13 +266,13 @@ class ClosedLoop:
         touch = Touch(self.log.touching.copy(), self.log.normal_force.copy(), physics.time_step)
         with self.users_code:
             output = self.controller.update(state, touch, reference)
-            self.log.keep_command(k, output, reference)
             if output.torque.shape != self.torque_shape:
                 raise ValueError(f"torque of shape {output.torque.shape}, not {self.torque_shape}")
             if output.rate is not None and output.rate.shape != self.torque_shape:
                 raise ValueError(f"rate of shape {output.rate.shape}, not {self.torque_shape}")
+            self.log.keep_command(k, output, reference)
         physics.data.ctrl[:] = self.torque = output.torque
-        self.rate = output.rate
+        self.rate = np.full_like(output.torque, np.nan) if output.rate is None else output.rate
         self.planned = reference.centre[0], reference.posture.trunk[:, 2]
         return self.watch.check(
             time,
@@ -322,16 +290,6 @@ class ClosedLoop:
         share = np.abs(output.torque) / robot.torque_limit
         worst = int(np.argmax(share))
         return f"{robot.joint_names[worst]} at {share[worst]:.0%} of its torque"
-
-    def _finish(self, done: int) -> None:
-        """Bring the physics to the end of the last whole step."""
-        physics, log = self.physics, self.log
-        model, data = physics.model, physics.data
-        if done < self.total and round(data.time / physics.time_step) != done:
-            # An interrupt fell between a step and its record, or MuJoCo has reset a state that it could not
-            # step: back to where that step began.
-            data.qpos[:], data.qvel[:] = log.q[done], log.qd[done]
-        mujoco.mj_forward(model, data)
 
     def _record(self, done: int, outcome: Outcome) -> SimulationRecord:
         dt, robot = self.physics.time_step, self.physics.robot
@@ -353,15 +311,7 @@ class ClosedLoop:
             torque_limit=robot.torque_limit,
             joint_range=np.stack([robot.lower, robot.upper], axis=1),
             joint_names=robot.joint_names,
+            point_sites=self.physics.points.names,
+            sole_sites=self.physics.points.sole_names,
             **kept,
         )
-
-
-@contextlib.contextmanager
-def quiet_mujoco() -> Iterator[None]:
-    """Keep MuJoCo from printing and from writing MUJOCO_LOG.TXT into the working folder."""
-    mujoco.set_mju_user_warning(lambda _: None)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(None)

@@ -17,7 +17,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -58,6 +58,9 @@ PICTURE_RATE = 100.0
 
 CURVE_STEP = 0.002
 """Least time between samples of a curve [s]; both sides of every switch are added."""
+
+MOST_PICTURES, MOST_SAMPLES = 3_000, 15_000
+"""Pictures and samples of a curve in a recording: of a longer walk they are farther apart."""
 
 SINGLE_SUPPORT = 0.8
 """Share of a step on ``gait_phase`` that a single support takes; about that of a walk."""
@@ -145,10 +148,11 @@ def write_recording(run: str | Path | SavedRun) -> Path:
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path = saved.directory / RECORDING_FILE
-    frames = np.arange(0, len(saved.signals), _stride(saved, 1.0 / PICTURE_RATE))
-    times, curves = _curves(saved) if len(frames) else (np.zeros(0), {})
-    gaps = Shapes(mujoco.MjModel.from_xml_string(saved.model_xml)).recorded_gaps(saved.record.q[frames])
-    distance = 1e3 * np.column_stack([np.minimum(gaps.distance, _FAR), np.full(len(frames), CLEARANCE)])
+    frames = _pictures(saved)
+    times, curves = _curves(saved) if len(frames.time) else (np.zeros(0), {})
+    gaps = Shapes(mujoco.MjModel.from_xml_string(saved.model_xml)).recorded_gaps(frames.q)
+    limit = np.full(len(frames.time), CLEARANCE)
+    distance = 1e3 * np.column_stack([np.minimum(gaps.distance, _FAR), limit])
     drawn = {**{entity: values for entity, (values, _) in curves.items()}, "margin/clearance": distance}
     ranges = {entity: axis_range(values) for entity, values in drawn.items()}
     with open_stream("ampm", "ampm-run", path, run_blueprint(ranges)) as stream:
@@ -156,9 +160,9 @@ def write_recording(run: str | Path | SavedRun) -> Path:
         log.static("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         log.static("verdict", rr.TextDocument(verdict_markdown(saved), media_type=rr.MediaType.MARKDOWN))
         _log_body(log, saved, frames)
-        if len(frames):
-            log.series("margin/clearance", saved.record.time[frames], distance, _CLEARANCE_LINES)
-            _log_near(log, saved.record.time[frames], gaps)
+        if len(frames.time):
+            log.series("margin/clearance", frames.time, distance, _CLEARANCE_LINES)
+            _log_near(log, frames.time, gaps)
             _log_ground(log, saved, frames, plan)
             for entity, (values, lines) in curves.items():
                 log.series(entity, times, values, lines)
@@ -201,9 +205,36 @@ def _gait_phase(signals: Signals, end: float) -> tuple[Array, Array]:
     return np.append(starts, starts[-1] + left), np.append(phases, phases[-1] + share * left / usual)
 
 
-def _stride(saved: SavedRun, least: float) -> int:
-    """Number of rows of the signals in at least this time [s]."""
-    return max(1, math.ceil(least / saved.record.time_step * (1.0 - 1e-9)))
+class _Pictures(NamedTuple):
+    """Instants that are drawn, N of them.
+
+    Attributes:
+        steps: of the physics.
+        signals: rows of the signals.
+        q: configurations, shape (N, nq).
+        time: [s].
+    """
+
+    steps: NDArray[np.intp]
+    signals: NDArray[np.intp]
+    q: Array
+    time: Array
+
+
+def _pictures(saved: SavedRun) -> _Pictures:
+    """Instants of which the folder has state and signals."""
+    states = saved.record.state_rows[:-1]  # the signals have no row at the end
+    steps, rows, signals = np.intersect1d(states, saved.signal_steps, return_indices=True)
+    least = max(1.0 / PICTURE_RATE, saved.record.outcome.time / MOST_PICTURES)
+    part = slice(None, None, _stride(steps[1:2].sum() * saved.record.time_step, least))
+    return _Pictures(
+        steps[part], signals[part], saved.record.q[rows[part]], saved.signals.time[signals[part]]
+    )
+
+
+def _stride(step: float, least: float) -> int:
+    """Number of rows that are ``step`` apart [s] in at least this time [s]."""
+    return max(1, math.ceil(least / step * (1.0 - 1e-9))) if step > 0.0 else 1
 
 
 def verdict_markdown(saved: SavedRun) -> str:
@@ -237,7 +268,7 @@ def plain_text(text: str) -> str:
 # ----------------------------------------------------------------------------------------------- body
 
 
-def _log_body(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None:
+def _log_body(log: _Log, saved: SavedRun, frames: _Pictures) -> None:
     """Segments of the model, moved by forward kinematics of the recorded q.
 
     Shapes of one kind are one entity: every further one costs a short recording more than the motion in it.
@@ -246,9 +277,10 @@ def _log_body(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None:
     model = mujoco.MjModel.from_xml_string(saved.model_xml)
     data = mujoco.MjData(model)
     drawn = np.flatnonzero((model.geom_bodyid > 0) & (model.geom_rbound > _LEAST_SHAPE))
-    position = np.empty((len(frames), len(drawn), 3))
-    rotation = np.empty((len(frames), len(drawn), 9))
-    for row, qpos in enumerate(saved.record.q[frames]):
+    count = len(frames.time)
+    position = np.empty((count, len(drawn), 3))
+    rotation = np.empty((count, len(drawn), 9))
+    for row, qpos in enumerate(frames.q):
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
         position[row], rotation[row] = data.geom_xpos[drawn], data.geom_xmat[drawn]
@@ -268,10 +300,10 @@ def _log_body(log: _Log, saved: SavedRun, frames: NDArray[np.intp]) -> None:
             place, at = place - rotation[:, mine][..., 2::3] * size[:, 1:2], "translations"
         entity = f"world/body/{mujoco.mjtGeom(kind).name.removeprefix('mjGEOM_').lower()}"
         log.static(entity, shape.from_fields(fill_mode=rr.components.FillMode.Solid, **style))
-        if len(frames):
+        if count:
             turned = Rotation.from_matrix(rotation[:, mine].reshape(-1, 3, 3)).as_quat()
             poses = shape.columns(**{at: place.reshape(-1, 3)}, quaternions=turned)
-            log.columns(entity, saved.record.time[frames], poses.partition(np.full(len(frames), len(mine))))
+            log.columns(entity, frames.time, poses.partition(np.full(count, len(mine))))
 
 
 def _log_near(log: _Log, times: Array, gaps: Gaps) -> None:
@@ -292,10 +324,10 @@ def _shape_color(rgba: Array) -> Color:
 # --------------------------------------------------------------------------------------------- ground
 
 
-def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: StepPlan | None) -> None:
+def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | None) -> None:
     """Soles, contact points, support polygon, ZMPs, forces and COM."""
-    record, signals = saved.record, saved.signals.take(frames)
-    times = signals.time
+    record, signals = saved.record, saved.signals.take(frames.signals)
+    times = frames.time
 
     def dot(entity: str, position: Array, color: Color, radius: float) -> None:
         log.shapes(entity, times, rr.Points3D, color, radius, positions=position)
@@ -307,7 +339,7 @@ def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: Step
     follow = np.column_stack([signals["plan_com_x"], np.zeros((len(times), 2))])
     log.columns("world/follow", times, rr.Transform3D.columns(translation=follow))
 
-    point, force = record.point_position[frames], record.point_force[frames]
+    force, point = record.contacts_at(frames.steps)
     for foot, (name, color) in enumerate(_FEET.items()):
         mine = np.flatnonzero(record.point_foot == foot)
         sole, contact = f"world/feet/{name}/sole", f"world/feet/{name}/contact"
@@ -319,7 +351,7 @@ def _log_ground(log: _Log, saved: SavedRun, frames: NDArray[np.intp], plan: Step
         radius = 0.028 * np.sqrt(np.clip(load, 0.0, None) / (record.mass * record.gravity))
         log.static(contact, rr.Points3D.from_fields(colors=[color]))
         discs = rr.Points3D.columns(positions=point[:, mine].reshape(-1, 3), radii=radius.ravel())
-        log.columns(contact, times, discs.partition(np.full(len(frames), len(mine))))
+        log.columns(contact, times, discs.partition(np.full(len(times), len(mine))))
         total = load.sum(axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
             centre = np.einsum("np,npd->nd", load, point[:, mine]) / total[:, None]
@@ -399,7 +431,8 @@ def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Mapping[str,
     change = np.concatenate(
         [every.switches()[1:], *(_changes(every[f"{foot}_contact"])[1:] for foot in _FEET)]
     )
-    even = np.arange(0, len(every), _stride(saved, CURVE_STEP))
+    least = max(CURVE_STEP, saved.record.outcome.time / MOST_SAMPLES)
+    even = np.arange(0, len(every), _stride(float(every.time[1:2].sum()), least))
     rows = np.unique(np.concatenate([even, change, change - 1, [len(every) - 1]]))
     signals, weight = every.take(rows), saved.record.mass * saved.record.gravity
     found: dict[str, tuple[Array, Mapping[str, Color]]] = {}
@@ -429,7 +462,7 @@ def _curves(saved: SavedRun) -> tuple[Array, dict[str, tuple[Array, Mapping[str,
         found[entity] = gap, {axis: _AXES[axis] for axis in axes}
     feet = np.column_stack([signals["left_force_z"], signals["right_force_z"], signals["plan_force_z"]])
     found["signals/foot_force_z"] = feet, {**_FEET, "plan, both": PLAN}
-    use = np.abs(saved.record.torque[rows]) / saved.record.torque_limit
+    use = np.abs(saved.record.torque_at(saved.signal_steps[rows])) / saved.record.torque_limit
     found["effort/torque"] = 100 * use.max(axis=1)[:, None], {"busiest motor": MEASURED}
     return signals.time, found
 

@@ -163,7 +163,9 @@ def switch_values(
         signals: plan, command and measurement on one clock.
         record: of the walk.
     """
-    time, dt, weight = signals.time, record.time_step, record.mass * record.gravity
+    time, weight = signals.time, record.mass * record.gravity
+    steps = np.round(time / record.time_step).astype(np.intp)
+    dt = int(steps[1] - steps[0]) * record.time_step
     first = plan.constants.step_duration - 1e-9
     switches = plan.contacts.switch_times
     switches = switches[(switches >= first) & (switches < time[-1] - WINDOW)]
@@ -186,7 +188,8 @@ def switch_values(
 
     measured, planned = signals.vector("measured_force"), signals.vector("plan_force")
     force_rate = np.linalg.norm(np.diff(measured[:, :2], axis=0, append=measured[-1:, :2]), axis=1) / dt
-    torque_rate = np.abs(np.diff(record.torque, axis=0, append=record.torque[-1:])) / dt / 1e3
+    torque = record.torque_at(steps)
+    torque_rate = np.abs(np.diff(torque, axis=0, append=torque[-1:])) / dt / 1e3
     zmp = {name: signals.vector(f"{name}_zmp", "xy") for name in ("plan", "command", "measured")}
     error = 1e3 * (zmp["measured"] - zmp["plan"])
     push = signals.vector("command_force", "xy") - signals.vector("plan_force", "xy")

@@ -215,7 +215,8 @@ def _curves(side: Side, kind: int) -> Iterator[tuple[Array, Array, Array | None]
         Time from the switch, shape (n,) [ms]; measured values, one row per switch; planned ones, or None.
     """
     signals, record = side.saved.signals, side.saved.record
-    time, dt = signals.time, record.time_step
+    time, steps = signals.time, side.saved.signal_steps
+    dt = int(steps[1] - steps[0]) * record.time_step
     reach = round(REACH / dt)
     # The plan's switches alternate; those of the first step are omitted.
     switches = side.plan.contacts.switch_times[2 + kind :: 2]
@@ -230,7 +231,8 @@ def _curves(side: Side, kind: int) -> Iterator[tuple[Array, Array, Array | None]
     # Sampled times straddle the switch by less than a step: on average by what is shown.
     at = 1e3 * (offset * dt + np.median(time[rows] - switches))
     error = 1e3 * (signals.vector("measured_zmp", "xy") - signals.vector("plan_zmp", "xy"))
-    rate = np.abs(np.diff(record.torque, axis=0, append=record.torque[-1:])).max(axis=1) / dt
+    torque = record.torque_at(steps)
+    rate = np.abs(np.diff(torque, axis=0, append=torque[-1:])).max(axis=1) / dt
     # Towards the foot that stood: the right foot's switches are the left's, mirrored.
     sign = np.where(np.arange(1, len(rows) + 1) % 2 == 0, 1.0, -1.0)[:, None]
     yield at, signals["measured_force_x"][about] / record.mass, signals["plan_force_x"][about] / record.mass
