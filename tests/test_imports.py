@@ -18,7 +18,7 @@ ORDER = {
         "exceptions presets arithmetic geometry compiled vectors linear description admm qp section "
         "parameters run_file planner walk body control planners tune __main__"
     ).split(),
-    "validation": "progress trial store measure judge show run study paper cli".split(),
+    "validation": "progress trial store measure judge show run study paper cli pytest_plugin".split(),
 }
 """Rooms of a package, each of which may import itself and those before it. The package itself comes last."""
 
@@ -96,8 +96,18 @@ INSTRUMENTS = "validation.measure.instruments.model, validation.measure.instrume
         (f"import {TRIAL}", "rerun matplotlib"),
         (f"import {INSTRUMENTS}", "mujoco pinocchio scipy rerun matplotlib"),
         ("import ampm, validation", "numpy mujoco pinocchio scipy matplotlib rerun rich typer pyarrow numba"),
+        ("import validation.pytest_plugin", "numpy mujoco pinocchio pyarrow pydantic cloudpickle"),
     ],
-    ids=["ampm", "planner", "command line", "known motion", "trial", "schema of a sweep", "public API"],
+    ids=[
+        "ampm",
+        "planner",
+        "command line",
+        "known motion",
+        "trial",
+        "schema of a sweep",
+        "public API",
+        "pytest plugin",
+    ],
 )
 def test_what_is_not_needed_is_not_loaded(statement, forbidden):
     assert not loaded_by(statement) & set(forbidden.split())

@@ -1,0 +1,129 @@
+"""The pytest plugin, on the example project and on small test files."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import tomllib
+from pathlib import Path
+
+import platformdirs
+import pytest
+
+pytest_plugins = ["pytester"]
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLE = ROOT / "docs" / "examples" / "own_controller"
+CACHE = platformdirs.user_cache_path()  # pytester has a home of its own
+
+FILE = """
+import os
+import pytest
+from ampm.control.joint_pd import JointPD
+
+COARSE = dict(gait={"steps": 2}, solver={"ik_time_step": 0.01}, simulation={"time_step": 0.002})
+
+class Counted(JointPD):
+    def __init__(self, robot, run):
+        super().__init__(robot, run)
+        with open(os.environ["COUNT"], "a") as file:
+            file.write("walked\\n")
+"""
+
+
+@pytest.fixture
+def run(pytester, monkeypatch):
+    """Run pytest with the plugin in a process of its own."""
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(CACHE))
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
+    monkeypatch.setenv("COUNT", str(pytester.path / "count"))
+
+    def call(*arguments):
+        plugins = ("-p", "validation.pytest_plugin", "-p", "xdist", "-p", "no:cacheprovider")
+        return pytester.runpytest_subprocess(*plugins, *arguments)
+
+    return call
+
+
+def test_the_distribution_registers_the_plugin():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert project["entry-points"]["pytest11"] == {"ampm": "validation.pytest_plugin"}
+
+
+def test_the_example_gates_its_controller(run, pytester):
+    for name in ("controller.py", "test_controller.py"):
+        shutil.copy(EXAMPLE / name, pytester.path)
+    assert len((EXAMPLE / "test_controller.py").read_text(encoding="utf-8").splitlines()) <= 21
+    written = run("-n", "2", "--ampm-update")
+    written.assert_outcomes(passed=5)
+    written.stdout.fnmatch_lines(
+        ["*AMPM baselines*", "*test_is_no_worse_than_before.json: normal with *", "*new*"]
+    )
+    (path,) = pytester.path.glob("ampm_baselines/*.json")
+    baseline = json.loads(path.read_text(encoding="utf-8"))
+    value = baseline["metrics"]["zmp_x_rmse"]
+    baseline["metrics"]["zmp_x_rmse"] = value / 2
+    baseline["metrics"]["zmp_y_rmse"] *= 2
+    path.write_text(json.dumps(baseline), encoding="utf-8")
+    failed = run("-k", "no_worse")
+    failed.assert_outcomes(failed=1, deselected=4)
+    text = failed.stdout.str()
+    assert re.search(r"zmp_x_rmse: [\d.]+ -> [\d.]+ mm \(limit 2.5\), worse", text)
+    assert re.search(r"zmp_y_rmse: [\d.]+ -> [\d.]+ mm \(limit 1.5\)$", text, re.MULTILINE)
+    folder = re.search(r"4 steps, completed; ampm view (.*)", text)
+    assert folder is not None
+    assert {"recording.rrd", "report.html"} <= {file.name for file in Path(folder[1]).iterdir()}
+    assert json.loads(path.read_text(encoding="utf-8")) == baseline  # untouched without --ampm-update
+
+
+def test_equal_inputs_are_walked_once_by_all_workers(run, pytester):
+    pytester.makepyfile(
+        FILE
+        + """
+@pytest.mark.parametrize("number", range(4))
+def test_equal(walked, number):
+    trial = walked("normal", controller=Counted, **COARSE)
+    assert trial.record.q.flags.writeable is False
+    assert trial.record.outcome.name == "fell"
+
+def test_another(walked):
+    trial = walked("normal", controller=Counted, body={"mass": 61.0}, **COARSE)
+    assert trial.record.mass == pytest.approx(61.0)
+"""
+    )
+    run("-n", "2").assert_outcomes(passed=5)
+    assert (pytester.path / "count").read_text(encoding="utf-8").count("walked") == 2
+
+
+def test_failures_say_what_is_wrong(run, pytester, tmp_path):
+    pytester.makepyfile(
+        FILE
+        + """
+def test_falls(walked, assert_within):
+    walked("normal", controller=JointPD, **COARSE)
+    assert_within()
+
+def test_nothing(assert_within):
+    assert_within("strict")
+
+def test_no_baseline(walked, assert_baseline):
+    walked("normal", controller=JointPD, **COARSE)
+    assert_baseline()
+
+def test_unknown_gait(walked):
+    walked("nromal")
+"""
+    )
+    result = run("--ampm-runs", tmp_path / "runs")
+    result.assert_outcomes(failed=4)
+    result.stdout.fnmatch_lines(
+        [
+            "normal with joint-pd: not measured (default). The body fell*",
+            f"*ampm view {tmp_path / 'runs'}/*test_falls/0-normal",
+            "this test walked nothing; call walked() first, or give the trials.",
+            "normal with joint-pd: there is no baseline *; write it with --ampm-update.",
+            "*did you mean 'normal'*",
+        ]
+    )
