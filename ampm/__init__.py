@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ampm.parameters import GaitParameters, RunParameters
     from ampm.planner.centroidal import CentroidalPlan, Law
     from ampm.planner.contacts import Contacts, Footstep, Phase
+    from ampm.planner.footsteps import plan_footsteps
     from ampm.planner.sampled import SampledLaw, sampled_contacts, sampled_plan
     from ampm.planners import AmpmPeriodic, WalkRequest
     from ampm.run_file import dump_run, load_run
@@ -35,6 +36,7 @@ _MODULES = {
     "ampm.parameters": ("GaitParameters", "RunParameters"),
     "ampm.planner.centroidal": ("CentroidalPlan", "Law"),
     "ampm.planner.contacts": ("Contacts", "Footstep", "Phase"),
+    "ampm.planner.footsteps": ("plan_footsteps",),
     "ampm.planner.sampled": ("SampledLaw", "sampled_contacts", "sampled_plan"),
     "ampm.planners": ("AmpmPeriodic", "WalkRequest"),
     "ampm.run_file": ("dump_run", "load_run"),
@@ -79,6 +81,6 @@ __all__ = [
     "AmpmError", "AmpmPeriodic", "BodilyRefusal", "CentroidalPlan", "Contacts", "ControlOutput", "Controller",
     "Footstep", "GaitParameters", "InputError", "Law", "MathematicalRefusal", "Phase", "Planner", "Posture",
     "Reference", "RefusedGait", "RunParameters", "SampledLaw", "SolverError", "State", "Touch", "WalkPlan",
-    "WalkRequest", "__version__", "dump_run", "load_run", "plan", "preset_names", "sampled_contacts",
-    "sampled_plan",
+    "WalkRequest", "__version__", "dump_run", "load_run", "plan", "plan_footsteps", "preset_names",
+    "sampled_contacts", "sampled_plan",
 ]  # fmt: skip

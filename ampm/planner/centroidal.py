@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ampm.arithmetic import cos, sin
 from ampm.exceptions import InputError
 from ampm.planner.contacts import PHASE_NAMES, STANCE_NAMES, Contacts
 from ampm.planner.pendulum import AffineLaw, LawState
@@ -35,15 +36,16 @@ class Law(Protocol):
 
 
 class CentroidalPhase(NamedTuple):
-    """One phase of the centroidal motion: the law of each axis about an explicit origin.
+    """One phase of the centroidal motion: the law of each axis about an explicit origin and heading.
 
     Attributes:
         start: [s].
         duration: [s].
         origin: world (x, y) from which both laws count [m].
-        x: law along x.
-        y: law along y.
+        x: law along the heading.
+        y: law across it, to the left.
         angular_momentum: (L_x, L_y) about the COM at the start, L_y without the plan's constant [N m s].
+        heading: of the laws' axes [rad].
     """
 
     start: float
@@ -52,6 +54,7 @@ class CentroidalPhase(NamedTuple):
     x: Law
     y: Law
     angular_momentum: tuple[float, float]
+    heading: float = 0.0
 
 
 def _constant(unit: str, meaning: str) -> Any:
@@ -129,6 +132,7 @@ class PlanSample:
         angular_momentum: (L_x, L_y) about the COM, shape (N, 2) [N m s].
         left_placement: left foot's placement in force, the next one while it swings, shape (N, 2) [m].
         right_placement: the same of the right foot, shape (N, 2) [m].
+        heading: mean of these placements' headings, shape (N,) [rad].
     """
 
     time: Array
@@ -144,6 +148,7 @@ class PlanSample:
     angular_momentum: Array
     left_placement: Array
     right_placement: Array
+    heading: Array
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
@@ -155,8 +160,11 @@ class PlanSample:
     @property
     def right_load(self) -> Array:
         """Share of the right foot, by the ZMP between the centre lines of both feet, shape (N,) [1]."""
-        left, right = self.left_placement[:, 1], self.right_placement[:, 1]
-        share = (left - self.zmp[:, 1]) / (left - right)
+        across = np.stack([-sin(self.heading), cos(self.heading)], axis=1)
+        left, right, zmp = (
+            (place * across).sum(axis=1) for place in (self.left_placement, self.right_placement, self.zmp)
+        )
+        share = (left - zmp) / (left - right)
         return np.where(self.stance == 0, 0.0, np.where(self.stance == 1, 1.0, np.clip(share, 0.0, 1.0)))
 
     @property
@@ -228,6 +236,13 @@ class CentroidalPlan:
         return np.array([phase.origin for phase in self.phases])
 
     @cached_property
+    def _axes(self) -> Array | None:
+        """Axes of the laws in world, by columns, shape (P, 2, 2); None if no phase has a heading."""
+        heading = np.array([phase.heading for phase in self.phases])
+        c, s = cos(heading), sin(heading)
+        return np.moveaxis(np.array([[c, -s], [s, c]]), 2, 0) if heading.any() else None
+
+    @cached_property
     def _momenta(self) -> Array:
         return np.array([phase.angular_momentum for phase in self.phases])
 
@@ -258,6 +273,9 @@ class CentroidalPlan:
     def _evaluate(self, index: NDArray[np.intp], local: Array) -> _Motion:
         """Motion at phases ``index`` and times since their starts."""
         state = self._states(index, local)
+        if self._axes is not None:
+            along, across = np.moveaxis(self._axes[index], 2, 0)
+            state = LawState._make(v[:, :1] * along + v[:, 1:] * across for v in state)
         origin = self._origins[index]
         # The y axis' force line turns the body about +x, the x axis' about -y.
         turn = self.weight * np.array([1.0, -1.0])
@@ -319,6 +337,7 @@ class CentroidalPlan:
             angular_momentum=motion.angular_momentum,
             left_placement=contacts.placements[support, 0, :2],
             right_placement=contacts.placements[support, 1, :2],
+            heading=contacts.headings[support],
         )
 
     def residuals(self) -> PlanResiduals:

@@ -130,19 +130,32 @@ class Contacts:
     @cached_property
     def placements(self) -> NDArray[np.float64]:
         """Left and right foot's (x, y, z) in every phase, the next one while it swings, (P, 2, 3) [m]."""
+        return _read_only(self._ahead[:, :, :3])
+
+    @cached_property
+    def headings(self) -> NDArray[np.float64]:
+        """Mean heading of both feet in every phase, the next one of a foot while it swings, (P,) [rad]."""
+        left, right = self._ahead[:, :, 3].T
+        return _read_only(
+            left + 0.5 * (right - left - 2.0 * np.pi * np.round((right - left) / (2.0 * np.pi)))
+        )
+
+    @cached_property
+    def _ahead(self) -> NDArray[np.float64]:
+        """x, y, z and heading of left and right foot in every phase, (P, 2, 4) [m, rad]."""
         sides = ([phase.left for phase in self.phases], [phase.right for phase in self.phases])
-        return _read_only(np.stack([_positions_ahead(side) for side in sides], axis=1))
+        return np.stack([_footsteps_ahead(side) for side in sides], axis=1)
 
 
-def _positions_ahead(footsteps: Sequence[Footstep | None]) -> NDArray[np.float64]:
-    """Position of each footstep; of a None that of the next one, at the end of the last one, (P, 3) [m]."""
+def _footsteps_ahead(footsteps: Sequence[Footstep | None]) -> NDArray[np.float64]:
+    """Each footstep; for a None the next one, at the end the last one; x, y, z, heading, (P, 4) [m, rad]."""
     ahead = next((footstep for footstep in reversed(footsteps) if footstep is not None), None)
     if ahead is None:
-        return np.full((len(footsteps), 3), np.nan)
+        return np.full((len(footsteps), 4), np.nan)
     positions = []
     for footstep in reversed(footsteps):
         ahead = ahead if footstep is None else footstep
-        positions.append(ahead.position)
+        positions.append((*ahead.position, ahead.heading))
     return np.array(positions[::-1])
 
 

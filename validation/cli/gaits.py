@@ -58,28 +58,50 @@ def plan(
     ] = None,
     rate: Annotated[float, option("--rate", "Samples per second.", "HZ")] = 200.0,
     plot: Annotated[Path | None, option("--plot", "Draw the plan.", "FILE.png")] = None,
+    footsteps: Annotated[
+        Path | None,
+        option(
+            "--footsteps",
+            "Plan a walk from rest to rest over footsteps: foot,x,y,heading [m, rad], time [s] if wanted.",
+            "FILE.csv",
+        ),
+    ] = None,
 ) -> int:
     """Plan a gait in closed form: constants, residuals, samples, a picture.
 
     With a body (the default) the plan is checked against its soles, legs and joints, and the constant of L_y
     is the one that makes the body's motion periodic.
+
+    With --footsteps the gait gives height, slopes of the force line and durations of the supports. The first
+    two rows of the file are where both feet stand, the one that swings first at the head; then left and right
+    land in turn. Of the body only the soles are used.
     """
     from ampm.planner.periodic import plan_gait
+    from ampm.planner.routes import read_footsteps
     from validation.store.tables import check_suffix, plan_table, sample_times, write_columns
-    from validation.trial.plan import check_formula, load_request, plan_walk
+    from validation.trial.plan import check_formula, load_request, make_body, plan_walk
 
-    request = load_request(gait, settings or (), as_is=as_is or no_body)
+    request = load_request(gait, settings or (), as_is=as_is or no_body or footsteps is not None)
     run = request.run
+    steps = None if footsteps is None else read_footsteps(footsteps)
     if samples is not None:  # refuse paths that cannot be written before computing
         check_folder_of(samples)
         check_suffix(samples)
         check_formula(request)
-        sample_times(run.gait.steps * run.gait.step_length / run.gait.switching_velocity, rate)
+        count = run.gait.steps if steps is None else len(steps[0])
+        sample_times(count * run.gait.step_length / run.gait.switching_velocity, rate)
     if plot is not None:
         check_picture(plot)
     narrator = Narrator()
-    walk = None if no_body else plan_walk(request, narrator)
+    walk = None if no_body or steps is not None else plan_walk(request, narrator)
     planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walk is None else walk.plan
+    sole = None
+    if steps is not None:
+        from ampm.planner.footsteps import plan_footsteps
+
+        body = make_body(run).model.description
+        sole = body.sole
+        planned = plan_footsteps(steps[0], run.gait, body, landings=steps[1])
     request = request if walk is None else walk.request
     if samples is not None:
         with output_file(samples) as work:
@@ -88,7 +110,8 @@ def plan(
         from validation.show.plan import plot_plan
 
         with output_file(plot) as work:
-            plot_plan(planned, work, title=f"plan of {request.title}")
+            title = f"plan of {request.title}" + ("" if footsteps is None else f" over {footsteps.name}")
+            plot_plan(planned, work, title=title, sole=sole)
     answer(
         planned,
         lambda planned: describe_plan(request, planned, walk),
@@ -121,6 +144,7 @@ def print_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | None 
         value = format_number(getattr(plan.constants, field.name), 6)
         rows.append((field.name, value, "" if unit == "1" else str(unit), meaning))
     print_table(f"plan of {request.title}", ("constant", ">value", "unit", "meaning"), rows)
+    print_line(f"{plan.contacts.steps} steps in {plan.duration:.2f} s")
     print_line(f"largest jump at a switch, relative: {format_number(plan.residuals().largest, 2)}")
     if walk is not None:
         print_line(f"planned ZMP margin, to the edge of the planned support: {1000 * walk.zmp_margin:.1f} mm")

@@ -10,16 +10,19 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.show.style import file_style, legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from ampm.description import SoleGeometry
     from ampm.planner.centroidal import PlanSample
 
 _SHOWN_STEPS = 4  # a periodic gait repeats itself every two
 _POINTS = 1200
+_ROUNDING = 1e-9
 _COLORS = {
     "COM": "#1f77b4",
     "DCM": "#5b6270",
@@ -30,18 +33,20 @@ _COLORS = {
 }
 
 
-def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
+def plot_plan(plan: CentroidalPlan, path: Path, *, title: str, sole: SoleGeometry | None = None) -> None:
     """Draw a plan: COM, ZMP, ground force, moment and angular momentum over time, and the top view.
 
     Args:
-        plan: only its first steps are drawn, as the others repeat them.
+        plan: without a sole only its first steps are drawn, as the others repeat them.
         path: image file; the suffix chooses the format.
         title: heading, usually the gait's name.
+        sole: outline of the soles, of a walk over footsteps: all of it is drawn.
 
     Raises:
         OSError: the file cannot be written.
     """
-    duration = min(plan.duration, _SHOWN_STEPS * plan.constants.step_duration)
+    shown = _SHOWN_STEPS * plan.constants.step_duration if sole is None else plan.duration
+    duration = min(plan.duration, shown)
     times = np.linspace(0.0, duration, _POINTS)
     sample = plan.sample(times)
     paths = {"COM": sample.com, "DCM": sample.dcm, "ZMP": sample.zmp}
@@ -54,8 +59,11 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
         "ground force\n[% of body weight]": dict(zip("xyz", force.T, strict=True)),
         "moment about the\nCOM [N m]": dict(zip("xyz", sample.moment.T, strict=False)),
         "angular momentum about\nthe COM [N m s]": dict(zip("xyz", sample.angular_momentum.T, strict=False)),
-        "planned ZMP margin to\nthe planned support [mm]": {},
     }
+    if sole is None:
+        curves["planned ZMP margin to\nthe planned support [mm]"] = {}
+    else:
+        curves["mean heading of\nboth feet [rad]"] = {"z": sample.heading}
     with file_style():
         # Made without pyplot: no global state, no display, safe in any thread.
         figure = Figure(figsize=(14, 13), layout="constrained")
@@ -65,6 +73,8 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
             axis = figure.add_subplot(grid[cell // 2, cell % 2])
             for name, values in lines.items():
                 axis.plot(times, values, color=_COLORS[name], label=name)
+            if lines and max(np.abs(values).max() for values in lines.values()) < _ROUNDING:
+                axis.set_ylim(-1.0, 1.0)
             if isinstance(plan, StepPlan) and not lines:
                 axis.plot(times, 1000 * plan.zmp_margin(times), color=_COLORS["ZMP"])
                 axis.axhline(0, color="k", lw=0.8)
@@ -76,16 +86,18 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
                     axis.axvspan(phase.start, end, color="0.92", zorder=0, lw=0)
             axis.set(xlabel="time [s]", ylabel=label, xlim=(0, duration))
             legend(axis)
-        _draw_top(figure.add_subplot(grid[4, :]), plan, sample)
+        _draw_top(figure.add_subplot(grid[4, :]), plan, sample, sole)
         figure.savefig(path, dpi=110)
 
 
-def _draw_top(axis: Axes, plan: CentroidalPlan, sample: PlanSample) -> None:
+def _draw_top(axis: Axes, plan: CentroidalPlan, sample: PlanSample, sole: SoleGeometry | None) -> None:
     """Footprints, support polygons, COM and ZMP seen from above."""
     reach = sample.com[-1, 0] + plan.contacts.step_length
     for footstep in plan.contacts.footsteps:
         position = footstep.position[:2]
-        if position[0] <= reach:
+        if sole is not None:
+            axis.plot(*footprint(sole, footstep).T, color="0.6", lw=0.8)
+        elif position[0] <= reach:
             axis.plot(*position, marker="+", color="k", ms=8)
             axis.annotate(footstep.foot[0].upper(), position, xytext=(4, 4), textcoords="offset points")
     if isinstance(plan, StepPlan):
@@ -100,5 +112,6 @@ def _draw_top(axis: Axes, plan: CentroidalPlan, sample: PlanSample) -> None:
         axis.plot(values[:, 0], values[:, 1], color=_COLORS[name], label=name)
     axis.set_aspect("equal", adjustable="datalim")
     axis.set(xlabel="x, forward [m]", ylabel="y, left [m]")
-    axis.set_title("from above: footprints (+), support polygons (shaded)")
+    marks = "footprints (+), support polygons (shaded)" if sole is None else "footprints"
+    axis.set_title(f"from above: {marks}")
     legend(axis)

@@ -1,0 +1,426 @@
+"""A walk over any footsteps, from rest to rest.
+
+Every single support keeps the paper's law in the axes of its foot; every double support blends to the next
+one (:mod:`ampm.planner.blend`). One banded linear solve joins them (:mod:`ampm.planner.rest_to_rest`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ampm.arithmetic import arctan2, cos, sin, tanh
+from ampm.exceptions import BodilyRefusal, InputError
+from ampm.geometry import hull_distance
+from ampm.parameters import GRAVITY, GaitParameters
+from ampm.planner.blend import BlendLaw, shape
+from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
+from ampm.planner.contacts import Contacts, Footstep, Phase, footprint
+from ampm.planner.pendulum import AffineLaw, double_support_root, solution
+from ampm.planner.periodic import plan_gait
+from ampm.planner.rest_to_rest import (
+    SETTLING,
+    Problem,
+    Solution,
+    Supports,
+    in_world,
+    single_maps,
+    solve,
+    times,
+)
+
+if TYPE_CHECKING:
+    from ampm.description import BodyDescription, SoleGeometry
+
+Array = NDArray[np.float64]
+
+MARGIN = 0.015
+"""Least distance of the ZMP from the edge of the flat soles that stand [m]."""
+LARGEST_TILT = 0.75
+"""Largest angle by which the angular momentum may turn the trunk [rad]: 40 degrees walk, 57 fall."""
+_TRUNK_INERTIA = 0.076  # of what turns with the trunk, as a share of mass times the COM's height squared
+_BETWEEN_SOLES = 0.01  # least distance of the lines along the soles' inner edges [m]
+_STEEPEST = 2.6  # largest k T of a blend: beyond, it is hardly monotone [1]
+_THETA = 0.5  # unit of the least squares in the integral of the angular momentum [N m s^2]
+_ROOM = 2e-4  # by which 1/a_s keeps the ZMP further inside than the margin asks [m]
+_SOLVES = 10
+
+
+def plan_footsteps(
+    footsteps: Sequence[Footstep],
+    gait: GaitParameters,
+    body: BodyDescription,
+    *,
+    landings: Sequence[float | None] | None = None,
+) -> CentroidalPlan:
+    """Plan a walk over footsteps, from rest to rest.
+
+    The gait gives the COM's height, the slopes of the force line, the durations of both supports and the
+    ZMP's travel (``1/a_s``, less where a step would take the ZMP to the edge of the sole). Position, velocity
+    and acceleration of the COM, ZMP and moment are continuous at every switch. The walk begins and ends with
+    both feet on the floor, the COM at rest midway between them, and no angular momentum.
+
+    Args:
+        footsteps: where both feet stand at first, then where each lands; left and right in turn, the foot
+            that swings first at the head. At least four.
+        gait: see above; its step length and steps count only for the durations.
+        body: its mass, soles and lengths.
+        landings: time at which each footstep is reached [s]; None leaves it to the gait. The first two are
+            not read. The standing time before the first swing is :data:`SETTLING`.
+
+    Raises:
+        InputError: the list is no walk, or a time leaves no time to swing.
+        MathematicalRefusal: the gait has no closed form.
+        BodilyRefusal: feet would cross, a foot is out of reach, the ZMP would leave the soles, or the angular
+            momentum would turn the trunk too far.
+    """
+    _check(footsteps)
+    nominal = plan_gait(gait.model_copy(update={"steps": 1}), body.mass)
+    contacts = _contacts(footsteps, nominal, landings)
+    supports = _supports(footsteps, contacts, gait)
+    position = np.array([step.position[:2] for step in footsteps])
+    problem = Problem(
+        frequency=math.sqrt(GRAVITY / gait.com_height),
+        slopes=np.array([gait.c_s, gait.c_y]),
+        ends=np.stack([position[:2].mean(axis=0), position[-2:].mean(axis=0)]),
+        theta=_THETA / (body.mass * GRAVITY),
+    )
+    solved = _within_soles(supports, problem, 1.0 / gait.a_s, body.sole)
+    _refuse(footsteps, supports, problem, solved, body, gait.com_height)
+    return replace(nominal, contacts=contacts, phases=_phases(contacts, supports, problem, solved, body.mass))
+
+
+def _check(footsteps: Sequence[Footstep]) -> None:
+    if len(footsteps) < 4:
+        raise InputError(
+            f"{len(footsteps)} footsteps are no walk; give where both feet stand and two steps or more."
+        )
+    for number, (here, ahead) in enumerate(pairwise(footsteps), start=2):
+        if here.foot == ahead.foot:
+            raise InputError(
+                f"footsteps {number - 1} and {number} are both of the {here.foot} foot; give left and right "
+                "in turn."
+            )
+    for number, step in enumerate(footsteps, start=1):
+        if not all(map(math.isfinite, (*step.position, step.heading))):
+            raise InputError(f"footstep {number} has a value that is no finite number; correct it.")
+        if step.position[2]:
+            raise InputError(
+                f"footstep {number} is at z = {step.position[2]:g} m; give footsteps on the floor, z = 0."
+            )
+
+
+def _contacts(
+    footsteps: Sequence[Footstep], nominal: CentroidalPlan, landings: Sequence[float | None] | None
+) -> Contacts:
+    """Phases of the walk: single supports as long as the gait's, or until the given landings."""
+    single, double = nominal.constants.single_support_duration, nominal.constants.double_support_duration
+    wanted = [None] * len(footsteps) if landings is None else list(landings)
+    if len(wanted) != len(footsteps):
+        raise InputError(
+            f"{len(wanted)} landings for {len(footsteps)} footsteps; give one for each, or None."
+        )
+    phases, time = [_standing(0.0, SETTLING, footsteps[0], footsteps[1])], SETTLING
+    for number in range(2, len(footsteps)):
+        landing = time + single if wanted[number] is None else float(wanted[number])  # type: ignore[arg-type]
+        if not landing - time >= double:
+            raise InputError(
+                f"footstep {number + 1} is reached at {landing:g} s, but its swing begins at {time:.4g} s; "
+                f"give a time of at least {time + double:.4g} s."
+            )
+        phases.append(_standing(time, landing - time, footsteps[number - 1], None))
+        last = number == len(footsteps) - 1
+        phases.append(
+            _standing(landing, SETTLING if last else double, footsteps[number - 1], footsteps[number])
+        )
+        time = landing + double
+    return Contacts(tuple(footsteps), tuple(phases))
+
+
+def _standing(start: float, duration: float, one: Footstep, other: Footstep | None) -> Phase:
+    feet = {one.foot: one} if other is None else {one.foot: one, other.foot: other}
+    return Phase(start, duration, feet.get("left"), feet.get("right"))
+
+
+def _supports(footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitParameters) -> Supports:
+    w = math.sqrt(GRAVITY / gait.com_height)
+    standing = footsteps[1:-1]
+    heading = np.array([step.heading for step in standing])
+    duration = np.array([phase.duration for phase in contacts.phases])
+    single, double = duration[1::2], duration[2:-1:2]
+    # Rates of the paper's double support of these durations.
+    share, rate = gait.single_support_ratio, w * math.sqrt(gait.c_y)
+    along = w * math.sqrt((gait.c_s - 1.0 / gait.a_s) * share / (1.0 - share))
+    across = rate / double_support_root(tanh(0.5 * rate * single[:-1]), 0.5 * rate * double)
+    blend = np.stack([np.full_like(double, along), across], axis=1)
+    return Supports(
+        place=np.array([step.position[:2] for step in standing]),
+        axes=_axes(heading),
+        single=single,
+        double=double,
+        between=_axes(_mean_heading(heading)),
+        blend=np.minimum(blend, _STEEPEST / double[:, None]),
+    )
+
+
+def _mean_heading(heading: Array) -> Array:
+    """Mean of each heading and the next one [rad]."""
+    turn = np.diff(heading)
+    return np.asarray(heading[:-1] + 0.5 * (turn - 2.0 * math.pi * np.round(turn / (2.0 * math.pi))))
+
+
+def _axes(heading: Array) -> Array:
+    """Axes along and across headings, by columns, shape (n, 2, 2)."""
+    c, s = cos(heading), sin(heading)
+    return np.moveaxis(np.array([[c, -s], [s, c]]), 2, 0)
+
+
+def _within_soles(supports: Supports, problem: Problem, inverse_a: float, sole: SoleGeometry) -> Solution:
+    """Solve with the gait's ``1/a_s``, lowered where the ZMP would come too near to heel or tip."""
+    ahead, behind = sole.tip_x - MARGIN - _ROOM, -sole.heel_x - MARGIN - _ROOM
+    wanted = np.full(len(supports.place), inverse_a)
+    for _ in range(_SOLVES):
+        solved = solve(supports, problem, wanted)
+        from_foot = np.stack([solved.state[:, 0], solved.end[:, 0]], axis=1) - supports.place[:, None]
+        along = (from_foot * supports.axes[:, None, :, 0]).sum(axis=2)
+        with np.errstate(divide="ignore"):
+            largest = np.minimum(
+                ahead / np.maximum(along.max(axis=1), 0.0), behind / np.maximum(-along.min(axis=1), 0.0)
+            )
+        if (wanted * (1.0 - 1e-3) <= largest).all():
+            break
+        wanted = np.minimum(wanted, largest)
+    return solved
+
+
+def _phases(
+    contacts: Contacts, supports: Supports, problem: Problem, solved: Solution, mass: float
+) -> tuple[CentroidalPhase, ...]:
+    """The laws of all phases, those of the ends in quarters."""
+    w, place, n = problem.frequency, supports.place, len(supports.place)
+    # Single supports: the offset d moves the origin of the law off the foot.
+    zmp_slope = np.stack([solved.inverse_a, np.zeros(n)], axis=1)
+    slope = np.broadcast_to(problem.slopes, zmp_slope.shape)
+    rate = w**2 * (slope - zmp_slope)
+    v = _along(supports.axes, solved.state[:, 1])
+    moved = -(w**2) / rate * _along(supports.axes, solved.state[:, 4])
+    duration, k = np.broadcast_to(supports.single[:, None], rate.shape), np.sqrt(np.abs(rate))
+    begin = _along(supports.axes, solved.state[:, 0] - place) - moved
+    even, odd = solution(rate, begin, v / k, 0.5 * duration)
+    columns = rate, zmp_slope, slope, duration, even, odd / k, (zmp_slope - 1.0) * moved
+    single = [
+        [AffineLaw(*row) for row in zip(*both, strict=True)]
+        for both in zip(*(column.tolist() for column in columns), strict=True)
+    ]
+    phases = _as_phases(
+        contacts.starts[1::2], supports.single, place + times(supports.axes, moved), supports.axes, single,
+        solved.state[:, 2], mass,
+    )  # fmt: skip
+    # Double supports, from the middle between their feet.
+    origin = 0.5 * (place[:-1] + place[1:])
+    double = _blends(
+        w, supports.blend, supports.double, supports.between, origin, solved.end[:-1],
+        solved.signal[:-1, 1], solved.signal[1:, 0],
+    )  # fmt: skip
+    phases += _as_phases(
+        contacts.starts[2:-1:2], supports.double, origin, supports.between, double, solved.end[:-1, 2], mass
+    )
+    for start, ends in ((0.0, _first(problem, solved)), (float(contacts.starts[-1]), _last(problem, solved))):
+        phases += _quarter_phases(problem, start, *ends, mass)
+    return tuple(sorted(phases, key=lambda phase: phase.start))
+
+
+def _along(axes: Array, vectors: Array) -> Array:
+    """Components of vectors along axes, shape (n, 2)."""
+    return times(axes.swapaxes(1, 2), vectors)
+
+
+def _blends(
+    w: float, rate: Array, duration: Array, axes: Array, origin: Array, state: Array, begin: Array, end: Array
+) -> list[list[BlendLaw]]:
+    """Both laws of n blends, from (c, v, ...) and (r, q) at the begin to (r, q) at the end, all in world."""
+    values = [
+        rate,
+        np.broadcast_to(duration[:, None], rate.shape),
+        _along(axes, state[:, 0] - origin),
+        _along(axes, state[:, 1]),
+        np.stack([_along(axes, signal[:, 0] - origin) for signal in (begin, end)], axis=2),
+        np.stack([_along(axes, signal[:, 1]) for signal in (begin, end)], axis=2),
+    ]
+    columns = zip(*(value.tolist() for value in values), strict=True)
+    return [[BlendLaw(w, *row) for row in zip(*column, strict=True)] for column in columns]
+
+
+def _as_phases(
+    start: Array,
+    duration: Array,
+    origin: Array,
+    axes: Array,
+    laws: Sequence[Sequence[Any]],
+    J: Array,
+    mass: float,
+) -> list[CentroidalPhase]:
+    """Phases of laws, with the angular momentum at their begin."""
+    momentum = mass * GRAVITY * np.stack([J[:, 1], -J[:, 0]], axis=1)
+    heading = arctan2(axes[:, 1, 0], axes[:, 0, 0])
+    rows = zip(*(value.tolist() for value in (start, duration, origin, momentum, heading)), laws, strict=True)
+    return [
+        CentroidalPhase(t, T, tuple(place), x, y, tuple(L), turn) for t, T, place, L, turn, (x, y) in rows
+    ]
+
+
+def _first(problem: Problem, solved: Solution) -> tuple[Array, Array]:
+    """(c, v, J) at the begin of the first double support; (r, q) at the ends of its quarters, (5, 2, 2)."""
+    (middle, one, two), (r, q), rest = solved.nodes[0], solved.signal[0, 0], problem.ends[0]
+    point = [rest, 0.5 * (rest + middle), middle, 0.5 * (middle + r), r]
+    arm = [np.zeros(2), one, two, 0.5 * (two + q), q]
+    return np.stack([rest, np.zeros(2), np.zeros(2)]), np.stack([point, arm], axis=1)
+
+
+def _last(problem: Problem, solved: Solution) -> tuple[Array, Array]:
+    """The same of the last double support."""
+    (middle, one, two), (r, q), rest = solved.nodes[1], solved.signal[-1, 1], problem.ends[1]
+    point = [r, 0.5 * (r + middle), middle, 0.5 * (middle + rest), rest]
+    arm = [q, 0.5 * (q + one), one, two, np.zeros(2)]
+    return solved.end[-1, :3], np.stack([point, arm], axis=1)
+
+
+def _quarter_phases(
+    problem: Problem, start: float, state: Array, signal: Array, mass: float
+) -> list[CentroidalPhase]:
+    """Phases of four linear blends in a row."""
+    part, axes, phases = 0.25 * SETTLING, np.eye(2)[None], []
+    origin = signal[[0, -1], 0].mean(axis=0)
+    for i in range(4):
+        laws = _blends(
+            problem.frequency, np.zeros((1, 2)), np.array([part]), axes, origin[None], state[None],
+            signal[None, i], signal[None, i + 1],
+        )  # fmt: skip
+        begin = np.array([start + i * part])
+        phases += _as_phases(begin, np.array([part]), origin[None], axes, laws, state[None, 2], mass)
+        ends = [law.evaluate(part) for law in laws[0]]
+        moved = np.array(
+            [[float(at.position), float(at.velocity), float(at.moment_arm_integral)] for at in ends]
+        )
+        state = moved.T + np.stack([origin, np.zeros(2), state[2]])
+    return phases
+
+
+def _refuse(
+    footsteps: Sequence[Footstep], supports: Supports, problem: Problem, solved: Solution,
+    body: BodyDescription, height: float,
+) -> None:  # fmt: skip
+    """Refuse feet that cross or are out of reach, a ZMP near an edge, and a trunk that turns too far."""
+    _refuse_crossing(footsteps, body.sole)
+    _refuse_unreached(footsteps, solved, body, height)
+    number, margin = _least_margin(footsteps, supports, problem, solved, body.sole)
+    if not margin >= MARGIN:
+        raise BodilyRefusal(
+            f"footstep {number}: the ZMP comes to {1e3 * margin:.3g} mm from the edge of the flat soles, "
+            f"nearer than {1e3 * MARGIN:g} mm",
+            reason="zmp_margin_too_small", value=margin, limit=MARGIN, unit="m",
+            way_out="shorten or narrow the steps about it, or give them more time",
+        )  # fmt: skip
+    # About zero in the middle of double support, Theta is largest about the middle of single support.
+    halfway = in_world(single_maps(problem, solved.inverse_a, 0.5 * supports.single)[0], supports.axes)[:, 6:]
+    theta = times(halfway, solved.state.reshape(-1, 10)) - times(halfway[:, :, :2], supports.place)
+    tilt = GRAVITY / (_TRUNK_INERTIA * height**2) * np.sqrt((theta**2).sum(axis=1))
+    worst = int(tilt.argmax())
+    if not tilt[worst] <= LARGEST_TILT:
+        raise BodilyRefusal(
+            f"footstep {worst + 2}: the angular momentum turns the trunk by about {tilt[worst]:.2g} rad, "
+            f"more than {LARGEST_TILT:g} rad",
+            reason="trunk_tilt_too_large", value=float(tilt[worst]), limit=LARGEST_TILT, unit="rad",
+            way_out="take gait.c_y and gait.c_s nearer to 1, or narrow the steps",
+        )  # fmt: skip
+
+
+def _refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry) -> None:
+    """Refuse a foot that lands across the other one."""
+    place = np.array([step.position[:2] for step in footsteps])
+    axes = _axes(_mean_heading(np.array([step.heading for step in footsteps])))
+    side = np.array([1.0 if step.foot == "left" else -1.0 for step in footsteps[1:]])
+    apart = side * (np.diff(place, axis=0) * axes[:, :, 1]).sum(axis=1)
+    worst, least = int(apart.argmin()), 2.0 * sole.half_width + _BETWEEN_SOLES
+    if not apart[worst] >= least:
+        raise BodilyRefusal(
+            f"footstep {worst + 2}: the {footsteps[worst + 1].foot} foot is {apart[worst]:.3g} m aside of "
+            f"the other one, less than two soles take, {least:.3g} m",
+            reason="feet_too_close", value=float(apart[worst]), limit=least, unit="m",
+            way_out="put it further out on its own side",
+        )  # fmt: skip
+
+
+def _refuse_unreached(
+    footsteps: Sequence[Footstep], solved: Solution, body: BodyDescription, height: float
+) -> None:
+    """Refuse a foot that the straight leg does not reach, standing on heel or tip, when it leaves or lands.
+
+    The hips are taken as upright under the COM, along the mean heading of both feet.
+    """
+    sole, place = body.sole, np.array([step.position[:2] for step in footsteps])
+    heading = np.array([step.heading for step in footsteps])
+    lateral = _axes(_mean_heading(heading))[:, :, 1]
+    side = np.array([1.0 if step.foot == "left" else -1.0 for step in footsteps])
+    over = height - body.com_over_hip
+    # At the begin of a single support the foot before it leaves, at its end the one after it lands.
+    for moment, first, com in (("leaves", 0, solved.state[:, 0]), ("lands", 2, solved.end[:, 0])):
+        feet = slice(first, first + len(com))
+        across = lateral[min(first, 1) :][: len(com)]
+        hip = com + side[feet, None] * body.hip_half_width * across
+        beyond = np.full(len(com), math.inf)
+        for x in (sole.heel_x, sole.tip_x):
+            point = place[feet] + x * _axes(heading[feet])[:, :, 0]
+            away = np.sqrt(((point - hip) ** 2).sum(axis=1) + over**2)
+            beyond = np.minimum(beyond, away - math.hypot(x - sole.ankle_x, sole.ankle_height))
+        worst = int(beyond.argmax())
+        if not beyond[worst] <= body.leg_length:
+            step = footsteps[worst + first]
+            raise BodilyRefusal(
+                f"footstep {worst + first + 1}: when the {step.foot} foot {moment}, its leg would have to be "
+                f"{beyond[worst]:.3g} m long, and is {body.leg_length:.3g} m",
+                reason="step_out_of_reach", value=float(beyond[worst]), limit=body.leg_length, unit="m",
+                way_out="shorten the steps about it, or lower gait.com_height",
+            )  # fmt: skip
+
+
+def _least_margin(
+    footsteps: Sequence[Footstep],
+    supports: Supports,
+    problem: Problem,
+    solved: Solution,
+    sole: SoleGeometry,
+) -> tuple[int, float]:
+    """Least distance of the ZMP from the edge of the flat soles, and the number of the footstep, from 1."""
+    corners = footprint(sole, Footstep("left", (0.0, 0.0, 0.0)))[:-1]
+    axes = _axes(np.array([step.heading for step in footsteps]))
+    outline = np.array([step.position[:2] for step in footsteps])[:, None] + times(axes[:, None], corners)
+    both = np.concatenate([outline[:-1], outline[1:]], axis=1)
+    # On a straight way the distance is least at an end; only the ZMP of a double support between two single
+    # ones leaves the straight line.
+    zmp = solved.signal.sum(axis=2)
+    T = np.broadcast_to(supports.double[:, None], supports.blend.shape)
+    way = _along(supports.between, zmp[1:, 0] - zmp[:-1, 1])
+    middle = 0.5 * (zmp[:-1, 1] + zmp[1:, 0])
+    checks = [(2, outline[1:-1], zmp[:, side]) for side in (0, 1)]
+    checks += [
+        (2, both[1:-1], middle + times(supports.between, way * shape(supports.blend, T, share * T).value))
+        for share in (0.25, 0.5, 0.75)
+    ]
+    for number, ends in ((2, _first(problem, solved)), (len(footsteps), _last(problem, solved))):
+        points = ends[1].sum(axis=1)
+        checks.append((number, np.tile(both[min(number - 2, len(both) - 1)], (len(points), 1, 1)), points))
+    least, at = math.inf, 0
+    for number, polygon, points in checks:
+        margin = hull_distance(polygon, points)
+        worst = int(np.argmin(margin))
+        if margin[worst] < least:
+            ends_only = len(points) == 5
+            least, at = float(margin[worst]), number if ends_only else number + worst
+    return at, least

@@ -1,0 +1,150 @@
+"""Lists of footsteps: generators of common walks, and files.
+
+Every generator returns where both feet stand at first, then where each lands, left and right in turn; at the
+end the feet stand beside each other. It begins at the origin, facing +x.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from ampm.exceptions import InputError
+from ampm.planner.contacts import Footstep, Side
+
+COLUMNS = ("foot", "x", "y", "heading")
+"""Columns of a file of footsteps [-, m, m, rad]; ``time`` [s] may follow."""
+
+Frame = tuple[float, float, float]
+"""Middle between two feet that stand beside each other, and their heading: (x, y) [m], [rad]."""
+
+
+def route(frames: Sequence[Frame], width: float, first: Side = "right") -> list[Footstep]:
+    """Footsteps through frames, one of each, then the other foot beside the last one.
+
+    Args:
+        frames: the first one is where both feet stand; then one for every step.
+        width: lateral distance of the feet [m].
+        first: foot that swings first.
+    """
+    other: Side = "left" if first == "right" else "right"
+    feet = [first, other, *([first, other] * len(frames))]
+    visited = [frames[0], frames[0], *frames[1:], frames[-1]]
+    return [_beside(frame, foot, width) for frame, foot in zip(visited, feet, strict=False)]
+
+
+def _beside(frame: Frame, foot: Side, width: float) -> Footstep:
+    x, y, heading = frame
+    aside = 0.5 * width if foot == "left" else -0.5 * width
+    return Footstep(foot, (x - aside * math.sin(heading), y + aside * math.cos(heading), 0.0), heading)
+
+
+def straight(steps: int, length: float, width: float) -> list[Footstep]:
+    """Equal steps ahead; backward with a negative length [m]."""
+    return route([(k * length, 0.0, 0.0) for k in range(steps)], width)
+
+
+def arc(steps: int, length: float, radius: float, width: float) -> list[Footstep]:
+    """Equal steps along a circle, to the left; with a negative radius [m] to the right."""
+    turns = [k * length / radius for k in range(steps)]
+    frames = [(radius * math.sin(turn), radius * (1.0 - math.cos(turn)), turn) for turn in turns]
+    return route(frames, width, "left" if radius > 0.0 else "right")
+
+
+def turn(steps: int, angle: float, width: float) -> list[Footstep]:
+    """A turn in place by an angle, to the left if it is positive [rad]."""
+    frames = [(0.0, 0.0, angle * k / max(steps - 1, 1)) for k in range(steps)]
+    return route(frames, width, "left" if angle > 0.0 else "right")
+
+
+def sidestep(steps: int, length: float, width: float) -> list[Footstep]:
+    """Steps to the left, to the right with a negative length [m]: one foot goes, the other one follows."""
+    frames = [(0.0, ((k + 1) // 2) * length, 0.0) for k in range(steps)]
+    return route(frames, width, "left" if length > 0.0 else "right")
+
+
+def slalom(steps: int, length: float, angle: float, period: int, width: float) -> list[Footstep]:
+    """A wavy line: the heading swings by ``angle`` [rad] to either side once in ``period`` steps."""
+    frames: list[Frame] = [(0.0, 0.0, 0.0)]
+    for k in range(1, steps):
+        x, y, _ = frames[-1]
+        heading = angle * math.sin(2.0 * math.pi * k / period)
+        frames.append((x + length * math.cos(heading), y + length * math.sin(heading), heading))
+    return route(frames, width)
+
+
+def stones(
+    steps: int, length: float, width: float, *, spread: float = 0.25, aside: float = 0.3, seed: int = 0
+) -> list[Footstep]:
+    """Uneven steps ahead: lengths and widths uniform about their means.
+
+    Args:
+        steps: how many.
+        length: mean of the steps' lengths [m].
+        width: mean lateral distance of the feet [m].
+        spread: largest deviation of a step's length, as a share.
+        aside: largest deviation of the width, as a share.
+        seed: of the numbers.
+    """
+    generator = np.random.default_rng(seed)
+    footsteps = straight(steps, length, width)
+    x = 0.0
+    for k in range(2, len(footsteps)):
+        last = k == len(footsteps) - 1
+        x += 0.0 if last else length * (1.0 + spread * generator.uniform(-1.0, 1.0))
+        y = 0.5 * width * (1.0 + aside * generator.uniform(-1.0, 1.0))
+        foot = footsteps[k].foot
+        footsteps[k] = Footstep(foot, (float(x), float(y if foot == "left" else -y), 0.0))
+    return footsteps
+
+
+def _number(row: dict[str, str | None], name: str, line: int) -> float:
+    text = (row.get(name) or "").strip()
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"line {line}: {name} = {text!r} is no finite number; correct it.", value=text)
+    return value
+
+
+def read_footsteps(path: Path) -> tuple[list[Footstep], list[float | None]]:
+    """Footsteps of a CSV file with the columns :data:`COLUMNS` and, if wanted, ``time``.
+
+    Returns:
+        Footsteps, and when each is reached [s], None where the file leaves it open.
+
+    Raises:
+        InputError: the file cannot be read, lacks a column, or has a value that is no foot or number.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            table = csv.DictReader(file, skipinitialspace=True)
+            names, rows = [name.strip() for name in table.fieldnames or ()], list(table)
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"the file {str(path)!r} cannot be read ({error}); give a CSV file.") from None
+    missing = [name for name in COLUMNS if name not in names]
+    unknown = [name for name in names if name not in (*COLUMNS, "time")]
+    if missing or unknown:
+        what = f"lacks {', '.join(missing)}" if missing else f"has the unknown column {unknown[0]!r}"
+        raise InputError(f"{path} {what}; its header must be {','.join(COLUMNS)} and may end with ,time.")
+    footsteps: list[Footstep] = []
+    times: list[float | None] = []
+    for line, row in enumerate(rows, start=2):
+        foot = (row["foot"] or "").strip()
+        if foot not in get_args(Side):
+            raise InputError(f"{path}, line {line}: foot = {foot!r} must be left or right.", value=foot)
+        try:
+            x, y, heading = (_number(row, name, line) for name in COLUMNS[1:])
+            time = _number(row, "time", line) if (row.get("time") or "").strip() else None
+        except InputError as error:
+            raise InputError(f"{path}, {error}", **error.details) from None
+        footsteps.append(Footstep(foot, (x, y, 0.0), heading))  # type: ignore[arg-type]
+        times.append(time)
+    return footsteps, times

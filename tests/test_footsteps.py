@@ -1,0 +1,271 @@
+"""Walks over any footsteps: the linear solve, its plan, generators and files."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ampm
+from ampm.exceptions import BodilyRefusal, InputError
+from ampm.geometry import polygon_margin
+from ampm.linear import factorise_band, solve_band
+from ampm.planner import routes
+from ampm.planner.blend import BlendLaw
+from ampm.planner.contacts import Footstep, footprint
+from ampm.planner.footsteps import MARGIN, plan_footsteps
+from validation.trial.plan import make_body
+
+BODY = make_body(ampm.load_run("normal")).model.description
+SOLE = BODY.sole
+WIDTH = 0.18
+GAITS = {name: ampm.load_run(name, gait={"a_s": 3.0}) for name in ("normal", "momentum")}
+
+
+def plan(footsteps, gait="normal", **more):
+    return plan_footsteps(footsteps, GAITS[gait].gait, BODY, **more)
+
+
+def turned(footsteps, angle, shift):
+    """The same walk elsewhere: turned about the origin, then shifted."""
+    c, s = math.cos(angle), math.sin(angle)
+    return [
+        Footstep(
+            step.foot,
+            (
+                c * step.position[0] - s * step.position[1] + shift[0],
+                s * step.position[0] + c * step.position[1] + shift[1],
+                0.0,
+            ),
+            step.heading + angle,
+        )
+        for step in footsteps
+    ]
+
+
+WALKS = {
+    "straight": routes.straight(10, 0.6, WIDTH),
+    "backward": routes.straight(8, -0.3, WIDTH),
+    "arc": routes.arc(9, 0.4, 1.0, WIDTH),
+    "turn": routes.turn(8, math.pi / 2, WIDTH),
+    "sidestep": routes.sidestep(10, 0.2, WIDTH),
+    "slalom": routes.slalom(20, 0.4, 0.4, 8, WIDTH),
+    "stones": routes.stones(20, 0.5, WIDTH, seed=3),
+}
+
+
+def test_band_solution_is_that_of_the_whole_matrix():
+    generator = np.random.default_rng(1)
+    count, width = 40, 5
+    band = np.zeros((count, 3 * width + 1))
+    band[:, : 2 * width + 1] = generator.standard_normal((count, 2 * width + 1))
+    band[:, width] *= 1e-3  # needs interchanges
+    matrix = np.zeros((count, count))
+    for i in range(count):
+        for j in range(max(0, i - width), min(count, i + width + 1)):
+            matrix[i, j] = band[i, j - i + width]
+    right = generator.standard_normal(count)
+    wanted = np.linalg.solve(matrix, right)
+    for i in range(count):  # what lies outside the matrix is zero
+        for k in range(2 * width + 1):
+            if not 0 <= i + k - width < count:
+                band[i, k] = 0.0
+    swapped = factorise_band(band, width)
+    solve_band(band, swapped, width, right)
+    np.testing.assert_allclose(right, wanted, rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize("rate", [0.0, 9.0])
+def test_a_blend_obeys_the_equation_of_motion(rate):
+    law = BlendLaw(3.4, rate, 0.25, 0.1, -0.3, (0.05, 0.2), (0.01, -0.02))
+    t, h = np.linspace(0.01, 0.24, 24), 1e-5
+    before, now, after = (law.evaluate(time) for time in (t - h, t, t + h))
+    np.testing.assert_allclose((after.position - before.position) / (2 * h), now.velocity, atol=1e-8)
+    np.testing.assert_allclose((after.velocity - before.velocity) / (2 * h), now.acceleration, atol=1e-7)
+    gained = (after.moment_arm_integral - before.moment_arm_integral) / (2 * h)
+    np.testing.assert_allclose(gained, now.moment_arm, atol=1e-8)
+    # the force line meets the COM's height at zmp - moment arm
+    np.testing.assert_allclose(
+        now.acceleration, 3.4**2 * (now.position - now.zmp + now.moment_arm), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(("gait", "steps"), [("normal", 45), ("momentum", 161)])
+def test_the_middle_of_a_long_walk_is_the_closed_form_of_the_paper(gait, steps):
+    run = GAITS[gait]
+    length, width = run.gait.step_length, run.gait.step_width
+    walk = plan(routes.straight(steps, length, width), gait)
+    paper = ampm.plan(run)
+    singles = walk.contacts.starts[walk.contacts.kind_codes == 0]
+    first = steps // 2 + (steps // 2) % 2  # stands on the left foot, as the paper's first step
+    times = np.linspace(0.0, 2.0 * paper.constants.step_duration, 101)[:-1]
+    there, here = walk.sample(singles[first] + times), paper.sample(times)
+    moved = there.com[:, 0] - walk.contacts.placements[walk.contacts.kind_codes == 0][first, 0, 0]
+    np.testing.assert_allclose(moved, here.com[:, 0], atol=1e-11)
+    np.testing.assert_allclose(there.com[:, 1], here.com[:, 1], atol=1e-12)
+    for name in ("com_velocity", "com_acceleration", "moment", "angular_momentum"):
+        np.testing.assert_allclose(getattr(there, name), getattr(here, name), atol=1e-11)
+
+
+@pytest.mark.parametrize("gait", GAITS)
+@pytest.mark.parametrize("name", WALKS)
+def test_a_walk_is_smooth_and_begins_and_ends_at_rest(gait, name):
+    if (gait, name) == ("momentum", "sidestep"):
+        with pytest.raises(BodilyRefusal, match=r"footstep 11: .* turns the trunk by about 0\.9\d rad"):
+            plan(WALKS[name], gait)
+        return
+    assert_walk(plan(WALKS[name], gait))
+
+
+def assert_walk(walk):
+    """Conditions of every walk, checked on samples of the finished plan."""
+    assert walk.residuals().largest < 1e-11
+    ends = walk.sample([0.0, walk.duration])
+    feet = np.array([step.position[:2] for step in walk.contacts.footsteps])
+    np.testing.assert_allclose(ends.com[:, :2], [feet[:2].mean(axis=0), feet[-2:].mean(axis=0)], atol=1e-10)
+    for value in (ends.com_velocity, ends.com_acceleration, ends.moment, ends.angular_momentum):
+        np.testing.assert_allclose(value, 0.0, atol=1e-9)
+    times = np.linspace(0.0, walk.duration, 20 * len(walk.phases))
+    sample = walk.sample(times)
+    arm = np.stack([-sample.moment[:, 1], sample.moment[:, 0]], axis=1) / walk.weight
+    zmp = sample.com[:, :2] - walk.com_height / walk.gravity * sample.com_acceleration[:, :2] + arm
+    np.testing.assert_allclose(zmp, sample.zmp, atol=1e-11)
+    corners, standing = [], []
+    for time in times:
+        phase = walk.contacts.phases[np.searchsorted(walk.contacts.starts, time + 1e-12, side="right") - 1]
+        soles = [
+            footprint(SOLE, step or phase.left or phase.right)[:-1] for step in (phase.left, phase.right)
+        ]
+        corners.append(np.concatenate(soles))
+        standing.append(np.repeat([phase.left is not None, phase.right is not None], 6))
+    margin = polygon_margin(np.array(corners), np.array(standing), sample.zmp)
+    assert margin.min() > MARGIN - 1e-6
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.floats(-0.2, 0.6), st.floats(0.14, 0.3), st.floats(-0.3, 0.3), st.floats(0.6, 1.0)),
+        min_size=2, max_size=12,
+    ),
+    st.sampled_from(sorted(GAITS)),
+    st.booleans(),
+)  # fmt: skip
+def test_any_steps_are_walked_or_refused_by_name(steps, gait, timed):
+    x = y = heading = time = 0.0
+    footsteps, landings = (
+        [Footstep("right", (0.0, -0.09, 0.0)), Footstep("left", (0.0, 0.09, 0.0))],
+        [0.0, 0.0],
+    )
+    time = 0.8
+    for k, (length, width, turn, duration) in enumerate(steps):
+        heading += turn
+        x, y = x + length * math.cos(heading), y + length * math.sin(heading)
+        aside = -0.5 * width if k % 2 == 0 else 0.5 * width
+        place = (x - aside * math.sin(heading), y + aside * math.cos(heading), 0.0)
+        footsteps.append(Footstep("right" if k % 2 == 0 else "left", place, heading))
+        landings.append(time + duration)
+        time += duration + 0.15
+    refusal = None
+    try:
+        walk = plan(footsteps, gait, landings=landings if timed else None)
+    except BodilyRefusal as error:
+        refusal = error
+    if refusal is not None:
+        assert str(refusal).startswith("footstep ")
+        assert math.isfinite(refusal.value)
+        return
+    assert_walk(walk)
+    if timed:
+        reached = walk.contacts.starts[2::2]
+        np.testing.assert_allclose(reached, landings[2:], atol=1e-12)
+
+
+@pytest.mark.parametrize("gait", GAITS)
+def test_a_walk_is_the_same_wherever_it_begins(gait):
+    footsteps, angle, shift = WALKS["stones"], 2.1, (3.0, -4.0)
+    here, there = plan(footsteps, gait), plan(turned(footsteps, angle, shift), gait)
+    times = np.linspace(0.0, here.duration, 300)
+    one, other = here.sample(times), there.sample(times)
+    c, s = math.cos(angle), math.sin(angle)
+    turn = np.array([[c, -s], [s, c]])
+    for name in ("com_velocity", "com_acceleration", "moment", "angular_momentum"):
+        np.testing.assert_allclose(getattr(one, name)[:, :2] @ turn.T, getattr(other, name)[:, :2], atol=1e-9)
+    np.testing.assert_allclose(one.zmp @ turn.T + shift, other.zmp, atol=1e-10)
+    np.testing.assert_allclose(one.right_load, other.right_load, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda steps: steps[:3], "3 footsteps are no walk"),
+        (lambda steps: [*steps[:3], *steps[4:]], "footsteps 3 and 4 are both of the right foot"),
+        (lambda steps: [*steps[:-1], steps[-1]._replace(heading=math.nan)], "no finite number"),
+        (lambda steps: [*steps[:-1], steps[-1]._replace(position=(5.4, 0.09, 0.05))], r"z = 0\.05 m"),
+    ],
+)
+def test_a_list_that_is_no_walk(change, words):
+    with pytest.raises(InputError, match=words):
+        plan(change(WALKS["straight"]))
+
+
+@pytest.mark.parametrize(
+    ("number", "place", "words"),
+    [
+        (4, (1.2, 0.15, 0.0), r"footstep 5: the right foot is -0\.06 m aside .* two soles take, 0\.09 m"),
+        (5, (2.9, 0.09, 0.0), r"footstep 6: when the left foot lands, .* 0\.8\d+ m long, and is 0\.8\d+ m"),
+        (-1, (5.4, 1.2, 0.0), r"footstep 12: when the left foot lands"),
+    ],
+)
+def test_steps_that_cannot_be_walked(number, place, words):
+    footsteps = list(WALKS["straight"])
+    footsteps[number] = footsteps[number]._replace(position=place)
+    with pytest.raises(BodilyRefusal, match=words):
+        plan(footsteps)
+
+
+def test_a_landing_before_the_swing_is_refused():
+    landings: list[float | None] = [None] * len(WALKS["straight"])
+    landings[3] = 1.0
+    with pytest.raises(InputError, match=r"footstep 4 is reached at 1 s, but its swing begins at 1\.\d+ s"):
+        plan(WALKS["straight"], landings=landings)
+
+
+FILE = """foot, x, y, heading, time
+right, 0, -0.09, 0,
+left, 0, 0.09, 0,
+right, 0.3, -0.09, 0, 1.5
+left, 0.3, 0.09, 0.1,
+"""
+
+
+def test_a_file_of_footsteps(tmp_path, ampm):
+    path = tmp_path / "walk.csv"
+    path.write_text(FILE, encoding="utf-8")
+    footsteps, landings = routes.read_footsteps(path)
+    assert footsteps[3] == Footstep("left", (0.3, 0.09, 0.0), 0.1)
+    assert landings == [None, None, 1.5, None]
+    answer = ampm("plan", "normal", "--footsteps", path, "--plot", tmp_path / "walk.png", "--json")
+    assert answer.status == 0
+    assert answer.json["residuals"]["acceleration"] < 1e-12
+    assert (tmp_path / "walk.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("foot,x,y\n", "lacks heading"),
+        ("foot,x,y,heading,z\n", "unknown column 'z'"),
+        ("foot,x,y,heading\nmiddle,0,0,0\n", "line 2: foot = 'middle' must be left or right"),
+        ("foot,x,y,heading\nleft,0,0,0\nright,0,here,0\n", "line 3: y = 'here' is no finite number"),
+        ("foot,x,y,heading\nleft,0\n", "line 2: y = '' is no finite number"),
+    ],
+)
+def test_a_file_that_is_none(tmp_path, text, words):
+    path = tmp_path / "walk.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=words):
+        routes.read_footsteps(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        routes.read_footsteps(tmp_path / "none.csv")
