@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from validation.trial.policy import OnnxPolicy
 from validation.trial.users import load_named
 
 if TYPE_CHECKING:
@@ -14,6 +17,8 @@ if TYPE_CHECKING:
 
 GROUP = "ampm.controllers"
 """Entry points by which an installed package adds a controller."""
+POLICY = "onnx:"
+"""Begin of the name of a policy in a file."""
 CONTROLLERS: Mapping[str, str] = MappingProxyType(
     {
         "ampm": "ampm.control.controller:TrackingController",
@@ -24,17 +29,31 @@ CONTROLLERS: Mapping[str, str] = MappingProxyType(
 
 
 def find_controller(name: str) -> ControllerFactory:
-    """The controller of a name of :data:`CONTROLLERS`, of an installed package, or of ``module:Class``.
+    """The controller of a name: ours, an installed package's, ``module:Class`` or ``onnx:FILE``.
 
     Raises:
         InputError: there is none.
     """
+    if name.startswith(POLICY):
+        return OnnxPolicy(name.removeprefix(POLICY))
     found: ControllerFactory = load_named("controller.name", name, CONTROLLERS, GROUP)
     return found
 
 
+def source_of(name: str) -> Path:
+    """File that holds a controller.
+
+    Raises:
+        InputError: there is no such controller.
+    """
+    factory: Any = find_controller(name)
+    return factory.path if isinstance(factory, OnnxPolicy) else Path(inspect.getfile(factory))
+
+
 def name_of(factory: Any) -> str:
-    """Name of what makes a controller: its own, or ``module:Class``."""
+    """Name of what makes a controller, as :func:`find_controller` takes it."""
+    if isinstance(factory, OnnxPolicy):
+        return f"{POLICY}{factory.path}"
     kind = factory if hasattr(factory, "__qualname__") else type(factory)
     text = f"{kind.__module__}:{kind.__qualname__}"
     return next((name for name, place in CONTROLLERS.items() if place == text), text)

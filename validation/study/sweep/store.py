@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
-import inspect
 import json
 import os
 import shutil
@@ -31,7 +30,7 @@ from validation.store.identity import code
 from validation.study.sweep.design import SweepDefinition, dump_sweep
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import columns, schema
-from validation.trial.controllers import find_controller
+from validation.trial.controllers import source_of
 
 DEFINITION = "sweep.toml"
 ROWS = "rows.sqlite"
@@ -126,7 +125,7 @@ def _identity(definition: SweepDefinition) -> dict[str, Any]:
 
         settings["sweep.instrument"] = repr(load_instrument(definition.instrument))  # a file may change
     for name in definition.controllers:
-        digest = hashlib.sha256(Path(inspect.getfile(find_controller(name))).read_bytes()).hexdigest()
+        digest = hashlib.sha256(source_of(name).read_bytes()).hexdigest()
         settings[f"controller {name}"] = f"of a file {digest[:8]}"
     return {"settings": settings, "code": code()}
 

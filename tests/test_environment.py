@@ -1,0 +1,125 @@
+"""The walk as a dm_control environment, and policies as controllers."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from absl.testing import absltest
+from dm_env import test_utils
+
+import ampm
+import validation as val
+from ampm.control.controller import TrackingController
+from ampm.exceptions import InputError
+from validation import environment
+from validation.trial.controllers import find_controller
+from validation.trial.policy import OnnxPolicy
+
+EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
+COARSE: dict[str, Any] = {
+    "gait": {"steps": 3},
+    "solver": {"ik_time_step": 0.01},
+    "simulation": {"time_step": 0.002},
+}
+
+
+def load(**options: Any) -> Any:
+    return environment.load("normal", **{**COARSE, **options})
+
+
+class TestContract(test_utils.EnvironmentTestMixin, absltest.TestCase):
+    """dm_env's own tests, with full torques: the body collapses, and the simulation may diverge."""
+
+    def make_object_under_test(self):
+        return load(seed=1)
+
+    def make_action_sequence(self):
+        spec = self.environment.action_spec()
+        for action in (spec.minimum, spec.maximum):
+            for _ in range(150):
+                yield np.broadcast_to(action, spec.shape).astype(spec.dtype)
+
+
+def episode(env, act):
+    step, found = env.reset(), []
+    while not step.last():
+        step = env.step(act())
+        found.append(step.reward)
+    return np.array(found), step.discount
+
+
+@pytest.mark.parametrize("time_step", [0.002, 0.001])
+def test_the_own_controller_scores_nearly_one_a_tick(time_step):
+    env = load(seed=2, simulation={"time_step": time_step})
+    task = env.task
+    controller = TrackingController(task.robot, task.run)
+
+    def act():
+        output = controller.update(task.state(env.physics), env.physics.touch(), task.reference)
+        return output.torque / task.robot.torque_limit
+
+    found, discount = episode(env, act)
+    assert found.mean() >= 0.95
+    assert discount == 1.0
+
+
+def test_a_limp_body_falls_and_scores_little():
+    env = load(seed=2)
+    found, discount = episode(env, lambda: np.zeros(env.action_spec().shape))
+    assert discount == 0.0
+    assert found[-20:].mean() < 0.2
+
+
+def test_a_diverged_simulation_ends_the_episode_without_reward():
+    env = load(seed=2)
+    env.reset()
+    env.physics.data.qvel[:] = np.inf
+    step = env.step(np.zeros(env.action_spec().shape))
+    assert (step.last(), step.reward, step.discount) == (True, 0.0, 0.0)
+    assert env.step(np.zeros(env.action_spec().shape)).first()
+
+
+def test_episodes_begin_on_the_plan_at_instants_that_the_seed_fixes():
+    def starts(seed):
+        env, found = load(seed=seed), []
+        for _ in range(6):
+            observation = env.reset().observation
+            assert np.abs(observation["posture_error"]).max() == 0.0
+            found.append(env.task.tick)
+        return found
+
+    assert len({*starts(5)}) > 3
+    assert starts(5) == starts(5) != starts(6)
+
+
+def test_the_body_can_be_another():
+    assert load(body={"mass": 70.0}).task.robot.mass == pytest.approx(70.0)
+
+
+def test_a_policy_in_an_onnx_file_walks_like_the_same_law_in_python(tmp_path, monkeypatch):
+    pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    monkeypatch.setattr(sys, "argv", ["toy_policy.py", str(tmp_path / "toy.onnx")])
+    runpy.run_path(str(EXAMPLES / "toy_policy.py"), run_name="__main__")
+    monkeypatch.syspath_prepend(EXAMPLES)
+    monkeypatch.chdir(tmp_path)
+    run = ampm.load_run("normal", **COARSE)
+    learned = val.walk(run, controller="onnx:toy.onnx")
+    same = val.walk(run, controller="controller_template:MyController")
+    assert learned.summary["controller"] == "onnx:toy.onnx"
+    assert learned.record.outcome.name == same.record.outcome.name == "fell"
+    np.testing.assert_allclose(learned.record.torque[:20], same.record.torque[:20], atol=1e-3)
+
+
+def test_a_missing_policy_or_runtime_is_refused(tmp_path, monkeypatch):
+    with pytest.raises(InputError, match=r"there is no policy 'nowhere.onnx'"):
+        find_controller("onnx:nowhere.onnx")
+    (tmp_path / "empty.onnx").touch()
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(InputError, match="install the extra 'policy'"):
+        val.walk(ampm.load_run("normal", **COARSE), controller=OnnxPolicy(tmp_path / "empty.onnx"))
