@@ -6,6 +6,7 @@ Units and meanings are listed in :mod:`validation.judge.metrics`.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,8 @@ SLIDING = 0.99
 """Share of the floor's friction from which a point slides [1]."""
 SATURATED = 0.999
 """Share of its limit from which a motor counts as saturated [1]."""
+
+_BLOCK = 16_384  # rows
 
 CLEARANCE_ROWS = 2
 """Restarts of the record, 10 ms apart, from one posture of which the clearance is measured to the next: at
@@ -101,9 +104,19 @@ def margins(
         ``torque_by_joint`` [1], and the floor's coefficient ``friction_available`` [1].
     """
     time, joints, feet = measured.time, record.joint_names, ("left", "right")
-    use = np.abs(record.torque) / record.torque_limit
-    low = record.hinge_q - record.joint_range[:, 0]
-    high = record.joint_range[:, 1] - record.hinge_q
+    peak, saturated = np.zeros(len(joints)), 0
+
+    def use(part: slice) -> Array:
+        return np.asarray(np.abs(record.torque[part]) / record.torque_limit)
+
+    def room(part: slice) -> Array:
+        q, (low, high) = record.hinge_q[part], record.joint_range.T
+        return np.asarray(np.minimum(q - low, high - q))
+
+    for part in _blocks(record.steps):
+        share = use(part)
+        peak = np.maximum(peak, share.max(axis=0))
+        saturated += int(np.count_nonzero((share >= SATURATED).any(axis=1)))
     legs = () if description is None else description.legs
     knees = tuple(leg.knee for leg in legs if leg.knee in joints)
     flexion = [
@@ -121,13 +134,13 @@ def margins(
     sliding = _sliding_weight(record)
     reached = polygon_margin(record.point_position[:, :, :2], measured.point_contact, sample.zmp)
     return {
-        "torque": _extreme(use, time, joints, largest=True),
-        "torque_by_joint": dict(zip(joints, use.max(axis=0, initial=0.0).tolist(), strict=True)),
-        "saturated": float((use >= SATURATED).any(axis=1).mean()) if time.size else math.nan,
+        "torque": _extreme_of(use, time, joints, largest=True),
+        "torque_by_joint": dict(zip(joints, peak.tolist(), strict=True)),
+        "saturated": saturated / time.size if time.size else math.nan,
         "friction": _extreme(foot_ratio, time, feet, largest=True),
         "friction_net": _extreme(net_ratio[:, None], time, largest=True),
         "friction_available": record.friction,
-        "joint": _extreme(np.minimum(low, high), record.time, joints),
+        "joint": _extreme_of(room, record.time, joints),
         "knee": _extreme(knee_q, record.time, knees),
         "clearance": Extreme(math.nan) if shapes is None else _clearance(record, shapes),
         "plan_polygon": planned,
@@ -207,6 +220,23 @@ def _extreme(values: Array, time: Array, names: tuple[str, ...] = (), *, largest
     flat = int(filled.argmax() if largest else filled.argmin())
     row, column = divmod(flat, values.shape[1])
     return Extreme(float(values[row, column]), float(time[row]), names[column] if names else "")
+
+
+def _blocks(rows: int) -> Iterator[slice]:
+    """Rows a part at a time, to bound the memory."""
+    return (slice(start, start + _BLOCK) for start in range(0, rows, _BLOCK))
+
+
+def _extreme_of(
+    values: Callable[[slice], Array], time: Array, names: tuple[str, ...], *, largest: bool = False
+) -> Extreme:
+    """The same of values that are computed a part at a time."""
+    worst = Extreme(math.nan)
+    for part in _blocks(time.size):
+        found = _extreme(values(part), time[part], names, largest=largest)
+        if math.isnan(worst.value) or (found.value > worst.value if largest else found.value < worst.value):
+            worst = found
+    return worst
 
 
 def _rms_columns(values: Array) -> tuple[float, ...]:

@@ -186,6 +186,9 @@ def copy_command(
         command_angular_momentum[i] = angular_momentum
 
 
+_BLOCK = 16_384  # rows completed at a time, to bound the memory
+
+
 class SolePoints:
     """Sole points and soles in a compiled model.
 
@@ -306,6 +309,17 @@ class RunLog:
         self.q[0], self.qd[0] = data.qpos, data.qvel
         self.warmstart[:1] = data.qacc_warmstart
 
+    def _complete(self, start: int, step: int, instant: int) -> None:
+        """Add what follows from places and rotations, from a row up to a step and to an instant."""
+        steps, instants = slice(start, step), slice(start, instant)
+        places = self.places[start : step + 1, :-2]
+        self.foot_position[instants] = self.places[instants, -2:]
+        self.point_velocity[steps] = np.diff(places, axis=0) / self.time_step
+        above = self.point_penetration[steps, :, None] <= 0.0
+        np.copyto(self.point_position[steps], places[:-1], where=above)
+        xyzw = Rotation.from_matrix(self.rotation[instants].reshape(-1, 3, 3)).as_quat()
+        self.foot_rotation[instants] = xyzw.reshape(-1, 2, 4)[..., [3, 0, 1, 2]]
+
     def begin(self, k: int, data: mujoco.MjData) -> None:
         """Copy places of sole points and soles at t_k, and read which points touch, after ``mj_step1``."""
         read_step(k, data.ncon, *self._read)
@@ -355,14 +369,9 @@ class RunLog:
         mujoco.mj_forward(self.model, data)
         self.begin(done, data)
         data.sensordata.take(self.read, out=self.readings[done], mode="clip")
-        steps, instants = slice(0, done), slice(0, done + 1)
-        places = self.places[instants, :-2]
-        self.foot_position[instants] = self.places[instants, -2:]
-        self.point_velocity[steps] = np.diff(places, axis=0) / self.time_step
-        above = self.point_penetration[steps, :, None] <= 0.0
-        np.copyto(self.point_position[steps], places[:-1], where=above)
-        xyzw = Rotation.from_matrix(self.rotation[instants].reshape(-1, 3, 3)).as_quat()
-        self.foot_rotation[instants] = xyzw.reshape(-1, 2, 4)[..., [3, 0, 1, 2]]
+        for start in range(0, done + 1, _BLOCK):
+            self._complete(start, min(start + _BLOCK, done), min(start + _BLOCK, done + 1))
+        instants = slice(0, done + 1)
         rows = {"K+1": done + 1, "K": done, "T": -(-done // self.substeps), "C": -(-done // self.every)}
         result: dict[str, Any] = {}
         for name in RunLog.__annotations__:

@@ -8,8 +8,9 @@ motion.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _PROGRESS_STEPS = 50
+_TICKS = 16_384  # of a table of references
 _BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
 
 
@@ -146,8 +148,9 @@ def simulate(
         hold=(physics.substeps - 1) * dt,
         slope=physics.substeps * dt if gains.hold == "first-order" else 0.0,
     )
-    references = plan.table(np.arange(0, total, physics.substeps, dtype=np.float64) * dt, timing)
-    start = references[0].posture
+    references = _references(plan, np.arange(0, total, physics.substeps, dtype=np.float64) * dt, timing)
+    first = next(references)
+    start = first.posture
     q = start.q.copy()
     q[2] -= run.simulation.start_depth  # the soles carry weight from the first instant
     physics.place(q, start.v)
@@ -155,12 +158,22 @@ def simulate(
     own = factory is TrackingController
     with contextlib.nullcontext() if own else UsersCode("controller", factory):
         follower = factory(physics.robot, run)
-    loop = ClosedLoop(physics, follower, references, run, step_ends, total, progress, disturbances)
+    loop = ClosedLoop(
+        physics, follower, chain([first], references), run, step_ends, total, progress, disturbances
+    )
     record = loop.run()
     metadata = {} if own else {"controller": name_of(factory)}
     if disturbances:
         metadata["disturbances"] = "; ".join(str(disturbance) for disturbance in disturbances)
     return replace(record, metadata=metadata) if metadata else record
+
+
+def _references(plan: WalkPlan, times: Array, timing: Timing) -> Iterator[Reference]:
+    """One reference for each tick, from tables of a part of the walk, to bound the memory."""
+    for start in range(0, len(times), _TICKS):
+        before = min(start, 1)  # rates of change need the ticks on both sides
+        table = plan.table(times[start - before : start + _TICKS + 1], timing)
+        yield from table[before : before + _TICKS]
 
 
 class ClosedLoop:
