@@ -150,6 +150,32 @@ def qpset(
     return Status.PASS
 
 
+@app.command()
+def scaling(
+    gait: Gait = "normal",
+    most: Annotated[int, typer.Option("--most", min=2, help="Walking steps of the longest trial.")] = 1000,
+    to_document: Annotated[
+        bool, option("--markdown", "Write docs/data/scaling.csv and docs/images/scaling.svg as well.")
+    ] = False,
+) -> int:
+    """Measure how cost grows with steps, degrees of freedom, points of contact, control rate and workers.
+
+    The default takes about ten minutes.
+    """
+    from benchmarks.scaling import DATA, PICTURE, Sizes, draw, measure_scaling, table, write_data
+
+    narrator = Narrator()
+    sizes = Sizes()
+    counts = [count for count in sizes.steps if count < most]
+    rows = measure_scaling(gait, sizes._replace(steps=[*counts, most]), narrator)
+    print_table(f"scaling of {gait}", ("", "at", "", ">measured"), table(rows))
+    if to_document:
+        write_data(rows, DATA)
+        draw(rows, PICTURE)
+        narrator.say("wrote docs/data/scaling.csv and docs/images/scaling.svg")
+    return Status.PASS
+
+
 def _write(file: Path | None, result: object, *, force: bool) -> None:
     if file is not None:
         with output_file(file, force=force) as work:

@@ -30,7 +30,7 @@ def time_recording(run_file: Path, rounds: int) -> list[Line]:
     Raises:
         RuntimeError: a trial failed.
     """
-    found = [_in_a_process(run_file) for _ in range(rounds)]
+    found = [run_alone(run_file) for _ in range(rounds)]
     least = {name: min(one[name] for one in found) for name in found[0]}
     # Reading, writing and the report come on top.
     run = sum(least[stage] for stage in ("planning", "simulation", "measurement"))
@@ -45,7 +45,15 @@ def time_recording(run_file: Path, rounds: int) -> list[Line]:
     ]
 
 
-def _in_a_process(run_file: Path) -> dict[str, float]:
+def run_alone(run_file: Path) -> dict[str, float]:
+    """Make a trial in a fresh process, without a known motion.
+
+    Returns:
+        Seconds by stage, sizes of recording and folder [byte], memory peak [MB].
+
+    Raises:
+        RuntimeError: the trial failed.
+    """
     with tempfile.TemporaryDirectory(prefix="ampm-benchmark-") as folder:
         done = subprocess.run(
             [sys.executable, "-m", "benchmarks.recording", str(run_file), str(Path(folder) / "run")],
@@ -69,8 +77,14 @@ def _trial(run_file: Path, target: Path) -> dict[str, float]:
 
     stages = StageClock()
     summary = validate(load_request(str(run_file)), target, progress=stages)
-    size = (target / "recording.rrd").stat().st_size
-    return summary["timing"] | stages.seconds | {"size": size, "memory_peak": memory_peak() or float("nan")}
+    sizes = {path.name: path.stat().st_size for path in target.iterdir()}
+    return {
+        **summary["timing"],
+        **stages.seconds,
+        "size": sizes["recording.rrd"],
+        "folder": sum(sizes.values()),
+        "memory_peak": memory_peak() or float("nan"),
+    }
 
 
 if __name__ == "__main__":

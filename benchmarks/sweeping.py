@@ -66,12 +66,12 @@ def time_sweep(gait: str, steps: int, runs: int, progress: Progress) -> dict[str
     definition = parse_sweep(DEFINITION.format(gait=gait, steps=steps, runs=runs))
     requests = [Request(definition.name_of(i), definition.parameters(i)) for i in range(runs)]
     with progress.stage(f"{runs} bare runs"):
-        bare = _bare([requests])
+        bare = bare_runs([requests])
     with tempfile.TemporaryDirectory(prefix="ampm-benchmark-") as folder:
         one, steady, peaks = _swept(definition, Path(folder) / "one", 1, progress)
         two, _, more = _swept(definition, Path(folder) / "two", 2, progress)
     with progress.stage(f"{runs} bare runs in two processes"):
-        pair = _bare([requests[0::2], requests[1::2]])
+        pair = bare_runs([requests[0::2], requests[1::2]])
     peaks += more
     return {
         "gait": gait,
@@ -112,7 +112,7 @@ def rows(timing: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     ]
 
 
-def _bare(lists: Sequence[Sequence[Request]]) -> float:
+def bare_runs(lists: Sequence[Sequence[Request]]) -> float:
     """Mean time of a run, each list in a process of its own, at the same time [s]."""
     with (
         environment(ONE_THREAD),

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 
 import numpy as np
 import pytest
 
+from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError
-from benchmarks import cli, sweeping, table
+from benchmarks import cli, scaling, sweeping, table
 from benchmarks.clock import Line, Stopwatch, least, repeat
 from benchmarks.run import BenchmarkResult, run_benchmarks
 from benchmarks.walking import PARTS
@@ -17,6 +19,7 @@ from validation.cli.options import Status
 from validation.progress import Progress
 from validation.show.text import format_duration
 from validation.study.sweep.design import parse_sweep
+from validation.trial.plan import load_request
 
 STEPS = 2
 SOLVERS = ("osqp", "daqp")
@@ -176,3 +179,47 @@ def test_a_sweep_is_timed(monkeypatch):
 )  # fmt: skip
 def test_durations_have_a_unit_that_suits_them(seconds, text):
     assert format_duration(seconds) == text
+
+
+def test_scaling_is_measured_written_and_drawn(monkeypatch, tmp_path, capsys):
+    small = scaling.Sizes((1,), hinges=(0, 6), points=(6, 12), rates=(500,), workers=(1,), runs=1)
+    monkeypatch.setattr(scaling, "Sizes", lambda: small)
+    monkeypatch.setattr(scaling, "TIME_STEPS", (0.002,))
+    monkeypatch.setattr(scaling, "DATA", tmp_path / "scaling.csv")
+    monkeypatch.setattr(scaling, "PICTURE", tmp_path / "scaling.svg")
+    assert cli.main(["scaling", "--most", "2", "--markdown"]) == Status.PASS
+    assert "degrees of freedom" in capsys.readouterr().out
+    with (tmp_path / "scaling.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["panel"] for row in rows} == {
+        "time", "memory", "disk", "hinges", "points", "rate", "workers"
+    }  # fmt: skip
+    assert all(float(row["y"]) > 0.0 for row in rows)
+    assert {row["x"] for row in rows if row["panel"] == "disk"} == {"1", "2"}
+    assert {row["x"] for row in rows if row["panel"] == "hinges"} == {"40", "46"}
+    drawn = (tmp_path / "scaling.svg").read_text(encoding="utf-8")
+    assert all(unit in drawn for unit in ("memory peak [MB]", "control rate [Hz]", "workers"))
+
+
+def test_a_larger_body_walks_the_same_ticks():
+    run = load_request("normal", ["gait.steps=1"], as_is=True).run
+    robot, ticks = scaling._ticks_of(run)
+    ticks = ticks[:50]
+
+    def torques(body, ticks):
+        controller = TrackingController(body, run)
+        return np.stack([controller.update(*tick).torque for tick in ticks])
+
+    alone = torques(robot, ticks)
+    same, of = scaling.with_points(robot, 6)
+    np.testing.assert_array_equal(of, np.arange(12))
+    np.testing.assert_allclose(torques(same, ticks), alone, atol=1e-6)
+    more, of = scaling.with_points(robot, 24)
+    weight = robot.mass * robot.gravity
+    shared = sum(scaling._spread(ticks[20], of).touch.normal_force)
+    assert shared == pytest.approx(sum(ticks[20].touch.normal_force), abs=1e-6 * weight)
+    assert np.abs(torques(more, [scaling._spread(tick, of) for tick in ticks]) - alone).max() < 5.0
+    longer = scaling.with_hinges(robot, 10)
+    assert longer.nv == robot.nv + 10
+    with_chain = torques(longer, [scaling._longer(tick, 10) for tick in ticks])
+    assert np.abs(with_chain[:, : robot.nu] - alone).max() < 1.0
