@@ -54,7 +54,7 @@ def polygon_margin(points: Array, active: NDArray[np.bool_], query: Array) -> Ar
     margin = np.full(len(query), np.nan)
     # Few patterns of contact occur in a walk, and each has few points: far cheaper than all M points at once.
     code = active @ (1 << np.arange(active.shape[1]))
-    for number in np.unique(code[code > 0]):
+    for number in sorted(set(code[code > 0].tolist())):
         rows = np.flatnonzero(code == number)
         columns = np.flatnonzero(active[rows[0]])
         for first in range(0, rows.size, _BLOCK):

@@ -15,6 +15,21 @@ if TYPE_CHECKING:
 
 
 @compiled
+def add_gram(factors: Array, system: Array) -> None:
+    """Add ``F' F`` to a system's matrix, F of shape (k, n) with many zeros."""
+    count = len(system)
+    total = np.empty(count)  # an array of its own: processors then add its entries side by side
+    for e in range(count):
+        total[:] = system[e, :count]
+        for j in range(len(factors)):
+            s = factors[j, e]
+            if s != 0.0:
+                for d in range(count):
+                    total[d] += s * factors[j, d]
+        system[e, :count] = total
+
+
+@compiled
 def triangular(system: Array) -> bool:
     """Eliminate below the diagonal; whether the matrix is positive definite.
 
@@ -32,6 +47,16 @@ def triangular(system: Array) -> bool:
                 for d in range(r, width):
                     system[r, d] -= factor * system[c, d]
     return True
+
+
+@compiled
+def eliminate(system: Array, d: int) -> None:
+    """Eliminate in one more right-hand side, column d, of a system that is triangular."""
+    count = len(system)
+    for c in range(count):
+        right = system[c, d] / system[c, c]
+        for r in range(c + 1, count):
+            system[r, d] -= system[c, r] * right
 
 
 @compiled

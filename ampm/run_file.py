@@ -63,9 +63,13 @@ def changes(run: RunParameters) -> dict[str, Any]:
         for key in keys()
         if key.startswith(("gait.", "body.", "foot.")) and key != "gait.steps"
     }
-    presets = map(load_run, PRESETS)
-    found = [{key: value for key, value in values.items() if value != own.value(key)} for own in presets]
+    found = [{key: value for key, value in values.items() if value != own.value(key)} for own in _presets()]
     return min(found, key=len)
+
+
+@cache
+def _presets() -> tuple[RunParameters, ...]:
+    return tuple(map(load_run, PRESETS))
 
 
 def _keys_of(table: Mapping[str, Mapping[str, Any]]) -> set[str]:

@@ -150,6 +150,6 @@ class _TimedKinematics(InverseKinematics):
 
     times: list[float]
 
-    def _accelerate(self, *arguments: Any, **named: Any) -> NDArray[np.float64]:
+    def _minimise(self, *arguments: Any) -> NDArray[np.float64]:
         self.times.append(time.perf_counter())
-        return super()._accelerate(*arguments, **named)
+        return super()._minimise(*arguments)

@@ -45,12 +45,6 @@ def task(ik, reference, k, q, v):
     return jacobian[ik.rows], (reference.acceleration[k] - ik.robot.drift(q, v))[ik.rows]
 
 
-def accelerate(ik, reference, k, q, v, *, draft=False):
-    ik.robot.rigid_body.place(q)
-    wanted = reference.acceleration[k].copy()
-    return ik._accelerate(wanted, q, v, 0.0, draft=draft)
-
-
 @pytest.mark.parametrize("node", NODES)
 def test_acceleration_meets_the_constraints_and_is_the_minimiser(solved, node):
     """Against the KKT system solved dense: [W J'; J 0] [qdd; multiplier] = [W posture; wanted]."""
@@ -73,7 +67,7 @@ def test_minimiser_at_a_joint_limit(solved, node):
     q, v = motion.q[node].copy(), motion.v[node].copy()
     joint = ik.robot.arm_joints[0]
     q[joint + 1], v[joint] = ik.robot.upper[joint - 6] - 0.001, 2.0
-    got = accelerate(ik, reference, node, q, v)
+    got = ik.accelerate(reference, node, q, v)
     jacobian, wanted = task(ik, reference, node, q, v)
     joints, h = ik.limited, 0.02
     low, high = (
@@ -91,15 +85,14 @@ def test_minimiser_at_a_joint_limit(solved, node):
     u, _, flag, _ = daqp.solve(eye, zero, np.ascontiguousarray(rows), upper, lower, sense)
     assert flag == 1
     np.testing.assert_allclose(got, target + u / root, atol=1e-6 * np.abs(got).max())
-    draft = accelerate(ik, reference, node, q, v, draft=True)
+    draft = ik.accelerate(reference, node, q, v, draft=True)
     np.testing.assert_allclose(draft, got, atol=1e-8)
 
 
 def test_limits_that_leave_no_way_are_unreachable(solved):
     ik, reference, motion = solved
     torn = InverseKinematics(ik.robot, walk_of().run)
-    joints, _, high = torn._limits
-    torn._limits = joints, high + 0.1, high
+    torn._posture = torn._posture._replace(low=torn._posture.high + 0.1)
     with pytest.raises(Unreachable, match="joint limits") as caught:
         torn.integrate(reference, motion.q[0], motion.v[0], 0.4)
     assert np.isfinite(caught.value.value)
@@ -192,7 +185,7 @@ def test_knees_bend_one_way(solved):
     q = motion.q[0].copy()
     q[ik.robot.knee_joints[1] + 1] = -0.1
     with pytest.raises(Unreachable, match="right knee"):
-        ik._check_knees(reference, 0, q)
+        ik._check_knees(reference.time[:1], q[None])
 
 
 def test_grid_has_a_node_on_every_switch():

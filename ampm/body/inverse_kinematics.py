@@ -21,18 +21,35 @@ constraints (position and velocity), in the metric of the same weights, which pr
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ampm.body.rigid_body import moved, place_body, place_of, task_drift
+from ampm.body.rigid_body import moved
 from ampm.body.robot import Robot
-from ampm.compiled import compiled
-from ampm.linear import substitute, triangular
+from ampm.body.step_kinematics import (
+    BY_QP,
+    DONE,
+    LIMIT_HORIZON,
+    LOST,
+    Goals,
+    Instant,
+    Nodes,
+    Rest,
+    Tasks,
+    accelerate,
+    factor,
+    follow,
+    limits_of,
+    orthonormal,
+    position_error,
+    posture_pull,
+    pull,
+    row_error,
+    weigh,
+)
 from ampm.qp import OsqpBackend, QPSettings
-from ampm.vectors import column, minus, multiply, plus, put, rotation_vector, turned, vector
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -56,14 +73,6 @@ ARM_BEND = 0.3
 WIDEST = 1.2
 """Largest abduction of the arms' rest posture [rad]."""
 
-DONE, LOST, DEPENDENT, BOUND = range(4)
-"""How a compiled function ended: as wanted; too far from the tasks; tasks that depend on each other; a joint
-limit binds."""
-
-_LIMIT_HORIZON = 0.02  # time over which a joint limit may be approached [s]
-_LOST = 0.05  # error after a step of the grid at which the legs no longer follow [m, rad]
-CORRECTED = 1e-9
-"""Position error that a corrected grid node may keep [m, rad]."""
 _L_Z = 5  # row of the angular momentum about z
 
 
@@ -113,337 +122,6 @@ class Unreachable(Exception):
         self.time, self.what, self.value, self.limit, self.unit = time, what, value, limit, unit
 
 
-@compiled
-def position_error(
-    link: Any,
-    soles: Any,
-    q: Array,
-    toes: NDArray[np.intp],
-    place: Array,
-    rotation: Array,
-    toe: Array,
-    error: Array,
-) -> float:
-    """Errors of COM, soles (place, then rotation vector) and toe joints; the largest size of them.
-
-    Args:
-        link: placed, with its inertia.
-        soles: frames of the feet.
-        q: configuration, shape (nq,).
-        toes: indices of the toe joints in q.
-        place: wanted ones of COM and soles, shape (1 + F, 3) [m].
-        rotation: wanted ones of the soles to world, shape (F, 3, 3).
-        toe: wanted angles, shape (T,) [rad].
-        error: written, shape (3 + 6 F + T,) [m, rad].
-    """
-    root, pose = (q[0], q[1], q[2]), np.empty((3, 3))
-    mass, first = link[0].mass, vector(link[0].first)
-    com = first[0] / mass, first[1] / mass, first[2] / mass
-    put(error[0:3], minus(vector(place[0]), plus(root, com)))
-    for i in range(len(soles)):
-        multiply(link[soles[i].joint].turn, soles[i].turn, pose)
-        row = 3 + 6 * i
-        put(error[row : row + 3], minus(vector(place[1 + i]), plus(root, place_of(link, soles[i]))))
-        put(error[row + 3 : row + 6], rotation_vector(rotation[i], pose))
-    for i in range(len(toes)):
-        error[len(error) - len(toes) + i] = toe[i] - q[toes[i]]
-    return np.abs(error).max()
-
-
-@compiled
-def row_error(columns: Array, rows: NDArray[np.intp], x: Array, wanted: Array, error: Array) -> float:
-    """``error = (wanted - J x)[rows]`` of a transposed Jacobian; the largest size of it."""
-    largest = 0.0
-    for i in range(len(rows)):
-        e = wanted[rows[i]]
-        for j in range(len(x)):
-            e -= columns[j, rows[i]] * x[j]
-        error[i] = e
-        largest = max(largest, abs(e))
-    return largest
-
-
-@compiled
-def pull(columns: Array, rows: NDArray[np.intp], root_weight: Array, error: Array, change: Array) -> bool:
-    """Weighted least-norm change of the coordinates that cancels the error of some rows.
-
-    Args:
-        columns: transposed task Jacobian, shape (nv, R).
-        rows: of the Jacobian, m of them.
-        root_weight: square roots of the coordinates' weights, shape (nv,).
-        error: shape (m,).
-        change: written, shape (nv,).
-
-    Returns:
-        Whether the rows are independent.
-    """
-    count = len(rows)
-    scaled, system = weighted(columns, rows, root_weight), np.zeros((count, count + 1))
-    _gram(scaled, system)
-    system[:, count] = error
-    if not triangular(system):
-        return False
-    substitute(system)
-    for j in range(len(change)):
-        change[j] = 0.0
-        for i in range(count):
-            change[j] += scaled[j, i] * system[i, count]
-        change[j] /= root_weight[j]
-    return True
-
-
-@compiled
-def weighted(columns: Array, rows: NDArray[np.intp], root_weight: Array) -> Array:
-    """``W^-1/2 J'`` of some rows, shape (nv, m)."""
-    scaled = np.empty((len(columns), len(rows)))
-    for j in range(len(columns)):
-        for i in range(len(rows)):
-            scaled[j, i] = columns[j, rows[i]] / root_weight[j]
-    return scaled
-
-
-@compiled
-def _gram(scaled: Array, system: Array) -> None:
-    """Add ``J W^-1 J'`` to a system."""
-    count = len(system)
-    for j in range(len(scaled)):
-        row = scaled[j]
-        for e in range(count):
-            s = row[e]
-            if s != 0.0:
-                out = system[e]
-                for d in range(count):
-                    out[d] += s * row[d]
-
-
-@compiled
-def orthonormal(
-    columns: Array, rows: NDArray[np.intp], root_weight: Array, right: Array, out: Array, level: Array
-) -> None:
-    """Orthonormal rows with the span of ``J W^-1/2``, and their right-hand sides.
-
-    Args:
-        columns: transposed task Jacobian, shape (nv, R).
-        rows: of the Jacobian, m of them, independent.
-        root_weight: square roots of the coordinates' weights, shape (nv,).
-        right: right-hand sides of the rows, shape (m,).
-        out: written, shape (m, nv).
-        level: written, shape (m,).
-    """
-    count, nv = len(rows), len(columns)
-    scaled, system = weighted(columns, rows, root_weight), np.zeros((count, count + nv + 1))
-    _gram(scaled, system)
-    for i in range(count):
-        for j in range(nv):
-            system[i, count + j] = scaled[j, i]
-        system[i, count + nv] = right[i]
-    triangular(system)
-    for i in range(count):
-        size = math.sqrt(system[i, i])
-        for j in range(nv):
-            out[i, j] = system[i, count + j] / size
-        level[i] = system[i, count + nv] / size
-
-
-@compiled
-def posture_pull(
-    q: Array, v: Array, rest: Array, free: NDArray[np.bool_], stiffness: float, damping: float, wanted: Array
-) -> None:
-    """Desired acceleration of the posture: -k (q - q0) - d qd (Eq. 12, sign corrected).
-
-    Args:
-        q: shape (nq,).
-        v: shape (nv,).
-        rest: angles of the hinges, shape (nu,) [rad].
-        free: hinges with a posture, those that are not of the legs, shape (nu,).
-        stiffness: k [1/s^2].
-        damping: d [1/s].
-        wanted: written, shape (nv,).
-    """
-    wanted[0:3] = 0.0
-    size = math.sqrt(q[3] ** 2 + q[4] ** 2 + q[5] ** 2)
-    angle = 2.0 * math.atan2(size, q[6]) / size if size > 1e-12 else 2.0
-    for k in range(3, 6):
-        wanted[k] = -stiffness * angle * q[k] - damping * v[k]
-    for j in range(len(rest)):
-        pulled = -stiffness * (q[7 + j] - rest[j]) - damping * v[6 + j]
-        wanted[6 + j] = pulled if free[j] else 0.0
-
-
-@compiled
-def settle(
-    tree: Any,
-    link: Any,
-    soles: Any,
-    columns: Array,
-    rows: NDArray[np.intp],
-    position_rows: NDArray[np.intp],
-    toes: NDArray[np.intp],
-    root_weight: Array,
-    k: int,
-    position: Array,
-    rotation: Array,
-    toe: Array,
-    velocity: Array,
-    tolerance: float,
-    q: Array,
-    v: Array,
-    errors: Array,
-) -> tuple[int, float, float]:
-    """Correct the drift of the integration at a node of the grid.
-
-    Args:
-        tree: of the body.
-        link: placed at the end.
-        soles: frames of the feet.
-        columns: transposed task Jacobian, of the state at the end.
-        rows: of the tasks.
-        position_rows: of the tasks that a configuration has.
-        toes: indices of the toe joints in q.
-        root_weight: square roots of the coordinates' weights, shape (nv,).
-        k: the node.
-        position: of :class:`~ampm.body.step_reference.StepReference`.
-        rotation: of the same.
-        toe: of the same.
-        velocity: wanted task velocities, shape (n+1, R).
-        tolerance: of the position error [m, rad].
-        q: corrected, shape (nq,).
-        v: corrected, shape (nv,).
-        errors: of the positions when the node was lost, shape (P,).
-
-    Returns:
-        How it ended, and the largest errors of position and velocity before.
-    """
-    first, change = 0.0, np.empty(len(v))
-    for iteration in range(4):
-        place_body(tree, link, soles, q, columns)
-        size = position_error(link, soles, q, toes, position[k], rotation[k], toe[k], errors)
-        if iteration == 0:
-            first = size
-        if not size < _LOST:
-            return LOST, first, 0.0
-        if size < tolerance:
-            break
-        if not pull(columns, position_rows, root_weight, errors, change):
-            return DEPENDENT, first, 0.0
-        q[:] = moved(q, change)
-        if size * size < tolerance:  # quadratic convergence: the remaining error is about size^2
-            place_body(tree, link, soles, q, columns)
-            break
-    error = np.empty(len(rows))
-    speed = row_error(columns, rows, v, velocity[k], error)
-    if not pull(columns, rows, root_weight, error, change):
-        return DEPENDENT, first, speed
-    for j in range(len(v)):
-        v[j] += change[j]
-    return DONE, first, speed
-
-
-@compiled
-def unbounded(
-    tree: Any,
-    link: Any,
-    soles: Any,
-    columns: Array,
-    rows: NDArray[np.intp],
-    root_weight: Array,
-    still: Array,
-    wanted: Array,
-    q: Array,
-    v: Array,
-    rest: Array,
-    free: NDArray[np.bool_],
-    stiffness: float,
-    damping: float,
-    joints: NDArray[np.intp],
-    low: Array,
-    high: Array,
-    posture: Array,
-    right: Array,
-    acceleration: Array,
-) -> int:
-    """Accelerations that meet the tasks and are closest to the posture's, where no joint limit binds.
-
-    Args:
-        tree: of the body.
-        link: placed.
-        soles: frames of the feet.
-        columns: transposed task Jacobian.
-        rows: of the tasks.
-        root_weight: square roots of the coordinates' weights, shape (nv,).
-        still: zeros, shape (nv,).
-        wanted: task accelerations, of which the drift is taken, shape (R,).
-        q: shape (nq,).
-        v: shape (nv,).
-        rest: see :func:`posture_pull`.
-        free: see :func:`posture_pull`.
-        stiffness: see :func:`posture_pull`.
-        damping: see :func:`posture_pull`.
-        joints: velocity indices of the limited joints.
-        low: their lower limits [rad].
-        high: their upper limits [rad].
-        posture: desired ones, written, shape (nv,).
-        right: tasks less what the posture gives, written, shape (m,).
-        acceleration: written, shape (nv,).
-
-    Returns:
-        DONE, DEPENDENT, or BOUND where a joint limit binds.
-    """
-    drift = np.zeros(len(wanted))
-    task_drift(tree, link, soles, v, v, still, drift)
-    for e in range(len(wanted)):
-        wanted[e] -= drift[e]
-    posture_pull(q, v, rest, free, stiffness, damping, posture)
-    row_error(columns, rows, posture, wanted, right)
-    if not pull(columns, rows, root_weight, right, acceleration):
-        return DEPENDENT
-    for j in range(len(v)):
-        acceleration[j] += posture[j]
-    for i in range(len(joints)):
-        j = joints[i]
-        least, most = limits_of(q[j + 1] + _LIMIT_HORIZON * v[j], low[i], high[i])
-        if not least <= acceleration[j] <= most:
-            return BOUND
-    return DONE
-
-
-@compiled
-def limits_of(reach: float, low: float, high: float) -> tuple[float, float]:
-    """Accelerations between which a joint keeps its range, from where it gets within the horizon [rad]."""
-    scale = 2.0 / _LIMIT_HORIZON**2
-    return scale * (low - reach), scale * (high - reach)
-
-
-@compiled
-def advance(q: Array, v: Array, acceleration: Array, before: Array, dt: float, last: float) -> Array:
-    """Configuration after an interval, of second order (Adams-Bashforth); v becomes that after it.
-
-    Args:
-        q: shape (nq,).
-        v: overwritten, shape (nv,).
-        acceleration: shape (nv,).
-        before: that of the node before, shape (nv,).
-        dt: the interval [s].
-        last: the interval before, 0 at the first node [s].
-    """
-    change = np.empty(len(v))
-    for j in range(len(v)):
-        slope = (acceleration[j] - before[j]) / last if last > 0.0 else 0.0
-        change[j] = dt * v[j] + 0.5 * dt**2 * acceleration[j] + dt**3 / 6.0 * slope
-        v[j] += dt * acceleration[j] + 0.5 * dt**2 * slope
-    return moved(q, change)
-
-
-@compiled
-def yaw_rate_and_pitch(link: Any, trunk: Any, columns: Array, v: Array) -> tuple[float, float]:
-    """Angular momentum about z over the mass [m^2/s], and pitch of the trunk [rad]."""
-    total = 0.0
-    for j in range(len(v)):
-        total += columns[j, _L_Z] * v[j]
-    axis = turned(link[trunk[0].joint].turn, column(trunk[0].turn, 2))
-    return total, math.atan2(axis[0], axis[2])
-
-
 class InverseKinematics:
     """Integrates one step of a plan for one body.
 
@@ -486,47 +164,50 @@ class InverseKinematics:
             self.tolerance, max_iterations=4000, rho=1.0, adaptive_rho=False, alpha=1.0, check_every=2
         )
         self._solver = OsqpBackend(np.eye(robot.nv, dtype=bool), mask, settings)
-        self._still, self._toes = np.zeros(robot.nv), robot.toe_joints + 1
         free = np.ones(robot.nu, dtype=bool)
         free[np.concatenate(robot.leg_joints) - 6] = False
-        self._rest = self.rest, free, self.stiffness, self.damping
-        self._errors, self._right, self._level = np.zeros(len(self.position_rows)), np.zeros(m), np.zeros(m)
-        body = self._body = robot.rigid_body
-        own = body.tree, body.link, body.soles, body.columns, self.rows
-        self._tasks: Any = *own, self.position_rows, self._toes, self._root_weight
-        self._free_tasks: Any = *own, self._root_weight
-        self._limits = self.limited, robot.lower[self.limited - 6], robot.upper[self.limited - 6]
+        limits = robot.lower[self.limited - 6], robot.upper[self.limited - 6]
+        self._posture = Rest(self.rest, free, self.stiffness, self.damping, self.limited, *limits)
+        body = robot.rigid_body
+        own = body.tree, body.link, body.soles, body.trunk, body.columns
+        self._tasks = Tasks(*own, self.rows, self.position_rows, robot.toe_joints + 1, self._root_weight)
+        self._level, errors = np.zeros(m), np.zeros(len(self.position_rows))
+        system = np.zeros((robot.nv, m)), np.zeros((m, m + 1))
+        self._instant = Instant(*system, np.zeros(len(rows)), np.zeros(robot.nv), np.zeros(m), errors)
 
     # ------------------------------------------------------------- one instant
 
     def _error(self, reference: StepReference, k: int, q: Array) -> float:
         """Place the body; fill in its task errors, in the order of ``position_rows``. The largest one."""
-        body = self._body
-        body.place(q)
+        tasks = self._tasks
+        self.robot.rigid_body.place(q)
         wanted = reference.position[k], reference.rotation[k], reference.toe[k]
-        return position_error(body.link, body.soles, q, self._toes, *wanted, self._errors)
+        return position_error(tasks.link, tasks.soles, q, tasks.toes, *wanted, self._instant.miss)
 
     def _pull(self, rows: NDArray[np.intp], error: Array, time: float) -> Array:
         """Weighted least-norm change of the coordinates that cancels an error; refuses dependent rows."""
-        change = np.empty(self.robot.nv)
-        if not pull(self._body.columns, rows, self._root_weight, error, change):
+        nv, m = self.robot.nv, len(rows)
+        change, system = np.empty(nv), (np.empty((nv, m)), np.empty((m, m + 1)))
+        if not factor(self._tasks.columns, rows, self._root_weight, *system):
             raise _dependent(time)
+        pull(*system, self._root_weight, error, change)
         return change
 
     def _miss(self, reference: StepReference, k: int) -> Unreachable:
         """Message for the errors of the position rows at node k."""
-        error = self._errors
+        error = self._instant.miss
         com, left, right = (float(np.abs(part).max()) for part in (error[:3], error[3:9], error[9:15]))
         side = "left" if left >= right else "right"
         size = max(com, left, right)
         what = f"the {side} leg does not reach from the hip to the planned foot (it misses by {size:.2g} m)"
         return Unreachable(float(reference.time[k]), what, size, 0.0, "m")
 
-    def _check_knees(self, reference: StepReference, k: int, q: Array) -> None:
-        for foot, angle in enumerate(self.robot.knee_flexion(q).tolist()):
-            if angle < 0.0:
-                what = f"the {('left', 'right')[foot]} knee would bend backwards: the leg is too short"
-                raise Unreachable(float(reference.time[k]), what, angle, 0.0, "rad")
+    def _check_knees(self, time: Array, q: Array) -> None:
+        """Refuse the first of some configurations, shape (n, nq), with a knee that is bent backwards."""
+        flexion = self.robot.knee_flexion(q)
+        for k, foot in np.argwhere(flexion < 0.0):
+            what = f"the {('left', 'right')[foot]} knee would bend backwards: the leg is too short"
+            raise Unreachable(float(time[k]), what, float(flexion[k, foot]), 0.0, "rad")
 
     def project(
         self, reference: StepReference, k: int, q: Array, v: Array, offset: float
@@ -543,13 +224,13 @@ class InverseKinematics:
                 break
             if iteration == 25:
                 raise self._miss(reference, k)
-            step = self._pull(self.position_rows, self._errors, time)
+            step = self._pull(self.position_rows, self._instant.miss, time)
             largest = float(np.abs(step).max())
             q = moved(q, step * min(1.0, 0.3 / largest) if largest > 0.3 else step)
-        self._check_knees(reference, k, q)
-        wanted = self._velocity(reference, offset)[k]
-        row_error(self._body.columns, self.rows, v, wanted, self._right)
-        return q, v + self._pull(self.rows, self._right, time)
+        self._check_knees(reference.time[k : k + 1], q[None])
+        wanted, error = self._velocity(reference, offset)[k], np.empty(len(self.rows))
+        row_error(self._tasks.columns, self.rows, v, wanted, error)
+        return q, v + self._pull(self.rows, error, time)
 
     def upright(self, reference: StepReference, k: int, q: Array) -> Array:
         """Configuration on the constraints at grid node k that is nearest to the upright posture.
@@ -557,12 +238,14 @@ class InverseKinematics:
         Raises:
             Unreachable: no such configuration was found.
         """
-        still, rows, error = self._still, self.position_rows, np.empty(len(self.position_rows))
+        still, rows, error = np.zeros(self.robot.nv), self.position_rows, np.empty(len(self.position_rows))
+        wanted = np.empty(self.robot.nv)
         for _ in range(60):
             self._error(reference, k, q)
-            wanted, task = self._posture(q, still) / self.stiffness, np.zeros(self.robot.task_rows)
-            task[rows] = self._errors
-            row_error(self._body.columns, rows, wanted, task, error)
+            posture_pull(q, still, self._posture, wanted)
+            wanted, task = wanted / self.stiffness, np.zeros(self.robot.task_rows)
+            task[rows] = self._instant.miss
+            row_error(self._tasks.columns, rows, wanted, task, error)
             step = wanted + self._pull(rows, error, float(reference.time[k]))
             largest = float(np.abs(step).max())
             q = moved(q, step * min(1.0, 0.2 / max(largest, 1e-300)))
@@ -576,11 +259,38 @@ class InverseKinematics:
         velocity[:, 4] += offset / self.robot.mass
         return velocity
 
-    def _posture(self, q: Array, v: Array) -> Array:
-        """Desired acceleration of the posture, shape (nv,)."""
-        wanted = np.empty(self.robot.nv)
-        posture_pull(q, v, *self._rest, wanted)
-        return wanted
+    def accelerate(
+        self, reference: StepReference, k: int, q: Array, v: Array, *, draft: bool = False
+    ) -> Array:
+        """Accelerations at grid node k of a state on the constraints, shape (nv,).
+
+        Raises:
+            Unreachable: the constraints depend on each other, or contradict the joint limits.
+        """
+        tasks, instant, acceleration = self._tasks, self._instant, np.empty(self.robot.nv)
+        self.robot.rigid_body.place(q)
+        if not factor(tasks.columns, self.rows, self._root_weight, instant.scaled, instant.system):
+            raise _dependent(float(reference.time[k]))
+        free = accelerate(tasks, self._posture, reference.acceleration[k], q, v, instant, acceleration)
+        return acceleration if draft and free else self._minimise(q, v, float(reference.time[k]))
+
+    def _minimise(self, q: Array, v: Array, time: float) -> Array:
+        """Accelerations of one instant, which is prepared, by the QP.
+
+        Its unknowns are u = W^(1/2) (qdd - posture), its rows orthonormal.
+        """
+        rest, instant, m = self._posture, self._instant, len(self.rows)
+        weigh(self._tasks.columns, self.rows, self._root_weight, instant.scaled)
+        orthonormal(instant.scaled, instant.right, self._A[:m], self._level)
+        scale, shift = self._root_weight.take(rest.joints), instant.posture.take(rest.joints)
+        reach = q.take(rest.joints + 1) + LIMIT_HORIZON * v.take(rest.joints)
+        bounds = limits_of(reach, rest.low, rest.high)
+        lower, upper = (np.concatenate([self._level, (bound - shift) * scale]) for bound in bounds)
+        solution = self._solver.solve(self._P, self._q, self._A, lower, upper)
+        if not solution.solved:
+            what = "the joint limits of trunk and arms leave no acceleration that meets the plan"
+            raise Unreachable(time, what, solution.residual, self.tolerance, "1")
+        return instant.posture + solution.x / self._root_weight
 
     # ---------------------------------------------------------------- one step
 
@@ -600,70 +310,25 @@ class InverseKinematics:
             Unreachable: the legs cannot follow, or joint limits and constraints contradict each other.
         """
         self.integrations += 1
-        robot, body, time, columns = self.robot, self._body, reference.time, self._body.columns
-        n = len(time) - 1
-        qs, (vs, accelerations) = np.empty((n + 1, robot.nq)), np.empty((2, n + 1, robot.nv))
-        pitch, yaw_momentum = np.empty(n + 1), np.empty(n + 1)
-        worst_position = worst_velocity = worst_acceleration = 0.0
-        velocity = self._velocity(reference, offset)
-        q, v = self.project(reference, 0, q, v, offset)
-        last_step = 0.0
-        for k in range(n + 1):
-            if k > 0:
-                place, speed = self._settle(reference, k, velocity, 1e-12 if k == n else CORRECTED, q, v)
-                worst_position, worst_velocity = max(worst_position, place), max(worst_velocity, speed)
-                self._check_knees(reference, k, q)
-            wanted = reference.acceleration[k].copy()
-            acceleration = self._accelerate(wanted, q, v, float(time[k]), draft=draft)
-            residual = row_error(columns, self.rows, acceleration, wanted, self._right)
-            worst_acceleration = max(worst_acceleration, residual)
-            qs[k], vs[k], accelerations[k] = q, v, acceleration
-            yaw_rate, pitch[k] = yaw_rate_and_pitch(body.link, body.trunk, columns, v)
-            yaw_momentum[k] = robot.mass * yaw_rate
-            if k < n:
-                dt = float(time[k + 1] - time[k])
-                q = advance(q, v, acceleration, accelerations[k - 1], dt, last_step)
-                last_step = dt
-        worst = worst_position, worst_velocity, worst_acceleration
-        return StepTrajectory(qs, vs, accelerations, pitch, yaw_momentum, *worst)
-
-    def _settle(
-        self, reference: StepReference, k: int, velocity: Array, tolerance: float, q: Array, v: Array
-    ) -> tuple[float, float]:
-        """Correct the drift of the integration in place; the largest errors before [m, rad, m/s, rad/s]."""
-        goals = reference.position, reference.rotation, reference.toe, velocity
-        state = tolerance, q, v, self._errors
-        end, place, speed = settle(*(*self._tasks, k, *goals, *state))
-        if end == LOST:
-            raise self._miss(reference, k)
-        if end == DEPENDENT:
-            raise _dependent(float(reference.time[k]))
-        return place, speed
-
-    def _accelerate(self, wanted: Array, q: Array, v: Array, time: float, *, draft: bool) -> Array:
-        """Accelerations of one instant, the body placed; the drift is taken off the wanted ones.
-
-        Where a joint limit binds, and at every instant of the step that is returned, by the QP in
-        u = W^(1/2) (qdd - posture) with orthonormal rows.
-        """
-        posture, acceleration = np.empty((2, self.robot.nv))
-        given = self._still, wanted, q, v, *self._rest, *self._limits, posture, self._right, acceleration
-        end = unbounded(*(*self._free_tasks, *given))
-        if end == DEPENDENT:
-            raise _dependent(time)
-        if draft and end == DONE:
-            return acceleration
-        m, (joints, *ends) = len(self.rows), self._limits
-        orthonormal(self._body.columns, self.rows, self._root_weight, self._right, self._A[:m], self._level)
-        scale, shift = self._root_weight.take(joints), posture.take(joints)
-        reach = q.take(joints + 1) + _LIMIT_HORIZON * v.take(joints)
-        bounds = np.array([limits_of(*limit) for limit in zip(reach, *ends, strict=True)]).T
-        lower, upper = (np.concatenate([self._level, (bound - shift) * scale]) for bound in bounds)
-        solution = self._solver.solve(self._P, self._q, self._A, lower, upper)
-        if not solution.solved:
-            what = "the joint limits of trunk and arms leave no acceleration that meets the plan"
-            raise Unreachable(time, what, solution.residual, self.tolerance, "1")
-        return posture + solution.x / self._root_weight
+        nv, time = self.robot.nv, reference.time
+        count = len(time)
+        states = np.empty((count, nv + 1)), np.empty((count, nv)), np.empty((count, nv))
+        nodes = Nodes(*states, np.empty(count), np.empty(count), np.zeros((count, 3)))
+        tasks = reference.position, reference.rotation, reference.toe
+        goals = Goals(time, *tasks, self._velocity(reference, offset), reference.acceleration)
+        nodes.q[0], nodes.v[0] = self.project(reference, 0, q, v, offset)
+        nodes.acceleration[0] = self.accelerate(reference, 0, nodes.q[0], nodes.v[0], draft=draft)
+        k, end = 0, BY_QP
+        while end == BY_QP:
+            end, k = follow(self._tasks, self._posture, goals, k, draft, self._instant, nodes)
+            if end == BY_QP:
+                nodes.acceleration[k] = self._minimise(nodes.q[k], nodes.v[k], float(time[k]))
+        self._check_knees(time, nodes.q[: k if end != DONE else count])
+        if end != DONE:
+            raise self._miss(reference, k) if end == LOST else _dependent(float(time[k]))
+        worst = nodes.errors.max(axis=0).tolist()
+        yaw_momentum = self.robot.mass * nodes.yaw
+        return StepTrajectory(nodes.q, nodes.v, nodes.acceleration, nodes.pitch, yaw_momentum, *worst)
 
 
 def _dependent(time: float) -> Unreachable:

@@ -25,7 +25,7 @@ import numpy as np
 from ampm.compiled import compiled
 from ampm.control.forces import ANGULAR, NORMAL_COST, TWIST_ARM
 from ampm.control.records import TIP
-from ampm.linear import substitute, triangular
+from ampm.linear import add_gram, substitute, triangular
 from ampm.qp import QPBackend, QPSettings, QPSolution, make_backend
 
 if TYPE_CHECKING:
@@ -97,16 +97,10 @@ def _set_up(scaled: Array, softness: Array, rhs: Array, posture: Array, system: 
         system[e, e], system[e, count + 6] = softness[e], rhs[e]
     for k in range(6):
         system[k, count + k] = 1.0
+    add_gram(scaled, system)
     for j in range(len(scaled)):
-        row = scaled[j]
-        p = posture[j]
         for e in range(count):
-            s = row[e]
-            if s != 0.0:  # a limb moves few tasks
-                out = system[e]
-                for d in range(count):
-                    out[d] += s * row[d]
-                out[count + 6] -= s * p
+            system[e, count + 6] -= scaled[j, e] * posture[j]
 
 
 @compiled

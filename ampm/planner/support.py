@@ -89,10 +89,10 @@ class StepPlan(CentroidalPlan):
         end = self.duration if until is None else float(self.clipped(until)[0])
         changes = [self.contacts.switch_times, self.feet.left.start, self.feet.right.start]
         jumps = np.concatenate([[0.0, end], *changes])
-        jumps = np.unique(jumps[(jumps >= 0.0) & (jumps <= end)])
+        jumps = _ascending(jumps[(jumps >= 0.0) & (jumps <= end)])
         inside = jumps[:-1, None] + np.diff(jumps)[:, None] * np.linspace(0.0, 1.0, _GRID)[1:-1]
         times = np.concatenate([jumps, jumps - _BESIDE_JUMP, jumps + _BESIDE_JUMP, inside.ravel()])
-        times = np.unique(np.clip(times, 0.0, end))
+        times = _ascending(np.clip(times, 0.0, end))
         least, at = np.inf, 0.0
         for _ in range(1 + _REFINEMENTS):
             margin = self.zmp_margin(times)
@@ -121,3 +121,8 @@ def plan_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: So
     plan, further = plan_with_next_step(gait, mass)
     lift_speed = plan.constants.l_s / plan.constants.single_support_duration
     return StepPlan.of(plan, feet=plan_feet(further, foot, sole, lift_speed))
+
+
+def _ascending(values: Array) -> Array:
+    """Different values in order; :func:`numpy.unique` loads NumPy's masked arrays, which takes long."""
+    return np.array(sorted(set(values.tolist())))
