@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 GRAVITY = 9.81
 """Gravity [m/s^2], as in the paper."""
-SOLE_POINT_RADIUS = 0.001
+SOLE_POINT_RADIUS = 0.00001
 """Radius of the spheres that touch the floor [m]."""
 SIDES = ("left", "right")
 

@@ -137,6 +137,12 @@ def test_soles_lie_on_the_floor(body: Standing) -> None:
         np.testing.assert_allclose(frame.xmat, np.eye(3).ravel(), atol=1e-12)
 
 
+def test_a_pitched_foot_touches_at_the_points_of_the_plan(body: Standing) -> None:
+    """The spheres of the points are so small that no pitch of a foot lowers them by more than 5 um."""
+    radii = [body.model.geom(name).size[0] for _, _, name in body.description.sole_points()]
+    assert max(radii) * (1.0 - np.cos(1.0)) < 5e-6
+
+
 def test_toe_axis_passes_through_the_ball_points(body: Standing) -> None:
     """Bending the toe must not move the ball points, nor the toe axis relative to the foot."""
     data = mujoco.MjData(body.model)

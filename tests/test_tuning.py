@@ -106,11 +106,20 @@ def test_margins_are_zero_at_the_bound_and_one_at_comfort(name):
     assert limit.margin(2.0 * limit.bound - limit.target) == pytest.approx(-1.0)
 
 
+def test_spread_of_the_arms_is_a_choice_of_the_orbit():
+    run, robot = body_of("gait.c_y=0.4", "gait.steps=2")
+    plan, orbits, clearance = plan_of(run, robot), RoughOrbits(robot, run, (12, 6)), []
+    for spread in (0.0, 0.3):
+        orbit = orbits.solve(plan, run.replace({"body.arm_abduction": spread}))
+        clearance.append(robot.shapes.gaps(orbit.trajectory.q).distance.min())
+    assert clearance[0] < 0.01 < clearance[1]
+
+
 def test_torques_give_the_accelerations_of_the_step_back():
     """Forward dynamics under torques and the one foot's ground force, against the inverse kinematics."""
     run, robot = body_of("gait.c_y=0.7", "gait.c_s=1.1", "gait.steps=2")
     plan = plan_of(run, robot)
-    orbit = RoughOrbits(robot, run, (12, 6)).solve(plan, 0.0)
+    orbit = RoughOrbits(robot, run, (12, 6)).solve(plan, run)
     torques, twist = step_torques(orbit, plan, robot)
     stance = int(robot.model.frames[robot.sole_frames[0]].parentJoint)
     for k in (1, 4, 8):

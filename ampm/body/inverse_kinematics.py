@@ -145,9 +145,7 @@ class InverseKinematics:
         arms = robot.arm_joints - 6
         inside = np.minimum(ARM_BEND, 0.5 * (robot.upper - robot.lower))
         self.rest[arms] = np.clip(0.0, (robot.lower + inside)[arms], (robot.upper - inside)[arms])
-        spread = run.body.arm_abduction + run.body.arm_abduction_roll * abs(1.0 - run.gait.c_y)
-        for joint, sign in robot.description.spread:
-            self.rest[robot.velocity_indices((joint,)) - 6] = sign * min(spread, WIDEST)
+        self.spread_arms(run)
         for joint, angle in robot.description.rest:
             self.rest[robot.velocity_indices((joint,)) - 6] = angle
         # Joint limits bind only where there is freedom to respect them; the legs' are checked on the orbit.
@@ -174,6 +172,12 @@ class InverseKinematics:
         self._level, errors = np.zeros(m), np.zeros(len(self.position_rows))
         system = np.zeros((robot.nv, m)), np.zeros((m, m + 1))
         self._instant = Instant(*system, np.zeros(len(rows)), np.zeros(robot.nv), np.zeros(m), errors)
+
+    def spread_arms(self, run: RunParameters) -> None:
+        """Spread the arms' rest posture as a run says."""
+        spread = run.body.arm_abduction + run.body.arm_abduction_roll * (1.0 - run.gait.c_y) ** 2
+        for joint, sign in self.robot.description.spread:
+            self.rest[self.robot.velocity_indices((joint,)) - 6] = sign * min(spread, WIDEST)
 
     # ------------------------------------------------------------- one instant
 

@@ -52,13 +52,14 @@ class Choice:
 
 
 CHOICES = (
-    Choice("ratio", "gait.single_support_ratio", 0.45, 0.93, 0.08, 0.79),
+    Choice("ratio", "gait.single_support_ratio", 0.3, 0.93, 0.08, 0.79),
     # ZMP travel either way, over the ball's distance:
     Choice("roll", "gait.a_s", 0.0, 1.09, 0.25, 1.0, derived=True),
     Choice("height", "gait.com_height", 0.43, 0.535, 0.02, 0.505, scaled=True),
     Choice("width", "gait.step_width", 0.062, 0.13, 0.012, 0.18 / _STATURE, scaled=True),
     Choice("lean", "body.lean", -0.15, 0.3, 0.1, 0.0),
-    Choice("toe_off", "foot.toe_off_angle", 0.0, 0.95, 0.15, 0.45),  # the guess is of a step of middle length
+    Choice("spread", "body.arm_abduction", 0.0, 0.8, 0.1, 0.1),
+    Choice("toe_off", "foot.toe_off_angle", 0.0, 1.15, 0.15, 0.45),  # the guess is of a step of middle length
     # Rate at toe off over the mean rate:
     Choice("toe_turn", "foot.toe_off_rate", 1.2, 2.3, 0.3, 1.8, derived=True),
     Choice("toe_back", "foot.toe_return", 0.35, 1.0, 0.15, 0.8),
@@ -150,6 +151,7 @@ class FreeChoices:
                 **self._timing(choice),
                 "gait.step_width": choice["width"] * h,
                 "body.lean": choice["lean"],
+                "body.arm_abduction": choice["spread"],
                 "foot.swing_height": choice["lift"] * h,
                 "foot.swing_lag": choice["lag"],
             },

@@ -71,7 +71,7 @@ class RoughOrbits:
     def solve(
         self,
         plan: StepPlan,
-        lean: float,
+        run: RunParameters,
         near: Orbit | None = None,
         shift: Array | None = None,
         motion: WholeBodyMotion | None = None,
@@ -80,7 +80,7 @@ class RoughOrbits:
 
         Args:
             plan: centroidal motion and feet.
-            lean: mean trunk pitch [rad].
+            run: supplies lean and rest of the arms.
             near: orbit of a similar plan; without it, Newton begins from a body that stands upright.
             shift: expected difference from ``near``, see :meth:`difference`.
             motion: the same plan's, on a fine grid, to begin from instead.
@@ -88,8 +88,10 @@ class RoughOrbits:
         Raises:
             Unreachable: there is none, or none was found.
         """
+        self.ik.spread_arms(run)
         reference = step_reference(plan, phase_grid(plan, *self.nodes))
-        step_map = StepMap(self.ik, reference, standing(self.ik, reference), plan.contacts.step_length, lean)
+        origin, length = standing(self.ik, reference), plan.contacts.step_length
+        step_map = StepMap(self.ik, reference, origin, length, run.body.lean)
         inverse = None
         if motion is not None:
             z = step_map.encode(motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset)
@@ -200,24 +202,24 @@ class ChoiceSearch:
             return Candidate(x, space.run)
         values = plan_margins(plan, run, space.description)
         try:
-            orbit = self._orbit(x, plan, run.body.lean, near)
+            orbit = self._orbit(x, plan, run, near)
         except Unreachable as error:
             return Candidate(x, run, plan, least(values), why=error)
         values |= orbit_margins(orbit, plan, self.orbits.robot)
         detail = [LIMITS[name].margin(value) for name, every in values.items() for value in every.tolist()]
         return Candidate(x, run, plan, least(values), np.array(detail), orbit)
 
-    def _orbit(self, x: Array, plan: StepPlan, lean: float, near: Candidate | None) -> Orbit:
+    def _orbit(self, x: Array, plan: StepPlan, run: RunParameters, near: Candidate | None) -> Orbit:
         """The orbit of a choice, starting from its prediction by the slopes, or from the neighbour.
 
         Raises:
             Unreachable: there is none, or none was found.
         """
         if near is None:
-            return self.orbits.solve(plan, lean)
+            return self.orbits.solve(plan, run)
         step = (x - near.x) / self.space.slack
         shift = None if self.slopes is None else product(self.slopes[len(near.detail) :], step)
-        return self.orbits.solve(plan, lean, near.orbit, shift)
+        return self.orbits.solve(plan, run, near.orbit, shift)
 
     def minimise(
         self, start: Candidate, *, wanted: float = 1.0, pull: float = _PULL, enough: float = ENOUGH

@@ -324,7 +324,7 @@ def _own(space: FreeChoices, robot: Robot, cache: Path | None) -> Tuned | None:
     run, orbits = space.run, RoughOrbits(robot, space.run)
     try:
         plan = AmpmPeriodic().plan(WalkRequest(run, robot, cache=cache))
-        orbit = orbits.solve(plan, run.body.lean, motion=plan.posture.motion)
+        orbit = orbits.solve(plan, run, motion=plan.posture.motion)
     except (RefusedGait, InputError, Unreachable):
         return None
     values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, robot)

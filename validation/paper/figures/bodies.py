@@ -370,7 +370,7 @@ def _compare(
         difference(right_error, share, away, errors, tolerance=tolerance, unit="N m s", line=line, note=note)
     left.set_title(f"{what} of the trunk, {'to the right' if what == 'roll' else 'forward'} (no plan has it)")
     right.set_title(f"angular momentum about the COM, $L_{letter}$")
-    units = ("[°]", "simulation\nless IK [°]", "[N m s]", "less plan\n[N m s]")
+    units = ("[°]", "less IK\n[°]", "[N m s]", "less plan\n[N m s]")
     for axis, unit in zip(axes, units, strict=True):
         axis.set_ylabel(unit)
     for axis in (left, right):
