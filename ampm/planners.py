@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from ampm.body.feasibility import check_body, check_motion
 from ampm.body.motion import PeriodicPosture, WholeBodyMotion
@@ -12,7 +13,9 @@ from ampm.body.motion_cache import known_motion
 from ampm.body.robot import Robot
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
+from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
+from ampm.planner.table import closed_step, repeats, table_plan
 from ampm.planner.zmp_laws import STEP_PLANNERS, StepPlanner
 from ampm.walk import Boundary, Planner, WalkPlan
 
@@ -121,7 +124,48 @@ PLANNERS: Mapping[str, type[AmpmPeriodic]] = {
 """Planners of equal steps by name, see :mod:`ampm.planner.zmp_laws`."""
 
 
+class TablePlanner:
+    """COM and ZMP of a table on its footsteps, see :mod:`ampm.planner.table`; the feet swing as the gait's.
+
+    Steps that repeat are walked with their periodic whole-body motion, others with a constant posture.
+
+    Args:
+        table: columns by name, shape (N,) each.
+        name: for reports.
+    """
+
+    def __init__(self, table: Mapping[str, Any], name: str = "table") -> None:
+        self.table, self.name = table, name
+
+    def plan(self, request: WalkRequest, begin: Boundary | None = None) -> WalkPlan:
+        """Plan the walk of the table.
+
+        Raises:
+            InputError: a boundary was given, or the table makes no plan.
+            BodilyRefusal: the body cannot walk it.
+        """
+        if begin is not None:
+            raise InputError("a table begins with its first row; plan it without a boundary.")
+        run, robot = request.run, request.robot
+        plan = table_plan(self.table, mass=run.body.mass, com_height=run.gait.com_height)
+        lift_speed = plan.constants.l_s / plan.constants.single_support_duration
+        feet = plan_feet(plan.contacts, run.foot, robot.description.sole, lift_speed)
+        steps = StepPlan.of(plan, feet=feet)
+        if repeats(steps):
+            closed = closed_step(steps)
+            posture = PeriodicPosture(periodic_motion(closed, request), robot)
+            momentum = closed.phases[0].angular_momentum
+            steps = replace(steps, phases=(steps.phases[0]._replace(angular_momentum=momentum),))
+            return WalkPlan.of(steps, posture=posture)
+        # Imported here, as the inverse kinematics is compiled.
+        from ampm.body.constant_posture import ConstantPosture
+
+        check_body(steps, robot.description)
+        return WalkPlan.of(steps, posture=ConstantPosture(steps, run, robot))
+
+
 def planner_name(planner: Planner[WalkRequest]) -> str:
-    """Name of a planner: of one in :data:`PLANNERS` its name there, else of its class."""
-    kind = type(planner)
-    return next((name for name, known in PLANNERS.items() if known is kind), kind.__name__)
+    """Name of a planner: its own, that in :data:`PLANNERS`, or that of its class."""
+    kind: type = type(planner)
+    named = next((name for name, known in PLANNERS.items() if known is kind), kind.__name__)
+    return str(getattr(planner, "name", named))

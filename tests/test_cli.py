@@ -20,9 +20,9 @@ from validation.show.viewer import page_address, viewer_command
 from validation.trial.plan import load_request
 
 COLUMNS = (
-    "time phase stance com_x com_y com_z com_velocity_x com_velocity_y com_velocity_z com_acceleration_x "
-    "com_acceleration_y com_acceleration_z dcm_x dcm_y zmp_x zmp_y force_x force_y force_z moment_x moment_y "
-    "angular_momentum_x angular_momentum_y"
+    "time phase stance phase_start com_x com_y com_z com_velocity_x com_velocity_y com_velocity_z "
+    "com_acceleration_x com_acceleration_y com_acceleration_z dcm_x dcm_y zmp_x zmp_y "
+    "force_x force_y force_z moment_x moment_y angular_momentum_x angular_momentum_y"
 ).split()
 CONSTANTS = (
     "l_s l_d inverse_a_s a_d c_d single_support_duration double_support_duration s beta "
@@ -92,6 +92,7 @@ def test_a_plan_for_readers_and_its_picture(ampm, tmp_path):
         (["--rate", "1e308", "--samples", "x.csv"], "lower rate"),
         (["--samples", "x.txt"], ".parquet"),
         (["--plot", "x.jpeg2"], ".png"),
+        (["--planner", "dcm"], "leave out --no-body and"),
         (["--samples=none/x.csv"], "there is no folder none"),
         (["--plot=none/x.png"], "there is no folder none"),
         (["--samples=file/x.csv"], "x.csv"),

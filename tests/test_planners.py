@@ -16,7 +16,7 @@ from tests.test_motion import same
 from validation.run.walk import walk_planned
 from validation.trial.plan import load_request, plan_walk
 
-UprightWalk = example("constant_posture").UprightWalk
+UprightWalk = example("upright_walk").UprightWalk
 
 
 @pytest.fixture(scope="module")

@@ -1,14 +1,11 @@
-"""Plans from a table of COM and ZMP: against the closed form that wrote it, and walked in physics."""
+"""Plans from samples of COM and ZMP, against the closed form that wrote them."""
 
 import numpy as np
 import pytest
 
 import ampm
-import validation as val
 from ampm.exceptions import InputError
 from ampm.planner.sampled import sampled_contacts, sampled_plan
-from tests.test_disturbances import example
-from validation.store.tables import plan_table
 
 RATE = 1000
 
@@ -69,14 +66,3 @@ def test_tables_that_make_no_plan(changed, words):
     plan, times = samples("normal", 1, 100)
     with pytest.raises(InputError, match=words):
         table_plan(plan, times, **{name: value(times) for name, value in changed.items()})
-
-
-def test_a_table_is_walked_as_well_as_the_closed_form():
-    """A table gives switches to one row: at 1 kHz, a touch-down may be planned a tick later."""
-    plan, times = samples("normal", 3, 5000)
-    run, planner = ampm.load_run("normal", gait={"steps": 3}), example("sampled_plan").TablePlanner
-    trials = [val.walk(run), val.walk(run, planner=planner(plan_table(plan, times)))]
-    for axis in "xy":
-        closed, table = (trial.metrics[f"zmp_{axis}_rmse"].value for trial in trials)
-        assert table == pytest.approx(closed, rel=0.1)
-    assert trials[1].record.outcome.steps_completed == 3

@@ -313,8 +313,8 @@ class CentroidalPlan:
         """
         time = self.clipped(times)
         contacts = self.contacts
-        index = _phase_of(self._starts, time)
-        support = _phase_of(contacts.starts, time)
+        index = phase_of(self._starts, time)
+        support = phase_of(contacts.starts, time)
         motion = self._evaluate(index, time - self._starts[index])
         n = len(time)
         position, velocity, acceleration = np.empty((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
@@ -377,6 +377,6 @@ class CentroidalPlan:
         return CentroidalPlan.of(self, constants=constants)
 
 
-def _phase_of(starts: Array, time: Array) -> NDArray[np.intp]:
+def phase_of(starts: Array, time: Array) -> NDArray[np.intp]:
     """Index of the phase that holds at each time; at a switch the one that begins."""
     return np.maximum(np.searchsorted(starts, time + _SWITCH_TOLERANCE, side="right") - 1, 0)

@@ -148,22 +148,26 @@ def plan_constants(plan: CentroidalPlan) -> PlanConstants:
         )
 
 
-def sampled_contacts(time: ArrayLike, stance: ArrayLike, left: ArrayLike, right: ArrayLike) -> Contacts:
+def sampled_contacts(
+    time: ArrayLike, stance: ArrayLike, left: ArrayLike, right: ArrayLike, start: ArrayLike | None = None
+) -> Contacts:
     """Contacts of a table such as ``ampm plan --samples`` writes.
 
     The foot that swings first starts as far behind the standing foot as it lands ahead of it.
 
     Args:
-        time: ascending, shape (N,) [s]; the support changes at samples.
+        time: ascending, shape (N,) [s].
         stance: ``left``, ``right`` or ``both``, shape (N,).
         left: (x, y) of the left foot's footstep, of the next one while it swings, shape (N, 2) [m].
         right: the same of the right foot, shape (N, 2) [m].
+        start: when the phase of every sample began, shape (N,) [s]; at its first sample by default.
     """
     t, names = np.asarray(time, dtype=np.float64), np.asarray(stance)
     places: dict[Side, Array] = {"left": np.asarray(left, float), "right": np.asarray(right, float)}
     starts = np.flatnonzero(np.r_[True, names[1:] != names[:-1]])
     phases, footsteps = [], []
-    for first, start, end in zip(starts, t[starts], [*t[starts[1:]], t[-1]], strict=True):
+    begun = (t if start is None else np.asarray(start, dtype=np.float64))[starts]
+    for first, begin, end in zip(starts, begun, [*begun[1:], t[-1]], strict=True):
         standing: dict[Side, Footstep | None] = {}
         for foot, place in places.items():
             step = Footstep(foot, (float(place[first, 0]), float(place[first, 1]), 0.0))
@@ -171,7 +175,7 @@ def sampled_contacts(time: ArrayLike, stance: ArrayLike, left: ArrayLike, right:
             standing[foot] = step if stands else None
             if stands and step not in footsteps:
                 footsteps.append(step)
-        phases.append(Phase(float(start), float(end - start), standing["left"], standing["right"]))
+        phases.append(Phase(float(begin), float(end - begin), standing["left"], standing["right"]))
     here, ahead = footsteps[:2]
     behind = (2.0 * here.position[0] - ahead.position[0], ahead.position[1], 0.0)
     return Contacts((Footstep(ahead.foot, behind), *footsteps), tuple(phases))

@@ -21,6 +21,7 @@ from validation.cli.options import (
     Gait,
     Gaits,
     Json,
+    PlannerName,
     Settings,
     Status,
     answer,
@@ -52,6 +53,7 @@ def plan(
     no_body: Annotated[
         bool, option("--no-body", "Closed form alone: no soles, no joints, mean L_y zero; implies --as-is.")
     ] = False,
+    planner: PlannerName = None,
     as_json: Json = False,
     samples: Annotated[
         Path | None, option("--samples", "Write the plan's signals at k / rate.", "FILE.csv|.parquet")
@@ -78,6 +80,7 @@ def plan(
     """
     from ampm.planner.periodic import plan_gait
     from ampm.planner.routes import read_footsteps
+    from validation.run.planner import load_planner
     from validation.store.tables import check_suffix, plan_table, sample_times, write_columns
     from validation.trial.plan import check_formula, load_request, make_body, plan_walk
 
@@ -92,8 +95,11 @@ def plan(
         sample_times(count * run.gait.step_length / run.gait.switching_velocity, rate)
     if plot is not None:
         check_picture(plot)
+    if planner is not None and (no_body or steps is not None):
+        raise InputError("--planner plans a body's steps; leave out --no-body and --footsteps.")
     narrator = Narrator()
-    walk = None if no_body or steps is not None else plan_walk(request, narrator)
+    other = None if planner is None else load_planner(planner)
+    walk = None if no_body or steps is not None else plan_walk(request, narrator, planner=other)
     planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walk is None else walk.plan
     sole = None
     if steps is not None:
@@ -132,7 +138,7 @@ def describe_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | No
         "duration": plan.duration,
         "residuals": plan.residuals(),
         "zmp_margin": None if walk is None else walk.zmp_margin,
-        "motion": None if walk is None else walk.motion.report.as_dict(),
+        "motion": None if walk is None else walk.plan.posture.report(),
     }
 
 
@@ -148,6 +154,7 @@ def print_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | None 
     print_line(f"largest jump at a switch, relative: {format_number(plan.residuals().largest, 2)}")
     if walk is not None:
         print_line(f"planned ZMP margin, to the edge of the planned support: {1000 * walk.zmp_margin:.1f} mm")
+    if walk is not None and walk.plan.posture.report():
         report = walk.motion.report
         print_line(f"least flexion of a knee: {report.knee_minimum.value:.3f} rad")
         closest = report.clearance

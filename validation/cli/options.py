@@ -64,6 +64,14 @@ Uncertainty = Annotated[
         "FILE",
     ),
 ]
+PlannerName = Annotated[
+    str | None,
+    option(
+        "--planner",
+        "Plan with ampm, ipm, preview or dcm, walk a table, or a planner of your own.",
+        "NAME|FILE.csv|.parquet|MODULE:CLASS",
+    ),
+]
 Workers = Annotated[int | None, option("--workers", "Processes; one per core by default.", "N")]
 Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")]
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]

@@ -22,6 +22,7 @@ from validation.cli.options import (
     Force,
     Gaits,
     Json,
+    PlannerName,
     RunFolder,
     Settings,
     Status,
@@ -75,12 +76,7 @@ def validate(
         str | None,
         option("--controller", "Short for controller.name: ampm, joint-pd, your own.", "NAME|MODULE:CLASS"),
     ] = None,
-    planner: Annotated[
-        str | None,
-        option(
-            "--planner", "Plan with ampm, ipm, preview, dcm or a planner of your own.", "NAME|MODULE:CLASS"
-        ),
-    ] = None,
+    planner: PlannerName = None,
     push: Annotated[
         list[str] | None,
         option(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from validation.store.tables import SUFFIXES, read_columns
 from validation.trial.users import make_object
 
 if TYPE_CHECKING:
@@ -15,18 +17,21 @@ def load_planner(text: str, option: str = "--planner") -> Planner[WalkRequest] |
     """The planner that a text names.
 
     Args:
-        text: a name of :data:`ampm.planners.PLANNERS`, or ``module:Class``.
+        text: a name of :data:`ampm.planners.PLANNERS`, a table (``.csv`` or ``.parquet``, see
+            :mod:`ampm.planner.table`), or ``module:Class``.
         option: how errors call it.
 
     Returns:
         None for ``ampm``, the default.
 
     Raises:
-        InputError: there is no such planner.
+        InputError: there is no such planner, or the table cannot be read.
     """
-    from ampm.planners import PLANNERS  # imported here: Pinocchio is slow to load
+    from ampm.planners import PLANNERS, TablePlanner  # imported here: Pinocchio is slow to load
 
     if text in PLANNERS:
         return None if text == "ampm" else PLANNERS[text]()
+    if (path := Path(text)).suffix in SUFFIXES:
+        return TablePlanner(read_columns(path), path.name)
     planner: Any = make_object(option, text)
     return planner

@@ -12,7 +12,7 @@ import numpy as np
 
 from ampm.description import SOLE_POINT_GROUPS
 from ampm.exceptions import InputError
-from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.centroidal import CentroidalPlan, phase_of
 from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:
@@ -62,6 +62,7 @@ def plan_table(plan: CentroidalPlan, times: NDArray[np.float64]) -> dict[str, ND
         "time": sample.time,
         "phase": sample.phase_name.astype(object),
         "stance": sample.stance_name.astype(object),
+        "phase_start": plan.contacts.starts[phase_of(plan.contacts.starts, sample.time)],
     }
 
     def add(name: str, values: NDArray[Any], endings: Sequence[str]) -> None:
@@ -114,6 +115,27 @@ def write_columns(
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(arrays)
         writer.writerows(zip(*(array.to_pylist() for array in (arrays | flags).values()), strict=True))
+
+
+def read_columns(path: Path) -> dict[str, NDArray[Any]]:
+    """Read a table, by the path's suffix.
+
+    Returns:
+        Column name to array (N,); an empty cell is NaN, or None among texts.
+
+    Raises:
+        InputError: another suffix, or a file that is missing or no such table.
+    """
+    # Imported here: pyarrow is slow to load.
+    import pyarrow.csv
+    import pyarrow.parquet as pq
+
+    check_suffix(path)
+    try:
+        table = pq.read_table(path) if path.suffix == ".parquet" else pyarrow.csv.read_csv(path)
+        return {name: table[name].to_numpy() for name in table.column_names}
+    except (OSError, ValueError) as error:  # pyarrow's errors are ValueErrors
+        raise InputError(f"{path} cannot be read as a table ({error}); give a whole file.") from error
 
 
 def check_suffix(path: Path) -> None:

@@ -1,11 +1,4 @@
-"""Example of an own posture and planner: upright and constant, instead of the periodic whole-body motion.
-
-trial = val.walk(run, planner=UprightWalk())
-
-The plan has no constant of L_y, and no motion is solved. The controller's trunk feedback keeps the trunk
-upright by a little more or less angular momentum than planned. ``normal`` walks 30 steps so: the RMSE of the
-ZMP is 7.4 and 1.4 mm, and 2.8 and 1.0 mm with ``controller.trunk_gain=1``; with 0.3 it falls.
-"""
+"""A posture for walks whose steps do not repeat: upright and constant, without a periodic motion."""
 
 from __future__ import annotations
 
@@ -15,20 +8,22 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ampm.body.feasibility import check_body
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.return_map import standing
 from ampm.body.robot import Robot
 from ampm.body.step_reference import step_reference
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import BodilyRefusal
 from ampm.parameters import RunParameters
-from ampm.planner.support import StepPlan, plan_steps
-from ampm.planners import WalkRequest
-from ampm.walk import Boundary, PostureState, WalkPlan
+from ampm.planner.support import StepPlan
+from ampm.walk import PostureState
 
 
 class ConstantPosture:
     """One configuration of all joints, the pelvis level.
+
+    The plan has no constant of L_y. The controller's trunk feedback keeps the trunk upright by a little more
+    or less angular momentum than planned: ``normal`` walks 30 steps so with an RMSE of the ZMP of 7.4 and
+    1.4 mm, and of 2.8 and 1.0 mm with ``controller.trunk_gain = 1``; with 0.3 it falls.
 
     Args:
         plan: begins with a state that the body is placed in.
@@ -72,21 +67,3 @@ class ConstantPosture:
     def report(self) -> dict[str, Any]:
         """Empty: nothing is solved."""
         return {}
-
-
-class UprightWalk:
-    """The paper's plan, walked with a constant posture."""
-
-    def plan(self, request: WalkRequest, begin: Boundary | None = None) -> WalkPlan:
-        """Plan a walk.
-
-        Raises:
-            InputError: a boundary was given.
-            MathematicalRefusal, BodilyRefusal: the gait cannot be walked.
-        """
-        if begin is not None:
-            raise InputError("this planner begins with a step of its own; plan it without a boundary.")
-        run, robot = request.run, request.robot
-        steps = plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
-        check_body(steps, robot.description)
-        return WalkPlan.of(steps, posture=ConstantPosture(steps, run, robot))

@@ -1,0 +1,266 @@
+"""A plan from the columns of a table: COM, ZMP and footsteps, as ``ampm plan --samples`` writes them.
+
+Columns, one row per instant, SI units, world frame (x forward, y left):
+
+==============================  ===========================================================================
+``time``                        ascending from 0 [s]
+``stance``                      feet on the floor: ``left``, ``right`` or ``both``; single and double support
+                                in turn, single support first
+``com_x com_y``                 COM [m]
+``zmp_x zmp_y``                 ZMP [m]
+``left_placement_x`` ...        (x, y) of either foot's footstep, of the next one while it swings [m]
+``phase_start``                 optional: when the row's phase began [s]; by default at its first row, and
+                                equal steps, to a row, at equal times
+``com_z``                       optional: height of the COM, the same in all rows; that of the gait by default
+``com_acceleration_x ..._y``    optional: by default the force passes through the COM, ``(g/H)(com - zmp)``
+``angular_momentum_x ..._y``    optional: about the COM, read in the first row of steps that do not repeat
+==============================  ===========================================================================
+
+Other columns are not read. The feet are placed on the footsteps; how they swing and roll is the gait's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ampm.exceptions import InputError
+from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, Law
+from ampm.planner.contacts import STANCE_NAMES, Contacts
+from ampm.planner.pendulum import LawState
+from ampm.planner.sampled import sampled_contacts, sampled_plan
+from ampm.planner.support import StepPlan
+
+Array = NDArray[np.float64]
+
+REPEATED = 1e-3
+"""Largest distance of the COM from that of the first step, mirrored, for steps that repeat [m]."""
+_ORDER = np.array(["left", "both", "right", "both"])
+_SAME = 1e-6  # of footsteps and durations that repeat [m, s]
+_SPEED = 0.05  # largest disagreement of the COM's velocity and its acceleration within a phase [m/s]
+_GRID = 64  # instants of a step that are compared with the first one's
+
+
+def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> CentroidalPlan:
+    """Make a plan of a table.
+
+    Args:
+        table: columns by name, shape (N,) each; see the module.
+        mass: of the body [kg].
+        com_height: height of the COM where the table has none [m].
+
+    Raises:
+        InputError: a column is missing, or a row has a value that makes no plan.
+    """
+    time = _numbers(table, "time")
+    later = np.diff(time, prepend=-np.inf) > 0.0
+    _check(time, "time", later, "ascend from row to row; remove repeated rows")
+    _check(
+        time, "time", (time[:1] == 0.0) | (np.arange(len(time)) > 0), "begin at 0; subtract the first time"
+    )
+    com, zmp, left, right = (
+        _vectors(table, name) for name in ("com", "zmp", "left_placement", "right_placement")
+    )
+    if "com_z" in table:
+        height = _numbers(table, "com_z")
+        com_height = float(height[0])
+        level = np.abs(height - com_height) <= _SAME
+        _check(height, "com_z", level, f"stay at {com_height:g} m: plans have constant height; level it")
+    stance = np.asarray(_column(table, "stance")).astype(str)
+    _check(stance, "stance", np.isin(stance, STANCE_NAMES), f"be one of {', '.join(STANCE_NAMES)}")
+    begins = np.r_[True, stance[1:] != stance[:-1]]
+    order = np.roll(_ORDER, 2 * (stance[0] == "right"))[(np.cumsum(begins) - 1) % len(_ORDER)]
+    _check(stance, "stance", stance == order, f"come in the order {', '.join(_ORDER)}, and so on")
+    if stance[-1] != "both":
+        raise InputError(
+            f"the table ends with stance = '{stance[-1]}'; end it with a double support, 'both'."
+        )
+    for foot, place in (("left", left), ("right", right)):
+        stands = ~begins & np.isin(stance, (foot, "both"))
+        for axis, values in zip("xy", place.T, strict=True):
+            rests = ~stands | (np.abs(np.diff(values, prepend=values[0])) <= _SAME)
+            _check(values, f"{foot}_placement_{axis}", rests, "stay in place while the foot stands")
+    start = None
+    if "phase_start" in table:
+        start = _numbers(table, "phase_start")
+        before = np.r_[0.0, time[:-1]]
+        fits = ~begins | ((start >= before - _SAME) & (start <= time + _SAME))
+        _check(start, "phase_start", fits, "lie between the phase's first row and the row before")
+        start = np.clip(start, before, time)
+    acceleration = _vectors(table, "com_acceleration") if "com_acceleration_x" in table else None
+    contacts = sampled_contacts(time, stance, left, right, start)
+    if start is None:
+        contacts = _evened(contacts, time, com[:, 0])
+    momentum = _vectors(table, "angular_momentum")[0] if "angular_momentum_x" in table else np.zeros(2)
+    plan = sampled_plan(
+        time,
+        com,
+        zmp,
+        contacts,
+        mass=mass,
+        com_height=com_height,
+        acceleration=acceleration,
+        angular_momentum=(float(momentum[0]), float(momentum[1])),
+    )
+    _check_motion(plan, time, begins)
+    return plan
+
+
+def _evened(contacts: Contacts, time: Array, forward: Array) -> Contacts:
+    """The contacts at equal times, if each begins within a row of them, else as they are.
+
+    The COM's way tells the time of a step better than the rows at which the support changes.
+    """
+    number = np.arange(contacts.steps)
+    if len(contacts.phases) != 2 * len(number) or len(number) < 2 or (np.diff(forward) <= 0.0).any():
+        return contacts
+    passed = np.interp(forward[0] + number * contacts.step_length, forward, time)
+    step = number @ passed / (number @ number)
+    touch = np.mean(contacts.starts[1::2] - number * step)
+    even = np.column_stack([number * step, number * step + touch]).ravel()
+    if np.abs(even - contacts.starts).max() > np.diff(time).max():
+        return contacts
+    spans = np.diff(even, append=contacts.duration)
+    phases = [
+        phase._replace(start=float(start), duration=float(span))
+        for phase, start, span in zip(contacts.phases, even, spans, strict=True)
+    ]
+    return Contacts(contacts.footsteps, tuple(phases))
+
+
+def _column(table: Mapping[str, Any], name: str) -> Any:
+    if name not in table:
+        raise InputError(f"the table has no column '{name}'; add it.")
+    return table[name]
+
+
+def _numbers(table: Mapping[str, Any], name: str) -> Array:
+    """A column of finite numbers."""
+    column = np.asarray(_column(table, name))
+    try:
+        values = column.astype(np.float64)
+    except (TypeError, ValueError):  # texts: those that are no numbers become NaN, and are refused
+        values = np.array([_number(cell) for cell in column])
+    if len(values) < 3:
+        raise InputError(f"the table has {len(values)} rows; give three or more.")
+    _check(column, name, np.isfinite(values), "be a finite number")
+    return values
+
+
+def _number(cell: Any) -> float:
+    try:
+        return float(cell)
+    except (TypeError, ValueError):
+        return np.nan
+
+
+def _vectors(table: Mapping[str, Any], name: str) -> Array:
+    return np.column_stack([_numbers(table, f"{name}_{axis}") for axis in "xy"])
+
+
+def _check(values: NDArray[Any], name: str, good: NDArray[np.bool_], rule: str) -> None:
+    """Refuse the first row that breaks a rule; rows count from 1."""
+    if not good.all():
+        row = int(np.argmin(good))
+        value = values[row]
+        shown = f"{value:.9g}" if isinstance(value, float | np.floating) else repr(str(value))
+        raise InputError(f"row {row + 1} of the table: {name} = {shown} must {rule}.")
+
+
+def _check_motion(plan: CentroidalPlan, time: Array, begins: NDArray[np.bool_]) -> None:
+    """Refuse a COM that does not move as its acceleration says, from the start of each phase on."""
+    sample = plan.sample(np.minimum(time, plan.duration))
+    change, first = sample.com_acceleration[:, :2], np.flatnonzero(begins)[np.cumsum(begins) - 1]
+    gained = np.zeros_like(change)
+    gained[1:] = np.cumsum(0.5 * (change[1:] + change[:-1]) * np.diff(time)[:, None], axis=0)
+    off = sample.com_velocity[:, :2] - gained
+    off = np.abs(off - off[first])
+    for axis, gap in zip("xy", off.T, strict=True):
+        rule = (
+            f"agree within {_SPEED:g} m/s with its acceleration since the phase began, by default "
+            "(g/H)(com - zmp); correct com_z or zmp, or give com_acceleration"
+        )
+        _check(sample.com_velocity[:, "xy".index(axis)], f"velocity of com_{axis}", gap <= _SPEED, rule)
+
+
+def repeats(plan: CentroidalPlan) -> bool:
+    """Whether every step is the mirror image of the step before, about y = 0."""
+    contacts, constants = plan.contacts, plan.constants
+    single, step, length = constants.single_support_duration, constants.step_duration, contacts.step_length
+    number = np.arange(contacts.steps)
+    starts = np.column_stack([number * step, number * step + single]).ravel()
+    places = np.array([footstep.position[:2] for footstep in contacts.footsteps])
+    first = mirrored(places[1], np.arange(-1, len(places) - 1), length)
+    if len(starts) != len(contacts.starts) or len(places) != len(number) + 2:
+        return False
+    if np.abs(contacts.starts - starts).max() > _SAME or np.abs(places - first).max() > _SAME:
+        return False
+    times = step * np.arange(_GRID * len(number) + 1) / _GRID
+    times = times[times <= plan.duration]
+    com = plan.sample(times).com[:, :2]
+    later, index = np.divmod(np.arange(len(com)), _GRID)
+    return bool(np.abs(com - mirrored(com[index], later, length)).max() <= REPEATED)
+
+
+def mirrored(places: Array, steps: NDArray[Any], length: float) -> Array:
+    """Places (N, 2) or (2,) of the first step, so many steps later, shape (N, 2) [m]."""
+    moved: Array = places * np.column_stack([np.ones(len(steps)), (-1.0) ** steps])
+    moved[:, 0] += steps * length
+    return moved
+
+
+@dataclass(frozen=True)
+class ClosedLaw:
+    """A law plus a polynomial over its first step.
+
+    Attributes:
+        law: of a table.
+        duration: of the step [s].
+        gap: position, velocity and acceleration that are added at the end of the step, none at its start.
+        arm: moment arm that is taken off [m].
+    """
+
+    law: Law
+    duration: float
+    gap: tuple[float, float, float]
+    arm: float
+
+    def evaluate(self, time: Any) -> LawState:
+        """State at times since the start of the step [s]."""
+        state, span, u = self.law.evaluate(time), self.duration, time / self.duration
+        p, v, a = self.gap[0], self.gap[1] * span, self.gap[2] * span**2
+        c3, c4, c5 = 10 * p - 4 * v + 0.5 * a, -15 * p + 7 * v - a, 6 * p - 3 * v + 0.5 * a
+        return LawState(
+            position=state.position + u**3 * (c3 + u * (c4 + u * c5)),
+            velocity=state.velocity + u**2 * (3 * c3 + u * (4 * c4 + u * 5 * c5)) / span,
+            acceleration=state.acceleration + u * (6 * c3 + u * (12 * c4 + u * 20 * c5)) / span**2,
+            zmp=state.zmp,
+            moment_arm=state.moment_arm - self.arm,
+            moment_arm_integral=state.moment_arm_integral - self.arm * time,
+        )
+
+
+def closed_step(steps: StepPlan) -> StepPlan:
+    """The first step of a table whose steps repeat, with an end that is exactly its mirrored start.
+
+    L_x is then opposite at both ends, and L_y the same with zero mean over the step, as a periodic step has.
+    """
+    duration, length, (phase, *_) = steps.constants.step_duration, steps.contacts.step_length, steps.phases
+    ends = np.array([0.0, duration])
+    laws: list[ClosedLaw] = []
+    integrals: list[float] = []
+    for law, sign, shift in ((phase.x, 1.0, length), (phase.y, -1.0, 0.0)):
+        state = law.evaluate(ends)
+        position, velocity, acceleration, _, _, integral = (sign * part[0] - part[1] for part in state)
+        drift = -integral / duration if sign > 0.0 else 0.0
+        laws.append(ClosedLaw(law, duration, (position + shift, velocity, acceleration), drift))
+        integrals.append(float(state.moment_arm_integral[1]))
+    grid = np.linspace(0.0, duration, 1001)
+    mean = float(np.trapezoid(laws[0].evaluate(grid).moment_arm_integral, grid)) / duration
+    momentum = -0.5 * steps.weight * integrals[1], steps.weight * mean
+    closed = CentroidalPhase(0.0, phase.duration, phase.origin, laws[0], laws[1], momentum)
+    return replace(steps, phases=(closed,))

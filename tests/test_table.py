@@ -1,0 +1,197 @@
+"""A plan from a table of COM, ZMP and footsteps: what its author planned, refusals, and walked."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import ampm
+import validation as val
+from ampm.body.constant_posture import ConstantPosture
+from ampm.body.motion import PeriodicPosture
+from ampm.exceptions import InputError
+from ampm.parameters import GRAVITY
+from ampm.planner.support import StepPlan, plan_steps
+from ampm.planner.table import closed_step, repeats, table_plan
+from ampm.planners import TablePlanner
+from tests.solved import body_of
+from validation.run.planner import load_planner
+from validation.store.tables import plan_table, read_columns, sample_times, write_columns
+
+STEPS = 3
+
+
+def planned(name="normal", steps=STEPS):
+    run = ampm.load_run(name, gait={"steps": steps})
+    return plan_steps(run.gait, run.body.mass, run.foot, body_of().description.sole)
+
+
+def table_of(plan, rate=200.0):
+    return plan_table(plan, sample_times(plan.duration, rate))
+
+
+def read(table, height=0.865):
+    return table_plan(table, mass=60.0, com_height=height)
+
+
+@pytest.mark.parametrize("name", ["normal", "momentum"])
+def test_a_table_gives_back_the_plan_that_wrote_it(name):
+    plan = planned(name)
+    found = read(table_of(plan))
+    assert repeats(found)
+    np.testing.assert_array_equal(found.contacts.starts, plan.contacts.starts)
+    for field in ("single_support_duration", "beta", "mean_velocity", "inverse_a_s", "c_d"):
+        expected = getattr(plan.constants, field)
+        assert getattr(found.constants, field) == pytest.approx(expected, rel=0.02, abs=0.01), field
+    times = np.linspace(0.0, found.duration, 2001)
+    a, b = plan.sample(times), found.sample(times)
+    for field, tolerance in (("com", 1e-6), ("com_velocity", 1e-3), ("zmp", 1e-3), ("moment", 1.0)):
+        np.testing.assert_allclose(getattr(b, field), getattr(a, field), atol=tolerance, err_msg=field)
+
+
+def test_without_the_starts_of_phases_equal_steps_are_found_from_the_way_of_the_com():
+    plan = planned(steps=6)
+    table = table_of(plan)
+    del table["phase_start"]
+    found = read(table)
+    assert repeats(found)
+    assert found.constants.step_duration == pytest.approx(plan.constants.step_duration, abs=1e-4)
+    assert np.abs(found.contacts.starts - plan.contacts.starts).max() < 0.005
+
+
+def test_without_accelerations_the_force_passes_through_the_com():
+    table = table_of(planned())
+    rows = len(table["time"])
+    del table["com_acceleration_x"], table["com_acceleration_y"]
+    sample = read(table).sample(table["time"][: rows - 1])
+    assert not sample.moment.any()
+    com, zmp = (np.column_stack([table[f"{name}_{axis}"] for axis in "xy"]) for name in ("com", "zmp"))
+    expected = GRAVITY / 0.865 * (com - zmp)
+    np.testing.assert_allclose(sample.com_acceleration[:, :2], expected[: rows - 1], atol=1e-9)
+
+
+def changed(name, row, value):
+    def change(table):
+        column = table[name].astype(object) if isinstance(value, str) else table[name].copy()
+        column[row] = value
+        table[name] = column
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda table: table.pop("zmp_y"), "no column 'zmp_y'; add it"),
+        (changed("zmp_x", 11, math.nan), "row 12 of the table: zmp_x = nan must be a finite number"),
+        (changed("com_y", 4, "left"), "row 5 .* com_y = 'left' must be a finite number"),
+        (changed("time", 7, 0.03), "row 8 .* time = 0.03 must ascend"),
+        (changed("time", 0, -0.1), "row 1 .* time = -0.1 must begin at 0"),
+        (changed("stance", 3, "none"), "row 4 .* stance = 'none' must be one of left, right, both"),
+        (changed("com_z", 9, 0.9), "row 10 .* com_z = 0.9 must stay at 0.865 m"),
+        (changed("left_placement_x", 20, 0.1), "row 21 .* left_placement_x = 0.1 must stay in place"),
+        (changed("phase_start", 0, 0.1), "row 1 .* phase_start = 0.1 must lie between"),
+        (lambda table: table.update({"zmp_x": table["zmp_x"] + 0.1, "com_acceleration_x": 0 * table["time"]}),
+         "velocity of com_x .* must agree within 0.05 m/s"),
+        (lambda table: [table.update({name: column[:2]}) for name, column in list(table.items())],
+         "2 rows; give three"),
+        (changed("stance", slice(0, None), "both"), "row 1 .* stance = 'both' must come in the order"),
+        (changed("stance", slice(130, None), "left"), "row 131 .* stance = 'left' must come in the order"),
+        (changed("stance", slice(0, None), "right"), "ends with stance = 'right'; end it with a double"),
+    ],
+)  # fmt: skip
+def test_tables_that_make_no_plan(change, words):
+    table = table_of(planned(steps=1))
+    change(table)
+    with pytest.raises(InputError, match=words):
+        read(table)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.csv", "", "cannot be read as a table"),
+        ("a.parquet", "time\n0\n", "cannot be read as a table"),
+        ("a.csv", "time,stance\n0,left\n0.1,left\n0.2,left\n", "no column 'com_x'"),
+    ],
+)
+def test_files_that_hold_no_plan(tmp_path, name, content, words):
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(InputError, match=words):
+        read(read_columns(path))
+    with pytest.raises(InputError, match="cannot be read"):
+        load_planner(str(tmp_path / f"missing-{name}"))
+
+
+def test_a_step_that_nearly_repeats_is_closed():
+    """Position, velocity, acceleration and momentum at its end are those of its start, mirrored."""
+    table = table_of(planned("momentum"), 500.0)
+    time = table["time"]
+    table["com_x"] = table["com_x"] + 1e-4 * time
+    table["com_y"] = table["com_y"] + 1e-4 * np.sin(time)
+    plan = read(table)
+    closed = closed_step(StepPlan.of(plan, feet=planned("momentum").feet))
+    end = plan.constants.step_duration
+    first, last = closed.sample(0.0), closed.sample(end)
+    turn = np.array([1.0, -1.0])
+    for name in ("com_velocity", "com_acceleration"):
+        values = getattr(first, name)[0, :2] * turn
+        np.testing.assert_allclose(getattr(last, name)[0, :2], values, atol=1e-9, err_msg=name)
+    expected = first.com[0, :2] * turn + [plan.contacts.step_length, 0.0]
+    np.testing.assert_allclose(last.com[0, :2], expected, atol=1e-12)
+    np.testing.assert_allclose(last.angular_momentum, -turn * first.angular_momentum, atol=1e-9)
+    mean = closed.sample(np.linspace(0.0, end, 4001)).angular_momentum[:, 1].mean()
+    assert mean == pytest.approx(0.0, abs=0.01)
+
+
+def exchanged(table):
+    """The same walk mirrored: the right foot stands first."""
+    sides = {"left": "right", "right": "left"}
+    found = dict(table)
+    for name, column in table.items():
+        foot, _, rest = name.partition("_")
+        found[f"{sides[foot]}_{rest}" if foot in sides else name] = column
+    for name in (name for name in found if name.endswith("_y")):
+        found[name] = -found[name]
+    found["angular_momentum_x"], found["angular_momentum_y"] = (
+        sign * table[f"angular_momentum_{axis}"] for sign, axis in ((-1.0, "x"), (1.0, "y"))
+    )
+    found["stance"] = np.array([sides.get(name, name) for name in table["stance"]], dtype=object)
+    return found
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_a_file_is_walked_as_the_plan_that_wrote_it(tmp_path, suffix):
+    """The rows are those of 'ampm plan --samples' by default; a Parquet file begins on the right foot."""
+    name = "momentum" if suffix == "parquet" else "normal"
+    run = ampm.load_run(name, gait={"steps": STEPS})
+    own = val.walk(run)
+    table, path = table_of(own.plan), tmp_path / f"plan.{suffix}"
+    write_columns(table if suffix == "csv" else exchanged(table), path)
+    trial = val.walk(run, planner=str(path))
+    assert isinstance(trial.plan.posture, PeriodicPosture)
+    assert trial.summary["planner"] == path.name
+    for axis in "xy":
+        expected = own.metrics[f"zmp_{axis}_rmse"].value
+        assert trial.metrics[f"zmp_{axis}_rmse"].value == pytest.approx(expected, rel=0.05)
+    offset = "angular_momentum_y_offset"
+    assert getattr(trial.plan.constants, offset) == pytest.approx(
+        getattr(own.plan.constants, offset), abs=0.01
+    )
+
+
+def test_steps_that_do_not_repeat_are_walked_with_a_constant_posture():
+    """The COM begins 5 mm off and comes back as a pendulum does; the ZMP is that of the plan."""
+    plan = planned()
+    table = {name: column for name, column in table_of(plan, 1000.0).items() if "acceleration" not in name}
+    table["com_x"] = table["com_x"] + 5e-3 * np.exp(-math.sqrt(GRAVITY / plan.com_height) * table["time"])
+    assert not repeats(read(table))
+    run = ampm.load_run("normal", gait={"steps": STEPS}, controller={"trunk_gain": 1.0})
+    trial = val.walk(run, planner=TablePlanner(table))
+    assert isinstance(trial.plan.posture, ConstantPosture)
+    assert trial.record.outcome.completed
+    assert trial.metrics["zmp_x_rmse"].value < 5e-3
+    assert trial.summary["planner"] == "table"
