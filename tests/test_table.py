@@ -39,7 +39,7 @@ def read(table, height=0.865):
 @pytest.mark.parametrize("name", ["normal", "momentum"])
 def test_a_table_gives_back_the_plan_that_wrote_it(name):
     plan = planned(name)
-    found = read(table_of(plan))
+    found = read(table_of(plan, 1000.0))
     assert repeats(found)
     np.testing.assert_array_equal(found.contacts.starts, plan.contacts.starts)
     for field in ("single_support_duration", "beta", "mean_velocity", "inverse_a_s", "c_d"):
