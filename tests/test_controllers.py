@@ -64,6 +64,12 @@ def test_a_named_controller_walks_and_the_run_says_so(tmp_path):
     np.testing.assert_array_equal(again.record.q, trial.record.q)
 
 
+def test_an_unknown_controller_is_refused_before_anything_is_planned():
+    run = ampm.load_run("normal", **QUICK)
+    with pytest.raises(InputError, match=r"controller.name 'nobody' is none of"):
+        val.walk(run.replace({"controller.name": "nobody", "gait.switching_velocity": 0.01}))
+
+
 def test_what_belongs_to_a_qp_does_not_apply_without_one():
     trial = val.walk(ampm.load_run("normal", **QUICK), controller=JointPD)
     assert not has_qp(trial.record)

@@ -88,8 +88,10 @@ def walk(
     else:
         request = load_request(str(run))
         request = replace(request, name=name or request.name)
-    factory = find_controller(controller) if isinstance(controller, str) else controller
-    if factory is not None:
+    factory = (
+        controller if callable(controller) else find_controller(controller or request.run.controller.name)
+    )
+    if controller is not None:
         request = replace(request, run=request.run.replace({"controller.name": name_of(factory)}))
     if not isinstance(profile, Profile):
         profile = profiles.own_profile(request.name) if profile is None else profiles.profile(profile)
