@@ -118,6 +118,7 @@ def test_unknown_gait(walked):
     )
     result = run("--ampm-runs", tmp_path / "runs")
     result.assert_outcomes(failed=4)
+    result.stdout.no_fnmatch_line("*cannot be saved*")
     result.stdout.fnmatch_lines(
         [
             "normal with joint-pd: not measured (default). The body fell*",

@@ -19,7 +19,7 @@ import re
 import tempfile
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -255,10 +255,10 @@ def walk_once(
         if path.is_file():
             return pickle.loads(path.read_bytes())
         trial = walk(run, name=name, **options)
-        try:
-            path.write_bytes(cloudpickle.dumps(trial))
-        except (TypeError, AttributeError, pickle.PicklingError):  # of a user's own posture or plan
-            path.unlink(missing_ok=True)
+        with suppress(TypeError, AttributeError, pickle.PicklingError):  # of a user's own posture or plan
+            part = path.with_suffix(".part")
+            part.write_bytes(cloudpickle.dumps(trial))
+            part.rename(path)  # a process may be killed while it writes
         return trial
 
 
