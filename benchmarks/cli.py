@@ -160,7 +160,7 @@ def scaling(
 ) -> int:
     """Measure how cost grows with steps, degrees of freedom, points of contact, control rate and workers.
 
-    The default takes about ten minutes.
+    The default takes about ten minutes on an idle machine, and 7 GB of memory.
     """
     from benchmarks.scaling import DATA, PICTURE, Sizes, draw, measure_scaling, table, write_data
 

@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
@@ -36,8 +37,17 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 DATA, PICTURE = DOCS / "data" / "scaling.csv", DOCS / "images" / "scaling.svg"
 TIME_STEPS = (0.0005, 0.002)
 """Of the physics [s]; the default's first."""
+TITLES = {
+    "time": "Steps: time", "memory": "Steps: memory", "disk": "Steps: disk", "hinges": "Degrees of freedom",
+    "points": "Points of contact", "rate": "Control rate", "workers": "Workers",
+}  # fmt: skip
+"""Panels in their order."""
+LOGARITHMIC = ("time", "memory", "disk", "points")
 MEMORY, DISK = 1000.0, 200.0
 """Targets for a thousand steps [MB]."""
+
+STAGES = ("planning", "simulation", "measurement", "recording", "report")
+"""Of a trial, each timed."""
 
 _ROUNDS = 5  # equal passes over the ticks, of which the least times count
 _SHORT = 4  # walking steps of which ticks are timed
@@ -109,18 +119,11 @@ def _over_steps(gait: str, counts: Sequence[int], progress: Progress) -> Iterato
             run = _changed(gait, f"gait.steps={steps}", f"simulation.time_step={time_step}")
             with progress.stage(f"{steps} steps at {1e3 * time_step:g} ms"), _run_file(run) as file:
                 found = run_alone(file)
-            series, at = f"{1e3 * time_step:g} ms", (float(steps), "walking steps")
-            seconds = sum(found[part] for part in ("planning", "simulation", "measurement"))
-            yield Row("time", f"walk and verdict, {series}", *at, seconds, "time [s]")
-            yield Row(
-                "time", f"recording, report, {series}", *at, found["recording"] + found["report"], "time [s]"
-            )
+            series, at = f"time step {1e3 * time_step:g} ms", (float(steps), "walking steps")
+            seconds = sum(found[part] for part in STAGES)
+            yield Row("time", series, *at, seconds, "time of a trial [s]")
             yield Row("memory", series, *at, found["memory_peak"], "memory peak [MB]")
-            pictures = found["size"] / 1e6
-            yield Row("disk", f"everything, {series}", *at, found["folder"] / 1e6, "disk [MB]")
-            yield Row(
-                "disk", f"without recording, {series}", *at, found["folder"] / 1e6 - pictures, "disk [MB]"
-            )
+            yield Row("disk", series, *at, found["folder"] / 1e6, "disk [MB]")
 
 
 def _over_hinges_and_points(gait: str, sizes: Sizes, progress: Progress) -> Iterator[Row]:
@@ -278,29 +281,30 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     with file_style():
         figure = Figure(figsize=(9.4, 5.2), layout="constrained")
         axes = figure.subplots(2, 4).ravel()
-        titles = {
-            "time": ("Steps: time", "log"), "memory": ("Steps: memory", "log"),
-            "disk": ("Steps: disk", "log"), "hinges": ("Degrees of freedom", "linear"),
-            "points": ("Points of contact", "linear"),
-            "rate": ("Control rate", "linear"), "workers": ("Workers", "linear"),
-        }  # fmt: skip
-        for axis, (panel, (title, scale)) in zip(axes, titles.items(), strict=False):
-            _draw_panel(axis, [row for row in rows if row.panel == panel], title, scale)
+        for axis, (panel, title) in zip(axes, TITLES.items(), strict=False):
+            _draw_panel(axis, [row for row in rows if row.panel == panel], title, log=panel in LOGARITHMIC)
         for axis, target in ((axes[1], MEMORY), (axes[2], DISK)):
             axis.axhline(target, color="#888888", linewidth=0.8, linestyle=":")
         axes[-1].set_visible(False)
         figure.savefig(path, metadata={"Date": None})
 
 
-def _draw_panel(axis: Axes, rows: Sequence[Row], title: str, scale: str) -> None:
-    colors = ("#1f6fb2", "#d9730d", "#5b8f3a", "#8a5aa8")
+def _draw_panel(axis: Axes, rows: Sequence[Row], title: str, *, log: bool) -> None:
+    colors = ("#1f6fb2", "#d9730d")
     for color, series in zip(colors, dict.fromkeys(row.series for row in rows), strict=False):
         x, y = zip(*((row.x, row.y) for row in rows if row.series == series), strict=True)
         axis.plot(x, y, marker="o", markersize=3, linewidth=1.2, color=color, label=series)
-    axis.set(title=title, xlabel=rows[0].x_unit, ylabel=rows[0].y_unit, xscale=scale, yscale=scale)
-    if scale == "linear":
+    axis.set(title=title, xlabel=rows[0].x_unit, ylabel=rows[0].y_unit)
+    if log:
+        axis.set(xscale="log", yscale="log")
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.yaxis.set_minor_formatter(NullFormatter())
+    else:
         axis.set_ylim(bottom=0.0)
-        axis.set_xticks(sorted({row.x for row in rows}))
+    axis.set_xticks([], minor=True)
+    axis.set_xticks(sorted({row.x for row in rows}))
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.tick_params("x", labelsize=7)
     axis.legend(fontsize=7)
 
 
