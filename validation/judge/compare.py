@@ -8,7 +8,7 @@ reported separately.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -47,6 +47,7 @@ PARTS: Mapping[str, str] = MappingProxyType(
 """Parts of the ZMP error, and their labels; see :class:`ZmpErrorSplit`."""
 
 _CONSTANT = 1e-9
+_BLOCK = 16_384  # instants sampled at a time
 
 
 class Signal(NamedTuple):
@@ -232,7 +233,8 @@ def compare(
             "compare the run with the plan that was walked"
         )
     sample = plan.sample(np.minimum(time, plan.duration))
-    momentum_z = plan.posture.sample(time).angular_momentum_z
+    # Whole configurations and feet have far more numbers than are compared.
+    momentum_z = _by_parts(lambda part: plan.posture.sample(part).angular_momentum_z, time)
     run, feet = time >= plan.constants.step_duration - 1e-9, measured.foot_contact.sum(axis=1)
     rows = {
         RUN: run,
@@ -280,7 +282,7 @@ def _signal_errors(
     momentum_z: Array,
 ) -> dict[str, Mapping[str, Statistics]]:
     """Errors of all :data:`SIGNALS` in all windows."""
-    left, right = plan.feet.sample(sample.time)
+    feet = _by_parts(lambda part: np.hstack([foot.position for foot in plan.feet.sample(part)]), sample.time)
     pairs = {
         "zmp": (measured.zmp, sample.zmp),
         "force": (measured.force, sample.force),
@@ -289,8 +291,8 @@ def _signal_errors(
             np.column_stack([sample.angular_momentum, momentum_z]),
         ),
         "com": (measured.com, sample.com),
-        "left_foot": (measured.foot_position[:, 0], left.position),
-        "right_foot": (measured.foot_position[:, 1], right.position),
+        "left_foot": (measured.foot_position[:, 0], feet[:, :3]),
+        "right_foot": (measured.foot_position[:, 1], feet[:, 3:]),
     }
     found: dict[str, Mapping[str, Statistics]] = {}
     for name, signal in SIGNALS.items():
@@ -300,6 +302,12 @@ def _signal_errors(
             {window: _statistics(error[w], reference[w], scale, signal.unit) for window, w in rows.items()}
         )
     return found
+
+
+def _by_parts(sample: Callable[[Array], Array], time: Array) -> Array:
+    """What is sampled at some times, a part of them at a time, to bound the memory."""
+    starts = range(0, max(time.size, 1), _BLOCK)
+    return np.concatenate([sample(time[start : start + _BLOCK]) for start in starts])
 
 
 def _statistics(error: Array, reference: Array, scale: float, unit: str) -> Statistics:
