@@ -228,17 +228,16 @@ def factor(
         i, j = slack_rows[s], free + s
         own[s] = P[j, j] + _SIGMA + penalty[i] * A[i, j] ** 2
         left[i] -= (penalty[i] * A[i, j]) ** 2 / own[s]
-    inverse[:] = P[:free, :free]
+    total = np.empty(free)  # an array of its own: processors then add its entries side by side
     for j in range(free):
-        inverse[j, j] += _SIGMA
-    for i in range(len(A)):
-        row = A[i, :free]
-        for j in range(free):
-            w = left[i] * row[j]
+        total[:] = P[j, :free]
+        total[j] += _SIGMA
+        for i in range(len(A)):
+            w = left[i] * A[i, j]
             if w != 0.0:
-                out = inverse[j]
                 for k in range(free):
-                    out[k] += w * row[k]
+                    total[k] += w * A[i, k]
+        inverse[j] = total
     return invert(inverse)
 
 

@@ -341,7 +341,7 @@ def check_interrupted(record, steps, tmp_path):
 )
 def test_an_interrupt_keeps_whole_steps(monkeypatch, spoil, tmp_path, where, at):
     """OSQP catches the signal itself, and its backend raises ``KeyboardInterrupt`` afterwards."""
-    keep, progress = RunLog.end, None
+    keep, progress = RunLog.keep, None
     at = plain().steps if at is None else at  # the very end
 
     def stop_late(self, k, data):
@@ -352,7 +352,7 @@ def test_an_interrupt_keeps_whole_steps(monkeypatch, spoil, tmp_path, where, at)
     elif where == "between steps":
         progress = lambda done, _: interrupt() if done == at else None  # noqa: E731
     else:
-        monkeypatch.setattr(RunLog, "end", stop_late)
+        monkeypatch.setattr(RunLog, "keep", stop_late)
     check_interrupted(walk(progress=progress), at, tmp_path)
 
 

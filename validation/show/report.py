@@ -19,7 +19,7 @@ from validation.judge.metrics import METRICS, cost_entry, display_unit
 from validation.show.instrument import instrument_section
 from validation.show.page import render_page
 from validation.show.run_figures import RunFigures
-from validation.show.style import style
+from validation.show.style import style, without_collection
 from validation.show.text import BODY_WEIGHT, limit_with_unit, number, with_unit
 from validation.store.folders import output_file
 from validation.store.saved import REPORT_FILE, SavedRun, load_saved_run, run_events
@@ -116,7 +116,7 @@ def render(saved: SavedRun) -> str:
     reason = summary["reason"]
     for name in sorted(summary["metrics"], key=len, reverse=True):
         reason = reason.replace(name, summary["metrics"][name]["label"])
-    with style():
+    with style(), without_collection():
         pictures = RunFigures(saved, plan).sections() if len(saved.signals) > 1 else {}
     headline = headline if outcome.completed else f"{outcome.name}, {headline}"
     return render_page(

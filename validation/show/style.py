@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from html import escape
 from typing import Any, NamedTuple
 
@@ -95,6 +97,18 @@ def style() -> Any:
     return mpl.rc_context(figure_style(INK, FAINT, GRID) | own)
 
 
+@contextmanager
+def without_collection() -> Iterator[None]:
+    """Collect no garbage meanwhile: figures are many small objects, and it takes a fifth of their time."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
+
+
 def file_style() -> Any:
     """Context in which figures for picture files are drawn and written."""
     settings: Any = figure_style("#1b1e24", "#5b6270", "#dfe3ea")
@@ -182,14 +196,17 @@ def decimate(time: Array, value: Array, buckets: int = _BUCKETS) -> tuple[Array,
     count = len(time)
     if count <= 2 * buckets:
         return time, value
-    picked: list[int] = []
-    for rows in np.array_split(np.arange(count), buckets):
-        part = value[rows]
-        if np.isnan(part).all():
-            picked.append(int(rows[0]))
-            continue
-        picked += sorted({int(rows[np.nanargmin(part)]), int(rows[np.nanargmax(part)])})
-    return time[picked], value[picked]
+    size, longer = divmod(count, buckets)  # the first buckets are longer by one
+    turn = longer * (size + 1)
+    picked = []
+    for start, stop, width in ((0, turn, size + 1), (turn, count, size)):
+        part = value[start:stop].reshape(-1, width)
+        first = start + width * np.arange(len(part))
+        least = np.where(np.isnan(part), np.inf, part).argmin(axis=1)
+        most = np.where(np.isnan(part), -np.inf, part).argmax(axis=1)
+        picked += [first + least, first + most]
+    rows = np.unique(np.concatenate(picked))
+    return time[rows], value[rows]
 
 
 def legend(axis: Axes, columns: int = 5, **spacing: float) -> None:

@@ -35,31 +35,35 @@ def _contact_views(data: mujoco.MjData) -> list[NDArray[Any]]:
 
 
 @compiled
-def read_step(
-    k: int,
-    contacts: int,
-    geom: NDArray[np.int32],
-    of_geom: NDArray[np.intp],
-    site_place: Array,
-    site_rotation: Array,
-    sites: NDArray[np.intp],
-    point: NDArray[np.intp],
-    touching: NDArray[np.bool_],
-    places: Array,
-    rotation: Array,
+def read_touch(
+    contacts: int, geom: NDArray[np.int32], of_geom: NDArray[np.intp], touching: NDArray[np.bool_]
 ) -> None:
-    """Copy places of sole points and soles, and read which points are in contact.
+    """Read which sole points are in contact.
 
     Args:
-        k: step, whose rows are written.
         contacts: how many there are.
         geom: their two geoms. MuJoCo sorts them by type: the floor, a plane, comes first.
         of_geom: sole point of every geom, -1 for none.
+        touching: by sole point; written.
+    """
+    touching[:] = False
+    for i in range(contacts):
+        point = of_geom[geom[i, 1]]
+        if point >= 0:
+            touching[point] = True
+
+
+@compiled
+def copy_places(
+    k: int, site_place: Array, site_rotation: Array, sites: NDArray[np.intp], places: Array, rotation: Array
+) -> None:
+    """Copy places of sole points and soles.
+
+    Args:
+        k: step, whose rows are written.
         site_place: of all sites [m].
         site_rotation: of all sites, nine numbers each.
         sites: numbers of those of sole points and, last, of the two soles.
-        point: sole point of every contact, -1 for none; written.
-        touching: whether each sole point is in contact, shape (P,); written.
         places: of the sites by step [m].
         rotation: of the soles by step.
     """
@@ -67,11 +71,6 @@ def read_step(
         places[k, i] = site_place[sites[i]]
     for i in range(2):
         rotation[k, i] = site_rotation[sites[len(sites) - 2 + i]]
-    touching[:] = False
-    for i in range(contacts):
-        point[i] = of_geom[geom[i, 1]]
-        if point[i] >= 0:
-            touching[point[i]] = True
 
 
 @compiled
@@ -79,11 +78,12 @@ def keep_step(
     k: int,
     contacts: int,
     efc_force: Array,
+    geom: NDArray[np.int32],
+    of_geom: NDArray[np.intp],
     address: NDArray[np.int32],
     frame: Array,
     place: Array,
     distance: Array,
-    point: NDArray[np.intp],
     point_force: Array,
     point_penetration: Array,
     point_position: Array,
@@ -100,18 +100,24 @@ def keep_step(
     qacc_warmstart: Array,
     warmstart: Array,
     every: int,
+    site_place: Array,
+    site_rotation: Array,
+    sites: NDArray[np.intp],
+    places: Array,
+    rotation: Array,
 ) -> None:
-    """Copy contacts, sensors and torques of step k, and the state after it.
+    """Copy contacts, places, sensors and torques of step k, and the state after it.
 
     Args:
         k: step.
         contacts: how many there are.
         efc_force: forces of all constraints.
+        geom: of the contacts, see :func:`read_touch`.
+        of_geom: see :func:`read_touch`; a sole point is a sphere, with one contact at most.
         address: of the contacts' first force, along the normal; two along the tangents follow. -1: none.
         frame: of the contacts: normal and tangents, nine numbers each.
         place: of the contacts [m].
         distance: of the geoms, negative where they overlap [m].
-        point: sole point of every contact, -1 for none; a point is a sphere, with one contact at most.
         point_force: by step and sole point [N].
         point_penetration: by step and sole point [m].
         point_position: by step and sole point [m].
@@ -128,13 +134,19 @@ def keep_step(
         qacc_warmstart: of the simulation.
         warmstart: by restart.
         every: steps from one restart to the next.
+        site_place: see :func:`copy_places`, as all that follows.
+        site_rotation: of all sites.
+        sites: numbers of those that are kept.
+        places: by step.
+        rotation: by step.
     """
+    copy_places(k, site_place, site_rotation, sites, places, rotation)
     for i in range(len(read)):
         readings[k, i] = sensordata[read[i]]
     torque[k] = ctrl
     normal_force[:] = 0.0
     for i in range(contacts):
-        p, first = point[i], address[i]
+        p, first = of_geom[geom[i, 1]], address[i]
         if p >= 0 and first >= 0:
             for axis in range(3):
                 point_force[k, p, axis] = (
@@ -261,21 +273,17 @@ class RunLog:
         self.external: dict[str, Array] = {}
         self._make_sensors(model, steps)
         # All that is read and written at every step, as views that are taken once.
-        geom, address, frame, place, distance = _contact_views(data)
-        point = np.zeros(len(geom), dtype=np.intp)  # sole point of every contact
+        geom, *contacts = _contact_views(data)
         self.touching, self.normal_force = (
             np.zeros(len(points.names), dtype=bool),
             np.zeros(len(points.names)),
         )
-        self._read: Any = (
-            geom, points.of_geom, data.site_xpos, data.site_xmat, self.sites, point, self.touching,
-            self.places, self.rotation,
-        )  # fmt: skip
+        self._touch: Any = geom, points.of_geom, self.touching
+        self._places: Any = data.site_xpos, data.site_xmat, self.sites, self.places, self.rotation
         self._kept: Any = (
-            address, frame, place, distance, point, self.point_force, self.point_penetration,
-            self.point_position, self.normal_force, data.sensordata, self.read, self.readings, data.ctrl,
-            self.torque, data.qpos, self.q, data.qvel, self.qd, data.qacc_warmstart, self.warmstart,
-            self.every,
+            geom, points.of_geom, *contacts, self.point_force, self.point_penetration, self.point_position,
+            self.normal_force, data.sensordata, self.read, self.readings, data.ctrl, self.torque, data.qpos,
+            self.q, data.qvel, self.qd, data.qacc_warmstart, self.warmstart, self.every, *self._places,
         )  # fmt: skip
         self._commands: Any = (
             self.command_com, self.command_zmp, self.command_force, self.command_angular_momentum,
@@ -320,16 +328,16 @@ class RunLog:
         xyzw = Rotation.from_matrix(self.rotation[instants].reshape(-1, 3, 3)).as_quat()
         self.foot_rotation[instants] = xyzw.reshape(-1, 2, 4)[..., [3, 0, 1, 2]]
 
-    def begin(self, k: int, data: mujoco.MjData) -> None:
-        """Copy places of sole points and soles at t_k, and read which points touch, after ``mj_step1``."""
-        read_step(k, data.ncon, *self._read)
+    def sense(self, data: mujoco.MjData) -> None:
+        """Read which sole points touch, after ``mj_step1``."""
+        read_touch(data.ncon, *self._touch)
 
-    def end(self, k: int, data: mujoco.MjData) -> None:
-        """Copy contacts, sensors and torques of step k, and the state from which the next one starts.
+    def keep(self, k: int, data: mujoco.MjData) -> None:
+        """Copy contacts, places, sensors and torques of step k, and the state from which the next one starts.
 
         Args:
             k: step.
-            data: after ``mj_step2``.
+            data: after ``mj_step2``, which leaves contacts and places as they were at t_k.
         """
         keep_step(k, data.ncon, data.efc_force, *self._kept)
 
@@ -367,7 +375,7 @@ class RunLog:
         data.xfrc_applied[:], data.qacc_warmstart[:] = 0.0, 0.0
         data.ctrl[:] = self.torque[done - 1] if done else 0.0
         mujoco.mj_forward(self.model, data)
-        self.begin(done, data)
+        copy_places(done, *self._places)
         data.sensordata.take(self.read, out=self.readings[done], mode="clip")
         for start in range(0, done + 1, _BLOCK):
             self._complete(start, min(start + _BLOCK, done), min(start + _BLOCK, done + 1))

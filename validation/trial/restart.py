@@ -111,9 +111,8 @@ class Restart:
                 self._begin(row)
                 if i == 0:
                     log.start(data)
-                log.begin(i, data)
                 mujoco.mj_step2(self.model, data)
-                log.end(i, data)
+                log.keep(i, data)
                 self.at = row + 1
         return log
 

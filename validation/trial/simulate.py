@@ -247,20 +247,22 @@ class ClosedLoop:
 
     def _step(self, k: int) -> End | None:
         """One step of the physics, with a control tick where one is due."""
-        physics, log = self.physics, self.log
-        model, data, time = physics.model, physics.data, k * physics.time_step
-        mujoco.mj_step1(model, data)
-        log.begin(k, data)
-        if self.disturbances:
-            self._disturb(k, time)
-        since = k % physics.substeps
-        if since == 0:
-            end = self._tick(k, time)
-        else:
+        physics, end = self.physics, None
+        model, data, time, since = physics.model, physics.data, k * physics.time_step, k % physics.substeps
+        if since:
             carry_on(self.torque, self.rate, since * physics.time_step, self.torque_limit, data.ctrl)
+        if since and not self.disturbances:
+            mujoco.mj_step(model, data)
+        else:
+            mujoco.mj_step1(model, data)
+            if self.disturbances:
+                self._disturb(k, time)
+            if not since:
+                end = self._tick(k, time)
+            mujoco.mj_step2(model, data)
+        self.log.keep(k, data)
+        if since:
             end = self.watch.check_between_ticks(time, physics.com, physics.trunk, *self.planned)
-        mujoco.mj_step2(model, data)
-        log.end(k, data)
         return end
 
     def _disturb(self, k: int, time: float) -> None:
@@ -274,6 +276,7 @@ class ClosedLoop:
     def _tick(self, k: int, time: float) -> End | None:
         """One control tick; whether the walk is over."""
         physics = self.physics
+        self.log.sense(physics.data)
         reference = next(self.references)
         state = State(time, *physics.state(), 0.5 * physics.time_step)
         touch = Touch(self.log.touching.copy(), self.log.normal_force.copy(), physics.time_step)

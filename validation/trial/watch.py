@@ -62,11 +62,11 @@ def near(
 
 
 @compiled
-def moved(com: Array, last: Array) -> float:
-    """Distance of the COM from the last one, which it replaces [m]."""
+def look(com: Array, trunk: Array, planned: Array, planned_trunk: Array, last: Array) -> tuple[float, bool]:
+    """Distance of the COM from the last one, which it replaces [m]; whether there is no sign of a failure."""
     x, y, z = com[0] - last[0], com[1] - last[1], com[2] - last[2]
     last[:] = com
-    return math.sqrt(x * x + y * y + z * z)
+    return math.sqrt(x * x + y * y + z * z), near(com, trunk, planned, planned_trunk, FIRST_SIGN, _UPRIGHT)
 
 
 class End(NamedTuple):
@@ -116,8 +116,9 @@ class Watch:
         Returns:
             None while the walk goes on.
         """
-        speed = self._speed(time, com)
-        close = near(com, trunk, planned, planned_trunk, FIRST_SIGN, _UPRIGHT)
+        span, self._last_time = time - self._last_time, time
+        way, close = look(com, trunk, planned, planned_trunk, self._last_com)
+        speed = way / span if span > 0.0 else 0.0  # mean speed of the COM since the last tick [m/s]
         if close and status == SOLVED and not self._first_sign and speed <= BLOW_UP:
             self._unsolved = None
             return None
@@ -188,12 +189,6 @@ class Watch:
     def blown_up(self, time: float) -> End:
         """The end of a walk whose accelerations the simulator refused to integrate."""
         return self._end(OutcomeName.DIVERGED, f"the accelerations left all bounds at {time:.3f} s")
-
-    def _speed(self, time: float, com: Array) -> float:
-        """Mean speed of the COM since the last tick [m/s]."""
-        span, self._last_time = time - self._last_time, time
-        way = moved(com, self._last_com)
-        return way / span if span > 0.0 else 0.0
 
     def _note(self, time: float, sign: str) -> None:
         """Store the first sign of a failure; discard it after a time without a sign."""
