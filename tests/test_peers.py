@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from benchmarks import cli
-from benchmarks.peers import body, compare, environments, plans, qpset
+from benchmarks.peers import body, compare, dynamics, environments, plans, qpset
 from benchmarks.peers.solve import PARTS, time_solver
 from benchmarks.table import DOCUMENT
 from validation.cli.options import Status
@@ -151,3 +151,17 @@ def test_the_mpc_keeps_the_zmp_of_its_samples_within_the_support():
     assert min(margin) > -1e-6
     assert np.abs(zmp - mpc.reference[1:20]).max() < 0.03
     assert walk.plan.com_height == pytest.approx(-mpc.output[2] * walk.plan.gravity)
+
+
+def test_our_accelerations_give_the_commanded_wrench(monkeypatch):
+    monkeypatch.setattr(dynamics, "_WALKS", 1)
+    robot, ticks = dynamics.record(Progress())
+    force, zmp = dynamics.command_errors(robot, ticks, ticks["acceleration"])
+    assert force.max() < 1.0
+    assert zmp.max() < 2e-3
+    pushed = ticks["acceleration"].copy()
+    pushed[:, 0] += 0.1  # the whole body, 60 kg
+    assert np.median(dynamics.command_errors(robot, ticks, pushed)[0]) == pytest.approx(6.0, rel=0.02)
+    corners = ticks["corners"]
+    np.testing.assert_allclose(corners[1], corners[0][[1, 0, 3, 2]] * [1, -1, 1], atol=1e-9)
+    assert 0 < np.count_nonzero(ticks["contact"].all(axis=1)) < len(ticks["q"])

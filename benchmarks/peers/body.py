@@ -10,14 +10,17 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ampm.body.robot import Robot
+from ampm.description import SOLE_POINT_GROUPS
 from validation.trial.plan import PlannedWalk
 
 Array = NDArray[np.float64]
+_TIP = SOLE_POINT_GROUPS.index("tip")
 _AXES = {"JointModelRX": "1 0 0", "JointModelRY": "0 1 0", "JointModelRZ": "0 0 1"}
 
 
 def urdf_of(robot: Robot) -> str:
-    """The body as a URDF: one link per hinge, and one without mass per frame of soles, points and trunk.
+    """The body as a URDF: one link per hinge, and one without mass for trunk, soles and the
+    middles of their corners.
 
     Raises:
         ValueError: a joint is no hinge about an axis of its frame.
@@ -38,11 +41,26 @@ def urdf_of(robot: Robot) -> str:
         v, q = model.joints[i].idx_v, model.joints[i].idx_q
         ends = {name: repr(float(values[q])) for name, values in largest.items()}
         xml.SubElement(joint, "limit", ends, effort=repr(float(model.effortLimit[v])), velocity="1000")
-    for number in (*robot.sole_frames, *robot.point_frames, robot.trunk_frame):
-        frame = model.frames[number]
-        _link(root, frame.name, None)
-        _joint(root, frame.name, "fixed", model.names[frame.parentJoint], frame.placement)
+    frames = [model.frames[number] for number in (*robot.sole_frames, robot.trunk_frame)]
+    places = [(frame.name, frame.parentJoint, frame.placement) for frame in frames]
+    for (name, joint, placement), corners in zip(places[:2], sole_corners(robot), strict=True):
+        middle = pin.SE3(np.eye(3), corners.mean(axis=0))
+        places.append((f"{name}_centre", joint, placement * middle))
+    for name, parent, placement in places:
+        _link(root, name, None)
+        _joint(root, name, "fixed", model.names[parent], placement)
     return xml.tostring(root, encoding="unicode")
+
+
+def sole_corners(robot: Robot) -> Array:
+    """Points of heel and ball from the reference point of each sole, in its axes, shape (2, 4, 3) [m]."""
+    frames, corners = robot.model.frames, []
+    points = list(zip(robot.point_frames, robot.point_foot, robot.point_group, strict=True))
+    for foot, sole in enumerate(robot.sole_frames):
+        back = frames[sole].placement.inverse()
+        own = [point for point, of, group in points if of == foot and group < _TIP]
+        corners.append([(back * frames[point].placement).translation for point in own])
+    return np.array(corners)
 
 
 def _link(root: Any, name: str, inertia: Any) -> None:

@@ -102,15 +102,15 @@ def compare_solvers(install: bool, progress: Progress) -> Section:
             cold, warm = (found[f"{mode}/{start}/seconds"] for start in ("cold", "warm"))
             x, y, solved = (found[f"{mode}/warm/{part}"] for part in ("x", "y", "solved"))
             rows, gradient, force, zmp = (error.max() for error in accuracy(problems, x, y))
-            text = f"{force:.2g} N, {1e3 * zmp:.2g} mm; rows {rows:.1g}, gradient {gradient:.1g}"
+            text = f"{force:.2g} N, {1e3 * zmp:.2g} mm; {rows:.1g}, {gradient:.1g}"
             if not solved.all():
                 text += f"; {(~solved).sum()} unsolved"
             title = name if mode == "None" else f"{name}, {float(mode):g}"
             times = [float(value) for value in (np.median(warm), np.percentile(warm, 99.0), np.median(cold))]
             entries.append(Entry(title, str(found["version"]), text, *times))
     why = (
-        "An active-set method needs few changes of its working set, also from a cold start and where contact "
-        "switches and ADMM takes more iterations. ADMM is first where nothing switches."
+        "Their work grows little from a cold start and where contact switches; ADMM takes more iterations "
+        "there. A kept DAQP has the shortest tail, and its answers are exact."
     )
     return Section(f"{len(problems['q'])} control QPs", tuple(entries), why)
 
@@ -162,15 +162,41 @@ def compare_kinematics(install: bool, progress: Progress) -> Section:
                 continue
         add(name, str(found["version"]), found["seconds"], given, found["q"])
     why = (
-        "They solve for velocities that follow feet, COM and trunk by weights. Ours solves for accelerations "
-        "under the angular momentum, too, with a QP to 1e-12, and corrects every node to 1e-9 m."
+        "It solves for velocities that follow feet, COM and trunk by weights, ours for accelerations under "
+        "the angular momentum, too, by a QP to 1e-12, and corrects each node to 1e-9 m."
     )
     return Section("tick of the inverse kinematics", tuple(entries), why)
+
+
+def compare_dynamics(install: bool, progress: Progress) -> Section:
+    """Inverse dynamics of the recorded ticks of a walk."""
+    from benchmarks.peers.dynamics import command_errors, record
+    from benchmarks.peers.torques import LIBRARIES
+
+    robot, ticks = record(progress)
+    entries = []
+    for name in ("ours", *LIBRARIES):
+        with progress.stage(f"inverse dynamics by {name}"):
+            try:
+                found = ticks if name == "ours" else work("torques.py", name, ticks, install=install)
+            except MissingPeer as error:
+                entries.append(Entry(name, "", str(error)))
+                continue
+        force, zmp = (np.median(error) for error in command_errors(robot, ticks, found["acceleration"]))
+        text = f"force {force:.2g} N, ZMP {1e3 * zmp:.2g} mm"
+        if name != "ours":
+            apart = np.sqrt(np.mean((found["torque"] - ticks["torque"]) ** 2))
+            text += f"; torques {apart:.2g} N m from ours"
+        seconds = found["seconds"]
+        times = float(np.median(seconds)), float(np.percentile(seconds, 99.0))
+        entries.append(Entry(name, str(found.get("version", "")), text, *times))
+    return Section(f"inverse dynamics, {len(ticks['q'])} ticks", tuple(entries), "")
 
 
 TASKS: dict[str, Callable[[bool, Progress], Section]] = {
     "plans": compare_plans,
     "kinematics": compare_kinematics,
+    "dynamics": compare_dynamics,
     "solvers": compare_solvers,
 }
 """What is compared, by name."""

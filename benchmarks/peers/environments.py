@@ -42,7 +42,8 @@ PEERS = {
     "pink": Peer("pink", ("pin-pink==4.4.0", "daqp")),
     "placo IK": Peer("placo", ("placo==0.10.2",)),
     "placo": Peer("placo", ("placo==0.10.2",)),
-    "TSID": Peer("tsid", ("tsid==1.10.0",)),
+    # The wheel of 1.10.0 crashes when it gets a model, with Pinocchio 4.1 and 4.0.
+    "TSID": Peer("tsid", ("tsid==1.7.1", "pin==3.4.0", "cmeel-urdfdom<5", "cmeel-tinyxml2<11")),
 }
 
 

@@ -25,7 +25,7 @@ JERK_COST = 1e-6
 STEPS = 10
 _AHEAD = 4  # further steps, into which the MPC's horizon reaches
 _FINE = 0.005  # between instants at which a plan is judged [s]
-_TIMES = 10  # how often each plan is made
+_TIMES = 30  # how often each plan is made
 
 
 class Judged(NamedTuple):

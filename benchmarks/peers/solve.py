@@ -200,24 +200,40 @@ class Piqp(Split):
         return found.x, self.join(form, found.y, found.z_u - found.z_l), self.solved
 
 
-class Clarabel(Split):
+class OneSided(Split):
+    """A solver with equations first, then rows ``G x <= h``: the upper bounds, and the lower ones negated."""
+
+    def one_sided(self, P: Any, q: Any, A: Any, low: Any, high: Any) -> Any:
+        """Rows, whether they are ever other than zero, right-hand sides; and what :meth:`signed` needs."""
+        (_, _, C, b, G, low, high), same = Split.form(self, P, q, A, low, high)
+        pattern, below, above = self.patterns[1], np.isfinite(low), np.isfinite(high)
+        rows = np.concatenate([C, G[above], -G[below]])
+        mask = np.concatenate([pattern[same], pattern[~same][above], pattern[~same][below]])
+        return rows, mask, np.concatenate([b, high[above], -low[below]]), (len(b), below, above), same
+
+    def signed(self, form: Any, z: Any) -> Any:
+        """Multipliers of the rows as they were."""
+        equal, below, above = form[0][-1]
+        other = np.zeros(len(below))
+        other[above] += z[equal : equal + above.sum()]
+        other[below] -= z[equal + above.sum() :]
+        return self.join(form, z[:equal], other)
+
+
+class Clarabel(OneSided):
     """Clarabel; an interior-point method: the workspace is kept, the iteration starts anew."""
 
     package = "clarabel"
 
     def form(self, P: Any, q: Any, A: Any, low: Any, high: Any) -> Any:
-        (P, q, C, b, G, low, high), same = super().form(P, q, A, low, high)
-        pattern, below, above = self.patterns[1], np.isfinite(low), np.isfinite(high)
-        rows = np.concatenate([C, G[above], -G[below]])
-        mask = np.concatenate([pattern[same], pattern[~same][above], pattern[~same][below]])
-        right = np.concatenate([b, high[above], -low[below]])
+        rows, mask, right, sides, same = self.one_sided(P, q, A, low, high)
         P = sparse(np.triu(P), np.triu(self.patterns[0]))
-        return (P, q, sparse(rows, mask), right, len(b), below, above), same
+        return (P, q, sparse(rows, mask), right, sides), same
 
     def run(self, data: Any, fresh: bool) -> Any:
         import clarabel
 
-        P, q, A, right, equal, _, _ = data
+        P, q, A, right, (equal, _, _) = data
         if fresh:
             settings = clarabel.DefaultSettings()
             settings.verbose = settings.presolve_enable = False
@@ -229,36 +245,26 @@ class Clarabel(Split):
         return self.work.solve()
 
     def answer(self, form: Any, found: Any) -> Answer:
-        *_, equal, below, above = form[0]
-        z, other = np.array(found.z), np.zeros(len(below))
-        other[above] += z[equal : equal + above.sum()]
-        other[below] -= z[equal + above.sum() :]
-        return np.array(found.x), self.join(form, z[:equal], other), str(found.status) == "Solved"
+        return np.array(found.x), self.signed(form, np.array(found.z)), str(found.status) == "Solved"
 
 
-class Quadprog(Split):
+class Quadprog(OneSided):
     """quadprog: Goldfarb and Idnani's dual method; it has no workspace."""
 
     package, exact = "quadprog", True
 
     def form(self, P: Any, q: Any, A: Any, low: Any, high: Any) -> Any:
-        (P, q, C, b, G, low, high), same = super().form(P, q, A, low, high)
-        below, above = np.isfinite(low), np.isfinite(high)
-        rows = np.concatenate([C, G[below], -G[above]])
-        right = np.concatenate([b, low[below], -high[above]])
-        return (P, -q, np.ascontiguousarray(rows.T), right, len(b), below, above), same
+        rows, _, right, sides, same = self.one_sided(P, q, A, low, high)
+        return (P, -q, np.ascontiguousarray(-rows.T), -right, sides), same
 
     def run(self, data: Any, fresh: bool) -> Any:
         import quadprog
 
-        return quadprog.solve_qp(*data[:5])
+        *arguments, (equal, _, _) = data
+        return quadprog.solve_qp(*arguments, equal)
 
     def answer(self, form: Any, found: Any) -> Answer:
-        *_, equal, below, above = form[0]
-        z, other = found[4], np.zeros(len(below))
-        other[below] -= z[equal : equal + below.sum()]
-        other[above] += z[equal + below.sum() :]
-        return found[0], self.join(form, -z[:equal], other), True
+        return found[0], self.signed(form, found[4]), True
 
 
 SOLVERS: dict[str, type[Solver]] = {
@@ -318,4 +324,5 @@ if __name__ == "__main__":
     with np.load(source) as data:
         found = time_solver(asked, {name: data[name] for name in data.files})
     flat = {f"{mode}/{part}": value for mode, result in found.items() for part, value in result.items()}
-    np.savez(target, **flat, version=metadata.version(SOLVERS[asked].package))
+    package = SOLVERS[asked].package
+    np.savez(target, **flat, version=f"{package} {metadata.version(package)}")

@@ -181,7 +181,8 @@ def follow(name: str, given: Any, passes: int = _PASSES) -> dict[str, Any]:
             follower.tick(k)
             seconds[k] = min(seconds[k], time.perf_counter() - start)
             q[k] = follower.q()
-    return {"q": q, "seconds": seconds, "version": metadata.version(FOLLOWERS[name].package)}
+    package = FOLLOWERS[name].package
+    return {"q": q, "seconds": seconds, "version": f"{package} {metadata.version(package)}"}
 
 
 if __name__ == "__main__":
