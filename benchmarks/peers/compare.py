@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +18,7 @@ from benchmarks.peers.solve import SOLVERS
 from benchmarks.table import DOCUMENT
 from validation.progress import Progress
 from validation.show.text import format_duration, markdown_table, print_line, print_table, replace_between
+from validation.store.environment import describe_environment
 from validation.trial.plan import load_request, plan_walk
 
 Array = NDArray[np.float64]
@@ -202,6 +204,13 @@ TASKS: dict[str, Callable[[bool, Progress], Section]] = {
 """What is compared, by name."""
 
 
+def conditions() -> str:
+    """One sentence on the machine of the measurement."""
+    known = describe_environment()
+    processor = f"{known['processor']}, one of {known['cores']} cores"
+    return f"{processor}, load {os.getloadavg()[0]:.1f} at the end; Python {known['python']}."
+
+
 def print_sections(sections: Sequence[Section]) -> None:
     """Print the table on stdout."""
     rows: list[tuple[str | Text, ...]] = []
@@ -210,6 +219,7 @@ def print_sections(sections: Sequence[Section]) -> None:
     print_table("peers", ["", "", *(f">{name}" for name in HEADER[2:6]), ""], rows)
     for section in sections:
         print_line(section.remark())
+    print_line(conditions())
 
 
 def update_document(sections: Sequence[Section]) -> None:
@@ -218,6 +228,6 @@ def update_document(sections: Sequence[Section]) -> None:
     for section in sections:
         rows += [(f"**{section.title}**", *[""] * 6), *section.rows()]
     remarks = [remark for section in sections if (remark := section.remark())]
-    text = "\n\n".join([markdown_table(HEADER, rows), *remarks])
+    text = "\n\n".join([markdown_table(HEADER, rows), *remarks, conditions()])
     page = DOCUMENT.read_text(encoding="utf-8")
     DOCUMENT.write_text(replace_between(page, MARK, f"\n{text}\n"), encoding="utf-8")
