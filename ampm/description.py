@@ -99,6 +99,25 @@ class LegDescription:
 
 
 @dataclass(frozen=True)
+class Passive:
+    """Torque that a hinge has without its motor: ``-damping v - stiffness (q - spring) - friction sign(v)``.
+
+    Attributes:
+        joint: its name.
+        damping: [N m s/rad].
+        stiffness: [N m/rad].
+        spring: angle at which the spring is at rest [rad].
+        friction: dry friction [N m].
+    """
+
+    joint: str
+    damping: float
+    stiffness: float
+    spring: float
+    friction: float
+
+
+@dataclass(frozen=True)
 class BodyDescription:
     """Roles of a body's joints, segments and frames.
 
@@ -125,6 +144,8 @@ class BodyDescription:
         torque_limits: (joint, largest torque [N m]) for every actuated hinge, in actuator order.
         spread: (joint, sign) of the hinges that ``body.arm_abduction`` turns at rest.
         rest: (joint, angle [rad]) at rest, of those that do not rest at 0, inside of their limits.
+        speed_limits: (joint, largest speed [rad/s]) of the hinges that have a limit.
+        passive: of the hinges that have passive torques.
     """
 
     height: float
@@ -148,6 +169,8 @@ class BodyDescription:
     torque_limits: tuple[tuple[str, float], ...]
     spread: tuple[tuple[str, float], ...] = ()
     rest: tuple[tuple[str, float], ...] = ()
+    speed_limits: tuple[tuple[str, float], ...] = ()
+    passive: tuple[Passive, ...] = ()
 
     @property
     def legs(self) -> tuple[LegDescription, LegDescription]:

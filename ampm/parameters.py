@@ -20,6 +20,10 @@ GRAVITY = 9.81
 """Gravitational acceleration of the paper [m/s^2]."""
 
 
+HUMAN = "human"
+"""Name of the default body, which has any stature and mass."""
+
+
 class GaitParameters(Section, section="gait"):
     """The closed-form gait, symbols of the paper (Kudoh & Komura, IROS 2003) in parentheses."""
 
@@ -55,8 +59,11 @@ class GaitParameters(Section, section="gait"):
 class BodyParameters(Section, section="body"):
     """The walking body."""
 
-    height: Real = parameter(1.70, "stature", "m", ge=0.5, le=3)
-    mass: Real = parameter(60.0, "total mass", "kg", ge=1, le=1000)
+    source: str = parameter(
+        HUMAN, "the body: a name that 'ampm body list' shows, or its description (TOML)", "1", min_length=1
+    )
+    height: Real = parameter(1.70, "stature; of another body than the human it follows", "m", ge=0.2, le=3)
+    mass: Real = parameter(60.0, "total mass; of another body than the human it follows", "kg", ge=1, le=1000)
     lean: Real = parameter(
         0.0, "mean pitch of the trunk over a step, forward positive", "rad", ge=-0.5, le=0.5
     )

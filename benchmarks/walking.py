@@ -15,7 +15,7 @@ from ampm.control.controller import TrackingController
 from ampm.parameters import RunParameters, steps_per_tick
 from ampm.walk import LIMITED, UNSOLVED, ControlOutput, WalkPlan
 from benchmarks.clock import Line, Stopwatch, least
-from models.human import BodyModel
+from models.scene import BodyModel
 from validation.trial.outcome import OutcomeName
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate

@@ -15,30 +15,35 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import mujoco
 import numpy as np
 from pydantic import TypeAdapter
 
-from ampm.description import SOLE_POINT_GROUPS, BodyDescription, LegDescription, SoleGeometry
+from ampm.description import BodyDescription, LegDescription, SoleGeometry
 from models import anthropometry as table
+from models.scene import (
+    GRAVITY,
+    BodyModel,
+    add_motors,
+    add_root,
+    add_segment,
+    add_sensors,
+    add_sole_points,
+    joint_order,
+    new_scene,
+    to_xml,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.parameters import BodyParameters, ContactParameters, SimulationParameters
 
-GRAVITY = 9.81
-"""Gravity [m/s^2], as in the paper."""
-SOLE_POINT_RADIUS = 0.00001
-"""Radius of the spheres that touch the floor [m]."""
 SIDES = ("left", "right")
 
 Vector = tuple[float, float, float]
 Colour = tuple[float, float, float, float]
 
 _AXES = {"roll": (1, 0, 0), "pitch": (0, 1, 0), "yaw": (0, 0, 1)}
-# Twelve digits: legible, the same text on every platform, and 1e-11 kg at most in the total mass.
-_XML_PRECISION = 12
 
 _TRUNK_JOINTS = ("yaw", "roll", "pitch")
 _BALL_JOINTS = ("pitch", "roll", "yaw")
@@ -49,23 +54,6 @@ _TROUSERS = (0.23, 0.25, 0.31, 1.0)
 _LEFT_SHADE = (0.30, 0.33, 0.40, 1.0)
 _SHOE = (0.55, 0.16, 0.14, 1.0)
 _TOE_CAP = (0.72, 0.30, 0.24, 1.0)
-
-
-@dataclass(frozen=True)
-class BodyModel:
-    """A body ready to be simulated.
-
-    Attributes:
-        xml: MJCF text, complete in itself.
-        description: which joint, sole and segment is what.
-    """
-
-    xml: str
-    description: BodyDescription
-
-    def compile(self) -> mujoco.MjModel:
-        """Return the compiled MuJoCo model."""
-        return mujoco.MjModel.from_xml_string(self.xml)
 
 
 @dataclass(frozen=True)
@@ -138,71 +126,19 @@ class _Builder:
     def __init__(
         self, body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters
     ) -> None:
-        from models._pymjcf import mjcf  # imported here: a body that is kept needs no PyMJCF
-
         self.height = float(body.height)
         self.mass = float(body.mass)
         # The table adds up to 100.00 %; dividing by the sum keeps the total exact whatever is edited there.
         self.table_mass = self.mass / table.TOTAL_MASS_SHARE
         self.sole = sole_geometry(self.height)
-        self.root = mjcf.RootElement(model="human")
+        self.root = new_scene("human", self.height, contact, simulation)
         # De Leva's trunk, set upon Winter's hip, would make the body 1.6 % too tall.
         rows = (table.HEAD, table.UPPER_TRUNK, table.MIDDLE_TRUNK, table.LOWER_TRUNK)
         trunk = sum(row.length for row in rows)
         self.trunk_scale = (1.0 - table.HIP_HEIGHT) / trunk * self.height
-        self._options(contact, simulation)
-
-    def _options(self, contact: ContactParameters, simulation: SimulationParameters) -> None:
-        root = self.root
-        root.compiler.set_attributes(
-            angle="radian", autolimits=True, inertiafromgeom=False, balanceinertia=False
-        )
-        # Contact forces are measured, so the tolerance is that of rounding; Newton needs few iterations.
-        root.option.set_attributes(
-            timestep=simulation.time_step, integrator=simulation.integrator, gravity=(0, 0, -GRAVITY),
-            cone="elliptic", impratio=contact.impratio, solver="Newton", iterations=100, tolerance=1e-12,
-            ls_iterations=50, ls_tolerance=1e-3,
-        )  # fmt: skip
-        root.statistic.set_attributes(extent=2.0, center=(0, 0, 0.5 * self.height))
-        root.visual.map.znear = 0.01
-        root.visual.quality.shadowsize = 4096
-        root.visual.headlight.set_attributes(ambient=(0.35, 0.35, 0.35), diffuse=(0.55, 0.55, 0.55))
-        getattr(root.visual, "global").set_attributes(offwidth=1920, offheight=1080)
-
-        root.default.geom.set_attributes(contype=0, conaffinity=0, mass=0, group=1)
-        root.default.site.set_attributes(size=(0.004,), group=4)
-        root.default.add("default", dclass="contact").geom.set_attributes(
-            condim=3,
-            friction=(contact.friction, 0.005, 0.0001),
-            solref=(contact.time_constant, contact.damping_ratio),
-            solimp=(contact.impedance_min, contact.impedance_max, contact.impedance_width, 0.5, 2),
-            group=0,
-        )
-
-        for name, kind, pattern, first, second in (
-            ("sky", "skybox", "gradient", (0.93, 0.95, 0.97), (0.6, 0.7, 0.8)),
-            ("floor", "2d", "checker", (0.78, 0.80, 0.82), (0.70, 0.72, 0.75)),
-        ):
-            colours = {"rgb1": first, "rgb2": second}
-            root.asset.add("texture", name=name, type=kind, builtin=pattern, width=256, height=256, **colours)
-        # One square is 0.5 m: the pattern repeats every metre.
-        root.asset.add("material", name="floor", texture="floor", texrepeat=(1, 1), texuniform=True)
-        # contype only on the floor, conaffinity only on the points: two points never touch each other.
-        root.worldbody.add(
-            "geom", name="floor", dclass="contact", type="plane", size=(0, 0, 1), material="floor", contype=1,
-            conaffinity=0,
-        )  # fmt: skip
 
     def _body(self, parent: Any, name: str, pos: Vector, inertial: _Inertial) -> Any:
-        body = parent.add("body", name=name, pos=pos)
-        values: dict[str, Any] = {"mass": inertial.mass, "pos": inertial.com}
-        i = inertial.inertia
-        if abs(i[0, 2]) > 0.0:
-            values["fullinertia"] = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
-        else:
-            values["diaginertia"] = np.diag(i)
-        body.add("inertial", **values)
-        return body
+        return add_segment(parent, name, pos, inertial.mass, inertial.com, inertial.inertia)
 
     def _segment(
         self, parent: Any, name: str, pos: Vector, row: table.Segment, length: float, *, upward: bool = False
@@ -233,16 +169,11 @@ class _Builder:
         waist, chest = self._trunk()
         left_leg, right_leg = map(self._leg, SIDES)
         left_arm, right_arm = map(self._arm, SIDES)
-        self._sensors()
+        add_sensors(self.root, "pelvis")
         limits = tuple(
-            (name, _joint(name)[1] * self.mass * GRAVITY * self.height) for name in self._chain_order()
+            (name, _joint(name)[1] * self.mass * GRAVITY * self.height) for name in joint_order(self.root)
         )
-        for name, limit in limits:
-            both = (-limit, limit)
-            self.root.actuator.add(
-                "motor", name=name, joint=name, gear=(1,), ctrllimited=True, ctrlrange=both,
-                forcelimited=True, forcerange=both,
-            )  # fmt: skip
+        add_motors(self.root, limits)
         description = BodyDescription(
             height=self.height,
             mass=self.mass,
@@ -265,12 +196,7 @@ class _Builder:
             torque_limits=limits,
             spread=(("left_shoulder_roll", 1.0), ("right_shoulder_roll", -1.0)),
         )
-        return BodyModel(self.root.to_xml_string(precision=_XML_PRECISION), description)
-
-    def _chain_order(self) -> list[str]:
-        """Hinges in MuJoCo's joint order, which is depth first."""
-        joints = self.root.find_all("joint", exclude_attachments=True)
-        return [joint.name for joint in joints if joint.tag == "joint"]
+        return BodyModel(to_xml(self.root), description)
 
     def _trunk(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Hinges of waist and chest."""
@@ -279,18 +205,7 @@ class _Builder:
         upper, head = table.UPPER_TRUNK.length * scale, table.HEAD.length * scale
         hips = (0, 0, table.HIP_HEIGHT * h)
         pelvis = self._segment(self.root.worldbody, "pelvis", hips, table.LOWER_TRUNK, lower, upward=True)
-        pelvis.add("freejoint", name="root")
-        # A light that follows the body: a fixed one casts grainy shadows on a large floor.
-        pelvis.add(
-            "light", name="lamp", mode="trackcom", pos=(1.2, -1.6, 3.2), dir=(-0.33, 0.42, -1), cutoff=75,
-            exponent=0, castshadow=True, diffuse=(0.5, 0.5, 0.5), specular=(0.1, 0.1, 0.1),
-        )  # fmt: skip
-        for name, pos, xyaxes in (
-            ("side", (0.0, -3.2, 0.1), (1, 0, 0, 0, 0.03, 1)),
-            ("front", (3.2, 0.0, 0.1), (0, 1, 0, -0.03, 0, 1)),
-            ("oblique", (2.3, -2.3, 0.5), (0.707, 0.707, 0, -0.13, 0.13, 1)),
-        ):
-            pelvis.add("camera", name=name, mode="trackcom", pos=pos, xyaxes=xyaxes)
+        add_root(pelvis)
         self._ellipsoid(pelvis, (0, 0, 0.035 * h), (0.068 * h, 0.099 * h, 0.062 * h), _TROUSERS)
 
         abdomen = self._segment(pelvis, "abdomen", (0, 0, lower), table.MIDDLE_TRUNK, middle, upward=True)
@@ -360,21 +275,7 @@ class _Builder:
         pos = (0.5 * length, 0, 0.5 * thickness + 0.001)
         toe.add("geom", type="box", pos=pos, size=size, rgba=_TOE_CAP)
 
-        points = []
-        for group in SOLE_POINT_GROUPS:
-            body, origin = (toe, to_toe) if group == "tip" else (foot, to_ankle)
-            x, half_width = getattr(sole, f"{group}_x"), getattr(sole, f"{group}_half_width")
-            for edge, edge_sign in (("left", 1.0), ("right", -1.0)):
-                name = f"{side}_{group}_{edge}"
-                pos = np.array([x, edge_sign * half_width, 0.0]) - origin
-                body.add("site", name=name, pos=pos)
-                # The sphere stands on the site, so the point that touches the floor is the site.
-                body.add(
-                    "geom", name=name, dclass="contact", type="sphere", size=(SOLE_POINT_RADIUS,),
-                    pos=pos + np.array([0, 0, SOLE_POINT_RADIUS]), contype=0, conaffinity=1,
-                    rgba=(0.1, 0.1, 0.1, 1),
-                )  # fmt: skip
-                points.append(name)
+        points = add_sole_points(side, sole, [(foot, -to_ankle), (foot, -to_ankle), (toe, -to_toe)])
         return LegDescription(
             hip=hip,
             knee=knee,
@@ -383,7 +284,7 @@ class _Builder:
             foot_segment=f"{side}_foot",
             toe_segment=f"{side}_toe",
             sole_frame=f"{side}_sole",
-            sole_points=tuple(points),
+            sole_points=points,
         )
 
     def _foot_inertials(self) -> tuple[_Inertial, _Inertial]:
@@ -432,17 +333,6 @@ class _Builder:
         joints += self._hinges(hand, f"{side}_wrist", ("pitch", "roll"))
         self._ellipsoid(hand, (0, 0, -0.9 * hand_length), (0.024 * h, 0.009 * h, 0.054 * h), _SKIN)
         return tuple(joints)
-
-    def _sensors(self) -> None:
-        sensor = self.root.sensor
-        sensor.add("accelerometer", name="imu_accelerometer", site="imu")
-        sensor.add("gyro", name="imu_gyro", site="imu")
-        sensor.add("framequat", name="imu_orientation", objtype="site", objname="imu")
-        sensor.add("subtreecom", name="com", body="pelvis")
-        sensor.add("subtreeangmom", name="angular_momentum", body="pelvis")
-        for name in self._chain_order():
-            sensor.add("jointpos", name=f"{name}_position", joint=name)
-            sensor.add("jointvel", name=f"{name}_velocity", joint=name)
 
 
 def _mirrored(joint: str) -> tuple[str, str, float]:

@@ -12,7 +12,8 @@ from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.planners import periodic_walk
 from ampm.run_file import load_run
-from models.human import BodyModel, build
+from models.human import build
+from models.scene import BodyModel
 from validation.trial.record import SimulationRecord
 from validation.trial.shapes import make_robot
 from validation.trial.simulate import simulate

@@ -16,7 +16,8 @@ from ampm.description import BodyDescription
 from ampm.parameters import BodyParameters, ContactParameters, RunParameters, SimulationParameters
 from models import anthropometry as table
 from models.__main__ import TARGET, default_xml
-from models.human import GRAVITY, build
+from models.human import build
+from models.scene import GRAVITY
 
 SIZES = [(1.70, 60.0), (1.50, 45.0), (1.95, 110.0), (1.20, 25.0)]
 

@@ -14,7 +14,7 @@ from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.qp import QPSolution, QPStatus, make_backend
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
-from models.human import BodyModel
+from models.scene import BodyModel
 from tests.records import first_difference, stored
 from tests.solved import COARSE, body_of, motion_of, walk_of
 from tests.solved import simulated as walk

@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     Records = Any
     """Structured array, whose entries numba and a record array give as attributes."""
 
+_STILL = 0.05  # rate at which dry friction begins to have a direction [rad/s]
 _VECTOR, _MATRIX = (np.float64, (3,)), (np.float64, (3, 3))
 
 TREE = [
@@ -368,6 +369,24 @@ def joint_torques(
         here = link[i]
         about = minus(vector(here.moment), cross(vector(here.place), vector(here.force)))
         torque[i - 1] = dot(vector(here.axis), about) + armature[5 + i] * qdd[5 + i]
+
+
+@compiled
+def passive_torques(passive: Array, q: Array, v: Array, direction: Array, torque: Array) -> None:
+    """Torques that overcome dampers, springs and dry friction of the hinges.
+
+    Args:
+        passive: damping [N m s/rad], stiffness [N m/rad], angle of the spring at rest [rad] and dry friction
+            [N m] of the hinges, shape (nv - 6, 4).
+        q: shape (nq,).
+        v: shape (nv,).
+        direction: velocity that tells the direction of dry friction, shape (nv,).
+        torque: written, shape (nv - 6,) [N m].
+    """
+    for j in range(len(passive)):
+        damping, stiffness, spring, friction = passive[j]
+        torque[j] = damping * v[6 + j] + stiffness * (q[7 + j] - spring)
+        torque[j] += friction * math.tanh(direction[6 + j] / _STILL)
 
 
 @compiled

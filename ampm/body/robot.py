@@ -82,6 +82,9 @@ class Robot:
         description: names of joints, segments and frames.
         shapes: of the body; the model's owner knows them.
 
+    Attributes:
+        passive: damping, stiffness, angle of the spring and dry friction of the hinges, shape (nu, 4).
+
     Raises:
         InputError: the description names a joint or frame that the model lacks.
     """
@@ -109,6 +112,10 @@ class Robot:
         self.point_foot = np.array([foot for foot, _, _ in points])
         self.point_group = np.array([SOLE_POINT_GROUPS.index(group) for _, group, _ in points])
         self._mirror_index, self._mirror_sign = self._mirror_map()
+        self.passive = np.zeros((self.nu, 4))
+        for item in description.passive:
+            own = item.damping, item.stiffness, item.spring, item.friction
+            self.passive[self.velocity_indices((item.joint,)) - 6] = own
 
     # ------------------------------------------------------------------ names
 

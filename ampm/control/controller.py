@@ -17,6 +17,7 @@ import numpy as np
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.body.rigid_body import (
     joint_torques,
+    passive_torques,
     place_body,
     place_of,
     task_drift,
@@ -44,9 +45,10 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]
 
-V, NOW, LAST, STILL, POSTURE, ALPHA = range(6)
-"""Rows of ``motion``, shape (6, nv): measured velocity, the same at the instant of q, the last tick's
-acceleration [m/s^2], zeros, wanted acceleration in the metric of the posture [g], this tick's [m/s^2]."""
+V, NOW, LAST, STILL, POSTURE, ALPHA, PASSIVE = range(7)
+"""Rows of ``motion``, shape (7, nv): measured velocity, the same at the instant of q, the last tick's
+acceleration [m/s^2], zeros, wanted acceleration in the metric of the posture [g], this tick's [m/s^2], torque
+that overcomes the passive ones [N m]."""
 
 SCALE, RATES, DRIFT, WANTED, SOFTNESS, RHS = range(6)
 """Rows of ``tasks``, shape (6, R): scale in the QP, rate, drift, wanted acceleration, softness, right-hand
@@ -72,6 +74,7 @@ def prepare(
     gains: Any,
     gravity: float,
     root_weight: Array,
+    passive: Array,
     q: Array,
     motion: Array,
     tasks: Array,
@@ -114,6 +117,7 @@ def prepare(
         points[i].sensed, points[i].touching = sensed[i], touching[i]
 
     # The body.
+    passive_torques(passive, q, v, posture_v, motion[PASSIVE, 6:])
     place_body(tree, link, feet, q, columns)
     task_drift(tree, link, feet, v, now, still, drift)
     rates[:] = 0.0
@@ -284,6 +288,8 @@ def torques(
     """Joint torques of accelerations and force unknowns [m g], and the forces at the points [N]."""
     point_forces(len(feet), points, forces, link[0].mass * gravity, point_force)
     joint_torques(tree, armature, link, motion[V], motion[ALPHA], gravity, points, point_force, torque)
+    for j in range(len(torque)):
+        torque[j] += motion[PASSIVE, 6 + j]
 
 
 @compiled
@@ -332,7 +338,7 @@ class TrackingController:
         weights = robot.by_group(POSTURE_WEIGHTS)
         self._root_weight = np.sqrt(weights)
         rows = body.columns.shape[1]
-        self._q, self._motion, self._tasks = np.zeros(robot.nq), np.zeros((6, robot.nv)), np.zeros((6, rows))
+        self._q, self._motion, self._tasks = np.zeros(robot.nq), np.zeros((7, robot.nv)), np.zeros((6, rows))
         self._tasks[SCALE] = 1.0
         self._tasks[SCALE, 3:6] = ANGULAR
         self._hinges = np.zeros((5, robot.nu))
@@ -356,8 +362,8 @@ class TrackingController:
         own = body.tree, body.link, self._feet
         self._before = (
             *own, body.trunk, self._points, self._lines, self._gains, robot.gravity, self._root_weight,
-            self._q, self._motion, self._tasks, body.columns, self._scaled, self._system, self._phi,
-            self._wrench, qp.P, qp.q, qp.A, qp.lower, qp.upper, self._command,
+            robot.passive, self._q, self._motion, self._tasks, body.columns, self._scaled, self._system,
+            self._phi, self._wrench, qp.P, qp.q, qp.A, qp.lower, qp.upper, self._command,
         )  # fmt: skip
         self._torques = *own, self._points, robot.gravity, body.armature, self._motion
         self._keeps = self._lines, self._gains, self._motion, self._hinges, self._phi

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -23,7 +24,10 @@ if TYPE_CHECKING:
     from ampm.description import BodyDescription
 
 _STATURE = 1.70  # of the body on which the guess was made [m]
+_HIP_HALF_WIDTH = 0.05  # of that body, as a share of stature [1]
+_NEAR_END = 0.99  # share of the sole before and behind the reference point that the ZMP may use [1]
 _SWING_RATE = 6.4  # least rate of the swing foot's feedback times the swing's duration: slower, it lands late
+_LIFT_RATE = 5.0  # most at which a foot without toes begins to turn at lift-off [rad/s]
 _LANDING_TURN = 1.7  # heel strike rate over its mean: the foot comes down turning, and slows down
 
 
@@ -95,6 +99,12 @@ class FreeChoices:
         self.lower = np.array([choice.lower for choice in free])
         self.upper = np.array([choice.upper for choice in free])
         self.slack = np.array([choice.slack for choice in free])
+        # Step widths are in statures of a human whose hips are as wide.
+        self.wide = description.hip_half_width / (_HIP_HALF_WIDTH * description.height)
+        # The sole ends behind and before the reference point.
+        self.most_roll = min(
+            _RANGE["roll"].upper, _NEAR_END * min(-self.sole.heel_x, self.sole.tip_x) / self.sole.ball_x
+        )
 
     def easy(self) -> tuple[GaitParameters, ...]:
         """Easy neighbours: without momentum, and then with a step of medium length and duration."""
@@ -149,7 +159,7 @@ class FreeChoices:
             self.run,
             {
                 **self._timing(choice),
-                "gait.step_width": choice["width"] * h,
+                "gait.step_width": choice["width"] * h * self.wide,
                 "body.lean": choice["lean"],
                 "body.arm_abduction": choice["spread"],
                 "foot.swing_height": choice["lift"] * h,
@@ -223,14 +233,24 @@ class FreeChoices:
         for item in CHOICES:
             if not item.derived:
                 scale = h if item.scaled else 1.0
+                scale *= self.wide if item.name == "width" else 1.0
                 choice[item.name] = self._kept(item.key, choice[item.name] * scale) / scale
         l_s = 0.5 * gait.step_length * choice["ratio"]
         # c_s - 1/a_s must stay well above 0: short steps and small c_s let the ZMP roll less.
-        choice["roll"] = min(1.0, 0.55 * gait.c_s * l_s / self.sole.ball_x)
+        choice["roll"] = min(1.0, self.most_roll - 0.05, 0.55 * gait.c_s * l_s / self.sole.ball_x)
         choice = self._passing_choice(choice)
         if "height" in self.names:
             choice["height"] = self._height(choice)
-        return choice if self.flat else self._set_down(choice)
+        return choice if self.flat else self._lift_off(self._set_down(choice))
+
+    def _lift_off(self, choice: dict[str, float]) -> dict[str, float]:
+        """Turn a foot without toes less: its heel rises late, and so in a short time."""
+        if self.sole.has_toes or "toe_off" not in self.names:
+            return choice
+        with contextlib.suppress(RefusedGait):
+            rate = self.parameters(choice).foot.toe_off_rate
+            return {**choice, "toe_off": choice["toe_off"] * min(1.0, _LIFT_RATE / max(rate, 1e-9))}
+        return choice
 
     def _set_down(self, choice: dict[str, float]) -> dict[str, float]:
         """Bring the front foot down before the ZMP needs more of it than its heel, and not too fast."""
@@ -284,7 +304,7 @@ class FreeChoices:
         for share in ratios:
             l_s = 0.5 * gait.step_length * float(share)
             # Beyond c_s l_s the force line would not drive the COM off the foot.
-            most = min(_RANGE["roll"].upper - 0.05, 0.9 * gait.c_s * l_s / self.sole.ball_x)
+            most = min(self.most_roll - 0.05, 0.9 * gait.c_s * l_s / self.sole.ball_x)
             farther = "roll" in self.names and most > roll
             for travel in np.linspace(roll, most, 7) if farther else [roll]:
                 trial = {**choice, "ratio": float(share), "roll": min(float(travel), max(most, 0.0))}

@@ -23,6 +23,7 @@ from ampm.body.feasibility import (
     joint_groups,
     leg_extension,
 )
+from ampm.body.rigid_body import passive_torques
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.feet import HEEL
@@ -209,7 +210,7 @@ def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Arr
     time[-1] = np.nextafter(time[-1], 0.0) - 1e-9  # the step's end, not the next one's start
     sample, feet = plan.sample(time), plan.feet.sample(time)
     shares = sample.right_load
-    torque, twist = np.empty((len(time), robot.nu)), np.empty(len(time))
+    torque, twist, rest = np.empty((len(time), robot.nu)), np.empty(len(time)), np.empty(robot.nu)
     for k in range(len(time)):
         q, v = trajectory.q[k], trajectory.v[k]
         terms = robot.jacobian(q)
@@ -226,7 +227,8 @@ def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Arr
         yaw = (
             wrench[5] - (centre[0] - reference[0][0]) * wrench[1] + (centre[1] - reference[0][1]) * wrench[0]
         )
-        rest = total[6:].copy()
+        passive_torques(robot.passive, q, v, v, rest)
+        rest += total[6:]
         for foot, part in ((0, 1.0 - share), (1, share)):
             if part <= 0.0:
                 continue

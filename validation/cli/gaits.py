@@ -47,7 +47,7 @@ _SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 
 @app.command(epilog=f"Presets.\n\n{_PRESET_LINES}")
 def plan(
-    gait: Gait = "normal",
+    gait: Gait = None,
     settings: Settings = None,
     as_is: AsIs = False,
     no_body: Annotated[
@@ -179,7 +179,7 @@ def motion(
     if out is not None:
         check_suffix(out)
         check_output_file(out, force=force)
-    requests = load_requests(gaits or ["normal"], settings or (), as_is=as_is)
+    requests = load_requests(gaits or [None], settings or (), as_is=as_is)
     narrator = Narrator()
     walks = [plan_walk(request, narrator) for request in requests]
     if out is not None:
@@ -230,7 +230,7 @@ def write_motions(walks: list[PlannedWalk], path: Path, *, force: bool) -> None:
 
 
 @app.command()
-def keys(gait: Gait = "normal", settings: Settings = None, as_json: Json = False) -> int:
+def keys(gait: Gait = None, settings: Settings = None, as_json: Json = False) -> int:
     """List every parameter: its value in a gait, unit, bounds and meaning.
 
     Any of them can be given as --set KEY=VALUE, in a gait's TOML file, and varied by a sweep.
@@ -275,7 +275,7 @@ def print_keys(request: Request) -> None:
 
 @app.command()
 def tune(
-    gait: Gait = "normal",
+    gait: Gait = None,
     settings: Settings = None,
     out: Annotated[
         Path | None, option("--out", "Write the complete run, for 'ampm validate'.", "FILE.toml")

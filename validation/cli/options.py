@@ -40,7 +40,9 @@ def option(name: str, help: str, metavar: str | None = None) -> Any:
 
 _PRESETS = ", ".join(preset_names())
 
-Gait = Annotated[str, typer.Argument(help=f"Preset ({_PRESETS}) or TOML file.", metavar="[GAIT]")]
+Gait = Annotated[
+    str | None, typer.Argument(help=f"Preset ({_PRESETS}) or TOML file; normal if none.", metavar="[GAIT]")
+]
 Gaits = Annotated[
     list[str] | None,
     typer.Argument(help=f"Presets ({_PRESETS}) or TOML files; normal if none.", metavar="[GAIT]..."),
@@ -53,6 +55,15 @@ Settings = Annotated[
 AsIs = Annotated[
     bool,
     option("--as-is", "Keep the values that the gait leaves open: those of the preset, or defaults."),
+]
+Body = Annotated[
+    str | None,
+    option(
+        "--body",
+        "Body that walks: human, or a name of 'ampm body list', or its description. Without a gait it walks "
+        "one of its size.",
+        "NAME|FILE.toml",
+    ),
 ]
 Steps = Annotated[int | None, option("--steps", "Short for gait.steps=N.", "N")]
 Uncertainty = Annotated[
@@ -80,6 +91,13 @@ Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout
 def with_steps(settings: list[str] | None, steps: int | None) -> list[str]:
     """Settings of ``--set``, and that of ``--steps``."""
     return [*(settings or ()), *([] if steps is None else [f"gait.steps={steps}"])]
+
+
+def with_body(settings: list[str] | None, body: str | None) -> list[str]:
+    """Settings of ``--set``, and that of ``--body``; the path of a file is absolute."""
+    if body is not None and Path(body).is_file():
+        body = str(Path(body).resolve())
+    return [*(settings or ()), *([] if body is None else [f"body.source='{body}'"])]
 
 
 def check_picture(path: Path) -> None:

@@ -19,6 +19,7 @@ from validation.cli.console import Narrator, print_json
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import (
     AsIs,
+    Body,
     Force,
     Gaits,
     Json,
@@ -31,6 +32,7 @@ from validation.cli.options import (
     answer,
     check_picture,
     option,
+    with_body,
     with_steps,
 )  # fmt: skip
 from validation.progress import interruption
@@ -54,6 +56,7 @@ def validate(
     settings: Settings = None,
     as_is: AsIs = False,
     steps: Steps = None,
+    body: Body = None,
     profile: Annotated[
         str | None,
         option(
@@ -114,10 +117,12 @@ def validate(
 
     short = {"solver.qp": qp, "controller.name": controller}
     extra = [f'{key}="{value}"' for key, value in short.items() if value is not None]
-    extra = [*with_steps(settings, steps), *extra]
-    gaits = gaits or ["normal"]
-    requests = load_requests(gaits, extra, as_is=as_is)
-    judges = [profiles.own_profile(gait) if profile is None else profiles.profile(profile) for gait in gaits]
+    extra = [*with_steps(with_body(settings, body), steps), *extra]
+    requests = load_requests(gaits or [None], extra, as_is=as_is)
+    judges = [
+        profiles.own_profile(gait) if profile is None else profiles.profile(profile)
+        for gait in gaits or ["normal"]
+    ]
     known = [load_uncertainty(path) for path in uncertainty or ()]
     for request in requests if known else ():  # before any walks
         if not changes(request.run):

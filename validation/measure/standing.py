@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.parameters import RunParameters
-    from models.human import BodyModel
+    from models.scene import BodyModel
     from validation.trial.record import SimulationRecord
 
 DURATION = 2.0

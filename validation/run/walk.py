@@ -28,7 +28,7 @@ from validation.run.planner import load_planner
 from validation.run.trial import Trial
 from validation.trial.bridge import to_pinocchio
 from validation.trial.controllers import find_controller, name_of
-from validation.trial.plan import PlannedWalk, Request, load_request, make_body, plan_walk
+from validation.trial.plan import PlannedWalk, Request, load_request, make_body, own_gait, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
 
@@ -84,7 +84,7 @@ def walk(
     if isinstance(planner, str):
         planner = load_planner(planner, "planner=")
     if isinstance(run, RunParameters):
-        request = Request(name or "walk", run)
+        request = Request(name or "walk", own_gait(run))
     else:
         request = load_request(str(run))
         request = replace(request, name=name or request.name)

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ampm.body.feasibility import CLEARANCE
+from ampm.description import SOLE_POINT_GROUPS
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.judge.compare import PARTS as CAUSES
@@ -269,9 +270,11 @@ class RunFigures:
         ticks: dict[str, float] = {}
         force, _ = record.contacts_at(np.round(time / record.time_step).astype(np.intp))
         for foot, (name, color) in enumerate(_FEET.items()):
-            for group, region in enumerate(("heel", "ball", "tip")):
-                at = ticks[f"{name} {region}"] = -(3.5 * foot + group)
+            for group, region in enumerate(SOLE_POINT_GROUPS):
                 points = (record.point_foot == foot) & (record.point_group == group)
+                if not points.any():
+                    continue
+                at = ticks[f"{name} {region}"] = -(3.5 * foot + group)
                 loaded = force[:, points, 2].max(axis=1, initial=0.0) > 1.0
                 bars(loaded, at, 0.62, color, 0.85)
                 if planned is not None:

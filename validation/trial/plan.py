@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import platformdirs
 
 from ampm.exceptions import InputError, RefusedGait
-from ampm.parameters import OPEN_KEYS, RunParameters
+from ampm.parameters import HUMAN, OPEN_KEYS, RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
 from ampm.run_file import changes, load_run
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ampm.planners import WalkRequest
     from ampm.tune.tuning import Tuned
     from ampm.walk import Planner, WalkPlan
-    from models.human import BodyModel
+    from models.scene import BodyModel
     from validation.trial.shapes import Shapes
 
 
@@ -121,11 +121,11 @@ class PlannedWalk:
         return self.plan.least_zmp_margin()[0]
 
 
-def load_request(gait: str, settings: Sequence[str] = (), *, as_is: bool = False) -> Request:
+def load_request(gait: str | None, settings: Sequence[str] = (), *, as_is: bool = False) -> Request:
     """Resolve one gait and its settings.
 
     Args:
-        gait: preset or TOML file.
+        gait: preset or TOML file; None for `normal`, or the own gait of another body than the human.
         settings: ``key=value`` texts.
         as_is: every value counts as given, so that nothing is found.
 
@@ -133,26 +133,29 @@ def load_request(gait: str, settings: Sequence[str] = (), *, as_is: bool = False
         InputError: unknown gait, key or controller, or a bad value.
     """
     run = load_run(gait, settings)
+    if gait is None and run.body.source == HUMAN:
+        return load_request("normal", settings, as_is=as_is)
+    run = own_gait(run)
     if as_is:
         run = run.as_is()
     if run.controller.name not in CONTROLLERS:
         find_controller(run.controller.name)
-    path = Path(gait)
+    path = Path(run.body.source if gait is None else gait)
     # A run folder's own run.toml is named after the folder.
     name = path.resolve().parent.name if path.name == "run.toml" else path.stem
-    if gait in PRESETS:  # a dot in a preset's name begins no suffix
+    if gait is not None and gait in PRESETS:  # a dot in a preset's name begins no suffix
         name = gait
     keys = dict.fromkeys(setting.partition("=")[0].strip() for setting in settings)
     return Request(name, run, {key: run.value(key) for key in keys if key != "gait.steps"})
 
 
 def load_requests(
-    gaits: Sequence[str], settings: Sequence[str] = (), *, as_is: bool = False
+    gaits: Sequence[str | None], settings: Sequence[str] = (), *, as_is: bool = False
 ) -> list[Request]:
     """Resolve several gaits.
 
     Args:
-        gaits: presets or TOML files.
+        gaits: as in :func:`load_request`.
         settings: ``key=value`` texts, the same for all.
         as_is: every value counts as given, so that nothing is found.
 
@@ -197,13 +200,28 @@ def _way_out(run: RunParameters) -> Iterator[None]:
         raise
 
 
+def own_gait(run: RunParameters) -> RunParameters:
+    """The run with mass and height of its body; of another body than the human with a gait of its size.
+
+    Raises:
+        InputError: there is no such body.
+    """
+    if run.body.source == HUMAN:
+        return run
+    # Imported here: simulator and Pinocchio take a second to load.
+    from ampm.tune.first_gait import first_gait
+    from models.build import build_body
+
+    return first_gait(run, build_body(run.body, run.contact, run.simulation).description)
+
+
 def make_body(run: RunParameters) -> Body:
     """Build the body of a run."""
     # Imported here: simulator and Pinocchio take a second to load.
-    from models.human import build
+    from models.build import build_body
     from validation.trial.shapes import Shapes, make_robot
 
-    model = build(run.body, run.contact, run.simulation, cache=motion_cache())
+    model = build_body(run.body, run.contact, run.simulation, cache=motion_cache())
     compiled = model.compile()
     shapes = Shapes(compiled)
     return Body(model, make_robot(compiled, model.description, shapes), shapes)

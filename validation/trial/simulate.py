@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from ampm.parameters import RunParameters
     from ampm.walk import Controller, ControllerFactory, ControlOutput, Reference, WalkPlan
-    from models.human import BodyModel
+    from models.scene import BodyModel
 
     Array = NDArray[np.float64]
 

@@ -344,7 +344,9 @@ def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | 
         mine = np.flatnonzero(record.point_foot == foot)
         sole, contact = f"world/feet/{name}/sole", f"world/feet/{name}/contact"
         log.static(sole, rr.LineStrips3D.from_fields(colors=[color], radii=[0.004]))
-        outline = point[:, mine[[0, 2, 4, 5, 3, 1, 0]]].astype(np.float32)
+        # Along the left edge, back along the right one.
+        around = mine[[*range(0, len(mine), 2), *range(len(mine) - 1, 0, -2), 0]]
+        outline = point[:, around].astype(np.float32)
         log.columns(sole, times, rr.LineStrips3D.columns(strips=outline))
         # The area of a point's disc is its share of the load.
         load = force[:, mine, 2]

@@ -27,7 +27,7 @@ FILES = (FILE, MARKDOWN, *PICTURES)
 
 
 def study_gait(
-    gait: str,
+    gait: str | None,
     settings: Sequence[str] = (),
     *,
     as_is: bool = False,

@@ -28,6 +28,7 @@ from ampm.run_file import KeyInfo, key_info, load_run
 from ampm.section import Real, Section, parse_toml, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
 from validation.trial.controllers import CONTROLLERS, find_controller
+from validation.trial.plan import own_gait
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -359,7 +360,7 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
     if "base" in table:
         base = RunParameters(**table["base"])
     else:
-        base = load_run(_beside(folder, str(head.get("gait", "normal"))))
+        base = own_gait(load_run(_beside(folder, str(head.get("gait", "normal")))))
     if isinstance(head.get("instrument"), str):
         from validation.measure.instruments.model import load_instrument  # loads all that measures
 

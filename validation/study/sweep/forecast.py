@@ -200,10 +200,10 @@ def _check_body(run: RunParameters) -> None:
     # Imported here: the simulator takes a second to load.
     from ampm.body.feasibility import check_body
     from ampm.planner.support import plan_steps
-    from models.human import build
+    from models.build import build_body
 
     steps_per_tick(run.controller.frequency, run.simulation.time_step)
-    description = build(run.body, run.contact, run.simulation).description
+    description = build_body(run.body, run.contact, run.simulation).description
     gait = run.gait.model_copy(update={"steps": min(run.gait.steps, 2)})  # all steps are equal
     check_body(plan_steps(gait, run.body.mass, run.foot, description.sole), description)
 

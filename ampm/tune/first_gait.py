@@ -1,0 +1,54 @@
+"""What a gait is about, by formula, for a body of any size; the rest is found."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ampm.exceptions import InputError
+from ampm.parameters import GRAVITY, HUMAN
+
+if TYPE_CHECKING:
+    from ampm.description import BodyDescription
+    from ampm.parameters import RunParameters
+
+_STEP = 0.45  # length of a step over the height of the hips [1]
+_PACE = 0.2  # speed at the switch over the square root of g times the height of the hips [1]
+_C_Y = 0.9  # the trunk then rolls a little towards the standing foot
+
+
+def first_gait(run: RunParameters, description: BodyDescription) -> RunParameters:
+    """The run with mass and height of its body and, of another body than the human, a gait of its size.
+
+    Values that are given stay; those of :data:`ampm.parameters.OPEN_KEYS` stay open.
+
+    Args:
+        run: as the user has it.
+        description: of the body that ``body.source`` names.
+
+    Raises:
+        InputError: mass or height are given, and not those of the body.
+    """
+    if run.body.source == HUMAN:
+        return run
+    for key, value in (("body.mass", description.mass), ("body.height", description.height)):
+        if key in run.given and run.value(key) != value:
+            raise InputError(
+                f"{key} = {run.value(key):g} is not that of the body {run.body.source}, {value:.6g}; leave "
+                "it out, as it follows from the body's model.",
+                key=key,
+                value=run.value(key),
+            )
+    hips, own = description.hip_height, run.controller
+    sized = {
+        "gait.step_length": _STEP * hips,
+        "gait.switching_velocity": _PACE * math.sqrt(GRAVITY * hips),
+        "gait.c_y": _C_Y,
+        # Angular momentum of a tilting trunk, as m h^2 of a human of 60 kg and 1.70 m.
+        "controller.trunk_gain": own.trunk_gain * description.mass / 60.0 * description.scale**2,
+        # Rotors make the feet of robots heavy: they land softly.
+        "controller.touchdown_velocity": 0.4 * own.touchdown_velocity,
+    }
+    free = {key: value for key, value in sized.items() if key not in run.given}
+    body = {"body.mass": description.mass, "body.height": description.height}
+    return run.replace(free | body).giving(run.given)

@@ -1,0 +1,203 @@
+"""Description file of a body, and the compiled model of its source: MJCF or URDF, of a file or a package."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Annotated
+
+import mujoco
+from pydantic import BeforeValidator, Field
+
+from ampm.exceptions import InputError
+from ampm.parameters import HUMAN
+from ampm.section import Real, Section, nearest, read_toml
+
+FOLDER = Path(__file__).with_name("bodies")
+"""Description files of the bodies that are known by name."""
+Names = Annotated[
+    tuple[str, ...], BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
+]
+Angles = Mapping[str, Real]
+
+
+class SoleSection(Section, section="sole"):
+    """Outline of the left sole in the neutral posture: x forward, z up, from the foot's origin."""
+
+    heel: Real = Field(description="x of the heel's edge [m]")
+    front: Real = Field(description="x of the front edge [m]")
+    bottom: Real = Field(description="z of the sole [m]")
+    heel_half_width: Real = Field(description="half the distance of the heel's two points [m]", gt=0)
+    front_half_width: Real = Field(description="half the distance of the front's two points [m]", gt=0)
+    middle: Real = Field(0.0, description="y of the middle of the left sole [m]")
+    reference: Real = Field(0.0, description="x of the reference point, from which the plan measures [m]")
+
+
+class BodyFile(Section, section="body"):
+    """Contents of a description file."""
+
+    source: str = Field(description="MJCF or URDF file, or PACKAGE:FILE of an installed package")
+    root: str = Field(description="segment that moves freely")
+    trunk: str = Field(description="segment whose pitch is the lean of the trunk")
+    sides: Names = Field(description="words for left and right in names", min_length=2, max_length=2)
+    foot: str = Field(description="segment of a foot, with {side} or {Side}")
+    knee: str = Field(description="joint of a knee, with {side} or {Side}")
+    sole: SoleSection = Field(description="outline of a sole")
+    neutral: Angles = Field(
+        {}, description="angles at which body and soles are upright and level, where not 0 [rad]"
+    )
+    rest: Angles = Field({}, description="angles of trunk and arms at rest, where not those of neutral [rad]")
+    lock: Names = Field((), description="joints that are welded, as regular expressions")
+    armature: Angles = Field({}, description="rotor inertia by regular expression of joints [kg m^2]")
+    effort: Angles = Field({}, description="largest torque by regular expression of joints [N m]")
+    speed: Angles = Field({}, description="largest speed by regular expression of joints [rad/s]")
+    damping: Angles = Field({}, description="damping by regular expression of joints [N m s/rad]")
+    stiffness: Angles = Field(
+        {}, description="stiffness of a spring by regular expression of joints [N m/rad]"
+    )
+    friction: Angles = Field({}, description="dry friction by regular expression of joints [N m]")
+
+    def sided(self, name: str) -> tuple[str, str]:
+        """Left and right name of a pattern."""
+        left, right = (
+            name.replace("{side}", side).replace("{Side}", side.capitalize()) for side in self.sides
+        )
+        return left, right
+
+
+def known_bodies() -> tuple[str, ...]:
+    """Names of the bodies that are known."""
+    return HUMAN, *sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+def body_path(source: str) -> Path:
+    """Description file of a body, by name or path.
+
+    Raises:
+        InputError: there is none.
+    """
+    if source in known_bodies():
+        return FOLDER / f"{source}.toml"
+    path = Path(source)
+    if path.is_file():
+        return path
+    found = nearest(source, known_bodies())
+    hint = f"did you mean {found['nearest']!r}? " if found else ""
+    raise InputError(
+        f"there is neither a body nor a file {source!r}; {hint}known are {', '.join(known_bodies())}.",
+        key="body.source",
+        value=source,
+        **found,
+    )
+
+
+def read_body_file(path: Path) -> BodyFile:
+    """Read a description file.
+
+    Raises:
+        InputError: it is no TOML, or a key is unknown, missing or bad.
+    """
+    table = read_toml(path)
+    if table.keys() != {"body"}:
+        raise InputError(f"{path} must have one table, [body], with its own tables such as [body.sole].")
+    return BodyFile(**table["body"])
+
+
+def source_path(source: str, folder: Path) -> Path:
+    """File of a source.
+
+    Args:
+        source: of a description file.
+        folder: of that file.
+
+    Raises:
+        InputError: there is no such package or file.
+    """
+    package, colon, name = source.partition(":")
+    if not colon:
+        path = folder / source
+        if not path.is_file():
+            raise InputError(f"there is no file {str(path)!r}; correct source in the body's description.")
+        return path
+    try:
+        files = metadata.distribution(package).files or []
+    except metadata.PackageNotFoundError:
+        raise InputError(
+            f"the body is read from the package {package}, which is not installed; "
+            f"run pip install --no-deps {package}."
+        ) from None
+    for file in files:
+        if file.as_posix().endswith(f"/{name}"):
+            return Path(str(file.locate()))
+    raise InputError(f"the package {package} has no file {name!r}; correct source in the body's description.")
+
+
+def compiled_source(path: Path) -> tuple[mujoco.MjModel, dict[str, float]]:
+    """The model of a file, and the speed limits [rad/s] that MuJoCo does not keep, by joint.
+
+    Raises:
+        InputError: it cannot be read or compiled.
+    """
+    speeds: dict[str, float] = {}
+    try:
+        text = path.read_text(encoding="utf-8")
+        if "<robot" in text:
+            tree = ET.fromstring(text)
+            speeds = _bare_urdf(tree)
+            spec = mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
+        else:
+            spec = mujoco.MjSpec.from_file(str(path))
+            _drop_missing_meshes(spec)
+        return spec.compile(), speeds
+    except (OSError, ValueError, ET.ParseError, mujoco.FatalError) as error:
+        why = " ".join(str(error).split())
+        raise InputError(f"the model {str(path)!r} cannot be read ({why}); correct it.") from None
+
+
+def _bare_urdf(tree: ET.Element) -> dict[str, float]:
+    """Take away what is drawn and what collides, and say how MuJoCo is to read the rest; its speed limits."""
+    for link in tree.iter("link"):
+        for what in ("visual", "collision"):
+            for element in link.findall(what):
+                link.remove(element)
+    for old in tree.findall("mujoco"):
+        tree.remove(old)
+    options = ET.SubElement(tree, "mujoco")
+    ET.SubElement(
+        options,
+        "compiler",
+        discardvisual="false",
+        fusestatic="false",
+        balanceinertia="false",
+        strippath="false",
+    )
+    return {
+        joint.get("name", ""): float(limit.get("velocity", "inf"))
+        for joint in tree.iter("joint")
+        for limit in joint.findall("limit")
+    }
+
+
+def _drop_missing_meshes(spec: mujoco.MjSpec) -> None:
+    """Drop meshes whose files are not there: some packages have models without them."""
+    folder = Path(spec.modelfiledir or ".")
+    missing = [
+        mesh
+        for mesh in spec.meshes
+        if mesh.file and not (folder / (spec.meshdir or "") / mesh.file).is_file()
+    ]
+    names = {mesh.name or Path(mesh.file).stem for mesh in missing}
+    for geom in list(spec.geoms):
+        if geom.meshname in names:
+            spec.delete(geom)
+    for mesh in missing:
+        spec.delete(mesh)
+
+
+def by_pattern(table: Angles, joint: str, own: float) -> float:
+    """Value of the last pattern that matches a joint's whole name; its own if none does."""
+    found = [value for pattern, value in table.items() if re.fullmatch(pattern, joint)]
+    return found[-1] if found else own

@@ -1,0 +1,312 @@
+"""The segments of a compiled source at joint angles of 0, in axes of the world, and their mirror image.
+
+Left and right are made mirror images, which a periodic motion needs, by the mean of both;
+:class:`Asymmetry` says how far they were from it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+
+from ampm.exceptions import InputError
+from models.source import BodyFile, by_pattern
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+_MIRROR = np.array([1.0, -1.0, 1.0])  # of a vector; of an axis of rotation with the opposite sign
+_ALIKE = 0.02  # largest difference of mirrored places over the body's height, and of masses [1]
+_UNLIKE = 0.05  # largest angle between an axis and its image [rad]
+_FREE, _HINGE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_HINGE)
+_SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
+"""Drawn shapes and how many sizes they have."""
+
+
+@dataclass
+class Hinge:
+    """A hinge at angle 0: anchor from its segment's origin [m], axis, and its own values."""
+
+    name: str
+    anchor: Array
+    axis: Array
+    low: float
+    high: float
+    effort: float
+    speed: float
+    armature: float
+    damping: float
+    stiffness: float
+    spring: float
+    friction: float
+
+
+@dataclass
+class Segment:
+    """A moving segment at angle 0, with what is fixed to it; vectors from its origin in axes of the world."""
+
+    name: str
+    parent: int
+    place: Array  # from the root's origin
+    joints: list[Hinge]
+    mass: float = 0.0
+    com: Array = field(default_factory=lambda: np.zeros(3))
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    shapes: list[dict[str, Any]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Asymmetry:
+    """How far the source is from its mirror image.
+
+    Attributes:
+        place: largest distance of a joint from its image's image [m].
+        com: the same of a segment's COM, times its share of the mass [m].
+        mass: largest difference of two masses [kg].
+        axis: largest angle between an axis and its image [rad].
+    """
+
+    place: float = 0.0
+    com: float = 0.0
+    mass: float = 0.0
+    axis: float = 0.0
+
+    def or_more(self, **values: float) -> Asymmetry:
+        """The larger of both."""
+        return replace(self, **{name: max(value, getattr(self, name)) for name, value in values.items()})
+
+
+class Tree:
+    """The segments of a compiled source."""
+
+    def __init__(self, file: BodyFile, model: mujoco.MjModel, speeds: Mapping[str, float]) -> None:
+        self.file, self.model = file, model
+        self.speeds, self.efforts = speeds, _motor_limits(model)
+        self.root = self.body(file.root, "root")
+        self.feet = [self.body(name, "foot") for name in file.sided(file.foot)]
+        self.data = mujoco.MjData(model)
+        mujoco.mj_resetData(model, self.data)
+        self.data.qpos[model.jnt_qposadr[model.jnt_type == _HINGE]] = 0.0
+        mujoco.mj_kinematics(model, self.data)
+        left, right = self.data.xpos[self.feet]
+        if not math.hypot(*(left - right)[:2]) > 0.0:
+            raise InputError("both feet are at one place; correct foot and sides in the body's description.")
+        x, y = (left - right)[:2] / math.hypot(*(left - right)[:2])
+        self.align = np.array([[y, -x, 0.0], [x, y, 0.0], [0.0, 0.0, 1.0]])  # left foot towards +y
+        self.segments: list[Segment] = []
+        self.of_body: dict[int, int] = {}
+        self._read(self.root, -1)
+        self.hinges = [joint for segment in self.segments for joint in segment.joints]
+        self.index = {joint.name: i for i, joint in enumerate(self.hinges)}
+        self.segment_of = [i for i, segment in enumerate(self.segments) for _ in segment.joints]
+        for table_name in ("neutral", "rest"):
+            for name in getattr(file, table_name):
+                self.joint(name, table_name)
+
+    def body(self, name: str, role: str) -> int:
+        """Number of a segment of the source.
+
+        Raises:
+            InputError: there is none of this name.
+        """
+        number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, name)
+        if number < 0:
+            names = ", ".join(self.model.body(i).name for i in range(1, self.model.nbody))
+            raise InputError(
+                f"the model has no segment {name!r} for {role}; take one of {names}.", key=f"body.{role}"
+            )
+        return int(number)
+
+    def joint(self, name: str, role: str) -> int:
+        """Number of a hinge.
+
+        Raises:
+            InputError: there is none of this name.
+        """
+        if name not in self.index:
+            raise InputError(
+                f"the model has no joint {name!r} for {role}; take one of {', '.join(self.index)}.",
+                key=f"body.{role}",
+            )
+        return self.index[name]
+
+    def _vector(self, vector: Array) -> Array:
+        return np.asarray(self.align @ vector)
+
+    def _read(self, body: int, parent: int) -> None:
+        """Add a body and all that hangs on it."""
+        joints = self._joints(body)
+        if joints or body == self.root:
+            place = self._vector(self.data.xpos[body] - self.data.xpos[self.root])
+            self.segments.append(Segment(self.model.body(body).name, parent, place, joints))
+            parent = len(self.segments) - 1
+        self.of_body[body] = parent
+        self._add_mass(body, self.segments[parent])
+        self._add_shapes(body, self.segments[parent])
+        for child in np.flatnonzero(self.model.body_parentid == body).tolist():
+            if child != body:
+                self._read(child, parent)
+
+    def _joints(self, body: int) -> list[Hinge]:
+        model, file, found = self.model, self.file, []
+        first = int(model.body_jntadr[body])
+        for j in range(first, first + int(model.body_jntnum[body])):
+            name, kind, dof = model.joint(j).name, int(model.jnt_type[j]), int(model.jnt_dofadr[j])
+            locked = by_pattern(dict.fromkeys(file.lock, 1.0), name, 0.0)
+            if (kind == _FREE and body == self.root) or locked:
+                continue
+            if kind != _HINGE:
+                raise InputError(f"the joint {name!r} is no hinge; lock it or take a model of hinges.")
+            low, high = model.jnt_range[j] if model.jnt_limited[j] else (-math.inf, math.inf)
+            own = {
+                key: by_pattern(getattr(file, key), name, value)
+                for key, value in (
+                    ("effort", self.efforts.get(j, math.inf)),
+                    ("speed", self.speeds.get(name, math.inf)),
+                    ("armature", float(model.dof_armature[dof])),
+                    ("damping", float(model.dof_damping[dof])),
+                    ("stiffness", float(model.jnt_stiffness[j])),
+                    ("friction", float(model.dof_frictionloss[dof])),
+                )
+            }
+            spring = float(model.qpos_spring[model.jnt_qposadr[j]])
+            anchor = self._vector(self.data.xanchor[j] - self.data.xpos[body])
+            axis = self._vector(self.data.xaxis[j])
+            found.append(Hinge(name, anchor, axis, float(low), float(high), spring=spring, **own))
+        return found
+
+    def _add_mass(self, body: int, segment: Segment) -> None:
+        mass = float(self.model.body_mass[body])
+        if mass == 0.0:
+            return
+        turn = self.align @ self.data.ximat[body].reshape(3, 3)
+        com = self._vector(self.data.xipos[body] - self.data.xpos[self.root]) - segment.place
+        inertia = turn @ np.diag(self.model.body_inertia[body]) @ turn.T
+        total = segment.mass + mass
+        both = (segment.mass * segment.com + mass * com) / total
+        segment.inertia = (
+            segment.inertia
+            + inertia
+            + _point_inertia(segment.mass, segment.com - both)
+            + _point_inertia(mass, com - both)
+        )
+        segment.mass, segment.com = total, both
+
+    def _add_shapes(self, body: int, segment: Segment) -> None:
+        for geom in np.flatnonzero(self.model.geom_bodyid == body).tolist():
+            name = mujoco.mjtGeom(int(self.model.geom_type[geom])).name.removeprefix("mjGEOM_").lower()
+            if name not in _SIZES:
+                continue
+            place = self._vector(self.data.geom_xpos[geom] - self.data.xpos[self.root]) - segment.place
+            quat = np.zeros(4)
+            mujoco.mju_mat2Quat(quat, (self.align @ self.data.geom_xmat[geom].reshape(3, 3)).ravel())
+            size = self.model.geom_size[geom][: _SIZES[name]]
+            segment.shapes.append({"type": name, "pos": place, "quat": quat, "size": size})
+
+    # ------------------------------------------------------------------------------------------- symmetry
+
+    def mirrored(self, name: str) -> str:
+        """Name of the mirror image of a hinge; its own if it is in the middle."""
+        pairs = {self.file.sides, tuple(side.capitalize() for side in self.file.sides)}
+        for one, other in [pair[::step] for pair in sorted(pairs) for step in (1, -1)]:
+            start = name.find(one)
+            while start >= 0:
+                image = name[:start] + other + name[start + len(one) :]
+                if image in self.index:
+                    return image
+                start = name.find(one, start + 1)
+        return name
+
+    def symmetrise(self) -> Asymmetry:
+        """Make left and right mirror images, and say how far they were from it.
+
+        Raises:
+            InputError: they are no images at all.
+        """
+        images = [self.index[self.mirrored(joint.name)] for joint in self.hinges]
+        self.signs = np.empty(len(images))
+        before = [replace(joint) for joint in self.hinges]
+        most = Asymmetry()
+        for i, (joint, image) in enumerate(zip(before, (before[k] for k in images), strict=True)):
+            axis = -_MIRROR * image.axis
+            self.signs[i] = 1.0 if axis @ joint.axis > 0.0 else -1.0
+            axis = self.signs[i] * axis
+            anchor = _MIRROR * image.anchor
+            angle = math.acos(min(1.0, float(axis @ joint.axis)))
+            most = most.or_more(place=_gap(anchor, joint.anchor), axis=angle)
+            mean, own = joint.axis + axis, self.hinges[i]
+            own.axis, own.anchor = mean / np.linalg.norm(mean), 0.5 * (joint.anchor + anchor)
+            for name in ("effort", "armature", "damping", "stiffness", "friction"):
+                setattr(own, name, 0.5 * (getattr(joint, name) + getattr(image, name)))
+            own.speed = min(joint.speed, image.speed)
+            own.spring = 0.5 * (joint.spring + float(self.signs[i]) * image.spring)
+        self.images = images
+        pairs = [0] * len(self.segments)
+        for i, k in enumerate(images):
+            pairs[self.segment_of[i]] = self.segment_of[k]
+        old = [replace(segment) for segment in self.segments]
+        total = sum(segment.mass for segment in old)
+        for i, segment in enumerate(self.segments):
+            here, other = old[i], old[pairs[i]]
+            if i and pairs[here.parent] != other.parent:
+                raise InputError(
+                    f"{here.name!r} and {other.name!r} should be mirror images, but hang on different "
+                    "segments; correct sides in the body's description."
+                )
+            place, com = _MIRROR * other.place, _MIRROR * other.com
+            inertia = np.outer(_MIRROR, _MIRROR) * other.inertia
+            far, share = _gap(com, here.com), (here.mass + other.mass) / (2.0 * total)
+            difference = abs(other.mass - here.mass)
+            most = most.or_more(place=_gap(place, here.place), com=share * far, mass=difference)
+            segment.place, segment.com = 0.5 * (here.place + place), 0.5 * (here.com + com)
+            segment.mass, segment.inertia = 0.5 * (here.mass + other.mass), 0.5 * (here.inertia + inertia)
+        size = self._size()
+        for value, limit, unit, what in (
+            (most.place, _ALIKE * size, "m", "places of joints"),
+            (most.com, _ALIKE * size, "m", "the COM of one of their segments, as it moves that of the body"),
+            (most.mass, _ALIKE * total, "kg", "masses"),
+            (most.axis, _UNLIKE, "rad", "axes of joints"),
+        ):
+            if not value <= limit:
+                raise InputError(
+                    f"left and right differ by {value:.3g} {unit} in {what}, and may by {limit:.3g} {unit}; "
+                    "a periodic walk needs a symmetric body: correct the model, or sides in its description."
+                )
+        return most
+
+    def _size(self) -> float:
+        heights = [segment.place[2] for segment in self.segments]
+        return float(max(heights) - min(heights))
+
+
+def _point_inertia(mass: float, at: Array) -> Array:
+    return np.asarray(mass * (at @ at * np.eye(3) - np.outer(at, at)))
+
+
+def _gap(a: Array, b: Array) -> float:
+    return float(np.linalg.norm(a - b))
+
+
+def _motor_limits(model: mujoco.MjModel) -> dict[int, float]:
+    """Largest torque of the driven joints by number [N m]; infinite if it is not limited."""
+    limits: dict[int, float] = {}
+    for i in range(model.nu):
+        if int(model.actuator_trntype[i]) == int(mujoco.mjtTrn.mjTRN_JOINT):
+            gear, most = abs(float(model.actuator_gear[i, 0])), math.inf
+            if model.actuator_forcelimited[i]:
+                most = float(np.abs(model.actuator_forcerange[i]).min())
+            if model.actuator_ctrllimited[i] and not model.actuator_biasprm[i].any():  # a motor
+                most = min(
+                    most, float(model.actuator_gainprm[i, 0] * np.abs(model.actuator_ctrlrange[i]).min())
+                )
+            limits[int(model.actuator_trnid[i, 0])] = gear * most
+    for j in np.flatnonzero(model.jnt_actfrclimited).tolist():
+        limits[j] = min(limits.get(j, math.inf), float(np.abs(model.jnt_actfrcrange[j]).min()))
+    return limits
