@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from ampm.description import BodyDescription
     from ampm.parameters import RunParameters
 
-_STEP = 0.45  # length of a step over the height of the hips [1]
-_PACE = 0.2  # speed at the switch over the square root of g times the height of the hips [1]
-_C_Y = 0.9  # the trunk then rolls a little towards the standing foot
+_STEP = 0.3  # length of a step over the height of the hips [1]
+_PACE = 0.17  # speed at the switch over the square root of g times the height of the hips [1]
+_C_Y = 0.8  # the trunk then rolls a little towards the standing foot
 
 
 def first_gait(run: RunParameters, description: BodyDescription) -> RunParameters:

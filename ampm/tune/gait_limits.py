@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from ampm.body.return_map import Orbit
     from ampm.body.robot import Robot
-    from ampm.description import BodyDescription
+    from ampm.description import BodyDescription, SoleGeometry
     from ampm.geometry import Array
     from ampm.planner.feet import FootSample
 
@@ -194,7 +194,8 @@ def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Arr
     """Joint torques of a periodic step, and its twisting moment on the floor.
 
     In single support the force is known from the motion; in double support it is shared by the lateral place
-    of the ZMP, the rear foot carrying at its ball where its contact allows.
+    of the ZMP. The rear foot then carries at its ball where its contact allows; without toes, both feet carry
+    as far before their reference points where theirs allow.
 
     Args:
         orbit: the step.
@@ -223,7 +224,7 @@ def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Arr
         reference = [feet[0].position[k], feet[1].position[k]]
         share = float(shares[k])
         centre = _centre(reference[0], wrench)
-        places = _places(feet, k, centre[0], share, robot.description.sole.ball_x)
+        places = _places(feet, k, centre[0], share, robot.description.sole)
         yaw = (
             wrench[5] - (centre[0] - reference[0][0]) * wrench[1] + (centre[1] - reference[0][1]) * wrench[0]
         )
@@ -255,13 +256,17 @@ def _centre(point: Array, wrench: Array) -> tuple[float, float]:
 
 
 def _places(
-    feet: tuple[FootSample, FootSample], k: int, centre: float, share: float, ball: float
+    feet: tuple[FootSample, FootSample], k: int, centre: float, share: float, sole: SoleGeometry
 ) -> tuple[float, float]:
     """X at which left (rear) and right (front) foot carry, so that together they carry at ``centre`` [m]."""
     if share in (0.0, 1.0):
         return centre, centre
     (rear_low, rear_high), (front_low, front_high) = (_carrying(f, k) for f in feet)
-    rear = float(np.clip(feet[0].position[k, 0] + ball * math.cos(feet[0].pitch[k]), rear_low, rear_high))
+    here, there = (float(f.position[k, 0]) for f in feet)
+    ahead = sole.ball_x * math.cos(feet[0].pitch[k])
+    if not sole.has_toes:
+        ahead = centre - (1.0 - share) * here - share * there
+    rear = float(np.clip(here + ahead, rear_low, rear_high))
     front = float(np.clip((centre - (1.0 - share) * rear) / share, front_low, front_high))
     rear = float(np.clip((centre - share * front) / (1.0 - share), rear_low, rear_high))
     return rear, front
