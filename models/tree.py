@@ -246,6 +246,10 @@ class Tree:
             for name in ("effort", "armature", "damping", "stiffness", "friction"):
                 setattr(own, name, 0.5 * (getattr(joint, name) + getattr(image, name)))
             own.speed = min(joint.speed, image.speed)
+            place = self.segments[self.segment_of[i]].place + joint.anchor
+            if images[i] != i and place[1] < 0.0:  # the ranges are those of the left side
+                ends = self.signs[i] * image.low, self.signs[i] * image.high
+                own.low, own.high = float(min(ends)), float(max(ends))
             own.spring = 0.5 * (joint.spring + float(self.signs[i]) * image.spring)
         self.images = images
         pairs = [0] * len(self.segments)

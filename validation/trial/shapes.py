@@ -32,7 +32,8 @@ class Shapes:
     """Shapes of a body and the pairs of them that must keep apart.
 
     A limb is a chain of segments to a free end, a leg one that has sole points; the rest is the trunk. Left
-    out are pairs within one limb or the trunk, of segments that a joint connects, and of leg and trunk.
+    out are pairs within one limb or the trunk, of segments that a joint connects, of leg and trunk, and of
+    shapes that are drawn into each other: they overlap with all joints at 0.
 
     Args:
         model: compiled model.
@@ -50,7 +51,12 @@ class Shapes:
         joined = (model.body_parentid[segments] == segments[::-1]).any(axis=0)
         limbs, legs = limb[segments], leg[segments]
         exempt = joined | (limbs[0] == limbs[1]) | (legs.any(axis=0) & (limbs == TRUNK).any(axis=0))
-        self._pairs = pairs[:, ~exempt]
+        mujoco.mj_kinematics(model, self._data)
+        apart = [
+            mujoco.mj_geomDistance(model, self._data, *pair, REACH, None) >= 0.0
+            for pair in pairs[:, ~exempt].T.tolist()
+        ]
+        self._pairs = pairs[:, ~exempt][:, np.array(apart, dtype=bool)]
         self._radii = model.geom_rbound[self._pairs].sum(axis=0)
         kept = [getattr(model, f"geom_{name}")[shapes] for name in ("bodyid", "type", "size", "pos", "quat")]
         self.digest = hashlib.sha256(b"".join(array.tobytes() for array in kept)).hexdigest()
