@@ -57,7 +57,7 @@ class Page(HTMLParser):
 
 def test_the_soles_are_those_of_the_body_that_walked(run_dir):
     saved = load_saved_run(run_dir)
-    long = replace(saved, summary={**saved.summary, "sole": {**saved.summary["sole"], "tip_x": 0.3}})
+    long = replace(saved, body=replace(saved.body, sole=replace(saved.body.sole, tip_x=0.3)))
     plans = saved.plan(), long.plan()
     assert [plan.feet.sole.tip_x for plan in plans if plan] == [pytest.approx(0.158), 0.3]
 

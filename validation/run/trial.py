@@ -27,6 +27,7 @@ from validation.store.saved import (
     SUMMARY_FILE,
     digests,
     load_saved_run,
+    save_description,
 )  # fmt: skip
 from validation.store.signals import SIGNALS_FILE, save_signals
 from validation.trial.plan import PlannedWalk
@@ -161,9 +162,10 @@ class Trial:
 
 
 def write_inputs(folder: Path, planned: PlannedWalk, environment: Mapping[str, Any]) -> None:
-    """Write the inputs of a run: parameters, model, environment."""
+    """Write the inputs of a run: parameters, model, description of the body, environment."""
     (folder / RUN_FILE).write_text(dump_run(planned.run), encoding="utf-8")
     (folder / MODEL_FILE).write_text(planned.body.model.xml, encoding="utf-8")
+    save_description(planned.body.model.description, folder)
     write_json(folder / ENVIRONMENT_FILE, environment)
 
 
@@ -210,7 +212,6 @@ def results_of(trial: Trial, environment: Mapping[str, Any]) -> dict[str, Any]:
         changed=trial.planned.request.changed,
         motion=trial.plan.posture.report(),
         standing=standing,
-        sole=trial.planned.body.model.description.sole,
         memory_peak={"value": memory_peak(), "unit": "MB"},
         **({} if known is None else {"uncertainty": known.as_dict()}),
         **trial.extra,

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
-from ampm.description import SoleGeometry
+from ampm.description import BodyDescription
 from ampm.exceptions import AmpmError, InputError
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan
@@ -30,8 +31,10 @@ from validation.store.signals import SIGNALS_FILE, Signals, load_signals
 from validation.trial.plan import gait_title
 
 Array = NDArray[np.float64]
+_DESCRIPTION = TypeAdapter(BodyDescription)
 
 RUN_FILE = "run.toml"
+BODY_FILE = "body.json"
 ENVIRONMENT_FILE = "environment.json"
 SUMMARY_FILE = "summary.json"
 RECORDING_FILE = "recording.rrd"
@@ -46,6 +49,7 @@ class SavedRun:
         directory: the folder.
         parameters: the resolved parameters.
         model_xml: the compiled model's source (MJCF).
+        body: which joint, sole and segment of it is what.
         record: states, torques and contact forces of every step, read when used.
         signals: plan, command and measurement on the common clock.
         summary: ``summary.json``.
@@ -54,6 +58,7 @@ class SavedRun:
     directory: Path
     parameters: RunParameters
     model_xml: str
+    body: BodyDescription
     record: StoredRecord
     signals: Signals
     summary: Mapping[str, Any]
@@ -83,7 +88,7 @@ class SavedRun:
         if planner is None:
             return None
         try:
-            return planner(run.gait, run.body.mass, run.foot, SoleGeometry(**self.summary["sole"]))
+            return planner(run.gait, run.body.mass, run.foot, self.body.sole)
         except AmpmError:
             return None
 
@@ -92,14 +97,15 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
     """Read a run folder.
 
     Args:
-        directory: folder with ``run.toml``, ``model.xml``, the record, the signals and the summary.
+        directory: folder with ``run.toml``, ``model.xml``, ``body.json``, record, signals and summary.
         check: compare all files with the digests in the summary.
 
     Raises:
         InputError: the folder or one of its files is missing, damaged, or not what the run wrote.
     """
     directory = Path(directory)
-    missing = [f for f in (RUN_FILE, MODEL_FILE, SIGNALS_FILE, SUMMARY_FILE) if not (directory / f).is_file()]
+    needed = RUN_FILE, MODEL_FILE, BODY_FILE, SIGNALS_FILE, SUMMARY_FILE
+    missing = [name for name in needed if not (directory / name).is_file()]
     if missing:
         raise InputError(f"{directory} has no {', '.join(missing)}; give the folder of a finished run.")
     summary = _load_summary(directory / SUMMARY_FILE)
@@ -109,10 +115,31 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
         directory=directory,
         parameters=load_run(directory / RUN_FILE, ()),
         model_xml=(directory / MODEL_FILE).read_text(encoding="utf-8"),
+        body=load_description(directory),
         record=StoredRecord(directory),
         signals=load_signals(directory / SIGNALS_FILE),
         summary=summary,
     )
+
+
+def save_description(description: BodyDescription, directory: Path) -> None:
+    """Write the description of a run's body into its folder."""
+    (directory / BODY_FILE).write_bytes(_DESCRIPTION.dump_json(description, indent=1))
+
+
+def load_description(directory: Path) -> BodyDescription:
+    """Description of the body of a run, from its folder.
+
+    Raises:
+        InputError: there is none, or it is damaged.
+    """
+    try:
+        return _DESCRIPTION.validate_json((directory / BODY_FILE).read_bytes())
+    except (OSError, ValueError) as error:
+        why = " ".join(str(error).split())
+        raise InputError(
+            f"{directory / BODY_FILE} is no description of a body ({why}); walk again."
+        ) from None
 
 
 def check_files(directory: Path, summary: Mapping[str, Any] | None = None) -> None:
@@ -150,7 +177,7 @@ def _load_summary(path: Path) -> dict[str, Any]:
         summary = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is no JSON ({error}); run the gait again.") from error
-    if not (isinstance(summary, dict) and all(isinstance(summary.get(k), dict) for k in ("files", "sole"))):
+    if not (isinstance(summary, dict) and isinstance(summary.get("files"), dict)):
         raise InputError(f"{path} is damaged: it is no summary of a run; run the gait again.")
     return summary
 

@@ -18,7 +18,7 @@ from validation.measure.instruments.model import Instrument, load_instrument
 from validation.measure.instruments.names import CAUSES, INSTRUMENT_COLUMNS, METHOD, RUN, STATISTICS, WINDOWS
 from validation.measure.instruments.rigs import RIGS, Rig, usable_rows
 from validation.store.identity import parameter_values, run_key
-from validation.store.saved import SUMMARY_FILE, check_files
+from validation.store.saved import BODY_FILE, SUMMARY_FILE, check_files, load_description
 
 if TYPE_CHECKING:
     import mujoco
@@ -155,7 +155,7 @@ def observe_folder(directory: Path | str, instrument: Instrument) -> Observation
         InputError: the folder is no run folder, has changed, or lacks what the instrument needs.
     """
     directory = Path(directory)
-    missing = [name for name in ("run.toml", "model.xml") if not (directory / name).is_file()]
+    missing = [name for name in ("run.toml", "model.xml", BODY_FILE) if not (directory / name).is_file()]
     if missing:
         raise InputError(f"{directory} has no {missing[0]}; give the folder of a finished run.")
     if (directory / SUMMARY_FILE).is_file():  # a walk that was broken off has none
@@ -165,12 +165,11 @@ def observe_folder(directory: Path | str, instrument: Instrument) -> Observation
     # Imported here: simulator and body are slow to load.
     import mujoco
 
-    from models.human import build
     from validation.store.record import load_record
 
     def body() -> tuple[mujoco.MjModel, BodyDescription]:
         xml = (directory / "model.xml").read_text(encoding="utf-8")
-        return mujoco.MjModel.from_xml_string(xml), build(run.body, run.contact, run.simulation).description
+        return mujoco.MjModel.from_xml_string(xml), load_description(directory)
 
     observed = observe(instrument, load_record(directory), run_key(parameter_values(run)), body)
     if observed is None:

@@ -1,0 +1,193 @@
+"""Bodies other than the human: read from MJCF and URDF, described by a few lines, planned for and walked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib import metadata
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ampm.exceptions import InputError, RefusedGait
+from ampm.parameters import RunParameters
+from models.build import build_body
+from models.source import known_bodies, read_body_file
+from validation.run.walk import walk
+from validation.store.saved import load_description
+from validation.trial.plan import load_request, make_body, tune_walk
+
+ROOT = Path(__file__).parents[1]
+BIPED = ROOT / "docs" / "examples" / "biped.toml"
+PACKAGES = {"g1": "example-robot-data", "talos": "example-robot-data", "t1": "playground"}
+OWN = ("suite-humanoid", str(BIPED))
+ALL = (*OWN, "cmu", *PACKAGES)
+ZMP_SHARE = 0.01
+"""Largest RMS error of the ZMP, over the length of the foot [1]."""
+
+
+def run_of(source: str) -> RunParameters:
+    if (package := PACKAGES.get(source)) is not None:
+        try:
+            metadata.distribution(package)
+        except metadata.PackageNotFoundError:
+            pytest.skip(f"{package} is not installed")
+    return RunParameters(body={"source": source})
+
+
+@pytest.mark.parametrize("source", ALL)
+def test_body_is_upright_symmetric_and_the_same_in_both_libraries(source: str) -> None:
+    body = make_body(run_of(source))
+    robot, d, model = body.robot, body.robot.description, body.model.compile()
+    data = mujoco.MjData(model)
+    assert model.body_mass.sum() == pytest.approx(d.mass)
+    assert robot.mass == pytest.approx(d.mass)
+
+    q = pin.neutral(robot.model)
+    for joint, angle in d.rest:
+        if joint not in (*d.arms, *d.trunk):
+            q[robot.velocity_indices((joint,)) + 1] = angle
+    terms = robot.jacobian(q)
+    np.testing.assert_allclose(terms.sole_turn, np.stack([np.eye(3)] * 2), atol=2e-4)
+    assert terms.com[2] - terms.sole[0, 2] == pytest.approx(d.hip_height + d.com_over_hip, abs=0.01)
+
+    # A random posture and its mirror image have mirrored COM and soles.
+    rng = np.random.default_rng(1)
+    q[7:] = rng.uniform(-0.3, 0.3, robot.nu)
+    here = robot.jacobian(q)
+    image = robot.jacobian(robot.mirror_q(q))
+    np.testing.assert_allclose(image.com, here.com * [1, -1, 1], atol=1e-9)
+    np.testing.assert_allclose(image.sole, here.sole[::-1] * [1, -1, 1], atol=1e-9)
+
+    # MuJoCo's COM and sole points are Pinocchio's.
+    data.qpos[:7], data.qpos[7:] = [*q[:3], 1.0, 0.0, 0.0, 0.0], q[7:]
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.subtree_com[0], here.com, atol=1e-9)
+    for leg, place in zip(d.legs, here.sole, strict=True):
+        np.testing.assert_allclose(data.site(leg.sole_frame).xpos, place, atol=1e-9)
+
+
+def test_straight_knee_makes_the_leg_longest() -> None:
+    robot = make_body(run_of(str(BIPED))).robot
+    leg, q = robot.description.left_leg, pin.neutral(robot.model)
+
+    def length(angle: float) -> float:
+        q[robot.knee_joints[0] + 1] = angle
+        pin.forwardKinematics(robot.model, robot.data, q)
+        hip, ankle = (robot.data.oMi[robot.model.getJointId(name)] for name in (leg.hip[2], leg.ankle[0]))
+        return float(np.linalg.norm(hip.translation - ankle.translation))
+
+    assert length(leg.straight_knee) == pytest.approx(robot.description.leg_length)
+    assert length(leg.straight_knee) > max(length(leg.straight_knee + d) for d in (-0.05, 0.05))
+    assert robot.knee_flexion(q)[0] == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(("source", "schedule"), [("suite-humanoid", "flat"), (str(BIPED), "roll")])
+def test_body_walks_a_gait_of_its_own(source: str, schedule: str) -> None:
+    request = load_request(None, [f"body.source='{source}'", f"foot.schedule={schedule}", "gait.steps=4"])
+    trial = walk(request.run, name=request.name)
+    check(trial)
+
+
+def check(trial) -> None:
+    length = trial.planned.body.model.description.sole.length
+    assert trial.record.outcome.completed
+    assert trial.metrics["failed_qp"].value == 0
+    for axis in "xy":
+        assert trial.metrics[f"zmp_{axis}_rmse"].value < ZMP_SHARE * length
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("schedule", ["roll", "flat"])
+@pytest.mark.parametrize("source", [*OWN, *PACKAGES])
+def test_shipped_body_walks_thirty_steps(source: str, schedule: str) -> None:
+    run_of(source)
+    request = load_request(None, [f"body.source='{source}'", f"foot.schedule={schedule}"])
+    check(walk(request.run, name=request.name))
+
+
+def test_passive_torques_are_overcome_by_the_controller() -> None:
+    """The suite's humanoid has springs and dampers; a controller that does not know of them falls."""
+    settings = ["body.source=suite-humanoid", "foot.schedule=flat", "gait.steps=2"]
+    planned, _ = tune_walk(load_request(None, settings))
+    body = planned.body.model.description
+    assert {item.stiffness for item in body.passive} >= {10.0, 20.0}
+
+    from validation.trial.simulate import simulate
+
+    record = simulate(planned.plan, planned.run, planned.body.model)
+    forgetful = replace(planned.body.model, description=replace(body, passive=()))
+    other = simulate(planned.plan, planned.run, forgetful)
+    assert record.outcome.completed
+    worst = [
+        np.abs(r.com - planned.plan.sample(np.minimum(r.time, planned.plan.duration)).com).max()
+        for r in (record, other)
+    ]
+    assert worst[1] > 5.0 * worst[0]
+
+
+def test_cmu_is_refused_for_its_ankles() -> None:
+    with pytest.raises(RefusedGait, match="torque limit"):
+        tune_walk(load_request(None, ["body.source=cmu"]))
+
+
+def test_folder_has_the_body(ampm, tmp_path: Path) -> None:
+    settings = ("--set", "foot.schedule=flat", "--steps", 2, "--out", tmp_path / "run")
+    answer = ampm("validate", "--body", BIPED, *settings)
+    assert answer.status in (0, 1), answer.err
+    description = load_description(tmp_path / "run")
+    assert description.left_leg.knee == "l_knee"
+    assert description.sole.length == pytest.approx(0.21)
+    assert (tmp_path / "run" / "recording.rrd").is_file()
+    assert ampm("replay", tmp_path / "run").status == 0
+    assert ampm("instrument", tmp_path / "run", "--instrument", "foot-ft").status == 0
+
+
+def test_names_of_known_bodies() -> None:
+    assert set(known_bodies()) == {"human", "g1", "talos", "suite-humanoid", "t1", "cmu"}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ('root = "hip"', "no segment 'hip' for root"),
+        ('knee = "{side}_nee"', "no joint 'l_nee' for knee"),
+        ('sides = ["r", "l"]', "the foot of 'r' is on the right"),
+        ('source = "nowhere.urdf"', "there is no file"),
+        ('source = "no-such-package:x.urdf"', "is not installed"),
+        ('lock = [".*_ankle_roll"]', "legs of less than six joints"),
+        ('[body.effort]\n".*_knee" = 0.0', "without a torque limit: l_knee, r_knee"),
+        ("colour = 1", "unknown key 'body.colour'"),
+    ],
+)
+def test_bad_description_is_refused(change: str, message: str, tmp_path: Path) -> None:
+    lines = BIPED.read_text(encoding="utf-8").replace("biped.urdf", str(BIPED.with_name("biped.urdf")))
+    key = change.partition(" =")[0]
+    kept = [line for line in lines.splitlines() if not line.startswith(f"{key} =")]
+    path = tmp_path / "body.toml"
+    path.write_text("\n".join([*kept, change]), encoding="utf-8")
+    run = RunParameters(body={"source": str(path)})
+    with pytest.raises(InputError, match=message):
+        build_body(run.body, run.contact, run.simulation)
+
+
+def test_unlike_sides_are_refused(tmp_path: Path) -> None:
+    text = BIPED.with_name("biped.urdf").read_text(encoding="utf-8")
+    (tmp_path / "biped.urdf").write_text(text.replace('<mass value="4"/>', '<mass value="6"/>', 1), "utf-8")
+    (tmp_path / "biped.toml").write_text(BIPED.read_text("utf-8"), "utf-8")
+    run = RunParameters(body={"source": str(tmp_path / "biped.toml")})
+    with pytest.raises(InputError, match="left and right differ by 2 kg in masses"):
+        build_body(run.body, run.contact, run.simulation)
+
+
+def test_mass_of_another_body_is_its_models() -> None:
+    with pytest.raises(InputError, match="leave it out"):
+        load_request(None, ["body.source=suite-humanoid", "body.mass=50"])
+    assert load_request(None, ["body.source=suite-humanoid"]).run.body.mass == pytest.approx(40.844, abs=1e-3)
+
+
+def test_description_of_eight_lines() -> None:
+    assert len(BIPED.read_text(encoding="utf-8").splitlines()) == 8
+    assert read_body_file(BIPED).sided("{Side}_x") == ("L_x", "R_x")
