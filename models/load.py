@@ -162,6 +162,13 @@ class _Writer:
         before, after = leg[: leg.index(knee)], leg[leg.index(knee) + 1 :]
         straight, _ = self._straight(knee, self._along(before, 1), self._along(after, 1))
         joint, names = tree.hinges[knee], [hinge.name for hinge in tree.hinges]
+        sign = 1.0 if joint.high - straight > straight - joint.low else -1.0
+        if not sign * self.axis[knee, 1] > 0.0:
+            raise InputError(
+                f"the knee {joint.name!r} bends forward; exchange sides in the body's description, or "
+                "correct the range of the joint.",
+                key="body.sides",
+            )
         return LegDescription(
             hip=tuple(names[k] for k in before),
             knee=joint.name,
@@ -172,7 +179,7 @@ class _Writer:
             sole_frame=f"{('left', 'right')[foot]}_sole",
             sole_points=points,
             straight_knee=straight,
-            knee_sign=1.0 if joint.high - straight > straight - joint.low else -1.0,
+            knee_sign=sign,
         )
 
     # ---------------------------------------------------------------------------------------------- result
@@ -276,10 +283,6 @@ class _Writer:
         ):
             if names:
                 raise InputError(f"the body has {what}: {', '.join(names)}; {way_out}.")
-        if not self.place[self.feet[0], 1] > self.place[self.feet[1], 1]:
-            raise InputError(
-                f"the foot of {self.file.sides[0]!r} is on the right; exchange sides.", key="body.sides"
-            )
 
     def _segment(self, parent: Any, i: int, height: float) -> Any:
         """Write one segment; the root at a height [m]."""

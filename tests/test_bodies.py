@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 from ampm.exceptions import InputError, RefusedGait
-from ampm.parameters import RunParameters
+from ampm.parameters import BodyParameters, RunParameters
 from models.build import build_body
 from models.source import known_bodies, read_body_file
 from validation.run.walk import walk
@@ -34,7 +34,7 @@ def run_of(source: str) -> RunParameters:
             metadata.distribution(package)
         except metadata.PackageNotFoundError:
             pytest.skip(f"{package} is not installed")
-    return RunParameters(body={"source": source})
+    return RunParameters(body=BodyParameters(source=source))
 
 
 @pytest.mark.parametrize("source", ALL)
@@ -154,7 +154,7 @@ def test_names_of_known_bodies() -> None:
     [
         ('root = "hip"', "no segment 'hip' for root"),
         ('knee = "{side}_nee"', "no joint 'l_nee' for knee"),
-        ('sides = ["r", "l"]', "the foot of 'r' is on the right"),
+        ('sides = ["r", "l"]', "the knee 'r_knee' bends forward"),
         ('source = "nowhere.urdf"', "there is no file"),
         ('source = "no-such-package:x.urdf"', "is not installed"),
         ('lock = [".*_ankle_roll"]', "legs of less than six joints"),
@@ -168,7 +168,7 @@ def test_bad_description_is_refused(change: str, message: str, tmp_path: Path) -
     kept = [line for line in lines.splitlines() if not line.startswith(f"{key} =")]
     path = tmp_path / "body.toml"
     path.write_text("\n".join([*kept, change]), encoding="utf-8")
-    run = RunParameters(body={"source": str(path)})
+    run = RunParameters(body=BodyParameters(source=str(path)))
     with pytest.raises(InputError, match=message):
         build_body(run.body, run.contact, run.simulation)
 
@@ -177,7 +177,7 @@ def test_unlike_sides_are_refused(tmp_path: Path) -> None:
     text = BIPED.with_name("biped.urdf").read_text(encoding="utf-8")
     (tmp_path / "biped.urdf").write_text(text.replace('<mass value="4"/>', '<mass value="6"/>', 1), "utf-8")
     (tmp_path / "biped.toml").write_text(BIPED.read_text("utf-8"), "utf-8")
-    run = RunParameters(body={"source": str(tmp_path / "biped.toml")})
+    run = RunParameters(body=BodyParameters(source=str(tmp_path / "biped.toml")))
     with pytest.raises(InputError, match="left and right differ by 2 kg in masses"):
         build_body(run.body, run.contact, run.simulation)
 

@@ -26,7 +26,8 @@ INSTRUMENT_FILE = "instrument.parquet"
 RUN_FILES = frozenset(
     {
         "run.toml", "model.xml", "body.json", "environment.json", "summary.json", "signals.parquet",
-        "joints.parquet", "ticks.parquet", "external.parquet", "recording.rrd", "report.html", INSTRUMENT_FILE,
+        "joints.parquet", "ticks.parquet", "external.parquet", "recording.rrd", "report.html",
+        INSTRUMENT_FILE,
     }
 )  # fmt: skip
 """All files that a run folder may hold; a folder with other files is never replaced."""
