@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ampm.parameters import BodyParameters, ContactParameters, SimulationParameters
+    from models.tree import Asymmetry
 
 
 def build_body(
@@ -30,5 +31,16 @@ def build_body(
     """
     if body.source == HUMAN:
         return human.build(body, contact, simulation, cache=cache)
+    return load(body, contact, simulation)[0]
+
+
+def load(
+    body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters
+) -> tuple[BodyModel, Asymmetry]:
+    """Another body than the human, and how far its source is from its mirror image.
+
+    Raises:
+        InputError: as :func:`build_body`.
+    """
     path = body_path(body.source)
-    return load_body(read_body_file(path), path.parent, contact, simulation)[0]
+    return load_body(read_body_file(path), path.parent, contact, simulation)

@@ -77,6 +77,7 @@ _ROWS: tuple[tuple[str, str, str, float, float, str], ...] = (
      "joint_limits"),
     # The inverse kinematics may hold an arm at its limit.
     ("arms", "least distance of an arm joint from its limits", "rad", -1e-3, 0.05, "joint_limits"),
+    ("speed", "largest share of a joint's speed limit", "1", 1.0, 0.9, "speed_limits"),
     ("gap", "least distance of two parts of the body", "m", CLEARANCE + _GAP_GRID, 0.012, "self_collision"),
     ("hip_torque", "largest share of a hip joint's torque limit", "1", 1.0, 0.8, "torque_limits"),
     # Feedback needs what is left, above all in the hips, which stop and turn the legs of a fast gait.
@@ -162,6 +163,10 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, Array
         "twist": np.array([np.abs(twist[phase]).max() for phase in phases]) / _TWIST_LEVER,
         "gap": _gaps(orbit, robot),
     }
+    if robot.description.speed_limits:
+        fastest = dict(robot.description.speed_limits)
+        rates = np.abs(orbit.trajectory.v[:, robot.velocity_indices(tuple(fastest))])
+        values["speed"] = rates.max(axis=0) / np.array(list(fastest.values()))
     low = np.stack([angles[phase].min(axis=0) for phase in phases])
     high = np.stack([angles[phase].max(axis=0) for phase in phases])
     most = np.stack([share[phase].max(axis=0) for phase in phases])

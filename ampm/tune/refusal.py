@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import BodilyRefusal
@@ -26,6 +27,7 @@ class NoFeasibleChoice(BodilyRefusal):
             search ended [1].
         tried: how many choices had been tried.
         choice: free choices of the best value, by namespaced key.
+        values: of all limits for the best choice, by name in :data:`LIMITS`.
     """
 
     def __init__(
@@ -36,10 +38,11 @@ class NoFeasibleChoice(BodilyRefusal):
         tried: int,
         choice: Mapping[str, float | str],
         margin: float = -math.inf,
+        values: Mapping[str, float] = MappingProxyType({}),
         **refusal: Any,
     ) -> None:
         super().__init__(why, **refusal)
-        self.broken, self.margin, self.tried = broken, margin, tried
+        self.broken, self.margin, self.tried, self.values = broken, margin, tried, values
         self.choice = {key: value for key, value in choice.items() if isinstance(value, float)}
 
 
@@ -81,6 +84,7 @@ def no_feasible_choice(
         broken=broken,
         margin=margin,
         tried=tried,
+        values=best.values,
         choice=space.found(best.run) if best.plan is not None else {},
         reason=reason,
         value=float(value),
@@ -109,7 +113,7 @@ def way_out(limit: str, run: RunParameters, fixed: Collection[str]) -> str:
         ways += ["lower gait.switching_velocity or lengthen gait.step_length"]
     elif limit in ("knee_torque", "friction") and gait.c_s > 1.1:
         ways += ["change gait.switching_velocity (a faster step of this c_s may need less)"]
-    elif limit.endswith("_torque"):
+    elif limit.endswith("_torque") or limit == "speed":
         ways += ["lower gait.switching_velocity"]
     leaning = [f"gait.{key}" for key in ("c_s", "c_y") if abs(getattr(gait, key) - 1.0) > 0.02]
     if leaning:

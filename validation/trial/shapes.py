@@ -61,6 +61,10 @@ class Shapes:
         kept = [getattr(model, f"geom_{name}")[shapes] for name in ("bodyid", "type", "size", "pos", "quat")]
         self.digest = hashlib.sha256(b"".join(array.tobytes() for array in kept)).hexdigest()
 
+    def __len__(self) -> int:
+        """Number of pairs of shapes that must keep apart."""
+        return int(self._pairs.shape[1])
+
     def gaps(self, q: Array) -> Gaps:
         """Parts that come closest at Pinocchio configurations (T, nq)."""
         return self.recorded_gaps(to_mujoco(q, np.zeros((len(q), self._model.nv)))[0])

@@ -1,0 +1,71 @@
+"""``ampm body list`` and ``ampm body check``.
+
+Commands import what they run: simulator and Pinocchio take long to load.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from validation.cli.console import Narrator
+from validation.cli.options import Json, Settings, Status, answer
+from validation.show.text import format_number, format_value, print_line, print_table
+
+if TYPE_CHECKING:
+    from validation.run.body_check import BodyCheck
+
+group = typer.Typer(help="The bodies that can walk, and whether they can.", no_args_is_help=True)
+app = typer.Typer()
+app.add_typer(group, name="body")
+
+
+@group.command(name="list")
+def list_bodies() -> int:
+    """List the bodies that are known by name, and where their models come from."""
+    from ampm.parameters import HUMAN
+    from models.source import body_path, known_bodies, read_body_file
+
+    for name in known_bodies():
+        source = "built from tables" if name == HUMAN else read_body_file(body_path(name)).source
+        print_line(f"{name:<16}{source}")
+    return Status.PASS
+
+
+@group.command(epilog="Exit status: 0 it can walk, 2 bad input, or it cannot.")
+def check(
+    body: Annotated[str, typer.Argument(help="Name or description of a body.", metavar="NAME|FILE.toml")],
+    settings: Settings = None,
+    as_json: Json = False,
+) -> int:
+    """Check a body: its model, its torques in a periodic step, and what it can walk. Nothing is simulated."""
+    from validation.run.body_check import BodyCheck
+    from validation.run.body_check import check as check_body
+
+    source = str(Path(body).resolve()) if Path(body).is_file() else body
+    found = check_body(source, tuple(settings or ()), Narrator())
+    answer(found, BodyCheck.as_dict, print_check, as_json=as_json)
+    return Status.REFUSED if found.refusal else Status.PASS
+
+
+def print_check(found: BodyCheck) -> None:
+    """Print a check for a reader."""
+    rows = [
+        (name, format_number(value, 4), "" if unit == "1" else unit)
+        for name, (value, unit) in found.facts.items()
+    ]
+    print_table(f"body {found.name}", ("quantity", ">value", "unit"), rows)
+    for note in found.notes:
+        print_line(f"  {note}")
+    if found.torque:
+        title = "largest torque over its limit, in the best periodic step found"
+        print_table(
+            title, ("joints", ">share"), [(name, f"{share:.2f}") for name, share in found.torque.items()]
+        )
+    if found.refusal:
+        print_line(f"  It cannot walk a gait of its size: {found.refusal}")
+    else:
+        gait = ", ".join(f"{key} {format_value(value)}" for key, value in found.gait.items())
+        print_line(f"  It can walk: {gait}.")

@@ -1,0 +1,170 @@
+"""Check of a body before it walks: its model, its torques in a periodic step, and what it can walk."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from ampm.exceptions import RefusedGait
+from ampm.parameters import GRAVITY, HUMAN, BodyParameters, RunParameters
+from ampm.tune.refusal import NoFeasibleChoice
+from models.build import load
+from models.tree import Asymmetry
+from validation.progress import Progress
+from validation.trial.bridge import to_mujoco
+from validation.trial.plan import load_request, make_body, tune_walk
+
+if TYPE_CHECKING:
+    from ampm.body.robot import Robot
+
+_BENT = 0.6  # flexion of the knees at which the legs are judged [rad]
+_LEAST_SINGULAR = 0.02  # of a leg's Jacobian: below it, the joints hardly move the sole in some direction
+_GROUPS = ("hip", "knee", "ankle", "toe", "trunk", "arms")
+
+
+@dataclass(frozen=True)
+class BodyCheck:
+    """Result of a check.
+
+    Attributes:
+        name: of the body.
+        facts: quantity to value and unit.
+        notes: what is worth knowing, one sentence each.
+        torque: group of joints to the largest share of a torque limit, in the best periodic step found [1].
+        gait: key to value of the gait that it can walk; empty if it cannot.
+        refusal: why it cannot walk, with a way out; empty if it can.
+    """
+
+    name: str
+    facts: Mapping[str, tuple[float, str]]
+    notes: tuple[str, ...]
+    torque: Mapping[str, float]
+    gait: Mapping[str, float]
+    refusal: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return asdict(self)
+
+
+def check(source: str, settings: tuple[str, ...] = (), progress: Progress | None = None) -> BodyCheck:
+    """Check a body.
+
+    Args:
+        source: name or description file.
+        settings: ``key=value`` texts, such as those of the gait that it is to walk.
+        progress: where to report stages.
+
+    Raises:
+        InputError: the description or its source is not usable.
+    """
+    progress = progress or Progress()
+    run = RunParameters(body=BodyParameters(source=source))
+    asymmetry = Asymmetry() if source == HUMAN else load(run.body, run.contact, run.simulation)[1]
+    with progress.stage("body"):
+        body = make_body(run)
+    robot, model = body.robot, body.model.compile()
+    facts, notes = _facts(robot, model, asymmetry), _notes(robot, asymmetry, len(body.shapes) > 0)
+    values: Mapping[str, float] = {}
+    gait: dict[str, float] = {}
+    refusal = ""
+    try:
+        request = load_request(None, [f"body.source='{source}'", *settings])
+        walk, tuned = tune_walk(request, progress)
+        values = tuned.margins
+        keys = "step_length", "switching_velocity", "com_height", "step_width"
+        gait = {key: float(walk.run.value(f"gait.{key}")) for key in keys}
+    except NoFeasibleChoice as error:
+        values, refusal = error.values, str(error)
+    except RefusedGait as error:
+        refusal = str(error)
+    torque = {name: float(values[f"{name}_torque"]) for name in _GROUPS if f"{name}_torque" in values}
+    return BodyCheck(source, facts, notes, torque, gait, refusal)
+
+
+def _facts(robot: Robot, model: mujoco.MjModel, asymmetry: Asymmetry) -> dict[str, tuple[float, str]]:
+    """Quantities of the model, with their units."""
+    d, sole = robot.description, robot.description.sole
+    limits, weight = dict(d.torque_limits), d.mass * GRAVITY
+    ankle = max(limits[joint] for joint in d.left_leg.ankle)
+    hip = max(limits[joint] for joint in d.left_leg.hip)
+    return {
+        "mass": (d.mass, "kg"),
+        "height of the COM": (d.hip_height + d.com_over_hip, "m"),
+        "height of the hips": (d.hip_height, "m"),
+        "length of a leg": (d.leg_length, "m"),
+        "distance of the hips": (2.0 * d.hip_half_width, "m"),
+        "length of a sole": (sole.length, "m"),
+        "straight knee at": (d.left_leg.straight_knee, "rad"),
+        "least singular value of a leg, knee bent by 0.6 rad": (_leg_singular_value(robot), "1"),
+        "ZMP from the ankle, as far as its torque reaches": (ankle / weight, "m"),
+        "hip torque over weight times half the distance of the hips": (
+            hip / (weight * d.hip_half_width),
+            "1",
+        ),
+        "asymmetry of the source: places": (asymmetry.place, "m"),
+        "asymmetry of the source: COM": (asymmetry.com, "m"),
+        "asymmetry of the source: masses": (asymmetry.mass, "kg"),
+        "difference of Pinocchio and MuJoCo": (_disagreement(robot, model), "1"),
+    }
+
+
+def _leg_singular_value(robot: Robot) -> float:
+    """Least singular value of the Jacobian of the left sole by its leg's joints [m/rad and 1]."""
+    q = pin.neutral(robot.model)
+    q[robot.knee_joints + 1] = robot.knee_angles(_BENT)
+    jacobian = robot.jacobian(q).jacobian[6:12, robot.leg_joints[0][:6]]
+    return float(np.linalg.svd(jacobian, compute_uv=False)[-1])
+
+
+def _disagreement(robot: Robot, model: mujoco.MjModel) -> float:
+    """Largest relative difference of mass matrix and COM of both libraries at random states."""
+    data, rng, worst = mujoco.MjData(model), np.random.default_rng(0), 0.0
+    for _ in range(5):
+        q = pin.neutral(robot.model)
+        q[7:] = rng.uniform(-0.5, 0.5, robot.nu)
+        data.qpos[:], data.qvel[:] = to_mujoco(q, np.zeros(robot.nv))
+        mujoco.mj_forward(model, data)
+        mass = np.empty((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, mass)
+        own = np.triu(pin.crba(robot.model, robot.data, q))
+        own += np.triu(own, 1).T
+        worst = max(worst, float(np.abs(own - mass).max() / np.abs(mass).max()))
+        com = pin.centerOfMass(robot.model, robot.data, q)
+        worst = max(worst, float(np.abs(com - data.subtree_com[0]).max()))
+    return worst
+
+
+def _notes(robot: Robot, asymmetry: Asymmetry, shaped: bool) -> tuple[str, ...]:
+    """What is worth knowing of the model."""
+    d, notes = robot.description, []
+    endless = [
+        name
+        for name, low, high in zip(robot.joint_names, robot.lower, robot.upper, strict=True)
+        if not np.isfinite(high - low)
+    ]
+    if endless:
+        notes.append(f"Joints without a range: {', '.join(endless)}.")
+    if d.head:
+        notes.append(f"Joints of neither leg, trunk nor arm, which rest: {', '.join(d.head)}.")
+    if _leg_singular_value(robot) < _LEAST_SINGULAR:
+        notes.append("The joints of a leg hardly move its sole in some direction: it cannot be held flat.")
+    if not d.trunk:
+        notes.append("No joint between pelvis and trunk: legs and arms carry all angular momentum.")
+    if d.passive:
+        rubbing = ", dry friction" if any(item.friction for item in d.passive) else ""
+        notes.append(
+            f"{len(d.passive)} joints have dampers or springs{rubbing}: the controller overcomes them."
+        )
+    if not d.speed_limits:
+        notes.append("No joint has a speed limit: speeds are not judged.")
+    if not shaped:
+        notes.append("The model has no shapes: clearance of its parts is not judged.")
+    if asymmetry.place > 1e-6 or asymmetry.com > 1e-6 or asymmetry.mass > 1e-6:
+        notes.append("Left and right differ in the source: the mean of both walks.")
+    return tuple(notes)
