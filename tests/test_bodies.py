@@ -128,11 +128,6 @@ def test_passive_torques_are_overcome_by_the_controller() -> None:
     assert worst[1] > 5.0 * worst[0]
 
 
-def test_cmu_is_refused_for_its_ankles() -> None:
-    with pytest.raises(RefusedGait, match="torque limit"):
-        tune_walk(load_request(None, ["body.source=cmu"]))
-
-
 def test_folder_has_the_body(ampm, tmp_path: Path) -> None:
     settings = ("--set", "foot.schedule=flat", "--steps", 2, "--out", tmp_path / "run")
     answer = ampm("validate", "--body", BIPED, *settings)
@@ -191,3 +186,29 @@ def test_mass_of_another_body_is_its_models() -> None:
 def test_description_of_eight_lines() -> None:
     assert len(BIPED.read_text(encoding="utf-8").splitlines()) == 8
     assert read_body_file(BIPED).sided("{Side}_x") == ("L_x", "R_x")
+
+
+def test_check_of_a_body_that_walks_and_of_one_that_cannot(ampm) -> None:
+    answer = ampm("body", "check", BIPED, "--set", "foot.schedule=flat", "--json")
+    assert answer.status == 0, answer.err
+    facts = answer.json["facts"]
+    assert facts["mass"][0] == pytest.approx(40.6)
+    assert facts["difference of Pinocchio and MuJoCo"][0] < 1e-9
+    assert 0.05 < facts["least singular value of a leg, knee bent by 0.6 rad"][0] < 0.2
+    assert answer.json["torque"]["knee"] < 0.6
+    assert answer.json["gait"]["step_length"] == pytest.approx(0.3 * facts["height of the hips"][0])
+    assert any("clearance" in note for note in answer.json["notes"])
+
+    refused = ampm("body", "check", "cmu")
+    assert refused.status == 2
+    assert "an ankle joint's torque limit is 1.4" in refused.out
+    assert "54 joints have dampers or springs" in refused.out
+
+
+def test_speed_limits_refuse_a_gait(tmp_path: Path) -> None:
+    text = BIPED.with_name("biped.urdf").read_text(encoding="utf-8")
+    (tmp_path / "biped.urdf").write_text(text.replace('velocity="14"', 'velocity="1"'), "utf-8")
+    (tmp_path / "biped.toml").write_text(BIPED.read_text("utf-8"), "utf-8")
+    settings = [f"body.source='{tmp_path / 'biped.toml'}'", "foot.schedule=flat", "gait.step_length=0.35"]
+    with pytest.raises(RefusedGait, match="speed limit"):
+        tune_walk(load_request(None, settings))

@@ -101,7 +101,8 @@ def margins(
 
     Returns:
         :class:`Extreme` values, the share ``saturated``, the largest share of each motor's limit
-        ``torque_by_joint`` [1], and the floor's coefficient ``friction_available`` [1].
+        ``torque_by_joint`` [1], and the floor's coefficient ``friction_available`` [1]; ``speed``, a share of
+        a joint's limit [1], of a body with speed limits only.
     """
     time, joints, feet = measured.time, record.joint_names, ("left", "right")
     peak, saturated = np.zeros(len(joints)), 0
@@ -133,7 +134,15 @@ def margins(
         planned = Extreme(*plan.least_zmp_margin(min(float(time[-1]), plan.duration)))
     sliding = _sliding_weight(record)
     reached = polygon_margin(record.point_position[:, :, :2], measured.point_contact, sample.zmp)
+    fastest = {} if description is None else dict(description.speed_limits)
+    columns = [joints.index(name) for name in fastest]
+
+    def rate(part: slice) -> Array:
+        return np.asarray(np.abs(record.hinge_qd[part][:, columns]) / np.array(list(fastest.values())))
+
+    speed = {"speed": _extreme_of(rate, record.time, tuple(fastest), largest=True)} if fastest else {}
     return {
+        **speed,
         "torque": _extreme_of(use, time, joints, largest=True),
         "torque_by_joint": dict(zip(joints, peak.tolist(), strict=True)),
         "saturated": saturated / time.size if time.size else math.nan,
@@ -142,7 +151,7 @@ def margins(
         "friction_available": record.friction,
         "joint": _extreme_of(room, record.time, joints),
         "knee": _extreme(knee_q, record.time, knees),
-        "clearance": Extreme(math.nan) if shapes is None else _clearance(record, shapes),
+        "clearance": Extreme(math.nan) if shapes is None or not len(shapes) else _clearance(record, shapes),
         "plan_polygon": planned,
         "plan_in_measured_polygon": _extreme(reached[:, None], time),
         "measured_polygon": _extreme(measured.polygon_margin[:, None], time),

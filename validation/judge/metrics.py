@@ -428,6 +428,20 @@ _SHORTFALL = Metric(
 )  # fmt: skip
 
 
+_SPEED = Metric(
+    "speed_excess", "1", "speed of a joint over its limit, less one",
+    "by how much the fastest joint exceeds its speed limit, as a share of it", "walk",
+    lambda walk: _excess(walk.costs["margins"]), {"default": 0.0},
+    reason="A motor cannot turn faster than its limit, which the simulation does not enforce.",
+    nature="extreme",
+)  # fmt: skip
+
+
+def _excess(margins: Mapping[str, Any]) -> float | None:
+    """Share by which a speed exceeds its limit [1]; None for a body without such limits."""
+    return max(0.0, margins["speed"].value - 1.0) if "speed" in margins else None
+
+
 def _shortfall(clearance: float) -> float | None:
     """What lacks to the least clearance [m]; None if the body's shapes are not known."""
     return None if math.isnan(clearance) else max(0.0, CLEARANCE - clearance)
@@ -498,5 +512,7 @@ def _costs() -> Iterator[Metric]:
         yield Metric(key, unit, label, meaning, "cost", compute, nature=nature, section=section)
 
 
-_EVERY = sorted([*_errors(), _SHORTFALL, *_INSTRUMENT, *_costs()], key=lambda item: not item.tolerances)
+_EVERY = sorted(
+    [*_errors(), _SHORTFALL, _SPEED, *_INSTRUMENT, *_costs()], key=lambda item: not item.tolerances
+)
 _METRICS.update((item.name, item) for item in _EVERY)
