@@ -16,7 +16,7 @@ from ampm.tune.refusal import NoFeasibleChoice
 from models.build import load
 from models.tree import Asymmetry
 from validation.progress import Progress
-from validation.trial.bridge import to_mujoco
+from validation.trial.bridge import pinocchio_model, to_mujoco
 from validation.trial.plan import load_request, make_body, tune_walk
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _facts(robot: Robot, model: mujoco.MjModel, asymmetry: Asymmetry) -> dict[st
         "asymmetry of the source: places": (asymmetry.place, "m"),
         "asymmetry of the source: COM": (asymmetry.com, "m"),
         "asymmetry of the source: masses": (asymmetry.mass, "kg"),
-        "difference of Pinocchio and MuJoCo": (_disagreement(robot, model), "1"),
+        "difference of Pinocchio and MuJoCo": (_disagreement(model), "1"),
     }
 
 
@@ -122,20 +122,21 @@ def _leg_singular_value(robot: Robot) -> float:
     return float(np.linalg.svd(jacobian, compute_uv=False)[-1])
 
 
-def _disagreement(robot: Robot, model: mujoco.MjModel) -> float:
+def _disagreement(model: mujoco.MjModel) -> float:
     """Largest relative difference of mass matrix and COM of both libraries at random states."""
-    data, rng, worst = mujoco.MjData(model), np.random.default_rng(0), 0.0
+    twin, data = pinocchio_model(model), mujoco.MjData(model)
+    own_data, rng, worst = twin.createData(), np.random.default_rng(0), 0.0
     for _ in range(5):
-        q = pin.neutral(robot.model)
-        q[7:] = rng.uniform(-0.5, 0.5, robot.nu)
-        data.qpos[:], data.qvel[:] = to_mujoco(q, np.zeros(robot.nv))
+        q = pin.neutral(twin)
+        q[7:] = rng.uniform(-0.5, 0.5, twin.nv - 6)
+        data.qpos[:], data.qvel[:] = to_mujoco(q, np.zeros(twin.nv))
         mujoco.mj_forward(model, data)
         mass = np.empty((model.nv, model.nv))
         mujoco.mj_fullM(model, data, mass)
-        own = np.triu(pin.crba(robot.model, robot.data, q))
+        own = np.triu(pin.crba(twin, own_data, q))
         own += np.triu(own, 1).T
         worst = max(worst, float(np.abs(own - mass).max() / np.abs(mass).max()))
-        com = pin.centerOfMass(robot.model, robot.data, q)
+        com = pin.centerOfMass(twin, own_data, q)
         worst = max(worst, float(np.abs(com - data.subtree_com[0]).max()))
     return worst
 
