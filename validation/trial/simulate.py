@@ -213,7 +213,7 @@ class ClosedLoop:
         self.step_ends, self.total, self.progress = step_ends, total, progress
         self.log = RunLog(total, physics.model, physics.data, physics.points, physics.substeps)
         self.log.start(physics.data)
-        self.watch = Watch(run.controller.unsolved_limit)
+        self.watch = Watch(run.controller.unsolved_limit, physics.robot.description.scale)
         self.warnings = physics.data.warning.number[_BAD_STATE]  # a view
 
     def run(self) -> SimulationRecord:

@@ -25,8 +25,8 @@ FALL_SHARE = 0.75
 """The body has fallen when its COM is lower than this share of the planned height [1]."""
 
 FALL_DISTANCE = 0.3
-"""The body has fallen when its COM is farther than this from the plan [m]: more than half a foot's length
-outside any support that the plan could offer."""
+"""A body of 1.70 m has fallen when its COM is farther than this from the plan [m]: more than half a foot's
+length outside any support that the plan could offer."""
 
 FALL_TILT = math.radians(60.0)
 """The body has fallen when its trunk leans farther than this from the planned motion's [rad]."""
@@ -39,7 +39,8 @@ BLOW_UP = 20.0
 m/s."""
 
 FIRST_SIGN = 0.02
-"""COM error that is reported as the first sign of a failure [m]: a hundred times that of a good walk."""
+"""COM error of a body of 1.70 m that is reported as the first sign of a failure [m]: a hundred times that of
+a good walk."""
 
 FIRST_TILT = math.radians(10.0)
 """Lean of the trunk from the motion's that is reported as the first sign of a failure [rad]."""
@@ -62,11 +63,13 @@ def near(
 
 
 @compiled
-def look(com: Array, trunk: Array, planned: Array, planned_trunk: Array, last: Array) -> tuple[float, bool]:
+def look(
+    com: Array, trunk: Array, planned: Array, planned_trunk: Array, last: Array, off: float
+) -> tuple[float, bool]:
     """Distance of the COM from the last one, which it replaces [m]; whether there is no sign of a failure."""
     x, y, z = com[0] - last[0], com[1] - last[1], com[2] - last[2]
     last[:] = com
-    return math.sqrt(x * x + y * y + z * z), near(com, trunk, planned, planned_trunk, FIRST_SIGN, _UPRIGHT)
+    return math.sqrt(x * x + y * y + z * z), near(com, trunk, planned, planned_trunk, off, _UPRIGHT)
 
 
 class End(NamedTuple):
@@ -81,10 +84,12 @@ class Watch:
 
     Args:
         unsolved_limit: time for which the QP may stay unsolved while the body follows the plan [s].
+        scale: size of the body, of which 1.70 m is one [1].
     """
 
-    def __init__(self, unsolved_limit: float) -> None:
+    def __init__(self, unsolved_limit: float, scale: float = 1.0) -> None:
         self._unsolved_limit = unsolved_limit
+        self._fallen, self._off = scale * FALL_DISTANCE, scale * FIRST_SIGN
         self._unsolved: tuple[float, float] | None = None  # since when, and how long it may last
         self._last_com, self._last_time = np.zeros(3), math.inf  # there is none yet
         self._first_sign, self._last_sign = "", 0.0
@@ -117,7 +122,7 @@ class Watch:
             None while the walk goes on.
         """
         span, self._last_time = time - self._last_time, time
-        way, close = look(com, trunk, planned, planned_trunk, self._last_com)
+        way, close = look(com, trunk, planned, planned_trunk, self._last_com, self._off)
         speed = way / span if span > 0.0 else 0.0  # mean speed of the COM since the last tick [m/s]
         if close and status == SOLVED and not self._first_sign and speed <= BLOW_UP:
             self._unsolved = None
@@ -154,7 +159,7 @@ class Watch:
         degrees, at = math.degrees(lean), f"at {time:.3f} s"
         signs = (
             (status == UNSOLVED, f"an unsolved QP {at} (residual {residual:.2g})"),
-            (distance > FIRST_SIGN, f"a COM {distance * 1e3:.0f} mm off the plan, mostly along {axis}, {at}"),
+            (distance > self._off, f"a COM {distance * 1e3:.0f} mm off the plan, mostly along {axis}, {at}"),
             (lean > FIRST_TILT, f"a trunk {degrees:.0f} degrees off the motion's {at}"),
             (status == LIMITED, f"a torque or joint limit {at} ({limit})"),
         )
@@ -162,14 +167,14 @@ class Watch:
             (not math.isfinite(distance + lean), OutcomeName.DIVERGED, "the state was no longer finite"),
             (speed > BLOW_UP, OutcomeName.DIVERGED, f"the COM moved at {speed:.3g} m/s, which no body does,"),
             (com[2] < FALL_SHARE * planned[2], OutcomeName.FELL, f"the COM sank to {com[2]:.2f} m"),
-            (distance > FALL_DISTANCE, OutcomeName.FELL, f"the COM was {distance:.2f} m off the plan"),
+            (distance > self._fallen, OutcomeName.FELL, f"the COM was {distance:.2f} m off the plan"),
             (lean > FALL_TILT, OutcomeName.FELL, f"the trunk leaned over by {degrees:.0f} degrees"),
         )
         self._note(time, next((text for seen, text in signs if seen), ""))
         for reached, name, what in ends:
             if reached:
                 return self._end(name, f"{what} {at}")
-        return self._check_unsolved(time, status, distance <= FIRST_SIGN and lean <= FIRST_TILT)
+        return self._check_unsolved(time, status, distance <= self._off and lean <= FIRST_TILT)
 
     def check_between_ticks(
         self,
@@ -181,7 +186,7 @@ class Watch:
     ) -> End | None:
         """Whether the body has fallen at a step without a tick; arguments as in :meth:`check`."""
         if com[2] >= FALL_SHARE * planned[2] and near(
-            com, trunk, planned, planned_trunk, FALL_DISTANCE, _FALL_COSINE
+            com, trunk, planned, planned_trunk, self._fallen, _FALL_COSINE
         ):
             return None
         return self.check(time, com, trunk, planned, planned_trunk, SOLVED)
