@@ -207,6 +207,8 @@ class _Writer:
         com_height, hip_height = com_z - floor, float(hip[2]) - floor
         height = com_height / (table.HIP_HEIGHT + table.COM_OVER_HIP)
         root = new_scene("body", height, contact, simulation)
+        # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
+        root.option.flag.eulerdamp = "disable"
         bodies: list[Any] = []
         for i, segment in enumerate(tree.segments):
             parent = bodies[segment.parent] if i else root.worldbody

@@ -183,6 +183,7 @@ def test_only_the_simulation_side_owns_simulator_data():
     }
     assert owners <= {
         "models/tree.py",
+        "validation/run/body_check.py",
         "validation/trial/simulate.py",
         "validation/trial/restart.py",
         "validation/run/replay.py",

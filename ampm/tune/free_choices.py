@@ -27,6 +27,7 @@ _STATURE = 1.70  # of the body on which the guess was made [m]
 _HIP_HALF_WIDTH = 0.05  # of that body, as a share of stature [1]
 _NEAR_END = 0.99  # share of the sole before and behind the reference point that the ZMP may use [1]
 _SWING_RATE = 6.4  # least rate of the swing foot's feedback times the swing's duration: slower, it lands late
+_SOFT_STRIKE = 0.5  # heel strike angle of a foot without toes over that of a human's [1]
 _LIFT_RATE = 5.0  # most at which a foot without toes begins to turn at lift-off [rad/s]
 _LANDING_TURN = 1.7  # heel strike rate over its mean: the foot comes down turning, and slows down
 
@@ -229,7 +230,7 @@ class FreeChoices:
         stride = float(np.clip((gait.step_length / h - 0.06) / (0.353 - 0.06), 0.0, 1.2))
         choice = {item.name: item.guess for item in CHOICES}
         choice["toe_off"] *= stride
-        choice["strike"] *= stride
+        choice["strike"] *= stride if self.sole.has_toes else _SOFT_STRIKE * stride
         for item in CHOICES:
             if not item.derived:
                 scale = h if item.scaled else 1.0

@@ -111,10 +111,5 @@ def _limbs(parents: NDArray[np.integer]) -> NDArray[np.intp]:
 
 
 def make_robot(model: mujoco.MjModel, description: BodyDescription, shapes: Shapes | None = None) -> Robot:
-    """The compiled body for planner and controller; ``shapes`` are the model's.
-
-    MuJoCo integrates damping implicitly, so over a time step a damper resists acceleration like inertia.
-    """
-    twin = pinocchio_model(model)
-    twin.armature = np.array(twin.armature) + model.opt.timestep * model.dof_damping
-    return Robot(twin, description, shapes or Shapes(model))
+    """The compiled body for planner and controller; ``shapes`` are the model's."""
+    return Robot(pinocchio_model(model), description, shapes or Shapes(model))
