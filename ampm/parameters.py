@@ -71,7 +71,7 @@ class BodyParameters(Section, section="body"):
         0.1, "angle by which the arms are spread sideways at rest; 0: they hang", "rad", ge=0, le=1.2
     )
     arm_abduction_roll: Real = parameter(
-        0.36, "further angle times (1 - c_y)^2, as the trunk then rolls and the arms must pass", "rad", ge=0, le=2
+        0.36, "further angle times (1 - c_y)^2, as the trunk rolls and the arms must pass", "rad", ge=0, le=2
     )
     angular_momentum_z: Literal["free", "zero"] = parameter(
         "free", "angular momentum about the vertical: free with yaw held by posture, or held at zero", "1"
