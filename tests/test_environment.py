@@ -99,6 +99,9 @@ def test_episodes_begin_on_the_plan_at_instants_that_the_seed_fixes():
 
 def test_the_body_can_be_another():
     assert load(body={"mass": 70.0}).task.robot.mass == pytest.approx(70.0)
+    env = environment.load(body="suite-humanoid", seed=2, **COARSE)  # with a gait of its own
+    assert env.task.robot.nu == env.action_spec().shape[0] == 21
+    assert env.reset().observation["joints"].shape == (21,)
 
 
 def test_a_policy_in_an_onnx_file_walks_like_the_same_law_in_python(tmp_path, monkeypatch):

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import dm_env
@@ -24,13 +25,12 @@ import pinocchio as pin
 from dm_env import specs
 
 from ampm.parameters import RunParameters, steps_per_tick
-from ampm.run_file import load_run
 from ampm.walk import Reference, State, Timing, Touch
 from models._pymjcf import without_display
 from validation.judge.metrics import METRICS
 from validation.judge.profiles import DEFAULT, Profile
 from validation.trial.bridge import to_mujoco, to_pinocchio
-from validation.trial.plan import PlannedWalk, Request, plan_walk
+from validation.trial.plan import PlannedWalk, plan_walk, request_of
 from validation.trial.policy import observe
 from validation.trial.simulate import quiet_mujoco
 from validation.trial.watch import FALL_DISTANCE, FALL_SHARE, FALL_TILT, near
@@ -52,7 +52,7 @@ _MARGIN = 10.0
 
 
 def load(
-    source: RunParameters | str = "normal",
+    source: RunParameters | str | None = None,
     /,
     body: Mapping[str, Any] | str | None = None,
     *,
@@ -68,7 +68,7 @@ def load(
     a tolerance: 1 within the profile's limit of the RMSE, 0.1 at that of the largest error.
 
     Args:
-        source: parameters, or a preset or TOML file.
+        source: parameters, or a preset or TOML file; `normal` by default, or the own gait of another body.
         body: its name (``body.source``), or values of the section ``body``.
         seed: of the instants at which episodes begin.
         profile: tolerances.
@@ -77,12 +77,9 @@ def load(
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
     """
-    if body is not None:
-        sections["body"] = {"source": body} if isinstance(body, str) else body
-    run = source if isinstance(source, RunParameters) else load_run(source)
-    changed = {f"{section}.{key}": value for section, keys in sections.items() for key, value in keys.items()}
-    run = run.replace({**changed, "controller.hold": "zero-order"})
-    planned = plan_walk(Request("environment", run))
+    request = request_of(source, body, sections)
+    held = request.run.replace({"controller.hold": "zero-order"})
+    planned = plan_walk(replace(request, run=held))
     physics = WalkPhysics.from_xml_string(planned.body.model.xml)
     physics.mark(planned)
     task = FollowPlan(planned, profile, np.random.default_rng(seed))

@@ -113,7 +113,7 @@ def walked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     given = request.config.getoption("--ampm-runs")
     request.node.stash[_PLACE] = given or tmp_path_factory.getbasetemp() / "ampm-runs"
 
-    def walk(source: RunParameters | str = "normal", /, **inputs: Any) -> Trial:
+    def walk(source: RunParameters | str | None = None, /, **inputs: Any) -> Trial:
         if isinstance(source, str) and (beside := request.path.parent / source).is_file():
             source = str(beside)
         trials.append(walk_once(source, **inputs))
@@ -195,7 +195,7 @@ def assert_baseline(request: pytest.FixtureRequest) -> Callable[..., None]:
 
 
 def walk_once(
-    source: RunParameters | str = "normal",
+    source: RunParameters | str | None = None,
     /,
     *,
     body: Mapping[str, Any] | str | None = None,
@@ -207,7 +207,7 @@ def walk_once(
     """Walk, unless a walk of equal inputs was made in this session.
 
     Args:
-        source: parameters, or a preset or TOML file.
+        source: parameters, or a preset or TOML file; `normal` by default, or the own gait of another body.
         body: its name (``body.source``), or values of the section ``body``.
         controller: class or name, as :func:`validation.walk` takes it.
         planner: likewise.
@@ -220,22 +220,11 @@ def walk_once(
     # Imported here: they load simulator, controller and NumPy.
     import cloudpickle
 
-    from ampm.parameters import RunParameters
-    from ampm.presets import PRESETS
-    from ampm.run_file import load_run
     from validation.run.walk import walk
     from validation.store.identity import parameter_values
+    from validation.trial.plan import request_of
 
-    if body is not None:
-        sections["body"] = {"source": body} if isinstance(body, str) else body
-    if isinstance(source, RunParameters):
-        name = "walk"
-        run = source.replace(
-            {f"{s}.{key}": value for s, keys in sections.items() for key, value in keys.items()}
-        )
-    else:
-        name = source if source in PRESETS else Path(source).stem
-        run = load_run(source, **sections)
+    request = request_of(source, body, sections)
     options: dict[str, Any] = {
         "controller": controller,
         "planner": planner,
@@ -249,8 +238,9 @@ def walk_once(
         pickle.PicklingError,
     ):  # a class that holds a file or a library's handle
         inputs = uuid4().bytes
-    values = json.dumps([name, parameter_values(run), sorted(run.given)])
-    path = Path(os.environ[_SESSION]) / hashlib.sha256(values.encode() + inputs).hexdigest()[:16]
+    run, name = request.run, request.name
+    text = json.dumps([name, parameter_values(run), sorted(run.given)])
+    path = Path(os.environ[_SESSION]) / hashlib.sha256(text.encode() + inputs).hexdigest()[:16]
     with _locked(path.with_suffix(".lock")):
         if path.is_file():
             return pickle.loads(path.read_bytes())

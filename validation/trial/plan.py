@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import platformdirs
@@ -121,20 +122,27 @@ class PlannedWalk:
         return self.plan.least_zmp_margin()[0]
 
 
-def load_request(gait: str | None, settings: Sequence[str] = (), *, as_is: bool = False) -> Request:
+def load_request(
+    gait: str | None,
+    settings: Sequence[str] = (),
+    *,
+    as_is: bool = False,
+    sections: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+) -> Request:
     """Resolve one gait and its settings.
 
     Args:
         gait: preset or TOML file; None for `normal`, or the own gait of another body than the human.
         settings: ``key=value`` texts.
         as_is: every value counts as given, so that nothing is found.
+        sections: values by section and key, after the settings.
 
     Raises:
         InputError: unknown gait, key or controller, or a bad value.
     """
-    run = load_run(gait, settings)
+    run = load_run(gait, settings, **sections)
     if gait is None and run.body.source == HUMAN:
-        return load_request("normal", settings, as_is=as_is)
+        return load_request("normal", settings, as_is=as_is, sections=sections)
     run = own_gait(run)
     if as_is:
         run = run.as_is()
@@ -147,6 +155,29 @@ def load_request(gait: str | None, settings: Sequence[str] = (), *, as_is: bool 
         name = gait
     keys = dict.fromkeys(setting.partition("=")[0].strip() for setting in settings)
     return Request(name, run, {key: run.value(key) for key in keys if key != "gait.steps"})
+
+
+def request_of(
+    source: RunParameters | str | None,
+    body: Mapping[str, Any] | str | None,
+    sections: Mapping[str, Mapping[str, Any]],
+) -> Request:
+    """Resolve a gait as a Python caller gives it.
+
+    Args:
+        source: parameters, or as in :func:`load_request`.
+        body: its name (``body.source``), or values of the section ``body``.
+        sections: values by section and key.
+
+    Raises:
+        InputError: as :func:`load_request`.
+    """
+    if body is not None:
+        sections = {**sections, "body": {"source": body} if isinstance(body, str) else body}
+    if not isinstance(source, RunParameters):
+        return load_request(source, sections=sections)
+    values = {f"{name}.{key}": value for name, keys in sections.items() for key, value in keys.items()}
+    return Request("walk", own_gait(source.replace(values)))
 
 
 def load_requests(
