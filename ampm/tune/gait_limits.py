@@ -65,7 +65,7 @@ _ROWS: tuple[tuple[str, str, str, float, float, str], ...] = (
     ("handover", "double support over the controller's contact ramp", "1", 0.5, 1.0,
      "double_support_too_short"),
     # Below it the swinging foot lands late in some steps, also with faster feedback.
-    ("pace", "duration of a step", "s", 0.195, 0.205, "step_too_short_in_time"),
+    ("pace", "duration of a step", "s", 0.2, 0.21, "step_too_short_in_time"),
     ("friction", "share of the friction that the controller may use", "1", 1.0, 0.75, "friction"),
     # Beyond its bound a foot yaws; well below it the vertical moment is not met, and the ZMP error grows.
     ("twist", "share of the twist that the controller gives a foot", "1", 2.0, 1.0, "friction"),
