@@ -94,8 +94,9 @@ class FreeChoices:
         self.run, self.fixed, self.description = run, frozenset(fixed), description
         self.sole = description.sole
         self.flat = run.foot.schedule == "flat"
-        useless = _ROLLING if self.flat else set()
-        free = [choice for choice in CHOICES if choice.name not in useless and choice.key not in self.fixed]
+        self.useless = (_ROLLING if self.flat else set()) | (set() if description.spread else {"spread"})
+        names = {choice.name for choice in CHOICES} - self.useless
+        free = [choice for choice in CHOICES if choice.name in names and choice.key not in self.fixed]
         self.names = [choice.name for choice in free]
         self.lower = np.array([choice.lower for choice in free])
         self.upper = np.array([choice.upper for choice in free])
@@ -143,9 +144,10 @@ class FreeChoices:
 
     def found(self, run: RunParameters) -> dict[str, float | str]:
         """Free keys and their values in a run with choices."""
-        rolls = {_RANGE[name].key for name in _ROLLING} | {"foot.heel_rise_lead", "foot.heel_strike_rate"}
-        keys = [key for key in OPEN_KEYS if key not in self.fixed and not (self.flat and key in rolls)]
-        return {key: run.value(key) for key in keys}
+        idle = {_RANGE[name].key for name in self.useless}
+        if self.flat:
+            idle |= {"foot.heel_rise_lead", "foot.heel_strike_rate"}
+        return {key: run.value(key) for key in OPEN_KEYS if key not in self.fixed | idle}
 
     # -------------------------------------------------------------- parameters
 
