@@ -29,12 +29,16 @@ from validation.trial.simulate import ClosedLoop, Physics
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ampm.description import BodyDescription
     from ampm.parameters import RunParameters
     from models.scene import BodyModel
     from validation.trial.record import SimulationRecord
 
 DURATION = 2.0
 """How long the body stands [s]."""
+
+WITH_FRICTION = 8.0
+"""The same of a body with dry friction in its joints, which comes to rest slowly [s]."""
 
 SETTLE = 1.5
 """Time in which contacts and controller come to rest before the body is weighed [s]."""
@@ -72,8 +76,9 @@ def stand(run: RunParameters, body_model: BodyModel) -> SimulationRecord:
     start = q.copy()
     start[2] -= run.simulation.start_depth
     physics.place(start, still)
-    controller, steps = TrackingController(robot, run), round(DURATION / physics.time_step)
-    return ClosedLoop(physics, controller, repeat(reference), run, np.array([DURATION]), steps, None).run()
+    duration = _duration(robot.description)
+    controller, steps = TrackingController(robot, run), round(duration / physics.time_step)
+    return ClosedLoop(physics, controller, repeat(reference), run, np.array([duration]), steps, None).run()
 
 
 def weigh(run: RunParameters, body_model: BodyModel, robot: Robot) -> StandingCheck:
@@ -90,8 +95,14 @@ def weigh(run: RunParameters, body_model: BodyModel, robot: Robot) -> StandingCh
     if record.outcome.name is OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
     # A body that falls is weighed, too; it is then not still.
-    settle = SETTLE if record.outcome.completed else 0.5 * record.outcome.time
+    rest = SETTLE - DURATION + _duration(body_model.description)
+    settle = rest if record.outcome.completed else 0.5 * record.outcome.time
     return standing_check(measure(record, robot.model, to_pinocchio), settle=settle)
+
+
+def _duration(description: BodyDescription) -> float:
+    """How long a body stands [s]."""
+    return WITH_FRICTION if any(item.friction for item in description.passive) else DURATION
 
 
 def _posture(robot: Robot, run: RunParameters, places: NDArray[np.float64]) -> NDArray[np.float64]:
