@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ampm.body.motion import MOTION_UNITS
-from ampm.parameters import RunParameters
+from ampm.parameters import HUMAN, RunParameters
 from ampm.planner.support import StepPlan
 from ampm.run_file import describe_keys
 from validation.judge.compare import PARTS, SIGNALS
@@ -203,12 +203,14 @@ def _distance(saved: SavedRun) -> float:
 def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     record, summary = saved.record, saved.summary
     unsolved = f"{int((record.qp_status == 2).sum())} of {len(record.qp_status)}"
+    body = saved.parameters.body
+    of = f"{number(body.height)}\u00a0m" if body.source == HUMAN else Path(body.source).stem
     facts = {
         "steps walked": f"{record.outcome.steps_completed} of {saved.parameters.gait.steps}",
         "simulated": with_unit(float(record.outcome.time), "s"),
         "distance": with_unit(_distance(saved), "m"),
         "planned speed": "" if plan is None else with_unit(float(plan.constants.mean_velocity), "m/s"),
-        "body": f"{number(float(record.mass))}\u00a0kg, {number(saved.parameters.body.height)}\u00a0m",
+        "body": f"{number(float(record.mass))}\u00a0kg, {of}",
         # A controller of one's own may have no QP.
         "unsolved QPs": "no QP" if summary["solver"]["unsolved"] is None else unsolved,
         "times real time": number(summary["timing"].get("real_time_factor")),
