@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,10 +22,19 @@ STILL = StandingCheck(
     force_error=np.zeros(3), relative_error=0.0, zmp_error=np.zeros(2), speed=0.0, still=True
 )
 """A still body that was weighed right."""
-APART: Any = SimpleNamespace(
-    recorded_gaps=lambda q: Gaps(np.full(len(q), 0.1), ("",) * len(q), np.full((len(q), 2, 3), np.nan))
-)
-"""Shapes that never come near each other."""
+
+
+class _Apart:
+    """Two shapes that never come near each other."""
+
+    def __len__(self) -> int:
+        return 1
+
+    def recorded_gaps(self, q: np.ndarray) -> Gaps:
+        return Gaps(np.full(len(q), 0.1), ("",) * len(q), np.full((len(q), 2, 3), np.nan))
+
+
+APART: Any = _Apart()
 SOLE = SoleGeometry(-0.107, 0.083, 0.151, 0.03, 0.045, 0.03, -0.042, 0.066)
 
 
