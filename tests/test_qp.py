@@ -79,11 +79,13 @@ def test_one_workspace_serves_all_problems_of_a_pattern():
 
 
 @pytest.mark.parametrize("tolerance", [3e-4, 1e-9])
-@pytest.mark.parametrize(
-    ("rho", "adaptive", "atol"), [(1.0, False, 1e-11), (1.0, True, 1e-5), (1e-3, True, 1e-5)]
-)
-def test_our_iteration_is_osqps(tolerance, rho, adaptive, atol):
-    """On problems with slacks, warm-started: as many iterations; rho, adapted, differs in its last digits."""
+@pytest.mark.parametrize(("rho", "adaptive"), [(1.0, False), (1.0, True), (1e-3, True)])
+def test_our_iteration_is_osqps(tolerance, rho, adaptive):
+    """On problems with slacks, warm-started: as many iterations.
+
+    An adapted rho is the root of a ratio of residuals near zero: it differs; both are within the tolerance.
+    """
+    atol = max(tolerance, 1e-5) if adaptive else 1e-11
     mask, rows = np.ones((M, N), dtype=bool), np.arange(4)
     mask[:, -4:] = False
     mask[rows, N - 4 + rows] = True
@@ -97,7 +99,8 @@ def test_our_iteration_is_osqps(tolerance, rho, adaptive, atol):
         A[rows, N - 4 + rows] = 0.3
         A, room = np.where(mask, A, 0.0), np.random.default_rng(seed).uniform(0.0, 0.5, M)
         room[:3] = 0.0
-        numbers = np.where(costs, P, 0.0), 3.0 * q, A, A @ x - room, A @ x + room
+        # Rounded, so that the problems are the same on every processor: their products come from a BLAS.
+        numbers = [np.round(v, 9) for v in (np.where(costs, P, 0.0), 3.0 * q, A, A @ x - room, A @ x + room)]
         expected, found = one.solve(*numbers), other.solve(*numbers)
         assert expected.solved
         assert (found.status, found.iterations) == (expected.status, expected.iterations)
