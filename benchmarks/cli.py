@@ -112,7 +112,7 @@ def peers(
     ] = True,
     json_file: Annotated[Path | None, option("--json", "Write everything as JSON as well.", "FILE")] = None,
     to_document: Annotated[
-        bool, option("--markdown", "Put the table into docs/benchmarks.md as well.")
+        bool, option("--markdown", "Write docs/data/peers.csv and the remarks in docs/benchmarks.md as well.")
     ] = False,
 ) -> int:
     """Compare with other libraries at the same work.
@@ -130,7 +130,7 @@ def peers(
     _write(json_file, sections, force=True)
     if to_document:
         update_document(sections)
-        Narrator().say("wrote docs/benchmarks.md")
+        Narrator().say("wrote docs/data/peers.csv, docs/benchmarks.md")
     return Status.PASS
 
 

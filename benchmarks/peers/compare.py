@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,14 +18,15 @@ from benchmarks.peers.qpset import accuracy, load_set
 from benchmarks.peers.solve import SOLVERS
 from benchmarks.table import DOCUMENT
 from validation.progress import Progress
-from validation.show.text import format_duration, markdown_table, print_line, print_table, replace_between
+from validation.show.text import format_duration, print_line, print_table, replace_between
 from validation.store.environment import describe_environment
 from validation.trial.plan import load_request, plan_walk
 
 Array = NDArray[np.float64]
 
-MARK = "table of the peers, written by python -m benchmarks peers --markdown"
-HEADER = ("", "version", "cold", "warm", "p99", "times ours", "error")
+MARK = "what the peers show, written by python -m benchmarks peers --markdown"
+TABLE = DOCUMENT.parent / "data" / "peers.csv"
+HEADER = ("library", "version", "cold", "warm", "p99", "times ours", "error")
 
 
 @dataclass(frozen=True)
@@ -223,11 +225,11 @@ def print_sections(sections: Sequence[Section]) -> None:
 
 
 def update_document(sections: Sequence[Section]) -> None:
-    """Replace the table in the documentation."""
-    rows: list[tuple[str, ...]] = []
-    for section in sections:
-        rows += [(f"**{section.title}**", *[""] * 6), *section.rows()]
+    """Replace the table of the documentation, and the remarks on its page."""
+    rows = [("task", *HEADER), *((section.title, *row) for section in sections for row in section.rows())]
+    with TABLE.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
     remarks = [remark for section in sections if (remark := section.remark())]
-    text = "\n\n".join([markdown_table(HEADER, rows), *remarks, conditions()])
+    text = "\n\n".join([*remarks, conditions()])
     page = DOCUMENT.read_text(encoding="utf-8")
     DOCUMENT.write_text(replace_between(page, MARK, f"\n{text}\n"), encoding="utf-8")
