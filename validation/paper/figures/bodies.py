@@ -347,8 +347,8 @@ def _compare(
 ) -> None:
     """Angle of the trunk and angular momentum of two walks; below, the deviation of the simulation."""
     axes = [
-        inches(figure, x, top + y, 3.85, height)
-        for x in (0.75, 5.5)
+        inches(figure, x, top + y, 3.7, height)
+        for x in (0.9, 5.65)
         for y, height in ((0.0, 1.6), (2.1, 0.85))
     ]
     for axis in axes:
