@@ -327,7 +327,9 @@ def _cost(summary: Mapping[str, Any]) -> dict[str, str]:
         "friction": f"{friction} used of {format_number(margins['friction_available'], 2)}",
         "ZMP margin": f"measured, at least {_scaled(support, 1000, ' mm', 1)}",
         "knee": f"bent by {format_number(margins['knee']['value'], 3)} rad at least",
-        "clearance": f"{_scaled(gap['value'], 1000, ' mm', 1)} at least ({gap['where']})",
+        "clearance": "not judged, as the model has no shapes"
+        if gap["value"] is None
+        else f"{_scaled(gap['value'], 1000, ' mm', 1)} at least ({gap['where']})",
         "QP": f"{solver['ticks']} ticks, {solver['unsolved']} unsolved, "
         f"{_scaled(solver['time_median'], 1e6, ' us')} median, "
         f"{_scaled(solver['time_p99'], 1e6, ' us')} at the 99th percentile",
