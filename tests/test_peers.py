@@ -165,3 +165,13 @@ def test_our_accelerations_give_the_commanded_wrench(monkeypatch):
     corners = ticks["corners"]
     np.testing.assert_allclose(corners[1], corners[0][[1, 0, 3, 2]] * [1, -1, 1], atol=1e-9)
     assert 0 < np.count_nonzero(ticks["contact"].all(axis=1)) < len(ticks["q"])
+
+
+def test_our_inverse_kinematics_is_timed_with_and_without_its_qp(monkeypatch):
+    def missing(*arguments, **named):
+        raise environments.MissingPeer("left out")
+
+    monkeypatch.setattr(compare, "work", missing)
+    ours, draft, *others = compare.compare_kinematics(False, Progress()).entries
+    assert min(ours.warm, ours.p99, draft.warm) > 0.0
+    assert {entry.error for entry in others} == {"left out"}
