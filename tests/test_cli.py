@@ -161,6 +161,7 @@ def test_own_gait_from_a_file(ampm, tmp_path):
         (["--controller", "mine"], "MODULE:CLASS"),
         (["--controller", "no_such_module:A"], "no_such_module"),
         (["--planner", "json:Planner"], "Planner"),
+        (["--planner", "kajita"], "none of ampm, ipm, preview, dcm;"),
         (["--push", "chest,1,2"], "SEGMENT"),
         (["--push", "chest,1,2,x,1,1"], "SEGMENT"),
         (["--push", "chest,10,0,0,-0.5,-0.1"], "-0.5"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ampm.exceptions import InputError
 from validation.store.tables import SUFFIXES, read_columns
 from validation.trial.users import make_object
 
@@ -33,5 +34,11 @@ def load_planner(text: str, option: str = "--planner") -> Planner[WalkRequest] |
         return None if text == "ampm" else PLANNERS[text]()
     if (path := Path(text)).suffix in SUFFIXES:
         return TablePlanner(read_columns(path), path.name)
+    if ":" not in text:
+        raise InputError(
+            f"{option} {text!r} is none of {', '.join(PLANNERS)}; take one of them, a table FILE.csv or "
+            "FILE.parquet, or MODULE:CLASS, for example mine:Planner.",
+            value=text,
+        )
     planner: Any = make_object(option, text)
     return planner
