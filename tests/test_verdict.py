@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 from dataclasses import replace
@@ -19,7 +20,7 @@ from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, build_summary, judge
 from validation.trial.outcome import Outcome, OutcomeName
 
-DOCS = Path(__file__).parents[1] / "docs" / "measurement.md"
+DOCS = Path(__file__).parents[1] / "docs" / "data" / "tolerances.csv"
 
 
 @pytest.fixture(scope="module")
@@ -224,14 +225,13 @@ def test_every_metric_has_its_facts():
 
 
 def test_the_docs_state_the_limits_that_hold():
-    text = DOCS.read_text(encoding="utf-8")
+    with DOCS.open(encoding="utf-8", newline="") as file:
+        rows = {row["metric"]: row for row in csv.DictReader(file)}
+    assert list(rows) == [one.metric for one in STRICT.tolerances]
     for one, two in zip(STRICT.tolerances, DEFAULT.tolerances, strict=True):
-        rows = [line for line in text.splitlines() if line.startswith(f"| `{one.metric}` |")]
-        assert len(rows) == 1, one.metric
-        cells = [cell.strip() for cell in rows[0].split("|")]
         factor = {"m": 1e3, BODY_WEIGHT: 100.0}.get(one.unit, 1.0)
-        assert float(cells[2]) == pytest.approx(one.limit * factor)
-        assert float(cells[3]) == pytest.approx(two.limit * factor)
+        assert float(rows[one.metric]["strict"]) == pytest.approx(one.limit * factor)
+        assert float(rows[one.metric]["default"]) == pytest.approx(two.limit * factor)
 
 
 def test_profiles_are_found_by_name_and_by_preset():
