@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import re
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -117,11 +119,17 @@ def test_data_say_what_the_table_says(folder, html):
         if axis["parameter"]:
             assert np.array_equal(values, sweep.numbers(axis["key"])[rows])
             continue
-        expected = 100.0 * sweep.worst_used, 100.0, "%"
+        expected = np.minimum(100.0 * sweep.worst_used, 1000.0), 100.0, "%"
         if axis["key"] != "used":
             expected = sweep.shown(axis["key"].removeprefix("metric:"))
         assert (axis["limit"], axis["unit"]) == (expected[1], expected[2].replace("of body weight", "BW"))
         assert values == pytest.approx(expected[0][rows], rel=1e-3, nan_ok=True)
+
+
+def test_a_limit_of_zero_that_was_passed_is_drawn_beyond_its_limit():
+    sweep: Any = SimpleNamespace(worst_used=np.array([math.inf, math.nan, 0.5]), judged=())
+    (axis,) = figures.metric_axes(sweep)
+    assert axis.values == pytest.approx([1000.0, math.nan, 50.0], nan_ok=True)
 
 
 def test_command_line_writes_it_again(folder, capsys):

@@ -131,9 +131,14 @@ def parameter_axis(sweep: SweepTable, key: str) -> Axis:
     return Axis(key, key, unit, values, None, True)
 
 
+MOST_USED = 1000.0
+"""Share at which the map draws a limit of zero that was passed [%]: its own share is infinite."""
+
+
 def metric_axes(sweep: SweepTable) -> list[Axis]:
     """Judged metrics as axes or colours, in display units; first the worst of them all."""
-    found = [Axis("used", "largest share of a tolerance", "%", 100.0 * sweep.worst_used, limit=100.0)]
+    used = np.minimum(100.0 * sweep.worst_used, MOST_USED)  # NaN stays
+    found = [Axis("used", "largest share of a tolerance", "%", used, limit=100.0)]
     for metric in sweep.judged:
         values, limit, unit = sweep.shown(metric)
         unit = unit.replace("of body weight", "BW")
