@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import tomli_w
 
 from ampm.parameters import GRAVITY
-from validation.judge.metrics import BODY_WEIGHT
+from models.human import sole_geometry
 from validation.judge.profiles import profile
 from validation.store.identity import parameter_values, run_key
 from validation.study.sweep.design import parse_sweep
@@ -101,8 +101,9 @@ def make_table(
         "force": 0.2 + 0.3 * length + 0.15 * np.abs(c_s - 1.0) + 0.2 * (1.3 - c_y) / 1.1,
     }
     metrics, over = {}, {}
+    foot = sole_geometry(1.0).length * at["body.height"]
     for item in profile(profile_name).tolerances:
-        limit = item.limit * (at["body.mass"] * GRAVITY if item.unit == BODY_WEIGHT else 1.0)
+        limit = item.limit_for({"body_weight": at["body.mass"] * GRAVITY, "foot_length": foot})
         share = driven.get(item.metric[:5], 0.1) * rng.lognormal(0.0, 0.12, count)
         metrics[item.metric] = np.where(walked, limit * share, np.nan)
         over[item.metric] = completed & (metrics[item.metric] > limit)
@@ -123,6 +124,7 @@ def make_table(
         "verdict": verdict,
         "failed": failed,
         "steps_completed": steps,
+        "foot_length": np.where(walked, foot, np.nan),
         "outcome_time": np.where(walked, steps * 0.62, np.nan),
         **{f"metric_{name}": values for name, values in metrics.items()},
         "timing_simulation": np.where(walked, 0.8, np.nan),

@@ -22,6 +22,7 @@ from validation.cli.validate import print_result
 from validation.judge.compare import compare
 from validation.judge.metrics import Metric, evaluate, register, unregister
 from validation.judge.profiles import DEFAULT, STRICT
+from validation.judge.sizes import DEFAULT_BODY
 from validation.judge.uncertainty import FILE, Uncertainty, load_uncertainty, matching
 from validation.judge.verdict import VerdictName, build_summary, judge
 from validation.store.identity import parameter_values
@@ -73,7 +74,7 @@ def test_one_thing_changes_at_a_time_and_all_share_the_own_walk():
 def walker(run, name, *, falls=lambda run: False, offset=0.0):
     """A walk whose metrics are formulas: known order in the time step, known dependence on the rest."""
     if falls(run):
-        return LevelResult("fell", "It stumbled.", 0.1, 100.0, {}, 588.6)
+        return LevelResult("fell", "It stumbled.", 0.1, 100.0, {}, DEFAULT_BODY)
     h, tolerance = run.simulation.time_step, run.solver.tolerance
     values = dict.fromkeys((item.metric for item in DEFAULT.tolerances), 0.0) | {
         "zmp_x_rmse": 1e-3 + offset + 0.2 * h + 10.0 * tolerance * 1e-3,
@@ -84,7 +85,7 @@ def walker(run, name, *, falls=lambda run: False, offset=0.0):
         "failed_qp": float(tolerance < 1e-7),
         "energy_positive_work": 450.0 + 1e3 * run.contact.time_constant,
     }
-    return LevelResult("completed", "", 0.1, 100.0, values, 588.6)
+    return LevelResult("completed", "", 0.1, 100.0, values, DEFAULT_BODY)
 
 
 def study(runner=walker, settings=(), **options):
@@ -108,7 +109,10 @@ def test_every_metric_has_order_limit_and_uncertainty_or_a_reason(result):
     assert step["uncertainty"] == pytest.approx(1.25 * 0.4e-3)
     assert found["by_study"]["ik_grid"]["kind"] == "constant"
     assert found["uncertainty"] == pytest.approx(step["uncertainty"] + tolerance["uncertainty"])
-    assert (zmp.tolerance, force.tolerance) == (2.5e-3, pytest.approx(0.008 * 588.6))
+    assert (zmp.tolerance, force.tolerance) == (
+        2.5e-3,
+        pytest.approx(0.008 * 588.6),
+    )
     assert (peak.as_dict()["order"], peak.as_dict()["extrapolated"]) == (None, None)
     for item in (peak, force):
         assert not item.as_dict()["asymptotic"]
@@ -283,7 +287,7 @@ def summary_with(known):
     planned, record, measured = perfect_walk()
     off = with_state(planned, measured, com_shift=(0.0018, 0.0, 0.0))
     comparison = compare(planned, record, off, standing=STILL, shapes=APART)
-    verdict = judge(evaluate(comparison), STRICT, comparison.scales["body_weight"], known)
+    verdict = judge(evaluate(comparison), STRICT, comparison.scales, known)
     timing = {"simulated": 2.0, "real_time_factor": 5.0}
     return build_summary(comparison, verdict, timing=timing, gait="x", uncertainty=known.as_dict())
 

@@ -62,5 +62,4 @@ def test_every_preset_walks_thirty_steps_within_its_profile(name, run_of):
     assert summary["steps_completed"] == 30
     for tolerance in own_profile(name).tolerances:
         metric = summary["metrics"][tolerance.metric]
-        scale = summary["scales"]["body_weight"] if tolerance.unit == "body weight" else 1.0
-        assert metric["value"] <= tolerance.limit * scale, tolerance.metric
+        assert metric["value"] <= tolerance.limit_for(summary["scales"]), tolerance.metric

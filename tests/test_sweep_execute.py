@@ -78,7 +78,13 @@ def _walk(found: Any, job: task.Task, timing: dict[str, float]) -> dict[str, Any
     if isinstance(found, Exception):
         raise found
     recording = f"recordings/{job.name}" if job.keep else None
-    row = {"outcome": "completed", "verdict": "pass", "failed": "", "steps_completed": 3}
+    row = {
+        "outcome": "completed",
+        "verdict": "pass",
+        "failed": "",
+        "steps_completed": 3,
+        "foot_length": 0.258,
+    }
     return row | {"recording": recording} | found
 
 

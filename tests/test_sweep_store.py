@@ -214,7 +214,7 @@ def test_every_parameter_and_metric_has_its_column_with_unit_and_meaning(run_of,
         assert units.get(f"metric_{metric}", units.get(metric)) == entry["unit"]
     metadata = read_sweep(finished(tmp_path / "a", row(0))).metadata
     assert metadata["columns"]["gait.step_length"]["unit"] == "m"
-    assert metadata["tolerances"]["zmp_x_rmse"]["unit"] == "m"
+    assert metadata["tolerances"]["zmp_x_rmse"]["unit"] == "foot length"
 
 
 def test_the_key_of_a_run_is_of_what_is_not_at_its_default():

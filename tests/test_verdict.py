@@ -8,14 +8,17 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ampm.exceptions import InputError
 from ampm.presets import preset_names
-from tests.walk import APART, MASS, STILL, perfect_walk, with_state
+from models.human import sole_geometry
+from tests.walk import APART, STILL, perfect_walk, with_state
 from validation.judge.compare import compare
-from validation.judge.metrics import BODY_WEIGHT, METRICS, evaluate
+from validation.judge.metrics import METRICS, evaluate
 from validation.judge.profiles import DEFAULT, PROFILES, STRICT, WIDE, own_profile, profile
+from validation.judge.sizes import BODY_WEIGHT, DEFAULT_BODY, FOOT_LENGTH, FOOT_MOMENTUM
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, build_summary, judge
 from validation.trial.outcome import Outcome, OutcomeName
@@ -41,7 +44,7 @@ def verdict_of(comparison, limits, known=None, incomplete=None, **values):
     study = None
     if known is not None:
         study = Uncertainty("x", 6, "", known, {}, incomplete=incomplete or {})
-    return judge(metrics, limits, MASS * 9.81, study, ended=comparison.record.outcome.ending)
+    return judge(metrics, limits, comparison.scales, study, ended=comparison.record.outcome.ending)
 
 
 def named(verdict, name="zmp_x_rmse"):
@@ -209,7 +212,10 @@ def test_summary_is_plain_json_with_the_entries_of_the_contract(walk):
 )
 def test_the_profiles_hold_the_agreed_limits(name, strict, default, wide):
     """Agreed on before the first run; changing one here needs a reason in the changelog."""
-    limits = [{t.metric: t.limit for t in item.tolerances} for item in (STRICT, DEFAULT, WIDE)]
+    limits = [
+        {t.metric: t.limit if t.unit == BODY_WEIGHT else t.limit_for(DEFAULT_BODY) for t in item.tolerances}
+        for item in (STRICT, DEFAULT, WIDE)
+    ]
     assert [item[name] for item in limits] == [strict, default, wide]
     assert [len(item) for item in limits] == [19, 19, 19]
 
@@ -221,7 +227,22 @@ def test_every_metric_has_its_facts():
         for tolerance in item.tolerances:
             assert tolerance.reason.endswith(".")
             unit = METRICS[tolerance.metric].unit
-            assert unit == ("N" if tolerance.unit == BODY_WEIGHT else tolerance.unit)
+            si = {BODY_WEIGHT: "N", FOOT_LENGTH: "m", FOOT_MOMENTUM: "N m s"}
+            assert unit == si.get(tolerance.unit, tolerance.unit)
+
+
+def test_limits_grow_with_foot_and_weight():
+    """Those of the default body are exact; half as long a foot halves those of lengths."""
+    sole = sole_geometry(1.70)
+    assert {"body_weight": 60.0 * 9.81, "foot_length": sole.length} == DEFAULT_BODY
+    limits = {item.metric: item for item in DEFAULT.tolerances}
+    half = {"body_weight": 0.5 * DEFAULT_BODY["body_weight"], "foot_length": 0.5 * sole.length}
+    found = {name: limits[name].limit_for(half) for name in ("zmp_x_rmse", "com_agreement_maximum")}
+    assert found == {"zmp_x_rmse": 1.25e-3, "com_agreement_maximum": 1e-9}
+    momentum = limits["angular_momentum_x_rmse"].limit_for(half)
+    assert momentum == pytest.approx(0.15 * 0.5**2.5, abs=1e-9)
+    many = {"body_weight": np.full(2, 588.6), "foot_length": np.array([0.258, 0.129])}
+    np.testing.assert_allclose(limits["zmp_x_rmse"].limit_for(many), [2.5e-3, 1.25e-3])
 
 
 def test_the_docs_state_the_limits_that_hold():
@@ -229,9 +250,11 @@ def test_the_docs_state_the_limits_that_hold():
         rows = {row["metric"]: row for row in csv.DictReader(file)}
     assert list(rows) == [one.metric for one in STRICT.tolerances]
     for one, two in zip(STRICT.tolerances, DEFAULT.tolerances, strict=True):
-        factor = {"m": 1e3, BODY_WEIGHT: 100.0}.get(one.unit, 1.0)
-        assert float(rows[one.metric]["strict"]) == pytest.approx(one.limit * factor)
-        assert float(rows[one.metric]["default"]) == pytest.approx(two.limit * factor)
+        factor, scales = {"m": 1e3, FOOT_LENGTH: 1e3, BODY_WEIGHT: 100.0}.get(one.unit, 1.0), DEFAULT_BODY
+        if one.unit == BODY_WEIGHT:
+            scales = {**scales, "body_weight": 1.0}
+        assert float(rows[one.metric]["strict"]) == pytest.approx(one.limit_for(scales) * factor)
+        assert float(rows[one.metric]["default"]) == pytest.approx(two.limit_for(scales) * factor)
 
 
 def test_profiles_are_found_by_name_and_by_preset():

@@ -151,7 +151,8 @@ class FollowPlan(control.Task):
         stride = min(2.0 * plan.constants.step_duration, 0.5 * times[-1])
         self._starts = int(np.searchsorted(times, stride))
         weight = self.robot.mass * self.robot.gravity
-        limits = [_limits(name, profile, weight) for name in REWARDED]
+        scales = {"body_weight": weight, "foot_length": plan.feet.sole.length}
+        limits = [_limits(name, profile, scales) for name in REWARDED]
         self._bounds = [((0.0, mean), largest - mean) for mean, largest in limits]
         self._data = self.robot.model.createData()
         self.tick = 0
@@ -235,10 +236,10 @@ class WalkEnvironment(control.Environment):
         return self._last
 
 
-def _limits(signal: str, profile: Profile, weight: float) -> tuple[float, float]:
+def _limits(signal: str, profile: Profile, scales: Mapping[str, float]) -> tuple[float, float]:
     """Limits of a signal's RMSE and of its largest error, in its SI unit."""
     mean, largest = (profile.tolerance(METRICS[f"{signal}_{name}"]) for name in ("rmse", "maximum"))
     if mean is None:
         raise ValueError(f"profile {profile.name} has no limit for {signal}")
-    limit = float(mean.limit_for(weight))
-    return limit, _MARGIN * limit if largest is None else float(largest.limit_for(weight))
+    limit = float(mean.limit_for(scales))
+    return limit, _MARGIN * limit if largest is None else float(largest.limit_for(scales))

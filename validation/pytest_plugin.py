@@ -142,7 +142,7 @@ def assert_within(request: pytest.FixtureRequest) -> Callable[..., None]:
             if profile is not None:
                 found = profile if isinstance(profile, Profile) else find_profile(profile)
                 ended = trial.record.outcome.ending
-                verdict = judge(trial.metrics, found, trial.measured.weight, trial.uncertainty, ended=ended)
+                verdict = judge(trial.metrics, found, trial.comparison.scales, trial.uncertainty, ended=ended)
             if not verdict.passed:
                 wrong.append(
                     f"{_title(trial)}: {verdict.name.replace('_', ' ')} ({verdict.profile}). {verdict.reason}"

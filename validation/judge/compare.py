@@ -299,7 +299,7 @@ def _signal_errors(
         value, reference = (values[:, "xyz".index(signal.axis)] for values in pairs[signal.group])
         error, scale = value - reference, max(scales[key] for key in signal.scales)
         found[name] = MappingProxyType(
-            {window: _statistics(error[w], reference[w], scale, signal.unit) for window, w in rows.items()}
+            {window: statistics(error[w], reference[w], scale, signal.unit) for window, w in rows.items()}
         )
     return found
 
@@ -310,8 +310,15 @@ def _by_parts(sample: Callable[[Array], Array], time: Array) -> Array:
     return np.concatenate([sample(time[start : start + _BLOCK]) for start in starts])
 
 
-def _statistics(error: Array, reference: Array, scale: float, unit: str) -> Statistics:
-    """Statistics of one window; a reference whose spread is negligible on its scale counts as constant."""
+def statistics(error: Array, reference: Array, scale: float, unit: str) -> Statistics:
+    """Statistics of an error in one window.
+
+    Args:
+        error: shape (n,); NaN where not measured.
+        reference: what it is an error from, shape (n,).
+        scale: a reference whose spread is negligible on it counts as constant.
+        unit: of all three, for messages.
+    """
     known = np.isfinite(error)
     unmeasured = int(error.size - np.count_nonzero(known))
     if not known.any():

@@ -35,6 +35,7 @@ from ampm.body.feasibility import CLEARANCE
 from ampm.exceptions import InputError
 from ampm.walk import UNSOLVED
 from validation.judge.compare import FIRST_STEP, SIGNALS
+from validation.judge.sizes import BODY_WEIGHT, LIMIT_UNITS, share_of_default
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -45,8 +46,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _KINDS, _NATURES = ("walk", "instrument", "cost"), ("mean", "extreme", "count")
-BODY_WEIGHT = "body weight"
-"""Unit of limits on forces: they are judged in newton, as a share of the weight that was simulated."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,8 @@ class Metric:
             registered metric it is not called where the window has no instant.
         tolerances: name of a profile to the largest value that passes; see
             :class:`validation.judge.profiles.Profile` for profiles that are not named.
-        tolerance_unit: of ``tolerances``: ``unit`` by default, or :data:`BODY_WEIGHT`.
+        tolerance_unit: of ``tolerances``: ``unit`` by default, or one that grows with the body, such as
+            :data:`BODY_WEIGHT`.
         reason: why the tolerance is what it is, one or two sentences.
         scales: names of the reference quantities that give the normalised values.
         nature: ``mean``; ``extreme``, which is never extrapolated to a vanishing time step; ``count``, which
@@ -252,7 +252,7 @@ def _errors() -> Iterator[Metric]:
             kind="walk",
             compute=partial(_statistic, name=name, statistic=statistic),
             tolerances=_tolerances(key),
-            tolerance_unit=BODY_WEIGHT if signal.unit == "N" else "",
+            tolerance_unit=LIMIT_UNITS[signal.unit],
             reason=limits[2] if limits else "",
             scales=signal.scales,
             nature="mean" if mean else "extreme",
@@ -261,9 +261,11 @@ def _errors() -> Iterator[Metric]:
 
 
 def _tolerances(key: tuple[str, str]) -> Mapping[str, float]:
-    """Limits of a signal's statistic by profile."""
+    """Limits of a signal's statistic by profile, as shares of what grows with the body."""
     found = {} if key not in _LIMITS else dict(zip(("strict", "default"), _LIMITS[key][:2], strict=True))
-    return found | ({"jumps": _JUMP_LIMITS[key]} if key in _JUMP_LIMITS else {})
+    found |= {"jumps": _JUMP_LIMITS[key]} if key in _JUMP_LIMITS else {}
+    unit = LIMIT_UNITS[SIGNALS[key[0]].unit]
+    return {name: share_of_default(limit, unit) for name, limit in found.items()}
 
 
 def _statistic(walk: Comparison, name: str, statistic: str) -> float:
@@ -293,7 +295,8 @@ _LIMITS: Mapping[tuple[str, str], tuple[float, float, str]] = {
     ("angular_momentum_y", "rmse"): (0.10, 0.15, "Constant of the periodic motion included, so that a "
         "drifting trunk shows. Same size as for L_x."),
 }  # fmt: skip
-"""Signal and statistic to the limits of ``strict`` and ``default``, and their reason."""
+"""Signal and statistic to the limits of ``strict`` and ``default`` for the default body (forces in body
+weights), and their reason."""
 _JUMP_LIMITS: Mapping[tuple[str, str], float] = {
     ("zmp_x", "rmse"): 10e-3, ("zmp_y", "rmse"): 3.3e-3,
     ("zmp_x", "maximum"): 250e-3, ("zmp_y", "maximum"): 80e-3, ("force_x", "rmse"): 0.012,

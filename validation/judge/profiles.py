@@ -12,7 +12,8 @@ from types import MappingProxyType
 from typing import Any
 
 from ampm.exceptions import InputError
-from validation.judge.metrics import BODY_WEIGHT, METRICS, Metric
+from validation.judge.metrics import METRICS, Metric
+from validation.judge.sizes import limit_in_si
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,8 @@ class Tolerance:
     Attributes:
         metric: name in :data:`validation.judge.metrics.METRICS`.
         limit: largest value that passes, in ``unit``.
-        unit: ``m``, ``body weight``, ``N m s`` or ``1``.
+        unit: the metric's, or one that grows with the body: ``body weight``, ``foot length``, ``foot
+            momentum``.
         reason: why this number, one or two sentences.
     """
 
@@ -31,9 +33,13 @@ class Tolerance:
     unit: str
     reason: str
 
-    def limit_for(self, weight: Any) -> Any:
-        """The limit in the metric's own unit, for a body's weight or weights [N]."""
-        return self.limit * weight if self.unit == BODY_WEIGHT else self.limit
+    def limit_for(self, scales: Mapping[str, Any]) -> Any:
+        """The limit in the metric's own unit, for one body or several.
+
+        Args:
+            scales: ``body_weight`` [N] and ``foot_length`` [m], as :class:`Comparison.scales` has them.
+        """
+        return limit_in_si(self.limit, self.unit, scales)
 
 
 @dataclass(frozen=True)

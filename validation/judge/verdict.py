@@ -162,7 +162,7 @@ class Verdict:
 def judge(
     metrics: Mapping[str, MetricValue],
     profile: Profile,
-    weight: float,
+    scales: Mapping[str, float],
     uncertainty: Uncertainty | None = None,
     *,
     ended: str = "",
@@ -172,7 +172,7 @@ def judge(
     Args:
         metrics: name to value. A tolerance on a metric that is not among them does not apply.
         profile: tolerances.
-        weight: of the body [N].
+        scales: ``body_weight`` [N] and ``foot_length`` [m], as :attr:`Comparison.scales` has them.
         uncertainty: numerical uncertainty of the metrics. A metric whose distance to its tolerance is below
             it is undecided: neither met nor missed. So is one that lacks a study, whatever its value. A
             metric that is not named is judged by its value.
@@ -181,7 +181,7 @@ def judge(
     limits = {item.metric: item for item in profile.tolerances if item.metric in metrics}
     names = [*limits, *(name for name in metrics if name not in limits)]
     results = tuple(
-        _result(name, metrics[name], limits.get(name), weight, uncertainty, judged=not ended)
+        _result(name, metrics[name], limits.get(name), scales, uncertainty, judged=not ended)
         for name in names
     )
     missing = [name for name in limits if math.isnan(metrics[name].value)]
@@ -193,7 +193,7 @@ def _result(
     name: str,
     of: MetricValue,
     tolerance: Tolerance | None,
-    weight: float,
+    scales: Mapping[str, float],
     uncertainty: Uncertainty | None,
     *,
     judged: bool,
@@ -203,14 +203,14 @@ def _result(
     limit = passed = margin = None
     undecided = False
     if tolerance is not None:
-        limit = tolerance.limit_for(weight)
+        limit = float(tolerance.limit_for(scales))
         if judged and not math.isnan(of.value):
             undecided = bool(lacking) or (known is not None and abs(limit - of.value) < known)
             passed = None if undecided else of.value <= limit
     if limit is not None and passed is not None:
         margin = 1.0 - of.value / limit if limit > 0.0 else 1.0 if passed else -math.inf
     reason = "" if tolerance is None else tolerance.reason
-    factor, unit = display_unit(of.unit, weight)
+    factor, unit = display_unit(of.unit, scales["body_weight"])
     return MetricResult(name, of, limit, passed, margin, reason, factor, unit, known, undecided, lacking)
 
 

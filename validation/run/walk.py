@@ -152,7 +152,7 @@ def walk_planned(
             planned.plan, record, measured, description=description, standing=standing, shapes=body.shapes
         )
         metrics = MappingProxyType(evaluate(comparison))
-        verdict = judge(metrics, profile, measured.weight, uncertainty, ended=record.outcome.ending)
+        verdict = judge(metrics, profile, comparison.scales, uncertainty, ended=record.outcome.ending)
     extra: dict[str, Any] = {}
     if "controller" in record.metadata:
         extra["controller"] = record.metadata["controller"]

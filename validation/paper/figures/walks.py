@@ -178,7 +178,7 @@ class Walk:
     def limit(self, metric: str) -> float:
         """Tolerance of the profile that judges this gait, in SI (forces in newton)."""
         limits = {item.metric: item for item in own_profile(self.trial.planned.request.name).tolerances}
-        return float(limits[metric].limit_for(self.plan.weight))
+        return float(limits[metric].limit_for(self.trial.comparison.scales))
 
     def configuration(self, row: int | NDArray[np.intp]) -> Array:
         """Simulated configurations, in Pinocchio's coordinates, of a row or of several rows of the record."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from validation.judge.metrics import METRICS, display_unit, rms
+from validation.judge.sizes import BODY_WEIGHT, DEFAULT_BODY, limit_in_si
 
 if TYPE_CHECKING:
     from ampm.planner.support import StepPlan
@@ -135,8 +136,9 @@ def quantities(weight: float) -> Iterator[Quantity]:
             least = factor * _COSTS[metric.name]
         elif metric.kind != "instrument" and metric.tolerances:
             # Limits on forces are shares of the body's weight, and so is their noise.
-            least = _NOISE * max(metric.tolerances.values())
-            least *= 100.0 if metric.tolerance_unit else factor
+            limit, own = max(metric.tolerances.values()), metric.tolerance_unit
+            least = 100.0 * limit if own == BODY_WEIGHT else factor * limit_in_si(limit, own, DEFAULT_BODY)
+            least *= _NOISE
         else:
             continue
         yield Quantity(_WHOLE, metric.name, metric.label, unit, least)

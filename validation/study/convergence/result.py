@@ -185,7 +185,7 @@ def combine(request: Request, profile: Profile, found: Sequence[Study], walks: W
     )
     ended = "" if own.completed else f"The walk at the gait's own parameters {own.outcome}: {own.cause}"
     measured = {name: MetricValue(value, known[name].unit) for name, value in own.values.items()}
-    verdict = judge(measured, profile, own.weight, uncertainty, ended=ended)
+    verdict = judge(measured, profile, own.scales, uncertainty, ended=ended)
     metrics = {item.name: MetricStudy(**vars(item), **studied[item.name]) for item in verdict.metrics}
     return Convergence(request, tuple(found), walks, uncertainty, metrics, verdict)
 

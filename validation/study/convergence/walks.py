@@ -74,7 +74,7 @@ class LevelResult:
         seconds: wall-clock time.
         memory: largest resident memory of the process so far [MB], None where that is not known.
         values: studied quantities, in SI units; empty if nothing was walked.
-        weight: of the body [N].
+        scales: reference quantities of the walk; none if it was not walked.
     """
 
     outcome: str
@@ -82,7 +82,7 @@ class LevelResult:
     seconds: float
     memory: float | None
     values: Mapping[str, float]
-    weight: float
+    scales: Mapping[str, float]
 
     @property
     def completed(self) -> bool:
@@ -97,16 +97,16 @@ def walk_level(run: RunParameters, name: str) -> LevelResult:
 
     start = time.perf_counter()
     values: Mapping[str, float] = {}
-    weight = 0.0
+    scales: Mapping[str, float] = {"body_weight": 0.0, "foot_length": 0.0}
     try:
         result = walk_planned(plan_walk(Request(name, run)))
         comparison, end = result.comparison, result.record.outcome
         outcome, cause = str(end.name), end.cause
-        values, weight = values_of(comparison), comparison.scales["body_weight"]
+        values, scales = values_of(comparison), dict(comparison.scales)
     except AmpmError as error:
         outcome = "refused" if isinstance(error, RefusedGait | InputError) else "infeasible"
         cause = str(error)
-    return LevelResult(outcome, cause, time.perf_counter() - start, memory_peak(), values, weight)
+    return LevelResult(outcome, cause, time.perf_counter() - start, memory_peak(), values, scales)
 
 
 Runner = Callable[[RunParameters, str], LevelResult]

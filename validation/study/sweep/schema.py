@@ -200,6 +200,7 @@ def walk_columns(walk: Trial) -> dict[str, Any]:
         "failed": ",".join(item.name for item in verdict.failed),
         "steps_completed": outcome.steps_completed,
         "outcome_time": outcome.time,
+        "foot_length": walk.comparison.scales["foot_length"],
         **{METRICS[name].column: metric.value for name, metric in walk.metrics.items()},
         "margin_torque_joint": margins["torque"].where or None,
         "margin_joint_name": margins["joint"].where or None,

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from ampm.parameters import GRAVITY, RunParameters
-from validation.judge.metrics import BODY_WEIGHT, display_unit
+from validation.judge.metrics import display_unit
 from validation.judge.profiles import Tolerance
+from validation.judge.sizes import BODY_WEIGHT
 from validation.study.sweep import store
 from validation.study.sweep.schema import MACHINE_FAULTS
 
@@ -254,11 +255,17 @@ class SweepTable:
         """Body weight of every run, shape (N,) [N]."""
         return self.numbers("body.mass") * GRAVITY
 
+    @cached_property
+    def _scales(self) -> Mapping[str, Array]:
+        """Sizes of the body of every run with which limits grow, (N,) each."""
+        foot = self.numbers("foot_length") if "foot_length" in self else np.full(len(self), np.nan)
+        return {"body_weight": self.weight, "foot_length": foot}
+
     def limit_values(self, metric: str) -> Array:
         """A metric's limit in the unit of its column, shape (N,); NaN if it is not judged."""
         limit = self.limits.get(metric)
         return (
-            np.full(len(self), np.nan) if limit is None else limit.limit_for(self.weight) + 0.0 * self.weight
+            np.full(len(self), np.nan) if limit is None else limit.limit_for(self._scales) + 0.0 * self.weight
         )
 
     def used(self, metric: str) -> Array:
@@ -285,8 +292,8 @@ class SweepTable:
         """A metric in display units.
 
         Returns:
-            Values of the completed runs, shape (N,), NaN elsewhere; the limit, None if not judged; the unit:
-            mm, % of body weight, N m s.
+            Values of the completed runs, shape (N,), NaN elsewhere; the limit, None if the metric is not
+            judged or the runs have different ones; the unit: mm, % of body weight, N m s.
         """
         value = np.where(self.measured, self.numbers(METRIC + metric), np.nan)
         limit = self.limits.get(metric)
@@ -295,7 +302,10 @@ class SweepTable:
             share = limit.limit * 100.0 if limit is not None and limit.unit == BODY_WEIGHT else None
             return 100.0 * value / self.weight, share, "% of body weight"
         scale, unit = display_unit(unit, math.nan)
-        return scale * value, None if limit is None else scale * limit.limit, unit
+        limits = self.limit_values(metric)
+        limits = limits[np.isfinite(limits)]
+        one = limits.size > 0 and float(np.ptp(limits)) == 0.0
+        return scale * value, scale * float(limits[0]) if one else None, unit
 
     # -------------------------------------------------------------------------- the whole sweep
 
