@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from validation.show.report import write_report as report
     from validation.show.viewer import show_recording as view
     from validation.store.saved import load_saved_run as load
+    from validation.study.people.compare import people as people
     from validation.study.sweep.run import sweep as sweep
     from validation.trial.disturbances import Disturbance as Disturbance
     from validation.trial.disturbances import Plant as Plant
@@ -37,6 +38,7 @@ _HOMES = {
     "load": "store.saved.load_saved_run",
     "load_uncertainty": "judge.uncertainty.load_uncertainty",
     "observe_folder": "measure.instruments.observe.observe_folder",
+    "people": "study.people.compare.people",
     "register": "judge.metrics.register",
     "replay": "run.replay.replay",
     "report": "show.report.write_report",
@@ -48,7 +50,7 @@ _HOMES = {
 
 __all__ = [
     "Disturbance", "Metric", "Plant", "Progress", "Push", "Trial", "load", "load_uncertainty",
-    "observe_folder", "register", "replay", "report", "sweep", "unregister", "view", "walk",
+    "observe_folder", "people", "register", "replay", "report", "sweep", "unregister", "view", "walk",
 ]  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""``ampm sweep``, ``diff``, ``compare``, ``convergence``, ``audit`` and ``figures``: more than one walk.
+"""``ampm sweep``, ``diff``, ``compare``, ``people``, ``convergence``, ``audit``, ``figures``: several walks.
 
 Commands import what they run: simulator, Pinocchio and NumPy take long to load.
 """
@@ -25,15 +25,18 @@ from validation.cli.options import (
     Uncertainty,
     Workers,
     answer,
+    check_picture,
     option,
     with_steps,
 )  # fmt: skip
 from validation.show.text import format_duration, judged, print_line, print_table, print_verdict
+from validation.store.folders import output_file
 from validation.store.machine import cores
 
 if TYPE_CHECKING:
     from validation.study.compare.pair import Pair
     from validation.study.convergence.result import Convergence
+    from validation.study.people.compare import People
     from validation.study.sweep.forecast import Forecast
     from validation.study.sweep.table import SweepTable
 
@@ -269,6 +272,74 @@ def print_pair(pair: Pair) -> None:
         print_table(group, [*columns, "unit", ">ratio", "better"], short)
     for line in (*notes(pair), known(pair)):
         print_line(line)
+
+
+@app.command()
+def people(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="Recording of a person: force, centre of pressure, COM.", metavar="FILE.csv|.parquet|.json"
+        ),
+    ],
+    beside: Annotated[Path | None, option("--beside", "Run to compare it with.", "DIR")] = None,
+    profile: Annotated[
+        str, option("--profile", "Tolerances to show: default, strict, wide or jumps.", "P")
+    ] = "default",
+    plot: Annotated[Path | None, option("--plot", "Draw the mean strides.", "FILE.png")] = None,
+    write: Annotated[
+        Path | None,
+        option("--write", "Write the recording as a table of our columns, and stop.", "FILE.csv|.parquet"),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> int:
+    """Compare a recorded person with a plan and a simulated body, by the signals that metrics judge.
+
+    The mean strides of all three are compared: net force, force on the left foot, ZMP, COM, angular momentum.
+    FILE has a row for every instant, in SI units: time, left_force_x ... right_force_z (or force_x ...),
+    left_cop_x ... (or cop_x, cop_y), com_x ..., belt_speed. A .json file is one of the benchmark of
+    predictive simulations. Limits are shown, not judged: the exit status is 0.
+    """
+    from validation.judge.profiles import profile as find_profile
+    from validation.store.tables import check_suffix
+    from validation.study.people.compare import People, convert
+    from validation.study.people.compare import people as compare_people
+
+    if plot is not None:
+        check_picture(plot)
+    if write is not None:
+        check_suffix(write)
+        with output_file(write, force=force) as work:
+            convert(file, work)
+        Narrator().wrote(write)
+        return Status.PASS
+    found = compare_people(file, beside, profile=find_profile(profile))
+    if plot is not None:
+        from validation.study.people.report import draw  # loads matplotlib
+
+        draw(found, plot)
+    answer(found, People.as_dict, print_people, as_json=as_json)
+    Narrator().wrote(plot)
+    return Status.PASS
+
+
+def print_people(found: People) -> None:
+    """Print facts, differences and notes for a reader."""
+    from validation.study.people.compare import PAIRS
+    from validation.study.people.report import difference_rows, fact_rows  # loads matplotlib
+
+    print_table(found.name, ("", *(f">{who}" for who in found.strides), "unit"), fact_rows(found))
+    if found.differences:
+        words = "simulation - plan", "person - plan", "largest", "person - simulation", "largest", "limit"
+        columns = ("mean stride", ">person's SD", *(f">{word}" for word in words))
+        title = f"difference, RMS and largest at a share of the stride; limits of {found.profile}"
+        print_table(title, columns, difference_rows(found))
+        for of, against in PAIRS:
+            kept, known = found.kept(of, against)
+            print_line(f"  {of} less {against}: {kept} of {known} signals within their limits")
+    for note in found.notes:
+        print_line(f"  {note}")
 
 
 @app.command(epilog=CONVERGENCE_EPILOG)
