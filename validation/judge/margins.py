@@ -6,7 +6,7 @@ Units and meanings are listed in :mod:`validation.judge.metrics`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from ampm.geometry import polygon_margin
 from validation.trial.record import restart_steps
+from validation.trial.spill import blocks, zeros
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,8 +37,6 @@ SLIDING = 0.99
 """Share of the floor's friction from which a point slides [1]."""
 SATURATED = 0.999
 """Share of its limit from which a motor counts as saturated [1]."""
-
-_BLOCK = 16_384  # rows
 
 CLEARANCE_ROWS = 2
 """Restarts of the record, 10 ms apart, from one posture of which the clearance is measured to the next: at
@@ -114,7 +113,7 @@ def margins(
         q, (low, high) = record.hinge_q[part], record.joint_range.T
         return np.asarray(np.minimum(q - low, high - q))
 
-    for part in _blocks(record.steps):
+    for part in blocks(record.steps):
         share = use(part)
         peak = np.maximum(peak, share.max(axis=0))
         saturated += int(np.count_nonzero((share >= SATURATED).any(axis=1)))
@@ -133,7 +132,10 @@ def margins(
     if time.size:
         planned = Extreme(*plan.least_zmp_margin(min(float(time[-1]), plan.duration)))
     sliding = _sliding_weight(record)
-    reached = polygon_margin(record.point_position[:, :, :2], measured.point_contact, sample.zmp)
+    reached = np.empty(record.steps)
+    for part in blocks(record.steps):
+        points, loaded = record.point_position[part, :, :2], measured.point_contact[part]
+        reached[part] = polygon_margin(points, loaded, sample.zmp[part])
     fastest = {} if description is None else dict(description.speed_limits)
     columns = [joints.index(name) for name in fastest]
 
@@ -168,17 +170,26 @@ def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
     The mechanical cost of transport is that of Collins, Ruina, Tedrake and Wisse, Science 307 (2005).
     """
     names = ("positive_work", "negative_work", "distance", "cost_of_transport", "mean_power")
-    rate = 0.5 * (record.hinge_qd[1:] + record.hinge_qd[:-1])
-    power = (record.torque * rate)[rows]
     used = np.flatnonzero(rows)
     if used.size == 0:
         return dict.fromkeys(names, math.nan)
-    positive = float(np.maximum(power, 0.0).sum() * record.time_step)
-    negative = float(np.minimum(power, 0.0).sum() * record.time_step)
+    positive, negative = (
+        float(_motors(record, used, part).sum() * record.time_step) for part in (np.maximum, np.minimum)
+    )
     distance = float(record.com[used[-1] + 1, 0] - record.com[used[0], 0])
     transport = positive / (record.mass * record.gravity * distance) if distance > 0.0 else math.nan
     mean_power = positive / (used.size * record.time_step)
     return dict(zip(names, (positive, negative, distance, transport, mean_power), strict=True))
+
+
+def _motors(record: SimulationRecord, steps: NDArray[np.intp], part: np.ufunc) -> Array:
+    """Positive or negative part of every motor's power in some steps, shape (n, nu) [W]."""
+    power = zeros((steps.size, len(record.joint_names)))
+    for rows in blocks(steps.size):
+        k = steps[rows]
+        rate = 0.5 * (record.hinge_qd[k + 1] + record.hinge_qd[k])
+        power[rows] = part(record.torque[k] * rate, 0.0)
+    return power
 
 
 def clearance_over_time(record: SimulationRecord | StoredRecord, shapes: Shapes) -> tuple[Array, Gaps]:
@@ -197,11 +208,14 @@ def _clearance(record: SimulationRecord, shapes: Shapes) -> Extreme:
 
 def _sliding_weight(record: SimulationRecord) -> Array:
     """Share of the weight that rests on points at the floor's friction, shape (K,) [1]."""
-    normal = record.point_force[:, :, 2]
-    along = np.hypot(record.point_force[:, :, 0], record.point_force[:, :, 1])
-    slides = along > SLIDING * record.friction * normal
-    share = np.where(slides, normal, 0.0).sum(axis=1) / (record.mass * record.gravity)
-    return np.asarray(share if np.isfinite(record.friction) else np.full(len(share), np.nan))
+    share = np.full(record.steps, np.nan)
+    if not np.isfinite(record.friction):
+        return share
+    for part in blocks(record.steps):
+        along_x, along_y, normal = np.moveaxis(record.point_force[part], 2, 0)
+        slides = np.hypot(along_x, along_y) > SLIDING * record.friction * normal
+        share[part] = np.where(slides, normal, 0.0).sum(axis=1) / (record.mass * record.gravity)
+    return share
 
 
 def _longest(on: NDArray[np.bool_], time: Array, step: float) -> Extreme:
@@ -231,17 +245,12 @@ def _extreme(values: Array, time: Array, names: tuple[str, ...] = (), *, largest
     return Extreme(float(values[row, column]), float(time[row]), names[column] if names else "")
 
 
-def _blocks(rows: int) -> Iterator[slice]:
-    """Rows a part at a time, to bound the memory."""
-    return (slice(start, start + _BLOCK) for start in range(0, rows, _BLOCK))
-
-
 def _extreme_of(
     values: Callable[[slice], Array], time: Array, names: tuple[str, ...], *, largest: bool = False
 ) -> Extreme:
     """The same of values that are computed a part at a time."""
     worst = Extreme(math.nan)
-    for part in _blocks(time.size):
+    for part in blocks(time.size):
         found = _extreme(values(part), time[part], names, largest=largest)
         if math.isnan(worst.value) or (found.value > worst.value if largest else found.value < worst.value):
             worst = found

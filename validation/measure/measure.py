@@ -18,6 +18,7 @@ import pinocchio as pin
 from ampm.arithmetic import cos, sin
 from ampm.exceptions import InputError
 from ampm.geometry import polygon_margin
+from validation.trial.spill import blocks
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 LEAST_SUPPORT = 0.01
 """Share of body weight below which there is no ZMP: the quotient of two vanishing numbers is meaningless."""
 _SETTLED = 1e-3
-_BLOCK = 4096  # steps measured at a time, to bound the memory
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,6 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
     weight = mass * gravity
     least = LEAST_SUPPORT * weight
 
-    point_force = record.point_force
     foot_force, foot_torque = foot_wrenches(record)
     force, torque = foot_force.sum(axis=1), foot_torque.sum(axis=1)
     zmp = centre_of_pressure(force, torque, least)
@@ -214,14 +213,9 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
         lifted = pushes[:, 2].sum() * dt
     zmp_momentum = zmp_from_momentum(com_pin[:-1], momentum_force, momentum_rate, least)
 
-    point_contact = point_force[:, :, 2] > 0.0
     contact = foot_contact(record)
-    slip_speed, slip = _slip(record, point_contact, contact)
-    penetration = np.where(point_contact, record.point_penetration, 0.0)
-    penetration = np.stack(
-        [penetration[:, record.point_foot == foot].max(axis=1, initial=0.0) for foot in (0, 1)], axis=1
-    )
-    margin = polygon_margin(record.point_position[:, :, :2], point_contact, zmp)
+    point_contact, penetration, margin = _soles(record, zmp)
+    slip_speed, slip = _slip(record, contact)
 
     gap = zmp - zmp_momentum
     impulse = force[:, 2].sum() * dt
@@ -332,8 +326,7 @@ def _step_back(q: Array, qd: Array, dt: float) -> Array:
 def foot_wrenches(record: SimulationRecord) -> tuple[Array, Array]:
     """Force [N] on each foot and its moment about the world origin [N m], each shape (K, 2, 3)."""
     force, torque = np.empty((record.steps, 2, 3)), np.empty((record.steps, 2, 3))
-    for start in range(0, record.steps, _BLOCK):
-        part = slice(start, start + _BLOCK)
+    for part in blocks(record.steps):
         point_force = record.point_force[part]
         point_torque = _cross(record.point_position[part], point_force)
         for foot in (0, 1):
@@ -345,8 +338,27 @@ def foot_wrenches(record: SimulationRecord) -> tuple[Array, Array]:
 
 def foot_contact(record: SimulationRecord) -> NDArray[np.bool_]:
     """Whether any sole point of each foot carries force, shape (K, 2)."""
-    loaded = record.point_force[:, :, 2] > 0.0
-    return np.stack([loaded[:, record.point_foot == foot].any(axis=1) for foot in (0, 1)], axis=1)
+    contact = np.empty((record.steps, 2), dtype=bool)
+    for part in blocks(record.steps):
+        loaded = record.point_force[part, :, 2] > 0.0
+        for foot in (0, 1):
+            contact[part, foot] = loaded[:, record.point_foot == foot].any(axis=1)
+    return contact
+
+
+def _soles(record: SimulationRecord, zmp: Array) -> tuple[NDArray[np.bool_], Array, Array]:
+    """Loaded points (K, P), penetration of both feet (K, 2), and the ZMP's margin (K,), see
+    :class:`MeasuredGait`.
+    """
+    contact = np.empty((record.steps, len(record.point_foot)), dtype=bool)
+    penetration, margin = np.empty((record.steps, 2)), np.empty(record.steps)
+    for part in blocks(record.steps):
+        loaded = contact[part] = record.point_force[part, :, 2] > 0.0
+        depth = np.where(loaded, record.point_penetration[part], 0.0)
+        for foot in (0, 1):
+            penetration[part, foot] = depth[:, record.point_foot == foot].max(axis=1, initial=0.0)
+        margin[part] = polygon_margin(record.point_position[part, :, :2], loaded, zmp[part])
+    return contact, penetration, margin
 
 
 def _centroidal(
@@ -356,9 +368,8 @@ def _centroidal(
     data = model.createData()
     rows = q.shape[0]
     com, velocity, momentum = np.empty((rows, 3)), np.empty((rows, 3)), np.empty((rows, 3))
-    for start in range(0, rows, _BLOCK):
-        part = slice(start, start + _BLOCK)
-        for row, state in enumerate(zip(*to_pinocchio(q[part], qd[part]), strict=True), start):
+    for part in blocks(rows):
+        for row, state in enumerate(zip(*to_pinocchio(q[part], qd[part]), strict=True), part.start):
             about_com = pin.computeCentroidalMomentum(model, data, *state)
             com[row] = data.com[0]
             velocity[row] = data.vcom[0]
@@ -366,22 +377,22 @@ def _centroidal(
     return com, velocity, momentum
 
 
-def _slip(
-    record: SimulationRecord, point_contact: NDArray[np.bool_], foot_contact: NDArray[np.bool_]
-) -> tuple[Array, Array]:
+def _slip(record: SimulationRecord, foot_contact: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Slip speed and its integral since touch-down, per foot, each shape (K, 2)."""
-    speed = np.hypot(record.point_velocity[:, :, 0], record.point_velocity[:, :, 1])
-    load = np.where(point_contact, record.point_force[:, :, 2], 0.0)
-    slip_speed = np.zeros((record.steps, 2))
-    slip = np.zeros((record.steps, 2))
+    slip_speed, slip = np.zeros((record.steps, 2)), np.zeros((record.steps, 2))
+    for part in blocks(record.steps):
+        speed = np.hypot(record.point_velocity[part, :, 0], record.point_velocity[part, :, 1])
+        load = record.point_force[part, :, 2]
+        load = np.where(load > 0.0, load, 0.0)
+        for foot in (0, 1):
+            points = record.point_foot == foot
+            total = load[:, points].sum(axis=1)
+            moved = (load[:, points] * speed[:, points]).sum(axis=1)
+            slip_speed[part, foot] = moved / np.where(total > 0.0, total, 1.0)
     for foot in (0, 1):
-        points = record.point_foot == foot
-        total = load[:, points].sum(axis=1)
-        mean = (load[:, points] * speed[:, points]).sum(axis=1) / np.where(total > 0.0, total, 1.0)
-        travelled = np.cumsum(mean) * record.time_step
-        # In the air `mean` is zero, so the travel of the last unloaded row is where this stance began.
+        travelled = np.cumsum(slip_speed[:, foot]) * record.time_step
+        # In the air the speed is zero, so the travel of the last unloaded row is where this stance began.
         at_lift = np.where(foot_contact[:, foot], 0.0, travelled)
-        slip_speed[:, foot] = mean
         slip[:, foot] = np.where(foot_contact[:, foot], travelled - np.maximum.accumulate(at_lift), 0.0)
     return slip_speed, slip
 

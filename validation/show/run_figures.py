@@ -288,8 +288,10 @@ class RunFigures:
         """Largest and RMS torque of the busiest motors, as shares of their limits."""
         record = self.saved.record
         figure, (axis,) = new_figure(3.9, left=1.45)
-        share = 100.0 * np.abs(record.tick_torque) / record.torque_limit
-        peak, rms = share.max(axis=0), np.sqrt((share**2).mean(axis=0))
+        peak, rms = np.empty((2, len(record.joint_names)))
+        for joint, limit in enumerate(record.torque_limit):
+            share = 100.0 * np.abs(record.tick_torque[:, joint]) / limit
+            peak[joint], rms[joint] = share.max(), np.sqrt((share**2).mean())
         order = np.argsort(peak)[::-1][:most]
         rows = np.arange(len(order))
         axis.barh(rows, peak[order], height=0.7, color=PLAN, alpha=0.45, linewidth=0, label="largest")

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,6 +26,7 @@ from validation.store.json import json_ready
 from validation.trial.outcome import Outcome
 from validation.trial.record import INTEGERS, SHAPES, SimulationRecord, restart_steps
 from validation.trial.restart import Restart, carry_on
+from validation.trial.spill import blocks
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -53,6 +55,7 @@ _STEPPED = (
 )
 """Fields that follow from the others."""
 _FORMAT = 3
+_GROUP = 65_536  # rows written at a time, to bound the memory
 _METADATA_KEY = b"ampm_record"
 _ROOT_Q = ("root_x", "root_y", "root_z", "root_qw", "root_qx", "root_qy", "root_qz")
 _ROOT_V = ("root_x", "root_y", "root_z", "root_wx", "root_wy", "root_wz")
@@ -130,13 +133,31 @@ def save_record(record: SimulationRecord, directory: str | Path) -> None:
         flat = array.reshape(len(array), len(block.columns))
         file = files.setdefault(block.file, {"time": times[block.file]})
         file.update((name, flat[:, index]) for index, name in enumerate(block.columns))
-    usual = _usual_rate(record.torque[ticks], record.tick_time)
-    known = (record.torque_rate.view(np.int64) == usual.view(np.int64)).T
-    nulls = {f"torque_rate_{name}": same for name, same in zip(record.joint_names, known, strict=True)}
+    known, torque = np.empty(record.torque_rate.shape, dtype=bool), record.torque[ticks]
+    for part in blocks(len(known)):
+        before = slice(max(part.start - 1, 0), part.stop)  # a rate needs the tick before, too
+        usual = _usual_rate(torque[before], record.tick_time)[part.start - before.start :]
+        known[part] = record.torque_rate[part].view(np.int64) == usual.view(np.int64)
+    nulls = {f"torque_rate_{name}": same for name, same in zip(record.joint_names, known.T, strict=True)}
     for name, columns in files.items():
-        arrays = [_padded(column, len(times[name]), nulls.get(key)) for key, column in columns.items()]
-        table = pa.Table.from_arrays(arrays, names=list(columns))
-        write_table(table.replace_schema_metadata({_METADATA_KEY: header.encode()}), directory / name)
+        parts = blocks(len(times[name]), _GROUP) if len(times[name]) else [slice(0)]
+        tables = (_table(columns, part, nulls, header) for part in parts)
+        _write_tables(tables, directory / name)
+
+
+def _table(
+    columns: Mapping[str, NDArray[Any]], rows: slice, nulls: Mapping[str, NDArray[np.bool_]], header: str
+) -> pa.Table:
+    """Some rows of a file."""
+    arrays = []
+    for name, column in columns.items():
+        values = column[rows]
+        mask = nulls[name][rows] if name in nulls else None
+        array = pa.array(np.ascontiguousarray(values), mask=mask)
+        missing = len(columns["time"][rows]) - values.size
+        arrays.append(pa.concat_arrays([array, pa.nulls(missing, array.type)]) if missing else array)
+    table = pa.Table.from_arrays(arrays, names=list(columns))
+    return table.replace_schema_metadata({_METADATA_KEY: header.encode()})
 
 
 def _usual_rate(torque: Array, tick_time: Array) -> Array:
@@ -155,11 +176,19 @@ def restart_rows(steps: int, time_step: float) -> NDArray[np.intp]:
 
 def write_table(table: pa.Table, path: str | Path) -> None:
     """Write a table of floats with zstd over split bytes and without dictionary, which suits them best."""
-    split = [item.name for item in table.schema if pa.types.is_floating(item.type)]
-    other = [item.name for item in table.schema if not pa.types.is_floating(item.type)]
-    pq.write_table(
-        table, Path(path), compression="zstd", use_byte_stream_split=split, use_dictionary=other or False
-    )
+    _write_tables([table], Path(path))
+
+
+def _write_tables(tables: Iterable[pa.Table], path: Path) -> None:
+    """Write tables of the same columns, one below the other."""
+    rest = iter(tables)
+    first = next(rest)
+    split = [item.name for item in first.schema if pa.types.is_floating(item.type)]
+    other = [item.name for item in first.schema if not pa.types.is_floating(item.type)]
+    how = {"compression": "zstd", "use_byte_stream_split": split, "use_dictionary": other or False}
+    with pq.ParquetWriter(path, first.schema, **how) as file:
+        for table in chain([first], rest):
+            file.write_table(table)
 
 
 def _header(record: SimulationRecord) -> dict[str, Any]:
@@ -182,13 +211,6 @@ def _header_fields() -> list[str]:
     """Fields of a record that are in its header."""
     elsewhere = " ".join([_STEPPED, *_FIELDS.values()]).split()
     return [item.name for item in fields(SimulationRecord) if item.name not in elsewhere]
-
-
-def _padded(column: NDArray[Any], rows: int, nulls: NDArray[np.bool_] | None) -> pa.Array:
-    array = pa.array(np.ascontiguousarray(column), mask=nulls)
-    if column.size < rows:
-        array = pa.concat_arrays([array, pa.nulls(rows - column.size, array.type)])
-    return array
 
 
 # -------------------------------------------------------------------------------------------------- reading

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ampm.compiled import compiled
+from validation.trial import spill
 from validation.trial.record import INTEGERS, SHAPES, restart_steps, shape_of
 
 if TYPE_CHECKING:
@@ -198,9 +199,6 @@ def copy_command(
         command_angular_momentum[i] = angular_momentum
 
 
-_BLOCK = 16_384  # rows completed at a time, to bound the memory
-
-
 class SolePoints:
     """Sole points and soles in a compiled model.
 
@@ -267,9 +265,9 @@ class RunLog:
             "nq": model.nq, "nv": model.nv, "nu": model.nu,
         }  # fmt: skip
         for name in RunLog.__annotations__:
-            setattr(self, name, np.zeros(shape_of(name, sizes), INTEGERS.get(name, np.float64)))
-        self.places = np.zeros((steps + 1, self.sites.size, 3))
-        self.rotation = np.zeros((steps + 1, 2, 9))
+            setattr(self, name, spill.zeros(shape_of(name, sizes), INTEGERS.get(name, np.float64)))
+        self.places = spill.zeros((steps + 1, self.sites.size, 3))
+        self.rotation = spill.zeros((steps + 1, 2, 9))
         self.external: dict[str, Array] = {}
         self._make_sensors(model, steps)
         # All that is read and written at every step, as views that are taken once.
@@ -307,7 +305,7 @@ class RunLog:
                 columns[model.sensor(i).name] = "readings", len(read), size
                 read += range(start, start + size)
         self.read = np.array(read, dtype=np.intp)
-        self.readings = np.zeros((steps + 1, len(read)))
+        self.readings = spill.zeros((steps + 1, len(read)))
         self.sensors = {
             name: getattr(self, source)[:, at : at + size] for name, (source, at, size) in columns.items()
         }
@@ -340,6 +338,8 @@ class RunLog:
             data: after ``mj_step2``, which leaves contacts and places as they were at t_k.
         """
         keep_step(k, data.ncon, data.efc_force, *self._kept)
+        if k % spill.ROWS == 0:
+            spill.release()
 
     def keep_command(self, k: int, output: ControlOutput, reference: Reference) -> None:
         """Copy the command of the tick at step k; it is valid until the next one."""
@@ -357,7 +357,7 @@ class RunLog:
     def keep_pushes(self, k: int, pushes: Mapping[str, Array]) -> None:
         """Copy force, moment and point of every segment that is pushed in step k, shape (9,)."""
         for segment, push in pushes.items():
-            self.external.setdefault(segment, np.zeros((len(self.torque), 9)))[k] = push
+            self.external.setdefault(segment, spill.zeros((len(self.torque), 9)))[k] = push
 
     def close(self, done: int, data: mujoco.MjData) -> dict[str, Any]:
         """Add the instant at which the last step ends, and return the record's arrays.
@@ -377,8 +377,8 @@ class RunLog:
         mujoco.mj_forward(self.model, data)
         copy_places(done, *self._places)
         data.sensordata.take(self.read, out=self.readings[done], mode="clip")
-        for start in range(0, done + 1, _BLOCK):
-            self._complete(start, min(start + _BLOCK, done), min(start + _BLOCK, done + 1))
+        for part in spill.blocks(done + 1):
+            self._complete(part.start, min(part.stop, done), part.stop)
         instants = slice(0, done + 1)
         rows = {"K+1": done + 1, "K": done, "T": -(-done // self.substeps), "C": -(-done // self.every)}
         result: dict[str, Any] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import mmap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -243,7 +244,7 @@ def _frozen(value: Any, dtype: Any) -> NDArray[Any]:
         owner: Any = value
         while isinstance(owner, np.ndarray) and not owner.flags.writeable:
             owner = owner.base
-        if owner is None:
+        if owner is None or isinstance(owner, mmap.mmap):  # of validation.trial.spill
             return value
     array: NDArray[Any] = np.array(value, dtype=dtype, order="C")
     array.setflags(write=False)
