@@ -176,6 +176,13 @@ class ControllerParameters(Section, section="controller"):
         ge=0,
         le=1e3,
     )
+    trunk_integral: Real = parameter(
+        0.33,
+        "share of the trunk's mean tilt that is added to it in a second, where the posture is constant",
+        "1/s",
+        ge=0,
+        le=10,
+    )
     posture_stiffness: Real = _stiffness(900.0, "feedback from posture to its acceleration")
     posture_damping: Real = _damping(60.0, "feedback from posture rate to its acceleration")
     swing_stiffness: Real = _stiffness(400.0, "feedback from the swing foot's pose to its acceleration")

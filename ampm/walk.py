@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ampm.planner.feet import FeetPlan, FootPath, FootSample, pitch_rotation
+from ampm.planner.feet import FeetPlan, FootPath, FootSample, foot_rotation, foot_turning
 from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:
@@ -107,6 +107,8 @@ class PostureState(NamedTuple):
         v, acceleration: root part in root axes, shape (nv,).
         trunk: rotation of the trunk segment to world, shape (3, 3).
         angular_momentum_z: about the COM, shape () [N m s].
+        tilt_window: time over which the controller averages the trunk's tilt [s]; 0: not at all, as for a
+            posture that plans the trunk's motion within a step.
     """
 
     q: Array
@@ -114,6 +116,7 @@ class PostureState(NamedTuple):
     acceleration: Array
     trunk: Array
     angular_momentum_z: Array
+    tilt_window: Scalar = 0.0
 
 
 class Reference(NamedTuple):
@@ -336,7 +339,10 @@ class WalkPlan(StepPlan):
                 jumps=jumps,
                 feet=_feet_state(feet, held_feet),
                 contacts=ContactState(within(timing.lead), within(timing.early), until_lift),
-                posture=body._replace(acceleration=held_body.acceleration),
+                posture=body._replace(
+                    acceleration=held_body.acceleration,
+                    tilt_window=np.broadcast_to(np.float64(body.tilt_window), times.shape),
+                ),
             )
         )
 
@@ -464,18 +470,12 @@ def _both(feet: tuple[FootSample, FootSample], name: str) -> Any:
 
 def _feet_state(feet: tuple[FootSample, FootSample], held: tuple[FootSample, FootSample]) -> FeetState:
     """Both feet as one; accelerations are those of ``held``."""
-
-    def about_y(values: Array) -> Array:
-        turn = np.zeros((*values.shape, 3))
-        turn[..., 1] = values
-        return turn
-
+    turning = np.stack([foot_turning(foot)[0] for foot in feet], axis=1)
+    changing = np.stack([foot_turning(foot)[1] for foot in held], axis=1)
     return FeetState.of(
         np.stack([_both(feet, "position"), _both(feet, "velocity"), _both(held, "acceleration")], axis=2),
-        pitch_rotation(_both(feet, "pitch")),
-        np.stack(
-            [about_y(_both(feet, "pitch_velocity")), about_y(_both(held, "pitch_acceleration"))], axis=2
-        ),
+        foot_rotation(_both(feet, "heading"), _both(feet, "pitch")),
+        np.stack([turning, changing], axis=2),
         np.stack([_both(feet, "toe"), _both(feet, "toe_velocity"), _both(held, "toe_acceleration")], axis=2),
     )
 

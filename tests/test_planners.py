@@ -53,13 +53,15 @@ def test_a_constant_posture_begins_on_the_plan(request_of_walk):
     assert plan.constants.angular_momentum_y_offset == 0.0
 
 
-@pytest.mark.parametrize("steps", [4, pytest.param(30, marks=pytest.mark.slow)])
-def test_normal_walks_with_a_constant_posture(steps):
-    settings = [f"gait.steps={steps}", "controller.trunk_gain=1"]
+@pytest.mark.parametrize(
+    ("steps", "largest"), [(4, 1.2e-3), pytest.param(30, 0.75e-3, marks=pytest.mark.slow)]
+)
+def test_normal_walks_with_a_constant_posture(steps, largest):
+    settings = [f"gait.steps={steps}"]
     walked = walk_planned(plan_walk(load_request("normal", settings), planner=UprightWalk()))
     assert walked.record.outcome.completed, walked.record.outcome.cause
     metrics = walked.metrics
-    assert metrics["zmp_x_rmse"].value < 3.5e-3
-    assert metrics["zmp_y_rmse"].value < 1.2e-3
+    assert metrics["zmp_x_rmse"].value < largest
+    assert metrics["zmp_y_rmse"].value < 0.4e-3
     with pytest.raises(InputError, match="ConstantPosture"):
         _ = walked.planned.motion

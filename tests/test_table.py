@@ -193,7 +193,7 @@ def test_steps_that_do_not_repeat_are_walked_with_a_constant_posture():
     table = {name: column for name, column in table_of(plan, 1000.0).items() if "acceleration" not in name}
     table["com_x"] = table["com_x"] + 5e-3 * np.exp(-math.sqrt(GRAVITY / plan.com_height) * table["time"])
     assert not repeats(read(table))
-    run = ampm.load_run("normal", gait={"steps": STEPS}, controller={"trunk_gain": 1.0})
+    run = ampm.load_run("normal", gait={"steps": STEPS})
     trial = val.walk(run, planner=TablePlanner(table))
     assert isinstance(trial.plan.posture, ConstantPosture)
     assert trial.record.outcome.completed

@@ -2,33 +2,42 @@
 
 from __future__ import annotations
 
+import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from ampm.arithmetic import cos, sin
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.return_map import standing
 from ampm.body.robot import Robot
 from ampm.body.step_reference import step_reference
 from ampm.exceptions import BodilyRefusal
 from ampm.parameters import RunParameters
+from ampm.planner.contacts import Contacts
 from ampm.planner.support import StepPlan
 from ampm.walk import PostureState
 
+Array = NDArray[np.float64]
+
+CLOSING = 1.0
+"""Time in which the window of the trunk's tilt closes at a stop [s]."""
+
 
 class ConstantPosture:
-    """One configuration of all joints, the pelvis level.
+    """One configuration of all joints, the pelvis level and along the mean heading of both feet.
 
-    The plan has no constant of L_y. The controller's trunk feedback keeps the trunk upright by a little more
-    or less angular momentum than planned: ``normal`` walks 30 steps so with an RMSE of the ZMP of 7.4 and
-    1.4 mm, and of 2.8 and 1.0 mm with ``controller.trunk_gain = 1``; with 0.3 it falls.
+    The plan has no constant of L_y. The controller averages the trunk's tilt over two steps, and an integral
+    of this mean finds the angular momentum that keeps the trunk upright (:mod:`ampm.control.trunk`).
 
     Args:
         plan: begins with a state that the body is placed in.
         run: rest posture's gains.
         robot: the body.
+        stop: when the walk comes to rest, from which on the window closes [s]; never by default.
 
     Raises:
         BodilyRefusal: the body cannot take the plan's first instant.
@@ -36,11 +45,16 @@ class ConstantPosture:
 
     angular_momentum_y_offset = 0.0
 
-    def __init__(self, plan: StepPlan, run: RunParameters, robot: Robot) -> None:
+    def __init__(self, plan: StepPlan, run: RunParameters, robot: Robot, stop: float = math.inf) -> None:
+        self.window, self.stop = 2.0 * plan.constants.step_duration, stop
+        self.turns = _turns(plan.contacts)
+        heading = float(self.turns[0, 2])
         ik, reference = InverseKinematics(robot, run), step_reference(plan, np.zeros(1))
+        if heading:
+            reference = reference.turned(heading)
         try:
             upright = ik.upright(reference, 0, standing(ik, reference))
-            self.start = ik.project(reference, 0, upright, np.zeros(robot.nv), 0.0)
+            q, v = ik.project(reference, 0, upright, np.zeros(robot.nv), 0.0)
         except Unreachable as error:
             raise BodilyRefusal(
                 f"the body cannot stand as the walk begins: {error}",
@@ -50,20 +64,66 @@ class ConstantPosture:
                 unit=error.unit,
                 way_out="lower gait.com_height",
             ) from error
-        self.q = self.start[0].copy()
+        self.q = q.copy()
         self.q[3:7] = 0.0, 0.0, 0.0, 1.0
+        if heading:
+            c, s = math.cos(heading), math.sin(heading)
+            q[0], q[1] = c * q[0] - s * q[1], s * q[0] + c * q[1]
+            turn = pin.Quaternion(pin.utils.rotate("z", heading)) * pin.Quaternion(*q[[6, 3, 4, 5]])
+            q[3:7] = turn.coeffs()
+        self.start = q, v
         data = robot.model.createData()
         pin.forwardKinematics(robot.model, data, self.q)
         self.trunk = pin.updateFramePlacement(robot.model, data, robot.trunk_frame).rotation.copy()
 
     def sample(self, times: ArrayLike) -> PostureState:
         """States at ``times``, shape (T,) [s]; at time 0 that in which the walk begins."""
-        first = np.atleast_1d(times) <= 0.0
-        n, nv = len(first), len(self.start[1])
-        q, v = np.tile(self.q, (n, 1)), np.zeros((n, nv))
+        t = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        first, n, nv = t <= 0.0, len(t), len(self.start[1])
+        q, (v, acceleration) = np.tile(self.q, (n, 1)), np.zeros((2, n, nv))
+        trunk = np.tile(self.trunk, (n, 1, 1))
+        if len(self.turns) > 1 or self.turns[0, 2]:
+            heading, v[:, 5], acceleration[:, 5] = self.heading(t)
+            q[:, 5], q[:, 6] = sin(0.5 * heading), cos(0.5 * heading)
+            c, s = cos(heading)[:, None], sin(heading)[:, None]
+            trunk[:, 0], trunk[:, 1] = (
+                c * self.trunk[0] - s * self.trunk[1],
+                s * self.trunk[0] + c * self.trunk[1],
+            )
         q[first], v[first] = self.start
-        return PostureState(q, v, np.zeros((n, nv)), np.tile(self.trunk, (n, 1, 1)), np.zeros(n))
+        window = self.window * np.clip(1.0 - (t - self.stop) / CLOSING, 0.0, 1.0)
+        return PostureState(q, v, acceleration, trunk, np.zeros(n), window)
+
+    def heading(self, times: Array) -> tuple[Array, Array, Array]:
+        """Of the pelvis, with its rate and acceleration, each (T,) [rad, s]."""
+        start, duration, before, change = self.turns.T
+        row = np.maximum(np.searchsorted(start, times, side="right") - 1, 0)
+        T, turn = duration[row], change[row]
+        u = np.clip((times - start[row]) / T, 0.0, 1.0)
+        return (
+            before[row] + turn * u**3 * (10.0 - 15.0 * u + 6.0 * u * u),
+            turn * 30.0 * u * u * (1.0 - u) ** 2 / T,
+            turn * 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / T**2,
+        )
 
     def report(self) -> dict[str, Any]:
         """Empty: nothing is solved."""
         return {}
+
+
+def _turns(contacts: Contacts) -> Array:
+    """Turns of the pelvis, each over a single support and the double support after it.
+
+    Returns:
+        Start, duration, heading before and change of it; the first one changes nothing, shape (n, 4)
+        [s, s, rad, rad].
+    """
+    rows = [(0.0, 1.0, float(contacts.headings[0]), 0.0)]
+    for k, (before, now) in enumerate(pairwise(contacts.headings.tolist())):
+        turn = now - before - 2.0 * math.pi * round((now - before) / (2.0 * math.pi))
+        if turn:
+            phases = contacts.phases[k + 1 : k + 3]
+            single = phases[0].duration
+            span = single + min(sum(phase.duration for phase in phases[1:]), single)
+            rows.append((phases[0].start, span, rows[-1][2] + rows[-1][3], turn))
+    return np.array(rows)

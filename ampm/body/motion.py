@@ -162,7 +162,8 @@ class WholeBodyMotion:
         q[odd] = robot.mirror_q(q[odd])
         v[odd], acceleration[odd] = robot.mirror_v(v[odd]), robot.mirror_v(acceleration[odd])
         q[:, 0] += step * self.step_length
-        state = PostureState(q, v, acceleration, robot.trunk_rotations(q), np.where(odd, -yaw, yaw))
+        trunk, window = robot.trunk_rotations(q), np.zeros(len(t))
+        state = PostureState(q, v, acceleration, trunk, np.where(odd, -yaw, yaw), window)
         for array in state:
             array.setflags(write=False)
         return state

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ampm.body.robot import TASK_ROWS
-from ampm.planner.feet import pitch_rotation
+from ampm.planner.feet import foot_rotation
 
 if TYPE_CHECKING:
     from ampm.geometry import Array
@@ -26,6 +27,7 @@ class StepReference:
         velocity: the task velocities in the order of the task rows, shape (n+1, R).
         acceleration: the same for accelerations, shape (n+1, R).
         pitch: pitch of left and right foot, shape (n+1, 2) [rad].
+        heading: of left and right foot, shape (n+1, 2) [rad].
         toe: angles of left and right toe joint, shape (n+1, 2) [rad].
     """
 
@@ -34,6 +36,7 @@ class StepReference:
     velocity: Array
     acceleration: Array
     pitch: Array
+    heading: Array
     toe: Array
 
     def __post_init__(self) -> None:
@@ -43,7 +46,7 @@ class StepReference:
     @cached_property
     def rotation(self) -> Array:
         """Orientation of left and right sole, shape (n+1, 2, 3, 3)."""
-        rotation = pitch_rotation(self.pitch)
+        rotation = foot_rotation(self.heading, self.pitch)
         rotation.setflags(write=False)
         return rotation
 
@@ -58,6 +61,16 @@ class StepReference:
         velocity[:, 3:6] *= share
         acceleration[:, 3:6] *= share
         return replace(self, position=position, velocity=velocity, acceleration=acceleration)
+
+    def turned(self, heading: float) -> StepReference:
+        """The same places in axes that are turned about the vertical by an angle [rad]; no motion."""
+        c, s = math.cos(heading), math.sin(heading)
+        back = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        position = (self.position[..., None, :] * back).sum(axis=-1)
+        still = np.zeros_like(self.velocity)
+        return replace(
+            self, position=position, velocity=still, acceleration=still, heading=self.heading - heading
+        )
 
 
 def step_grid(plan: StepPlan, largest_step: float) -> Array:
@@ -74,7 +87,10 @@ def phase_grid(plan: StepPlan, n1: int, n2: int) -> Array:
 
 
 def step_reference(plan: StepPlan, time: Array) -> StepReference:
-    """Evaluate a plan and its feet as task references, without the plan's constant of L_y."""
+    """Evaluate a plan and its feet as task references, without the plan's constant of L_y.
+
+    Feet that turn away from x must be at rest.
+    """
     feet, mass = plan.feet.sample(time), plan.mass
     sample = plan.with_angular_momentum_offset(0.0).sample(time)
     n, has_toes = len(time), plan.feet.sole.has_toes
@@ -96,5 +112,6 @@ def step_reference(plan: StepPlan, time: Array) -> StepReference:
         velocity=velocity,
         acceleration=acceleration,
         pitch=np.stack([f.pitch for f in feet], axis=1),
+        heading=np.stack([f.heading for f in feet], axis=1),
         toe=np.stack([f.toe for f in feet], axis=1),
     )

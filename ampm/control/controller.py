@@ -30,6 +30,7 @@ from ampm.control.limited_qp import LimitedForm, acceleration_bounds, limit_brok
 from ampm.control.records import LINE, TIP, feet_of, gains_of, points_of
 from ampm.control.stabilizer import command_wrench, rotation_error
 from ampm.control.tasks import foot_task, posture_task, toe_task
+from ampm.control.trunk import LONGEST, fed_back_tilt
 from ampm.control.wrench_qp import L_Z, CondensedForm, eliminate, fill_qp
 from ampm.qp import QPSettings, QPSolution, QPStatus
 from ampm.vectors import minus, multiply, plus, put, times, vector
@@ -89,6 +90,8 @@ def prepare(
     lower: Array,
     upper: Array,
     command: Array,
+    past: Array,
+    memory: Array,
     lag: float,
     age: float,
     first: bool,
@@ -105,6 +108,7 @@ def prepare(
     posture_v: Array,
     posture_a: Array,
     posture_trunk: Array,
+    tilt_window: float,
 ) -> bool:
     """One tick up to the QP, which it fills in; false if the tasks depend on each other or are not finite."""
     v, now, last, still, posture = motion[V], motion[NOW], motion[LAST], motion[STILL], motion[POSTURE]
@@ -136,6 +140,7 @@ def prepare(
     pose = np.empty((3, 3))
     multiply(link[trunk[0].joint].turn, trunk[0].turn, pose)
     tilt = rotation_error(posture_trunk, pose)
+    tilt = fed_back_tilt(gains, tilt, posture_trunk, tilt_window, past, memory)
     command_wrench(gains, mass, gravity, centre, tilt, com, rates, command)
     gain = gains[0]
     rate = 1.0 / (gain.frequency * gain.contact_ramp)
@@ -359,11 +364,13 @@ class TrackingController:
         count = len(self._points)
         self._sensed, self._touching = np.zeros(count), np.zeros(count, dtype=bool)
         self._first, self._command = True, np.zeros(11)
+        tilts = np.zeros((math.ceil(LONGEST * gains.frequency), 2)), np.zeros(4)
         own = body.tree, body.link, self._feet
         self._before = (
             *own, body.trunk, self._points, self._lines, self._gains, robot.gravity, self._root_weight,
             robot.passive, self._q, self._motion, self._tasks, body.columns, self._scaled, self._system,
             self._phi, self._wrench, qp.P, qp.q, qp.A, qp.lower, qp.upper, self._command,
+            *tilts,
         )  # fmt: skip
         self._torques = *own, self._points, robot.gravity, body.armature, self._motion
         self._keeps = self._lines, self._gains, self._motion, self._hinges, self._phi
@@ -408,6 +415,7 @@ class TrackingController:
             reference.feet.values,
             *reference.contacts,
             *reference.posture[:4],
+            float(reference.posture.tilt_window),
         ):
             solution, status = self._solve(still, torque, point_force)
         else:

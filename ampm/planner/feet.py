@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +34,9 @@ class FootSample:
         pitch: rotation of the foot segment about +y, toes down positive, shape (N,) [rad].
         pitch_velocity: shape (N,) [rad/s].
         pitch_acceleration: shape (N,) [rad/s^2].
+        heading: yaw of the foot segment, before its pitch, shape (N,) [rad].
+        heading_velocity: shape (N,) [rad/s].
+        heading_acceleration: shape (N,) [rad/s^2].
         toe: angle of the toe joint about +y, relative to the foot segment, shape (N,) [rad].
         toe_velocity: shape (N,) [rad/s].
         toe_acceleration: shape (N,) [rad/s^2].
@@ -47,6 +50,9 @@ class FootSample:
     pitch: Array
     pitch_velocity: Array
     pitch_acceleration: Array
+    heading: Array
+    heading_velocity: Array
+    heading_acceleration: Array
     toe: Array
     toe_velocity: Array
     toe_acceleration: Array
@@ -65,10 +71,11 @@ class FootPath:
     Attributes:
         start: start of every segment, ascending, shape (K,) [s].
         pivot: which point the path is written for, heel or ball, shape (K,).
-        path: coefficients of the pivot's x, y, z, shape (K, 3, 7), lowest order first [m/s^k].
-        pitch: coefficients of the foot's pitch, shape (K, 6) [rad/s^k].
-        toe: coefficients of the toe angle, shape (K, 6) [rad/s^k].
+        path: coefficients of the pivot's x, y, z, shape (K, 3, order), lowest order first [m/s^k].
+        pitch: coefficients of the foot's pitch, shape (K, order) [rad/s^k].
+        toe: coefficients of the toe angle, shape (K, order) [rad/s^k].
         contact: heel, ball, tip in contact, shape (K, 3), bool.
+        heading: coefficients of the foot's yaw, shape (K, order) [rad/s^k]; of order zero: straight ahead.
     """
 
     start: Array
@@ -77,6 +84,7 @@ class FootPath:
     pitch: Array
     toe: Array
     contact: NDArray[np.bool_]
+    heading: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
@@ -107,14 +115,35 @@ class FeetPlan:
         return _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
 
 
-def pitch_rotation(pitch: Array) -> Array:
-    """Rotation of a foot to world, (..., 3, 3), by its pitch (...) [rad]."""
+def foot_rotation(heading: Array, pitch: Array) -> Array:
+    """Rotation of a foot to world, (..., 3, 3), by its heading and its pitch (...) [rad]."""
     rotation = np.zeros((*pitch.shape, 3, 3))
     rotation[..., 0, 0] = rotation[..., 2, 2] = cos(pitch)
     rotation[..., 0, 2] = sin(pitch)
     rotation[..., 2, 0] = -rotation[..., 0, 2]
     rotation[..., 1, 1] = 1.0
-    return rotation
+    return _turned(heading, rotation.swapaxes(-1, -2)).swapaxes(-1, -2) if heading.any() else rotation
+
+
+def foot_turning(foot: FootSample) -> tuple[Array, Array]:
+    """Angular velocity and acceleration of a foot, each (N, 3) [rad/s, rad/s^2]."""
+    velocity, acceleration = np.zeros((2, len(foot.pitch), 3))
+    velocity[:, 1], acceleration[:, 1] = foot.pitch_velocity, foot.pitch_acceleration
+    if foot.heading.any() or foot.heading_velocity.any():
+        acceleration[:, 0] = -foot.pitch_velocity * foot.heading_velocity  # the pitch's axis turns
+        velocity, acceleration = _turned(foot.heading, velocity), _turned(foot.heading, acceleration)
+        velocity[:, 2], acceleration[:, 2] = foot.heading_velocity, foot.heading_acceleration
+    return velocity, acceleration
+
+
+def _turned(heading: Array, vectors: Array) -> Array:
+    """Vectors (..., 3), or (..., n, 3), turned about the vertical by (...) [rad]."""
+    turned = vectors.copy()
+    extra = (1,) * (vectors.ndim - 1 - heading.ndim)
+    c, s = (part.reshape(*heading.shape, *extra) for part in (cos(heading), sin(heading)))
+    turned[..., 0] = c * vectors[..., 0] - s * vectors[..., 1]
+    turned[..., 1] = s * vectors[..., 0] + c * vectors[..., 1]
+    return turned
 
 
 def _evaluate(coefficients: Array, t: Array) -> tuple[Array, Array, Array]:
@@ -145,6 +174,17 @@ def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
     acceleration = (
         pivot_acceleration - pitch_acceleration[:, None] * arm_first + (pitch_velocity**2)[:, None] * arm
     )
+    yaw, yaw_velocity, yaw_acceleration = np.zeros((3, len(t)))
+    if path.heading.size:
+        yaw, yaw_velocity, yaw_acceleration = _evaluate(path.heading[index], local)
+        rate, aside = yaw_velocity[:, None], _turned_left(arm)
+        moved = pitch_velocity[:, None] * arm_first
+        pulled = pitch_acceleration[:, None] * arm_first - (pitch_velocity**2)[:, None] * arm
+        pulled += yaw_acceleration[:, None] * aside + 2.0 * rate * _turned_left(moved)
+        pulled += rate**2 * _turned_left(aside)
+        position = pivot - _turned(yaw, arm)
+        velocity = pivot_velocity - _turned(yaw, moved + rate * aside)
+        acceleration = pivot_acceleration - _turned(yaw, pulled)
     return FootSample(
         position=position,
         velocity=velocity,
@@ -152,17 +192,28 @@ def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
         pitch=pitch,
         pitch_velocity=pitch_velocity,
         pitch_acceleration=pitch_acceleration,
+        heading=yaw,
+        heading_velocity=yaw_velocity,
+        heading_acceleration=yaw_acceleration,
         toe=toe,
         toe_velocity=toe_velocity,
         toe_acceleration=toe_acceleration,
         contact=path.contact[index],
-        sole_points=_sole_points(sole, position, c, s, pitch + toe),
+        sole_points=position[:, None] + _turned(yaw, _sole_points(sole, c, s, pitch + toe)),
     )
 
 
-def _sole_points(sole: SoleGeometry, position: Array, c: Array, s: Array, toes_pitch: Array) -> Array:
-    """Heel left/right, ball left/right, tip left/right, shape (N, 6, 3) [m]; c and s are of the pitch."""
-    points = np.empty((len(position), 6, 3))
+def _turned_left(vectors: Array) -> Array:
+    """Vectors turned about the vertical by a right angle; those along it vanish."""
+    return np.stack([-vectors[:, 1], vectors[:, 0], np.zeros(len(vectors))], axis=1)
+
+
+def _sole_points(sole: SoleGeometry, c: Array, s: Array, toes_pitch: Array) -> Array:
+    """Heel left/right, ball left/right, tip left/right from the reference point of a sole that heads along x.
+
+    ``c`` and ``s`` are of the pitch. Shape (N, 6, 3) [m].
+    """
+    points = np.empty((len(c), 6, 3))
     ct, st = cos(toes_pitch), sin(toes_pitch)
     toes = sole.tip_x - sole.ball_x
     for group, half_width in enumerate((sole.heel_half_width, sole.ball_half_width, sole.tip_half_width)):
@@ -171,6 +222,5 @@ def _sole_points(sole: SoleGeometry, position: Array, c: Array, s: Array, toes_p
         if group == TIP:
             dx, dz = dx + toes * ct, dz - toes * st
         for side, sign in enumerate((1.0, -1.0)):
-            offset = np.stack([dx, np.full_like(dx, sign * half_width), dz], axis=1)
-            points[:, 2 * group + side] = position + offset
+            points[:, 2 * group + side] = np.stack([dx, np.full_like(dx, sign * half_width), dz], axis=1)
     return points

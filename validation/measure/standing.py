@@ -110,7 +110,7 @@ def _posture(robot: Robot, run: RunParameters, places: NDArray[np.float64]) -> N
     ik, still = InverseKinematics(robot, run), np.zeros((1, robot.task_rows))
     reference = StepReference(
         time=np.zeros(1), position=places[None], velocity=still, acceleration=still,
-        pitch=np.zeros((1, 2)), toe=np.zeros((1, 2)),
+        pitch=np.zeros((1, 2)), heading=np.zeros((1, 2)), toe=np.zeros((1, 2)),
     )  # fmt: skip
     try:
         return ik.upright(reference, 0, standing(ik, reference))

@@ -1,0 +1,68 @@
+"""The tilt of the trunk that is fed back: that of the instant, or its mean over a time, with an integral.
+
+A trunk that swings within every step, beside a posture that does not plan this swing, is upright if its mean
+over two steps is. The integral of this mean finds the mean angular momentum that the body needs.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from ampm.compiled import compiled
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from ampm.vectors import Vector
+
+    Array = NDArray[np.float64]
+
+LONGEST = 4.0
+"""Longest time over which a tilt is averaged [s]."""
+
+NEXT, LAST, ALONG, ACROSS = range(4)
+"""Entries of the memory's state: next row, length of the last window [ticks], integral of the mean about the
+axes along and across the heading [rad s]."""
+
+
+@compiled
+def fed_back_tilt(
+    gains: Any, tilt: Vector, trunk: Array, window: float, past: Array, memory: Array
+) -> Vector:
+    """Tilt to be fed back, in world axes [rad].
+
+    The time before the window first opens counts as upright. A window that closes takes the integral with it.
+
+    Args:
+        gains: of the controller.
+        tilt: rotation from the trunk to the planned one, in world axes [rad].
+        trunk: the planned one to world, whose first axis is the heading, shape (3, 3).
+        window: time over which to average, up to :data:`LONGEST` [s]; 0: the tilt of the instant.
+        past: tilts of the last ticks along and across the heading, shape (M, 2) [rad].
+        memory: see :data:`NEXT`, shape (4,).
+    """
+    gain = gains[0]
+    count = min(round(window * gain.frequency), len(past))
+    if count == 0:
+        if memory[LAST] > 0.0:
+            past[:] = 0.0
+            memory[:] = 0.0
+        return tilt
+    length = math.sqrt(trunk[0, 0] ** 2 + trunk[1, 0] ** 2)
+    c, s = trunk[0, 0] / length, trunk[1, 0] / length
+    row = int(memory[NEXT])
+    past[row, 0], past[row, 1] = c * tilt[0] + s * tilt[1], c * tilt[1] - s * tilt[0]
+    along = across = 0.0
+    for k in range(count):  # a negative row counts from the end
+        along += past[row - k, 0]
+        across += past[row - k, 1]
+    along, across = along / count, across / count
+    kept = min(count / memory[LAST], 1.0) if memory[LAST] > 0.0 else 1.0
+    memory[ALONG] = kept * memory[ALONG] + along / gain.frequency
+    memory[ACROSS] = kept * memory[ACROSS] + across / gain.frequency
+    memory[NEXT], memory[LAST] = (row + 1) % len(past), count
+    along += gain.trunk_integral * memory[ALONG]
+    across += gain.trunk_integral * memory[ACROSS]
+    return c * along - s * across, s * along + c * across, tilt[2]
