@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
+from ampm.disturbance import DisturbanceParameters
 from ampm.exceptions import InputError
 from ampm.section import Real, RealOrInf, Section, Whole, check_table, parameter, unknown
 
@@ -320,6 +321,7 @@ class RunParameters(Section):
     controller: ControllerParameters = Field(default_factory=ControllerParameters)
     simulation: SimulationParameters = Field(default_factory=SimulationParameters)
     solver: SolverParameters = Field(default_factory=SolverParameters)
+    disturbance: DisturbanceParameters = Field(default_factory=DisturbanceParameters)
 
     @model_validator(mode="after")
     def _check(self) -> RunParameters:
@@ -347,6 +349,11 @@ class RunParameters(Section):
         for key, value in values.items():
             assign(table, key, value)
         return RunParameters(**table).giving(self.given | values.keys())
+
+    @property
+    def undisturbed(self) -> RunParameters:
+        """The run as planner and controller know it: without its section ``disturbance``."""
+        return self.model_copy(update={"disturbance": DisturbanceParameters()})
 
     @property
     def given(self) -> frozenset[str]:

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ORDER = {
     "ampm": (
         "exceptions presets arithmetic geometry compiled vectors linear description admm qp section "
-        "parameters run_file planner walk body control planners tune __main__"
+        "disturbance parameters run_file planner walk body control planners tune __main__"
     ).split(),
     "validation": (
         "progress trial store measure judge show run study paper cli environment pytest_plugin"

@@ -9,12 +9,13 @@ import pytest
 
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.trial.outcome import OutcomeName
-from validation.trial.watch import BLOW_UP, CALM, FALL_TIME, Watch
+from validation.trial.watch import BLOW_UP, CALM, FALL_TIME, Stance, Watch, zmp_gap
 
 PERIOD = 0.002
 PLANNED = (0.0, 0.0, 0.88)
 UP = (0.0, 0.0, 1.0)
 STILL = (0.0, 0.0, 0.0)
+SOLES = np.array([[0.1, 0.09, 0.0], [-0.1, -0.09, 0.03]])
 FALL_TICK = 1 + round(FALL_TIME / PERIOD)  # of a QP that is unsolved from the first tick on
 
 
@@ -24,13 +25,15 @@ def leaning(degrees, axis=0):
     return (math.sin(angle), 0.0, math.cos(angle)) if axis == 0 else (0.0, math.sin(angle), math.cos(angle))
 
 
-def watched(ticks, limit=0.05, until=3000):
-    """The end of a walk and its tick; ``ticks(k)`` gives (com error, trunk, status)."""
+def watched(ticks, limit=0.05, until=3000, soles=SOLES):
+    """The end of a walk and its tick; ``ticks(k)`` gives (com error, trunk, status), perhaps the gap."""
     watch = Watch(limit)
     for k in range(until):
-        error, trunk, status = ticks(k)
-        places = np.array(PLANNED) + error, np.array(trunk), np.array(PLANNED), np.array(UP)
-        end = watch.check(k * PERIOD, *places, status, residual=0.5, limit="knee at 100%")
+        error, trunk, status, *gap = ticks(k)
+        planned = np.array(PLANNED), np.array(UP), SOLES
+        stance = Stance(np.array(PLANNED) + error, np.array(trunk), soles, *planned)
+        gaps = {"gap": gap[0]} if gap else {}
+        end = watch.check(k * PERIOD, stance, status, residual=0.5, limit="knee at 100%", **gaps)
         if end is not None:
             return end, k
     return None, until
@@ -54,7 +57,7 @@ def test_a_sinking_body_fell_although_its_qp_failed_on_the_way():
     assert "COM 20 mm off" in end.cause
 
 
-FAR = ((0.31, 0.0, 0.0), (0.0, -0.31, 0.0), (0.0, 0.0, -0.23), (0.0, 0.0, 0.31))
+FAR = ((0.85, 0.0, 0.0), (0.0, -0.85, 0.0), (0.0, 0.0, -0.23), (0.0, 0.0, 0.31))
 FASTEST = BLOW_UP * PERIOD
 OFF = "COM 50 mm off"
 LATE = "QP at 0.200 s"
@@ -103,3 +106,44 @@ def test_a_sign_that_was_got_over_is_not_the_cause_of_what_comes_later():
     assert "knee" not in end.cause
     end, _ = watched(lambda k: (*late(k + 3 * calm - 100)[:2], LIMITED if k == 10 else SOLVED))
     assert "0.020 s (knee at 100%)" in end.cause
+
+
+def test_a_body_that_stepped_off_the_plan_and_stands_has_not_fallen():
+    """It stands 0.5 m beside the plan, and 0.4 m lower, where the real floor is."""
+    away = np.array([0.3, 0.5, -0.4])
+    assert watched(lambda k: (tuple(away), UP, SOLVED), soles=SOLES + away)[0] is None
+    end, _ = watched(lambda k: (tuple(away), UP, SOLVED))
+    assert end.name == OutcomeName.FELL
+    assert "0.48 m over the soles" in end.cause
+
+
+def test_a_fall_between_two_ticks_is_seen_at_once():
+    watch, planned = Watch(0.05), (np.array(PLANNED), np.array(UP), SOLES)
+    assert watch.check_between_ticks(0.0005, Stance(np.array(PLANNED), np.array(UP), SOLES, *planned)) is None
+    down = Stance(np.array(PLANNED), np.array(leaning(61.0)), SOLES, *planned)
+    end = watch.check_between_ticks(0.001, down)
+    assert end.name == OutcomeName.FELL
+    assert "61 degrees" in end.cause
+
+
+def test_a_saturated_zmp_is_the_first_cause_before_the_lean_that_it_brings():
+    """The gap begins at 0.1 s and is noted 10 ms later; a limit at 0.104 s is its consequence."""
+
+    def pushed(k, late=0):
+        lean = 0.15 * max(0, k - 60)
+        return STILL, leaning(lean), LIMITED if k == 52 else SOLVED, 0.03 if k >= 50 + late else 0.006
+
+    end, _ = watched(pushed)
+    assert end.name == OutcomeName.FELL
+    assert "a ZMP 30 mm from the commanded one, for 10 ms from 0.100 s" in end.cause
+    end, _ = watched(lambda k: pushed(k, late=10))
+    assert "knee" in end.cause
+    end, _ = watched(lambda k: (*pushed(k)[:3], 0.03 if k % 4 else 0.0))  # never for 10 ms
+    assert "knee" in end.cause
+
+
+def test_the_zmp_gap_is_a_distance_and_none_without_force_or_command():
+    force, place = np.array([30.0, 10.0]), np.array([[0.0, 0.0, 0.0], [0.4, 0.4, 0.0]])
+    assert zmp_gap(force, place, np.array([0.1, 0.07])) == pytest.approx(0.03)
+    assert zmp_gap(0.0 * force, place, np.array([0.1, 0.07])) == 0.0
+    assert zmp_gap(force, place, np.array([np.nan, np.nan])) == 0.0

@@ -33,7 +33,7 @@ from validation.trial.bridge import to_mujoco, to_pinocchio
 from validation.trial.plan import PlannedWalk, plan_walk, request_of
 from validation.trial.policy import observe
 from validation.trial.simulate import quiet_mujoco
-from validation.trial.watch import FALL_DISTANCE, FALL_SHARE, FALL_TILT, near
+from validation.trial.watch import Stance
 
 with without_display():
     from dm_control.mujoco import engine
@@ -209,11 +209,11 @@ class FollowPlan(control.Task):
 
     def get_termination(self, physics: WalkPhysics) -> float | None:
         """0 after a fall, 1 at the end of the plan."""
-        reference, frame = self.reference, self._data.oMf[self.robot.trunk_frame]
-        upright = np.ascontiguousarray(frame.rotation[:, 2])
-        planned = reference.posture.trunk[:, 2]
-        stands = near(self._com, upright, reference.com, planned, FALL_DISTANCE, math.cos(FALL_TILT))
-        if not stands or self._com[2] < FALL_SHARE * reference.com[2]:
+        reference, frames = self.reference, self._data.oMf
+        upright = np.ascontiguousarray(frames[self.robot.trunk_frame].rotation[:, 2])
+        soles = np.array([frames[sole].translation for sole in self.robot.sole_frames])
+        planned = reference.com, reference.posture.trunk[:, 2], reference.feet.position
+        if Stance(self._com, upright, soles, *planned).fallen(self.robot.description.scale):
             return 0.0
         return 1.0 if self.tick == len(self.references) - 1 else None
 

@@ -32,6 +32,7 @@ from validation.store.saved import (
 from validation.store.signals import SIGNALS_FILE, save_signals
 from validation.trial.plan import PlannedWalk
 from validation.trial.record import SimulationRecord
+from validation.trial.scene import disturbed_model
 
 if TYPE_CHECKING:
     from ampm.walk import WalkPlan
@@ -162,9 +163,10 @@ class Trial:
 
 
 def write_inputs(folder: Path, planned: PlannedWalk, environment: Mapping[str, Any]) -> None:
-    """Write the inputs of a run: parameters, model, description of the body, environment."""
+    """Write the inputs of a run: parameters, simulated model, description of the body, environment."""
     (folder / RUN_FILE).write_text(dump_run(planned.run), encoding="utf-8")
-    (folder / MODEL_FILE).write_text(planned.body.model.xml, encoding="utf-8")
+    scene = disturbed_model(planned.body.model, planned.run, planned.plan.contacts)
+    (folder / MODEL_FILE).write_text(scene.xml, encoding="utf-8")
     save_description(planned.body.model.description, folder)
     write_json(folder / ENVIRONMENT_FILE, environment)
 

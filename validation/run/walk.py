@@ -26,10 +26,11 @@ from validation.measure.standing import weigh
 from validation.progress import Progress, interruption
 from validation.run.planner import load_planner
 from validation.run.trial import Trial
-from validation.trial.bridge import to_pinocchio
+from validation.trial.bridge import pinocchio_model, to_pinocchio
 from validation.trial.controllers import find_controller, name_of
 from validation.trial.plan import PlannedWalk, Request, load_request, make_body, own_gait, plan_walk
 from validation.trial.record import SimulationRecord
+from validation.trial.scene import disturbed_model
 from validation.trial.simulate import simulate
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def walk(
             by default.
         planner: makes the plan, or a name, see :func:`validation.run.planner.load_planner`;
             :class:`ampm.planners.AmpmPeriodic` by default.
-        disturbances: external forces, such as :class:`validation.Push`.
+        disturbances: external forces, such as :class:`validation.Push`, beside those of the run.
         profile: tolerances, or the name of a profile; that of the preset by default.
         uncertainty: numerical uncertainty of the metrics, from a convergence study.
         name: of the gait, for reports; that of preset or file by default.
@@ -145,7 +146,9 @@ def walk_planned(
         )
         keep(record)
     with timed(taken, "measurement"), progress.stage(f"{planned.name}: measurement"):
-        measured = measure(record, body.robot.model, to_pinocchio)
+        scene = disturbed_model(body.model, run, planned.plan.contacts)
+        true = body.robot.model if scene is body.model else pinocchio_model(scene.compile())
+        measured = measure(record, true, to_pinocchio)
         standing = weigh(run, body.model, body.robot)
         description = body.model.description
         comparison = compare(
@@ -158,8 +161,9 @@ def walk_planned(
         extra["controller"] = record.metadata["controller"]
     if planned.planner:
         extra["planner"] = planned.planner
-    if disturbances:
-        extra["disturbances"] = [repr(item) for item in disturbances]
+    unusual = run.disturbance.model_dump(exclude_defaults=True)
+    if texts := [f"{key} = {value!r}" for key, value in unusual.items()] + list(map(repr, disturbances)):
+        extra["disturbances"] = texts
     return Trial(planned, record, comparison, metrics, verdict, MappingProxyType(taken), uncertainty, extra)
 
 

@@ -1,4 +1,8 @@
-"""Forces on a walking body besides its own motors and the floor."""
+"""Forces on a walking body besides its own motors and the floor.
+
+What else disturbs a walk is in :mod:`validation.trial.scene` (world and body) and
+:mod:`validation.trial.faults` (sensors and motors).
+"""
 
 from __future__ import annotations
 
@@ -15,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from ampm.description import BodyDescription
+    from ampm.disturbance import DisturbanceParameters
 
     Array = NDArray[np.float64]
 
@@ -24,7 +29,7 @@ _CLOCK = 1e-9  # tolerance of the start of a push, for rounding [s]
 class Plant:
     """Interface of the simulated body for disturbances, at the start of a step; vectors in world.
 
-    Segments have their names in the model; ``chest`` is the trunk.
+    Segments have their names in the model; ``chest`` is the trunk, ``com`` the body at its centre of mass.
 
     Args:
         model: compiled.
@@ -35,7 +40,8 @@ class Plant:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, description: BodyDescription) -> None:
         self._model, self._data = model, data
         names = {model.body(i).name: i for i in range(1, model.nbody)}
-        self._segments = {**names, "chest": names[description.trunk_segment]}
+        self._root = names[description.root_segment]
+        self._segments = {**names, "chest": names[description.trunk_segment], "com": self._root}
         self.pushes: dict[str, Array] = {}
         """Force, moment and point of every segment that was pushed in this step, shape (9,)."""
 
@@ -48,10 +54,12 @@ class Plant:
 
     def position(self, segment: str) -> Array:
         """Centre of mass of a segment, shape (3,) [m]."""
+        if segment == "com":
+            return np.array(self._data.subtree_com[self._root])
         return np.array(self._data.xipos[self._segment(segment)])
 
     def velocity(self, segment: str) -> Array:
-        """Velocity of a segment's centre of mass, shape (3,) [m/s]."""
+        """Velocity of a segment's centre of mass, shape (3,) [m/s]; of ``com`` the root segment's."""
         result = np.zeros(6)
         kind = mujoco.mjtObj.mjOBJ_BODY
         mujoco.mj_objectVelocity(self._model, self._data, kind, self._segment(segment), result, 0)
@@ -72,6 +80,8 @@ class Plant:
         wrench = np.concatenate([np.reshape(force, 3), np.reshape(moment, 3)]).astype(np.float64)
         if not np.isfinite(wrench).all():
             raise InputError(f"a push of {wrench} on {segment} is not finite; give finite numbers")
+        if segment == "com":  # acts on the root, with the moment of the same force at the centre of mass
+            wrench[3:] += np.cross(self.position("com") - self._data.xipos[body], wrench[:3])
         self._data.xfrc_applied[body] += wrench
         name = self._model.body(body).name
         self.pushes[name] = np.concatenate([self._data.xfrc_applied[body], self._data.xipos[body]])
@@ -100,7 +110,7 @@ class Push:
     """A constant force on one segment for some time.
 
     Attributes:
-        segment: its name; ``chest`` is the trunk's.
+        segment: its name; ``chest`` is the trunk's, ``com`` the whole body's centre of mass.
         force: in world, at the segment's centre of mass, three numbers [N].
         at: when it begins, not below 0 [s].
         duration: above 0 [s].
@@ -143,3 +153,11 @@ def parse_push(text: str) -> Push:
             f"the push {text!r} must be SEGMENT,FX,FY,FZ,AT,DURATION; write for example chest,50,0,0,2.0,0.1."
         ) from None
     return Push(segment, (x, y, z), at, duration)
+
+
+def pushes_of(disturbance: DisturbanceParameters) -> list[Push]:
+    """The push of a run's section ``disturbance``, if there is one."""
+    force = disturbance.push_x, disturbance.push_y, disturbance.push_z
+    if not any(force):
+        return []
+    return [Push(disturbance.push_segment, force, disturbance.push_at, disturbance.push_duration)]

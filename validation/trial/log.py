@@ -43,13 +43,13 @@ def read_touch(
 
     Args:
         contacts: how many there are.
-        geom: their two geoms. MuJoCo sorts them by type: the floor, a plane, comes first.
+        geom: their two geoms. MuJoCo sorts them by type: a floor that is a plane comes first, a box last.
         of_geom: sole point of every geom, -1 for none.
         touching: by sole point; written.
     """
     touching[:] = False
     for i in range(contacts):
-        point = of_geom[geom[i, 1]]
+        point = max(of_geom[geom[i, 0]], of_geom[geom[i, 1]])
         if point >= 0:
             touching[point] = True
 
@@ -147,10 +147,11 @@ def keep_step(
     torque[k] = ctrl
     normal_force[:] = 0.0
     for i in range(contacts):
-        p, first = of_geom[geom[i, 1]], address[i]
+        p, first = max(of_geom[geom[i, 0]], of_geom[geom[i, 1]]), address[i]
         if p >= 0 and first >= 0:
+            side = 1.0 if of_geom[geom[i, 1]] >= 0 else -1.0  # the force acts on the second geom
             for axis in range(3):
-                point_force[k, p, axis] = (
+                point_force[k, p, axis] = side * (
                     efc_force[first] * frame[i, axis]
                     + efc_force[first + 1] * frame[i, 3 + axis]
                     + efc_force[first + 2] * frame[i, 6 + axis]

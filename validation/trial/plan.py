@@ -295,7 +295,7 @@ def plan_walk(
         with progress.stage(f"{request.name}: body"):
             body = make_body(run)
     with progress.stage(f"{request.name}: whole-body motion") as stage:
-        wanted = WalkRequest(run, body.robot, stage.note, motion_cache())
+        wanted = WalkRequest(run.undisturbed, body.robot, stage.note, motion_cache())
         with UsersCode("planner", planner) if name not in ("", *PLANNERS) else _way_out(run):
             plan = planner.plan(wanted)
             if not isinstance(plan, WalkPlan):

@@ -24,14 +24,16 @@ from ampm.vectors import put, turned, vector
 from ampm.walk import LIMITED, State, Timing, Touch
 from validation.trial.bridge import to_mujoco
 from validation.trial.controllers import find_controller, name_of
-from validation.trial.disturbances import Disturbance, Plant
+from validation.trial.disturbances import Disturbance, Plant, pushes_of
+from validation.trial.faults import FaultyController, behind_faults, started
 from validation.trial.log import RunLog, SolePoints
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import SimulationRecord
 from validation.trial.restart import carry_on, quiet_mujoco
+from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
 from validation.trial.users import UsersCode
-from validation.trial.watch import End, Watch
+from validation.trial.watch import End, Stance, Watch, zmp_gap
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -77,6 +79,8 @@ class Physics:
         self._state = self.data.qpos, self.data.qvel, rotations[root], self.q, self.v
         self.com = self.data.subtree_com[root]
         self.trunk = self._axes(description.trunk_frame)[:, 2]  # its long axis
+        sites = self.points.sites[-2:]
+        self.soles = self.data.site_xpos[sites[0] : sites[1] + 1 : sites[1] - sites[0]]
 
     def _axes(self, name: str) -> Array:
         """Axes of a segment, or of a site, to world; a view of shape (3, 3)."""
@@ -118,10 +122,10 @@ def simulate(
 
     Args:
         plan: of the walk; it starts on the plan's own posture.
-        run: gains, contact, time step.
+        run: gains, contact, time step; its section ``disturbance`` acts, unknown to the controller.
         body: the simulated body.
         controller: makes the controller from robot and run; the one that ``run`` names by default.
-        disturbances: external forces; the controller gets no information on them.
+        disturbances: further forces; the controller gets no information on them.
         steps: walking steps, the plan's by default.
         progress: called with (simulation steps done, all) now and then.
 
@@ -138,7 +142,9 @@ def simulate(
             f"{steps} steps were requested, but the plan has {planned}; "
             f"take 1 ... {planned} or raise gait.steps"
         )
-    physics = Physics(body, run)
+    scene = disturbed_model(body, run, plan.contacts)
+    physics = Physics(scene, run)
+    disturbances = [*pushes_of(run.disturbance), *disturbances]
     dt, step_ends = physics.time_step, plan.contacts.step_ends[:steps]
     total = int(np.floor(step_ends[-1] / dt + 1e-9))
     gains = run.controller
@@ -152,12 +158,14 @@ def simulate(
     first = next(references)
     start = first.posture
     q = start.q.copy()
-    q[2] -= run.simulation.start_depth  # the soles carry weight from the first instant
-    physics.place(q, start.v)
+    # The soles carry weight from the first instant.
+    q[2] += run.disturbance.floor_height - run.simulation.start_depth
+    physics.place(q, started(start.v, run.disturbance))
     factory = controller or find_controller(run.controller.name)
     own = factory is TrackingController
     with contextlib.nullcontext() if own else UsersCode("controller", factory):
-        follower = factory(physics.robot, run)
+        known = physics.robot if scene is body else make_robot(body.compile(), body.description)
+        follower = behind_faults(factory(known, run.undisturbed), run, known)
     loop = ClosedLoop(
         physics, follower, chain([first], references), run, step_ends, total, progress, disturbances
     )
@@ -204,8 +212,9 @@ class ClosedLoop:
         self.disturbances = [(item, UsersCode("disturbance", item)) for item in disturbances]
         self.plant = Plant(physics.model, physics.data, physics.robot.description)
         self.physics, self.controller, self.references = physics, controller, iter(references)
-        own = type(controller) is TrackingController
-        self.users_code = contextlib.nullcontext() if own else UsersCode("controller", controller)
+        behind = controller.controller if isinstance(controller, FaultyController) else controller
+        own = type(behind) is TrackingController
+        self.users_code = contextlib.nullcontext() if own else UsersCode("controller", behind)
         self.torque_shape = (physics.robot.nu,)
         self.torque, self.torque_limit = np.zeros(physics.robot.nu), physics.robot.torque_limit.copy()
         self.rate = np.full(physics.robot.nu, np.nan)
@@ -262,7 +271,7 @@ class ClosedLoop:
             mujoco.mj_step2(model, data)
         self.log.keep(k, data)
         if since:
-            end = self.watch.check_between_ticks(time, physics.com, physics.trunk, *self.planned)
+            end = self.watch.check_between_ticks(time, self._stance())
         return end
 
     def _disturb(self, k: int, time: float) -> None:
@@ -289,16 +298,19 @@ class ClosedLoop:
             self.log.keep_command(k, output, reference)
         physics.data.ctrl[:] = self.torque = output.torque
         self.rate = np.full_like(output.torque, np.nan) if output.rate is None else output.rate
-        self.planned = reference.centre[0], reference.posture.trunk[:, 2]
+        self.planned = reference.centre[0], reference.posture.trunk[:, 2], reference.feet.position
         return self.watch.check(
             time,
-            physics.com,
-            physics.trunk,
-            *self.planned,
+            self._stance(),
             output.status,
+            gap=zmp_gap(self.log.normal_force, self.log.point_position[k - 1], self.log.command_zmp[k - 1]),
             residual=output.residual,
             limit=self._worst_joint(output) if output.status == LIMITED else "",
         )
+
+    def _stance(self) -> Stance:
+        physics = self.physics
+        return Stance(physics.com, physics.trunk, physics.soles, *self.planned)
 
     def _worst_joint(self, output: ControlOutput) -> str:
         """The joint closest to its torque limit."""
@@ -323,7 +335,7 @@ class ClosedLoop:
             mass=robot.mass,
             gravity=robot.gravity,
             time_step=dt,
-            friction=self.run_parameters.contact.friction,
+            friction=float(self.physics.model.geom("floor").friction[0]),
             torque_limit=robot.torque_limit,
             joint_range=np.stack([robot.lower, robot.upper], axis=1),
             joint_names=robot.joint_names,

@@ -21,12 +21,13 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-FALL_SHARE = 0.75
-"""The body has fallen when its COM is lower than this share of the planned height [1]."""
+FALL_SHARE = 0.25
+"""The body has fallen when the height of its COM over the lower sole differs from the planned one by more
+than this share [1]. The plan's floor is not needed: the real one may be elsewhere."""
 
-FALL_DISTANCE = 0.3
-"""A body of 1.70 m has fallen when its COM is farther than this from the plan [m]: more than half a foot's
-length outside any support that the plan could offer."""
+FALL_DISTANCE = 0.7
+"""A body of 1.70 m has fallen when its COM is horizontally farther than this from both soles [m]: as far as a
+leg reaches at a quarter of the height lost. A body that stands beside the plan has not fallen."""
 
 FALL_TILT = math.radians(60.0)
 """The body has fallen when its trunk leans farther than this from the planned motion's [rad]."""
@@ -44,6 +45,13 @@ a good walk."""
 
 FIRST_TILT = math.radians(10.0)
 """Lean of the trunk from the motion's that is reported as the first sign of a failure [rad]."""
+
+FIRST_GAP = 0.02
+"""Distance of the ZMP from the commanded one, for a body of 1.70 m, that is reported as the first sign of a
+failure [m]: the soles cannot give what the command needs. A good walk has 6 mm at touch-down."""
+
+GAP_TIME = 0.01
+"""Time that this distance has to last [s]."""
 
 CALM = 1.0
 """If no warning sign recurs for this long, the earlier one is discarded as a cause [s]."""
@@ -63,6 +71,51 @@ def near(
 
 
 @compiled
+def posture(
+    com: Array, trunk: Array, soles: Array, planned: Array, planned_trunk: Array, planned_soles: Array
+) -> tuple[float, float, float]:
+    """How a body stands: height over the planned height of the COM [1], distance [m], cosine of the lean [1].
+
+    Args:
+        com: shape (3,) [m].
+        trunk: its long axis in world, unit vector, shape (3,).
+        soles: reference points of both, shape (2, 3) [m].
+        planned: COM of the plan, shape (3,) [m].
+        planned_trunk: of the planned motion, shape (3,).
+        planned_soles: shape (2, 3) [m].
+
+    Returns:
+        The height is over the lower sole, the distance horizontally from the nearer sole.
+    """
+    height = com[2] - min(soles[0, 2], soles[1, 2])
+    planned_height = planned[2] - min(planned_soles[0, 2], planned_soles[1, 2])
+    apart = np.inf
+    for i in range(2):
+        apart = min(apart, math.sqrt((com[0] - soles[i, 0]) ** 2 + (com[1] - soles[i, 1]) ** 2))
+    upright = trunk[0] * planned_trunk[0] + trunk[1] * planned_trunk[1] + trunk[2] * planned_trunk[2]
+    return height / planned_height, apart, upright
+
+
+@compiled
+def zmp_gap(force: Array, place: Array, command: Array) -> float:
+    """Distance of the ZMP from the commanded one; 0 where there is no force or no command [m].
+
+    Args:
+        force: normal force of every sole point, shape (P,) [N].
+        place: where it acts, shape (P, 3) [m].
+        command: NaN where there is none, shape (2,) [m].
+    """
+    total, x, y = 0.0, 0.0, 0.0
+    for i in range(len(force)):
+        total += force[i]
+        x += force[i] * place[i, 0]
+        y += force[i] * place[i, 1]
+    if total <= 0.0 or np.isnan(command[0]):
+        return 0.0
+    return math.sqrt((x / total - command[0]) ** 2 + (y / total - command[1]) ** 2)
+
+
+@compiled
 def look(
     com: Array, trunk: Array, planned: Array, planned_trunk: Array, last: Array, off: float
 ) -> tuple[float, bool]:
@@ -70,6 +123,39 @@ def look(
     x, y, z = com[0] - last[0], com[1] - last[1], com[2] - last[2]
     last[:] = com
     return math.sqrt(x * x + y * y + z * z), near(com, trunk, planned, planned_trunk, off, _UPRIGHT)
+
+
+class Stance(NamedTuple):
+    """What tells whether a body stands: measured and planned.
+
+    Attributes:
+        com: shape (3,) [m].
+        trunk: its long axis in world, unit vector, shape (3,).
+        soles: reference points of both, shape (2, 3) [m].
+        planned_com: shape (3,) [m].
+        planned_trunk: of the planned motion, shape (3,).
+        planned_soles: shape (2, 3) [m].
+    """
+
+    com: Array
+    trunk: Array
+    soles: Array
+    planned_com: Array
+    planned_trunk: Array
+    planned_soles: Array
+
+    def fallen(self, scale: float = 1.0) -> str:
+        """How the body has fallen, in words; empty if it stands. ``scale`` is its size over 1.70 m."""
+        height, apart, upright = posture(*self)
+        if abs(height - 1.0) > FALL_SHARE:
+            over = height * (self.planned_com[2] - self.planned_soles[:, 2].min())
+            return f"the COM {'sank' if height < 1.0 else 'rose'} to {over:.2f} m over the soles"
+        if apart > scale * FALL_DISTANCE:
+            return f"the COM was {apart:.2f} m from both soles"
+        lean = math.acos(min(max(upright, -1.0), 1.0))
+        if lean > FALL_TILT:
+            return f"the trunk leaned over by {math.degrees(lean):.0f} degrees"
+        return ""
 
 
 class End(NamedTuple):
@@ -89,20 +175,19 @@ class Watch:
 
     def __init__(self, unsolved_limit: float, scale: float = 1.0) -> None:
         self._unsolved_limit = unsolved_limit
-        self._fallen, self._off = scale * FALL_DISTANCE, scale * FIRST_SIGN
+        self._scale, self._off, self._gap = scale, scale * FIRST_SIGN, scale * FIRST_GAP
         self._unsolved: tuple[float, float] | None = None  # since when, and how long it may last
         self._last_com, self._last_time = np.zeros(3), math.inf  # there is none yet
-        self._first_sign, self._last_sign = "", 0.0
+        self._first_sign, self._first_time, self._last_sign = "", math.inf, 0.0
+        self._gap_since = math.inf
 
     def check(
         self,
         time: float,
-        com: Array,
-        trunk: Array,
-        planned: Array,
-        planned_trunk: Array,
+        stance: Stance,
         status: int,
         *,
+        gap: float = 0.0,
         residual: float = 0.0,
         limit: str = "",
     ) -> End | None:
@@ -110,11 +195,9 @@ class Watch:
 
         Args:
             time: [s].
-            com: shape (3,) [m].
-            trunk: its long axis in world, unit vector, shape (3,).
-            planned: COM of the plan, shape (3,) [m].
-            planned_trunk: the same of the planned motion, shape (3,).
+            stance: of the body.
             status: of the controller's tick.
+            gap: distance of the ZMP from the commanded one over the last step [m], see :func:`zmp_gap`.
             residual: of its QP.
             limit: description of the torque or joint at its limit, if the status is ``LIMITED``.
 
@@ -122,37 +205,22 @@ class Watch:
             None while the walk goes on.
         """
         span, self._last_time = time - self._last_time, time
-        way, close = look(com, trunk, planned, planned_trunk, self._last_com, self._off)
+        com, trunk, _, *planned = stance
+        way, close = look(com, trunk, planned[0], planned[1], self._last_com, self._off)
         speed = way / span if span > 0.0 else 0.0  # mean speed of the COM since the last tick [m/s]
-        if close and status == SOLVED and not self._first_sign and speed <= BLOW_UP:
-            self._unsolved = None
-            return None
-        return self._judge(
-            time,
-            com.tolist(),
-            trunk.tolist(),
-            planned.tolist(),
-            planned_trunk.tolist(),
-            status,
-            residual,
-            limit,
-            speed,
-        )
+        if gap <= self._gap:
+            self._gap_since = math.inf
+            if close and status == SOLVED and not self._first_sign and speed <= BLOW_UP:
+                self._unsolved = None
+                return None
+        return self._judge(time, stance, status, gap, residual, limit, speed)
 
     def _judge(
-        self,
-        time: float,
-        com: list[float],
-        trunk: list[float],
-        planned: list[float],
-        planned_trunk: list[float],
-        status: int,
-        residual: float,
-        limit: str,
-        speed: float,
+        self, time: float, stance: Stance, status: int, gap: float, residual: float, limit: str, speed: float
     ) -> End | None:
         """The end of the walk, or its signs noted; arguments as in :meth:`check`."""
-        error = com[0] - planned[0], com[1] - planned[1], com[2] - planned[2]
+        error = (stance.com - stance.planned_com).tolist()
+        trunk, planned_trunk = stance.trunk.tolist(), stance.planned_trunk.tolist()
         distance = math.hypot(*error)
         axis = "xyz"[max(range(3), key=lambda i: abs(error[i]))]
         lean = math.atan2(_cross_size(trunk, planned_trunk), _dot(trunk, planned_trunk))
@@ -163,33 +231,27 @@ class Watch:
             (lean > FIRST_TILT, f"a trunk {degrees:.0f} degrees off the motion's {at}"),
             (status == LIMITED, f"a torque or joint limit {at} ({limit})"),
         )
-        ends = (
-            (not math.isfinite(distance + lean), OutcomeName.DIVERGED, "the state was no longer finite"),
-            (speed > BLOW_UP, OutcomeName.DIVERGED, f"the COM moved at {speed:.3g} m/s, which no body does,"),
-            (com[2] < FALL_SHARE * planned[2], OutcomeName.FELL, f"the COM sank to {com[2]:.2f} m"),
-            (distance > self._fallen, OutcomeName.FELL, f"the COM was {distance:.2f} m off the plan"),
-            (lean > FALL_TILT, OutcomeName.FELL, f"the trunk leaned over by {degrees:.0f} degrees"),
-        )
         self._note(time, next((text for seen, text in signs if seen), ""))
-        for reached, name, what in ends:
-            if reached:
-                return self._end(name, f"{what} {at}")
+        self._note_gap(time, gap)
+        if not math.isfinite(distance + lean):
+            return self._end(OutcomeName.DIVERGED, f"the state was no longer finite {at}")
+        if speed > BLOW_UP:
+            what = f"the COM moved at {speed:.3g} m/s, which no body does, {at}"
+            return self._end(OutcomeName.DIVERGED, what)
+        if fallen := stance.fallen(self._scale):
+            return self._end(OutcomeName.FELL, f"{fallen} {at}")
         return self._check_unsolved(time, status, distance <= self._off and lean <= FIRST_TILT)
 
-    def check_between_ticks(
-        self,
-        time: float,
-        com: Array,
-        trunk: Array,
-        planned: Array,
-        planned_trunk: Array,
-    ) -> End | None:
+    def check_between_ticks(self, time: float, stance: Stance) -> End | None:
         """Whether the body has fallen at a step without a tick; arguments as in :meth:`check`."""
-        if com[2] >= FALL_SHARE * planned[2] and near(
-            com, trunk, planned, planned_trunk, self._fallen, _FALL_COSINE
+        height, apart, upright = posture(*stance)
+        if (
+            abs(height - 1.0) <= FALL_SHARE
+            and apart <= self._scale * FALL_DISTANCE
+            and upright >= _FALL_COSINE
         ):
             return None
-        return self.check(time, com, trunk, planned, planned_trunk, SOLVED)
+        return self.check(time, stance, SOLVED)
 
     def blown_up(self, time: float) -> End:
         """The end of a walk whose accelerations the simulator refused to integrate."""
@@ -198,10 +260,25 @@ class Watch:
     def _note(self, time: float, sign: str) -> None:
         """Store the first sign of a failure; discard it after a time without a sign."""
         if sign:
-            self._first_sign = self._first_sign or sign
+            if not self._first_sign:
+                self._first_sign, self._first_time = sign, time
             self._last_sign = time
         elif time - self._last_sign > CALM:
-            self._first_sign = ""
+            self._first_sign, self._first_time = "", math.inf
+
+    def _note_gap(self, time: float, gap: float) -> None:
+        """Note a ZMP that stays away from the commanded one; a later sign is its consequence."""
+        if gap <= self._gap:
+            return
+        self._gap_since = min(self._gap_since, time)
+        if time - self._gap_since < GAP_TIME - 1e-9:
+            return
+        if not self._first_sign or self._gap_since <= self._first_time:
+            text = f"a ZMP {1e3 * gap:.0f} mm from the commanded one, for {1e3 * GAP_TIME:.0f} ms"
+            if not self._first_sign.startswith("a ZMP"):
+                self._first_sign = f"{text} from {self._gap_since:.3f} s (the soles cannot give more)"
+                self._first_time = self._gap_since
+        self._last_sign = time
 
     def _check_unsolved(self, time: float, status: int, on_plan: bool) -> End | None:
         """The end by a QP that stayed unsolved too long; None otherwise."""

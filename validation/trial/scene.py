@@ -1,0 +1,220 @@
+"""The simulated world and body of a disturbed run: the model that is compiled, saved and replayed.
+
+MuJoCo ignores most changes of a compiled model's floor: the pose of a geom that is fixed to the world is read
+once, and so is the tree that sorts contacts out. So every change is written into the MJCF text before it is
+compiled, and only there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ampm.disturbance import DisturbanceParameters
+from ampm.exceptions import InputError
+from ampm.planner.contacts import footprint
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ampm.parameters import RunParameters
+    from ampm.planner.contacts import Contacts, Footstep
+    from models.scene import BodyModel
+
+    Array = NDArray[np.float64]
+
+_FAR = 1e3  # half the size of the floor of a scene with edges [m]
+_THICK = 1.0  # of that floor [m]
+_AROUND = 0.08  # by which a raised or lowered place is larger than the sole at its ends [m]
+
+
+class _Tile(NamedTuple):
+    """Rectangle of the floor in the walk's frame, moved along its normal."""
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    tilted: bool = False
+    height: float = 0.0
+
+
+def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> BodyModel:
+    """The body in its world as it is simulated; ``body`` itself if the run does not change them.
+
+    Args:
+        body: as planner and controller know it.
+        run: its section ``disturbance``.
+        contacts: of the plan, which places a change of the floor at a footstep.
+
+    Raises:
+        InputError: there is no such segment or footstep.
+    """
+    wanted = run.disturbance
+    if wanted == DisturbanceParameters():
+        return body
+    root = ElementTree.fromstring(body.xml)
+    contact = _find(root, ".//default[@class='contact']/geom")
+    _scale(contact, "friction", wanted.friction_factor)
+    _scale(contact, "solref", wanted.softness_factor)
+    _change_masses(root, body, wanted)
+    if wanted.joint_damping:
+        for joint in root.findall(".//worldbody//joint"):
+            joint.set("damping", repr(float(joint.get("damping", 0.0)) + wanted.joint_damping))
+    _change_floor(root, body, wanted, contacts)
+    return replace(body, xml=ElementTree.tostring(root, encoding="unicode"))
+
+
+def _find(root: ElementTree.Element, path: str) -> ElementTree.Element:
+    found = root.find(path)
+    if found is None:
+        raise InputError(f"the body's model has no {path}; build it with 'ampm body'.")
+    return found
+
+
+def _scale(element: ElementTree.Element, key: str, factor: float, *, all_of_it: bool = False) -> None:
+    """Multiply the first number of an attribute, or all of them."""
+    if factor != 1.0 and key in element.attrib:
+        numbers = [float(text) for text in element.attrib[key].split()]
+        scaled = [factor * number if all_of_it or i == 0 else number for i, number in enumerate(numbers)]
+        element.set(key, " ".join(map(repr, scaled)))
+
+
+def _change_masses(root: ElementTree.Element, body: BodyModel, wanted: DisturbanceParameters) -> None:
+    """Scale mass and inertia of some segments."""
+    segments = {item.get("name", ""): item for item in root.findall(".//worldbody//body")}
+    names = [name.strip() for name in wanted.mass_segment.split(",")]
+    if "all" in names:
+        names = list(segments)
+    for name in names:
+        item = segments.get(body.description.trunk_segment if name == "chest" else name)
+        if item is None:
+            known = ", ".join(["all", "chest", *segments])
+            raise InputError(
+                f"disturbance.mass_segment = {name!r} is no segment of the body; take of {known}.",
+                key="disturbance.mass_segment",
+                value=name,
+            )
+        inertial = _find(item, "inertial")
+        for key in ("mass", "diaginertia", "fullinertia"):
+            _scale(inertial, key, 1.0 + wanted.mass_change, all_of_it=True)
+
+
+# ------------------------------------------------------------------------------------------------- the floor
+
+
+def _change_floor(
+    root: ElementTree.Element, body: BodyModel, wanted: DisturbanceParameters, contacts: Contacts
+) -> None:
+    """Move the plane, or replace it by boxes where the floor has edges."""
+    world, plane = _find(root, "worldbody"), _find(root, "worldbody/geom[@name='floor']")
+    sloped = bool(wanted.slope_along or wanted.slope_across)
+    if not (sloped or wanted.step_height):
+        if wanted.floor_height:
+            plane.set("pos", f"0 0 {wanted.floor_height!r}")
+        return
+    step = _footstep(contacts, wanted.step_number) if wanted.step_height else contacts.footsteps[0]
+    turn = _about_z(step.heading)
+    feet = np.array([item.position for item in contacts.footsteps]) @ turn  # in the walk's frame
+    tiles = [_Tile((-_FAR, -_FAR), (_FAR, _FAR))]
+    hinge = np.zeros(3)
+    if sloped:
+        sole = body.description.sole
+        front = feet[:2, 0].max() + sole.tip_x
+        hinge[:2] = 0.5 * (front + feet[2, 0] + sole.heel_x), feet[:2, 1].mean()
+        tiles = [
+            _Tile((-_FAR, -_FAR), (float(hinge[0]), _FAR)),
+            _Tile((float(hinge[0]), -_FAR), (_FAR, _FAR), tilted=True),
+        ]
+    if wanted.step_height:
+        low, high = _place(body, step, contacts, turn)
+        tiles = [part for tile in tiles for part in _split(tile, low, high, wanted.step_height)]
+    tilt = _about_y(-wanted.slope_along) @ _about_x(wanted.slope_across)
+    world.remove(plane)
+    up = np.array([0.0, 0.0, wanted.floor_height])
+    for number, tile in enumerate(tiles):
+        low_, high_ = np.array(tile.low), np.array(tile.high)
+        centre = np.array([*(0.5 * (low_ + high_)), tile.height - 0.5 * _THICK])
+        rotation = np.eye(3)
+        if tile.tilted:
+            # Plan coordinates of the tile are along the slope; its hinge stays where it is.
+            centre, rotation = hinge + tilt @ (centre - hinge), tilt
+        rotation, centre = turn @ rotation, turn @ centre + up
+        box = dict(plane.attrib)
+        box |= {
+            "name": "floor" if number == 0 else f"floor_{number}",
+            "type": "box",
+            "size": _text([*(0.5 * (high_ - low_)), 0.5 * _THICK]),
+            "pos": _text(centre),
+            "xyaxes": _text([*rotation[:, 0], *rotation[:, 1]]),
+        }
+        world.insert(number, ElementTree.Element("geom", box))
+
+
+def _footstep(contacts: Contacts, number: int) -> Footstep:
+    if number > len(contacts.footsteps):
+        raise InputError(
+            f"disturbance.step_number = {number} is no footstep of the plan, which has "
+            f"{len(contacts.footsteps)}; take one of them, or raise gait.steps.",
+            key="disturbance.step_number",
+            value=number,
+        )
+    return contacts.footsteps[number - 1]
+
+
+def _place(
+    body: BodyModel, step: Footstep, contacts: Contacts, turn: Array
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Rectangle around a footprint in the walk's frame, as far as the middle between both feet."""
+    outline = footprint(body.description.sole, step) @ turn[:2, :2]
+    low, high = outline.min(axis=0) - _AROUND, outline.max(axis=0) + _AROUND
+    own = np.array(step.position) @ turn
+    others = np.array([item.position for item in contacts.footsteps if item.foot != step.foot]) @ turn
+    near = others[np.argmin(np.abs(others[:, 0] - own[0]))]
+    middle = 0.5 * (own[1] + near[1])
+    if own[1] > near[1]:
+        low[1] = max(low[1], middle)
+    else:
+        high[1] = min(high[1], middle)
+    return (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
+
+
+def _split(tile: _Tile, low: tuple[float, float], high: tuple[float, float], height: float) -> list[_Tile]:
+    """A tile and, cut out of it, a rectangle at another height.
+
+    The seams lie along the walk's direction, so that no other foot treads on them.
+    """
+    inner_low = max(low[0], tile.low[0]), max(low[1], tile.low[1])
+    inner_high = min(high[0], tile.high[0]), min(high[1], tile.high[1])
+    if inner_low[0] >= inner_high[0] or inner_low[1] >= inner_high[1]:
+        return [tile]
+    parts = [
+        tile._replace(high=(tile.high[0], inner_low[1])),
+        tile._replace(low=(tile.low[0], inner_high[1])),
+        tile._replace(low=(tile.low[0], inner_low[1]), high=(inner_low[0], inner_high[1])),
+        tile._replace(low=(inner_high[0], inner_low[1]), high=(tile.high[0], inner_high[1])),
+        tile._replace(low=inner_low, high=inner_high, height=tile.height + height),
+    ]
+    return [part for part in parts if part.high[0] > part.low[0] and part.high[1] > part.low[1]]
+
+
+def _text(numbers: Sequence[float] | Array) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
+
+
+def _about_x(angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def _about_y(angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def _about_z(angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
