@@ -1,7 +1,8 @@
 """AMPM: the gait planner of Kudoh & Komura (IROS 2003) and a controller that tracks its plans.
 
 The package uses Pinocchio and OSQP, but no simulator: a body is given as a description and a Pinocchio model.
-Of the names imported here only ``AmpmPeriodic``, ``TablePlanner`` and ``WalkRequest`` load Pinocchio.
+Of the names imported here only ``AmpmFootsteps``, ``AmpmPeriodic``, ``TablePlanner`` and ``WalkRequest`` load
+Pinocchio.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from ampm.planner.contacts import Contacts, Footstep, Phase
     from ampm.planner.footsteps import plan_footsteps
     from ampm.planner.sampled import SampledLaw, sampled_contacts, sampled_plan
-    from ampm.planners import AmpmPeriodic, TablePlanner, WalkRequest
+    from ampm.planners import AmpmFootsteps, AmpmPeriodic, TablePlanner, WalkRequest
     from ampm.run_file import dump_run, load_run
     from ampm.walk import Controller, ControlOutput, Planner, Posture, Reference, State, Touch, WalkPlan
 
@@ -38,7 +39,7 @@ _MODULES = {
     "ampm.planner.contacts": ("Contacts", "Footstep", "Phase"),
     "ampm.planner.footsteps": ("plan_footsteps",),
     "ampm.planner.sampled": ("SampledLaw", "sampled_contacts", "sampled_plan"),
-    "ampm.planners": ("AmpmPeriodic", "TablePlanner", "WalkRequest"),
+    "ampm.planners": ("AmpmFootsteps", "AmpmPeriodic", "TablePlanner", "WalkRequest"),
     "ampm.run_file": ("dump_run", "load_run"),
     "ampm.walk": (
         "ControlOutput", "Controller", "Planner", "Posture", "Reference", "State", "Touch", "WalkPlan",
@@ -78,9 +79,10 @@ def __dir__() -> list[str]:
 
 
 __all__ = [
-    "AmpmError", "AmpmPeriodic", "BodilyRefusal", "CentroidalPlan", "Contacts", "ControlOutput", "Controller",
-    "Footstep", "GaitParameters", "InputError", "Law", "MathematicalRefusal", "Phase", "Planner", "Posture",
-    "Reference", "RefusedGait", "RunParameters", "SampledLaw", "SolverError", "State", "TablePlanner",
-    "Touch", "WalkPlan", "WalkRequest", "__version__", "dump_run", "load_run", "plan", "plan_footsteps",
-    "preset_names", "sampled_contacts", "sampled_plan",
+    "AmpmError", "AmpmFootsteps", "AmpmPeriodic", "BodilyRefusal", "CentroidalPlan", "Contacts",
+    "ControlOutput", "Controller", "Footstep", "GaitParameters", "InputError", "Law",
+    "MathematicalRefusal", "Phase", "Planner", "Posture", "Reference", "RefusedGait", "RunParameters",
+    "SampledLaw", "SolverError", "State", "TablePlanner", "Touch", "WalkPlan", "WalkRequest",
+    "__version__", "dump_run", "load_run", "plan", "plan_footsteps", "preset_names", "sampled_contacts",
+    "sampled_plan",
 ]  # fmt: skip

@@ -9,9 +9,9 @@ import operator
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_serializer, model_validator
 
 from ampm.disturbance import DisturbanceParameters
 from ampm.exceptions import InputError
@@ -270,6 +270,18 @@ class SolverParameters(Section, section="solver"):
     )
 
 
+class FootstepParameters(Section, section="footsteps"):
+    """One placement of a foot."""
+
+    foot: Literal["left", "right"] = parameter(..., "which foot", "1")
+    x: Real = parameter(..., "place of the sole's reference point, forward", "m", ge=-1e4, le=1e4)
+    y: Real = parameter(..., "place of the sole's reference point, to the left", "m", ge=-1e4, le=1e4)
+    heading: Real = parameter(0.0, "yaw of the foot, to the left positive", "rad", ge=-1e3, le=1e3)
+    time: Real | None = parameter(
+        None, "when the foot lands; left out: by the gait's durations", "s", ge=0, le=1e6
+    )
+
+
 @dataclass(frozen=True)
 class Relation:
     """A limit of one key that depends on another: ``key >= factor * other``, or ``<=``.
@@ -322,6 +334,19 @@ class RunParameters(Section):
     simulation: SimulationParameters = Field(default_factory=SimulationParameters)
     solver: SolverParameters = Field(default_factory=SolverParameters)
     disturbance: DisturbanceParameters = Field(default_factory=DisturbanceParameters)
+    footsteps: Annotated[
+        tuple[FootstepParameters, ...],
+        BeforeValidator(lambda rows: tuple(rows) if isinstance(rows, list) else rows),
+    ] = Field((), description="places to walk over, from rest to rest; none: the periodic gait")
+
+    @model_serializer(mode="wrap")
+    def _plain(self, dump: Any) -> dict[str, Any]:
+        table: dict[str, Any] = dump(self)
+        rows = table.pop("footsteps", ())
+        if rows:
+            kept = [{key: value for key, value in row.items() if value is not None} for row in rows]
+            table["footsteps"] = kept
+        return table
 
     @model_validator(mode="after")
     def _check(self) -> RunParameters:
@@ -336,16 +361,17 @@ class RunParameters(Section):
         section, _, name = key.partition(".")
         return getattr(getattr(self, section), name)
 
-    def replace(self, values: Mapping[str, Any]) -> RunParameters:
+    def replace(self, values: Mapping[str, Any], **more: Any) -> RunParameters:
         """Copy with some namespaced keys changed, validated like any other input.
 
         Args:
             values: new values by namespaced key, for example ``{"gait.c_s": 1.2}``.
+            more: ``footsteps``, a list of tables.
 
         Raises:
             InputError: unknown key or bad value.
         """
-        table = self.model_dump()
+        table = self.model_dump() | more
         for key, value in values.items():
             assign(table, key, value)
         return RunParameters(**table).giving(self.given | values.keys())
@@ -360,7 +386,7 @@ class RunParameters(Section):
         """Keys whose values stay; those of :data:`OPEN_KEYS` that are not among them may be found."""
         return frozenset(
             f"{section}.{key}"
-            for section in self.model_fields_set
+            for section in self.model_fields_set & SECTIONS.keys()
             for key in getattr(self, section).model_fields_set
         )
 
@@ -376,8 +402,9 @@ class RunParameters(Section):
         sections = {
             name: type(section).model_construct(names.get(name, set()), **section.model_dump())
             for name, section in self
+            if name in SECTIONS
         }
-        return RunParameters.model_construct(set(names), **sections)
+        return RunParameters.model_construct(set(names), **sections, footsteps=self.footsteps)
 
 
 def assign(table: dict[str, Any], key: str, value: Any) -> None:
@@ -414,7 +441,9 @@ OPEN_KEYS = (
 )
 """What a gait may leave open, to be found for the rest: all others say what the gait is about."""
 
-SECTIONS: Mapping[str, type[Section]] = {name: type(section) for name, section in RunParameters()}
+SECTIONS: Mapping[str, type[Section]] = {
+    name: type(section) for name, section in RunParameters() if isinstance(section, Section)
+}
 """Classes of the sections, by name."""
 
 

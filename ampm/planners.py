@@ -13,6 +13,7 @@ from ampm.body.motion_cache import known_motion
 from ampm.body.robot import Robot
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
+from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
 from ampm.planner.table import closed_step, repeats, table_plan
@@ -162,6 +163,47 @@ class TablePlanner:
 
         check_body(steps, robot.description)
         return WalkPlan.of(steps, posture=ConstantPosture(steps, run, robot))
+
+
+SPREAD_ARMS = 0.25
+"""Least abduction of the arms over footsteps, for thighs that swing sideways [rad]."""
+
+
+@dataclass(frozen=True)
+class FootstepWalk(WalkPlan):
+    """A walk over footsteps, from standing to standing."""
+
+    @property
+    def judged_from(self) -> float:
+        """Begin of what a trial judges [s]: the first motion."""
+        return 0.0
+
+
+class AmpmFootsteps:
+    """The walk over the footsteps of a run, see :mod:`ampm.planner.footsteps`, with a constant posture."""
+
+    name = "footsteps"
+
+    def plan(self, request: WalkRequest, begin: Boundary | None = None) -> FootstepWalk:
+        """Plan the walk.
+
+        Raises:
+            InputError: a boundary was given, or the footsteps are no walk.
+            MathematicalRefusal: the gait has no closed form.
+            BodilyRefusal: the body cannot walk them.
+        """
+        if begin is not None:
+            raise InputError("a walk over footsteps begins at rest; plan it without a boundary.")
+        # Imported here, as the inverse kinematics is compiled.
+        from ampm.body.clearance import check_clearance
+        from ampm.body.constant_posture import ConstantPosture
+
+        run, robot = request.run, request.robot
+        steps = plan_footstep_walk(run, robot.description)
+        spread = run.replace({"body.arm_abduction": max(run.body.arm_abduction, SPREAD_ARMS)})
+        posture = ConstantPosture(steps, spread, robot, steps.contacts.phases[-1].start)
+        check_clearance(steps, posture, spread, robot)
+        return FootstepWalk.of(steps, posture=posture)
 
 
 def planner_name(planner: Planner[WalkRequest]) -> str:

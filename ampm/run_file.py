@@ -19,7 +19,7 @@ from ampm.section import check_table, parse_toml, read_source, unit_of, unknown
 
 
 def load_run(
-    source: str | Path | None = None, settings: str | Iterable[str] = (), /, **sections: Mapping[str, Any]
+    source: str | Path | None = None, settings: str | Iterable[str] = (), /, **sections: Any
 ) -> RunParameters:
     """Resolve a run from a preset or file and from settings.
 
@@ -33,7 +33,7 @@ def load_run(
         source: name of a preset, path of a TOML file, or None for the defaults.
         settings: ``key=value`` text or texts, the key namespaced, the value as in TOML (quotes may be
             left out).
-        sections: values by section and key, after the settings.
+        sections: values by section and key, after the settings; ``footsteps`` is a list of such tables.
 
     Raises:
         InputError: no such preset or file, no valid TOML, an unknown key or a bad value.
@@ -73,12 +73,15 @@ def _presets() -> tuple[RunParameters, ...]:
 
 
 def _keys_of(table: Mapping[str, Mapping[str, Any]]) -> set[str]:
-    return {f"{name}.{key}" for name, section in table.items() for key in section}
+    return {f"{name}.{key}" for name, section in table.items() if name in SECTIONS for key in section}
 
 
 def _merge(table: dict[str, Any], sections: Mapping[str, Any]) -> None:
     """Set the keys of some sections."""
     for name, section in sections.items():
+        if name == "footsteps":
+            table[name] = section
+            continue
         if name not in RunParameters.model_fields:
             what = "section" if isinstance(section, Mapping) else "key"
             raise unknown(name, RunParameters.model_fields if what == "section" else keys(), what)

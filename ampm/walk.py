@@ -274,6 +274,11 @@ class WalkPlan(StepPlan):
             shifted = self.with_angular_momentum_offset(offset)
             object.__setattr__(self, "constants", shifted.constants)
 
+    @property
+    def judged_from(self) -> float:
+        """Begin of what a trial judges [s]: without the first step, a transient of the start."""
+        return self.constants.step_duration
+
     def at(self, time: float, timing: Timing = SHARP) -> Reference:
         """The reference at one instant [s].
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ampm.control.records import gains_of
-from ampm.control.trunk import ALONG, LAST, LONGEST, fed_back_tilt
+from ampm.control.trunk import LONGEST, LONGEST_SINCE, fed_back_tilt
 from ampm.parameters import ControllerParameters
 
 FREQUENCY, INTEGRAL = 100.0, 0.5
@@ -54,12 +54,11 @@ def test_the_integral_of_the_mean_is_added_and_closes_with_the_window():
     for _ in means:
         got = feedback((tilt, 0.0, 0.0), window)
     assert got[0] == pytest.approx(tilt + INTEGRAL * sum(means) / FREQUENCY, rel=1e-12)
-    before = feedback.memory[ALONG]
     for k in range(ticks - 1, 0, -1):
-        feedback((0.0, 0.0, 0.0), k / FREQUENCY)
-    assert 0.0 < feedback.memory[ALONG] < 0.1 * before
+        got = feedback((-tilt, 0.0, 0.0), k / FREQUENCY)
+    assert got[0] == pytest.approx(-tilt, abs=0.1 * tilt)
     np.testing.assert_array_equal(feedback((0.3, 0.0, 0.0), 0.0), [0.3, 0.0, 0.0])
-    assert feedback.memory[LAST] == 0.0
+    assert feedback.memory[LONGEST_SINCE] == 0.0
 
 
 def test_a_turning_body_is_averaged_in_its_own_axes():
@@ -77,4 +76,4 @@ def test_a_turning_body_is_averaged_in_its_own_axes():
 def test_a_window_beyond_the_memory_is_cut():
     feedback = Feedback()
     feedback((0.1, 0.0, 0.0), 10.0 * LONGEST)
-    assert feedback.memory[LAST] == len(feedback.past)
+    assert feedback.memory[LONGEST_SINCE] == len(feedback.past)

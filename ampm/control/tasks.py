@@ -87,16 +87,21 @@ def _stance(
         wanted[2] = _vertical(gain, foot, lines, press, damping, velocity[2])
         put(wanted[3:6], times(-gain.stance_damping, omega))
         return
+    # Roll and pitch in the axes of the foot's heading.
+    c, s = reference[13], -reference[10]
     turning = minus(times(gain.roll_stiffness, tilt), times(gain.roll_damping, omega))
+    roll, level = c * turning[0] + s * turning[1], c * turning[1] - s * turning[0]
+    pitch_rate = c * omega[1] - s * omega[0]
     holds = heel.touched or ball.touched or lines[TIP].touched
     if all_planned:  # a line is late: turn it to the floor
         rate = gain.touchdown_rate if heel.touched else -gain.touchdown_rate
-        pitch = gain.roll_damping * ((rate if holds else 0.0) - omega[1])
+        pitch = gain.roll_damping * ((rate if holds else 0.0) - pitch_rate)
     else:  # rolling on heel or toes
-        pitch = turning[1] + reference[22] + gain.roll_damping * reference[19]
+        wanted_rate, change = c * reference[19] - s * reference[18], c * reference[22] - s * reference[21]
+        pitch = level + change + gain.roll_damping * wanted_rate
         if not (ball.planned or ball.touched):
             pitch -= gain.roll_stiffness * gain.roll_down_bias
-    turning = turning[0], pitch, turning[2]
+    turning = c * roll - s * pitch, s * roll + c * pitch, turning[2]
     # The line that holds the foot stays where it is; the reference point turns about it.
     on_heel = heel.touched if holds else heel.planned or heel.touched
     pivot = minus(_middle(points, HEEL if on_heel else BALL), vector(foot.place))

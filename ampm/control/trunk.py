@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 LONGEST = 4.0
 """Longest time over which a tilt is averaged [s]."""
 
-NEXT, LAST, ALONG, ACROSS = range(4)
-"""Entries of the memory's state: next row, length of the last window [ticks], integral of the mean about the
-axes along and across the heading [rad s]."""
+NEXT, LONGEST_SINCE, ALONG, ACROSS = range(4)
+"""Entries of the memory's state: next row, longest window since it opened [ticks], integral of the mean about
+the axes along and across the heading [rad s]."""
 
 
 @compiled
@@ -33,7 +33,8 @@ def fed_back_tilt(
 ) -> Vector:
     """Tilt to be fed back, in world axes [rad].
 
-    The time before the window first opens counts as upright. A window that closes takes the integral with it.
+    The time before the window first opens counts as upright. As a window closes, mean and integral fade into
+    the tilt of the instant.
 
     Args:
         gains: of the controller.
@@ -46,23 +47,29 @@ def fed_back_tilt(
     gain = gains[0]
     count = min(round(window * gain.frequency), len(past))
     if count == 0:
-        if memory[LAST] > 0.0:
+        if memory[LONGEST_SINCE] > 0.0:
             past[:] = 0.0
             memory[:] = 0.0
         return tilt
+    longest = int(max(memory[LONGEST_SINCE], count))
     length = math.sqrt(trunk[0, 0] ** 2 + trunk[1, 0] ** 2)
     c, s = trunk[0, 0] / length, trunk[1, 0] / length
     row = int(memory[NEXT])
     past[row, 0], past[row, 1] = c * tilt[0] + s * tilt[1], c * tilt[1] - s * tilt[0]
     along = across = 0.0
-    for k in range(count):  # a negative row counts from the end
+    for k in range(longest):  # a negative row counts from the end
         along += past[row - k, 0]
         across += past[row - k, 1]
-    along, across = along / count, across / count
-    kept = min(count / memory[LAST], 1.0) if memory[LAST] > 0.0 else 1.0
-    memory[ALONG] = kept * memory[ALONG] + along / gain.frequency
-    memory[ACROSS] = kept * memory[ACROSS] + across / gain.frequency
-    memory[NEXT], memory[LAST] = (row + 1) % len(past), count
+    along, across = along / longest, across / longest
+    memory[ALONG] += along / gain.frequency
+    memory[ACROSS] += across / gain.frequency
+    memory[NEXT], memory[LONGEST_SINCE] = (row + 1) % len(past), longest
     along += gain.trunk_integral * memory[ALONG]
     across += gain.trunk_integral * memory[ACROSS]
-    return c * along - s * across, s * along + c * across, tilt[2]
+    share = count / longest
+    rest = 1.0 - share
+    return (
+        share * (c * along - s * across) + rest * tilt[0],
+        share * (s * along + c * across) + rest * tilt[1],
+        tilt[2],
+    )

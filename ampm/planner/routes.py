@@ -10,11 +10,12 @@ import csv
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
 from ampm.exceptions import InputError
+from ampm.parameters import RunParameters
 from ampm.planner.contacts import Footstep, Side
 
 COLUMNS = ("foot", "x", "y", "heading")
@@ -24,24 +25,32 @@ Frame = tuple[float, float, float]
 """Middle between two feet that stand beside each other, and their heading: (x, y) [m], [rad]."""
 
 
-def route(frames: Sequence[Frame], width: float, first: Side = "right") -> list[Footstep]:
+TOE_OUT = 0.1
+"""Angle by which the feet of the turning walks are turned out, so that the legs pass each other [rad]."""
+
+
+def route(
+    frames: Sequence[Frame], width: float, first: Side = "right", *, toe_out: float = 0.0
+) -> list[Footstep]:
     """Footsteps through frames, one of each, then the other foot beside the last one.
 
     Args:
         frames: the first one is where both feet stand; then one for every step.
         width: lateral distance of the feet [m].
         first: foot that swings first.
+        toe_out: angle by which either foot is turned out [rad].
     """
     other: Side = "left" if first == "right" else "right"
     feet = [first, other, *([first, other] * len(frames))]
     visited = [frames[0], frames[0], *frames[1:], frames[-1]]
-    return [_beside(frame, foot, width) for frame, foot in zip(visited, feet, strict=False)]
+    return [_beside(frame, foot, width, toe_out) for frame, foot in zip(visited, feet, strict=False)]
 
 
-def _beside(frame: Frame, foot: Side, width: float) -> Footstep:
+def _beside(frame: Frame, foot: Side, width: float, toe_out: float) -> Footstep:
     x, y, heading = frame
     aside = 0.5 * width if foot == "left" else -0.5 * width
-    return Footstep(foot, (x - aside * math.sin(heading), y + aside * math.cos(heading), 0.0), heading)
+    place = x - aside * math.sin(heading), y + aside * math.cos(heading), 0.0
+    return Footstep(foot, place, heading + math.copysign(toe_out, aside))
 
 
 def straight(steps: int, length: float, width: float) -> list[Footstep]:
@@ -49,17 +58,19 @@ def straight(steps: int, length: float, width: float) -> list[Footstep]:
     return route([(k * length, 0.0, 0.0) for k in range(steps)], width)
 
 
-def arc(steps: int, length: float, radius: float, width: float) -> list[Footstep]:
+def arc(
+    steps: int, length: float, radius: float, width: float, *, toe_out: float = TOE_OUT
+) -> list[Footstep]:
     """Equal steps along a circle, to the left; with a negative radius [m] to the right."""
     turns = [k * length / radius for k in range(steps)]
     frames = [(radius * math.sin(turn), radius * (1.0 - math.cos(turn)), turn) for turn in turns]
-    return route(frames, width, "left" if radius > 0.0 else "right")
+    return route(frames, width, "left" if radius > 0.0 else "right", toe_out=toe_out)
 
 
-def turn(steps: int, angle: float, width: float) -> list[Footstep]:
+def turn(steps: int, angle: float, width: float, *, toe_out: float = TOE_OUT) -> list[Footstep]:
     """A turn in place by an angle, to the left if it is positive [rad]."""
     frames = [(0.0, 0.0, angle * k / max(steps - 1, 1)) for k in range(steps)]
-    return route(frames, width, "left" if angle > 0.0 else "right")
+    return route(frames, width, "left" if angle > 0.0 else "right", toe_out=toe_out)
 
 
 def sidestep(steps: int, length: float, width: float) -> list[Footstep]:
@@ -68,14 +79,16 @@ def sidestep(steps: int, length: float, width: float) -> list[Footstep]:
     return route(frames, width, "left" if length > 0.0 else "right")
 
 
-def slalom(steps: int, length: float, angle: float, period: int, width: float) -> list[Footstep]:
+def slalom(
+    steps: int, length: float, angle: float, period: int, width: float, *, toe_out: float = TOE_OUT
+) -> list[Footstep]:
     """A wavy line: the heading swings by ``angle`` [rad] to either side once in ``period`` steps."""
     frames: list[Frame] = [(0.0, 0.0, 0.0)]
     for k in range(1, steps):
         x, y, _ = frames[-1]
         heading = angle * math.sin(2.0 * math.pi * k / period)
         frames.append((x + length * math.cos(heading), y + length * math.sin(heading), heading))
-    return route(frames, width)
+    return route(frames, width, toe_out=toe_out)
 
 
 def stones(
@@ -101,6 +114,73 @@ def stones(
         foot = footsteps[k].foot
         footsteps[k] = Footstep(foot, (float(x), float(y if foot == "left" else -y), 0.0))
     return footsteps
+
+
+def tour(steps: int, length: float, width: float, *, seed: int = 0) -> list[Footstep]:
+    """Uneven steps ahead, arcs, turns in place, sidesteps and steps back, in any order.
+
+    Arcs have a radius of two steps. A step in place separates what goes ahead, aside and back.
+
+    Args:
+        steps: how many.
+        length: mean of the steps ahead [m].
+        width: lateral distance of the feet [m].
+        seed: of the order, the directions and the lengths.
+    """
+    generator = np.random.default_rng(seed)
+    frames: list[Frame] = [(0.0, 0.0, 0.0)]
+    kinds: list[str] = []
+    while len(frames) < steps:
+        kinds = kinds or list(generator.permutation(["uneven", "arc", "turn", "aside", "back"]))
+        kind, way = kinds.pop(), float(generator.choice([-1.0, 1.0]))
+        for k in range(int(generator.integers(4, 9))):
+            swings = "right" if len(frames) % 2 else "left"  # the foot that this step moves
+            ahead = aside = turned = 0.0
+            if kind == "uneven":
+                ahead = length * (1.0 + 0.25 * generator.uniform(-1.0, 1.0))
+            elif kind == "arc":
+                ahead, turned = 0.8 * length, 0.4 * way
+            elif kind == "turn":
+                turned = 0.35 * way
+            elif kind == "back":
+                ahead = -0.6 * length
+            elif swings == ("left" if way > 0.0 else "right"):
+                aside = 0.4 * length * way
+            if k == 0:
+                ahead = aside = turned = 0.0
+            x, y, heading = frames[-1]
+            middle = heading + 0.5 * turned
+            x += ahead * math.cos(middle) - aside * math.sin(middle)
+            y += ahead * math.sin(middle) + aside * math.cos(middle)
+            frames.append((x, y, heading + turned))
+    return route(frames[:steps], width, toe_out=TOE_OUT)
+
+
+def footsteps_of(run: RunParameters) -> tuple[list[Footstep], list[float | None]]:
+    """Footsteps of a run, and when each is reached [s], None where the run leaves it open."""
+    rows = run.footsteps
+    return [Footstep(row.foot, (row.x, row.y, 0.0), row.heading) for row in rows], [row.time for row in rows]
+
+
+def as_rows(
+    footsteps: Sequence[Footstep], landings: Sequence[float | None] | None = None
+) -> list[dict[str, Any]]:
+    """Footsteps as ``[[footsteps]]`` of a run file.
+
+    Raises:
+        InputError: one is no footstep, or not on the floor.
+    """
+    rows = []
+    for number, step in enumerate(footsteps, start=1):
+        if not isinstance(step, Footstep):
+            raise InputError(f"footstep {number}, {step!r}, is none; give ampm.Footstep(foot, (x, y, 0.0)).")
+        x, y, z = step.position
+        if z:
+            raise InputError(f"footstep {number} is at z = {z:g} m; give footsteps on the floor, z = 0.")
+        time = None if landings is None else landings[number - 1]
+        rows.append({"foot": step.foot, "x": float(x), "y": float(y), "heading": float(step.heading)})
+        rows[-1] |= {} if time is None else {"time": float(time)}
+    return rows
 
 
 def _number(row: dict[str, str | None], name: str, line: int) -> float:

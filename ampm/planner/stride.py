@@ -31,7 +31,7 @@ from ampm.planner.feet import PIVOT_BALL, PIVOT_HEEL, FeetPlan, FootPath
 _ORDER = 6  # coefficients of a quintic
 _PITCH, _TOE = 3, 4  # places of a curve after x, y, z
 _CUBIC_RISE = np.array([0.0, 0.0, 3.0, -2.0, 0.0, 0.0, 0.0])  # from 0 to 1 in unit time, at rest at both ends
-_LIFT = np.array([0.0, 0.0, 0.0, 64.0, -192.0, 192.0, -64.0])  # 64 tau^3 (1 - tau)^3, one at mid swing
+LIFT = np.array([0.0, 0.0, 0.0, 64.0, -192.0, 192.0, -64.0])  # 64 tau^3 (1 - tau)^3, one at mid swing
 
 
 def quintic(start: ArrayLike, end: ArrayLike, duration: ArrayLike) -> Array:
@@ -170,7 +170,7 @@ def _stride(
     if paper:
         pieces = _paper_swing(flight, single, foot.swing_height)
     else:
-        lift_shape = _LIFT / np.vander(single, _ORDER + 1, increasing=True)
+        lift_shape = LIFT / np.vander(single, _ORDER + 1, increasing=True)
         flight[:, 0] -= (foot.swing_lag * (ahead[:, 0] - behind[:, 0]))[:, None] * lift_shape
         flight[:, 2] += foot.swing_height * lift_shape
 
@@ -189,9 +189,9 @@ def _stride(
     shares = {share for share, _ in pieces} | ({returned} if returned < 1.0 else set())
     for share in sorted(shares):  # the same polynomials, their time counted from a later start
         since, piece = [item for item in pieces if item[0] <= share][-1]
-        curve = _shift(flight, share * single) if share else flight.copy()
+        curve = shift(flight, share * single) if share else flight.copy()
         if paper:
-            curve[:, :_PITCH] = _shift(piece[:, :_PITCH], (share - since) * single)
+            curve[:, :_PITCH] = shift(piece[:, :_PITCH], (share - since) * single)
         if share >= returned:
             curve[:, _TOE] = 0.0
         swing.append(_Segment(start + share * single, PIVOT_BALL, none, curve))
@@ -263,7 +263,7 @@ def _paper_swing(flight: Array, single: Array, height: float) -> list[tuple[floa
     """
     half = 0.5 * single
     shape = height * _CUBIC_RISE / np.vander(half, _ORDER + 1, increasing=True)
-    rising, falling = flight.copy(), _shift(flight, half)
+    rising, falling = flight.copy(), shift(flight, half)
     rising[:, 2] += shape
     falling[:, 2] -= shape
     falling[:, 2, 0] += height
@@ -286,7 +286,7 @@ def _foot_path(table: _Segment, used: NDArray[np.bool_]) -> FootPath:
     )
 
 
-def _shift(curve: Array, by: Array) -> Array:
+def shift(curve: Array, by: Array) -> Array:
     """Coefficients of p(t + by) from those of p(t), by Taylor expansion (repeated Horner).
 
     Args:

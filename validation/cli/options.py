@@ -83,6 +83,14 @@ PlannerName = Annotated[
         "NAME|FILE.csv|.parquet|MODULE:CLASS",
     ),
 ]
+Footsteps = Annotated[
+    Path | None,
+    option(
+        "--footsteps",
+        "Walk over footsteps from rest to rest: columns foot,x,y,heading [m, rad], and time [s] if wanted.",
+        "FILE.csv",
+    ),
+]
 Workers = Annotated[int | None, option("--workers", "Processes; one per core by default.", "N")]
 Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")]
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]
@@ -98,6 +106,15 @@ def with_body(settings: list[str] | None, body: str | None) -> list[str]:
     if body is not None and Path(body).is_file():
         body = str(Path(body).resolve())
     return [*(settings or ()), *([] if body is None else [f"body.source='{body}'"])]
+
+
+def with_footsteps(path: Path | None) -> dict[str, Any]:
+    """Sections of a run with the footsteps of a file, or none."""
+    if path is None:
+        return {}
+    from ampm.planner.routes import as_rows, read_footsteps  # imported here: NumPy is slow to load
+
+    return {"footsteps": as_rows(*read_footsteps(path))}
 
 
 def check_picture(path: Path) -> None:

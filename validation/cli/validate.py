@@ -20,6 +20,7 @@ from validation.cli.errors import describe_error, explain
 from validation.cli.options import (
     AsIs,
     Body,
+    Footsteps,
     Force,
     Gaits,
     Json,
@@ -33,6 +34,7 @@ from validation.cli.options import (
     check_picture,
     option,
     with_body,
+    with_footsteps,
     with_steps,
 )  # fmt: skip
 from validation.progress import interruption
@@ -80,6 +82,7 @@ def validate(
         option("--controller", "Short for controller.name: ampm, joint-pd, your own.", "NAME|MODULE:CLASS"),
     ] = None,
     planner: PlannerName = None,
+    footsteps: Footsteps = None,
     push: Annotated[
         list[str] | None,
         option(
@@ -118,7 +121,7 @@ def validate(
     short = {"solver.qp": qp, "controller.name": controller}
     extra = [f'{key}="{value}"' for key, value in short.items() if value is not None]
     extra = [*with_steps(with_body(settings, body), steps), *extra]
-    requests = load_requests(gaits or [None], extra, as_is=as_is)
+    requests = load_requests(gaits or [None], extra, as_is=as_is, sections=with_footsteps(footsteps))
     judges = [
         profiles.own_profile(gait) if profile is None else profiles.profile(profile)
         for gait in gaits or ["normal"]

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     Rows = NDArray[np.bool_]
 
 RUN = "run"
-"""The window that is judged: the whole run without the first step."""
+"""The window that is judged: the run without its first step, or all of it if it begins at rest."""
 FIRST_STEP = "first_step"
 
 PARTS: Mapping[str, str] = MappingProxyType(
@@ -235,7 +235,7 @@ def compare(
     sample = plan.sample(np.minimum(time, plan.duration))
     # Whole configurations and feet have far more numbers than are compared.
     momentum_z = _by_parts(lambda part: plan.posture.sample(part).angular_momentum_z, time)
-    run, feet = time >= plan.constants.step_duration - 1e-9, measured.foot_contact.sum(axis=1)
+    run, feet = time >= plan.judged_from - 1e-9, measured.foot_contact.sum(axis=1)
     rows = {
         RUN: run,
         FIRST_STEP: ~run,

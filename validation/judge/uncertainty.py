@@ -54,6 +54,8 @@ class Uncertainty:
     def difference(self, request: Request) -> str:
         """First key in which a run differs from the studied one, with both values; empty if none does."""
         own = json_ready(request.run.model_dump())
+        if own.pop("footsteps", None):
+            return "it walks over footsteps"
         for section, entries in json_ready(self.parameters).items():
             for key, value in entries.items():
                 here = own.get(section, {}).get(key)

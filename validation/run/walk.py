@@ -14,6 +14,7 @@ from ampm.body.orbit import solve_motion
 from ampm.compiled import folder
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
+from ampm.planner.routes import as_rows
 from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
 from validation.judge import profiles
@@ -34,6 +35,7 @@ from validation.trial.scene import disturbed_model
 from validation.trial.simulate import simulate
 
 if TYPE_CHECKING:
+    from ampm.planner.contacts import Footstep
     from ampm.planners import WalkRequest
     from ampm.walk import ControllerFactory, Planner
     from validation.judge.uncertainty import Uncertainty
@@ -46,6 +48,7 @@ def walk(
     controller: ControllerFactory | str | None = None,
     planner: Planner[WalkRequest] | str | None = None,
     disturbances: Sequence[Disturbance] = (),
+    footsteps: Sequence[Footstep] = (),
     profile: Profile | str | None = None,
     uncertainty: Uncertainty | None = None,
     name: str | None = None,
@@ -63,6 +66,7 @@ def walk(
         planner: makes the plan, or a name, see :func:`validation.run.planner.load_planner`;
             :class:`ampm.planners.AmpmPeriodic` by default.
         disturbances: external forces, such as :class:`validation.Push`, beside those of the run.
+        footsteps: places to walk over from rest to rest, see :func:`ampm.plan_footsteps`.
         profile: tolerances, or the name of a profile; that of the preset by default.
         uncertainty: numerical uncertainty of the metrics, from a convergence study.
         name: of the gait, for reports; that of preset or file by default.
@@ -89,6 +93,8 @@ def walk(
     else:
         request = load_request(str(run))
         request = replace(request, name=name or request.name)
+    if footsteps:
+        request = replace(request, run=request.run.replace({}, footsteps=as_rows(footsteps)))
     factory = (
         controller if callable(controller) else find_controller(controller or request.run.controller.name)
     )

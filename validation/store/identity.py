@@ -28,7 +28,9 @@ _DIGITS = 16
 def parameter_values(run: RunParameters) -> dict[str, Any]:
     """Namespaced key to value, in the order of the sections."""
     sections = run.model_dump()
-    return {f"{name}.{key}": value for name, section in sections.items() for key, value in section.items()}
+    rows = {"footsteps": sections.pop("footsteps")} if run.footsteps else {}
+    values = {f"{name}.{key}": value for name, section in sections.items() for key, value in section.items()}
+    return values | rows
 
 
 @cache

@@ -20,6 +20,7 @@ from pydantic import TypeAdapter
 from ampm.description import BodyDescription
 from ampm.exceptions import AmpmError, InputError
 from ampm.parameters import RunParameters
+from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.support import StepPlan
 from ampm.planner.zmp_laws import STEP_PLANNERS
 from ampm.run_file import load_run
@@ -84,10 +85,13 @@ class SavedRun:
 
         None if a planner of a user's own made the plan, or this version of ours refuses it.
         """
-        run, planner = self.parameters, STEP_PLANNERS.get(self.summary.get("planner", "ampm"))
-        if planner is None:
-            return None
+        name = self.summary.get("planner", "ampm")
+        run, planner = self.parameters, STEP_PLANNERS.get(name)
         try:
+            if name == "footsteps" and run.footsteps:
+                return plan_footstep_walk(run, self.body)
+            if planner is None:
+                return None
             return planner(run.gait, run.body.mass, run.foot, self.body.sole)
         except AmpmError:
             return None

@@ -127,7 +127,7 @@ def load_request(
     settings: Sequence[str] = (),
     *,
     as_is: bool = False,
-    sections: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+    sections: Mapping[str, Any] = MappingProxyType({}),
 ) -> Request:
     """Resolve one gait and its settings.
 
@@ -181,7 +181,11 @@ def request_of(
 
 
 def load_requests(
-    gaits: Sequence[str | None], settings: Sequence[str] = (), *, as_is: bool = False
+    gaits: Sequence[str | None],
+    settings: Sequence[str] = (),
+    *,
+    as_is: bool = False,
+    sections: Mapping[str, Any] = MappingProxyType({}),
 ) -> list[Request]:
     """Resolve several gaits.
 
@@ -189,12 +193,13 @@ def load_requests(
         gaits: as in :func:`load_request`.
         settings: ``key=value`` texts, the same for all.
         as_is: every value counts as given, so that nothing is found.
+        sections: values by section and key, after the settings.
 
     Raises:
         InputError: as :func:`load_request`, or two gaits of one name.
         MathematicalRefusal: a gait has no plan.
     """
-    resolved = [load_request(gait, settings, as_is=as_is) for gait in gaits]
+    resolved = [load_request(gait, settings, as_is=as_is, sections=sections) for gait in gaits]
     names = [item.name for item in resolved]
     for name in names:
         if names.count(name) > 1:
@@ -265,22 +270,30 @@ def plan_walk(
 
     Where anything but the number of steps differs from a preset's own gait, body and feet, the values that
     the request leaves open are found first and reported (:func:`ampm.run_file.changes`), for the AMPM's plan:
-    the other planners of :data:`ampm.planners.PLANNERS` have its footsteps, times and feet. Any other planner
-    gets the request unchanged.
+    the other planners of :data:`ampm.planners.PLANNERS` have its footsteps, times and feet. Over footsteps
+    only another body than the human gets values found, those of its own gait. Any other planner gets the
+    request unchanged.
 
     Args:
         request: the gait.
         progress: where to report stages.
-        planner: :class:`ampm.planners.AmpmPeriodic` by default.
+        planner: :class:`ampm.planners.AmpmPeriodic` by default, for footsteps
+            :class:`ampm.planners.AmpmFootsteps`.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met, or a user's planner fails.
     """
     run, progress = request.run, progress or Progress()
     # Imported here: Pinocchio is slow to load.
-    from ampm.planners import PLANNERS, AmpmPeriodic, WalkRequest, planner_name
+    from ampm.planners import PLANNERS, AmpmFootsteps, AmpmPeriodic, WalkRequest, planner_name
     from ampm.walk import WalkPlan
 
+    if planner is None and run.footsteps:
+        planner = AmpmFootsteps()
+        if run.body.source != HUMAN and changes(run):  # height and feet are those of the body's own gait
+            request = tune_walk(replace(request, run=run.replace({}, footsteps=())), progress)[0].request
+            request = replace(request, run=request.run.replace({}, footsteps=run.footsteps))
+            run = request.run
     name = "" if planner is None else planner_name(planner)
     planner = planner or AmpmPeriodic()
     body = None
@@ -296,7 +309,8 @@ def plan_walk(
             body = make_body(run)
     with progress.stage(f"{request.name}: whole-body motion") as stage:
         wanted = WalkRequest(run.undisturbed, body.robot, stage.note, motion_cache())
-        with UsersCode("planner", planner) if name not in ("", *PLANNERS) else _way_out(run):
+        own = type(planner) is AmpmFootsteps or name in ("", *PLANNERS)
+        with _way_out(run) if own else UsersCode("planner", planner):
             plan = planner.plan(wanted)
             if not isinstance(plan, WalkPlan):
                 raise TypeError(f"it made a {type(plan).__name__}, not a WalkPlan")

@@ -1,0 +1,62 @@
+"""Distance of the parts of a body over a planned walk, before anything is simulated."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ampm.body.constant_posture import ConstantPosture
+from ampm.body.feasibility import CLEARANCE
+from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
+from ampm.body.robot import Robot
+from ampm.body.step_reference import step_reference
+from ampm.exceptions import BodilyRefusal
+from ampm.parameters import RunParameters
+from ampm.planner.support import StepPlan
+
+_INSTANTS = 7  # of every swing
+
+
+def check_clearance(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot: Robot) -> None:
+    """Refuse footsteps at which parts of the body come too near to each other.
+
+    The body is upright at seven instants of every swing. Instants that a leg does not reach are left out: a
+    pelvis that tilts may reach them.
+
+    Args:
+        plan: of COM and feet.
+        posture: gives heading and rest of the joints.
+        run: gains of the inverse kinematics.
+        robot: the body.
+
+    Raises:
+        BodilyRefusal: parts come nearer than :data:`ampm.body.feasibility.CLEARANCE`.
+    """
+    swings = [phase for phase in plan.contacts.phases if phase.kind == "single_support"]
+    times = np.concatenate(
+        [swing.start + swing.duration * np.linspace(0.0, 1.0, _INSTANTS) for swing in swings]
+    )
+    ik, q = InverseKinematics(robot, run), posture.q.copy()
+    reached, configurations = [], []
+    for index, heading in enumerate(posture.heading(times)[0].tolist()):
+        reference = step_reference(plan, times[index : index + 1]).turned(heading)
+        q[:3] += reference.position[0, 0] - robot.jacobian(q).com
+        try:
+            found = ik.upright(reference, 0, q)
+        except Unreachable:
+            continue
+        q = found.copy()
+        q[3:7] = 0.0, 0.0, 0.0, 1.0
+        reached.append(index)
+        configurations.append(found)
+    if not configurations:
+        return
+    gaps = robot.shapes.gaps(np.array(configurations))
+    worst = int(gaps.distance.argmin())
+    if not gaps.distance[worst] >= CLEARANCE:
+        at = reached[worst]
+        raise BodilyRefusal(
+            f"footstep {at // _INSTANTS + 3}: {gaps.parts[worst]} come within "
+            f"{1e3 * gaps.distance[worst]:.3g} mm at {times[at]:.3f} s, nearer than {1e3 * CLEARANCE:g} mm",
+            reason="self_collision", value=float(gaps.distance[worst]), limit=CLEARANCE, unit="m",
+            way_out="turn the toes out, by 0.1 rad for example, or put the feet further apart",
+        )  # fmt: skip

@@ -1,0 +1,251 @@
+"""Walks over footsteps: their feet, their files, and the trial from standing to standing."""
+
+import math
+
+import numpy as np
+import pytest
+
+import ampm
+import validation as val
+from ampm.exceptions import BodilyRefusal, InputError
+from ampm.planner import routes
+from ampm.planner.contacts import Footstep
+from ampm.planner.feet import foot_rotation, foot_turning
+from ampm.planner.footstep_walk import REST, plan_footstep_walk
+from ampm.planner.footsteps import plan_footsteps
+from ampm.planner.swings import plan_swings
+from validation.store.saved import load_saved_run
+from validation.trial.plan import load_request, make_body
+
+RUN = ampm.load_run("normal")
+BODY = make_body(RUN).model.description
+WIDTH = 0.2
+WALKS = {
+    "straight": routes.straight(6, 0.6, WIDTH),
+    "backward": routes.straight(5, -0.3, WIDTH),
+    "arc": routes.arc(7, 0.4, -1.0, WIDTH),
+    "turn": routes.turn(6, 2.0, WIDTH),
+    "sidestep": routes.sidestep(6, 0.2, WIDTH),
+    "stones": routes.stones(8, 0.5, WIDTH, seed=2),
+}
+
+
+def over(footsteps, run=RUN):
+    return run.replace({}, footsteps=routes.as_rows(footsteps))
+
+
+def plan(footsteps, run=RUN):
+    return plan_footstep_walk(over(footsteps, run), BODY)
+
+
+def turned(footsteps, angle):
+    c, s = math.cos(angle), math.sin(angle)
+    return [
+        Footstep(step.foot, (c * x - s * y, s * x + c * y, z), step.heading + angle)
+        for step in footsteps
+        for x, y, z in [step.position]
+    ]
+
+
+@pytest.mark.parametrize("name", WALKS)
+def test_feet_move_smoothly_and_stand_where_they_should(name):
+    walk = plan(WALKS[name])
+    h = 1e-6
+    for foot, path in zip(("left", "right"), (walk.feet.left, walk.feet.right), strict=True):
+        switches = path.start[(path.start > 0.0)]
+        before, after = (walk.feet.sample(switches + shift)[foot == "right"] for shift in (-h, h))
+        np.testing.assert_allclose(after.position, before.position, atol=1e-5)
+        np.testing.assert_allclose(after.velocity, before.velocity, atol=1e-3)
+        np.testing.assert_allclose(after.pitch, before.pitch, atol=1e-4)
+        np.testing.assert_allclose(after.pitch_velocity, before.pitch_velocity, atol=1e-2)
+        swing = ~(before.contact.any(axis=1) | after.contact.any(axis=1))
+        np.testing.assert_allclose(after.acceleration[swing], before.acceleration[swing], atol=0.1)
+    times = np.linspace(0.0, walk.duration, 997)
+    feet = walk.feet.sample(times)
+    for side, foot in zip(("left", "right"), feet, strict=True):
+        points = foot.sole_points.reshape(len(times), 3, 2, 3)
+        held = np.abs(points[..., 2][foot.contact])
+        assert held.max() < 1e-9
+        assert foot.sole_points[..., 2].min() > -5e-5
+        for phase in walk.contacts.phases:
+            step = getattr(phase, side)
+            if step is None:
+                continue
+            middle = walk.feet.sample([phase.start + 0.999 * phase.duration])[side == "right"]
+            if middle.contact[0, 0] and middle.contact[0, 1]:
+                np.testing.assert_allclose(middle.position[0], step.position, atol=1e-12)
+                assert math.cos(middle.heading[0] - step.heading) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", ["straight", "arc"])
+def test_rates_of_the_feet_are_derivatives(name):
+    walk, h = plan(WALKS[name]), 1e-5
+    switches = np.concatenate([walk.feet.left.start, walk.feet.right.start])
+    times = np.linspace(0.01, walk.duration - 0.01, 397)
+    times = times[(np.abs(times[:, None] - switches) > 3 * h).all(axis=1)]
+    for number in (0, 1):
+        low, mid, high = (walk.feet.sample(times + shift)[number] for shift in (-h, 0.0, h))
+        np.testing.assert_allclose((high.position - low.position) / (2 * h), mid.velocity, atol=1e-6)
+        np.testing.assert_allclose((high.velocity - low.velocity) / (2 * h), mid.acceleration, atol=1e-4)
+        (slow, _), (rate, change), (fast, _) = map(foot_turning, (low, mid, high))
+        np.testing.assert_allclose((fast - slow) / (2 * h), change, atol=1e-4)
+        moved = [foot_rotation(foot.heading, foot.pitch) for foot in (low, high)]
+        spin = np.einsum(
+            "nij,nkj->nik", (moved[1] - moved[0]) / (2 * h), foot_rotation(mid.heading, mid.pitch)
+        )
+        found = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
+        np.testing.assert_allclose(found, rate, atol=1e-6)
+
+
+def test_a_turned_walk_has_turned_feet():
+    angle = 2.0
+    here, there = plan(WALKS["stones"]), plan(turned(WALKS["stones"], angle))
+    times = np.linspace(0.0, here.duration, 300)
+    c, s = math.cos(angle), math.sin(angle)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    for one, other in zip(here.feet.sample(times), there.feet.sample(times), strict=True):
+        for name in ("position", "velocity", "acceleration"):
+            np.testing.assert_allclose(getattr(one, name) @ turn.T, getattr(other, name), atol=1e-8)
+        np.testing.assert_allclose(one.sole_points @ turn.T, other.sole_points, atol=1e-9)
+        np.testing.assert_allclose(one.pitch, other.pitch, atol=1e-9)
+
+
+def test_equal_steps_have_the_feet_of_the_periodic_gait():
+    steps = 24
+    gait = RUN.gait.model_copy(update={"a_s": 2.8, "steps": 2})
+    footsteps = routes.straight(steps, gait.step_length, gait.step_width)
+    centroidal = plan_footsteps(footsteps, gait, BODY)
+    feet = plan_swings(centroidal, RUN.foot, BODY.sole, gait.step_length)
+    periodic = ampm.planner.support.plan_steps(gait, BODY.mass, RUN.foot, BODY.sole)
+    singles = centroidal.contacts.starts[1::2]
+    first = 12  # stands on the left foot, as the first periodic step does
+    times = np.linspace(0.0, 2.0 * periodic.constants.step_duration, 200)[:-1]
+    shift = centroidal.contacts.placements[1 + 2 * first, 0, 0]
+    for one, other in zip(feet.sample(singles[first] + times), periodic.feet.sample(times), strict=True):
+        np.testing.assert_allclose(one.position - [shift, 0.0, 0.0], other.position, atol=1e-9)
+        np.testing.assert_allclose(one.pitch, other.pitch, atol=1e-9)
+        np.testing.assert_allclose(one.toe, other.toe, atol=1e-9)
+        np.testing.assert_array_equal(one.contact, other.contact)
+
+
+def test_the_walk_ends_standing_still():
+    walk = plan(WALKS["arc"])
+    end = walk.sample([walk.duration - REST + 1e-6, walk.duration])
+    np.testing.assert_allclose(end.com[0], end.com[1], atol=1e-12)
+    for name in ("com_velocity", "com_acceleration", "moment", "angular_momentum"):
+        np.testing.assert_allclose(getattr(end, name)[1], 0.0, atol=1e-12)
+    assert walk.residuals().largest < 1e-10
+    assert walk.least_zmp_margin()[0] > -0.01  # on rolling soles; 15 mm inside flat ones
+
+
+def test_other_swings_are_refused():
+    paper = RUN.replace({"foot.swing": "paper"})
+    with pytest.raises(InputError, match=r"foot\.swing = quintic, not paper"):
+        plan(WALKS["straight"], paper)
+    early = RUN.replace({"foot.heel_rise_lead": 0.9})
+    with pytest.raises(InputError, match="lets a heel rise before the foot stands alone"):
+        plan(WALKS["straight"], early)
+
+
+# ------------------------------------------------------------------------------------------------ run files
+
+
+def test_footsteps_are_kept_in_the_run_file(tmp_path):
+    run = over(WALKS["arc"])
+    path = tmp_path / "arc.toml"
+    path.write_text(ampm.dump_run(run), encoding="utf-8")
+    again = ampm.load_run(path)
+    assert again == run
+    assert routes.footsteps_of(again) == (WALKS["arc"], [None] * len(WALKS["arc"]))
+    assert "footsteps" not in ampm.dump_run(RUN)
+    assert again.as_is().footsteps == run.footsteps
+    assert again.replace({"gait.c_s": 1.1}).footsteps == run.footsteps
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ({"foot": "lefty", "x": 0.0, "y": 0.0}, r"footsteps.* = 'lefty' must be one of"),
+        ({"foot": "left", "x": 0.0}, r"footsteps\.y is missing"),
+        ({"foot": "left", "x": "a", "y": 0.0}, r"footsteps\.x = 'a' must be a number"),
+        ({"foot": "left", "x": 0.0, "y": 0.0, "height": 1.0}, "unknown key"),
+    ],
+)
+def test_rows_that_are_no_footsteps(row, words):
+    with pytest.raises(InputError, match=words):
+        ampm.load_run("normal", footsteps=[row])
+
+
+def test_objects_that_are_no_footsteps():
+    with pytest.raises(InputError, match="footstep 1, 5, is none"):
+        routes.as_rows([5])
+    with pytest.raises(InputError, match=r"footstep 1 is at z = 0\.1 m"):
+        routes.as_rows([Footstep("left", (0.0, 0.0, 0.1))])
+
+
+# --------------------------------------------------------------------------------------------------- trials
+
+SHORT = """foot,x,y,heading,time
+right,0,-0.1,0,
+left,0,0.1,0,
+right,0.25,-0.1,0.1,1.4
+left,0.25,0.1,0.1,
+"""
+
+
+def test_footsteps_of_a_file_walk_and_are_read_back(tmp_path, ampm):
+    path, out = tmp_path / "walk.csv", tmp_path / "run"
+    path.write_text(SHORT, encoding="utf-8")
+    answer = ampm("validate", "normal", "--footsteps", path, "--out", out, "--json")
+    assert answer.status in (0, 1), answer.err
+    assert answer.json["outcome"] == "completed"
+    assert answer.json["planner"] == "footsteps"
+    assert answer.json["steps_completed"] == 2
+    for axis in "xy":  # everything from the first motion on
+        zmp = answer.json["metrics"][f"zmp_{axis}_rmse"]
+        assert zmp["value"] < 1.5e-3
+        assert zmp["first_step"] is None
+    saved = load_saved_run(out)
+    assert [step.time for step in saved.parameters.footsteps] == [None, None, 1.4, None]
+    walk = saved.plan()
+    assert walk.contacts.steps == 2
+    np.testing.assert_allclose(
+        walk.sample(saved.signals.time).zmp[:, 0], saved.signals["plan_zmp_x"], atol=1e-12
+    )
+    assert ampm("replay", out).status == 0
+
+
+def test_an_arc_is_walked_from_standing_to_standing():
+    run = ampm.load_run("normal", simulation={"time_step": 0.002})
+    trial = val.walk(run, footsteps=routes.arc(4, 0.4, 1.0, 0.22))
+    assert trial.record.outcome.completed, trial.record.outcome.cause
+    error = trial.measured.zmp - trial.comparison.sample.zmp
+    assert np.sqrt((error**2).mean(axis=0)).max() < 1.5e-3
+    assert not (trial.record.qp_status == 2).any()
+    still = trial.record.qd[-1]
+    assert np.abs(still).max() < 0.02
+
+
+def test_posture_follows_the_heading_of_the_feet():
+    request = load_request("normal", sections={"footsteps": routes.as_rows(turned(WALKS["turn"], 0.7))})
+    from validation.trial.plan import plan_walk
+
+    walk = plan_walk(request).plan
+    posture, h = walk.posture, 1e-5
+    times = np.linspace(0.1, walk.duration - 0.1, 200)
+    low, mid, high = (posture.heading(times + shift) for shift in (-h, 0.0, h))
+    np.testing.assert_allclose((high[0] - low[0]) / (2 * h), mid[1], atol=1e-7)
+    np.testing.assert_allclose((high[1] - low[1]) / (2 * h), mid[2], atol=1e-5)
+    ends = posture.heading(np.array([0.0, walk.duration]))[0]  # the mean of feet that are turned out
+    np.testing.assert_allclose(ends, [0.7, 2.7], atol=1e-12)
+    start = walk.at(0.0).posture
+    trunk = start.trunk @ posture.trunk.T
+    assert math.atan2(trunk[1, 0], trunk[0, 0]) == pytest.approx(0.7)
+    with pytest.raises(InputError, match="begins at rest"):
+        ampm.AmpmFootsteps().plan(None, begin=walk)
+
+
+def test_feet_at_which_the_legs_touch_are_refused():
+    inward = routes.arc(6, 0.4, 1.0, 0.18, toe_out=0.0)
+    with pytest.raises(BodilyRefusal, match=r"footstep \d+: .* come within .* mm at .* turn the toes out"):
+        val.walk("normal", footsteps=inward)
