@@ -14,6 +14,7 @@ from ampm.body.robot import Robot
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.footstep_walk import plan_footstep_walk
+from ampm.planner.stopping import plan_stop
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
 from ampm.planner.table import closed_step, repeats, table_plan
@@ -180,9 +181,15 @@ class FootstepWalk(WalkPlan):
 
 
 class AmpmFootsteps:
-    """The walk over the footsteps of a run, see :mod:`ampm.planner.footsteps`, with a constant posture."""
+    """The walk over the footsteps of a run, see :mod:`ampm.planner.footsteps`, with a constant posture.
 
-    name = "footsteps"
+    Args:
+        stop: time of a request to stop [s], see :func:`ampm.planner.stopping.plan_stop`; None: no request.
+    """
+
+    def __init__(self, stop: float | None = None) -> None:
+        self.stop = stop
+        self.name = "footsteps" if stop is None else f"footsteps, stop at {stop:g} s"
 
     def plan(self, request: WalkRequest, begin: Boundary | None = None) -> FootstepWalk:
         """Plan the walk.
@@ -199,7 +206,10 @@ class AmpmFootsteps:
         from ampm.body.constant_posture import ConstantPosture
 
         run, robot = request.run, request.robot
-        steps = plan_footstep_walk(run, robot.description)
+        if self.stop is None:
+            steps = plan_footstep_walk(run, robot.description)
+        else:
+            steps = plan_stop(run, robot.description, self.stop)
         spread = run.replace({"body.arm_abduction": max(run.body.arm_abduction, SPREAD_ARMS)})
         posture = ConstantPosture(steps, spread, robot, steps.contacts.phases[-1].start)
         check_clearance(steps, posture, spread, robot)

@@ -13,6 +13,7 @@ from ampm.planner.contacts import Footstep
 from ampm.planner.feet import foot_rotation, foot_turning
 from ampm.planner.footstep_walk import REST, plan_footstep_walk
 from ampm.planner.footsteps import plan_footsteps
+from ampm.planner.stopping import plan_stop
 from ampm.planner.swings import plan_swings
 from validation.store.saved import load_saved_run
 from validation.trial.plan import load_request, make_body
@@ -249,3 +250,76 @@ def test_feet_at_which_the_legs_touch_are_refused():
     inward = routes.arc(6, 0.4, 1.0, 0.18, toe_out=0.0)
     with pytest.raises(BodilyRefusal, match=r"footstep \d+: .* come within .* mm at .* turn the toes out"):
         val.walk("normal", footsteps=inward)
+
+
+# ---------------------------------------------------------------------------------------------------- stops
+
+
+def stop_of(name, at):
+    return plan_stop(over(WALKS[name]), BODY, at)
+
+
+@pytest.mark.parametrize("name", WALKS)
+@pytest.mark.parametrize("share", [0.05, 0.6, 0.9, 1.1])  # of the third swing; the last is in double support
+def test_a_stop_continues_the_walk_bit_for_bit_and_smoothly(name, share):
+    old = plan(WALKS[name])
+    swing = old.contacts.phases[5]
+    at = swing.start + share * swing.duration
+    new = stop_of(name, at)
+    assert new.contacts.steps == (4 if share < 0.75 else 5)
+    times = np.linspace(0.0, at, 150, endpoint=False)
+    here, there = old.sample(times), new.sample(times)
+    for field in ("com", "com_velocity", "com_acceleration", "zmp", "moment", "angular_momentum", "stance"):
+        np.testing.assert_array_equal(getattr(here, field), getattr(there, field))
+    for one, other in zip(old.feet.sample(times), new.feet.sample(times), strict=True):
+        for field in ("position", "velocity", "acceleration", "pitch", "heading", "toe", "contact"):
+            np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
+    assert new.residuals().largest < 1e-11
+    h = 1e-6
+    switches = np.concatenate([new.feet.left.start, new.feet.right.start, [at]])
+    switches = switches[switches > 0.0]
+    for before, after in zip(new.feet.sample(switches - h), new.feet.sample(switches + h), strict=True):
+        np.testing.assert_allclose(after.position, before.position, atol=1e-5)
+        np.testing.assert_allclose(after.velocity, before.velocity, atol=1e-3)
+        np.testing.assert_allclose(after.pitch_velocity, before.pitch_velocity, atol=2e-2)
+    last = new.contacts.footsteps[-2:]
+    end = new.sample(new.duration)
+    np.testing.assert_allclose(
+        end.com[0, :2], np.mean([step.position[:2] for step in last], axis=0), atol=1e-10
+    )
+    for field in ("com_velocity", "com_acceleration", "moment", "angular_momentum"):
+        np.testing.assert_allclose(getattr(end, field), 0.0, atol=1e-9)
+    assert new.least_zmp_margin()[0] > -0.01
+
+
+def test_a_stop_in_the_last_swing_or_after_it_changes_nothing():
+    old = plan(WALKS["arc"])
+    last = old.contacts.phases[-2]
+    for at in (last.start + 0.1, old.duration + 5.0):
+        new = stop_of("arc", at)
+        assert new.contacts == old.contacts
+    with pytest.raises(InputError, match="a stop at -1 s is before the walk"):
+        stop_of("arc", -1.0)
+
+
+def test_a_stop_with_angular_momentum_ends_without_any():
+    run = over(WALKS["stones"], ampm.load_run("momentum", gait={"a_s": 3.0}))
+    old = plan_footstep_walk(run, BODY)
+    at = old.contacts.phases[7].start + 0.2
+    new = plan_stop(run, BODY, at)
+    np.testing.assert_array_equal(
+        old.sample(at - 1e-3).angular_momentum, new.sample(at - 1e-3).angular_momentum
+    )
+    assert new.residuals().largest < 1e-10
+    np.testing.assert_allclose(new.sample(new.duration).angular_momentum, 0.0, atol=1e-9)
+    assert np.abs(new.sample(np.linspace(0.0, new.duration, 500)).angular_momentum).max() > 5.0
+
+
+def test_an_emergency_stop_in_mid_swing_is_walked():
+    run = ampm.load_run("normal", simulation={"time_step": 0.002})
+    trial = val.walk(run, footsteps=WALKS["stones"], planner=ampm.AmpmFootsteps(stop=2.5))
+    assert trial.record.outcome.completed, trial.record.outcome.cause
+    assert trial.plan.contacts.steps < len(WALKS["stones"]) - 2
+    error = trial.measured.zmp - trial.comparison.sample.zmp
+    assert np.sqrt((error**2).mean(axis=0)).max() < 1.2e-3
+    assert trial.summary["planner"] == "footsteps, stop at 2.5 s"

@@ -50,7 +50,7 @@ WALKS = {
     "arc": routes.arc(9, 0.4, 1.0, WIDTH),
     "turn": routes.turn(8, math.pi / 2, WIDTH),
     "sidestep": routes.sidestep(10, 0.2, WIDTH),
-    "slalom": routes.slalom(20, 0.4, 0.4, 8, WIDTH),
+    "slalom": routes.slalom(20, 0.4, 0.4, 8, WIDTH, toe_out=0.0),
     "stones": routes.stones(20, 0.5, WIDTH, seed=3),
 }
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,8 @@ _BETWEEN_SOLES = 0.01  # least distance of the lines along the soles' inner edge
 _STEEPEST = 2.6  # largest k T of a blend: beyond, it is hardly monotone [1]
 _THETA = 0.5  # unit of the least squares in the integral of the angular momentum [N m s^2]
 _ROOM = 2e-4  # by which 1/a_s keeps the ZMP further inside than the margin asks [m]
-_SOLVES = 10
+SOLVES = 10
+"""Most solves of a walk until ``1/a_s`` keeps the ZMP inside."""
 
 
 def plan_footsteps(
@@ -80,6 +81,34 @@ def plan_footsteps(
         BodilyRefusal: feet would cross, a foot is out of reach, the ZMP would leave the soles, or the angular
             momentum would turn the trunk too far.
     """
+    walk = solve_walk(footsteps, gait, body, landings)
+    _refuse(footsteps, walk.supports, walk.problem, walk.solved, body, gait.com_height)
+    return replace(walk.nominal, contacts=walk.contacts, phases=_phases(walk, body.mass))
+
+
+class Walk(NamedTuple):
+    """A solved walk.
+
+    Attributes:
+        nominal: one step of the periodic gait.
+        contacts: of the walk.
+        supports, problem, solved: see :mod:`ampm.planner.rest_to_rest`.
+    """
+
+    nominal: CentroidalPlan
+    contacts: Contacts
+    supports: Supports
+    problem: Problem
+    solved: Solution
+
+
+def solve_walk(
+    footsteps: Sequence[Footstep],
+    gait: GaitParameters,
+    body: BodyDescription,
+    landings: Sequence[float | None] | None = None,
+) -> Walk:
+    """Solve a walk; arguments and errors as of :func:`plan_footsteps`, but without refusals by the body."""
     _check(footsteps)
     nominal = plan_gait(gait.model_copy(update={"steps": 1}), body.mass)
     contacts = _contacts(footsteps, nominal, landings)
@@ -92,8 +121,7 @@ def plan_footsteps(
         theta=_THETA / (body.mass * GRAVITY),
     )
     solved = _within_soles(supports, problem, 1.0 / gait.a_s, body.sole)
-    _refuse(footsteps, supports, problem, solved, body, gait.com_height)
-    return replace(nominal, contacts=contacts, phases=_phases(contacts, supports, problem, solved, body.mass))
+    return Walk(nominal, contacts, supports, problem, solved)
 
 
 def _check(footsteps: Sequence[Footstep]) -> None:
@@ -183,26 +211,48 @@ def _axes(heading: Array) -> Array:
 
 def _within_soles(supports: Supports, problem: Problem, inverse_a: float, sole: SoleGeometry) -> Solution:
     """Solve with the gait's ``1/a_s``, lowered where the ZMP would come too near to heel or tip."""
-    ahead, behind = sole.tip_x - MARGIN - _ROOM, -sole.heel_x - MARGIN - _ROOM
     wanted = np.full(len(supports.place), inverse_a)
-    for _ in range(_SOLVES):
+    for _ in range(SOLVES):
         solved = solve(supports, problem, wanted)
-        from_foot = np.stack([solved.state[:, 0], solved.end[:, 0]], axis=1) - supports.place[:, None]
-        along = (from_foot * supports.axes[:, None, :, 0]).sum(axis=2)
-        with np.errstate(divide="ignore"):
-            largest = np.minimum(
-                ahead / np.maximum(along.max(axis=1), 0.0), behind / np.maximum(-along.min(axis=1), 0.0)
-            )
+        largest = largest_inverse_a(supports, solved, sole)
         if (wanted * (1.0 - 1e-3) <= largest).all():
             break
         wanted = np.minimum(wanted, largest)
     return solved
 
 
-def _phases(
-    contacts: Contacts, supports: Supports, problem: Problem, solved: Solution, mass: float
-) -> tuple[CentroidalPhase, ...]:
+def largest_inverse_a(supports: Supports, solved: Solution, sole: SoleGeometry) -> Array:
+    """The ``1/a_s`` of every support that keeps the ZMP of a solution from heel and tip, shape (N,) [1]."""
+    ahead, behind = sole.tip_x - MARGIN - _ROOM, -sole.heel_x - MARGIN - _ROOM
+    from_foot = np.stack([solved.state[:, 0], solved.end[:, 0]], axis=1) - supports.place[:, None]
+    along = (from_foot * supports.axes[:, None, :, 0]).sum(axis=2)
+    with np.errstate(divide="ignore"):
+        return np.asarray(
+            np.minimum(
+                ahead / np.maximum(along.max(axis=1), 0.0), behind / np.maximum(-along.min(axis=1), 0.0)
+            )
+        )
+
+
+def _phases(walk: Walk, mass: float) -> tuple[CentroidalPhase, ...]:
     """The laws of all phases, those of the ends in quarters."""
+    starts, problem, solved = walk.contacts.starts, walk.problem, walk.solved
+    first = _quarter_phases(problem, 0.0, *_first(problem, solved), mass)
+    return (*first, *phases_between(starts[1:], walk.supports, problem, solved, mass))
+
+
+def phases_between(
+    starts: Array, supports: Supports, problem: Problem, solved: Solution, mass: float
+) -> tuple[CentroidalPhase, ...]:
+    """Phases of all supports from the first single support to the end.
+
+    Args:
+        starts: of single and double supports in turn, shape (2 N,) [s].
+        supports: single and double supports.
+        problem: that was solved.
+        solved: its solution.
+        mass: of the body [kg].
+    """
     w, place, n = problem.frequency, supports.place, len(supports.place)
     # Single supports: the offset d moves the origin of the law off the foot.
     zmp_slope = np.stack([solved.inverse_a, np.zeros(n)], axis=1)
@@ -219,7 +269,7 @@ def _phases(
         for both in zip(*(column.tolist() for column in columns), strict=True)
     ]
     phases = _as_phases(
-        contacts.starts[1::2], supports.single, place + times(supports.axes, moved), supports.axes, single,
+        starts[0::2], supports.single, place + times(supports.axes, moved), supports.axes, single,
         solved.state[:, 2], mass,
     )  # fmt: skip
     # Double supports, from the middle between their feet.
@@ -229,10 +279,9 @@ def _phases(
         solved.signal[:-1, 1], solved.signal[1:, 0],
     )  # fmt: skip
     phases += _as_phases(
-        contacts.starts[2:-1:2], supports.double, origin, supports.between, double, solved.end[:-1, 2], mass
+        starts[1:-1:2], supports.double, origin, supports.between, double, solved.end[:-1, 2], mass
     )
-    for start, ends in ((0.0, _first(problem, solved)), (float(contacts.starts[-1]), _last(problem, solved))):
-        phases += _quarter_phases(problem, start, *ends, mass)
+    phases += _quarter_phases(problem, float(starts[-1]), *_last(problem, solved), mass)
     return tuple(sorted(phases, key=lambda phase: phase.start))
 
 

@@ -1,0 +1,105 @@
+"""Walk over footsteps again: ``python docs/footsteps.py`` writes the table of docs/footsteps.md.
+
+Every row is one trial from standing to standing, at a time step of 2 ms. The ZMP error is that of all
+instants from the first motion to 2 s after the last one, along and across the mean heading of the feet. Names
+of walks as arguments walk only these and print them.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from trials import write_rows
+
+import ampm
+import validation as val
+from ampm.parameters import RunParameters
+from ampm.planner import routes
+from ampm.planner.contacts import Footstep
+from validation.show.text import markdown_table, replace_between
+from validation.trial.plan import complete, load_request
+
+PAGE = Path(__file__).with_name("footsteps.md")
+COLUMNS = (
+    "walk", "steps", "ZMP RMSE along, across [mm]", "maximum [mm]", "closest parts [mm]", "largest torque",
+    "QPs with limits, unsolved", "outcome",
+)  # fmt: skip
+
+
+def walks(length: float, width: float) -> dict[str, list[Footstep]]:
+    """Footsteps by name, for steps of a length and feet of a width [m]."""
+    turn, radius = math.pi / 2.0, 5.0 / 3.0 * length
+    around = 1 + math.ceil(math.pi * radius / (2.0 / 3.0 * length))
+    found = {
+        "straight": routes.straight(10, length, width),
+        "arc": routes.arc(around, math.pi * radius / (around - 1), radius, width),
+        "turn in place": routes.turn(8, turn, width),
+        "sidestep": routes.sidestep(10, length / 3.0, width),
+        "backward": routes.straight(8, -length / 2.0, width),
+        "slalom": routes.slalom(20, 2.0 / 3.0 * length, 0.4, 8, width),
+    }
+    for seed in range(3):
+        found[f"stones {seed}"] = routes.stones(10, 5.0 / 6.0 * length, width, seed=seed)
+    for seed in range(2):
+        found[f"tour {seed}"] = routes.tour(50, 5.0 / 6.0 * length, width, seed=seed)
+    return found
+
+
+def bodies() -> Iterator[tuple[str, RunParameters, dict[str, list[Footstep]]]]:
+    """Title, run and walks of every gait and body."""
+    step = {"simulation": {"time_step": 0.002}}
+    own = ampm.load_run("normal", **step)
+    yield "normal", own, walks(own.gait.step_length, 0.2)
+    momentum = ampm.load_run("momentum", **step)
+    own_walks = walks(momentum.gait.step_length, 0.2)
+    yield (
+        "momentum",
+        momentum,
+        {name: own_walks[name] for name in ("straight", "stones 0", "stones 1", "arc")},
+    )
+    robot = complete(load_request(None, ["body.source='g1'", "simulation.time_step=0.002"])).run.as_is()
+    yield "g1", robot, walks(robot.gait.step_length, 1.1 * robot.gait.step_width)
+
+
+def main() -> None:
+    """Walk everything, or what the arguments name."""
+    wanted, rows = sys.argv[1:], []
+    for title, run, found in bodies():
+        for name, footsteps in found.items():
+            if not wanted or name in wanted or f"{title}, {name}" in wanted:
+                rows.append(_row(f"{title}, {name}", run, footsteps))
+                print(*rows[-1], sep=" | ", flush=True)  # noqa: T201
+    if not wanted:
+        write_rows("footsteps", [COLUMNS, *rows])
+        page = replace_between(PAGE.read_text(encoding="utf-8"), "footsteps", markdown_table(COLUMNS, rows))
+        PAGE.write_text(page, encoding="utf-8")
+
+
+def _row(name: str, run: RunParameters, footsteps: list[Footstep]) -> tuple[str, ...]:
+    """Agreement and cost of one walk, or its refusal."""
+    try:
+        trial = val.walk(run, footsteps=footsteps)
+    except ampm.RefusedGait as error:
+        return (name, str(len(footsteps) - 2), *["–"] * (len(COLUMNS) - 3), f"refused: {error}")
+    sample, margins = trial.comparison.sample, trial.comparison.costs["margins"]
+    error, c, s = trial.measured.zmp - sample.zmp, np.cos(sample.heading), np.sin(sample.heading)
+    own = 1e3 * np.stack([c * error[:, 0] + s * error[:, 1], c * error[:, 1] - s * error[:, 0]])
+    status = np.bincount(trial.record.qp_status.astype(int), minlength=3)
+    return (
+        name,
+        str(len(footsteps) - 2),
+        ", ".join(f"{value:.2f}" for value in np.sqrt(np.nanmean(own**2, axis=1))),
+        ", ".join(f"{value:.0f}" for value in np.nanmax(np.abs(own), axis=1)),
+        f"{1e3 * margins['clearance'].value:.0f}",
+        f"{100.0 * margins['torque'].value:.0f} %",
+        f"{status[1]}, {status[2]}",
+        trial.record.outcome.summary,
+    )
+
+
+if __name__ == "__main__":
+    main()
