@@ -27,7 +27,7 @@ from models.scene import (
     to_xml,
 )
 from models.source import BodyFile, compiled_source, source_path
-from models.tree import Asymmetry, Tree
+from models.tree import Asymmetry, Segment, Tree
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
+_THIN = 0.005  # least half axis of a segment's shape [m]
 _TRUNK_FRAME = "trunk_axes"
 _SIDES = ("left", "right")
 
@@ -303,8 +304,12 @@ class _Writer:
                 "joint", name=hinge.name, type="hinge", pos=hinge.anchor, axis=hinge.axis,
                 armature=hinge.armature, damping=hinge.damping, frictionloss=hinge.friction, **values,
             )  # fmt: skip
-        for shape in segment.shapes:
-            body.add("geom", rgba=_COLOUR, **shape)
+        for number, shape in enumerate(segment.shapes or [_inertial_shape(segment)]):
+            values = dict(shape)
+            if "vertex" in shape:
+                values["mesh"] = f"{self.names[i]}_{number}"
+                body.root.asset.add("mesh", name=values["mesh"], vertex=values.pop("vertex").ravel())
+            body.add("geom", rgba=_COLOUR, **values)
         return body
 
     def _rest(self) -> tuple[tuple[str, float], ...]:
@@ -325,6 +330,15 @@ class _Writer:
 
     def _ankle(self, foot: int) -> list[int]:
         return self.legs[foot][self.legs[foot].index(self.knees[foot]) + 1 :]
+
+
+def _inertial_shape(segment: Segment) -> dict[str, Any]:
+    """The ellipsoid of equal density with the mass and the inertia of a segment that has no shape."""
+    moments, axes = np.linalg.eigh(segment.inertia)
+    axes[:, 2] *= np.linalg.det(axes)
+    squares = 2.5 * (moments.sum() - 2.0 * moments) / segment.mass
+    size = np.sqrt(np.maximum(squares, _THIN**2))
+    return {"type": "ellipsoid", "pos": segment.com, "quat": _quaternion(axes), "size": size}
 
 
 def _quaternion(matrix: Array) -> Array:

@@ -18,6 +18,10 @@ from ampm.section import Real, Section, nearest, read_toml
 
 FOLDER = Path(__file__).with_name("bodies")
 """Description files of the bodies that are known by name."""
+DRAWN = 1 << 30
+"""``conaffinity`` of a mesh that is drawn and does not collide."""
+_HULL_POINTS = 64  # most of a mesh's convex hull
+_MESHES = (".stl", ".obj", ".msh")  # that MuJoCo reads
 Names = Annotated[
     tuple[str, ...], BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
 ]
@@ -146,23 +150,34 @@ def compiled_source(path: Path) -> tuple[mujoco.MjModel, dict[str, float]]:
         text = path.read_text(encoding="utf-8")
         if "<robot" in text:
             tree = ET.fromstring(text)
-            speeds = _bare_urdf(tree)
+            speeds = _readable_urdf(tree, path)
             spec = mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
         else:
             spec = mujoco.MjSpec.from_file(str(path))
             _drop_missing_meshes(spec)
+        for mesh in spec.meshes:
+            mesh.maxhullvert = _HULL_POINTS
+        for geom in spec.geoms:
+            if geom.meshname and not (geom.contype or geom.conaffinity):
+                geom.conaffinity = DRAWN  # else MuJoCo makes no hull of it
         return spec.compile(), speeds
     except (OSError, ValueError, ET.ParseError, mujoco.FatalError) as error:
         why = " ".join(str(error).split())
         raise InputError(f"the model {str(path)!r} cannot be read ({why}); correct it.") from None
 
 
-def _bare_urdf(tree: ET.Element) -> dict[str, float]:
-    """Take away what is drawn and what collides, and say how MuJoCo is to read the rest; its speed limits."""
+def _readable_urdf(tree: ET.Element, path: Path) -> dict[str, float]:
+    """Find the meshes, drop those that MuJoCo cannot read, say how it is to read the rest; speed limits."""
     for link in tree.iter("link"):
-        for what in ("visual", "collision"):
-            for element in link.findall(what):
+        for element in [*link.findall("visual"), *link.findall("collision")]:
+            mesh = element.find("geometry/mesh")
+            if mesh is None:
+                continue
+            found = _mesh_path(mesh.get("filename", ""), path)
+            if found is None or found.suffix.lower() not in _MESHES:
                 link.remove(element)
+            else:
+                mesh.set("filename", str(found))
     for old in tree.findall("mujoco"):
         tree.remove(old)
     options = ET.SubElement(tree, "mujoco")
@@ -179,6 +194,20 @@ def _bare_urdf(tree: ET.Element) -> dict[str, float]:
         for joint in tree.iter("joint")
         for limit in joint.findall("limit")
     }
+
+
+def _mesh_path(name: str, path: Path) -> Path | None:
+    """File of a mesh of a URDF: of a ROS package, that of a folder above the URDF; None if there is none."""
+    plain = name.removeprefix("file://")
+    if not plain.startswith("package://"):
+        found = path.parent / plain
+        return found.resolve() if found.is_file() else None
+    package, _, rest = plain.removeprefix("package://").partition("/")
+    for folder in path.resolve().parents:
+        for found in (folder / package / rest, folder / rest):
+            if found.is_file():
+                return found
+    return None
 
 
 def _drop_missing_meshes(spec: mujoco.MjSpec) -> None:

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ampm.exceptions import InputError
-from models.source import BodyFile, by_pattern
+from models.source import DRAWN, BodyFile, by_pattern
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,8 +26,10 @@ _MIRROR = np.array([1.0, -1.0, 1.0])  # of a vector; of an axis of rotation with
 _ALIKE = 0.02  # largest difference of mirrored places over the body's height, and of masses [1]
 _UNLIKE = 0.05  # largest angle between an axis and its image [rad]
 _FREE, _HINGE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_HINGE)
-_SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
+_SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3, "mesh": 0}
 """Drawn shapes and how many sizes they have."""
+_SMALL = 0.5  # extent of what collides over that of what is drawn: less are points that touch the floor [1]
+_DIGITS = 5  # of the points of a hull [m]
 
 
 @dataclass
@@ -200,15 +202,32 @@ class Tree:
         segment.mass, segment.com = total, both
 
     def _add_shapes(self, body: int, segment: Segment) -> None:
-        for geom in np.flatnonzero(self.model.geom_bodyid == body).tolist():
-            name = mujoco.mjtGeom(int(self.model.geom_type[geom])).name.removeprefix("mjGEOM_").lower()
-            if name not in _SIZES:
-                continue
+        """What collides, or what is drawn if that is much larger; meshes as their convex hulls."""
+        model = self.model
+        kinds = {
+            geom: mujoco.mjtGeom(int(model.geom_type[geom])).name.removeprefix("mjGEOM_").lower()
+            for geom in np.flatnonzero(model.geom_bodyid == body).tolist()
+        }
+        every = np.array([geom for geom, kind in kinds.items() if kind in _SIZES], dtype=int)
+        collide = (model.geom_contype[every] != 0) | (model.geom_conaffinity[every] & ~DRAWN != 0)
+        solid, drawn = every[collide], every[~collide]
+        for geom in (drawn if self._extent(solid) < _SMALL * self._extent(drawn) else solid).tolist():
             place = self._vector(self.data.geom_xpos[geom] - self.data.xpos[self.root]) - segment.place
             quat = np.zeros(4)
             mujoco.mju_mat2Quat(quat, (self.align @ self.data.geom_xmat[geom].reshape(3, 3)).ravel())
-            size = self.model.geom_size[geom][: _SIZES[name]]
-            segment.shapes.append({"type": name, "pos": place, "quat": quat, "size": size})
+            shape: dict[str, Any] = {"type": kinds[geom], "pos": place, "quat": quat}
+            if kinds[geom] == "mesh":
+                shape["vertex"] = _hull(model, int(model.geom_dataid[geom]))
+            else:
+                shape["size"] = model.geom_size[geom][: _SIZES[kinds[geom]]]
+            segment.shapes.append(shape)
+
+    def _extent(self, geoms: NDArray[np.intp]) -> float:
+        """Diagonal of the box of some shapes' centres and radii [m]."""
+        if not geoms.size:
+            return 0.0
+        centre, radius = self.data.geom_xpos[geoms], self.model.geom_rbound[geoms, None]
+        return float(np.linalg.norm((centre + radius).max(axis=0) - (centre - radius).min(axis=0)))
 
     # ------------------------------------------------------------------------------------------- symmetry
 
@@ -288,6 +307,14 @@ class Tree:
     def _size(self) -> float:
         heights = [segment.place[2] for segment in self.segments]
         return float(max(heights) - min(heights))
+
+
+def _hull(model: mujoco.MjModel, mesh: int) -> Array:
+    """Points of the convex hull of a mesh in its geom's axes, shape (n, 3) [m]."""
+    start = int(model.mesh_graphadr[mesh])
+    count = int(model.mesh_graph[start])
+    points = model.mesh_graph[start + 2 + count : start + 2 + 2 * count] + model.mesh_vertadr[mesh]
+    return np.asarray(np.round(model.mesh_vert[points], _DIGITS), dtype=np.float64)
 
 
 def _point_inertia(mass: float, at: Array) -> Array:

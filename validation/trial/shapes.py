@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 REACH = 0.1
 """Largest distance that is computed [m]."""
+_SHORT = 0.05
+"""Length of a segment between hinges of one joint, over the height of the body [1]."""
 TRUNK = 0
 """Number of the trunk; limbs are numbered from 1."""
 
@@ -32,8 +34,9 @@ class Shapes:
     """Shapes of a body and the pairs of them that must keep apart.
 
     A limb is a chain of segments to a free end, a leg one that has sole points; the rest is the trunk. Left
-    out are pairs within one limb or the trunk, of segments that a joint connects, of leg and trunk, and of
-    shapes that are drawn into each other: they overlap with all joints at 0.
+    out are pairs within one limb or the trunk, of segments that a joint connects, directly or by way of short
+    segments between its hinges, of leg and trunk, and of shapes that are drawn into each other: they overlap
+    with all joints at 0.
 
     Args:
         model: compiled model.
@@ -41,6 +44,7 @@ class Shapes:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model, self._data = model, mujoco.MjData(model)
+        mujoco.mj_kinematics(model, self._data)
         own = model.geom_bodyid > 0
         touches = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
         limb = _limbs(model.body_parentid)
@@ -48,10 +52,10 @@ class Shapes:
         shapes = np.flatnonzero(own & ~touches)
         pairs = shapes[np.stack(np.triu_indices(len(shapes), 1))]
         segments = model.geom_bodyid[pairs]
-        joined = (model.body_parentid[segments] == segments[::-1]).any(axis=0)
+        joined = np.array([self._joined(*pair) or self._joined(*pair[::-1]) for pair in segments.T.tolist()])
+        joined = joined.astype(bool)
         limbs, legs = limb[segments], leg[segments]
         exempt = joined | (limbs[0] == limbs[1]) | (legs.any(axis=0) & (limbs == TRUNK).any(axis=0))
-        mujoco.mj_kinematics(model, self._data)
         apart = [
             mujoco.mj_geomDistance(model, self._data, *pair, REACH, None) >= 0.0
             for pair in pairs[:, ~exempt].T.tolist()
@@ -60,6 +64,18 @@ class Shapes:
         self._radii = model.geom_rbound[self._pairs].sum(axis=0)
         kept = [getattr(model, f"geom_{name}")[shapes] for name in ("bodyid", "type", "size", "pos", "quat")]
         self.digest = hashlib.sha256(b"".join(array.tobytes() for array in kept)).hexdigest()
+
+    def _joined(self, upper: int, lower: int) -> bool:
+        """Whether a joint connects a segment with one below it."""
+        model, anchors = self._model, self._data.xanchor
+        parent = int(model.body_parentid[lower])
+        while parent > 0 and parent != upper:
+            hinges = model.body_jntadr[[parent, lower]]
+            way = float(np.linalg.norm(anchors[hinges[0]] - anchors[hinges[1]]))
+            if not way < _SHORT * 2.0 * model.stat.center[2]:
+                return False
+            parent, lower = int(model.body_parentid[parent]), parent
+        return parent == upper
 
     def __len__(self) -> int:
         """Number of pairs of shapes that must keep apart."""

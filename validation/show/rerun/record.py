@@ -31,6 +31,7 @@ from ampm.body.robot import Gaps
 from ampm.geometry import convex_hull
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
+from validation.show.rerun.meshes import mesh_of
 from validation.show.rerun.views import (
     ALERT,
     COMMAND,
@@ -77,7 +78,7 @@ _SHAPES: dict[int, Any] = {
     int(_GEOM.mjGEOM_ELLIPSOID): rr.Ellipsoids3D,
     int(_GEOM.mjGEOM_SPHERE): rr.Ellipsoids3D,
 }
-"""How a kind of MuJoCo's geoms is drawn; planes and meshes are not: the floor is the grid."""
+"""How a kind of MuJoCo's geoms is drawn; meshes have entities of their own, and the floor is the grid."""
 
 _FAR = 0.07
 """Largest distance of two parts that is drawn [m]: the axis then has labels every 10 mm."""
@@ -304,6 +305,13 @@ def _log_body(log: _Log, saved: SavedRun, frames: _Pictures) -> None:
             turned = Rotation.from_matrix(rotation[:, mine].reshape(-1, 3, 3)).as_quat()
             poses = shape.columns(**{at: place.reshape(-1, 3)}, quaternions=turned)
             log.columns(entity, frames.time, poses.partition(np.full(count, len(mine))))
+    for geom in np.flatnonzero(model.geom_type[drawn] == _GEOM.mjGEOM_MESH).tolist():
+        entity, color = f"world/body/mesh/{geom}", _shape_color(model.geom_rgba[drawn[geom]])
+        log.static(entity, mesh_of(model, int(model.geom_dataid[drawn[geom]]), color))
+        if count:
+            turned = Rotation.from_matrix(rotation[:, geom].reshape(-1, 3, 3)).as_quat()
+            poses = rr.Transform3D.columns(translation=position[:, geom], quaternion=turned)
+            log.columns(entity, frames.time, poses)
 
 
 def _log_near(log: _Log, times: Array, gaps: Gaps) -> None:
