@@ -90,7 +90,7 @@ def test_the_feedback_of_a_short_swing_is_fast_unless_it_is_given():
         swing = plan_of(guessed, robot).constants.single_support_duration
         rates.append((*(guessed.value(key) for key in keys), swing))
     assert rates[0][:2] == (400.0, 40.0)
-    assert math.sqrt(rates[1][0]) * rates[1][2] == pytest.approx(6.4)
+    assert math.sqrt(rates[1][0]) * rates[1][2] == pytest.approx(8.0)
     assert rates[1][1] == pytest.approx(2.0 * math.sqrt(rates[1][0]))  # critical
     assert rates[2][0] == 500.0
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _STATURE = 1.70  # of the body on which the guess was made [m]
 _HIP_HALF_WIDTH = 0.05  # of that body, as a share of stature [1]
 _NEAR_END = 0.99  # share of the sole before and behind the reference point that the ZMP may use [1]
-_SWING_RATE = 6.4  # least rate of the swing foot's feedback times the swing's duration: slower, it lands late
+_SWING_RATE = 8.0  # least rate of the swing foot's feedback times the swing's duration: slower, it lands late
 _SOFT_STRIKE = 0.5  # heel strike angle of a foot without toes over that of a human's [1]
 _LIFT_RATE = 5.0  # most at which a foot without toes begins to turn at lift-off [rad/s]
 _LANDING_TURN = 1.7  # heel strike rate over its mean: the foot comes down turning, and slows down
@@ -57,7 +57,7 @@ class Choice:
 
 
 CHOICES = (
-    Choice("ratio", "gait.single_support_ratio", 0.3, 0.93, 0.08, 0.79),
+    Choice("ratio", "gait.single_support_ratio", 0.25, 0.93, 0.08, 0.79),
     # ZMP travel either way, over the ball's distance:
     Choice("roll", "gait.a_s", 0.0, 1.09, 0.25, 1.0, derived=True),
     Choice("height", "gait.com_height", 0.43, 0.535, 0.02, 0.505, scaled=True),
@@ -66,9 +66,9 @@ CHOICES = (
     Choice("spread", "body.arm_abduction", 0.0, 0.8, 0.1, 0.1),
     Choice("toe_off", "foot.toe_off_angle", 0.0, 1.15, 0.15, 0.45),  # the guess is of a step of middle length
     # Rate at toe off over the mean rate:
-    Choice("toe_turn", "foot.toe_off_rate", 1.2, 2.3, 0.3, 1.8, derived=True),
+    Choice("toe_turn", "foot.toe_off_rate", 1.0, 2.3, 0.3, 1.8, derived=True),
     Choice("toe_back", "foot.toe_return", 0.35, 1.0, 0.15, 0.8),
-    Choice("strike", "foot.heel_strike_angle", 0.0, 0.4, 0.1, 0.2),
+    Choice("strike", "foot.heel_strike_angle", 0.0, 0.6, 0.1, 0.2),
     Choice("down", "foot.full_contact", 0.12, 0.95, 0.15, 0.9),
     Choice("lift", "foot.swing_height", 0.0, 0.09, 0.02, 0.05 / _STATURE, scaled=True),
     Choice("lag", "foot.swing_lag", -0.1, 0.25, 0.06, 0.08),

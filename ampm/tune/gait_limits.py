@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 # other than the search's coarse one [rad, rad, m].
 _KNEE_GRID, _JOINT_GRID, _GAP_GRID = 0.015, 0.002, 0.0003
 _BETWEEN = np.array([0.2, 0.4, 0.6, 0.8])  # places between two nodes
+_NARROW = 3  # nodes with the least distances, next to which it is also looked
 _SWING_ENDS = 0.2  # share of the swing at either end in which the sole's height grows with time's cube
 _TWIST_LEVER = 0.03  # moment about the vertical over the force that a foot on its ball gives easily [m]
 RISE_TOLERANCE = 0.6 * ROLL_TOLERANCE
@@ -62,10 +63,11 @@ _ROWS: tuple[tuple[str, str, str, float, float, str], ...] = (
      "sole_under_floor"),
     ("clearance", "height of the sole in mid swing", "m", 0.0, 0.006, "sole_under_floor"),
     ("turn", "fastest turn of a foot at the floor", "rad/s", 25.0, 10.0, "foot_turns_too_fast"),
-    ("handover", "double support over the controller's contact ramp", "1", 0.5, 1.0,
+    # With less than the whole ramp the foot that lands is late in taking the weight over.
+    ("handover", "double support over the controller's contact ramp", "1", 0.85, 1.3,
      "double_support_too_short"),
-    # Below it the swinging foot lands late in some steps, also with faster feedback.
-    ("pace", "duration of a step", "s", 0.2, 0.21, "step_too_short_in_time"),
+    # The shortest of which walks are known: 0.177 s.
+    ("pace", "duration of a step", "s", 0.175, 0.185, "step_too_short_in_time"),
     ("friction", "share of the friction that the controller may use", "1", 1.0, 0.75, "friction"),
     # Beyond its bound a foot yaws; well below it the vertical moment is not met, and the ZMP error grows.
     ("twist", "share of the twist that the controller gives a foot", "1", 2.0, 1.0, "friction"),
@@ -185,11 +187,12 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, Array
 def _gaps(orbit: Orbit, robot: Robot) -> Array:
     """Least distance of an arm and of the legs from another part, also between two nodes [m]."""
     trajectory, time = orbit.trajectory, orbit.reference.time
-    k = int(robot.shapes.gaps(trajectory.q).distance.argmin())
-    v, a = trajectory.v[k], trajectory.acceleration[k]
-    ends = max(k - 1, 0), min(k + 1, len(time) - 1)
-    later = np.concatenate([(time[end] - time[k]) * _BETWEEN for end in ends])
-    between = [pin.integrate(robot.model, trajectory.q[k], t * v + 0.5 * t**2 * a) for t in later]
+    between = []
+    for k in np.argsort(robot.shapes.gaps(trajectory.q).distance, kind="stable")[:_NARROW]:
+        v, a = trajectory.v[k], trajectory.acceleration[k]
+        ends = max(k - 1, 0), min(k + 1, len(time) - 1)
+        later = np.concatenate([(time[end] - time[k]) * _BETWEEN for end in ends])
+        between += [pin.integrate(robot.model, trajectory.q[k], t * v + 0.5 * t**2 * a) for t in later]
     gaps = robot.shapes.gaps(np.concatenate([trajectory.q, between]))
     arms = np.array([any(part in parts for part in ("arm", "hand")) for parts in gaps.parts])
     return np.array([gaps.distance[those].min(initial=LIMITS["gap"].target) for those in (arms, ~arms)])
