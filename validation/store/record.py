@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,7 +26,7 @@ from ampm.exceptions import InputError
 from validation.store.json import json_ready
 from validation.trial.outcome import Outcome
 from validation.trial.record import INTEGERS, SHAPES, SimulationRecord, restart_steps
-from validation.trial.restart import Restart, carry_on
+from validation.trial.restart import Restart
 from validation.trial.spill import blocks
 
 if TYPE_CHECKING:
@@ -304,14 +305,12 @@ class StoredRecord:
 
     def torque_at(self, rows: Sequence[int] | NDArray[np.intp]) -> Array:
         """Torques of some steps, shape (n, nu) [N m]."""
-        torque = np.empty((len(rows), len(self.joint_names)))
-        for i, row in enumerate(rows):
-            tick, since = divmod(min(int(row), self.steps - 1), self.substeps)
-            passed, limit = since * self.time_step, self.torque_limit
-            if since == 0:
-                torque[i] = self.tick_torque[tick]
-            else:
-                carry_on(self.tick_torque[tick], self.torque_rate[tick], passed, limit, torque[i])
+        tick, since = np.divmod(np.minimum(np.asarray(rows, dtype=np.intp), self.steps - 1), self.substeps)
+        torque = self.tick_torque[tick]
+        if since.any():  # as carry_on of validation.trial.restart does it
+            rate, limit = self.torque_rate[tick], self.torque_limit
+            moved = np.clip(torque + (since * self.time_step)[:, None] * rate, -limit, limit)
+            torque = np.where(np.isnan(rate) | (since == 0)[:, None], torque, moved)
         return torque
 
     def contacts_at(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -380,16 +379,21 @@ def load_record(directory: str | Path) -> SimulationRecord:
 
 
 def _array(block: _Block, path: Path) -> NDArray[Any]:
-    """One array, from its file."""
-    table = read_table(path, block.columns)
+    """One array, from its file, which is read a group of rows at a time."""
+    array, row, rows = np.empty(0), 0, block.shape[0]
     try:
-        columns = [table.column(name).slice(0, block.shape[0]).to_numpy() for name in block.columns]
-        array = np.stack(columns, axis=-1).reshape(block.shape)
-        if array.dtype.kind not in "fiu":
-            raise ValueError(f"{block.columns[0]} holds no numbers")
+        for table in _groups(path, block.columns):
+            columns = [table.column(name).slice(0, rows - row).to_numpy() for name in block.columns]
+            if not row:
+                array = np.empty((rows, len(columns)), np.result_type(*columns))
+            for to, column in zip(array.T, columns, strict=True):
+                to[row : row + len(column)] = column
+            row += len(columns[0])
+        if array.dtype.kind not in "fiu" or row < rows:
+            raise ValueError(f"{block.columns[0]} holds {'no numbers' if row == rows else 'too few rows'}")
     except (KeyError, ValueError) as error:
         raise InputError(f"{path} is damaged ({error.args[0]}); walk the gait again.") from None
-    return array
+    return array.reshape(block.shape)
 
 
 def _nulls(block: _Block, path: Path) -> NDArray[np.bool_]:
@@ -440,6 +444,17 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
             return file.read(columns=None if columns is None else list(columns))
 
     return _readable(path, read)
+
+
+def _groups(path: Path, columns: Sequence[str]) -> Iterator[pa.Table]:
+    """Some columns of a file, a group of rows at a time; see :func:`read_table`."""
+    with _readable(path, pq.ParquetFile) as file:
+        for group in range(file.num_row_groups):
+            yield _readable(path, partial(_group, file, group, columns))
+
+
+def _group(file: pq.ParquetFile, group: int, columns: Sequence[str], _: Path) -> pa.Table:
+    return file.read_row_group(group, columns=list(columns))
 
 
 def _readable(path: Path, read: Callable[[Path], Any]) -> Any:
