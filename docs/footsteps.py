@@ -28,6 +28,8 @@ COLUMNS = (
     "walk", "steps", "ZMP RMSE along, across [mm]", "maximum [mm]", "closest parts [mm]", "largest torque",
     "QPs with limits, unsolved", "outcome",
 )  # fmt: skip
+SHOWN = (0, 2, 3, 4, 6, 7)
+"""Columns on the page; the data file has all."""
 
 
 def walks(length: float, width: float) -> dict[str, list[Footstep]]:
@@ -75,7 +77,9 @@ def main() -> None:
                 print(*rows[-1], sep=" | ", flush=True)  # noqa: T201
     if not wanted:
         write_rows("footsteps", [COLUMNS, *rows])
-        page = replace_between(PAGE.read_text(encoding="utf-8"), "footsteps", markdown_table(COLUMNS, rows))
+        shown = [[row[k] for k in SHOWN] for row in rows]
+        table = markdown_table([COLUMNS[k] for k in SHOWN], shown)
+        page = replace_between(PAGE.read_text(encoding="utf-8"), "footsteps", table)
         PAGE.write_text(page, encoding="utf-8")
 
 

@@ -283,8 +283,10 @@ def print_result(summary: Mapping[str, Any], folder: Path) -> None:
     from validation.trial.plan import gait_title
 
     title = gait_title(summary["gait"], summary.get("changed", {}), summary.get("planner", ""))
+    whole = all(item["first_step"] is None for item in summary["metrics"].values())
     print_table(
-        f"{title}: measured against plan, without the first step (profile {summary['profile']})",
+        f"{title}: measured against plan{'' if whole else ', without the first step'} "
+        f"(profile {summary['profile']})",
         ("metric", ">value", ">limit", "unit", ""),
         [_row(name, item) for name, item in summary["metrics"].items() if item["tolerance"] is not None],
     )

@@ -129,6 +129,7 @@ def render(saved: SavedRun) -> str:
         reason=reason.replace("% of body weight", BODY_WEIGHT),
         outcome_sentence=outcome.name.sentence,
         profile=summary["profile"],
+        from_rest=bool(saved.parameters.footsteps),
         uncertainty=_convergence_study(summary.get("uncertainty")),
         facts=_facts(saved, plan),
         agreement=agreement,
