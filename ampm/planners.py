@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,8 @@ from ampm.body.motion_cache import known_motion
 from ampm.body.robot import Robot
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from ampm.planner.footstep_walk import plan_footstep_walk
-from ampm.planner.stopping import plan_stop
+from ampm.planner.contacts import Footstep
+from ampm.planner.live import LiveWalk
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
 from ampm.planner.table import closed_step, repeats, table_plan
@@ -184,12 +184,18 @@ class AmpmFootsteps:
     """The walk over the footsteps of a run, see :mod:`ampm.planner.footsteps`, with a constant posture.
 
     Args:
-        stop: time of a request to stop [s], see :func:`ampm.planner.stopping.plan_stop`; None: no request.
+        stop: time of a request to stop [s]; None: no request.
+        changes: requests before it, in their order: time [s] and footsteps from there on, see
+            :class:`ampm.planner.live.LiveWalk`.
     """
 
-    def __init__(self, stop: float | None = None) -> None:
-        self.stop = stop
-        self.name = "footsteps" if stop is None else f"footsteps, stop at {stop:g} s"
+    def __init__(
+        self, stop: float | None = None, changes: Sequence[tuple[float, Sequence[Footstep]]] = ()
+    ) -> None:
+        self.stop, self.changes = stop, tuple(changes)
+        requests = [f"changed at {at:g} s" for at, _ in changes]
+        requests += [] if stop is None else [f"stop at {stop:g} s"]
+        self.name = ", ".join(["footsteps", *requests])
 
     def plan(self, request: WalkRequest, begin: Boundary | None = None) -> FootstepWalk:
         """Plan the walk.
@@ -206,10 +212,10 @@ class AmpmFootsteps:
         from ampm.body.constant_posture import ConstantPosture
 
         run, robot = request.run, request.robot
-        if self.stop is None:
-            steps = plan_footstep_walk(run, robot.description)
-        else:
-            steps = plan_stop(run, robot.description, self.stop)
+        live = LiveWalk.of(run, robot.description)
+        for at, footsteps in self.changes:
+            live = live.changed(at, footsteps)
+        steps = (live if self.stop is None else live.stopped(self.stop)).steps
         spread = run.replace({"body.arm_abduction": max(run.body.arm_abduction, SPREAD_ARMS)})
         posture = ConstantPosture(steps, spread, robot, steps.contacts.phases[-1].start)
         check_clearance(steps, posture, spread, robot)

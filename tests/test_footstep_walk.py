@@ -13,7 +13,7 @@ from ampm.planner.contacts import Footstep
 from ampm.planner.feet import foot_rotation, foot_turning
 from ampm.planner.footstep_walk import REST, plan_footstep_walk
 from ampm.planner.footsteps import plan_footsteps
-from ampm.planner.stopping import plan_stop
+from ampm.planner.live import LiveWalk
 from ampm.planner.swings import plan_swings
 from validation.store.saved import load_saved_run
 from validation.trial.plan import load_request, make_body
@@ -256,7 +256,7 @@ def test_feet_at_which_the_legs_touch_are_refused():
 
 
 def stop_of(name, at):
-    return plan_stop(over(WALKS[name]), BODY, at)
+    return LiveWalk.of(over(WALKS[name]), BODY).stopped(at).steps
 
 
 @pytest.mark.parametrize("name", WALKS)
@@ -298,7 +298,7 @@ def test_a_stop_in_the_last_swing_or_after_it_changes_nothing():
     for at in (last.start + 0.1, old.duration + 5.0):
         new = stop_of("arc", at)
         assert new.contacts == old.contacts
-    with pytest.raises(InputError, match="a stop at -1 s is before the walk"):
+    with pytest.raises(InputError, match="a request at -1 s is before the walk"):
         stop_of("arc", -1.0)
 
 
@@ -306,7 +306,7 @@ def test_a_stop_with_angular_momentum_ends_without_any():
     run = over(WALKS["stones"], ampm.load_run("momentum", gait={"a_s": 3.0}))
     old = plan_footstep_walk(run, BODY)
     at = old.contacts.phases[7].start + 0.2
-    new = plan_stop(run, BODY, at)
+    new = LiveWalk.of(run, BODY).stopped(at).steps
     np.testing.assert_array_equal(
         old.sample(at - 1e-3).angular_momentum, new.sample(at - 1e-3).angular_momentum
     )

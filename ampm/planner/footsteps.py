@@ -109,10 +109,10 @@ def solve_walk(
     landings: Sequence[float | None] | None = None,
 ) -> Walk:
     """Solve a walk; arguments and errors as of :func:`plan_footsteps`, but without refusals by the body."""
-    _check(footsteps)
+    check_footsteps(footsteps)
     nominal = plan_gait(gait.model_copy(update={"steps": 1}), body.mass)
-    contacts = _contacts(footsteps, nominal, landings)
-    supports = _supports(footsteps, contacts, gait)
+    contacts = contacts_over(footsteps, nominal, landings)
+    supports = supports_of(footsteps, contacts, gait)
     position = np.array([step.position[:2] for step in footsteps])
     problem = Problem(
         frequency=math.sqrt(GRAVITY / gait.com_height),
@@ -124,7 +124,8 @@ def solve_walk(
     return Walk(nominal, contacts, supports, problem, solved)
 
 
-def _check(footsteps: Sequence[Footstep]) -> None:
+def check_footsteps(footsteps: Sequence[Footstep]) -> None:
+    """Refuse a list that is no walk."""
     if len(footsteps) < 4:
         raise InputError(
             f"{len(footsteps)} footsteps are no walk; give where both feet stand and two steps or more."
@@ -144,7 +145,7 @@ def _check(footsteps: Sequence[Footstep]) -> None:
             )
 
 
-def _contacts(
+def contacts_over(
     footsteps: Sequence[Footstep], nominal: CentroidalPlan, landings: Sequence[float | None] | None
 ) -> Contacts:
     """Phases of the walk: single supports as long as the gait's, or until the given landings."""
@@ -176,7 +177,8 @@ def _standing(start: float, duration: float, one: Footstep, other: Footstep | No
     return Phase(start, duration, feet.get("left"), feet.get("right"))
 
 
-def _supports(footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitParameters) -> Supports:
+def supports_of(footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitParameters) -> Supports:
+    """Places, axes, durations and blends of a walk."""
     w = math.sqrt(GRAVITY / gait.com_height)
     standing = footsteps[1:-1]
     heading = np.array([step.heading for step in standing])
@@ -366,7 +368,7 @@ def _refuse(
     body: BodyDescription, height: float,
 ) -> None:  # fmt: skip
     """Refuse feet that cross or are out of reach, a ZMP near an edge, and a trunk that turns too far."""
-    _refuse_crossing(footsteps, body.sole)
+    refuse_crossing(footsteps, body.sole)
     _refuse_unreached(footsteps, solved, body, height)
     number, margin = _least_margin(footsteps, supports, problem, solved, body.sole)
     if not margin >= MARGIN:
@@ -390,7 +392,7 @@ def _refuse(
         )  # fmt: skip
 
 
-def _refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry) -> None:
+def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry) -> None:
     """Refuse a foot that lands across the other one."""
     place = np.array([step.position[:2] for step in footsteps])
     axes = _axes(_mean_heading(np.array([step.heading for step in footsteps])))
