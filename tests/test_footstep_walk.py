@@ -323,3 +323,77 @@ def test_an_emergency_stop_in_mid_swing_is_walked():
     error = trial.measured.zmp - trial.comparison.sample.zmp
     assert np.sqrt((error**2).mean(axis=0)).max() < 1.2e-3
     assert trial.summary["planner"] == "footsteps, stop at 2.5 s"
+
+
+# -------------------------------------------------------------------------------------------------- changes
+
+
+def onward(live, at, footsteps):
+    """Footsteps moved so that their third one is the next that a request moves."""
+    wanted = live.walk.contacts.footsteps[live.next_landing(at)]
+    first = footsteps[2]
+    if first.foot != wanted.foot:
+        other = {"left": "right", "right": "left"}
+        footsteps = [
+            Footstep(other[step.foot], (x, -y, z), -step.heading)
+            for step in footsteps
+            for x, y, z in [step.position]
+        ]
+    moved = turned(footsteps, wanted.heading - footsteps[2].heading)
+    shift = np.subtract(wanted.position, moved[2].position)
+    return [step._replace(position=tuple((step.position + shift).tolist())) for step in moved[2:]]
+
+
+NEW = {
+    "slower": routes.straight(5, 0.35, WIDTH),
+    "arc": routes.arc(5, 0.4, 1.0, WIDTH),
+    "stones": routes.stones(5, 0.5, WIDTH, seed=4),
+}
+
+
+@pytest.mark.parametrize("whole", [False, True])
+@pytest.mark.parametrize("name", NEW)
+def test_a_walk_goes_on_over_new_footsteps(name, whole):
+    old = LiveWalk.of(over(routes.straight(8, 0.5, WIDTH)), BODY)
+    at = 2.4
+    ahead = onward(old, at, NEW[name])
+    new = old.changed(at, ahead, whole=whole)
+    again = new.changed(3.3, onward(new, 3.3, routes.straight(4, 0.4, WIDTH))).stopped(4.6)
+    for before, after, until in ((old, new, at), (new, again, 3.3)):
+        times = np.linspace(0.0, until, 100, endpoint=False)
+        here, there = before.steps.sample(times), after.steps.sample(times)
+        for field in ("com", "com_acceleration", "zmp", "angular_momentum"):
+            np.testing.assert_array_equal(getattr(here, field), getattr(there, field))
+        assert after.steps.residuals().largest < 1e-11
+        assert after.steps.least_zmp_margin()[0] > -0.01
+    number = old.next_landing(at)
+    landed = np.array([step.position for step in new.walk.contacts.footsteps[number:]])
+    moved = landed - [step.position for step in ahead]
+    assert 0.0 < np.hypot(*moved[0, :2]) < 0.05
+    np.testing.assert_allclose(moved[1:] - (moved[0] if whole else 0.0), 0.0, atol=1e-12)
+
+
+def test_changes_that_are_no_walk():
+    live = LiveWalk.of(over(WALKS["straight"]), BODY)
+    ahead = onward(live, 2.0, NEW["slower"])
+    with pytest.raises(InputError, match="1 footsteps end no walk"):
+        live.changed(2.0, ahead[:1])
+    with pytest.raises(InputError, match="are both of the"):
+        live.changed(2.0, ahead[1:])
+    with pytest.raises(InputError, match="comes when the walk has ended"):
+        live.changed(99.0, ahead)
+    far = [step._replace(position=(step.position[0] + 1.0, *step.position[1:])) for step in ahead]
+    with pytest.raises(BodilyRefusal, match=r"moves footstep \d+ by .* more than 0\.29"):
+        live.changed(2.0, far)
+
+
+def test_changes_in_mid_swing_are_walked():
+    run = ampm.load_run("normal", simulation={"time_step": 0.002})
+    footsteps = routes.straight(6, 0.5, WIDTH)
+    ahead = onward(LiveWalk.of(over(footsteps, run), BODY), 2.0, NEW["stones"])
+    planner = ampm.AmpmFootsteps(changes=[(2.0, ahead)], stop=3.5)
+    trial = val.walk(run, footsteps=footsteps, planner=planner)
+    assert trial.record.outcome.completed, trial.record.outcome.cause
+    error = trial.measured.zmp - trial.comparison.sample.zmp
+    assert np.sqrt((error**2).mean(axis=0)).max() < 1.2e-3
+    assert trial.summary["planner"] == "footsteps, changed at 2 s, stop at 3.5 s"

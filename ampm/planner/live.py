@@ -93,15 +93,16 @@ class LiveWalk:
         place = x - aside * math.sin(landing.heading), y + aside * math.cos(landing.heading), 0.0
         return self._changed(k, at, [landing, Footstep(here.foot, place, landing.heading)], whole=True)
 
-    def changed(self, at: float, footsteps: Sequence[Footstep]) -> LiveWalk:
+    def changed(self, at: float, footsteps: Sequence[Footstep], *, whole: bool = False) -> LiveWalk:
         """The walk, continued over other footsteps from a request on.
 
-        The request is met as one to stop. The first footstep is moved so that velocities agree; the others
-        stay where they are asked for.
+        The request is met as one to stop. The first footstep is moved so that velocities agree. The others
+        stay where they are asked for, or move with it.
 
         Args:
             at: time of the request [s].
             footsteps: from the one on which the foot lands that swings, two or more, left and right in turn.
+            whole: move all of them.
 
         Raises:
             InputError: the time is negative, no number, or too late; or the footsteps do not go on.
@@ -110,7 +111,7 @@ class LiveWalk:
         k = self._swing(at)
         if k >= self.walk.contacts.steps:
             raise InputError(f"a change at {at:g} s comes when the walk has ended; ask earlier.", value=at)
-        return self._changed(k, at, list(footsteps), whole=False)
+        return self._changed(k, at, list(footsteps), whole=whole)
 
     def next_landing(self, at: float) -> int:
         """Number of the footstep, from 0, that a request at a time [s] moves first."""
