@@ -162,12 +162,14 @@ class LiveWalk:
             contacts,
             supports_of(footsteps, contacts, self.run.gait),
             self.walk.problem._replace(ends=problem.ends),
-            Solution(
-                *(
-                    np.concatenate([before[: k + 1], after[1:]])
-                    for before, after in zip(self.walk.solved[:4], solved[:4], strict=True)
-                ),
-                solved.nodes,
+            Solution._make(
+                [
+                    *(
+                        np.concatenate([before[: k + 1], after[1:]])
+                        for before, after in zip(self.walk.solved[:4], solved[:4], strict=True)
+                    ),
+                    solved.nodes,
+                ]
             ),
         )
         return replace(self, steps=steps, walk=walk)
@@ -230,6 +232,7 @@ def _joined(old: FootPath, new: FootPath, begin: float, landed: float, swings: b
     """The old path until the request, then the new one; a swing under way is bent to the new landing."""
     tiny = 1e-9
     kept, later = old.start < begin - tiny, new.start > begin - tiny
+    pieces: list[tuple[FootPath, NDArray[np.intp], Array, Array | None]]
     pieces = [(old, np.flatnonzero(kept), old.start[kept], None)]
     if swings:
         later = new.start > landed - tiny
@@ -241,15 +244,15 @@ def _joined(old: FootPath, new: FootPath, begin: float, landed: float, swings: b
         pieces.append((old, rows, since, bend))
     pieces.append((new, np.flatnonzero(later), new.start[later], None))
     parts = []
-    for path, rows, since, bend in pieces:
+    for path, rows, since, bending in pieces:
         curves = np.concatenate(
             [path.path[rows], *(values[rows][:, None] for values in (path.pitch, path.toe, path.heading))],
             axis=1,
         )
-        if bend is not None:
+        if bending is not None:
             curves = shift(curves, since - path.start[rows])
             bent = np.zeros((len(rows), *curves.shape[1:]))
-            bent[:, :, : bend.shape[-1]] = bend
+            bent[:, :, : bending.shape[-1]] = bending
             curves = curves + shift(bent, since - begin)
         parts.append((since, path.pivot[rows], curves, path.contact[rows]))
     start, pivot, curve, contact = (np.concatenate(values) for values in zip(*parts, strict=True))
