@@ -28,7 +28,7 @@ COLUMNS = (
     "walk", "steps", "ZMP RMSE along, across [mm]", "maximum [mm]", "closest parts [mm]", "largest torque",
     "QPs with limits, unsolved", "outcome",
 )  # fmt: skip
-SHOWN = (0, 2, 3, 4, 6, 7)
+SHOWN = (0, 2, 3, 4, 6)
 """Columns on the page; the data file has all."""
 
 
