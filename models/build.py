@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ampm.parameters import BodyParameters, ContactParameters, SimulationParameters
-    from models.tree import Asymmetry
+    from models.tree import Findings
 
 
 def build_body(
@@ -36,7 +36,7 @@ def build_body(
 
 def load(
     body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters
-) -> tuple[BodyModel, Asymmetry]:
+) -> tuple[BodyModel, Findings]:
     """Another body than the human, and how far its source is from its mirror image.
 
     Raises:

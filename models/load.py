@@ -7,12 +7,13 @@ of the world, x where the feet point.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 
-from ampm.description import BodyDescription, LegDescription, Passive, SoleGeometry
+from ampm.description import SOLE_POINT_GROUPS, BodyDescription, LegDescription, Passive, SoleGeometry
 from ampm.exceptions import InputError
 from models import anthropometry as table
 from models.scene import (
@@ -27,7 +28,7 @@ from models.scene import (
     to_xml,
 )
 from models.source import BodyFile, compiled_source, source_path
-from models.tree import Asymmetry, Segment, Tree
+from models.tree import Findings, Segment, Tree
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,11 +44,16 @@ _COLOUR = (0.45, 0.52, 0.60, 1.0)
 _THIN = 0.005  # least half axis of a segment's shape [m]
 _TRUNK_FRAME = "trunk_axes"
 _SIDES = ("left", "right")
+_OURS = frozenset(
+    {"root", "imu", "universe", _TRUNK_FRAME, *(f"{side}_sole" for side in _SIDES)}
+    | {f"{side}_{group}_{edge}" for side in _SIDES for group in SOLE_POINT_GROUPS for edge in _SIDES}
+)
+"""Names of joints and frames that are added."""
 
 
 def load_body(
     file: BodyFile, folder: Path, contact: ContactParameters, simulation: SimulationParameters
-) -> tuple[BodyModel, Asymmetry]:
+) -> tuple[BodyModel, Findings]:
     """Build the body of a description file.
 
     Args:
@@ -62,7 +68,8 @@ def load_body(
     model, speeds = compiled_source(source_path(file.source, folder))
     tree = Tree(file, model, speeds)
     asymmetry = tree.symmetrise()
-    return _Writer(tree).write(contact, simulation), asymmetry
+    bare = tuple(segment.name for segment in tree.segments if not segment.shapes)
+    return _Writer(tree).write(contact, simulation), replace(asymmetry, bare=bare)
 
 
 class _Writer:
@@ -70,7 +77,10 @@ class _Writer:
 
     def __init__(self, tree: Tree) -> None:
         self.tree, self.file = tree, tree.file
-        names = {joint.name for joint in tree.hinges} | {"root"}  # Pinocchio has one set of names for all
+        names = {joint.name for joint in tree.hinges}  # Pinocchio has one set of names for all
+        if taken := sorted(names & _OURS):
+            raise InputError(f"the model has joints with names of ours: {', '.join(taken)}; rename them.")
+        names |= _OURS
         self.names = [f"{s.name}_segment" if s.name in names else s.name for s in tree.segments]
         self.neutral = np.array([self.file.neutral.get(joint.name, 0.0) for joint in tree.hinges])
         # A neutral angle that is given for one side holds for the other.
@@ -144,6 +154,13 @@ class _Writer:
             else:
                 self.arms[0 if self.anchor[k, 1] > self.anchor[tree.images[k], 1] else 1].append(k)
 
+    def _is_below(self, segment: int, hinge: int) -> bool:
+        """Whether a hinge turns what hangs on a segment."""
+        below = self.tree.segments[self.tree.segment_of[hinge]].parent
+        while below >= 0 and below != segment:
+            below = self.tree.segments[below].parent
+        return below == segment
+
     def _along(self, joints: Sequence[int], axis: int) -> Array:
         """Anchor of the hinge that turns most about an axis of the world, shape (3,) [m]."""
         return np.asarray(self.anchor[max(joints, key=lambda k: abs(self.axis[k, axis]))])
@@ -189,6 +206,12 @@ class _Writer:
         """MJCF and description."""
         tree, outline, foot = self.tree, self.file.sole, self.feet[0]
         self._check()
+        if not outline.heel < outline.front:
+            raise InputError(
+                f"sole.heel = {outline.heel:g} must be less than sole.front = {outline.front:g}: x is "
+                "forward; correct the outline.",
+                key="body.sole",
+            )
         parts = zip(tree.segments, self.place, self.turn, strict=True)
         mass = sum(segment.mass for segment in tree.segments)
         com_z = sum(part.mass * float((place + turn @ part.com)[2]) for part, place, turn in parts) / mass
@@ -206,6 +229,12 @@ class _Writer:
             ankle_height=float(ankle[2]) - floor,
         )
         com_height, hip_height = com_z - floor, float(hip[2]) - floor
+        if not sole.ankle_height > 0.0:
+            raise InputError(
+                f"sole.bottom = {outline.bottom:g} is {-sole.ankle_height:g} m over the ankle; measure it "
+                "from the foot's origin, z upwards.",
+                key="body.sole",
+            )
         height = com_height / (table.HIP_HEIGHT + table.COM_OVER_HIP)
         root = new_scene("body", height, contact, simulation)
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
@@ -278,7 +307,21 @@ class _Writer:
             if not math.isfinite((hinge := tree.hinges[k]).high - hinge.low)
         ]
         short = [side for side, leg in zip(_SIDES, self.legs, strict=True) if len(leg) < 6]
+        below = [
+            hinge.name for k, hinge in enumerate(tree.hinges) for foot in self.feet if self._is_below(foot, k)
+        ]
+        inner = [tree.hinges[k].name for leg in self.legs for k in leg]
+        resting = [name for name in self.file.rest if name in inner]
+        outside = [
+            f"{hinge.name} = {angle:g}"
+            for name, angle in self._rest()
+            for hinge in tree.hinges
+            if hinge.name == name and not hinge.low <= angle <= hinge.high
+        ]
         for names, what, way_out in (
+            (below, "joints below a foot", "weld them with lock"),
+            (resting, "joints of a leg in rest", "leave them out, as legs follow the gait"),
+            (outside, "angles at rest or in neutral outside of their range", "correct them"),
             (light, "moving segments without mass", "weld their joints with lock"),
             (weak, "joints without a torque limit", "give it with [body.effort]"),
             (loose, "joints of a leg without a range", "give it in the model"),

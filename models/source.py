@@ -7,10 +7,11 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import mujoco
-from pydantic import BeforeValidator, Field
+import tomli_w
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN
@@ -26,6 +27,22 @@ Names = Annotated[
     tuple[str, ...], BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
 ]
 Angles = Mapping[str, Real]
+
+
+def _patterns(value: Any) -> Any:
+    """Refuse what is no regular expression."""
+    for pattern in value if isinstance(value, Mapping | tuple) else ():
+        try:
+            re.compile(pattern)
+        except re.error as error:
+            raise ValueError(
+                f"must have regular expressions only, and {pattern!r} is none ({error})"
+            ) from None
+    return value
+
+
+Patterns = Annotated[Names, AfterValidator(_patterns)]
+ByPattern = Annotated[Mapping[str, Annotated[Real, Field(ge=0)]], AfterValidator(_patterns)]
 
 
 class SoleSection(Section, section="sole"):
@@ -54,15 +71,15 @@ class BodyFile(Section, section="body"):
         {}, description="angles at which body and soles are upright and level, where not 0 [rad]"
     )
     rest: Angles = Field({}, description="angles of trunk and arms at rest, where not those of neutral [rad]")
-    lock: Names = Field((), description="joints that are welded, as regular expressions")
-    armature: Angles = Field({}, description="rotor inertia by regular expression of joints [kg m^2]")
-    effort: Angles = Field({}, description="largest torque by regular expression of joints [N m]")
-    speed: Angles = Field({}, description="largest speed by regular expression of joints [rad/s]")
-    damping: Angles = Field({}, description="damping by regular expression of joints [N m s/rad]")
-    stiffness: Angles = Field(
+    lock: Patterns = Field((), description="joints that are welded, as regular expressions")
+    armature: ByPattern = Field({}, description="rotor inertia by regular expression of joints [kg m^2]")
+    effort: ByPattern = Field({}, description="largest torque by regular expression of joints [N m]")
+    speed: ByPattern = Field({}, description="largest speed by regular expression of joints [rad/s]")
+    damping: ByPattern = Field({}, description="damping by regular expression of joints [N m s/rad]")
+    stiffness: ByPattern = Field(
         {}, description="stiffness of a spring by regular expression of joints [N m/rad]"
     )
-    friction: Angles = Field({}, description="dry friction by regular expression of joints [N m]")
+    friction: ByPattern = Field({}, description="dry friction by regular expression of joints [N m]")
 
     def sided(self, name: str) -> tuple[str, str]:
         """Left and right name of a pattern."""
@@ -108,6 +125,41 @@ def read_body_file(path: Path) -> BodyFile:
     if table.keys() != {"body"}:
         raise InputError(f"{path} must have one table, [body], with its own tables such as [body.sole].")
     return BodyFile(**table["body"])
+
+
+def write_body(path: Path, source: mujoco.MjSpec | str, **description: Any) -> Path:
+    """Write a description file, of a model file or of a model in memory.
+
+    Args:
+        path: of the file, which may be given as ``body.source``; its folder exists.
+        source: as in the file; an ``MjSpec`` is written beside it as MJCF, with its meshes where they are.
+        description: further keys of :class:`BodyFile`; ``sole`` as a table.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: a key is unknown, missing or bad, or the model cannot be compiled.
+    """
+    path = Path(path)
+    if isinstance(source, mujoco.MjSpec):
+        spec, source = source.copy(), f"{path.stem}.xml"
+        folder = Path(spec.modelfiledir or ".") / (spec.meshdir or "")
+        for mesh in spec.meshes:
+            mesh.file = str((folder / mesh.file).resolve()) if mesh.file else mesh.file
+        spec.meshdir = ""
+        try:
+            spec.compile()
+        except (ValueError, mujoco.FatalError) as error:
+            why = " ".join(str(error).split())
+            raise InputError(
+                f"the model {spec.modelname!r} cannot be compiled ({why}); correct it."
+            ) from None
+        path.with_name(source).write_text(spec.to_xml(), encoding="utf-8")
+    BodyFile(source=source, **description)
+    text = tomli_w.dumps({"body": {"source": source, **description}})
+    path.write_text(text, encoding="utf-8")
+    return path
 
 
 def source_path(source: str, folder: Path) -> Path:
@@ -178,6 +230,10 @@ def _readable_urdf(tree: ET.Element, path: Path) -> dict[str, float]:
                 link.remove(element)
             else:
                 mesh.set("filename", str(found))
+    for kind in ("link", "joint"):
+        names = [element.get("name", "") for element in tree.findall(kind)]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"names of a {kind} used twice: {', '.join(twice)}")
     for old in tree.findall("mujoco"):
         tree.remove(old)
     options = ET.SubElement(tree, "mujoco")

@@ -1,12 +1,13 @@
 """The segments of a compiled source at joint angles of 0, in axes of the world, and their mirror image.
 
 Left and right are made mirror images, which a periodic motion needs, by the mean of both;
-:class:`Asymmetry` says how far they were from it.
+:class:`Findings` says how far they were from it.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -65,22 +66,24 @@ class Segment:
 
 
 @dataclass(frozen=True)
-class Asymmetry:
-    """How far the source is from its mirror image.
+class Findings:
+    """How far the source is from its mirror image, and what it lacks.
 
     Attributes:
         place: largest distance of a joint from its image's image [m].
         com: the same of a segment's COM, times its share of the mass [m].
         mass: largest difference of two masses [kg].
         axis: largest angle between an axis and its image [rad].
+        bare: segments without a shape.
     """
 
     place: float = 0.0
     com: float = 0.0
     mass: float = 0.0
     axis: float = 0.0
+    bare: tuple[str, ...] = ()
 
-    def or_more(self, **values: float) -> Asymmetry:
+    def or_more(self, **values: float) -> Findings:
         """The larger of both."""
         return replace(self, **{name: max(value, getattr(self, name)) for name, value in values.items()})
 
@@ -108,9 +111,28 @@ class Tree:
         self.hinges = [joint for segment in self.segments for joint in segment.joints]
         self.index = {joint.name: i for i, joint in enumerate(self.hinges)}
         self.segment_of = [i for i, segment in enumerate(self.segments) for _ in segment.joints]
+        self._check_tables()
         for table_name in ("neutral", "rest"):
             for name in getattr(file, table_name):
                 self.joint(name, table_name)
+
+    def _check_tables(self) -> None:
+        """Refuse feet that hang elsewhere, and patterns that match nothing."""
+        for foot in self.feet:
+            if foot not in self.of_body:
+                raise InputError(
+                    f"the foot {self.model.body(foot).name!r} does not hang on the root {self.file.root!r}; "
+                    "correct root in the body's description.",
+                    key="body.root",
+                )
+        names = [self.model.joint(j).name for j in range(self.model.njnt)]
+        for key in ("lock", "armature", "effort", "speed", "damping", "stiffness", "friction"):
+            for pattern in getattr(self.file, key):
+                if not any(re.fullmatch(pattern, name) for name in names):
+                    raise InputError(
+                        f"{key} has {pattern!r}, which matches no joint; take names of {', '.join(names)}.",
+                        key=f"body.{key}",
+                    )
 
     def body(self, name: str, role: str) -> int:
         """Number of a segment of the source.
@@ -243,7 +265,7 @@ class Tree:
                 start = name.find(one, start + 1)
         return name
 
-    def symmetrise(self) -> Asymmetry:
+    def symmetrise(self) -> Findings:
         """Make left and right mirror images, and say how far they were from it.
 
         Raises:
@@ -252,7 +274,7 @@ class Tree:
         images = [self.index[self.mirrored(joint.name)] for joint in self.hinges]
         self.signs = np.empty(len(images))
         before = [replace(joint) for joint in self.hinges]
-        most = Asymmetry()
+        most = Findings()
         for i, (joint, image) in enumerate(zip(before, (before[k] for k in images), strict=True)):
             axis = -_MIRROR * image.axis
             self.signs[i] = 1.0 if axis @ joint.axis > 0.0 else -1.0

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from validation.cli.console import Narrator
-from validation.cli.options import Json, Settings, Status, answer
+from validation.cli.options import Json, Settings, Status, answer, option
 from validation.show.text import format_number, format_value, print_line, print_table
 
 if TYPE_CHECKING:
@@ -38,6 +38,9 @@ def list_bodies() -> int:
 def check(
     body: Annotated[str, typer.Argument(help="Name or description of a body.", metavar="NAME|FILE.toml")],
     settings: Settings = None,
+    reach: Annotated[
+        bool, option("--reach", "Also find the largest step and the highest speed; half a minute.")
+    ] = False,
     as_json: Json = False,
 ) -> int:
     """Check a body: its model, its torques in a periodic step, and what it can walk. Nothing is simulated."""
@@ -45,7 +48,7 @@ def check(
     from validation.run.body_check import check as check_body
 
     source = str(Path(body).resolve()) if Path(body).is_file() else body
-    found = check_body(source, tuple(settings or ()), Narrator())
+    found = check_body(source, tuple(settings or ()), Narrator(), reach=reach)
     answer(found, BodyCheck.as_dict, print_check, as_json=as_json)
     return Status.REFUSED if found.refusal else Status.PASS
 
@@ -69,3 +72,6 @@ def print_check(found: BodyCheck) -> None:
     else:
         gait = ", ".join(f"{key} {format_value(value)}" for key, value in found.gait.items())
         print_line(f"  It can walk: {gait}.")
+    if found.reach:
+        step, speed = found.reach["step_length"], found.reach["switching_velocity"]
+        print_line(f"  Largest step found {step:.3g} m, highest speed at a switch {speed:.3g} m/s.")

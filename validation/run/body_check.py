@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ from ampm.exceptions import RefusedGait
 from ampm.parameters import GRAVITY, HUMAN, BodyParameters, RunParameters
 from ampm.tune.refusal import NoFeasibleChoice
 from models.build import load
-from models.tree import Asymmetry
+from models.tree import Findings
 from validation.progress import Progress
 from validation.trial.bridge import pinocchio_model, to_mujoco
 from validation.trial.plan import load_request, make_body, tune_walk
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from ampm.body.robot import Robot
 
 _BENT = 0.6  # flexion of the knees at which the legs are judged [rad]
+_GROWTH, _MOST_GROWTH = 1.2, 3.0  # of step or speed from try to try, and at most [1]
 _LEAST_SINGULAR = 0.02  # of a leg's Jacobian: below it, the joints hardly move the sole in some direction
 _GROUPS = ("hip", "knee", "ankle", "toe", "trunk", "arms")
 
@@ -38,6 +40,8 @@ class BodyCheck:
         torque: group of joints to the largest share of a torque limit, in the best periodic step found [1].
         gait: key to value of the gait that it can walk; empty if it cannot.
         refusal: why it cannot walk, with a way out; empty if it can.
+        reach: ``step_length`` [m] and ``switching_velocity`` [m/s], the largest found; empty if not
+            asked for.
     """
 
     name: str
@@ -46,30 +50,34 @@ class BodyCheck:
     torque: Mapping[str, float]
     gait: Mapping[str, float]
     refusal: str
+    reach: Mapping[str, float]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         return asdict(self)
 
 
-def check(source: str, settings: tuple[str, ...] = (), progress: Progress | None = None) -> BodyCheck:
+def check(
+    source: str, settings: tuple[str, ...] = (), progress: Progress | None = None, *, reach: bool = False
+) -> BodyCheck:
     """Check a body.
 
     Args:
         source: name or description file.
         settings: ``key=value`` texts, such as those of the gait that it is to walk.
         progress: where to report stages.
+        reach: also find the largest step and the highest speed, which takes half a minute.
 
     Raises:
         InputError: the description or its source is not usable.
     """
     progress = progress or Progress()
     run = RunParameters(body=BodyParameters(source=source))
-    asymmetry = Asymmetry() if source == HUMAN else load(run.body, run.contact, run.simulation)[1]
+    findings = Findings() if source == HUMAN else load(run.body, run.contact, run.simulation)[1]
     with progress.stage("body"):
         body = make_body(run)
     robot, model = body.robot, body.model.compile()
-    facts, notes = _facts(robot, model, asymmetry), _notes(robot, asymmetry, len(body.shapes) > 0)
+    facts, notes = _facts(robot, model, findings), _notes(robot, findings)
     values: Mapping[str, float] = {}
     gait: dict[str, float] = {}
     refusal = ""
@@ -84,10 +92,38 @@ def check(source: str, settings: tuple[str, ...] = (), progress: Progress | None
     except RefusedGait as error:
         refusal = str(error)
     torque = {name: float(values[f"{name}_torque"]) for name in _GROUPS if f"{name}_torque" in values}
-    return BodyCheck(source, facts, notes, torque, gait, refusal)
+    far = _reach(source, settings, gait, progress) if reach and gait else {}
+    return BodyCheck(source, facts, notes, torque, gait, refusal, far)
 
 
-def _facts(robot: Robot, model: mujoco.MjModel, asymmetry: Asymmetry) -> dict[str, tuple[float, str]]:
+def _reach(
+    source: str, settings: tuple[str, ...], gait: Mapping[str, float], progress: Progress
+) -> dict[str, float]:
+    """The largest step, with the speed in proportion, and the highest speed with the gait's step.
+
+    Both grow by :data:`_GROWTH` until nothing walks any more, and once by half of that.
+    """
+
+    def walks(keys: tuple[str, ...], factor: float) -> bool:
+        grown = [f"gait.{name}={factor * gait[name]:.6g}" for name in keys]
+        kept = [text for text in settings if not text.startswith(tuple(f"gait.{name}=" for name in keys))]
+        try:
+            tune_walk(load_request(None, [f"body.source='{source}'", *kept, *grown]), progress)
+        except RefusedGait:
+            return False
+        return True
+
+    found = {}
+    for keys in (("step_length", "switching_velocity"), ("switching_velocity",)):
+        factor = 1.0
+        while factor < _MOST_GROWTH and walks(keys, factor * _GROWTH):
+            factor *= _GROWTH
+        half = factor * math.sqrt(_GROWTH)
+        found[keys[0]] = gait[keys[0]] * (half if walks(keys, half) else factor)
+    return found
+
+
+def _facts(robot: Robot, model: mujoco.MjModel, findings: Findings) -> dict[str, tuple[float, str]]:
     """Quantities of the model, with their units."""
     d, sole = robot.description, robot.description.sole
     limits, weight = dict(d.torque_limits), d.mass * GRAVITY
@@ -100,6 +136,7 @@ def _facts(robot: Robot, model: mujoco.MjModel, asymmetry: Asymmetry) -> dict[st
         "length of a leg": (d.leg_length, "m"),
         "distance of the hips": (2.0 * d.hip_half_width, "m"),
         "length of a sole": (sole.length, "m"),
+        "tilt of the soles, standing": (_sole_tilt(robot), "rad"),
         "straight knee at": (d.left_leg.straight_knee, "rad"),
         "least singular value of a leg, knee bent by 0.6 rad": (_leg_singular_value(robot), "1"),
         "ZMP from the ankle, as far as its torque reaches": (ankle / weight, "m"),
@@ -107,9 +144,9 @@ def _facts(robot: Robot, model: mujoco.MjModel, asymmetry: Asymmetry) -> dict[st
             hip / (weight * d.hip_half_width),
             "1",
         ),
-        "asymmetry of the source: places": (asymmetry.place, "m"),
-        "asymmetry of the source: COM": (asymmetry.com, "m"),
-        "asymmetry of the source: masses": (asymmetry.mass, "kg"),
+        "asymmetry of the source: places": (findings.place, "m"),
+        "asymmetry of the source: COM": (findings.com, "m"),
+        "asymmetry of the source: masses": (findings.mass, "kg"),
         "difference of Pinocchio and MuJoCo": (_disagreement(model), "1"),
     }
 
@@ -120,6 +157,15 @@ def _leg_singular_value(robot: Robot) -> float:
     q[robot.knee_joints + 1] = robot.knee_angles(_BENT)
     jacobian = robot.jacobian(q).jacobian[6:12, robot.leg_joints[0][:6]]
     return float(np.linalg.svd(jacobian, compute_uv=False)[-1])
+
+
+def _sole_tilt(robot: Robot) -> float:
+    """Largest angle of a sole with the floor in the neutral posture [rad]."""
+    q = pin.neutral(robot.model)
+    for joint, angle in robot.description.rest:
+        q[robot.velocity_indices((joint,)) + 1] = angle
+    upward = robot.jacobian(q).sole_turn[:, 2, 2]
+    return float(np.arccos(np.clip(upward, -1.0, 1.0)).max())
 
 
 def _disagreement(model: mujoco.MjModel) -> float:
@@ -141,7 +187,7 @@ def _disagreement(model: mujoco.MjModel) -> float:
     return worst
 
 
-def _notes(robot: Robot, asymmetry: Asymmetry, shaped: bool) -> tuple[str, ...]:
+def _notes(robot: Robot, findings: Findings) -> tuple[str, ...]:
     """What is worth knowing of the model."""
     d, notes = robot.description, []
     endless = [
@@ -164,8 +210,10 @@ def _notes(robot: Robot, asymmetry: Asymmetry, shaped: bool) -> tuple[str, ...]:
         )
     if not d.speed_limits:
         notes.append("No joint has a speed limit: speeds are not judged.")
-    if not shaped:
-        notes.append("The model has no shapes: clearance of its parts is not judged.")
-    if asymmetry.place > 1e-6 or asymmetry.com > 1e-6 or asymmetry.mass > 1e-6:
+    if findings.bare:
+        notes.append(
+            f"{len(findings.bare)} segments have no shape: clearance is that of ellipsoids of their inertia."
+        )
+    if max(findings.place, findings.com, findings.mass) > 1e-6:
         notes.append("Left and right differ in the source: the mean of both walks.")
     return tuple(notes)

@@ -1,0 +1,255 @@
+"""Descriptions and models of bodies: shapes and meshes, models in memory, and what is refused."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from ampm.exceptions import BodilyRefusal, InputError
+from ampm.parameters import BodyParameters, RunParameters
+from models.build import build_body
+from models.scene import BodyModel
+from models.source import read_body_file, write_body
+from validation.run import body_check
+from validation.trial.plan import make_body
+
+EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
+URDF, TOML = ((EXAMPLES / f"biped.{suffix}").read_text(encoding="utf-8") for suffix in ("urdf", "toml"))
+SOLE = {"heel": -0.07, "front": 0.14, "bottom": -0.07, "heel_half_width": 0.045, "front_half_width": 0.045}
+NAMES = {
+    "root": "pelvis",
+    "trunk": "chest",
+    "sides": ["l", "r"],
+    "foot": "{side}_foot",
+    "knee": "{side}_knee",
+}
+INERTIA = '<inertial><origin xyz="0 0 0"/><mass value="{}"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>'  # noqa: E501
+HINGE = (
+    '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><origin xyz="{3}"/>'
+    '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="10" velocity="5"/></joint>'
+)
+
+
+def load(path: Path) -> BodyModel:
+    run = RunParameters(body=BodyParameters(source=str(path)))
+    return build_body(run.body, run.contact, run.simulation)
+
+
+def write(folder: Path, urdf: str = URDF, toml: str = TOML) -> Path:
+    (folder / "biped.urdf").write_text(urdf, encoding="utf-8")
+    (folder / "biped.toml").write_text(toml, encoding="utf-8")
+    return folder / "biped.toml"
+
+
+def with_toes(urdf: str) -> str:
+    toes = "".join(
+        f'<link name="{side}_toes">{INERTIA.format(0.1)}</link>'
+        + HINGE.format(f"{side}_toe", f"{side}_foot", f"{side}_toes", "0.14 0 -0.07")
+        for side in "lr"
+    )
+    return urdf.replace("</robot>", toes + "</robot>")
+
+
+def replaced(old: str, new: str, count: int = -1) -> Callable[[str], str]:
+    def change(text: str) -> str:
+        assert old in text
+        return text.replace(old, new, count)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ('root = "hip"', "no segment 'hip' for root"),
+        ('root = "chest"', "'l_foot' does not hang on the root 'chest'"),
+        ('trunk = "l_shank"', "the trunk hangs on a leg"),
+        ('knee = "{side}_nee"', "no joint 'l_nee' for knee"),
+        ('sides = ["r", "l"]', "the knee 'r_knee' bends forward"),
+        ('sides = ["l", "l"]', "both feet are at one place"),
+        ('source = "nowhere.urdf"', "there is no file"),
+        ('source = "no-such-package:x.urdf"', "is not installed"),
+        ("source = 3", r"body\.source = 3 must be"),
+        ('lock = [".*_ankle_roll"]', "legs of less than six joints"),
+        ('lock = ["("]', "must have regular expressions only"),
+        ('[body.effort]\n".*_knee" = 0.0', "without a torque limit: l_knee, r_knee"),
+        ('[body.effort]\n".*_nee" = 9.0', "effort has '.*_nee', which matches no joint"),
+        ('[body.damping]\n".*" = -1.0', "must be at least 0"),
+        ('[body.armature]\n".*" = nan', "must be a finite number"),
+        ("[body.rest]\nwaist_yaw = 3.0", "outside of their range: waist_yaw = 3"),
+        ("[body.rest]\nl_knee = 0.5", "joints of a leg in rest: l_knee"),
+        ("colour = 1", r"unknown key 'body\.colour'"),
+        ("[[[", "no valid TOML"),
+    ],
+)
+def test_bad_description_is_refused(change: str, message: str, tmp_path: Path) -> None:
+    key = change.partition(" =")[0]
+    kept = [line for line in TOML.splitlines() if not line.startswith(f"{key} =")]
+    with pytest.raises(InputError, match=message):
+        load(write(tmp_path, toml="\n".join([*kept, change])))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("heel = -0.07", "heel = 0.2", "sole.heel = 0.2 must be less than sole.front = 0.14"),
+        ("bottom = -0.07", "bottom = 0.1", r"sole\.bottom = 0\.1 is 0\.1 m over the ankle"),
+        ("front = 0.14", "front = inf", "must be a finite number"),
+    ],
+)
+def test_bad_sole_is_refused(old: str, new: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message):
+        load(write(tmp_path, toml=replaced(old, new)(TOML)))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (replaced('<mass value="4"/>', '<mass value="6"/>', 1), "left and right differ by 2 kg in masses"),
+        (replaced('<mass value="0.5"/>', '<mass value="0"/>'), "mass and inertia of moving bodies"),
+        (replaced('<mass value="4"/>', '<mass value="heavy"/>'), "cannot be read"),
+        (replaced('"r_knee"', '"l_knee"'), "names of a joint used twice: l_knee"),
+        (replaced('<link name="r_shank">', '<link name="l_shank">'), "names of a link used twice: l_shank"),
+        (replaced('"waist_yaw"', '"root"'), "joints with names of ours: root"),
+        (replaced('name="waist_yaw" type="revolute"', 'name="waist_yaw" type="prismatic"'), "is no hinge"),
+        (replaced('effort="180"', 'effort="0"'), "without a torque limit: l_knee, r_knee"),
+        (with_toes, "joints below a foot: l_toe, r_toe; weld them with lock"),
+        (lambda text: text[:500], "cannot be read"),
+        (lambda _: "", "cannot be read"),
+    ],
+)
+def test_broken_model_is_refused(change: Callable[[str], str], message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message):
+        load(write(tmp_path, change(URDF)))
+
+
+def test_toes_can_be_welded_and_names_of_ours_are_no_trouble(tmp_path: Path) -> None:
+    toml = TOML.replace("knee =", 'lock = ["._toe"]\nknee =')
+    urdf = with_toes(URDF).replace('"l_thigh"', '"imu"').replace('"waist_a"', '"waist_yaw"')
+    body = load(write(tmp_path, urdf, toml))
+    assert body.description.mass == pytest.approx(40.8)
+    assert body.compile().body("imu_segment").mass[0] == pytest.approx(4.0)
+
+
+def test_joints_of_no_group_rest_and_are_noted(tmp_path: Path) -> None:
+    neck = f'<link name="skull">{INERTIA.format(1.0)}</link>' + HINGE.format(
+        "neck", "chest", "skull", "0 0 0.45"
+    )
+    path = write(tmp_path, URDF.replace("</robot>", neck + "</robot>"))
+    body = make_body(RunParameters(body=BodyParameters(source=str(path))))
+    assert body.model.description.head == ("neck",)
+    notes = body_check._notes(body.robot, body_check.Findings())
+    assert "Joints of neither leg, trunk nor arm, which rest: neck." in notes
+
+
+def write_mesh(path: Path, size: tuple[float, float, float]) -> None:
+    """An STL file of a box about its origin, from -size to size [m]."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size
+    faces = np.reshape([int(c) for c in "013032467475045051237276026064157173"], (12, 3)).tolist()
+    rows = [struct.pack("<12fH", 0, 0, 0, *corners[list(face)].ravel(), 0) for face in faces]
+    path.write_bytes(b"\0" * 80 + struct.pack("<I", len(rows)) + b"".join(rows))
+
+
+def test_meshes_become_hulls_in_the_model(tmp_path: Path) -> None:
+    """Of a ROS package's folder above the URDF; what MuJoCo cannot read is dropped."""
+    folder = tmp_path / "my_robot" / "urdf"
+    (tmp_path / "my_robot" / "meshes").mkdir(parents=True)
+    folder.mkdir()
+    write_mesh(tmp_path / "my_robot" / "meshes" / "thigh.STL", (0.05, 0.06, 0.18))
+    (tmp_path / "my_robot" / "meshes" / "shank.dae").write_text("<COLLADA/>", encoding="utf-8")
+    urdf = URDF
+    for side in "lr":
+        for part in ("thigh.STL", "shank.dae", "missing.stl"):
+            link = f'<link name="{side}_{part[:5]}">'
+            shape = f'<mesh filename="package://my_robot/meshes/{part}"/>'
+            visual = f'<visual><origin xyz="0 0 -0.18"/><geometry>{shape}</geometry></visual>'
+            urdf = urdf.replace(link, link + visual)
+    # Spheres that touch the floor do not stand for the drawn foot.
+    touching = '<collision><origin xyz="0 0 -0.07"/><geometry><sphere radius="0.002"/></geometry></collision>'
+    sole = '<visual><origin xyz="0.03 0 -0.05"/><geometry><box size="0.2 0.09 0.04"/></geometry></visual>'
+    urdf = urdf.replace('<link name="l_foot">', '<link name="l_foot">' + touching + sole)
+    body = load(write(folder, urdf))
+    model = body.compile()
+    assert str(tmp_path) not in body.xml
+    assert model.nmesh == 2
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    geom = int(np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)[0])
+    corners = model.mesh_vert[:8] @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+    thigh = data.body("l_thigh").xpos
+    np.testing.assert_allclose(np.abs(corners - thigh - [0, 0, -0.18]), [[0.05, 0.06, 0.18]] * 8, atol=1e-4)
+    kinds = {
+        name: {
+            mujoco.mjtGeom(int(kind)).name
+            for kind in model.geom_type[model.geom_bodyid == model.body(name).id]
+        }
+        for name in ("l_shank", "l_foot")
+    }
+    assert kinds["l_shank"] == {"mjGEOM_ELLIPSOID"}
+    assert kinds["l_foot"] == {"mjGEOM_BOX", "mjGEOM_SPHERE"}  # the points of the sole are spheres
+
+
+def test_a_segment_without_a_shape_has_the_ellipsoid_of_its_inertia() -> None:
+    model = load(EXAMPLES / "biped.toml").compile()
+    chest = model.body("chest")
+    geom = model.geom(int(np.flatnonzero(model.geom_bodyid == chest.id)[0]))
+    squares = geom.size**2
+    moments = (
+        chest.mass[0]
+        / 5.0
+        * np.array([squares[1] + squares[2], squares[0] + squares[2], squares[0] + squares[1]])
+    )
+    np.testing.assert_allclose(sorted(moments), sorted([0.2562, 0.181067, 0.134867]), rtol=1e-6)
+    np.testing.assert_allclose(geom.pos, [0, 0, 0.2], atol=1e-12)
+
+
+def test_hulls_are_in_the_recording(tmp_path: Path) -> None:
+    from validation.show.rerun.meshes import mesh_of
+
+    write_mesh(tmp_path / "box.stl", (0.1, 0.2, 0.3))
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="box", file=str(tmp_path / "box.stl"))
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="box")
+    drawn = mesh_of(spec.compile(), 0, (10, 20, 30, 40))
+    points = np.array(drawn.vertex_positions.as_arrow_array().to_pylist())
+    assert points.shape == (36, 3)
+    assert sorted(np.ptp(points, axis=0)) == pytest.approx([0.2, 0.4, 0.6])
+
+
+def test_a_model_in_memory_is_a_source(tmp_path: Path) -> None:
+    own = load(EXAMPLES / "biped.toml")
+    spec = mujoco.MjSpec.from_string(own.xml)
+    path = write_body(tmp_path / "mine.toml", spec, sole=SOLE, **NAMES)
+    assert read_body_file(path).source == "mine.xml"
+    found = load(path).description
+    assert found.torque_limits == own.description.torque_limits
+    assert found.mirror == own.description.mirror
+    assert found.leg_length == pytest.approx(own.description.leg_length)
+    with pytest.raises(InputError, match=r"unknown key 'body\.colour'"):
+        write_body(tmp_path / "mine.toml", spec, sole=SOLE, colour="red", **NAMES)
+    spec.body("chest").mass = 0.0
+    with pytest.raises(InputError, match="cannot be compiled"):
+        write_body(tmp_path / "bad.toml", spec, sole=SOLE, **NAMES)
+
+
+def test_reach_grows_until_nothing_walks(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = []
+
+    def tune(request, _):
+        gait = request.run.gait
+        tried.append((gait.step_length, gait.switching_velocity))
+        if gait.step_length > 0.33 or gait.switching_velocity > 0.8:
+            raise BodilyRefusal("no", reason="torque", value=1.0, limit=1.0, unit="1", way_out="less")
+
+    monkeypatch.setattr(body_check, "tune_walk", tune)
+    own = {"step_length": 0.243, "switching_velocity": 0.479}
+    found = body_check._reach(str(EXAMPLES / "biped.toml"), ("gait.steps=2",), own, body_check.Progress())
+    assert found["step_length"] == pytest.approx(0.243 * 1.2 * 1.2**0.5)
+    assert found["switching_velocity"] == pytest.approx(0.479 * 1.2**2 * 1.2**0.5)
+    assert tried[0] == pytest.approx((1.2 * 0.243, 1.2 * 0.479))
+    assert tried[-1][0] == pytest.approx(0.243, abs=1e-9)
