@@ -34,6 +34,12 @@ class GaitParameters(Section, section="gait"):
         "compare with: ZMP fixed under the foot, no moment, double support at constant velocity",
         "1",
     )
+    planner: str = parameter(
+        "ampm",
+        "makes the plan: ampm, ipm, preview or dcm, a table FILE.csv or FILE.parquet, or MODULE:CLASS",
+        "1",
+        min_length=1,
+    )
     com_height: Real = parameter(0.865, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
     step_length: Real = parameter(
         0.6, "distance of successive footprints of opposite feet along x (2 (l_s + l_d))", "m", gt=0, le=100

@@ -61,7 +61,7 @@ def changes(run: RunParameters) -> dict[str, Any]:
     values = {
         key: run.value(key)
         for key in keys()
-        if key.startswith(("gait.", "body.", "foot.")) and key != "gait.steps"
+        if key.startswith(("gait.", "body.", "foot.")) and key not in ("gait.steps", "gait.planner")
     }
     found = [{key: value for key, value in values.items() if value != own.value(key)} for own in _presets()]
     return min(found, key=len)

@@ -12,9 +12,10 @@ import validation as val
 from ampm.exceptions import InputError
 from ampm.parameters import GRAVITY
 from validation.store.saved import load_saved_run
-from validation.store.tables import read_columns, write_columns
+from validation.store.tables import write_columns
 from validation.study.people.compare import PAIRS, PERSON, PLAN, SIMULATION
 from validation.study.people.walking import PHASES, take_overs
+from validation.trial.columns import read_columns
 
 MASS, SPEED, STRIDE = 72.0, 1.2, 1.1  # of the synthetic person [kg, m/s, s]
 

@@ -17,8 +17,9 @@ from ampm.planner.support import StepPlan, plan_steps
 from ampm.planner.table import closed_step, repeats, table_plan
 from ampm.planners import TablePlanner
 from tests.solved import body_of
-from validation.run.planner import load_planner
-from validation.store.tables import plan_table, read_columns, sample_times, write_columns
+from validation.store.tables import plan_table, sample_times, write_columns
+from validation.trial.columns import read_columns
+from validation.trial.planners import load_planner
 
 STEPS = 3
 

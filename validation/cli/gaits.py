@@ -27,6 +27,7 @@ from validation.cli.options import (
     answer,
     check_picture,
     option,
+    with_planner,
 )
 from validation.show.text import format_number, format_value, print_line, print_table
 from validation.store.folders import check_folder_of, check_output_file, output_file
@@ -80,11 +81,12 @@ def plan(
     """
     from ampm.planner.periodic import plan_gait
     from ampm.planner.routes import read_footsteps
-    from validation.run.planner import load_planner
-    from validation.store.tables import check_suffix, plan_table, sample_times, write_columns
+    from validation.store.tables import plan_table, sample_times, write_columns
+    from validation.trial.columns import check_suffix
     from validation.trial.plan import check_formula, load_request, make_body, plan_walk
 
-    request = load_request(gait, settings or (), as_is=as_is or no_body or footsteps is not None)
+    extra = with_planner(settings, planner)
+    request = load_request(gait, extra, as_is=as_is or no_body or footsteps is not None)
     run = request.run
     steps = None if footsteps is None else read_footsteps(footsteps)
     if samples is not None:  # refuse paths that cannot be written before computing
@@ -95,11 +97,10 @@ def plan(
         sample_times(count * run.gait.step_length / run.gait.switching_velocity, rate)
     if plot is not None:
         check_picture(plot)
-    if planner is not None and (no_body or steps is not None):
-        raise InputError("--planner plans a body's steps; leave out --no-body and --footsteps.")
+    if run.gait.planner != "ampm" and (no_body or steps is not None):
+        raise InputError("another planner plans a body's steps; leave out --no-body and --footsteps.")
     narrator = Narrator()
-    other = None if planner is None else load_planner(planner)
-    walk = None if no_body or steps is not None else plan_walk(request, narrator, planner=other)
+    walk = None if no_body or steps is not None else plan_walk(request, narrator)
     planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walk is None else walk.plan
     sole = None
     if steps is not None:
@@ -173,7 +174,7 @@ def motion(
     as_json: Json = False,
 ) -> int:
     """Solve the periodic whole-body motion of one step: the motion of every joint."""
-    from validation.store.tables import check_suffix
+    from validation.trial.columns import check_suffix
     from validation.trial.plan import load_requests, plan_walk
 
     if out is not None:

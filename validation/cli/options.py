@@ -79,7 +79,7 @@ PlannerName = Annotated[
     str | None,
     option(
         "--planner",
-        "Plan with ampm, ipm, preview or dcm, walk a table, or a planner of your own.",
+        "Short for gait.planner: ampm, ipm, preview, dcm, a table, or a planner of your own.",
         "NAME|FILE.csv|.parquet|MODULE:CLASS",
     ),
 ]
@@ -115,6 +115,13 @@ def with_footsteps(path: Path | None) -> dict[str, Any]:
     from ampm.planner.routes import as_rows, read_footsteps  # imported here: NumPy is slow to load
 
     return {"footsteps": as_rows(*read_footsteps(path))}
+
+
+def with_planner(settings: list[str] | None, planner: str | None) -> list[str]:
+    """Settings of ``--set``, and that of ``--planner``; the path of a file is absolute."""
+    if planner is not None and Path(planner).is_file():
+        planner = str(Path(planner).resolve())
+    return [*(settings or ()), *([] if planner is None else [f"gait.planner='{planner}'"])]
 
 
 def check_picture(path: Path) -> None:

@@ -302,9 +302,9 @@ def people(
     predictive simulations. Limits are shown, not judged: the exit status is 0.
     """
     from validation.judge.profiles import profile as find_profile
-    from validation.store.tables import check_suffix
     from validation.study.people.compare import People, convert
     from validation.study.people.compare import people as compare_people
+    from validation.trial.columns import check_suffix
 
     if plot is not None:
         check_picture(plot)

@@ -35,6 +35,7 @@ from validation.cli.options import (
     option,
     with_body,
     with_footsteps,
+    with_planner,
     with_steps,
 )  # fmt: skip
 from validation.progress import interruption
@@ -114,13 +115,12 @@ def validate(
     from validation.judge.uncertainty import load_uncertainty, matching
     from validation.measure.instruments.model import load_instrument
     from validation.run import validate as run
-    from validation.run.planner import load_planner
     from validation.trial.disturbances import parse_push
     from validation.trial.plan import complete, load_requests
 
     short = {"solver.qp": qp, "controller.name": controller}
     extra = [f'{key}="{value}"' for key, value in short.items() if value is not None]
-    extra = [*with_steps(with_body(settings, body), steps), *extra]
+    extra = [*with_planner(with_steps(with_body(settings, body), steps), planner), *extra]
     requests = load_requests(gaits or [None], extra, as_is=as_is, sections=with_footsteps(footsteps))
     judges = [
         profiles.own_profile(gait) if profile is None else profiles.profile(profile)
@@ -133,7 +133,6 @@ def validate(
     options = run.Options(
         force=force,
         instrument=None if instrument is None else load_instrument(instrument),
-        planner=None if planner is None else load_planner(planner),
         disturbances=[parse_push(text) for text in push or ()],
     )
     targets = run.targets(requests, out, force=force)
@@ -231,7 +230,8 @@ def instrument(
     """
     from validation.measure.instruments.model import load_instrument
     from validation.measure.instruments.observe import Observation, observe_folder
-    from validation.store.tables import check_suffix, write_columns
+    from validation.store.tables import write_columns
+    from validation.trial.columns import check_suffix
 
     if plot is not None:
         check_picture(plot)

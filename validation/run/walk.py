@@ -25,11 +25,11 @@ from validation.judge.verdict import judge
 from validation.measure.measure import measure
 from validation.measure.standing import weigh
 from validation.progress import Progress, interruption
-from validation.run.planner import load_planner
 from validation.run.trial import Trial
 from validation.trial.bridge import pinocchio_model, to_pinocchio
 from validation.trial.controllers import find_controller, name_of
 from validation.trial.plan import PlannedWalk, Request, load_request, make_body, own_gait, plan_walk
+from validation.trial.planners import check_planner
 from validation.trial.record import SimulationRecord
 from validation.trial.scene import disturbed_model
 from validation.trial.simulate import simulate
@@ -63,8 +63,8 @@ def walk(
         run: parameters from :func:`ampm.load_run`, or a preset or TOML file.
         controller: makes the controller from robot and run, a class for example; or its name. That of the run
             by default.
-        planner: makes the plan, or a name, see :func:`validation.run.planner.load_planner`;
-            :class:`ampm.planners.AmpmPeriodic` by default.
+        planner: makes the plan, or a name, see :func:`validation.trial.planners.load_planner`; that of the
+            run by default.
         disturbances: external forces, such as :class:`validation.Push`, beside those of the run.
         footsteps: places to walk over from rest to rest, see :func:`ampm.plan_footsteps`.
         profile: tolerances, or the name of a profile; that of the preset by default.
@@ -86,8 +86,6 @@ def walk(
     ):
         if not good:
             raise InputError(f"{value!r} is no {wanted}; correct it.")
-    if isinstance(planner, str):
-        planner = load_planner(planner, "planner=")
     if isinstance(run, RunParameters):
         request = Request(name or "walk", own_gait(run))
     else:
@@ -98,6 +96,9 @@ def walk(
     factory = (
         controller if callable(controller) else find_controller(controller or request.run.controller.name)
     )
+    if isinstance(planner, str):
+        check_planner(planner)
+        request, planner = replace(request, run=request.run.replace({"gait.planner": planner})), None
     if controller is not None:
         request = replace(request, run=request.run.replace({"controller.name": name_of(factory)}))
     if not isinstance(profile, Profile):

@@ -14,6 +14,7 @@ from ampm.description import SOLE_POINT_GROUPS
 from ampm.exceptions import InputError
 from ampm.planner.centroidal import CentroidalPlan, phase_of
 from ampm.planner.support import StepPlan
+from validation.trial.columns import check_suffix
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 MOST_SAMPLES = 5_000_000
 """Samples of one table at most: about 2 GB of memory."""
 
-SUFFIXES = (".csv", ".parquet")
 FEET = ("left", "right")
 
 
@@ -115,30 +115,3 @@ def write_columns(
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(arrays)
         writer.writerows(zip(*(array.to_pylist() for array in (arrays | flags).values()), strict=True))
-
-
-def read_columns(path: Path) -> dict[str, NDArray[Any]]:
-    """Read a table, by the path's suffix.
-
-    Returns:
-        Column name to array (N,); an empty cell is NaN, or None among texts.
-
-    Raises:
-        InputError: another suffix, or a file that is missing or no such table.
-    """
-    # Imported here: pyarrow is slow to load.
-    import pyarrow.csv
-    import pyarrow.parquet as pq
-
-    check_suffix(path)
-    try:
-        table = pq.read_table(path) if path.suffix == ".parquet" else pyarrow.csv.read_csv(path)
-        return {name: table[name].to_numpy() for name in table.column_names}
-    except (OSError, ValueError) as error:  # pyarrow's errors are ValueErrors
-        raise InputError(f"{path} cannot be read as a table ({error}); give a whole file.") from error
-
-
-def check_suffix(path: Path) -> None:
-    """Raise :class:`InputError` unless the path ends in a suffix that :func:`write_columns` knows."""
-    if path.suffix not in SUFFIXES:
-        raise InputError(f"{path} must end in {' or '.join(SUFFIXES)}; the suffix chooses the format.")

@@ -22,6 +22,7 @@ from ampm.presets import PRESETS
 from ampm.run_file import changes, load_run
 from validation.progress import Progress
 from validation.trial.controllers import CONTROLLERS, find_controller
+from validation.trial.planners import check_planner, load_planner
 from validation.trial.users import UsersCode
 
 if TYPE_CHECKING:
@@ -52,6 +53,10 @@ class Request:
     def title(self) -> str:
         """Name and changes, for a picture or a verdict."""
         return gait_title(self.name, self.changed)
+
+
+_SHOWN = ("gait.steps", "gait.planner")
+"""Keys that a run's title names by themselves."""
 
 
 def gait_title(name: str, changed: Mapping[str, Any], planner: str = "") -> str:
@@ -148,13 +153,14 @@ def load_request(
         run = run.as_is()
     if run.controller.name not in CONTROLLERS:
         find_controller(run.controller.name)
+    check_planner(run.gait.planner)
     path = Path(run.body.source if gait is None else gait)
     # A run folder's own run.toml is named after the folder.
     name = path.resolve().parent.name if path.name == "run.toml" else path.stem
     if gait is not None and gait in PRESETS:  # a dot in a preset's name begins no suffix
         name = gait
     keys = dict.fromkeys(setting.partition("=")[0].strip() for setting in settings)
-    return Request(name, run, {key: run.value(key) for key in keys if key != "gait.steps"})
+    return Request(name, run, {key: run.value(key) for key in keys if key not in _SHOWN})
 
 
 def request_of(
@@ -277,8 +283,7 @@ def plan_walk(
     Args:
         request: the gait.
         progress: where to report stages.
-        planner: :class:`ampm.planners.AmpmPeriodic` by default, for footsteps
-            :class:`ampm.planners.AmpmFootsteps`.
+        planner: that of the run by default; for footsteps :class:`ampm.planners.AmpmFootsteps`.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met, or a user's planner fails.
@@ -288,6 +293,7 @@ def plan_walk(
     from ampm.planners import PLANNERS, AmpmFootsteps, AmpmPeriodic, WalkRequest, planner_name
     from ampm.walk import WalkPlan
 
+    planner = planner or load_planner(run.gait.planner)
     if planner is None and run.footsteps:
         planner = AmpmFootsteps()
         if run.body.source != HUMAN and changes(run):  # height and feet are those of the body's own gait

@@ -19,9 +19,10 @@ from validation.judge.compare import SIGNALS, Statistics, statistics
 from validation.judge.metrics import METRICS, rms
 from validation.judge.profiles import DEFAULT, Profile
 from validation.store.saved import load_saved_run
-from validation.store.tables import SUFFIXES, read_columns, write_columns
+from validation.store.tables import write_columns
 from validation.study.people.benchmark import read_benchmark
 from validation.study.people.walking import PHASES, Strides, Walking, of_run, of_table
+from validation.trial.columns import SUFFIXES, read_columns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

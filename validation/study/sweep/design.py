@@ -23,12 +23,14 @@ from pydantic import Field, model_validator
 from ampm.arithmetic import exp
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters, keys
+from ampm.planner.zmp_laws import STEP_PLANNERS
 from ampm.presets import PRESETS
 from ampm.run_file import KeyInfo, key_info, load_run
 from ampm.section import Real, Section, parse_toml, read_toml, unknown
 from validation.judge.profiles import profile as find_profile
 from validation.trial.controllers import CONTROLLERS, find_controller
 from validation.trial.plan import own_gait
+from validation.trial.planners import check_planner
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,7 +44,7 @@ MOST_CASES = 10_000_000
 """Runs of one sweep at most."""
 MOST_POINTS = 1_000_000
 """Points of one sampled block at most: 8 MB for every key."""
-STEPS_KEY, CONTROLLER_KEY = "gait.steps", "controller.name"
+STEPS_KEY, CONTROLLER_KEY, PLANNER_KEY = "gait.steps", "controller.name", "gait.planner"
 
 _TABLES = ("sweep", "set", "vary", "base")
 _DIGITS = 12  # significant digits to which a grid's inner values are rounded
@@ -279,9 +281,18 @@ class SweepDefinition(Section, section="sweep"):
     @property
     def controllers(self) -> list[str]:
         """Names of the controllers in its runs that are not the project's own."""
-        varied = (block.keys[CONTROLLER_KEY] for block in self.vary if CONTROLLER_KEY in block.keys)
-        names: Any = next(varied, [self.shared.controller.name])
-        return sorted({*names} - CONTROLLERS.keys())
+        return sorted(self._names(CONTROLLER_KEY) - CONTROLLERS.keys())
+
+    @property
+    def planners(self) -> list[str]:
+        """Names of the planners in its runs that are not the project's own."""
+        return sorted(self._names(PLANNER_KEY) - STEP_PLANNERS.keys())
+
+    def _names(self, key: str) -> frozenset[str]:
+        """Values of a key whose values are texts."""
+        varied = (block.keys[key] for block in self.vary if key in block.keys)
+        names: Any = next(varied, [self.shared.value(key)])
+        return frozenset(names)
 
     def column(self, key: str, runs: NDArray[np.int64]) -> Column:
         """Values of any key of the run, varied or not, in some runs, shape (n,)."""
@@ -376,6 +387,8 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
     definition = SweepDefinition(**head, set=fixed, vary=tuple(blocks), base=base)
     for controller in definition.controllers:
         find_controller(controller)
+    for planner in definition.planners:
+        check_planner(planner)
     if definition.push:
         from validation.trial.disturbances import parse_push  # loads the simulator
 

@@ -31,6 +31,7 @@ from validation.study.sweep.design import SweepDefinition, dump_sweep
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import columns, schema
 from validation.trial.controllers import source_of
+from validation.trial.planners import planner_file
 
 DEFINITION = "sweep.toml"
 ROWS = "rows.sqlite"
@@ -127,6 +128,9 @@ def _identity(definition: SweepDefinition) -> dict[str, Any]:
     for name in definition.controllers:
         digest = hashlib.sha256(source_of(name).read_bytes()).hexdigest()
         settings[f"controller {name}"] = f"of a file {digest[:8]}"
+    for name in definition.planners:
+        digest = hashlib.sha256(planner_file(name).read_bytes()).hexdigest()
+        settings[f"planner {name}"] = f"of a file {digest[:8]}"
     return {"settings": settings, "code": code()}
 
 

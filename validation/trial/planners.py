@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ampm.exceptions import InputError
-from validation.store.tables import SUFFIXES, read_columns
+from ampm.planner.zmp_laws import STEP_PLANNERS
+from validation.trial.columns import SUFFIXES, read_columns
 from validation.trial.users import make_object
 
 if TYPE_CHECKING:
@@ -14,13 +16,12 @@ if TYPE_CHECKING:
     from ampm.walk import Planner
 
 
-def load_planner(text: str, option: str = "--planner") -> Planner[WalkRequest] | None:
+def load_planner(text: str) -> Planner[WalkRequest] | None:
     """The planner that a text names.
 
     Args:
         text: a name of :data:`ampm.planners.PLANNERS`, a table (``.csv`` or ``.parquet``, see
             :mod:`ampm.planner.table`), or ``module:Class``.
-        option: how errors call it.
 
     Returns:
         None for ``ampm``, the default.
@@ -36,9 +37,31 @@ def load_planner(text: str, option: str = "--planner") -> Planner[WalkRequest] |
         return TablePlanner(read_columns(path), path.name)
     if ":" not in text:
         raise InputError(
-            f"{option} {text!r} is none of {', '.join(PLANNERS)}; take one of them, a table FILE.csv or "
-            "FILE.parquet, or MODULE:CLASS, for example mine:Planner.",
+            f"gait.planner = {text!r} is none of {', '.join(PLANNERS)}; take one of them, a table FILE.csv "
+            "or FILE.parquet, or MODULE:CLASS, for example mine:Planner.",
+            key="gait.planner",
             value=text,
         )
-    planner: Any = make_object(option, text)
+    planner: Any = make_object("gait.planner", text)
     return planner
+
+
+def check_planner(text: str) -> None:
+    """Refuse a name that is no planner, before anything is planned.
+
+    Raises:
+        InputError: as :func:`load_planner`.
+    """
+    if text not in STEP_PLANNERS:
+        load_planner(text)
+
+
+def planner_file(text: str) -> Path:
+    """File that holds a planner that is not the project's own.
+
+    Raises:
+        InputError: there is no such planner.
+    """
+    if Path(text).suffix in SUFFIXES:
+        return Path(text)
+    return Path(inspect.getfile(type(load_planner(text))))
