@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from validation.show.viewer import show_recording as view
     from validation.store.saved import load_saved_run as load
     from validation.study.people.compare import people as people
+    from validation.study.robustness.run import robustness as robustness
     from validation.study.sweep.run import sweep as sweep
     from validation.trial.disturbances import Disturbance as Disturbance
     from validation.trial.disturbances import Plant as Plant
@@ -42,6 +43,7 @@ _HOMES = {
     "register": "judge.metrics.register",
     "replay": "run.replay.replay",
     "report": "show.report.write_report",
+    "robustness": "study.robustness.run.robustness",
     "sweep": "study.sweep.run.sweep",
     "unregister": "judge.metrics.unregister",
     "view": "show.viewer.show_recording",
@@ -50,7 +52,8 @@ _HOMES = {
 
 __all__ = [
     "Disturbance", "Metric", "Plant", "Progress", "Push", "Trial", "load", "load_uncertainty",
-    "observe_folder", "people", "register", "replay", "report", "sweep", "unregister", "view", "walk",
+    "observe_folder", "people", "register", "replay", "report", "robustness", "sweep", "unregister", "view",
+    "walk",
 ]  # fmt: skip
 
 

@@ -1,0 +1,1 @@
+"""What a gait survives: pushes by direction, phase and height, and all other disturbances."""

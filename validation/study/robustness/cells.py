@@ -1,0 +1,149 @@
+"""What is tried: cells of one kind of disturbance, each with rising values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from ampm.exceptions import InputError
+from ampm.planner.capture import DIRECTIONS, PUSH_PHASES, Direction, PushPhase
+from ampm.run_file import key_info
+from ampm.section import unknown
+
+HEIGHTS = ("com", "chest")
+"""Where pushes act."""
+STEPS = 14
+"""Walked with a disturbance other than a push."""
+PUSH_STEP = 4
+"""Single support in which, or after which, the body is pushed; one later in every other replica."""
+AFTER = 8
+"""Steps walked after that one."""
+DURATION = 0.1
+"""Of a push [s]."""
+REPLICAS = 5
+NEEDED = 0.8
+"""Share of the replicas that has to survive."""
+START = 0.01
+"""Error of the root's velocity at the start of all replicas but the first, see ``disturbance.start_velocity``
+[m/s]."""
+SHIFTS = (0.0, 0.03, -0.03, 0.06, -0.06)
+"""Shift of a push in the replicas, as share of its phase [1]."""
+PUSHES = "pushes"
+_MOST = 2.0  # velocity change of a push [m/s]
+_GRID = {"forward": 0.1, "backward": 0.1, "wider": 0.05, "narrower": 0.05}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One disturbance with rising values.
+
+    Attributes:
+        name: unique.
+        key: that it sets, ``pushes`` for a push.
+        values: tried in this order until one is not survived, in the key's unit or [m/s].
+        fixed: further keys and values.
+        direction, phase, height: of a push.
+    """
+
+    name: str
+    key: str
+    values: tuple[float, ...]
+    fixed: Mapping[str, Any] = field(default_factory=dict)
+    direction: Direction = "forward"
+    phase: PushPhase = "mid"
+    height: str = "com"
+
+    @property
+    def unit(self) -> str:
+        """Of its values."""
+        return "m/s" if self.key == PUSHES else key_info(self.key).unit
+
+    def settings(self, value: float) -> dict[str, Any]:
+        """Keys and values of a run with this value; none for a push."""
+        return {} if self.key == PUSHES else {**self.fixed, self.key: value}
+
+
+def push_cells(quick: bool = False) -> tuple[Cell, ...]:
+    """All pushes; ``quick``: early and late, on a grid of twice the size."""
+    cells = []
+    for height in HEIGHTS:
+        for phase in PUSH_PHASES[::2] if quick else PUSH_PHASES:
+            for direction in DIRECTIONS:
+                step = _GRID[direction] * (2.0 if quick else 1.0)
+                values = tuple(round(step * n, 6) for n in range(1, round(_MOST / step) + 1))
+                name = f"{height} {phase} {direction}"
+                cells.append(Cell(name, PUSHES, values, {}, direction, phase, height))
+    return tuple(cells)
+
+
+def _degrees(*values: float) -> tuple[float, ...]:
+    return tuple(math.radians(value) for value in values)
+
+
+_LADDERS: tuple[tuple[str, str, tuple[float, ...]], ...] = (
+    ("floor higher", "floor_height", (0.002, 0.005, 0.01, 0.02, 0.03)),
+    ("floor lower", "floor_height", (-0.002, -0.005, -0.01, -0.02, -0.03)),
+    ("one step higher", "step_height", (0.002, 0.005, 0.01, 0.02, 0.03, 0.05)),
+    ("one step lower", "step_height", (-0.002, -0.005, -0.01, -0.02, -0.03, -0.05)),
+    ("slope uphill", "slope_along", _degrees(0.5, 1, 2, 3, 5)),
+    ("slope downhill", "slope_along", _degrees(-0.5, -1, -2, -3, -5)),
+    ("slope across, up to the left", "slope_across", _degrees(0.5, 1, 2, 3, 5)),
+    ("slope across, up to the right", "slope_across", _degrees(-0.5, -1, -2, -3, -5)),
+    ("friction", "friction_factor", (0.75, 0.5, 0.375, 0.25)),
+    ("soft floor", "softness_factor", (2.0, 4.0, 6.0, 8.0)),
+    ("delay of sensors", "sensing_delay", (0.002, 0.004, 0.008, 0.012, 0.016)),
+    ("delay of torques", "actuation_delay", (0.002, 0.004, 0.008, 0.012)),
+    ("joint damping", "joint_damping", (0.25, 0.5, 1.0, 2.0, 4.0)),
+    ("noise of joint angles", "angle_noise", (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)),
+    ("noise of joint rates", "rate_noise", (0.01, 0.025, 0.05, 0.1, 0.2)),
+    ("bias of torques", "torque_bias", (0.25, 0.5, 1.0, 2.0, 4.0)),
+    ("all heavier", "mass_change", (0.05, 0.1, 0.2)),
+    ("all lighter", "mass_change", (-0.05, -0.1, -0.2)),
+)
+_MASSES = (0.05, 0.1, 0.2)
+
+
+def other_cells(segments: Sequence[str] = (), quick: bool = False) -> tuple[Cell, ...]:
+    """All other disturbances.
+
+    Args:
+        segments: whose masses are changed one by one, with names of the model.
+        quick: every other value, and no segment but the trunk.
+    """
+
+    def taken(values: tuple[float, ...]) -> tuple[float, ...]:
+        return values[1::2] if quick else values
+
+    cells = [Cell(name, f"disturbance.{key}", taken(values)) for name, key, values in _LADDERS]
+    for segment in ("chest",) if quick else segments:
+        for sign, word in ((1.0, "heavier"), (-1.0, "lighter")):
+            values = tuple(sign * value for value in taken(_MASSES))
+            fixed = {"disturbance.mass_segment": segment}
+            cells.append(Cell(f"{segment} {word}", "disturbance.mass_change", values, fixed))
+    return tuple(cells)
+
+
+def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:
+    """The cells of some kinds: ``pushes``, or the last part of a key; all if none is named.
+
+    Raises:
+        InputError: there is no such kind.
+    """
+    kinds = {cell.key.rpartition(".")[2] for cell in cells}
+    for name in only:
+        if name not in kinds:
+            raise unknown(name, sorted(kinds), "kind of disturbance")
+    return tuple(cell for cell in cells if not only or cell.key.rpartition(".")[2] in only)
+
+
+def needed(replicas: int) -> int:
+    """Replicas that have to survive.
+
+    Raises:
+        InputError: there is none.
+    """
+    if replicas < 1:
+        raise InputError(f"--replicas {replicas}: at least one walk is needed.", value=replicas)
+    return math.ceil(NEEDED * replicas - 1e-9)
