@@ -45,6 +45,9 @@ class DisturbanceParameters(Section, section="disturbance"):
         0.0, "slope of the floor across the walk after the first two footsteps; positive rises to the left",
         "rad", ge=-0.3, le=0.3,
     )  # fmt: skip
+    origin: Real = parameter(
+        0.0, "distance along x by which the walk is moved from the world's origin", "m", ge=-1e6, le=1e6
+    )
     friction_factor: Real = parameter(1.0, "friction of the floor over contact.friction", "1", gt=0, le=100)
     softness_factor: Real = parameter(
         1.0, "time constant of the contacts over contact.time_constant", "1", ge=1, le=100

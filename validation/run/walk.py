@@ -28,6 +28,7 @@ from validation.progress import Progress, interruption
 from validation.run.trial import Trial
 from validation.trial.bridge import pinocchio_model, to_pinocchio
 from validation.trial.controllers import find_controller, name_of
+from validation.trial.origin import moved_record
 from validation.trial.plan import PlannedWalk, Request, load_request, make_body, own_gait, plan_walk
 from validation.trial.planners import check_planner
 from validation.trial.record import SimulationRecord
@@ -155,11 +156,12 @@ def walk_planned(
     with timed(taken, "measurement"), progress.stage(f"{planned.name}: measurement"):
         scene = disturbed_model(body.model, run, planned.plan.contacts)
         true = body.robot.model if scene is body.model else pinocchio_model(scene.compile())
-        measured = measure(record, true, to_pinocchio)
+        near = moved_record(record, -run.disturbance.origin)
+        measured = measure(near, true, to_pinocchio)
         standing = weigh(run, body.model, body.robot)
         description = body.model.description
         comparison = compare(
-            planned.plan, record, measured, description=description, standing=standing, shapes=body.shapes
+            planned.plan, near, measured, description=description, standing=standing, shapes=body.shapes
         )
         metrics = MappingProxyType(evaluate(comparison))
         verdict = judge(metrics, profile, comparison.scales, uncertainty, ended=record.outcome.ending)

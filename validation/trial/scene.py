@@ -134,7 +134,7 @@ def _change_floor(
         tiles = [part for tile in tiles for part in _split(tile, low, high, wanted.step_height)]
     tilt = _about_y(-wanted.slope_along) @ _about_x(wanted.slope_across)
     world.remove(plane)
-    up = np.array([0.0, 0.0, wanted.floor_height])
+    up = np.array([wanted.origin, 0.0, wanted.floor_height])
     for number, tile in enumerate(tiles):
         low_, high_ = np.array(tile.low), np.array(tile.high)
         centre = np.array([*(0.5 * (low_ + high_)), tile.height - 0.5 * _THICK])

@@ -27,6 +27,7 @@ from validation.trial.controllers import find_controller, name_of
 from validation.trial.disturbances import Disturbance, Plant, pushes_of
 from validation.trial.faults import FaultyController, behind_faults, started
 from validation.trial.log import RunLog, SolePoints
+from validation.trial.origin import moved_references
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import SimulationRecord
 from validation.trial.restart import carry_on, quiet_mujoco
@@ -155,6 +156,8 @@ def simulate(
         slope=physics.substeps * dt if gains.hold == "first-order" else 0.0,
     )
     references = _references(plan, np.arange(0, total, physics.substeps, dtype=np.float64) * dt, timing)
+    if run.disturbance.origin:
+        references = moved_references(references, run.disturbance.origin)
     first = next(references)
     start = first.posture
     q = start.q.copy()
