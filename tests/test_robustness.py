@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 
+import numpy as np
 import pytest
 
 import ampm
 import validation as val
 from ampm.exceptions import InputError
+from docs.robustness import KEYS, keys_table
+from tests.solved import body_of
 from validation.cli.app import call
 from validation.study.robustness.cells import PUSHES, Cell, chosen, needed, other_cells, push_cells
 from validation.study.robustness.picture import draw
@@ -17,6 +21,7 @@ from validation.study.robustness.result import CellResult
 from validation.study.robustness.run import robustness
 from validation.study.robustness.text import markdown, other_rows, push_rows
 from validation.study.robustness.walks import Level, LevelResult, as_text, walk_level
+from validation.trial.shapes import Shapes
 
 LIMITS = {"forward": 0.4, "backward": 0.3, "wider": 0.12, "narrower": 0.1}
 ONLY = ("pushes", "friction_factor", "slope_along")
@@ -161,6 +166,13 @@ def test_the_cells_cover_all_pushes_and_all_keys():
         assert list(cell.values) == sorted(cell.values, key=lambda x, c=cell: abs(x - ("factor" in c.key)))
 
 
+def test_the_docs_have_every_key_with_its_unit():
+    with KEYS.open(encoding="utf-8", newline="") as file:
+        written = [tuple(row) for row in csv.reader(file)]
+    assert written == keys_table()
+    assert "s" in next(row for row in written if row[0] == "disturbance.sensing_delay")
+
+
 def level(direction, value, height="com", replicas=1):
     cell = next(item for item in push_cells() if item.name == f"{height} mid {direction}")
     return Level(cell, value, as_text(ampm.load_run("normal")), "normal", "default", replicas)
@@ -183,3 +195,20 @@ def test_the_command_and_the_api_find_the_same(capsys):
     arguments = ["--only", "friction_factor", "--quick", "--replicas", "1", "--workers", "1", "--json"]
     assert call(["robustness", "normal", *arguments]) == 0
     assert json.loads(capsys.readouterr().out) == found.as_dict()
+
+
+def test_legs_that_meet_are_seen_and_a_hand_on_a_thigh_is_not():
+    body = body_of()
+    model = body.compile()
+    every, legs = Shapes(model), Shapes(model, only_legs=True)
+    assert 0 < len(legs) < len(every)
+    q = np.array(model.qpos0)
+    assert legs.recorded_gaps(q).distance[0] > 0.0
+    crossed = q.copy()
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        crossed[model.joint(f"{side}_hip_roll").qposadr[0]] = 0.3 * sign
+    assert legs.recorded_gaps(crossed).distance[0] < 0.0
+    touching = q.copy()
+    touching[model.joint("left_shoulder_roll").qposadr[0]] = -0.3
+    assert every.recorded_gaps(touching).distance[0] < 0.0
+    assert legs.recorded_gaps(touching).distance[0] > 0.0

@@ -40,9 +40,10 @@ class Shapes:
 
     Args:
         model: compiled model.
+        only_legs: pairs of both legs alone.
     """
 
-    def __init__(self, model: mujoco.MjModel) -> None:
+    def __init__(self, model: mujoco.MjModel, *, only_legs: bool = False) -> None:
         self._model, self._data = model, mujoco.MjData(model)
         mujoco.mj_kinematics(model, self._data)
         own = model.geom_bodyid > 0
@@ -56,6 +57,8 @@ class Shapes:
         joined = joined.astype(bool)
         limbs, legs = limb[segments], leg[segments]
         exempt = joined | (limbs[0] == limbs[1]) | (legs.any(axis=0) & (limbs == TRUNK).any(axis=0))
+        if only_legs:
+            exempt |= ~legs.all(axis=0)
         apart = [
             mujoco.mj_geomDistance(model, self._data, *pair, REACH, None) >= 0.0
             for pair in pairs[:, ~exempt].T.tolist()

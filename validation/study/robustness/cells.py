@@ -91,6 +91,7 @@ _LADDERS: tuple[tuple[str, str, tuple[float, ...]], ...] = (
     ("slope downhill", "slope_along", _degrees(-0.5, -1, -2, -3, -5)),
     ("slope across, up to the left", "slope_across", _degrees(0.5, 1, 2, 3, 5)),
     ("slope across, up to the right", "slope_across", _degrees(-0.5, -1, -2, -3, -5)),
+    ("far from the origin", "origin", (1e3, 1e5)),
     ("friction", "friction_factor", (0.75, 0.5, 0.375, 0.25)),
     ("soft floor", "softness_factor", (2.0, 4.0, 6.0, 8.0)),
     ("delay of sensors", "sensing_delay", (0.002, 0.004, 0.008, 0.012, 0.016)),

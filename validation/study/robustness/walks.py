@@ -28,11 +28,13 @@ from validation.study.robustness.cells import (
 from validation.trial.plan import Request, plan_walk
 
 if TYPE_CHECKING:
+    from models.scene import BodyModel
     from validation.trial.plan import PlannedWalk
     from validation.trial.record import SimulationRecord
+    from validation.trial.shapes import Shapes
 
-CROSSED = "parts of the body met"
-_EVERY = 0.01  # time between two looks at the distance of the body's parts [s]
+CROSSED = "the legs met"
+_EVERY = 0.01  # time between two looks at the distance of the legs [s]
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ class Replica(NamedTuple):
     """One walk.
 
     Attributes:
-        cause: of its end, empty if it walked to the end and no parts of the body met.
+        cause: of its end, empty if it walked to the end and its legs did not meet.
         passed: whether it kept the tolerances; a pushed walk is not judged.
         zmp: RMSE along x and y [m], NaN if it is not judged.
     """
@@ -144,13 +146,21 @@ def walk_replica(level: Level, replica: int) -> Replica:
 
 
 def _cause(record: SimulationRecord, planned: PlannedWalk) -> str:
-    """Why a walk does not count as survived; parts of the body, such as its legs, must not meet."""
+    """Why a walk does not count as survived; empty if it does. A hand may touch, but legs must not meet."""
     end = record.outcome
     if not end.completed:
         return f"{end.name}: {end.cause}"
     every = max(1, round(_EVERY / record.time_step))
-    gap = planned.body.shapes.recorded_gaps(record.q[::every]).distance.min()
+    gap = _legs(planned.body.model).recorded_gaps(record.q[::every]).distance.min()
     return CROSSED if gap < 0.0 else ""
+
+
+@lru_cache(maxsize=4)
+def _legs(body: BodyModel) -> Shapes:
+    """Shapes of the legs, made once in a process."""
+    from validation.trial.shapes import Shapes  # loads the simulator
+
+    return Shapes(body.compile(), only_legs=True)
 
 
 @lru_cache(maxsize=4)
