@@ -34,6 +34,7 @@ def figure_style(ink: str, faint: str, grid: str) -> dict[str, Any]:
         "font.family": "sans-serif",
         "font.size": 9,
         "axes.titlelocation": "left",
+        "axes.titley": 1.0,  # given, so that it is not searched for
         "axes.labelsize": 9,
         "axes.edgecolor": faint,
         "axes.labelcolor": ink,

@@ -91,6 +91,7 @@ class Shapes:
     def recorded_gaps(self, qpos: ArrayLike) -> Gaps:
         """Parts that come closest at MuJoCo configurations (T, nq)."""
         model, data, (first, second) = self._model, self._data, self._pairs
+        pairs = self._pairs.T.tolist()
         configurations = np.atleast_2d(np.asarray(qpos, dtype=np.float64))
         distance = np.full(len(configurations), REACH)
         points = np.full((len(configurations), 2, 3), np.nan)
@@ -101,16 +102,19 @@ class Shapes:
             mujoco.mj_kinematics(model, data)
             centre = data.geom_xpos
             bound = np.linalg.norm(centre[first] - centre[second], axis=1) - self._radii
-            name = ""
-            for pair in np.argsort(bound):
-                if bound[pair] >= distance[row]:
+            close = np.flatnonzero(bound < REACH)
+            close = close[np.argsort(bound[close])]
+            best, nearest = REACH, -1
+            for pair, least in zip(close.tolist(), bound[close].tolist(), strict=True):
+                if least >= best:
                     break
-                shapes = int(first[pair]), int(second[pair])
-                found = mujoco.mj_geomDistance(model, data, *shapes, distance[row], ends)
-                if found < distance[row]:
-                    distance[row], points[row] = found, ends.reshape(2, 3)
-                    name = " and ".join(self._segment(shape) for shape in shapes)
-            parts.append(name)
+                found = mujoco.mj_geomDistance(model, data, *pairs[pair], best, ends)
+                if found < best:
+                    best, nearest, points[row] = found, pair, ends.reshape(2, 3)
+            distance[row] = best
+            parts.append(
+                "" if nearest < 0 else " and ".join(self._segment(shape) for shape in pairs[nearest])
+            )
         return Gaps(distance, tuple(parts), points)
 
     def _segment(self, shape: int) -> str:

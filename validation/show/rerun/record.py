@@ -151,7 +151,8 @@ def write_recording(run: str | Path | SavedRun) -> Path:
     path = saved.directory / RECORDING_FILE
     frames = _pictures(saved)
     times, curves = _curves(saved) if len(frames.time) else (np.zeros(0), {})
-    gaps = Shapes(mujoco.MjModel.from_xml_string(saved.model_xml)).recorded_gaps(frames.q)
+    model = mujoco.MjModel.from_xml_string(saved.model_xml)
+    gaps = Shapes(model).recorded_gaps(frames.q)
     limit = np.full(len(frames.time), CLEARANCE)
     distance = 1e3 * np.column_stack([np.minimum(gaps.distance, _FAR), limit])
     drawn = {**{entity: values for entity, (values, _) in curves.items()}, "margin/clearance": distance}
@@ -160,7 +161,7 @@ def write_recording(run: str | Path | SavedRun) -> Path:
         log, plan = _Log(stream, saved), saved.plan()
         log.static("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         log.static("verdict", rr.TextDocument(verdict_markdown(saved), media_type=rr.MediaType.MARKDOWN))
-        _log_body(log, saved, frames)
+        _log_body(log, model, frames)
         if len(frames.time):
             log.series("margin/clearance", frames.time, distance, _CLEARANCE_LINES)
             _log_near(log, frames.time, gaps)
@@ -269,13 +270,12 @@ def plain_text(text: str) -> str:
 # ----------------------------------------------------------------------------------------------- body
 
 
-def _log_body(log: _Log, saved: SavedRun, frames: _Pictures) -> None:
+def _log_body(log: _Log, model: mujoco.MjModel, frames: _Pictures) -> None:
     """Segments of the model, moved by forward kinematics of the recorded q.
 
     Shapes of one kind are one entity: every further one costs a short recording more than the motion in it.
     The millimetre spheres of the soles are omitted: contact points are drawn at the contact.
     """
-    model = mujoco.MjModel.from_xml_string(saved.model_xml)
     data = mujoco.MjData(model)
     drawn = np.flatnonzero((model.geom_bodyid > 0) & (model.geom_rbound > _LEAST_SHAPE))
     count = len(frames.time)
