@@ -170,6 +170,12 @@ class ControllerParameters(Section, section="controller"):
         "torque between two ticks: first-order goes on with the slope of the last tick, zero-order is held",
         "1",
     )
+    stabilizer: Literal["fixed", "stepping"] = parameter(
+        "fixed",
+        "what keeps the body up: fixed follows the plan's footsteps and times, stepping changes them where "
+        "the standing sole is not enough",
+        "1",
+    )
     friction: Real = parameter(
         0.75, "friction that the controller allows itself, in any direction", "1", gt=0, le=10
     )

@@ -60,6 +60,12 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 @compiled
+def clip(value: float, low: float, high: float) -> float:
+    """The nearest number between two others."""
+    return min(max(value, low), high)
+
+
+@compiled
 def turned(matrix: Array, a: Vector) -> Vector:
     """``matrix a``."""
     return (

@@ -432,6 +432,7 @@ class ControlOutput(NamedTuple):
         iterations: of its optimisation.
         seconds: wall-clock time of its optimisation [s].
         rate: at which the torques go on until the next tick, shape (nu,) [N m/s]; None holds them.
+        reference: what the controller followed, if it steps differently from the plan; None if it does not.
     """
 
     torque: Array
@@ -444,6 +445,7 @@ class ControlOutput(NamedTuple):
     iterations: int = 0
     seconds: float = math.nan
     rate: Array | None = None
+    reference: Reference | None = None
 
 
 class Controller(Protocol):

@@ -11,11 +11,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ampm.compiled import compiled
-from ampm.control.records import BALL, TIP
+from ampm.control.records import BALL, CHANGE, PHI, TIP
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 
 @compiled
@@ -69,3 +71,48 @@ def update_gate(
         line = lines[points[i].foot, points[i].line]
         points[i].opening, points[i].limit = line.opening, line.limit
     return landing
+
+
+@compiled
+def land(
+    gain: Any,
+    feet: int,
+    points: Any,
+    weight: float,
+    phi: Array,
+    since: float,
+    wrench: Array,
+    momentum: Array,
+) -> None:
+    """Account for points of landing lines, whose forces differ from those commanded.
+
+    The floor pushes as the foot arrives. The QP takes a share of this force as given, their least force, and
+    shifts the other foot's load instead of letting the ZMP jump. A line that has touched has a least force at
+    once, or it would bounce.
+
+    With ``f`` the commanded force of a point when ``s`` was sensed there, a force ``k (s - f)`` is expected
+    beyond the QP's, with k the gain ``landing_compensation``. The net wrench of the QP's forces and of these
+    is the commanded one.
+
+    Args:
+        gain: of the controller.
+        feet: number of feet.
+        points: open to a share.
+        weight: of the body [N].
+        phi: forces of the last tick and their change, shape (2, U) [m g].
+        since: time between the last tick and the sensed forces, in ticks [1].
+        wrench: W, shape (6, U).
+        momentum: wanted momentum rate plus weight; the expected forces are taken from it, shape (6,).
+    """
+    for i in range(len(points)):
+        point, unknown = points[i], 3 * points[i].foot + i
+        given = gain.landing_share / weight * point.sensed if point.touching and point.opening < 1.0 else 0.0
+        if 0.0 < point.opening < 1.0:
+            if point.line != TIP:
+                given = max(given, gain.landing_force)
+            asked = phi[PHI, unknown] + since * phi[CHANGE, unknown]
+            missing = gain.landing_compensation * (point.sensed / weight - asked)
+            for e in range(6):
+                momentum[e] -= wrench[e, unknown] * missing
+        point.least = max(point.least, given)
+        point.largest = max(point.largest, point.least)

@@ -23,11 +23,13 @@ from ampm.body.rigid_body import (
     task_drift,
 )
 from ampm.compiled import compiled, records
-from ampm.control.contact_gate import update_gate
+from ampm.control.contact_gate import land, update_gate
 from ampm.control.forces import ANGULAR, point_forces, share_forces, without_closed, wrench_map
 from ampm.control.hold import update_rate
 from ampm.control.limited_qp import LimitedForm, acceleration_bounds, limit_broken
-from ampm.control.records import LINE, TIP, feet_of, gains_of, points_of
+from ampm.control.live import LiveReference
+from ampm.control.records import CHANGE, LINE, PHI, feet_of, gains_of, points_of
+from ampm.control.sole import share_sole
 from ampm.control.stabilizer import command_wrench, rotation_error
 from ampm.control.tasks import foot_task, posture_task, toe_task
 from ampm.control.trunk import LONGEST, fed_back_tilt
@@ -41,7 +43,7 @@ if TYPE_CHECKING:
 
     from ampm.body.robot import Robot
     from ampm.parameters import RunParameters
-    from ampm.walk import Reference, State, Touch
+    from ampm.walk import Reference, State, Timing, Touch, WalkPlan
 
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]
@@ -58,15 +60,48 @@ side of the elimination."""
 LIMIT, LOW, HIGH, TORQUE, RATE = range(5)
 """Rows of ``hinges``, shape (5, nu): torque limit [N m], range [rad], last torque [N m], its rate [N m/s]."""
 
-PHI, CHANGE = range(2)
-"""Rows of ``phi``, shape (2, U): forces of the last tick [m g], and their change from the tick before."""
-
 _END_SOFTNESS = 1e-2  # of the task of a toe that is at the end of its range
 
 
 @compiled
-def prepare(
+def observe(
     tree: Any,
+    link: Any,
+    feet: Any,
+    points: Any,
+    q: Array,
+    motion: Array,
+    tasks: Array,
+    columns: Array,
+    com: Array,
+    lag: float,
+    first: bool,
+    posture_a: Array,
+) -> None:
+    """The body of this tick: places, task Jacobian and rates."""
+    v, now, last, still = motion[V], motion[NOW], motion[LAST], motion[STILL]
+    rates, drift = tasks[RATES], tasks[DRIFT]
+    if first:
+        last[:] = posture_a
+    for j in range(len(v)):
+        now[j] = v[j] + lag * last[j]
+    place_body(tree, link, feet, q, columns)
+    task_drift(tree, link, feet, v, now, still, drift)
+    rates[:] = 0.0
+    for j in range(len(v)):
+        for e in range(len(rates)):
+            rates[e] += columns[j, e] * now[j]
+    from_root = times(1.0 / link[0].mass, vector(link[0].first))
+    put(com, plus((q[0], q[1], q[2]), from_root))
+    for i in range(len(feet)):
+        put(feet[i].place, minus(place_of(link, feet[i]), from_root))
+        multiply(link[feet[i].joint].turn, feet[i].turn, feet[i].pose)
+    for i in range(len(points)):
+        put(points[i].arm, minus(place_of(link, points[i]), from_root))
+
+
+@compiled
+def prepare(
     link: Any,
     feet: Any,
     trunk: Any,
@@ -80,6 +115,8 @@ def prepare(
     motion: Array,
     tasks: Array,
     columns: Array,
+    com_place: Array,
+    share: Array,
     scaled: Array,
     system: Array,
     phi: Array,
@@ -92,7 +129,6 @@ def prepare(
     command: Array,
     past: Array,
     memory: Array,
-    lag: float,
     age: float,
     first: bool,
     extrapolates: bool,
@@ -110,31 +146,13 @@ def prepare(
     posture_trunk: Array,
     tilt_window: float,
 ) -> bool:
-    """One tick up to the QP, which it fills in; false if the tasks depend on each other or are not finite."""
-    v, now, last, still, posture = motion[V], motion[NOW], motion[LAST], motion[STILL], motion[POSTURE]
+    """One tick from the body to the QP, which it fills in; false if that has no solution or no finite one."""
+    v, now, posture = motion[V], motion[NOW], motion[POSTURE]
     rates, drift, wanted, softness = tasks[RATES], tasks[DRIFT], tasks[WANTED], tasks[SOFTNESS]
-    if first:
-        last[:] = posture_a
-    for j in range(len(v)):
-        now[j] = v[j] + lag * last[j]
     for i in range(len(points)):
         points[i].sensed, points[i].touching = sensed[i], touching[i]
-
-    # The body.
     passive_torques(passive, q, v, posture_v, motion[PASSIVE, 6:])
-    place_body(tree, link, feet, q, columns)
-    task_drift(tree, link, feet, v, now, still, drift)
-    rates[:] = 0.0
-    for j in range(len(v)):
-        for e in range(len(rates)):
-            rates[e] += columns[j, e] * now[j]
-    mass, from_root = link[0].mass, times(1.0 / link[0].mass, vector(link[0].first))
-    com = plus((q[0], q[1], q[2]), from_root)
-    for i in range(len(feet)):
-        put(feet[i].place, minus(place_of(link, feet[i]), from_root))
-        multiply(link[feet[i].joint].turn, feet[i].turn, feet[i].pose)
-    for i in range(len(points)):
-        put(points[i].arm, minus(place_of(link, points[i]), from_root))
+    mass, com = link[0].mass, vector(com_place)
 
     # What is wanted.
     pose = np.empty((3, 3))
@@ -145,6 +163,8 @@ def prepare(
     gain = gains[0]
     rate = 1.0 / (gain.frequency * gain.contact_ramp)
     landing = update_gate(planned, due, until_lift, rate, gain.contact_ramp, first, points, lines)
+    if share[0] or share[1]:
+        share_sole(gravity, share, centre, com_place, points, command, mass)
     put(wanted[0:3], (0.0, 0.0, -gravity))  # the momentum rate without contact forces; the QP adds them
     wanted[3:6] = 0.0
     softness[:] = 0.0
@@ -180,51 +200,6 @@ def prepare(
     qp = P, gradient, A, lower, upper
     fill_qp(len(feet), points, wrench, momentum, right_load, *yaw, gain.friction, *qp)
     return True
-
-
-@compiled
-def land(
-    gain: Any,
-    feet: int,
-    points: Any,
-    weight: float,
-    phi: Array,
-    since: float,
-    wrench: Array,
-    momentum: Array,
-) -> None:
-    """Account for points of landing lines, whose forces differ from those commanded.
-
-    The floor pushes as the foot arrives. The QP takes a share of this force as given, their least force, and
-    shifts the other foot's load instead of letting the ZMP jump. A line that has touched has a least force at
-    once, or it would bounce.
-
-    With ``f`` the commanded force of a point when ``s`` was sensed there, a force ``k (s - f)`` is expected
-    beyond the QP's, with k the gain ``landing_compensation``. The net wrench of the QP's forces and of these
-    is the commanded one.
-
-    Args:
-        gain: of the controller.
-        feet: number of feet.
-        points: open to a share.
-        weight: of the body [N].
-        phi: forces of the last tick and their change, shape (2, U) [m g].
-        since: time between the last tick and the sensed forces, in ticks [1].
-        wrench: W, shape (6, U).
-        momentum: wanted momentum rate plus weight; the expected forces are taken from it, shape (6,).
-    """
-    for i in range(len(points)):
-        point, unknown = points[i], 3 * points[i].foot + i
-        given = gain.landing_share / weight * point.sensed if point.touching and point.opening < 1.0 else 0.0
-        if 0.0 < point.opening < 1.0:
-            if point.line != TIP:
-                given = max(given, gain.landing_force)
-            asked = phi[PHI, unknown] + since * phi[CHANGE, unknown]
-            missing = gain.landing_compensation * (point.sensed / weight - asked)
-            for e in range(6):
-                momentum[e] -= wrench[e, unknown] * missing
-        point.least = max(point.least, given)
-        point.largest = max(point.largest, point.least)
 
 
 @compiled
@@ -365,12 +340,16 @@ class TrackingController:
         self._sensed, self._touching = np.zeros(count), np.zeros(count, dtype=bool)
         self._first, self._command = True, np.zeros(11)
         tilts = np.zeros((math.ceil(LONGEST * gains.frequency), 2)), np.zeros(4)
+        self._stabilizer = gains.stabilizer
+        self._com, self._share = np.zeros(3), np.zeros(5)
+        self._live: LiveReference | None = None
         own = body.tree, body.link, self._feet
+        self._observed = *own, self._points, self._q, self._motion, self._tasks, body.columns, self._com
         self._before = (
-            *own, body.trunk, self._points, self._lines, self._gains, robot.gravity, self._root_weight,
-            robot.passive, self._q, self._motion, self._tasks, body.columns, self._scaled, self._system,
-            self._phi, self._wrench, qp.P, qp.q, qp.A, qp.lower, qp.upper, self._command,
-            *tilts,
+            *own[1:], body.trunk, self._points, self._lines, self._gains, robot.gravity, self._root_weight,
+            robot.passive, self._q, self._motion, self._tasks, body.columns, self._com, self._share,
+            self._scaled, self._system, self._phi, self._wrench, qp.P, qp.q, qp.A, qp.lower, qp.upper,
+            self._command, *tilts,
         )  # fmt: skip
         self._torques = *own, self._points, robot.gravity, body.armature, self._motion
         self._keeps = self._lines, self._gains, self._motion, self._hinges, self._phi
@@ -389,6 +368,18 @@ class TrackingController:
         """Contact forces of the last tick in the unknowns of :mod:`ampm.control.forces`, shape (U,) [m g]."""
         return self._phi[PHI]
 
+    def follow(self, plan: WalkPlan, timing: Timing) -> None:
+        """Take notice of the plan whose references will come, for a stabiliser that steps.
+
+        Args:
+            plan: of the walk.
+            timing: with which its references are made.
+        """
+        if self._stabilizer == "stepping":
+            own = self._feet, self._points, self._com, self._tasks[RATES]
+            body = self.robot.mass, self.robot.gravity, 1.0 / float(self._gains["frequency"][0])
+            self._live = LiveReference(plan, timing, *own, *body)
+
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One control tick.
 
@@ -401,10 +392,13 @@ class TrackingController:
         self._q[:], self._motion[V] = state.q, state.v
         self._sensed[:], self._touching[:] = touch.normal_force, touch.contact
         first, still = self._first, bool(reference.jumps)
+        observe(*self._observed, float(state.velocity_lag), first, reference.posture.acceleration)
+        if self._live is not None:
+            reference = read_only(self._live.reference(state.time, reference, touch))
+            self._share[:] = self._live.share
         torque, point_force = np.empty(self.robot.nu), np.empty((len(self._points), 3))
         if prepare(
             *self._before,
-            float(state.velocity_lag),
             float(touch.age),
             first,
             self._extrapolates,
@@ -433,6 +427,7 @@ class TrackingController:
             solution.iterations,
             solution.seconds,
             self._hinges[RATE].copy() if self._extrapolates else None,
+            reference,
         )
 
     # ------------------------------------------------------------------ parts

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 HEEL, BALL, TIP = 0, 1, 2
 """Lines of a foot's points."""
 
+PHI, CHANGE = range(2)
+"""Rows of ``phi``, shape (2, U): forces of the last tick [m g], and their change from the tick before."""
+
 _VECTOR, _MATRIX = (np.float64, (3,)), (np.float64, (3, 3))
 
 FOOT = [

@@ -169,6 +169,8 @@ def simulate(
     with contextlib.nullcontext() if own else UsersCode("controller", factory):
         known = physics.robot if scene is body else make_robot(body.compile(), body.description)
         follower = behind_faults(factory(known, run.undisturbed), run, known)
+        if hasattr(follower, "follow"):
+            follower.follow(plan, timing)
     loop = ClosedLoop(
         physics, follower, chain([first], references), run, step_ends, total, progress, disturbances
     )
@@ -298,6 +300,7 @@ class ClosedLoop:
                 raise ValueError(f"torque of shape {output.torque.shape}, not {self.torque_shape}")
             if output.rate is not None and output.rate.shape != self.torque_shape:
                 raise ValueError(f"rate of shape {output.rate.shape}, not {self.torque_shape}")
+            reference = reference if output.reference is None else output.reference
             self.log.keep_command(k, output, reference)
         physics.data.ctrl[:] = self.torque = output.torque
         self.rate = np.full_like(output.torque, np.nan) if output.rate is None else output.rate

@@ -1,0 +1,205 @@
+"""The reference of a walk that steps where and when it must: by phase, from the foot that stands.
+
+A plan is read by its own clock. Undisturbed, that is the time, and the controller gets the plan's reference
+itself. As soon as the sole cannot hold the DCM until the next switch, or a foot stands elsewhere, earlier or
+later than planned, the clock runs at its own rate, and every foot carries a shift: where it stands less
+where it was planned. COM and ZMP move with the shift of the foot that stands, in double support from one to
+the other; the swing foot's path moves to where the next step must be (:mod:`ampm.control.stepping`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ampm.compiled import records
+from ampm.control.stepping import Curves
+from ampm.control.walker import OFF_HEIGHT, SINK, WALKER, Rows, Sensed, advance, departs, feel, pass_time
+from ampm.walk import ContactState, FeetState, PostureState, Reference
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ampm.planner.contacts import Phase
+    from ampm.walk import Timing, Touch, WalkPlan
+
+    Array = NDArray[np.float64]
+
+_COARSE = 25  # instants of a phase at which a walk on the plan looks ahead
+_CYCLE = 4  # phases after which a periodic walk repeats
+_STILL = 0.05  # speed of a COM at rest [m/s]
+
+
+class LiveReference:
+    """A plan as a controller follows it.
+
+    After the end of a plan that walks on, its last two steps are repeated.
+
+    Args:
+        plan: of the walk.
+        timing: look-ahead of the references.
+        feet: records of both feet, whose places and poses the controller keeps.
+        points: records of the sole points.
+        com: measured, kept by the controller, shape (3,) [m].
+        rates: momentum and angular momentum over the mass, likewise, shape (6, ...).
+        mass: of the body [kg].
+        gravity: [m/s^2].
+        tick: control period [s].
+
+    Attributes:
+        share: axes of the standing foot (cos, sin), height of the floor [m], whether the COM comes first,
+            weight of the body over its model's [1]; see :func:`~ampm.control.sole.share_sole`.
+    """
+
+    def __init__(
+        self, plan: WalkPlan, timing: Timing, feet: Any, points: Any, com: Array, rates: Array, mass: float,
+        gravity: float, tick: float,
+    ) -> None:  # fmt: skip
+        self.plan, self._timing = plan, timing
+        omega = math.sqrt(gravity / plan.com_height)
+        touching, force = np.zeros(len(points), dtype=bool), np.zeros(len(points))
+        self._body = Sensed(feet, points, touching, force, com, rates, mass, omega, gravity, tick)
+        self._walker = records(1, WALKER)
+        for name in ("rate", "factor", "load"):
+            self._walker[name] = 1.0
+        self._index, self._loaded, self._width = -1, -1, 0.0
+        end = plan.sample(np.array([plan.duration])).com_velocity
+        self._goes_on = bool(np.abs(end).max() > _STILL) and len(plan.contacts.phases) > _CYCLE
+        self.share = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+
+    @property
+    def live(self) -> bool:
+        """Whether the walk has left the plan."""
+        return bool(self._walker["live"][0])
+
+    def reference(self, time: float, given: Reference, touch: Touch) -> Reference:
+        """The reference of this tick.
+
+        Args:
+            time: [s].
+            given: the plan's own reference of this time, returned as long as the walk is on the plan.
+            touch: readings of the soles.
+        """
+        w, body = self._walker[0], self._body
+        body.touching[:], body.force[:] = touch.contact, touch.normal_force
+        if not w["live"]:
+            starts = self.plan.contacts.starts
+            index = max(int(np.searchsorted(starts, time + 1e-9, side="right")) - 1, 0)
+            if index != self._index:
+                self._enter(index)
+            w["clock"] = time - starts[index]
+            self.share[:2] = given.feet.values[w["stance"], [9, 12]]
+            planned = given.centre, given.feet.values
+            if not departs(self._walker, body, self._coarse, self._width, *planned, self.share):
+                return given
+            w["live"] = True
+            self._depart(given)
+        else:
+            ends = pass_time(self._walker, body.tick)
+            if ends and (self._goes_on or self._index + 1 < len(self.plan.contacts.phases)):
+                self._switch()
+            feel(w, body)
+        if self._loaded != self._index:
+            self._load()
+        parts: Any = (np.empty(part.shape[1:] or 1, part.dtype) for part in self._table)
+        row = Rows(*parts)
+        advance(self._walker, body, self._curves, self._table, row, self.share)
+        return Reference(
+            time,
+            row.centre,
+            float(row.right_load[0]),
+            False,
+            FeetState(row.feet),
+            ContactState(row.planned, row.due, row.until_lift),
+            PostureState(row.q, row.v, row.acceleration, row.trunk, row.centre[3, 2]),
+        )
+
+    # ------------------------------------------------------------------ parts
+
+    def _phase(self, index: int) -> tuple[Phase, Array]:
+        """A phase, and how far it is repeated after the plan's end, shape (2,) [m]."""
+        contacts = self.plan.contacts
+        again = max(index - len(contacts.phases), -1) // _CYCLE + 1
+        source = max(index - _CYCLE * again, 0)
+        if not (again and self._goes_on):
+            return contacts.phases[min(index, len(contacts.phases) - 1)], np.zeros(2)
+        return contacts.phases[source], again * (
+            contacts.placements[-1, 0, :2] - contacts.placements[-1 - _CYCLE, 0, :2]
+        )
+
+    def _enter(self, index: int) -> None:
+        """Begin a phase."""
+        w, (phase, _), (following, _) = self._walker[0], self._phase(index), self._phase(index + 1)
+        w["single"] = phase.kind == "single_support"
+        if w["single"]:
+            w["stance"] = phase.left is None
+        elif index:  # the foot that stood before leaves next
+            w["stance"] = self._phase(index - 1)[0].left is None
+        else:
+            w["stance"] = following.left is not None
+        w["duration"] = phase.duration
+        w["double"] = following.duration if following.kind == "double_support" else phase.duration
+        w["stood"], w["waited"] = 0.0, 0.0
+        self._index = index
+        if not w["live"]:
+            sample = self.plan.sample(self._grid(phase, _COARSE))
+            self._coarse = self._curves_of(
+                sample.com, sample.com_velocity, sample.com_acceleration, sample.moment
+            )
+            left, right = self.plan.contacts.placements[index, :, :2]
+            heading = self.plan.contacts.headings[index]
+            self._width = abs(math.cos(heading) * (left - right)[1] - math.sin(heading) * (left - right)[0])
+
+    def _grid(self, phase: Phase, count: int) -> Array:
+        """Instants of a phase, at its ends just within it, shape (count,) [s]."""
+        grid = phase.start + 1e-9 + (phase.duration - 2e-9) * np.linspace(0.0, 1.0, count)
+        return np.asarray(np.minimum(grid, self.plan.duration))
+
+    def _curves_of(self, com: Array, velocity: Array, acceleration: Array, moment: Array) -> Curves:
+        """Horizontal curves of a plan's centroidal motion."""
+        body = self._body
+        down = body.gravity + acceleration[:, 2:]
+        r = com[:, :2] - com[:, 2:] / down * acceleration[:, :2]
+        arm = np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (body.mass * down)
+        curves = r, com[:, :2] + velocity[:, :2] / body.omega, r + arm
+        return Curves(*(np.ascontiguousarray(curve) for curve in curves))
+
+    def _load(self) -> None:
+        """Tables of the present phase."""
+        phase, offset = self._phase(self._index)
+        count = max(math.ceil(phase.duration / self._body.tick), 4) + 1
+        rows = self.plan.table(self._grid(phase, count), self._timing).rows
+        centre, feet = rows.centre.copy(), rows.feet.values.copy()
+        centre[:, 0, :2] += offset
+        feet[:, :, :2] += offset
+        self._curves = self._curves_of(centre[:, 0], centre[:, 1], centre[:, 2], centre[:, 4])
+        parts = centre, np.asarray(rows.right_load), feet, *rows.contacts, *rows.posture[:4]
+        self._table = Rows(*(np.array(part) for part in parts))
+        self._loaded = self._index
+
+    def _depart(self, given: Reference) -> None:
+        """Leave the plan: the shift of a foot that stands is measured if it matters."""
+        w, body = self._walker[0], self._body
+        for foot in range(2):
+            if w["touches"][foot] > 1 and not (w["single"] and foot != w["stance"]):
+                off = body.com + body.feet["place"][foot] - given.feet.values[foot, 0:3]
+                off[2] += SINK
+                off[:2] *= np.hypot(off[0], off[1]) > 0.01
+                off[2] *= abs(off[2]) > OFF_HEIGHT
+                w["shift"][foot] = off
+        w["swing"][0] = w["shift"][1 - w["stance"]]
+
+    def _switch(self) -> None:
+        """Go on to the next phase."""
+        w = self._walker[0]
+        over = w["clock"] - w["duration"]
+        if w["single"]:  # until it is measured, the foot is where it was sent
+            w["shift"][1 - w["stance"]] = w["swing"][0]
+        self._enter(self._index + 1)
+        w["clock"] = min(max(over, 0.0), 0.25 * w["duration"])
+        w["step"], w["factor"], w["excess"] = 0.0, 1.0, 0.0
+        if w["single"]:
+            w["swing"] = 0.0
+            w["swing"][0] = w["shift"][1 - w["stance"]]

@@ -1,0 +1,227 @@
+"""Formulas of the stepping stabiliser: where and when to step, and what the sole can give.
+
+With c the COM, ``omega^2 = g / H`` and ``r = c - cdd / omega^2`` (the ZMP of a walk without angular
+momentum), the divergent component of motion ``xi = c + cd / omega`` obeys ``xid = omega (xi - r)``: it
+grows from whatever r does not hold. A push moves it. What the ankle cannot take out until the next switch, a
+step must.
+Vectors are horizontal, in the axes of the standing foot: along, and to the left.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ampm.compiled import compiled
+from ampm.vectors import clip
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+FORWARD, BACKWARD, WIDER = 0.35, 0.8, 0.27
+"""How far a step may be displaced [m]."""
+NARROWEST = 0.09
+"""Least distance of two soles' reference points across [m]."""
+SHORTEST, LONGEST = 0.32, 1.8
+"""Least duration of a single support [s], and longest over the planned one [1]."""
+TIMES = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 1.8])
+"""Candidates for the rest of a single support, per planned rest [1]."""
+EASY_LENGTH, EASY_WIDTH = 0.15, 0.06
+"""Displacements for which its time is not changed [m]."""
+TIME_COST, LIMIT_COST, CHANGE_COST = 0.03, 0.3, 0.01
+"""Costs of another time, per its logarithm [m], of a metre beyond the limits [1], and of another choice than
+at the last tick [m]."""
+OVERSHOOT = 1.15
+"""Factor on lateral displacements, because the step after a narrow one is the harder one [1]."""
+SOLE_SHARE = 0.8
+"""Share of the sole that counts for what the ankle can do until the next switch [1]."""
+
+_NODES, _WEIGHTS = (0.5 * (values + shift) for values, shift in zip(
+    np.polynomial.legendre.leggauss(8), (1.0, 0.0), strict=True
+))  # fmt: skip
+"""Gauss's nodes and weights on 0 ... 1."""
+
+
+@compiled
+def ramp_share(x: float) -> float:
+    """``(1 - exp(-x)) / x``: weight of the beginning of a linear change over a time ``x / omega``."""
+    return 1.0 - 0.5 * x if x < 1e-6 else -math.expm1(-x) / x
+
+
+@compiled
+def dcm_ahead(r: Array, end: Array, begin: float, x: float, out: Array) -> None:
+    """DCM from which the rest of a phase leads to its planned end.
+
+    The rest of r takes the time D, whatever it would take in the plan::
+
+        xi = exp(-omega D) xi_end + omega int_0^D exp(-omega t) r(t) dt
+
+    Args:
+        r: of the phase at equal intervals, shape (n, 2) [m].
+        end: DCM at the end of the phase, shape (2,) [m].
+        begin: where the rest begins, in intervals.
+        x: omega D [1].
+        out: shape (2,) [m].
+    """
+    last = len(r) - 1
+    decay = math.exp(-x)
+    out[0], out[1] = decay * end[0], decay * end[1]
+    for k in range(len(_NODES)):
+        at = begin + _NODES[k] * (last - begin)
+        i = min(int(at), last - 1)
+        share, weight = at - i, _WEIGHTS[k] * x * math.exp(-x * _NODES[k])
+        for axis in range(2):
+            out[axis] += weight * ((1.0 - share) * r[i, axis] + share * r[i + 1, axis])
+
+
+@compiled
+def step_change(error: float, decay: float, ramp: float, low: float, high: float) -> float:
+    """How far the next step must be displaced along one axis [m].
+
+    The ankle can shift the ZMP by a constant d between ``low`` and ``high`` until the switch. If all steps
+    that follow are displaced by u, and r goes over to them linearly in double support, the DCM's reference is
+    displaced by ``u ramp decay``. Zero as long as the ankle can do it alone.
+
+    Args:
+        error: of the DCM [m].
+        decay: ``exp(-omega D)``, D until the switch.
+        ramp: :func:`ramp_share` of the double support.
+        low: least shift [m].
+        high: largest shift [m].
+    """
+    d = clip(error / max(1.0 - decay, 1e-9), low, high)
+    left = error - (1.0 - decay) * d
+    return left / (decay * ramp) if abs(left) > 1e-12 else 0.0
+
+
+@compiled
+def quintic_tick(motion: Array, target: Array, remaining: float, tick: float) -> None:
+    """Advance an offset by one tick of the quintic that ends at rest at a target.
+
+    Args:
+        motion: value, rate and acceleration, which are replaced, shape (3, k).
+        target: shape (k,).
+        remaining: time until the end [s].
+        tick: [s].
+    """
+    for axis in range(motion.shape[1]):
+        x, v, a = motion[0, axis], motion[1, axis], motion[2, axis]
+        T = remaining
+        if tick >= T:
+            motion[0, axis], motion[1, axis], motion[2, axis] = target[axis], 0.0, 0.0
+            continue
+        dp, dv, da = target[axis] - x - v * T - 0.5 * a * T * T, (-v - a * T) * T, -a * T * T
+        c3 = (10.0 * dp - 4.0 * dv + 0.5 * da) / T**3
+        c4 = (-15.0 * dp + 7.0 * dv - da) / T**4
+        c5 = (6.0 * dp - 3.0 * dv + 0.5 * da) / T**5
+        t = tick
+        motion[0, axis] = x + t * (v + t * (0.5 * a + t * (c3 + t * (c4 + t * c5))))
+        motion[1, axis] = v + t * (a + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5)))
+        motion[2, axis] = a + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5))
+
+
+class Curves(NamedTuple):
+    """Horizontal curves of a phase at equal intervals, shapes (n, 2) [m].
+
+    Attributes:
+        r: ``c - cdd / omega^2``.
+        xi: DCM.
+        zmp: ZMP.
+    """
+
+    r: Array
+    xi: Array
+    zmp: Array
+
+
+@compiled
+def mean_zmp(zmp: Array, begin: float, x: float) -> tuple[float, float]:
+    """Mean ZMP of the rest of a phase by its weight ``exp(-omega t)`` in the DCM.
+
+    Args:
+        zmp: at equal intervals, shape (n, 2) [m].
+        begin: where the rest begins, in intervals.
+        x: omega times the duration of the rest [1].
+    """
+    mean_x = mean_y = total = 0.0
+    for k in range(5):
+        i = int(begin + 0.25 * k * (len(zmp) - 1 - begin))
+        weight = math.exp(-0.25 * k * x) * (0.5 if k in (0, 4) else 1.0)
+        mean_x, mean_y, total = mean_x + weight * zmp[i, 0], mean_y + weight * zmp[i, 1], total + weight
+    return mean_x / total, mean_y / total
+
+
+@compiled
+def plan_step(
+    w: Any,
+    omega: float,
+    curves: Curves,
+    begin: float,
+    rest: float,
+    reference: Array,
+    xi: Array,
+    sole: Array,
+    width: float,
+    cos: float,
+    sin: float,
+    chooses_time: bool,
+) -> bool:
+    """Choose place and time of the next step, and whether they differ from the plan.
+
+    For each time of the rest of the single support the displacement follows in closed form. The time is the
+    planned one as long as the displacement is easy; else a cost weighs displacement, time and limits.
+
+    Args:
+        w: the walker; ``step``, ``excess`` and ``factor`` are replaced.
+        omega: [1/s].
+        curves: of the phase, planned.
+        begin: where its rest begins, in intervals.
+        rest: planned time until the switch [s].
+        reference: planned DCM now, shape (2,) [m].
+        xi: measured DCM, with what it will lose to the surplus of angular momentum, shape (2,) [m].
+        sole: least and largest x, least and largest y of the standing sole in its axes, shape (4,) [m].
+        width: planned distance of the next step from the standing foot, across [m].
+        cos: of the standing foot's heading.
+        sin: of the standing foot's heading.
+        chooses_time: whether the time may be changed.
+    """
+    shift, side = w.shift[w.stance], 1.0 if w.stance == 1 else -1.0
+    narrower = max(width - NARROWEST, 0.0)
+    ramp, cost = ramp_share(omega * w.double), math.inf
+    best, ahead = np.zeros(4), np.empty(2)
+    for k in range(-1, len(TIMES) if chooses_time else 0):
+        factor = 1.0 if k < 0 else TIMES[k]
+        if k < 0 and w.rate != 1.0:
+            continue
+        if k >= 0 and (factor * w.duration < SHORTEST or factor > LONGEST):
+            continue
+        x = omega * max(rest * factor, 1e-4)
+        ahead[:] = reference
+        if k >= 0:
+            dcm_ahead(curves.r, curves.xi[-1], begin, x, ahead)
+        decay = math.exp(-x)
+        zmp_x, zmp_y = mean_zmp(curves.zmp, begin, x)
+        zmp_x, zmp_y = zmp_x + shift[0], zmp_y + shift[1]
+        error_x, error_y = xi[0] - ahead[0] - shift[0], xi[1] - ahead[1] - shift[1]
+        along, across = cos * zmp_x + sin * zmp_y, -sin * zmp_x + cos * zmp_y
+        low, high = SOLE_SHARE * (sole[0] - along), SOLE_SHARE * (sole[1] - along)
+        length = step_change(cos * error_x + sin * error_y, decay, ramp, min(low, 0.0), max(high, 0.0))
+        low, high = SOLE_SHARE * (sole[2] - across), SOLE_SHARE * (sole[3] - across)
+        left = step_change(-sin * error_x + cos * error_y, decay, ramp, min(low, 0.0), max(high, 0.0))
+        wider = OVERSHOOT * side * left
+        u, v = clip(length, -BACKWARD, FORWARD), clip(wider, -narrower, WIDER)
+        beyond = abs(length - u) + abs(wider - v)
+        price = max(abs(u) - EASY_LENGTH, 0.0) + max(abs(v) - EASY_WIDTH, 0.0) + LIMIT_COST * beyond
+        price += TIME_COST * abs(math.log(factor)) - (CHANGE_COST if factor == w.factor else 0.0)
+        if price < cost:
+            cost = price
+            best[0], best[1], best[2], best[3] = u, side * v, factor, beyond
+    if cost < math.inf:
+        w.step[0] = cos * best[0] - sin * best[1]
+        w.step[1] = sin * best[0] + cos * best[1]
+        w.factor, w.excess = best[2], best[3]
+    return w.step[0] != 0.0 or w.step[1] != 0.0

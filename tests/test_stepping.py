@@ -1,0 +1,157 @@
+"""The stepping stabiliser: its formulas, and walks that are pushed or find the floor elsewhere."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ampm.control.sole import share_axis
+from ampm.control.stepping import dcm_ahead, quintic_tick, ramp_share, step_change
+from tests.records import first_difference
+from validation.trial.disturbances import Push
+from validation.trial.plan import load_request, plan_walk
+from validation.trial.simulate import simulate
+
+OMEGA = 3.37
+AT = 1.64
+"""Middle of the third single support of ``normal``, on the left foot [s]."""
+SHOVES = {"forward": (300, 0, 0), "backward": (-300, 0, 0), "wider": (0, -150, 0), "narrower": (0, 105, 0)}
+"""Pushes at the chest for 0.1 s that the fixed stabiliser does not survive [N]."""
+
+
+@cache
+def planned(stabilizer, gait="normal"):
+    settings = ["gait.steps=9", "simulation.time_step=0.002", f"controller.stabilizer={stabilizer}"]
+    return plan_walk(load_request(gait, settings))
+
+
+@cache
+def walked(stabilizer, force=None, floor=0.0, steps=9):
+    walk = planned(stabilizer)
+    body, run = walk.body.model, walk.run
+    if floor:
+        xml = body.xml.replace('<geom name="floor"', f'<geom name="floor" pos="0 0 {floor}"')
+        assert xml != body.xml
+        body = replace(body, xml=xml)
+    pushes = [Push("chest", force, AT, 0.1)] if force else []
+    return simulate(walk.plan, run, body, disturbances=pushes, steps=steps)
+
+
+# ------------------------------------------------------------------ formulas
+
+
+def phase(duration=0.55, count=401):
+    """r and DCM of a phase in which r is quadratic in time, the DCM found by small steps."""
+    t = np.linspace(0.0, duration, count)
+    r = np.stack([0.1 * t - 0.3 * t**2, 0.05 - 0.2 * t], axis=1)
+    xi = np.empty_like(r)
+    xi[0], fine = (0.02, -0.01), 200
+    for k in range(count - 1):
+        x, h = xi[k], (t[1] - t[0]) / fine
+        for j in range(fine):
+            here = r[k] + (r[k + 1] - r[k]) * (j + 0.5) / fine
+            x = here + (x - here) * math.exp(OMEGA * h)
+        xi[k + 1] = x
+    return t, r, xi
+
+
+@pytest.mark.parametrize("begin", [0, 123, 390])
+def test_the_dcm_ahead_is_the_plans_own_where_the_time_is_not_changed(begin):
+    t, r, xi = phase()
+    out = np.empty(2)
+    dcm_ahead(r, xi[-1], float(begin), OMEGA * (t[-1] - t[begin]), out)
+    np.testing.assert_allclose(out, xi[begin], atol=1e-7)
+
+
+@pytest.mark.parametrize("error", [-0.3, -0.05, -0.01, 0.0, 0.01, 0.05, 0.2])
+def test_ankle_and_step_together_bring_the_dcm_to_the_end_that_moved_with_the_step(error):
+    low, high, single, double = -0.03, 0.05, 0.4, 0.12
+    decay, ramp = math.exp(-OMEGA * single), ramp_share(OMEGA * double)
+    u = step_change(error, decay, ramp, low, high)
+    d = min(max(error / (1.0 - decay), low), high)
+    assert (u == 0.0) == (d not in (low, high))
+    # The error until the switch with the shift d of the ZMP, then with one that goes linearly to u.
+    at_switch = d + (error - d) / decay
+    steps = 20_000
+    h = double / steps
+    for k in range(steps):
+        zmp = u * (k + 0.5) / steps
+        at_switch = zmp + (at_switch - zmp) * math.exp(OMEGA * h)
+    assert at_switch == pytest.approx(u, abs=1e-6)
+
+
+def test_the_swing_foots_offset_goes_smoothly_to_a_target_that_moves():
+    motion, target, tick, steps = np.zeros((3, 1)), np.array([0.2]), 0.002, 200
+    motion[:, 0] = 0.05, 0.1, 0.0
+    path = [motion.copy()]
+    for k in range(steps):
+        if k == 80:
+            target[0] = -0.1
+        quintic_tick(motion, target, (steps - k) * tick, tick)
+        path.append(motion.copy())
+    values = np.array(path)[:, :, 0]
+    assert values[-1] == pytest.approx([-0.1, 0.0, 0.0], abs=1e-9)
+    for order in (0, 1):  # each is the integral of the next; only the acceleration jumps with the target
+        largest = tick * np.abs(values[:, order + 1]).max()
+        assert np.abs(np.diff(values[:, order])).max() < 1.01 * largest
+
+
+@pytest.mark.parametrize("com_first", [False, True])
+def test_the_sole_is_shared_within_its_edges_and_not_at_all_where_it_is_large_enough(com_first):
+    random = np.random.default_rng(1)
+    changed = 0
+    for d, m in random.uniform(-0.3, 0.3, (300, 2)).tolist():
+        low, high = -0.12, 0.09
+        shared = share_axis(d, m, low, high, com_first)
+        if low <= d + m <= high and low <= d <= high:
+            assert shared == (d, m)
+        else:
+            changed += 1
+            assert low - 1e-12 <= sum(shared) <= high + 1e-12
+            assert abs(shared[1]) <= abs(m) + 1e-12
+    assert changed > 100
+
+
+# ------------------------------------------------------------------ walks
+
+
+def test_an_undisturbed_walk_is_the_fixed_stabilisers_to_the_bit():
+    fixed, stepping = walked("fixed", steps=4), walked("stepping", steps=4)
+    assert fixed.outcome.completed
+    np.testing.assert_array_equal(fixed.q, stepping.q)
+    np.testing.assert_array_equal(fixed.torque, stepping.torque)
+
+
+@pytest.mark.parametrize("direction", SHOVES)
+def test_a_push_that_is_too_much_for_planned_steps_is_survived_by_other_steps(direction):
+    force = SHOVES[direction]
+    assert not walked("fixed", force).outcome.completed
+    record = walked("stepping", force)
+    assert record.outcome.completed, record.outcome.cause
+    gaps = planned("stepping").body.shapes.recorded_gaps(record.q[::8])
+    legs = [
+        gap
+        for gap, parts in zip(gaps.distance, gaps.parts, strict=True)
+        if not {"trunk", "forearm", "hand", "arm"} & set(parts.split())
+    ]
+    assert len(legs) > 100
+    assert min(legs) > 0.0
+
+
+def test_a_pushed_walk_is_the_same_to_the_bit_each_time():
+    walk = planned("stepping")
+    pushes = [Push("chest", SHOVES["forward"], AT, 0.1)]
+    again = simulate(walk.plan, walk.run, walk.body.model, disturbances=pushes, steps=9)
+    assert first_difference(walked("stepping", SHOVES["forward"]), again) is None
+
+
+@pytest.mark.parametrize("floor", [-0.01, 0.006])
+def test_a_floor_at_another_height_is_found_by_the_feet(floor):
+    record = walked("stepping", floor=floor, steps=6)
+    assert record.outcome.completed, record.outcome.cause
+    height = record.com[record.time > 2.0, 2].mean()
+    assert height - planned("stepping").run.gait.com_height == pytest.approx(floor, abs=0.003)
