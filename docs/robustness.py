@@ -1,7 +1,8 @@
 """Walk the study of docs/robustness.md again; rewrite its tables, its picture and two files in data.
 
     python docs/robustness.py [--replicas N]
-Five minutes on two cores with one replica. Levels are kept in build/robustness, so a study that was stopped goes on.
+Five minutes on two cores with one replica. Levels are kept in build/robustness, so a study that was stopped
+goes on.
 """
 
 from __future__ import annotations

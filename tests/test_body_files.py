@@ -216,6 +216,7 @@ def test_hulls_are_in_the_recording(tmp_path: Path) -> None:
     spec.add_mesh(name="box", file=str(tmp_path / "box.stl"))
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="box")
     drawn = mesh_of(spec.compile(), 0, (10, 20, 30, 40))
+    assert drawn.vertex_positions is not None
     points = np.array(drawn.vertex_positions.as_arrow_array().to_pylist())
     assert points.shape == (36, 3)
     assert sorted(np.ptp(points, axis=0)) == pytest.approx([0.2, 0.4, 0.6])

@@ -12,6 +12,7 @@ from ampm.exceptions import InputError
 from ampm.planner.capture import (
     DIRECTIONS,
     PUSH_PHASES,
+    PushPhase,
     Reach,
     largest_dcm_across,
     largest_dcm_along,
@@ -141,15 +142,16 @@ def test_directions_go_by_the_foot_after_the_push():
     stances = [phase.stance for phase in contacts.phases]
     assert stances[0] == "left"
     over_left, over_right = np.array([0.0, 1.0]), np.array([0.0, -1.0])
-    for phase, over in (
-        ("early", over_left),
-        ("mid", over_left),
-        ("late", over_right),
-        ("double", over_right),
-    ):
+    over: dict[PushPhase, np.ndarray] = {
+        "early": over_left,
+        "mid": over_left,
+        "late": over_right,
+        "double": over_right,
+    }
+    for phase, side in over.items():
         narrower, wider = (push_instant(contacts, name, phase, 1) for name in ("narrower", "wider"))
-        np.testing.assert_allclose(narrower.direction, over, atol=1e-12)
-        np.testing.assert_allclose(wider.direction, -over, atol=1e-12)
+        np.testing.assert_allclose(narrower.direction, side, atol=1e-12)
+        np.testing.assert_allclose(wider.direction, -side, atol=1e-12)
     single = contacts.phases[0].duration
     assert push_instant(contacts, "forward", "mid", 1).time == pytest.approx(0.5 * single)
     assert push_instant(contacts, "forward", "mid", 1, shift=0.1).time == pytest.approx(0.6 * single)

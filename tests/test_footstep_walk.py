@@ -1,12 +1,14 @@
 """Walks over footsteps: their feet, their files, and the trial from standing to standing."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 import ampm
 import validation as val
+from ampm.body.constant_posture import ConstantPosture
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.planner import routes
 from ampm.planner.contacts import Footstep
@@ -179,7 +181,7 @@ def test_rows_that_are_no_footsteps(row, words):
 
 def test_objects_that_are_no_footsteps():
     with pytest.raises(InputError, match="footstep 1, 5, is none"):
-        routes.as_rows([5])
+        routes.as_rows([5])  # type: ignore[list-item]
     with pytest.raises(InputError, match=r"footstep 1 is at z = 0\.1 m"):
         routes.as_rows([Footstep("left", (0.0, 0.0, 0.1))])
 
@@ -209,6 +211,7 @@ def test_footsteps_of_a_file_walk_and_are_read_back(tmp_path, ampm):
     saved = load_saved_run(out)
     assert [step.time for step in saved.parameters.footsteps] == [None, None, 1.4, None]
     walk = saved.plan()
+    assert walk is not None
     assert walk.contacts.steps == 2
     np.testing.assert_allclose(
         walk.sample(saved.signals.time).zmp[:, 0], saved.signals["plan_zmp_x"], atol=1e-12
@@ -233,6 +236,7 @@ def test_posture_follows_the_heading_of_the_feet():
 
     walk = plan_walk(request).plan
     posture, h = walk.posture, 1e-5
+    assert isinstance(posture, ConstantPosture)
     times = np.linspace(0.1, walk.duration - 0.1, 200)
     low, mid, high = (posture.heading(times + shift) for shift in (-h, 0.0, h))
     np.testing.assert_allclose((high[0] - low[0]) / (2 * h), mid[1], atol=1e-7)
@@ -243,7 +247,7 @@ def test_posture_follows_the_heading_of_the_feet():
     trunk = start.trunk @ posture.trunk.T
     assert math.atan2(trunk[1, 0], trunk[0, 0]) == pytest.approx(0.7)
     with pytest.raises(InputError, match="begins at rest"):
-        ampm.AmpmFootsteps().plan(None, begin=walk)
+        ampm.AmpmFootsteps().plan(None, begin=walk)  # type: ignore[arg-type]
 
 
 def test_feet_at_which_the_legs_touch_are_refused():
@@ -333,7 +337,7 @@ def onward(live, at, footsteps):
     wanted = live.walk.contacts.footsteps[live.next_landing(at)]
     first = footsteps[2]
     if first.foot != wanted.foot:
-        other = {"left": "right", "right": "left"}
+        other: dict[Any, Any] = {"left": "right", "right": "left"}
         footsteps = [
             Footstep(other[step.foot], (x, -y, z), -step.heading)
             for step in footsteps

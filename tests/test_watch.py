@@ -122,6 +122,7 @@ def test_a_fall_between_two_ticks_is_seen_at_once():
     assert watch.check_between_ticks(0.0005, Stance(np.array(PLANNED), np.array(UP), SOLES, *planned)) is None
     down = Stance(np.array(PLANNED), np.array(leaning(61.0)), SOLES, *planned)
     end = watch.check_between_ticks(0.001, down)
+    assert end is not None
     assert end.name == OutcomeName.FELL
     assert "61 degrees" in end.cause
 

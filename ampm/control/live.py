@@ -113,7 +113,9 @@ class LiveReference:
             False,
             FeetState(row.feet),
             ContactState(row.planned, row.due, row.until_lift),
-            PostureState(row.q, row.v, row.acceleration, row.trunk, row.centre[3, 2]),
+            PostureState(
+                row.q, row.v, row.acceleration, row.trunk, row.centre[3, 2], given.posture.tilt_window
+            ),
         )
 
     # ------------------------------------------------------------------ parts

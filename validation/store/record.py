@@ -380,7 +380,8 @@ def load_record(directory: str | Path) -> SimulationRecord:
 
 def _array(block: _Block, path: Path) -> NDArray[Any]:
     """One array, from its file, which is read a group of rows at a time."""
-    array, row, rows = np.empty(0), 0, block.shape[0]
+    array: NDArray[Any] = np.empty(0)
+    row, rows = 0, block.shape[0]
     try:
         for table in _groups(path, block.columns):
             columns = [table.column(name).slice(0, rows - row).to_numpy() for name in block.columns]

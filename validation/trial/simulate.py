@@ -168,9 +168,10 @@ def simulate(
     own = factory is TrackingController
     with contextlib.nullcontext() if own else UsersCode("controller", factory):
         known = physics.robot if scene is body else make_robot(body.compile(), body.description)
-        follower = behind_faults(factory(known, run.undisturbed), run, known)
+        follower = factory(known, run.undisturbed)
         if hasattr(follower, "follow"):
             follower.follow(plan, timing)
+        follower = behind_faults(follower, run, known)
     loop = ClosedLoop(
         physics, follower, chain([first], references), run, step_ends, total, progress, disturbances
     )
