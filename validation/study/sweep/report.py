@@ -198,7 +198,7 @@ def _why(sweep: SweepTable, row: int) -> str:
     values, _, unit = sweep.shown(worst)
     over = sum(value > 1.0 for value in shares.values())
     more = f"; {over} of {len(shares)} over their limit" if over > 1 else ""
-    return f"{metric_label(worst)}: {_amount(values[row], unit)}, limit {_limit(sweep, worst)}{more}"
+    return f"{metric_label(worst)}: {_amount(values[row], unit)}, limit {_limit(sweep, worst, row)}{more}"
 
 
 # --------------------------------------------------------------------------------------------- metrics
@@ -221,9 +221,17 @@ def _amount(value: float, unit: str) -> str:
     return f"{value:.0f}" if count else with_unit(float(value), unit)
 
 
-def _limit(sweep: SweepTable, metric: str) -> str:
-    _, limit, unit = sweep.shown(metric)
-    return "" if limit is None else limit_with_unit(limit, unit)
+def _limit(sweep: SweepTable, metric: str, row: int | None = None) -> str:
+    """Limit of a run, or of all, which differs where their bodies do; without a limit, nothing."""
+    values, unit = sweep.shown_limits(metric)
+    values = values if row is None else values[[row]]
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return ""
+    low, high = float(values.min()), float(values.max())
+    if low == high:
+        return limit_with_unit(low, unit)
+    return f"{number(low, 3)} ... {limit_with_unit(float(number(high, 3)), unit)}"
 
 
 def targets_of(sweep: SweepTable) -> dict[str, figures.Array]:

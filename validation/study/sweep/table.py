@@ -296,16 +296,23 @@ class SweepTable:
             judged or the runs have different ones; the unit: mm, % of body weight, N m s.
         """
         value = np.where(self.measured, self.numbers(METRIC + metric), np.nan)
-        limit = self.limits.get(metric)
-        unit = self.unit(METRIC + metric)
-        if unit == "N":
-            share = limit.limit * 100.0 if limit is not None and limit.unit == BODY_WEIGHT else None
-            return 100.0 * value / self.weight, share, "% of body weight"
-        scale, unit = display_unit(unit, math.nan)
-        limits = self.limit_values(metric)
+        limits, unit = self.shown_limits(metric)
         limits = limits[np.isfinite(limits)]
         one = limits.size > 0 and float(np.ptp(limits)) == 0.0
-        return scale * value, scale * float(limits[0]) if one else None, unit
+        return self._scale(metric)[0] * value, float(limits[0]) if one else None, unit
+
+    def shown_limits(self, metric: str) -> tuple[Array, str]:
+        """Limits of a metric in display units, by run, shape (N,), NaN where it is not judged; the unit."""
+        limit = self.limits.get(metric)
+        if limit is not None and limit.unit == BODY_WEIGHT:
+            return np.full(len(self), 100.0 * limit.limit), self._scale(metric)[1]
+        scale, unit = self._scale(metric)
+        return scale * self.limit_values(metric), unit
+
+    def _scale(self, metric: str) -> tuple[Array | float, str]:
+        """Factor to display units, and their name."""
+        unit = self.unit(METRIC + metric)
+        return (100.0 / self.weight, "% of body weight") if unit == "N" else display_unit(unit, math.nan)
 
     # -------------------------------------------------------------------------- the whole sweep
 
