@@ -265,10 +265,10 @@ class SolverParameters(Section, section="solver"):
     """Numerical solvers and grids."""
 
     qp: Literal["osqp", "admm", "daqp"] = parameter(
-        "osqp", "solver of the controller's quadratic programme", "1"
+        "admm", "solver of the controller's quadratic programme", "1"
     )
     tolerance: Real = parameter(
-        5e-5, "tolerance of the controller's OSQP, forces in body weights", "1", gt=0, le=1e-2
+        5e-5, "tolerance of the controller's QP, forces in body weights", "1", gt=0, le=1e-2
     )
     max_iterations: Whole = parameter(
         4000, "iterations after which a QP counts as unsolved", "1", ge=10, le=100_000

@@ -1,9 +1,9 @@
 """Convex quadratic programs ``min 1/2 x'Px + q'x  s.t.  l <= A x <= u`` behind one small interface.
 
 A :class:`QPBackend` keeps its workspace between calls: the sparsity pattern is fixed when it is made, and a
-call only passes new numbers. :class:`OsqpBackend` is the default. :class:`AdmmBackend` is the same iteration,
-compiled for small problems; :class:`DaqpBackend` is an active-set solver for cross-checks. No backend has a
-time limit: the same numbers give the same answer.
+call only passes new numbers. :class:`OsqpBackend` takes any problem. :class:`AdmmBackend`, the controller's
+default, is the same iteration, compiled for small problems; :class:`DaqpBackend` is an active-set solver for
+cross-checks. No backend has a time limit: the same numbers give the same answer.
 """
 
 from __future__ import annotations

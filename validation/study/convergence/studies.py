@@ -51,7 +51,7 @@ class Topic:
 
     def applies(self, qp: str) -> bool:
         """Whether it is a parameter of the run's QP solver: an active-set method has no tolerance."""
-        return self.name != "qp_tolerance" or qp == "osqp"
+        return self.name != "qp_tolerance" or qp != "daqp"
 
 
 _ROOT = math.sqrt(0.5)
