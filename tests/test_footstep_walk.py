@@ -256,6 +256,18 @@ def test_feet_at_which_the_legs_touch_are_refused():
         val.walk("normal", footsteps=inward)
 
 
+def test_what_says_nothing_of_footsteps_is_refused_beside_them(tmp_path, ampm):
+    path = tmp_path / "walk.csv"
+    path.write_text(SHORT, encoding="utf-8")
+    for options, words in (
+        (["--planner", "dcm"], "the planner dcm does not plan footsteps"),
+        (["--steps", "4"], "--steps counts the steps of a periodic gait"),
+    ):
+        answer = ampm("validate", "normal", "--footsteps", path, *options, "--out", tmp_path / "run")
+        assert answer.status == 2
+        assert words in answer.err
+
+
 # ---------------------------------------------------------------------------------------------------- stops
 
 

@@ -24,7 +24,8 @@ class Both:
     """A backend that solves every QP with another one, too."""
 
     def __init__(self, first, second) -> None:
-        self.first, self.second, self.solves = first, second, []
+        self.first, self.second = first, second
+        self.solves: list[tuple[int, int, float]] = []
 
     def solve(self, *problem):
         one, other = self.first.solve(*problem), self.second.solve(*problem)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.text import Text
 
-from ampm.exceptions import RefusedGait
+from ampm.exceptions import InputError, RefusedGait
 from validation.cli.console import Narrator, print_json
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import (
@@ -118,6 +118,8 @@ def validate(
     from validation.trial.disturbances import parse_push
     from validation.trial.plan import complete, load_requests
 
+    if steps is not None and footsteps is not None:
+        raise InputError("--steps counts the steps of a periodic gait; leave it out, or --footsteps.")
     short = {"solver.qp": qp, "controller.name": controller}
     extra = [f'{key}="{value}"' for key, value in short.items() if value is not None]
     extra = [*with_planner(with_steps(with_body(settings, body), steps), planner), *extra]

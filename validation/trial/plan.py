@@ -290,7 +290,14 @@ def plan_walk(
     """
     run, progress = request.run, progress or Progress()
     # Imported here: Pinocchio is slow to load.
-    from ampm.planners import PLANNERS, AmpmFootsteps, AmpmPeriodic, WalkRequest, planner_name
+    from ampm.planners import (
+        PLANNERS,
+        AmpmFootsteps,
+        AmpmPeriodic,
+        TablePlanner,
+        WalkRequest,
+        planner_name,
+    )
     from ampm.walk import WalkPlan
 
     planner = planner or load_planner(run.gait.planner)
@@ -301,6 +308,8 @@ def plan_walk(
             request = replace(request, run=request.run.replace({}, footsteps=run.footsteps))
             run = request.run
     name = "" if planner is None else planner_name(planner)
+    if run.footsteps and (name in PLANNERS or isinstance(planner, TablePlanner)):
+        raise InputError(f"the planner {name} does not plan footsteps; leave out one of them.")
     planner = planner or AmpmPeriodic()
     body = None
     if name in ("", *PLANNERS):
