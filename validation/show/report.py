@@ -6,6 +6,7 @@ inline SVG whose colours follow the page.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -195,22 +196,24 @@ def _convergence_study(known: Summary | None) -> str:
     return text
 
 
-def _distance(saved: SavedRun) -> float:
-    """Way of the COM [m]."""
-    way = saved.signals["measured_com_x"]
-    return float(way[-1] - way[0]) if len(way) else 0.0
+def _distance(saved: SavedRun, source: str) -> float:
+    """Distance of the COM at the end from its start, by a source of signals [m]."""
+    x, y = saved.signals[f"{source}_com_x"], saved.signals[f"{source}_com_y"]
+    return math.hypot(x[-1] - x[0], y[-1] - y[0]) if len(x) else 0.0
 
 
 def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     record, summary = saved.record, saved.summary
     unsolved = f"{int((record.qp_status == 2).sum())} of {len(record.qp_status)}"
     body = saved.parameters.body
+    time = float(record.outcome.time)
+    planned = "" if plan is None else f" of {plan.contacts.steps}"
     of = f"{number(body.height)}\u00a0m" if body.source == HUMAN else Path(body.source).stem
     facts = {
-        "steps walked": f"{record.outcome.steps_completed} of {saved.parameters.gait.steps}",
-        "simulated": with_unit(float(record.outcome.time), "s"),
-        "distance": with_unit(_distance(saved), "m"),
-        "planned speed": "" if plan is None else with_unit(float(plan.constants.mean_velocity), "m/s"),
+        "steps walked": f"{record.outcome.steps_completed}{planned}",
+        "simulated": with_unit(time, "s"),
+        "distance": with_unit(_distance(saved, "measured"), "m"),
+        "planned speed": with_unit(_distance(saved, "plan") / time, "m/s") if time else "",
         "body": f"{number(float(record.mass))}\u00a0kg, {of}",
         # A controller of one's own may have no QP.
         "unsolved QPs": "no QP" if summary["solver"]["unsolved"] is None else unsolved,
