@@ -91,7 +91,10 @@ def robustness(
     if resume and target is None:
         raise InputError("--resume needs the folder of a study; give --out DIR.")
     if target is not None:
-        check_target(target, FILES, force=force or resume, what="robustness study", marks={JOURNAL})
+        way_out = "resume (--resume) to go on with its study, or force (--force) to replace it"
+        check_target(
+            target, FILES, force=force or resume, what="robustness study", marks={JOURNAL}, way_out=way_out
+        )
     if isinstance(run, RunParameters):
         request = Request("walk", own_gait(run))
     else:
