@@ -190,14 +190,14 @@ def test_an_infeasible_gait_is_refused_with_the_limit_and_the_best_that_was_foun
 
 
 @pytest.mark.parametrize(
-    ("speed", "broken", "tried"),
-    [(1.6, "pace", 1), pytest.param(1.19, "hip_time", math.inf, marks=pytest.mark.slow)],
+    ("speed", "tried"),
+    [(1.6, 1), pytest.param(1.4, math.inf, marks=pytest.mark.slow)],
 )
-def test_a_gait_too_fast_for_motors_or_landing_is_refused(speed, broken, tried):
+def test_a_gait_of_too_short_steps_is_refused(speed, tried):
     run, robot = body_of("gait.step_length=0.24", f"gait.switching_velocity={speed}", "gait.steps=2")
     with pytest.raises(NoFeasibleChoice) as refusal:
         tune(run, robot)
-    assert refusal.value.broken in ("pace", broken)
+    assert refusal.value.broken == "pace"
     assert refusal.value.tried <= tried
 
 
