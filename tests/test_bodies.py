@@ -16,7 +16,7 @@ from ampm.parameters import BodyParameters, RunParameters
 from models.source import known_bodies, read_body_file
 from validation.run.walk import walk
 from validation.store.saved import load_description
-from validation.trial.plan import load_request, make_body, tune_walk
+from validation.trial.plan import load_request, make_body, own_gait, tune_walk
 
 ROOT = Path(__file__).parents[1]
 BIPED = ROOT / "docs" / "examples" / "biped.toml"
@@ -88,6 +88,12 @@ def test_body_walks_a_gait_of_its_own(source: str, schedule: str) -> None:
     request = load_request(None, [f"body.source='{source}'", f"foot.schedule={schedule}", "gait.steps=4"])
     trial = walk(request.run, name=request.name)
     check(trial)
+
+
+def test_a_gait_of_its_own_is_that_of_the_body_again() -> None:
+    run = load_request(None, ["body.source='suite-humanoid'"]).run
+    assert own_gait(run) == run
+    assert own_gait(run).given == run.given
 
 
 def check(trial) -> None:

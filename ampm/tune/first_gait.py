@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ampm.exceptions import InputError
-from ampm.parameters import GRAVITY, HUMAN
+from ampm.parameters import GRAVITY, HUMAN, ControllerParameters
 
 if TYPE_CHECKING:
     from ampm.description import BodyDescription
@@ -20,7 +20,8 @@ _C_Y = 0.8  # the trunk then rolls a little towards the standing foot
 def first_gait(run: RunParameters, description: BodyDescription) -> RunParameters:
     """The run with mass and height of its body and, of another body than the human, a gait of its size.
 
-    Values that are given stay; those of :data:`ampm.parameters.OPEN_KEYS` stay open.
+    Values that are given stay; those of :data:`ampm.parameters.OPEN_KEYS` stay open. What it returns is
+    returned unchanged.
 
     Args:
         run: as the user has it.
@@ -39,7 +40,7 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
                 key=key,
                 value=run.value(key),
             )
-    hips, own = description.hip_height, run.controller
+    hips, own = description.hip_height, ControllerParameters()
     sized = {
         "gait.step_length": _STEP * hips,
         "gait.switching_velocity": _PACE * math.sqrt(GRAVITY * hips),
