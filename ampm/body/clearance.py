@@ -1,4 +1,4 @@
-"""Distance of the parts of a body over a planned walk, before anything is simulated."""
+"""Joint ranges and distance of the parts of a body over a planned walk, before anything is simulated."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan
 
 _INSTANTS = 7  # of every swing
+_BEYOND = 0.05
+"""How far an upright body may be beyond a joint's range [rad]: a pelvis that tilts makes up for as much."""
 
 
 def check_clearance(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot: Robot) -> None:
-    """Refuse footsteps at which parts of the body come too near to each other.
+    """Refuse footsteps at which a joint leaves its range, or parts of the body come too near to each other.
 
     The body is upright at seven instants of every swing. Instants that a leg does not reach are left out: a
     pelvis that tilts may reach them.
@@ -29,7 +31,8 @@ def check_clearance(plan: StepPlan, posture: ConstantPosture, run: RunParameters
         robot: the body.
 
     Raises:
-        BodilyRefusal: parts come nearer than :data:`ampm.body.feasibility.CLEARANCE`.
+        BodilyRefusal: a joint is too far beyond its range, or parts come nearer than
+            :data:`ampm.body.feasibility.CLEARANCE`.
     """
     swings = [phase for phase in plan.contacts.phases if phase.kind == "single_support"]
     times = np.concatenate(
@@ -50,6 +53,17 @@ def check_clearance(plan: StepPlan, posture: ConstantPosture, run: RunParameters
         configurations.append(found)
     if not configurations:
         return
+    angles = np.array(configurations)[:, 7:]
+    beyond = np.maximum(robot.lower - angles, angles - robot.upper)
+    row, joint = divmod(int(beyond.argmax()), robot.nu)
+    if beyond[row, joint] > _BEYOND:
+        at = reached[row]
+        raise BodilyRefusal(
+            f"footstep {at // _INSTANTS + 3}: {robot.model.names[joint + 2]} would be "
+            f"{beyond[row, joint]:.2g} rad beyond its range at {times[at]:.3f} s, more than {_BEYOND:g} rad",
+            reason="joint_limits", value=float(beyond[row, joint]), limit=_BEYOND, unit="rad",
+            way_out="shorten the steps about it, or put the feet nearer to each other",
+        )  # fmt: skip
     gaps = robot.shapes.gaps(np.array(configurations))
     worst = int(gaps.distance.argmin())
     if not gaps.distance[worst] >= CLEARANCE:
