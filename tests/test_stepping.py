@@ -11,6 +11,7 @@ import pytest
 
 from ampm.control.sole import share_axis
 from ampm.control.stepping import dcm_ahead, quintic_tick, ramp_share, step_change
+from ampm.planner import routes
 from tests.records import first_difference
 from validation.trial.disturbances import Push
 from validation.trial.plan import load_request, plan_walk
@@ -155,3 +156,31 @@ def test_a_floor_at_another_height_is_found_by_the_feet(floor):
     assert record.outcome.completed, record.outcome.cause
     height = record.com[record.time > 2.0, 2].mean()
     assert height - planned("stepping").run.gait.com_height == pytest.approx(floor, abs=0.003)
+
+
+def test_a_pushed_walk_a_kilometre_away_ends_as_here():
+    here, there = (
+        walk_over(f"disturbance.origin={origin}", "disturbance.push_y=-150", "disturbance.push_at=1.64")
+        for origin in (0.0, 1000.0)
+    )
+    assert there.outcome.completed
+    assert here.outcome.completed
+    np.testing.assert_allclose(there.q[-1, 0] - 1000.0, here.q[-1, 0], atol=1e-3)
+    np.testing.assert_allclose(there.q[-1, 1:], here.q[-1, 1:], atol=1e-3)
+
+
+def test_a_walk_over_footsteps_is_the_fixed_stabilisers_and_steps_when_pushed():
+    rows = routes.as_rows(routes.arc(5, 0.4, 1.0, 0.2))
+    still, fixed = (
+        walk_over(f"controller.stabilizer={name}", footsteps=rows) for name in ("stepping", "fixed")
+    )
+    assert first_difference(still, fixed) is None
+    push = "disturbance.push_segment=com", "disturbance.push_x=150", "disturbance.push_at=2.5"
+    assert walk_over(*push, footsteps=rows).outcome.completed
+
+
+def walk_over(*settings, footsteps=()):
+    settings = ("simulation.time_step=0.002", "gait.steps=9", "controller.stabilizer=stepping", *settings)
+    request = load_request("normal", settings, sections={"footsteps": footsteps} if footsteps else {})
+    walk = plan_walk(request)
+    return simulate(walk.plan, walk.run, walk.body.model)

@@ -65,6 +65,7 @@ class LiveReference:
         for name in ("rate", "factor", "load"):
             self._walker[name] = 1.0
         self._index, self._loaded, self._width = -1, -1, 0.0
+        self._origin = np.full(2, math.nan)  # of the references from the plan: a walk may be moved
         end = plan.sample(np.array([plan.duration])).com_velocity
         self._goes_on = bool(np.abs(end).max() > _STILL) and len(plan.contacts.phases) > _CYCLE
         self.share = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
@@ -83,6 +84,9 @@ class LiveReference:
             touch: readings of the soles.
         """
         w, body = self._walker[0], self._body
+        if math.isnan(self._origin[0]):
+            moved = given.centre[0, :2] - self.plan.sample(np.array([time])).com[0, :2]
+            self._origin = moved * (np.abs(moved) > 1e-9)
         body.touching[:], body.force[:] = touch.contact, touch.normal_force
         if not w["live"]:
             starts = self.plan.contacts.starts
@@ -147,9 +151,9 @@ class LiveReference:
         self._index = index
         if not w["live"]:
             sample = self.plan.sample(self._grid(phase, _COARSE))
-            self._coarse = self._curves_of(
-                sample.com, sample.com_velocity, sample.com_acceleration, sample.moment
-            )
+            com = sample.com.copy()
+            com[:, :2] += self._origin
+            self._coarse = self._curves_of(com, sample.com_velocity, sample.com_acceleration, sample.moment)
             left, right = self.plan.contacts.placements[index, :, :2]
             heading = self.plan.contacts.headings[index]
             self._width = abs(math.cos(heading) * (left - right)[1] - math.sin(heading) * (left - right)[0])
@@ -174,6 +178,7 @@ class LiveReference:
         count = max(math.ceil(phase.duration / self._body.tick), 4) + 1
         rows = self.plan.table(self._grid(phase, count), self._timing).rows
         centre, feet = rows.centre.copy(), rows.feet.values.copy()
+        offset = offset + self._origin
         centre[:, 0, :2] += offset
         feet[:, :, :2] += offset
         self._curves = self._curves_of(centre[:, 0], centre[:, 1], centre[:, 2], centre[:, 4])
