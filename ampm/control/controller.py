@@ -376,9 +376,9 @@ class TrackingController:
             timing: with which its references are made.
         """
         if self._stabilizer == "stepping":
-            own = self._feet, self._points, self._com, self._tasks[RATES]
+            own = self._feet, self._points, self._touching, self._sensed, self._com, self._tasks[RATES]
             body = self.robot.mass, self.robot.gravity, 1.0 / float(self._gains["frequency"][0])
-            self._live = LiveReference(plan, timing, *own, *body)
+            self._live = LiveReference(plan, timing, *own, *body, self._share)
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One control tick.
@@ -394,8 +394,7 @@ class TrackingController:
         first, still = self._first, bool(reference.jumps)
         observe(*self._observed, float(state.velocity_lag), first, reference.posture.acceleration)
         if self._live is not None:
-            reference = read_only(self._live.reference(state.time, reference, touch))
-            self._share[:] = self._live.share
+            reference = read_only(self._live.reference(state.time, reference))
         torque, point_force = np.empty(self.robot.nu), np.empty((len(self._points), 3))
         if prepare(
             *self._before,

@@ -9,6 +9,7 @@ the other; the swing foot's path moves to where the next step must be (:mod:`amp
 
 from __future__ import annotations
 
+import bisect
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -16,17 +17,19 @@ import numpy as np
 
 from ampm.compiled import records
 from ampm.control.stepping import Curves
-from ampm.control.walker import OFF_HEIGHT, SINK, WALKER, Rows, Sensed, advance, departs, feel, pass_time
+from ampm.control.walker import OFF_HEIGHT, SINK, WALKER, Rows, Sensed, advance, departs, pass_time
 from ampm.walk import ContactState, FeetState, PostureState, Reference
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.planner.contacts import Phase
-    from ampm.walk import Timing, Touch, WalkPlan
+    from ampm.walk import Timing, WalkPlan
 
     Array = NDArray[np.float64]
+    Flags = NDArray[np.bool_]
 
+_TICKS = 2  # between the rows of a table
 _COARSE = 25  # instants of a phase at which a walk on the plan looks ahead
 _CYCLE = 4  # phases after which a periodic walk repeats
 _STILL = 0.05  # speed of a COM at rest [m/s]
@@ -42,74 +45,68 @@ class LiveReference:
         timing: look-ahead of the references.
         feet: records of both feet, whose places and poses the controller keeps.
         points: records of the sole points.
-        com: measured, kept by the controller, shape (3,) [m].
+        touching: whether they touch, kept by the controller, shape (P,).
+        force: their sensed normal forces, likewise, shape (P,) [N].
+        com: measured, likewise, shape (3,) [m].
         rates: momentum and angular momentum over the mass, likewise, shape (6, ...).
         mass: of the body [kg].
         gravity: [m/s^2].
         tick: control period [s].
+        share: written at every tick: axes of the standing foot (cos, sin), height of the floor [m], whether
+            the COM comes first, weight of the body over its model's [1]; see
+            :func:`~ampm.control.sole.share_sole`.
 
     Attributes:
-        share: axes of the standing foot (cos, sin), height of the floor [m], whether the COM comes first,
-            weight of the body over its model's [1]; see :func:`~ampm.control.sole.share_sole`.
+        live: whether the walk has left the plan.
     """
 
     def __init__(
-        self, plan: WalkPlan, timing: Timing, feet: Any, points: Any, com: Array, rates: Array, mass: float,
-        gravity: float, tick: float,
+        self, plan: WalkPlan, timing: Timing, feet: Any, points: Any, touching: Flags, force: Array,
+        com: Array, rates: Array, mass: float, gravity: float, tick: float, share: Array,
     ) -> None:  # fmt: skip
         self.plan, self._timing = plan, timing
         omega = math.sqrt(gravity / plan.com_height)
-        touching, force = np.zeros(len(points), dtype=bool), np.zeros(len(points))
         self._body = Sensed(feet, points, touching, force, com, rates, mass, omega, gravity, tick)
         self._walker = records(1, WALKER)
         for name in ("rate", "factor", "load"):
             self._walker[name] = 1.0
-        self._index, self._loaded, self._width = -1, -1, 0.0
+        self._index, self._loaded, self._width, self._next = -1, -1, 0.0, -math.inf
+        self._starts = [*plan.contacts.starts.tolist(), math.inf]
         self._origin = np.full(2, math.nan)  # of the references from the plan: a walk may be moved
         end = plan.sample(np.array([plan.duration])).com_velocity
         self._goes_on = bool(np.abs(end).max() > _STILL) and len(plan.contacts.phases) > _CYCLE
-        self.share = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+        self.live, self._share = False, share
+        share[4] = 1.0
 
-    @property
-    def live(self) -> bool:
-        """Whether the walk has left the plan."""
-        return bool(self._walker["live"][0])
-
-    def reference(self, time: float, given: Reference, touch: Touch) -> Reference:
+    def reference(self, time: float, given: Reference) -> Reference:
         """The reference of this tick.
 
         Args:
             time: [s].
             given: the plan's own reference of this time, returned as long as the walk is on the plan.
-            touch: readings of the soles.
         """
-        w, body = self._walker[0], self._body
+        body = self._body
         if math.isnan(self._origin[0]):
             moved = given.centre[0, :2] - self.plan.sample(np.array([time])).com[0, :2]
             self._origin = moved * (np.abs(moved) > 1e-9)
-        body.touching[:], body.force[:] = touch.contact, touch.normal_force
-        if not w["live"]:
-            starts = self.plan.contacts.starts
-            index = max(int(np.searchsorted(starts, time + 1e-9, side="right")) - 1, 0)
-            if index != self._index:
-                self._enter(index)
-            w["clock"] = time - starts[index]
-            self.share[:2] = given.feet.values[w["stance"], [9, 12]]
-            planned = given.centre, given.feet.values
-            if not departs(self._walker, body, self._coarse, self._width, *planned, self.share):
+        felt = not self.live
+        if felt:
+            if time + 1e-9 >= self._next:
+                self._enter(max(bisect.bisect_right(self._starts, time + 1e-9) - 1, 0))
+            clock, planned = time - self._starts[self._index], (given.centre, given.feet.values)
+            if not departs(self._walker, clock, body, self._coarse, self._width, *planned, self._share):
                 return given
-            w["live"] = True
+            self.live = True
             self._depart(given)
         else:
             ends = pass_time(self._walker, body.tick)
             if ends and (self._goes_on or self._index + 1 < len(self.plan.contacts.phases)):
                 self._switch()
-            feel(w, body)
         if self._loaded != self._index:
             self._load()
-        parts: Any = (np.empty(part.shape[1:] or 1, part.dtype) for part in self._table)
+        parts: Any = [np.empty(shape, kind) for shape, kind in self._parts]
         row = Rows(*parts)
-        advance(self._walker, body, self._curves, self._table, row, self.share)
+        advance(self._walker, felt, body, self._curves, self._table, row, self._share)
         return Reference(
             time,
             row.centre,
@@ -149,7 +146,8 @@ class LiveReference:
         w["double"] = following.duration if following.kind == "double_support" else phase.duration
         w["stood"], w["waited"] = 0.0, 0.0
         self._index = index
-        if not w["live"]:
+        if not self.live:
+            self._next = self._starts[index + 1]
             sample = self.plan.sample(self._grid(phase, _COARSE))
             com = sample.com.copy()
             com[:, :2] += self._origin
@@ -175,7 +173,7 @@ class LiveReference:
     def _load(self) -> None:
         """Tables of the present phase."""
         phase, offset = self._phase(self._index)
-        count = max(math.ceil(phase.duration / self._body.tick), 4) + 1
+        count = max(math.ceil(phase.duration / (_TICKS * self._body.tick)), 4) + 1
         rows = self.plan.table(self._grid(phase, count), self._timing).rows
         centre, feet = rows.centre.copy(), rows.feet.values.copy()
         offset = offset + self._origin
@@ -184,6 +182,7 @@ class LiveReference:
         self._curves = self._curves_of(centre[:, 0], centre[:, 1], centre[:, 2], centre[:, 4])
         parts = centre, np.asarray(rows.right_load), feet, *rows.contacts, *rows.posture[:4]
         self._table = Rows(*(np.array(part) for part in parts))
+        self._parts = [(part.shape[1:] or (1,), part.dtype) for part in self._table]
         self._loaded = self._index
 
     def _depart(self, given: Reference) -> None:

@@ -35,7 +35,7 @@ EARLY = 0.045
 """A touch so long before its time begins the double support [s]."""
 SWUNG = 0.6
 """Share of the single support from which a touch counts [1]."""
-GRACE = 0.012
+GRACE = 0.016
 """Time that a foot may be late before the clock waits for it [s]."""
 PATIENCE = 0.15
 """Longest time that the clock waits [s]."""
@@ -55,7 +55,6 @@ FEEL_TIME = 0.03
 """Time constant of the measured slope [s]."""
 
 WALKER = [
-    ("live", np.bool_),  # whether it has left the plan
     ("single", np.bool_),
     ("stance", np.int64),  # foot that stands; in double support the one that leaves
     ("clock", np.float64),  # time since the phase began, by the plan [s]
@@ -183,20 +182,30 @@ def expected_dcm(w: Any, body: Sensed, centre: Array, out: Array) -> None:
 
 @compiled
 def departs(
-    walker: Any, body: Sensed, curves: Curves, width: float, centre: Array, feet_values: Array, share: Array
+    walker: Any,
+    clock: float,
+    body: Sensed,
+    curves: Curves,
+    width: float,
+    centre: Array,
+    feet_values: Array,
+    share: Array,
 ) -> bool:
     """Whether a walk on the plan has to leave it at this tick.
 
     Args:
         walker: one entry.
+        clock: time since the phase began [s].
         body: of this tick.
         curves: of the phase.
         width: planned distance of the next step from the standing foot, across [m].
         centre: of the planned reference, shape (5, 3).
         feet_values: of the planned reference, shape (2, 27).
-        share: for :func:`~ampm.control.sole.share_sole`; the weight is written.
+        share: for :func:`~ampm.control.sole.share_sole`; axes and weight are written.
     """
     w = walker[0]
+    w.clock = clock
+    share[0], share[1] = feet_values[w.stance, 9], feet_values[w.stance, 12]
     feel(w, body)
     share[4] = weight_of(w)
     if is_late(w) or is_early(w):
@@ -251,11 +260,14 @@ def between(table: Array, i: int, share: float, out: Array) -> None:
 
 
 @compiled
-def advance(walker: Any, body: Sensed, curves: Curves, table: Rows, row: Rows, share: Array) -> None:
+def advance(
+    walker: Any, felt: bool, body: Sensed, curves: Curves, table: Rows, row: Rows, share: Array
+) -> None:
     """The reference of one tick of a walk that has left the plan.
 
     Args:
         walker: one entry.
+        felt: whether :func:`feel` was called at this tick.
         body: of this tick.
         curves: of the phase.
         table: of the phase, at equal intervals.
@@ -263,6 +275,8 @@ def advance(walker: Any, body: Sensed, curves: Curves, table: Rows, row: Rows, s
         share: for :func:`~ampm.control.sole.share_sole`; written.
     """
     w = walker[0]
+    if not felt:
+        feel(w, body)
     last = len(curves.r) - 1
     at = clip(w.clock / w.duration, 0.0, 1.0) * last
     i = min(int(at), last - 1)
