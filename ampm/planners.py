@@ -14,6 +14,7 @@ from ampm.body.robot import Robot
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.contacts import Footstep
+from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.live import LiveWalk
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
@@ -212,10 +213,13 @@ class AmpmFootsteps:
         from ampm.body.constant_posture import ConstantPosture
 
         run, robot = request.run, request.robot
-        live = LiveWalk.of(run, robot.description)
-        for at, footsteps in self.changes:
-            live = live.changed(at, footsteps)
-        steps = (live if self.stop is None else live.stopped(self.stop)).steps
+        if self.changes or self.stop is not None:
+            live = LiveWalk.of(run, robot.description)
+            for at, footsteps in self.changes:
+                live = live.changed(at, footsteps)
+            steps = (live if self.stop is None else live.stopped(self.stop)).steps
+        else:
+            steps = plan_footstep_walk(run, robot.description)
         spread = run.replace({"body.arm_abduction": max(run.body.arm_abduction, SPREAD_ARMS)})
         posture = ConstantPosture(steps, spread, robot, steps.contacts.phases[-1].start)
         check_clearance(steps, posture, spread, robot)

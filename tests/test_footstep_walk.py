@@ -16,6 +16,7 @@ from ampm.planner.feet import foot_rotation, foot_turning
 from ampm.planner.footstep_walk import REST, plan_footstep_walk
 from ampm.planner.footsteps import plan_footsteps
 from ampm.planner.live import LiveWalk
+from ampm.planner.periodic import plan_gait
 from ampm.planner.swings import plan_swings
 from validation.store.saved import load_saved_run
 from validation.trial.plan import load_request, make_body
@@ -23,6 +24,9 @@ from validation.trial.plan import load_request, make_body
 RUN = ampm.load_run("normal")
 BODY = make_body(RUN).model.description
 WIDTH = 0.2
+REST_START = 0.8
+"""Time in which a walk starts or settles [s]."""
+SINGLE = plan_gait(RUN.gait, 60.0).constants.single_support_duration
 WALKS = {
     "straight": routes.straight(6, 0.6, WIDTH),
     "backward": routes.straight(5, -0.3, WIDTH),
@@ -129,6 +133,43 @@ def test_equal_steps_have_the_feet_of_the_periodic_gait():
         np.testing.assert_allclose(one.pitch, other.pitch, atol=1e-9)
         np.testing.assert_allclose(one.toe, other.toe, atol=1e-9)
         np.testing.assert_array_equal(one.contact, other.contact)
+
+
+def test_a_landing_that_leaves_the_time_is_waited_for_on_both_feet():
+    footsteps, landings = routes.stop_and_go(4, 0.5, WIDTH, RUN, pause=0.7)
+    landings[2] = 3.0  # it starts late, too
+    landings[6] = (landings[6] or 0.0) + 3.0 - REST_START - SINGLE
+    run = RUN.replace({}, footsteps=routes.as_rows(footsteps, landings))
+    walk = plan_footstep_walk(run, BODY)
+    assert [phase.kind for phase in walk.contacts.phases] == ["double_support", "single_support"] * 8 + [
+        "double_support"
+    ]
+    assert walk.contacts.footsteps == tuple(footsteps)
+    landed = [phase.start for phase in walk.contacts.phases[2::2]]
+    assert landed[0] == pytest.approx(3.0)
+    assert landed[4] == pytest.approx(landings[6])
+    singles = [phase.duration for phase in walk.contacts.phases[1::2]]
+    np.testing.assert_allclose(singles, SINGLE, atol=1e-12)
+    assert walk.residuals().largest < 1e-9
+    stand = walk.sample(np.linspace(landed[3] + REST_START, landed[3] + REST_START + 0.7, 20))
+    np.testing.assert_allclose(stand.com_velocity, 0.0, atol=1e-12)
+    np.testing.assert_allclose(stand.com[:, 0], 1.5, atol=1e-9)
+    alone = plan_footstep_walk(RUN.replace({}, footsteps=routes.as_rows(footsteps[:6])), BODY)
+    late = 3.0 - REST_START - SINGLE
+    times = np.linspace(0.0, landed[3] - late, 100)
+    np.testing.assert_allclose(walk.sample(times + late).zmp, alone.sample(times).zmp, atol=1e-12)
+    with pytest.raises(InputError, match="takes no requests"):
+        LiveWalk.of(run, BODY)
+
+
+def test_a_walk_stops_and_goes_on():
+    run = ampm.load_run("normal", simulation={"time_step": 0.002})
+    rows = routes.as_rows(*routes.stop_and_go(3, 0.5, WIDTH, run))
+    trial = val.walk(run.replace({}, footsteps=rows))
+    assert trial.record.outcome.completed, trial.record.outcome.cause
+    error = trial.measured.zmp - trial.comparison.sample.zmp
+    assert np.sqrt((error**2).mean(axis=0)).max() < 1e-3
+    assert trial.verdict.passed
 
 
 def test_the_walk_ends_standing_still():

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 from ampm.description import BodyDescription
 from ampm.parameters import RunParameters
 from ampm.planner.blend import BlendLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
-from ampm.planner.contacts import Contacts
+from ampm.planner.contacts import Contacts, Phase
 from ampm.planner.footsteps import plan_footsteps
+from ampm.planner.periodic import plan_gait
+from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.routes import footsteps_of
 from ampm.planner.support import StepPlan
 from ampm.planner.swings import plan_swings
+
+Moved = TypeVar("Moved", Phase, CentroidalPhase)
 
 REST = 2.0
 """Time for which the body stands after the walk [s]."""
@@ -21,6 +27,8 @@ REST = 2.0
 
 def plan_footstep_walk(run: RunParameters, body: BodyDescription) -> StepPlan:
     """Plan COM, ZMP, momentum and feet over the footsteps of a run.
+
+    Where a landing leaves time to stop and to start again, the body stands on the two footsteps before it.
 
     Args:
         run: gait, feet, and at least four footsteps.
@@ -30,16 +38,86 @@ def plan_footstep_walk(run: RunParameters, body: BodyDescription) -> StepPlan:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
     """
     footsteps, landings = footsteps_of(run)
-    plan = rest_after(plan_footsteps(footsteps, run.gait, body, landings=landings), REST)
+    parts = stands(run, landings)
+    plans = [
+        plan_footsteps(
+            footsteps[first:last],
+            run.gait,
+            body,
+            landings=[None if time is None else time - begin for time in landings[first:last]],
+        )
+        for first, last, begin in parts
+    ]
+    plan = rest_before(plans[0], parts[0][2]) if parts[0][2] else plans[0]
+    for (_, _, begin), part in zip(parts[1:], plans[1:], strict=True):
+        plan = then(rest_after(plan, begin - plan.duration), part)
+    plan = rest_after(plan, REST)
     return StepPlan.of(plan, feet=plan_swings(plan, run.foot, body.sole, run.gait.step_length))
+
+
+def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[int, int, float]]:
+    """Parts of a walk from standing to standing.
+
+    Args:
+        run: its gait gives the durations.
+        landings: time at which each footstep is reached [s], None where the gait says it.
+
+    Returns:
+        First footstep of each part, the one after its last, and when it begins [s].
+    """
+    constants = plan_gait(run.gait.model_copy(update={"steps": 1}), run.body.mass).constants
+    single, double = constants.single_support_duration, constants.double_support_duration
+    parts, first, begin, lifted = [], 0, 0.0, SETTLING
+    for number, wanted in enumerate(landings[2:], start=2):
+        landing = lifted + single if wanted is None else wanted
+        spare = landing - lifted - single
+        if number == 2 and spare >= SETTLING:
+            begin = spare
+        elif first + 4 <= number <= len(landings) - 2 and spare >= 2.0 * SETTLING - double:
+            parts.append((first, number, begin))
+            first, begin = number - 2, landing - SETTLING - single
+        lifted = landing + double
+    return [*parts, (first, len(landings), begin)]
+
+
+def then(plan: CentroidalPlan, part: CentroidalPlan) -> CentroidalPlan:
+    """A plan that ends at rest, and one that begins at rest on the same two footsteps."""
+    begin, before, after = plan.duration, plan.contacts, part.contacts
+    still, start = before.phases[-1], after.phases[0]
+    still = still._replace(duration=still.duration + start.duration)
+    moved = (_later(phase, begin) for phase in after.phases[1:])
+    contacts = Contacts((*before.footsteps, *after.footsteps[2:]), (*before.phases[:-1], still, *moved))
+    return replace(
+        plan, contacts=contacts, phases=(*plan.phases, *(_later(phase, begin) for phase in part.phases))
+    )
+
+
+def rest_before(plan: CentroidalPlan, time: float) -> CentroidalPlan:
+    """The plan of a walk that begins at rest, after a further time of rest [s]."""
+    first, *others = plan.contacts.phases
+    phases = first._replace(duration=first.duration + time), *(_later(phase, time) for phase in others)
+    rest = _rest(plan, 0.0, time, 0.0)
+    contacts = Contacts(plan.contacts.footsteps, phases)
+    return replace(plan, contacts=contacts, phases=(rest, *(_later(phase, time) for phase in plan.phases)))
 
 
 def rest_after(plan: CentroidalPlan, time: float) -> CentroidalPlan:
     """The plan of a walk that ends at rest, with a further time of rest [s]."""
-    end, *_, last = plan.duration, plan.contacts.phases[-1]
-    x, y, _ = plan.sample(end).com[0].tolist()
-    still = BlendLaw(math.sqrt(plan.gravity / plan.com_height), 0.0, time, 0.0, 0.0, (0.0, 0.0), (0.0, 0.0))
-    rest = CentroidalPhase(end, time, (x, y), still, still, (0.0, 0.0))
-    phases = (*plan.contacts.phases[:-1], last._replace(duration=last.duration + time))
+    *others, last = plan.contacts.phases
+    phases = *others, last._replace(duration=last.duration + time)
     contacts = Contacts(plan.contacts.footsteps, phases)
-    return replace(plan, contacts=contacts, phases=(*plan.phases, rest))
+    return replace(
+        plan, contacts=contacts, phases=(*plan.phases, _rest(plan, plan.duration, time, plan.duration))
+    )
+
+
+def _rest(plan: CentroidalPlan, start: float, duration: float, at: float) -> CentroidalPhase:
+    """Rest where the COM of a plan is at a time [s]."""
+    x, y, _ = plan.sample(at).com[0].tolist()
+    rate = math.sqrt(plan.gravity / plan.com_height)
+    still = BlendLaw(rate, 0.0, duration, 0.0, 0.0, (0.0, 0.0), (0.0, 0.0))
+    return CentroidalPhase(start, duration, (x, y), still, still, (0.0, 0.0))
+
+
+def _later(phase: Moved, time: float) -> Moved:
+    return phase._replace(start=phase.start + time)

@@ -19,7 +19,7 @@ from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import RunParameters
 from ampm.planner.contacts import Contacts, Footstep
 from ampm.planner.feet import FeetPlan, FootPath
-from ampm.planner.footstep_walk import REST, plan_footstep_walk, rest_after
+from ampm.planner.footstep_walk import REST, plan_footstep_walk, rest_after, stands
 from ampm.planner.footsteps import (
     SOLVES,
     Walk,
@@ -66,9 +66,13 @@ class LiveWalk:
         """The walk over the footsteps of a run.
 
         Raises:
-            InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
+            InputError, MathematicalRefusal, BodilyRefusal: there is no such walk, or it stands on the way.
         """
         footsteps, landings = footsteps_of(run)
+        if stands(run, landings) != [(0, len(footsteps), 0.0)]:
+            raise InputError(
+                "a walk that stands on the way takes no requests; leave out the requests, or the times."
+            )
         return cls(run, body, plan_footstep_walk(run, body), solve_walk(footsteps, run.gait, body, landings))
 
     def stopped(self, at: float) -> LiveWalk:

@@ -17,6 +17,8 @@ import numpy as np
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.contacts import Footstep, Side
+from ampm.planner.periodic import plan_gait
+from ampm.planner.rest_to_rest import SETTLING
 
 COLUMNS = ("foot", "x", "y", "heading")
 """Columns of a file of footsteps [-, m, m, rad]; ``time`` [s] may follow."""
@@ -56,6 +58,31 @@ def _beside(frame: Frame, foot: Side, width: float, toe_out: float) -> Footstep:
 def straight(steps: int, length: float, width: float) -> list[Footstep]:
     """Equal steps ahead; backward with a negative length [m]."""
     return route([(k * length, 0.0, 0.0) for k in range(steps)], width)
+
+
+def stop_and_go(
+    steps: int, length: float, width: float, run: RunParameters, *, pause: float = 1.0
+) -> tuple[list[Footstep], list[float | None]]:
+    """Equal steps ahead, a stand, and as many again.
+
+    Args:
+        steps: before the stand, and after it; the last one brings the feet beside each other.
+        length: of a step [m].
+        width: lateral distance of the feet [m].
+        run: its gait gives the durations.
+        pause: for which the body is still, between settling and the next start [s].
+
+    Returns:
+        Footsteps, and when each is reached [s]: None but after the stand. :func:`as_rows` takes both.
+    """
+    constants = plan_gait(run.gait.model_copy(update={"steps": 1}), run.body.mass).constants
+    ahead = [k * length for k in range(steps)]
+    places = [*ahead, *(ahead[-1] + x for x in ahead)]
+    footsteps = route([(x, 0.0, 0.0) for x in places], width)
+    landings: list[float | None] = [None] * len(footsteps)
+    stopped = SETTLING + steps * constants.step_duration - constants.double_support_duration
+    landings[steps + 2] = stopped + 2.0 * SETTLING + pause + constants.single_support_duration
+    return footsteps, landings
 
 
 def arc(
