@@ -16,6 +16,7 @@ from ampm.parameters import BodyParameters, RunParameters
 from models.source import known_bodies, read_body_file
 from validation.run.walk import walk
 from validation.store.saved import load_description
+from validation.study.sweep.design import dump_sweep, parse_sweep
 from validation.trial.plan import load_request, make_body, own_gait, tune_walk
 
 ROOT = Path(__file__).parents[1]
@@ -94,6 +95,23 @@ def test_a_gait_of_its_own_is_that_of_the_body_again() -> None:
     run = load_request(None, ["body.source='suite-humanoid'"]).run
     assert own_gait(run) == run
     assert own_gait(run).given == run.given
+
+
+def test_a_sweep_of_another_body_walks_its_gait() -> None:
+    text = """
+        set."body.source" = "suite-humanoid"
+        [[vary]]
+        method = "list"
+        foot.schedule = ["flat", "roll"]
+        """
+    definition = parse_sweep(text)
+    own = load_request(None, ["body.source=suite-humanoid"]).run
+    assert definition.gait == "suite-humanoid"
+    assert definition.tune
+    assert definition.base == own
+    assert parse_sweep(dump_sweep(definition)) == definition
+    with pytest.raises(InputError, match=r"body\.source cannot be varied"):
+        parse_sweep('vary = [{method = "list", body.source = ["human", "suite-humanoid"]}]')
 
 
 def check(trial) -> None:

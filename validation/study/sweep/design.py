@@ -22,7 +22,7 @@ from pydantic import Field, model_validator
 
 from ampm.arithmetic import exp
 from ampm.exceptions import InputError
-from ampm.parameters import RunParameters, keys
+from ampm.parameters import HUMAN, RunParameters, keys
 from ampm.planner.zmp_laws import STEP_PLANNERS
 from ampm.presets import PRESETS
 from ampm.run_file import KeyInfo, key_info, load_run
@@ -45,6 +45,7 @@ MOST_CASES = 10_000_000
 MOST_POINTS = 1_000_000
 """Points of one sampled block at most: 8 MB for every key."""
 STEPS_KEY, CONTROLLER_KEY, PLANNER_KEY = "gait.steps", "controller.name", "gait.planner"
+BODY_KEY = "body.source"
 
 _TABLES = ("sweep", "set", "vary", "base")
 _DIGITS = 12  # significant digits to which a grid's inner values are rounded
@@ -368,10 +369,6 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
     head = dict(table.get("sweep", {}))
     for word in head.keys() & set(_TABLES):
         raise unknown(f"sweep.{word}", [f"sweep.{known}" for known in _HEAD])
-    if "base" in table:
-        base = RunParameters(**table["base"])
-    else:
-        base = own_gait(load_run(_beside(folder, str(head.get("gait", "normal")))))
     if isinstance(head.get("instrument"), str):
         from validation.measure.instruments.model import load_instrument  # loads all that measures
 
@@ -379,12 +376,24 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
         load_instrument(head["instrument"])
     with _place("[set]"):
         fixed = {key: key_info(key).convert(value) for key, value in _flat(table.get("set", {})).items()}
+    if "base" in table:
+        base = RunParameters(**table["base"])
+    else:
+        base = _base(folder, head.get("gait"), fixed.get(BODY_KEY, HUMAN))
+    if base.body.source != HUMAN:  # nothing is known of its gait but size and speed
+        head = {"gait": Path(base.body.source).stem, "tune": True, **head}
     blocks = []
     for number, item in enumerate(table.get("vary", []), start=1):
         with _place(f"[[vary]] block {number}"):
             blocks.append(_block(item))
     head = {"name": name, "steps": base.gait.steps, **head}
     definition = SweepDefinition(**head, set=fixed, vary=tuple(blocks), base=base)
+    if any(BODY_KEY in block.keys for block in blocks):
+        raise InputError(
+            f"{BODY_KEY} cannot be varied, as every body has a gait of its own; make a sweep of each body, "
+            f"with {BODY_KEY} under [set], and compare them with 'ampm diff'.",
+            key=BODY_KEY,
+        )
     for controller in definition.controllers:
         find_controller(controller)
     for planner in definition.planners:
@@ -395,6 +404,14 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
         for text in definition.push:
             parse_push(text)
     return definition
+
+
+def _base(folder: Path, gait: Any, body: Any) -> RunParameters:
+    """Parameters before those of the sweep: of a gait, or of the own gait of a body."""
+    if gait is None and body != HUMAN:
+        return own_gait(load_run(None).replace({BODY_KEY: body}))
+    run = load_run(_beside(folder, str(gait or "normal")))
+    return own_gait(run if body == HUMAN else run.replace({BODY_KEY: body}))
 
 
 def _beside(folder: Path, name: str) -> str:
