@@ -1,8 +1,9 @@
-"""Walk the study of docs/robustness.md again; rewrite its tables, its picture and two files in data.
+"""Walk the studies of docs/robustness.md again; rewrite its tables, its picture and two files in data.
 
     python docs/robustness.py [--replicas N]
-Five minutes on two cores with one replica. Levels are kept in build/robustness, so a study that was stopped
-goes on.
+
+Pushes are walked N times a value, all others once: half an hour on two cores with five. Levels are kept in
+build/robustness, so a study that was stopped goes on.
 """
 
 from __future__ import annotations
@@ -10,16 +11,17 @@ from __future__ import annotations
 import argparse
 import csv
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ampm.run_file import describe_keys
+from ampm.run_file import describe_keys, load_run
 from validation.cli.console import Narrator
 from validation.show.text import markdown_table, replace_between
+from validation.study.robustness.cells import PUSHES, REPLICAS, other_cells
 from validation.study.robustness.picture import draw
 from validation.study.robustness.result import Robustness
 from validation.study.robustness.run import robustness
-from validation.study.robustness.text import OTHER_HEADER, PUSH_HEADER, other_rows, push_rows
+from validation.study.robustness.text import PUSH_HEADER, other_rows, push_rows
 
 PAGE = Path(__file__).with_suffix(".md")
 DATA = PAGE.parent / "data" / "robustness.csv"
@@ -27,6 +29,11 @@ KEYS = DATA.with_name("disturbances.csv")
 PICTURE = PAGE.parent / "images" / "robustness.png"
 KEPT = PAGE.parents[1] / "build" / "robustness"
 SECTION = "disturbance."
+STABILIZERS = ("fixed", "stepping")
+OTHER = ("disturbance", "unit", "fixed", "fixed, in tolerance", "stepping", "stepping, in tolerance")
+
+Studies = Mapping[str, tuple[Robustness, Robustness]]
+"""Pushes, and all others, by stabiliser."""
 
 
 def keys_table() -> list[tuple[str, ...]]:
@@ -47,43 +54,58 @@ def write_keys() -> None:
         csv.writer(file, lineterminator="\n").writerows(keys_table())
 
 
-def with_tables(page: str, pushes: Robustness, others: Robustness) -> str:
-    """The page with the tables of studies; segments are in the file only."""
-    page = replace_between(page, "pushes", markdown_table(PUSH_HEADER, push_rows(pushes)))
-    listed = zip(other_rows(others), others.others, strict=True)
-    rows = [row[:-1] for row, item in listed if not item.cell.fixed]
-    return replace_between(page, "others", markdown_table(OTHER_HEADER[:-1], rows))
+def with_tables(page: str, studies: Studies) -> str:
+    """The page with the tables of both stabilisers; segments are in the file only."""
+    pushes = [
+        (
+            *fixed[:2],
+            *(f"{a.partition(' of ')[0]}, {b}" for a, b in zip(fixed[2:], stepping[2:], strict=True)),
+        )
+        for fixed, stepping in zip(*(push_rows(studies[name][0]) for name in STABILIZERS), strict=True)
+    ]
+    page = replace_between(page, "pushes", markdown_table(PUSH_HEADER, pushes))
+    fixed, stepping = (studies[name][1] for name in STABILIZERS)
+    others = [
+        (*one[:4], *other[2:4])
+        for one, other, item in zip(other_rows(fixed), other_rows(stepping), fixed.others, strict=True)
+        if not item.cell.fixed
+    ]
+    return replace_between(page, "others", markdown_table(OTHER, others))
 
 
-def write(pushes: Robustness, others: Robustness) -> None:
+def write(studies: Studies) -> None:
     """Rewrite page, picture and data."""
     write_keys()
-    PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8"), pushes, others), encoding="utf-8")
-    draw(pushes, PICTURE)
+    PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8"), studies), encoding="utf-8")
+    draw(studies["stepping"][0], PICTURE)
     with DATA.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        table.writerow(("cell", "unit", "survived", "within", "bound", "zmp_x", "zmp_y", "cause"))
-        for item in (*pushes.pushes, *others.others):
-            table.writerow(
-                (
-                    item.cell.name,
-                    item.cell.unit,
-                    item.survived,
-                    item.within,
-                    item.bound,
-                    *item.zmp,
-                    item.cause,
-                )
-            )
+        names = ("cell", "unit", "survived", "within", "bound", "zmp_x", "zmp_y", "cause")
+        table.writerow(("stabilizer", *names))
+        for name, (pushes, others) in studies.items():
+            for item in (*pushes.pushes, *others.others):
+                values = item.cell.name, item.cell.unit, item.survived, item.within, item.bound, *item.zmp
+                table.writerow((name, *values, item.cause))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Walk what is missing, and rewrite everything."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--replicas", type=int, default=5)
+    parser.add_argument("--replicas", type=int, default=REPLICAS)
     given = parser.parse_args(arguments)
-    found = robustness("normal", replicas=given.replicas, out=KEPT, resume=True, progress=Narrator())
-    write(found, found)
+    kinds = sorted({cell.key.removeprefix(SECTION) for cell in other_cells()})
+    parts = ("pushes", [PUSHES], given.replicas), ("others", kinds, 1)
+    studies = {}
+    for name in STABILIZERS:
+        run = load_run("normal", controller={"stabilizer": name})
+        pushes, others = (
+            robustness(
+                run, only=only, replicas=count, out=KEPT / f"{name}-{part}", resume=True, progress=Narrator()
+            )
+            for part, only, count in parts
+        )
+        studies[name] = pushes, others
+    write(studies)
 
 
 if __name__ == "__main__":
