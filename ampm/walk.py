@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ampm.planner.feet import FeetPlan, FootPath, FootSample, foot_rotation, foot_turning
+from ampm.planner.feet import FootSample, foot_rotation, foot_turning
 from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:
@@ -291,7 +291,7 @@ class WalkPlan(StepPlan):
         around = np.array([time - _YAW_SPAN, time, time + _YAW_SPAN])
         around = np.unique(np.clip(around, min(time, 0.0), max(time, self.duration)))
         reference = self.table(around, timing)[int(np.searchsorted(around, time))]
-        until = np.stack([_exact_until_lift(path, time) for path in (self.feet.left, self.feet.right)])
+        until = np.stack([path.until_lift(time) for path in (self.feet.left, self.feet.right)])
         return reference._replace(contacts=reference.contacts._replace(until_lift=until))
 
     def _jump_near(self, times: Array, period: float) -> Flags:
@@ -320,7 +320,7 @@ class WalkPlan(StepPlan):
             held, held_feet = self.sample(middle), self.feet.sample(middle)
             held_body = self.posture.sample(middle)
         contact = _both(feet, "contact")
-        until_lift = _until_lift(times, contact, self.feet)
+        until_lift = self.feet.until_lift(times, contact)
 
         def within(span: float) -> Flags:
             """Contact now or at the end of a time span."""
@@ -485,27 +485,3 @@ def _feet_state(feet: tuple[FootSample, FootSample], held: tuple[FootSample, Foo
         np.stack([turning, changing], axis=2),
         np.stack([_both(feet, "toe"), _both(feet, "toe_velocity"), _both(held, "toe_acceleration")], axis=2),
     )
-
-
-def _until_lift(times: Array, contact: Flags, feet: FeetPlan) -> Array:
-    """Time from each tick to the end of the present contact, or of the next one, counted in whole ticks.
-
-    Lift-offs after the last tick count, as far as the feet are planned.
-    """
-    beyond = np.stack([_exact_until_lift(path, float(times[-1])) for path in (feet.left, feet.right)])
-    if len(times) > 1:
-        period = times[-1] - times[-2]
-        beyond = period * np.ceil(beyond / period - 1e-6)
-    until, ticks = np.full(contact.shape, np.inf), np.arange(len(times))
-    for foot, group in np.ndindex(contact.shape[1:]):
-        planned = contact[:, foot, group]
-        lifts = 1 + np.flatnonzero(planned[:-1] & ~planned[1:])
-        at = np.append(times[lifts], times[-1] + beyond[foot, group])
-        until[:, foot, group] = at[np.searchsorted(lifts, ticks, side="right")] - times
-    return until
-
-
-def _exact_until_lift(path: FootPath, time: float) -> Array:
-    """Time from an instant to the end of the present contact of every group, or of the next one."""
-    lifts = path.contact[:-1] & ~path.contact[1:] & (path.start[1:, None] > time)
-    return np.min(np.where(lifts, path.start[1:, None], np.inf), axis=0, initial=np.inf) - time

@@ -90,6 +90,11 @@ class FootPath:
         for value in vars(self).values():
             value.setflags(write=False)
 
+    def until_lift(self, time: float) -> Array:
+        """Time from an instant to the end of every group's present contact, or next one, shape (3,) [s]."""
+        lifts = self.contact[:-1] & ~self.contact[1:] & (self.start[1:, None] > time)
+        return np.min(np.where(lifts, self.start[1:, None], np.inf), axis=0, initial=np.inf) - time
+
 
 @dataclass(frozen=True)
 class FeetPlan:
@@ -113,6 +118,30 @@ class FeetPlan:
                 "give times within it or plan more steps"
             )
         return _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
+
+    def until_lift(self, times: Array, contact: NDArray[np.bool_]) -> Array:
+        """Time from each tick to the end of the present contact, or of the next one, counted in whole ticks.
+
+        Lift-offs after the last tick count, as far as the feet are planned.
+
+        Args:
+            times: of the ticks, shape (T,) [s].
+            contact: groups of both feet in contact at these times, shape (T, 2, 3).
+
+        Returns:
+            Infinite where nothing lifts off, shape (T, 2, 3) [s].
+        """
+        beyond = np.stack([path.until_lift(float(times[-1])) for path in (self.left, self.right)])
+        if len(times) > 1:
+            period = times[-1] - times[-2]
+            beyond = period * np.ceil(beyond / period - 1e-6)
+        until, ticks = np.full(contact.shape, np.inf), np.arange(len(times))
+        for foot, group in np.ndindex(contact.shape[1:]):
+            planned = contact[:, foot, group]
+            lifts = 1 + np.flatnonzero(planned[:-1] & ~planned[1:])
+            at = np.append(times[lifts], times[-1] + beyond[foot, group])
+            until[:, foot, group] = at[np.searchsorted(lifts, ticks, side="right")] - times
+        return until
 
 
 def foot_rotation(heading: Array, pitch: Array) -> Array:
