@@ -269,3 +269,14 @@ def test_a_file_that_is_none(tmp_path, text, words):
         routes.read_footsteps(path)
     with pytest.raises(InputError, match="cannot be read"):
         routes.read_footsteps(tmp_path / "none.csv")
+
+
+def test_targets_are_stood_at_one_after_the_other():
+    generator = np.random.default_rng(5)
+    targets = [tuple(generator.uniform(-1.0, 1.0, 3).tolist()) for _ in range(6)]
+    footsteps = routes.visit(targets, 0.25, 0.24)
+    assert_walk(plan(footsteps))
+    middle = np.array([step.position[:2] for step in footsteps])
+    middle = 0.5 * (middle[1:] + middle[:-1])
+    for x, y, _ in targets:
+        assert np.hypot(*(middle - (x, y)).T).min() < 1e-12

@@ -183,6 +183,36 @@ def tour(steps: int, length: float, width: float, *, seed: int = 0) -> list[Foot
     return route(frames[:steps], width, toe_out=TOE_OUT)
 
 
+def visit(targets: Sequence[Frame], length: float, width: float, *, turn: float = 0.3) -> list[Footstep]:
+    """Footsteps to one target after the other, at each of which both feet stand beside each other.
+
+    Every step turns by an equal share of the way and goes ahead, back or, with the foot of that side, aside.
+
+    Args:
+        targets: to stand at; the walk begins at the origin.
+        length: largest way of a step [m].
+        width: lateral distance of the feet [m].
+        turn: largest turn of a step [rad].
+    """
+    frames: list[Frame] = [(0.0, 0.0, 0.0)]
+    for x, y, heading in targets:
+        fx, fy, fh = frames[-1]
+        way = math.remainder(heading - fh, 2.0 * math.pi)
+        aside = abs(math.cos(fh) * (y - fy) - math.sin(fh) * (x - fx))
+        count = max(math.ceil(math.hypot(x - fx, y - fy) / length), math.ceil(abs(way) / turn))
+        count = max(count, 2 * math.ceil(aside / length), 2)
+        for k in range(count, 1, -1):
+            fx, fy, fh = frames[-1]
+            c, s = math.cos(fh), math.sin(fh)
+            ahead, aside = c * (x - fx) + s * (y - fy), c * (y - fy) - s * (x - fx)
+            outward = (len(frames) % 2 == 0) == (aside > 0.0)  # the left foot moves the frames of even number
+            ahead, aside = ahead / k, aside / math.ceil(k / 2) if outward else 0.0
+            now = fh + math.remainder(heading - fh, 2.0 * math.pi) / k
+            frames.append((fx + c * ahead - s * aside, fy + s * ahead + c * aside, now))
+        frames += [(x, y, heading)] * 2
+    return route(frames, width, toe_out=TOE_OUT)
+
+
 def footsteps_of(run: RunParameters) -> tuple[list[Footstep], list[float | None]]:
     """Footsteps of a run, and when each is reached [s], None where the run leaves it open."""
     rows = run.footsteps
