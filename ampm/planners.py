@@ -14,7 +14,7 @@ from ampm.body.robot import Robot
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.contacts import Footstep
-from ampm.planner.footstep_walk import plan_footstep_walk
+from ampm.planner.footstep_walk import plan_footstep_walk, stops, walk_again
 from ampm.planner.live import LiveWalk
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
@@ -186,8 +186,9 @@ class AmpmFootsteps:
 
     Args:
         stop: time of a request to stop [s]; None: no request.
-        changes: requests before it, in their order: time [s] and footsteps from there on, see
-            :class:`ampm.planner.live.LiveWalk`.
+        changes: other requests, in their order: time [s] and footsteps from there on, see
+            :class:`ampm.planner.live.LiveWalk`. After the last swing of a walk, another one begins as soon as
+            the body stands.
     """
 
     def __init__(
@@ -213,17 +214,29 @@ class AmpmFootsteps:
         from ampm.body.constant_posture import ConstantPosture
 
         run, robot = request.run, request.robot
-        if self.changes or self.stop is not None:
-            live = LiveWalk.of(run, robot.description)
-            for at, footsteps in self.changes:
-                live = live.changed(at, footsteps)
-            steps = (live if self.stop is None else live.stopped(self.stop)).steps
-        else:
-            steps = plan_footstep_walk(run, robot.description)
+        asked = self.changes or self.stop is not None
+        steps = self._requested(run, robot) if asked else plan_footstep_walk(run, robot.description)
         spread = run.replace({"body.arm_abduction": max(run.body.arm_abduction, SPREAD_ARMS)})
-        posture = ConstantPosture(steps, spread, robot, steps.contacts.phases[-1].start)
+        posture = ConstantPosture(steps, spread, robot, stops(steps.contacts))
         check_clearance(steps, posture, spread, robot)
         return FootstepWalk.of(steps, posture=posture)
+
+    def _requested(self, run: RunParameters, robot: Robot) -> StepPlan:
+        """The walk with its requests."""
+        live, since = LiveWalk.of(run, robot.description), 0.0
+        earlier: StepPlan | None = None
+        requests: list[tuple[float, Sequence[Footstep] | None]] = [*self.changes]
+        requests += [] if self.stop is None else [(self.stop, None)]
+        for at, footsteps in sorted(requests, key=lambda request: request[0]):
+            if footsteps is None:
+                live = live.stopped(at - since)
+            elif not live.ends_before(at - since):
+                live = live.changed(at - since, footsteps)
+            else:
+                earlier = live.steps if earlier is None else walk_again(earlier, live.steps, since)
+                again = max(at, since + live.rests_from)
+                live, since = live.again(footsteps), again
+        return live.steps if earlier is None else walk_again(earlier, live.steps, since)
 
 
 def planner_name(planner: Planner[WalkRequest]) -> str:

@@ -462,3 +462,25 @@ def test_changes_in_mid_swing_are_walked():
     error = trial.measured.zmp - trial.comparison.sample.zmp
     assert np.sqrt((error**2).mean(axis=0)).max() < 1.2e-3
     assert trial.summary["planner"] == "footsteps, changed at 2 s, stop at 3.5 s"
+
+
+def test_a_walk_stops_and_goes_again():
+    run = over(routes.straight(6, 0.5, WIDTH), ampm.load_run("normal", simulation={"time_step": 0.002}))
+    first = LiveWalk.of(run, BODY).stopped(2.0)
+    one, other = first.walk.contacts.footsteps[-2:]
+    far = [(one, 0.4), (other, 0.8), (one, 0.8)]
+    ahead = [s._replace(position=(s.position[0] + x, s.position[1], 0.0)) for s, x in far]
+    planner = ampm.AmpmFootsteps(stop=2.0, changes=[(5.5, ahead)])
+    trial = val.walk(run, planner=planner)
+    plan, begin = trial.plan, 5.5
+    still = plan.sample(np.linspace(first.rests_from, begin, 10))
+    np.testing.assert_allclose(still.com, still.com[:1].repeat(10, axis=0), atol=1e-12)
+    assert trial.record.outcome.completed
+    assert plan.residuals().largest < 1e-11
+    np.testing.assert_allclose(plan.contacts.footsteps[-1].position, ahead[-1].position)
+    h = 1e-7
+    for name in ("com", "com_velocity", "com_acceleration", "zmp", "angular_momentum"):
+        before, after = (getattr(plan.sample([begin + shift]), name) for shift in (-h, h))
+        np.testing.assert_allclose(after, before, atol=1e-5)
+    for name in ("zmp_x_rmse", "zmp_y_rmse"):
+        assert trial.metrics[name].value < 1e-3

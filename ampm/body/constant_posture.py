@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -37,7 +38,7 @@ class ConstantPosture:
         plan: begins with a state that the body is placed in.
         run: rest posture's gains.
         robot: the body.
-        stop: when the walk comes to rest, from which on the window closes [s]; never by default.
+        stops: when the walk comes to rest and when it goes on, in pairs: within them the window closes [s].
 
     Raises:
         BodilyRefusal: the body cannot take the plan's first instant.
@@ -45,8 +46,10 @@ class ConstantPosture:
 
     angular_momentum_y_offset = 0.0
 
-    def __init__(self, plan: StepPlan, run: RunParameters, robot: Robot, stop: float = math.inf) -> None:
-        self.window, self.stop = 2.0 * plan.constants.step_duration, stop
+    def __init__(
+        self, plan: StepPlan, run: RunParameters, robot: Robot, stops: Sequence[tuple[float, float]] = ()
+    ) -> None:
+        self.window, self.stops = 2.0 * plan.constants.step_duration, tuple(stops)
         self.turns = _turns(plan.contacts)
         heading = float(self.turns[0, 2])
         ik, reference = InverseKinematics(robot, run), step_reference(plan, np.zeros(1))
@@ -91,7 +94,10 @@ class ConstantPosture:
                 s * self.trunk[0] + c * self.trunk[1],
             )
         q[first], v[first] = self.start
-        window = self.window * np.clip(1.0 - (t - self.stop) / CLOSING, 0.0, 1.0)
+        window = np.full(n, self.window)
+        for stop, go in self.stops:
+            still = (t >= stop) & (t < go)
+            window[still] *= np.maximum(1.0 - (t[still] - stop) / CLOSING, 0.0)
         return PostureState(q, v, acceleration, trunk, np.zeros(n), window)
 
     def heading(self, times: Array) -> tuple[Array, Array, Array]:

@@ -7,11 +7,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeVar
 
+import numpy as np
+
 from ampm.description import BodyDescription
 from ampm.parameters import RunParameters
 from ampm.planner.blend import BlendLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
 from ampm.planner.contacts import Contacts, Phase
+from ampm.planner.feet import FeetPlan, FootPath
 from ampm.planner.footsteps import plan_footsteps
 from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import SETTLING
@@ -38,21 +41,18 @@ def plan_footstep_walk(run: RunParameters, body: BodyDescription) -> StepPlan:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
     """
     footsteps, landings = footsteps_of(run)
-    parts = stands(run, landings)
-    plans = [
-        plan_footsteps(
-            footsteps[first:last],
-            run.gait,
-            body,
-            landings=[None if time is None else time - begin for time in landings[first:last]],
-        )
-        for first, last, begin in parts
-    ]
-    plan = rest_before(plans[0], parts[0][2]) if parts[0][2] else plans[0]
-    for (_, _, begin), part in zip(parts[1:], plans[1:], strict=True):
-        plan = then(rest_after(plan, begin - plan.duration), part)
-    plan = rest_after(plan, REST)
-    return StepPlan.of(plan, feet=plan_swings(plan, run.foot, body.sole, run.gait.step_length))
+
+    def part(first: int, last: int, begin: float, rest: float = 0.0) -> StepPlan:
+        times = [None if time is None else time - begin for time in landings[first:last]]
+        plan = plan_footsteps(footsteps[first:last], run.gait, body, landings=times)
+        plan = rest_after(rest_before(plan, rest) if rest else plan, REST)
+        return StepPlan.of(plan, feet=plan_swings(plan, run.foot, body.sole, run.gait.step_length))
+
+    own, *others = stands(run, landings)
+    steps = part(*own, rest=own[2])
+    for later in others:
+        steps = walk_again(steps, part(*later), later[2])
+    return steps
 
 
 def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[int, int, float]]:
@@ -80,16 +80,13 @@ def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[i
     return [*parts, (first, len(landings), begin)]
 
 
-def then(plan: CentroidalPlan, part: CentroidalPlan) -> CentroidalPlan:
-    """A plan that ends at rest, and one that begins at rest on the same two footsteps."""
-    begin, before, after = plan.duration, plan.contacts, part.contacts
-    still, start = before.phases[-1], after.phases[0]
-    still = still._replace(duration=still.duration + start.duration)
-    moved = (_later(phase, begin) for phase in after.phases[1:])
-    contacts = Contacts((*before.footsteps, *after.footsteps[2:]), (*before.phases[:-1], still, *moved))
-    return replace(
-        plan, contacts=contacts, phases=(*plan.phases, *(_later(phase, begin) for phase in part.phases))
-    )
+def stops(contacts: Contacts) -> list[tuple[float, float]]:
+    """When a walk comes to rest, and when it goes on, infinity at its end [s]."""
+    still = [phase for phase in contacts.phases[1:-1] if phase.duration >= 2.0 * SETTLING - 1e-9]
+    ends = [
+        (phase.start, phase.start + phase.duration - SETTLING) for phase in still if phase.stance == "both"
+    ]
+    return [*ends, (contacts.phases[-1].start, math.inf)]
 
 
 def rest_before(plan: CentroidalPlan, time: float) -> CentroidalPlan:
@@ -121,3 +118,41 @@ def _rest(plan: CentroidalPlan, start: float, duration: float, at: float) -> Cen
 
 def _later(phase: Moved, time: float) -> Moved:
     return phase._replace(start=phase.start + time)
+
+
+def walk_again(first: StepPlan, second: StepPlan, begin: float) -> StepPlan:
+    """A walk, rest, and a second walk from where it ended.
+
+    Args:
+        first: ends standing.
+        second: stands at first where the first one ends.
+        begin: when the second one begins [s]; the first one stands until then.
+    """
+    kept = [phase for phase in first.phases if phase.start < begin]
+    kept[-1] = kept[-1]._replace(duration=begin - kept[-1].start)
+    stood, (start, *after) = first.contacts.phases[-1], second.contacts.phases
+    contacts = Contacts(
+        (*first.contacts.footsteps, *second.contacts.footsteps[2:]),
+        (
+            *first.contacts.phases[:-1],
+            stood._replace(duration=begin - stood.start + start.duration),
+            *(_later(phase, begin) for phase in after),
+        ),
+    )
+    phases = (*kept, *(_later(phase, begin) for phase in second.phases))
+    feet = FeetPlan(
+        first.feet.sole,
+        _path_again(first.feet.left, second.feet.left, begin),
+        _path_again(first.feet.right, second.feet.right, begin),
+        begin + second.duration,
+    )
+    return replace(second, contacts=contacts, phases=phases, feet=feet)
+
+
+def _path_again(first: FootPath, second: FootPath, begin: float) -> FootPath:
+    rows = first.start < begin
+    joined = {
+        name: np.concatenate([getattr(first, name)[rows], getattr(second, name)])
+        for name in ("pivot", "path", "pitch", "toe", "contact", "heading")
+    }
+    return FootPath(start=np.concatenate([first.start[rows], second.start + begin]), **joined)

@@ -31,8 +31,17 @@ from ampm.planner.footsteps import (
     solve_walk,
     supports_of,
 )
-from ampm.planner.rest_to_rest import Problem, Solution, Supports, in_world, single_maps, solve, times
-from ampm.planner.routes import footsteps_of
+from ampm.planner.rest_to_rest import (
+    SETTLING,
+    Problem,
+    Solution,
+    Supports,
+    in_world,
+    single_maps,
+    solve,
+    times,
+)
+from ampm.planner.routes import as_rows, footsteps_of
 from ampm.planner.stride import quintic, shift
 from ampm.planner.support import StepPlan
 from ampm.planner.swings import plan_swings
@@ -113,9 +122,30 @@ class LiveWalk:
             BodilyRefusal: the landing would have to move too far, or feet would cross.
         """
         k = self._swing(at)
-        if k >= self.walk.contacts.steps:
+        if self.ends_before(at):
             raise InputError(f"a change at {at:g} s comes when the walk has ended; ask earlier.", value=at)
         return self._changed(k, at, list(footsteps), whole=whole)
+
+    def again(self, footsteps: Sequence[Footstep]) -> LiveWalk:
+        """Another walk, from standing where this one ends; its time begins at 0.
+
+        Args:
+            footsteps: two or more, left and right in turn; the foot that landed last but one swings first.
+
+        Raises:
+            InputError, BodilyRefusal: there is no such walk.
+        """
+        run = self.run.replace({}, footsteps=as_rows([*self.walk.contacts.footsteps[-2:], *footsteps]))
+        return LiveWalk.of(run, self.body)
+
+    def ends_before(self, at: float) -> bool:
+        """Whether a time [s] is too late for any swing to meet a request."""
+        return self._swing(at) >= self.walk.contacts.steps
+
+    @property
+    def rests_from(self) -> float:
+        """When the walk has come to rest [s]."""
+        return float(self.walk.contacts.starts[-1]) + SETTLING
 
     def next_landing(self, at: float) -> int:
         """Number of the footstep, from 0, that a request at a time [s] moves first."""

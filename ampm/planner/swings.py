@@ -23,7 +23,6 @@ from ampm.exceptions import InputError
 from ampm.parameters import FootParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.feet import PIVOT_BALL, PIVOT_HEEL, FeetPlan, FootPath
-from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.stride import LIFT, quintic, shift
 
 Array = NDArray[np.float64]
@@ -151,17 +150,16 @@ def _rolls(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, step_
     begin, end = (
         ((plan.sample(times).zmp - place[1:-1]) * along).sum(axis=1) for times in (starts[1::2], starts[2::2])
     )
-    # The feet do not roll into the first single support, nor out of the last one, nor where the body stands.
-    double = np.diff(starts, append=contacts.duration)[0::2]
-    rolls = double < 2.0 * SETTLING * (1.0 - 1e-9)
-    rolls[0] = rolls[-1] = False
-    lift, strike = share[:n] * rolls[:n], share[1:] * rolls[1:]
+    # The feet do not roll into the first single support, nor out of the last one.
+    lift, strike = share[:n].copy(), share[1:].copy()
+    lift[0] = strike[-1] = 0.0
     delay = np.zeros(n)
     behind = sole.ball_x - _AT_BALL - end[:-1]
     delay[1:] = np.clip(behind / (_WAIT * sole.length), 0.0, _LATEST)
     lift[1:][end[:-1] < _NO_RISE * sole.ball_x] = 0.0
     back = -begin[1:] / -sole.heel_x
     strike[:-1] *= np.clip((back - _NO_STRIKE) / (_FULL_STRIKE - _NO_STRIKE), 0.0, 1.0)
+    double = np.diff(starts, append=contacts.duration)[0::2]
     # The sole is down before the ZMP has passed the heel.
     share_of_time = np.linspace(0.0, foot.full_contact, _GRID)
     times = (starts[2::2, None] + share_of_time * double[1:, None]).ravel()
