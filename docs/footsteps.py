@@ -53,17 +53,10 @@ def walks(length: float, width: float) -> dict[str, list[Footstep]]:
 
 def bodies() -> Iterator[tuple[str, RunParameters, dict[str, list[Footstep]]]]:
     """Title, run and walks of every gait and body."""
-    step = {"simulation": {"time_step": 0.002}}
-    own = ampm.load_run("normal", **step)
-    yield "normal", own, walks(own.gait.step_length, 0.2)
-    momentum = ampm.load_run("momentum", **step)
-    own_walks = walks(momentum.gait.step_length, 0.2)
-    yield (
-        "momentum",
-        momentum,
-        {name: own_walks[name] for name in ("straight", "stones 0", "stones 1", "arc")},
-    )
-    robot = complete(load_request(None, ["body.source='g1'", "simulation.time_step=0.002"])).run.as_is()
+    for name in ("normal", "momentum"):
+        own = ampm.load_run(name)
+        yield name, own, walks(own.gait.step_length, 0.2)
+    robot = complete(load_request(None, ["body.source='g1'"])).run.as_is()
     yield "g1", robot, walks(robot.gait.step_length, 1.1 * robot.gait.step_width)
 
 

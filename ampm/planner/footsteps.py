@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ampm.arithmetic import arctan2, cos, sin, tanh
@@ -47,6 +48,8 @@ LARGEST_TILT = 0.75
 _TRUNK_INERTIA = 0.076  # of what turns with the trunk, as a share of mass times the COM's height squared
 _BETWEEN_SOLES = 0.01  # least distance of the lines along the soles' inner edges [m]
 _STEEPEST = 2.6  # largest k T of a blend: beyond, it is hardly monotone [1]
+_GENTLE = 0.95  # of the largest tilt, asked for where a support exceeds it [1]
+_NEAR = 3  # supports before and after that share a support's angular momentum
 _THETA = 0.5  # unit of the least squares in the integral of the angular momentum [N m s^2]
 _ROOM = 2e-4  # by which 1/a_s keeps the ZMP further inside than the margin asks [m]
 SOLVES = 10
@@ -116,11 +119,18 @@ def solve_walk(
     position = np.array([step.position[:2] for step in footsteps])
     problem = Problem(
         frequency=math.sqrt(GRAVITY / gait.com_height),
-        slopes=np.array([gait.c_s, gait.c_y]),
+        slopes=np.tile([gait.c_s, gait.c_y], (len(footsteps) - 2, 1)),
         ends=np.stack([position[:2].mean(axis=0), position[-2:].mean(axis=0)]),
         theta=_THETA / (body.mass * GRAVITY),
     )
-    solved = _within_soles(supports, problem, 1.0 / gait.a_s, body.sole)
+    inverse_a = np.full(len(supports.place), 1.0 / gait.a_s)
+    for _ in range(SOLVES):
+        solved = solve(supports, problem, inverse_a)
+        largest, share = largest_inverse_a(supports, solved, body.sole), gentler(supports, problem, solved)
+        if (inverse_a * (1.0 - 1e-3) <= largest).all() and (share == 1.0).all():
+            break
+        inverse_a = np.minimum(inverse_a, largest)
+        problem = problem._replace(slopes=1.0 + share[:, None] * (problem.slopes - 1.0))
     return Walk(nominal, contacts, supports, problem, solved)
 
 
@@ -211,18 +221,6 @@ def _axes(heading: Array) -> Array:
     return np.moveaxis(np.array([[c, -s], [s, c]]), 2, 0)
 
 
-def _within_soles(supports: Supports, problem: Problem, inverse_a: float, sole: SoleGeometry) -> Solution:
-    """Solve with the gait's ``1/a_s``, lowered where the ZMP would come too near to heel or tip."""
-    wanted = np.full(len(supports.place), inverse_a)
-    for _ in range(SOLVES):
-        solved = solve(supports, problem, wanted)
-        largest = largest_inverse_a(supports, solved, sole)
-        if (wanted * (1.0 - 1e-3) <= largest).all():
-            break
-        wanted = np.minimum(wanted, largest)
-    return solved
-
-
 def largest_inverse_a(supports: Supports, solved: Solution, sole: SoleGeometry) -> Array:
     """The ``1/a_s`` of every support that keeps the ZMP of a solution from heel and tip, shape (N,) [1]."""
     ahead, behind = sole.tip_x - MARGIN - _ROOM, -sole.heel_x - MARGIN - _ROOM
@@ -234,6 +232,28 @@ def largest_inverse_a(supports: Supports, solved: Solution, sole: SoleGeometry) 
                 ahead / np.maximum(along.max(axis=1), 0.0), behind / np.maximum(-along.min(axis=1), 0.0)
             )
         )
+
+
+def gentler(supports: Supports, problem: Problem, solved: Solution) -> Array:
+    """Share of ``c_s - 1`` and ``c_y - 1`` of every support that keeps the trunk upright enough, (N,) [1].
+
+    The supports before and after one share its angular momentum.
+    """
+    tilt = trunk_tilt(supports, problem, solved)
+    share = np.where(tilt > LARGEST_TILT, _GENTLE * LARGEST_TILT / np.maximum(tilt, LARGEST_TILT), 1.0)
+    around = sliding_window_view(np.pad(share, _NEAR, constant_values=1.0), 2 * _NEAR + 1)
+    return np.asarray(around.min(axis=1))
+
+
+def trunk_tilt(supports: Supports, problem: Problem, solved: Solution) -> Array:
+    """Largest angle by which every support's angular momentum turns the trunk, shape (N,) [rad].
+
+    About zero in the middle of double support, Theta is largest about the middle of single support.
+    """
+    halfway = in_world(single_maps(problem, solved.inverse_a, 0.5 * supports.single)[0], supports.axes)[:, 6:]
+    theta = times(halfway, solved.state.reshape(-1, 10)) - times(halfway[:, :, :2], supports.place)
+    height = GRAVITY / problem.frequency**2
+    return np.asarray(GRAVITY / (_TRUNK_INERTIA * height**2) * np.sqrt((theta**2).sum(axis=1)))
 
 
 def _phases(walk: Walk, mass: float) -> tuple[CentroidalPhase, ...]:
@@ -258,7 +278,7 @@ def phases_between(
     w, place, n = problem.frequency, supports.place, len(supports.place)
     # Single supports: the offset d moves the origin of the law off the foot.
     zmp_slope = np.stack([solved.inverse_a, np.zeros(n)], axis=1)
-    slope = np.broadcast_to(problem.slopes, zmp_slope.shape)
+    slope = problem.slopes
     rate = w**2 * (slope - zmp_slope)
     v = _along(supports.axes, solved.state[:, 1])
     moved = -(w**2) / rate * _along(supports.axes, solved.state[:, 4])
@@ -378,10 +398,7 @@ def _refuse(
             reason="zmp_margin_too_small", value=margin, limit=MARGIN, unit="m",
             way_out="shorten or narrow the steps about it, or give them more time",
         )  # fmt: skip
-    # About zero in the middle of double support, Theta is largest about the middle of single support.
-    halfway = in_world(single_maps(problem, solved.inverse_a, 0.5 * supports.single)[0], supports.axes)[:, 6:]
-    theta = times(halfway, solved.state.reshape(-1, 10)) - times(halfway[:, :, :2], supports.place)
-    tilt = GRAVITY / (_TRUNK_INERTIA * height**2) * np.sqrt((theta**2).sum(axis=1))
+    tilt = trunk_tilt(supports, problem, solved)
     worst = int(tilt.argmax())
     if not tilt[worst] <= LARGEST_TILT:
         raise BodilyRefusal(

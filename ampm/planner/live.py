@@ -25,6 +25,7 @@ from ampm.planner.footsteps import (
     Walk,
     check_footsteps,
     contacts_over,
+    gentler,
     largest_inverse_a,
     phases_between,
     refuse_crossing,
@@ -195,7 +196,9 @@ class LiveWalk:
             nominal,
             contacts,
             supports_of(footsteps, contacts, self.run.gait),
-            self.walk.problem._replace(ends=problem.ends),
+            self.walk.problem._replace(
+                ends=problem.ends, slopes=np.concatenate([self.walk.problem.slopes[:k], problem.slopes])
+            ),
             Solution._make(
                 [
                     *(
@@ -218,7 +221,10 @@ class LiveWalk:
         inverse_a = np.full(len(footsteps) - k - 2, 1.0 / run.gait.a_s)
         inverse_a[0] = walk.solved.inverse_a[k]
         # State at the request: that at the begin of the support, moved on.
-        move = in_world(single_maps(walk.problem, inverse_a[:1], np.array([begin - start]))[0], axes)
+        slopes = np.tile([run.gait.c_s, run.gait.c_y], (len(inverse_a), 1))
+        slopes[0] = walk.problem.slopes[k]
+        standing = walk.problem._replace(slopes=slopes[:1])
+        move = in_world(single_maps(standing, inverse_a[:1], np.array([begin - start]))[0], axes)
         here = times(move[0], np.concatenate([[state[0] - place], state[1:]]).ravel()).reshape(4, 2)
         here[0] += place
         given = np.concatenate([here, state[4:5]])
@@ -231,21 +237,24 @@ class LiveWalk:
             moves[1:] = 1.0
         last = np.array([1.0 if whole or len(inverse_a) == 2 else 0.0, 1.0 if whole else 0.0])[:, None]
 
-        def solve_moved(by: Array, slopes: Array) -> tuple[Supports, Problem, Solution]:
+        def solve_moved(by: Array) -> tuple[Supports, Problem, Solution]:
             tried = supports._replace(place=supports.place + moves * by)
-            problem = walk.problem._replace(ends=np.stack([by, (ends + last * by).mean(axis=0)]), begin=given)
-            return tried, problem, solve(tried, problem, slopes)
+            to = np.stack([by, (ends + last * by).mean(axis=0)])
+            problem = walk.problem._replace(slopes=slopes, ends=to, begin=given)
+            return tried, problem, solve(tried, problem, inverse_a)
 
         for _ in range(SOLVES):
             trials = np.array([[0.0, 0.0], [_TRIAL, 0.0], [0.0, _TRIAL]])
-            lacking = [solve_moved(by, inverse_a)[2].nodes[0, 0] for by in trials]
+            lacking = [solve_moved(by)[2].nodes[0, 0] for by in trials]
             slope = np.stack([lacking[1] - lacking[0], lacking[2] - lacking[0]], axis=1) / _TRIAL
             by = -np.linalg.solve(slope, lacking[0])
-            found = solve_moved(by, inverse_a)
+            found = solve_moved(by)
             largest = largest_inverse_a(found[0], found[2], self.body.sole)[1:]
-            if (inverse_a[1:] * (1.0 - 1e-3) <= largest).all():
+            share = gentler(*found)[1:]
+            if (inverse_a[1:] * (1.0 - 1e-3) <= largest).all() and (share == 1.0).all():
                 break
-            inverse_a[1:] = np.minimum(inverse_a[1:], largest)
+            inverse_a = np.concatenate([inverse_a[:1], np.minimum(inverse_a[1:], largest)])
+            slopes = np.concatenate([slopes[:1], 1.0 + share[:, None] * (slopes[1:] - 1.0)])
         distance, most = float(np.hypot(*by)), _FARTHEST * self.body.leg_length
         if not distance <= most:
             raise BodilyRefusal(

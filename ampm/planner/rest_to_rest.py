@@ -57,7 +57,7 @@ class Problem(NamedTuple):
 
     Attributes:
         frequency: w = sqrt(g / H) [1/s].
-        slopes: (c_s, c_y), shape (2,).
+        slopes: (c_s, c_y) of every single support, shape (N, 2).
         ends: COM at rest before and after the walk, shape (2, 2) [m].
         theta: unit of the least squares in Theta [m s^2].
         begin: (c, v, J, Theta, d) at the begin of the first single support, shape (5, 2): the walk goes on
@@ -99,12 +99,12 @@ def single_maps(problem: Problem, inverse_a: Array, duration: Array) -> tuple[Ar
         (r, q) from the foot at the same instant, shape (N, 2, 2, 5).
     """
     square, c = problem.frequency**2, problem.slopes
-    rate = square * np.stack([c[0] - inverse_a, np.full_like(inverse_a, c[1])], axis=1)
+    rate = square * np.stack([c[:, 0] - inverse_a, c[:, 1]], axis=1)
     T = np.broadcast_to(duration[:, None], rate.shape)
     k = np.sqrt(np.abs(rate))
     ch = where(rate > 0.0, cosh(k * T), cos(k * T))
     sh = where(rate > 0.0, sinh(k * T), sin(k * T)) / k
-    lever, zero, one = np.broadcast_to(c - 1.0, rate.shape), np.zeros_like(rate), np.ones_like(rate)
+    lever, zero, one = c - 1.0, np.zeros_like(rate), np.ones_like(rate)
     once, twice = (ch - 1.0) / rate, (sh - T) / rate  # integrals of ch, twice and thrice
     offset = square * once, square * sh, square * twice, square * (once - 0.5 * T * T) / rate
     move = [
