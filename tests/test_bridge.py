@@ -198,7 +198,7 @@ def test_conversion_is_vectorised_and_reversible() -> None:
     np.testing.assert_array_equal(v[2, 3], one_v)
     back_qpos, back_qvel = to_mujoco(q, v)
     np.testing.assert_array_equal(back_qpos, qpos)
-    np.testing.assert_allclose(back_qvel, qvel, atol=1e-14)
+    np.testing.assert_allclose(back_qvel, qvel, rtol=0.0, atol=1e-14)
 
 
 def test_shapes_are_checked() -> None:

@@ -215,7 +215,7 @@ def test_condensed_answer_is_that_of_the_whole_problem(time):
 def test_others_find_what_daqp_finds(time, solver):
     one, other = tick(time, shift=0.003)[-1], tick(time, shift=0.003, solver=solver)[-1]
     assert other.status == SOLVED
-    np.testing.assert_allclose(other.force, one.force, atol=1e-9)
+    np.testing.assert_allclose(other.force, one.force, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(other.point_force.sum(axis=0), one.point_force.sum(axis=0), atol=0.2)
     np.testing.assert_allclose(other.torque, one.torque, atol=1.0)
 
@@ -272,7 +272,9 @@ def test_torque_map_is_affine_and_exact():
         alpha, phi = rng.normal(size=40), rng.normal(size=18)
         it._motion[ALPHA] = it.robot.gravity * alpha
         torques(*(*it._torques, phi, direct, force))
-        np.testing.assert_allclose(torque_map @ np.concatenate([alpha, phi]) + bias, direct, atol=1e-9)
+        np.testing.assert_allclose(
+            torque_map @ np.concatenate([alpha, phi]) + bias, direct, rtol=0.0, atol=1e-9
+        )
 
 
 def test_joints_may_only_run_as_fast_as_they_can_brake():
@@ -315,7 +317,7 @@ def test_dependent_rows_hold_the_last_command(monkeypatch):
     monkeypatch.setattr(tick_module, "prepare", lambda *arguments: prepare(*arguments) and False)
     output = it.update(State(0.302, q, v), touch(0.3), reference(0.3, 1))
     assert output.status == UNSOLVED
-    np.testing.assert_allclose(it.phi, phi, atol=1e-12)
+    np.testing.assert_allclose(it.phi, phi, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(it.acceleration, acceleration)
     np.testing.assert_allclose(output.torque, before.torque, atol=1e-6)
 

@@ -79,7 +79,7 @@ def same(one: FootSample, other: FootSample, names: str, tolerance: float):
 def rests(sample: FootSample, x: float):
     """The point at ``x`` of the foot has no velocity and no acceleration, its foot turns evenly."""
     _, velocity, acceleration = point_motion(sample, x)
-    np.testing.assert_allclose(velocity, 0.0, atol=1e-10)
+    np.testing.assert_allclose(velocity, 0.0, rtol=0.0, atol=1e-10)
     np.testing.assert_allclose(acceleration, 0.0, atol=1e-8)
     np.testing.assert_allclose(sample.pitch_acceleration, 0.0, atol=1e-8)
 
@@ -129,7 +129,7 @@ def test_points_in_contact_rest_on_the_floor(plan):
     for index, path in enumerate((plan.feet.left, plan.feet.right)):
         sample = plan.feet.sample(times)[index]
         contact = sample.contact.repeat(2, axis=1)
-        np.testing.assert_allclose(sample.sole_points[..., 2][contact], 0.0, atol=1e-12)
+        np.testing.assert_allclose(sample.sole_points[..., 2][contact], 0.0, rtol=0.0, atol=1e-12)
         segment = np.searchsorted(path.start, times + 1e-12, side="right")
         same = np.diff(segment) == 0
         moved = np.abs(np.diff(sample.sole_points, axis=0)).max(axis=2)
@@ -162,7 +162,7 @@ def test_feet_stand_on_their_placements(plan):
     for k, step in enumerate(plan.contacts.footsteps[1:-1]):
         middle = (k + 0.3) * plan.constants.step_duration
         foot = plan.feet.sample(middle)[0 if step.foot == "left" else 1]
-        np.testing.assert_allclose(foot.position[0], step.position, atol=1e-12)
+        np.testing.assert_allclose(foot.position[0], step.position, rtol=0.0, atol=1e-12)
         assert foot.pitch[0] == foot.toe[0] == 0.0
 
 
@@ -178,7 +178,7 @@ def test_unequal_footsteps_need_no_other_code():
     feet = plan_feet(Contacts(steps, tuple(phases)), SCHEDULES["roll"], SOLE, 0.4)
     for k, step in enumerate(steps[1:-1]):
         foot = feet.sample((k + 0.3) * plan.constants.step_duration)[0 if step.foot == "left" else 1]
-        np.testing.assert_allclose(foot.position[0], step.position, atol=1e-12)
+        np.testing.assert_allclose(foot.position[0], step.position, rtol=0.0, atol=1e-12)
 
 
 def test_right_foot_is_the_left_foot_mirrored_one_step_later(plan):
@@ -186,7 +186,7 @@ def test_right_foot_is_the_left_foot_mirrored_one_step_later(plan):
     left, _ = plan.feet.sample(times)
     _, right = plan.feet.sample(times + plan.constants.step_duration)
     mirrored = left.position * [1, -1, 1] + [plan.contacts.step_length, 0, 0]
-    np.testing.assert_allclose(right.position, mirrored, atol=1e-9)
+    np.testing.assert_allclose(right.position, mirrored, rtol=0.0, atol=1e-9)
     same(right, left, "pitch toe", 1e-9)
 
 
@@ -195,7 +195,9 @@ def test_swing_lag_holds_the_foot_back_at_mid_swing_only():
     single = planned(FootParameters()).constants.single_support_duration
     times = single * np.array([0.0, 0.5, 1.0])
     shift = late.sample(times)[1].position - plain.sample(times)[1].position
-    np.testing.assert_allclose(shift, -0.12 * np.outer([0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), atol=1e-12)
+    np.testing.assert_allclose(
+        shift, -0.12 * np.outer([0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), rtol=0.0, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(("curve", "order"), [(quintic, 3), (cubic, 2)])

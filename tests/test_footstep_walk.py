@@ -80,7 +80,7 @@ def test_feet_move_smoothly_and_stand_where_they_should(name):
                 continue
             middle = walk.feet.sample([phase.start + 0.999 * phase.duration])[side == "right"]
             if middle.contact[0, 0] and middle.contact[0, 1]:
-                np.testing.assert_allclose(middle.position[0], step.position, atol=1e-12)
+                np.testing.assert_allclose(middle.position[0], step.position, rtol=0.0, atol=1e-12)
                 assert math.cos(middle.heading[0] - step.heading) == pytest.approx(1.0)
 
 
@@ -113,8 +113,8 @@ def test_a_turned_walk_has_turned_feet():
     for one, other in zip(here.feet.sample(times), there.feet.sample(times), strict=True):
         for name in ("position", "velocity", "acceleration"):
             np.testing.assert_allclose(getattr(one, name) @ turn.T, getattr(other, name), atol=1e-8)
-        np.testing.assert_allclose(one.sole_points @ turn.T, other.sole_points, atol=1e-9)
-        np.testing.assert_allclose(one.pitch, other.pitch, atol=1e-9)
+        np.testing.assert_allclose(one.sole_points @ turn.T, other.sole_points, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(one.pitch, other.pitch, rtol=0.0, atol=1e-9)
 
 
 def test_equal_steps_have_the_feet_of_the_periodic_gait():
@@ -129,9 +129,9 @@ def test_equal_steps_have_the_feet_of_the_periodic_gait():
     times = np.linspace(0.0, 2.0 * periodic.constants.step_duration, 200)[:-1]
     shift = centroidal.contacts.placements[1 + 2 * first, 0, 0]
     for one, other in zip(feet.sample(singles[first] + times), periodic.feet.sample(times), strict=True):
-        np.testing.assert_allclose(one.position - [shift, 0.0, 0.0], other.position, atol=1e-9)
-        np.testing.assert_allclose(one.pitch, other.pitch, atol=1e-9)
-        np.testing.assert_allclose(one.toe, other.toe, atol=1e-9)
+        np.testing.assert_allclose(one.position - [shift, 0.0, 0.0], other.position, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(one.pitch, other.pitch, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(one.toe, other.toe, rtol=0.0, atol=1e-9)
         np.testing.assert_array_equal(one.contact, other.contact)
 
 
@@ -149,15 +149,15 @@ def test_a_landing_that_leaves_the_time_is_waited_for_on_both_feet():
     assert landed[0] == pytest.approx(3.0)
     assert landed[4] == pytest.approx(landings[6])
     singles = [phase.duration for phase in walk.contacts.phases[1::2]]
-    np.testing.assert_allclose(singles, SINGLE, atol=1e-12)
+    np.testing.assert_allclose(singles, SINGLE, rtol=0.0, atol=1e-12)
     assert walk.residuals().largest < 1e-9
     stand = walk.sample(np.linspace(landed[3] + REST_START, landed[3] + REST_START + 0.7, 20))
-    np.testing.assert_allclose(stand.com_velocity, 0.0, atol=1e-12)
-    np.testing.assert_allclose(stand.com[:, 0], 1.5, atol=1e-9)
+    np.testing.assert_allclose(stand.com_velocity, 0.0, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(stand.com[:, 0], 1.5, rtol=0.0, atol=1e-9)
     alone = plan_footstep_walk(RUN.replace({}, footsteps=routes.as_rows(footsteps[:6])), BODY)
     late = 3.0 - REST_START - SINGLE
     times = np.linspace(0.0, landed[3] - late, 100)
-    np.testing.assert_allclose(walk.sample(times + late).zmp, alone.sample(times).zmp, atol=1e-12)
+    np.testing.assert_allclose(walk.sample(times + late).zmp, alone.sample(times).zmp, rtol=0.0, atol=1e-12)
     with pytest.raises(InputError, match="takes no requests"):
         LiveWalk.of(run, BODY)
 
@@ -175,9 +175,9 @@ def test_a_walk_stops_and_goes_on():
 def test_the_walk_ends_standing_still():
     walk = plan(WALKS["arc"])
     end = walk.sample([walk.duration - REST + 1e-6, walk.duration])
-    np.testing.assert_allclose(end.com[0], end.com[1], atol=1e-12)
+    np.testing.assert_allclose(end.com[0], end.com[1], rtol=0.0, atol=1e-12)
     for name in ("com_velocity", "com_acceleration", "moment", "angular_momentum"):
-        np.testing.assert_allclose(getattr(end, name)[1], 0.0, atol=1e-12)
+        np.testing.assert_allclose(getattr(end, name)[1], 0.0, rtol=0.0, atol=1e-12)
     assert walk.residuals().largest < 1e-10
     assert walk.least_zmp_margin()[0] > -0.01  # on rolling soles; 15 mm inside flat ones
 
@@ -255,7 +255,7 @@ def test_footsteps_of_a_file_walk_and_are_read_back(tmp_path, ampm):
     assert walk is not None
     assert walk.contacts.steps == 2
     np.testing.assert_allclose(
-        walk.sample(saved.signals.time).zmp[:, 0], saved.signals["plan_zmp_x"], atol=1e-12
+        walk.sample(saved.signals.time).zmp[:, 0], saved.signals["plan_zmp_x"], rtol=0.0, atol=1e-12
     )
     assert ampm("replay", out).status == 0
 
@@ -283,7 +283,7 @@ def test_posture_follows_the_heading_of_the_feet():
     np.testing.assert_allclose((high[0] - low[0]) / (2 * h), mid[1], atol=1e-7)
     np.testing.assert_allclose((high[1] - low[1]) / (2 * h), mid[2], atol=1e-5)
     ends = posture.heading(np.array([0.0, walk.duration]))[0]  # the mean of feet that are turned out
-    np.testing.assert_allclose(ends, [0.7, 2.7], atol=1e-12)
+    np.testing.assert_allclose(ends, [0.7, 2.7], rtol=0.0, atol=1e-12)
     start = walk.at(0.0).posture
     trunk = start.trunk @ posture.trunk.T
     assert math.atan2(trunk[1, 0], trunk[0, 0]) == pytest.approx(0.7)
@@ -350,10 +350,10 @@ def test_a_stop_continues_the_walk_bit_for_bit_and_smoothly(name, share):
     last = new.contacts.footsteps[-2:]
     end = new.sample(new.duration)
     np.testing.assert_allclose(
-        end.com[0, :2], np.mean([step.position[:2] for step in last], axis=0), atol=1e-10
+        end.com[0, :2], np.mean([step.position[:2] for step in last], axis=0), rtol=0.0, atol=1e-10
     )
     for field in ("com_velocity", "com_acceleration", "moment", "angular_momentum"):
-        np.testing.assert_allclose(getattr(end, field), 0.0, atol=1e-9)
+        np.testing.assert_allclose(getattr(end, field), 0.0, rtol=0.0, atol=1e-9)
     assert new.least_zmp_margin()[0] > -0.01
 
 
@@ -376,7 +376,7 @@ def test_a_stop_with_angular_momentum_ends_without_any():
         old.sample(at - 1e-3).angular_momentum, new.sample(at - 1e-3).angular_momentum
     )
     assert new.residuals().largest < 1e-10
-    np.testing.assert_allclose(new.sample(new.duration).angular_momentum, 0.0, atol=1e-9)
+    np.testing.assert_allclose(new.sample(new.duration).angular_momentum, 0.0, rtol=0.0, atol=1e-9)
     assert np.abs(new.sample(np.linspace(0.0, new.duration, 500)).angular_momentum).max() > 5.0
 
 
@@ -435,7 +435,7 @@ def test_a_walk_goes_on_over_new_footsteps(name, whole):
     landed = np.array([step.position for step in new.walk.contacts.footsteps[number:]])
     moved = landed - [step.position for step in ahead]
     assert 0.0 < np.hypot(*moved[0, :2]) < 0.05
-    np.testing.assert_allclose(moved[1:] - (moved[0] if whole else 0.0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(moved[1:] - (moved[0] if whole else 0.0), 0.0, rtol=0.0, atol=1e-12)
 
 
 def test_changes_that_are_no_walk():
@@ -474,7 +474,7 @@ def test_a_walk_stops_and_goes_again():
     trial = val.walk(run, planner=planner)
     plan, begin = trial.plan, 5.5
     still = plan.sample(np.linspace(first.rests_from, begin, 10))
-    np.testing.assert_allclose(still.com, still.com[:1].repeat(10, axis=0), atol=1e-12)
+    np.testing.assert_allclose(still.com, still.com[:1].repeat(10, axis=0), rtol=0.0, atol=1e-12)
     assert trial.record.outcome.completed
     assert plan.residuals().largest < 1e-11
     np.testing.assert_allclose(plan.contacts.footsteps[-1].position, ahead[-1].position)

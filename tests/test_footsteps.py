@@ -88,7 +88,7 @@ def test_a_blend_obeys_the_equation_of_motion(rate):
     np.testing.assert_allclose(gained, now.moment_arm, atol=1e-8)
     # the force line meets the COM's height at zmp - moment arm
     np.testing.assert_allclose(
-        now.acceleration, 3.4**2 * (now.position - now.zmp + now.moment_arm), atol=1e-12
+        now.acceleration, 3.4**2 * (now.position - now.zmp + now.moment_arm), rtol=0.0, atol=1e-12
     )
 
 
@@ -170,7 +170,7 @@ def assert_walk(walk):
         ends.com[:, :2], [feet[:2].mean(axis=0), feet[-2:].mean(axis=0)], rtol=0.0, atol=1e-10
     )
     for value in (ends.com_velocity, ends.com_acceleration, ends.moment, ends.angular_momentum):
-        np.testing.assert_allclose(value, 0.0, atol=1e-9)
+        np.testing.assert_allclose(value, 0.0, rtol=0.0, atol=1e-9)
     times = np.linspace(0.0, walk.duration, 20 * len(walk.phases))
     sample = walk.sample(times)
     arm = np.stack([-sample.moment[:, 1], sample.moment[:, 0]], axis=1) / walk.weight
@@ -224,7 +224,7 @@ def test_any_steps_are_walked_or_refused_by_name(steps, gait, timed):
     assert_walk(walk)
     if timed:
         reached = walk.contacts.starts[2::2]
-        np.testing.assert_allclose(reached, landings[2:], atol=1e-12)
+        np.testing.assert_allclose(reached, landings[2:], rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("gait", GAITS)
@@ -236,9 +236,11 @@ def test_a_walk_is_the_same_wherever_it_begins(gait):
     c, s = math.cos(angle), math.sin(angle)
     turn = np.array([[c, -s], [s, c]])
     for name in ("com_velocity", "com_acceleration", "moment", "angular_momentum"):
-        np.testing.assert_allclose(getattr(one, name)[:, :2] @ turn.T, getattr(other, name)[:, :2], atol=1e-9)
+        np.testing.assert_allclose(
+            getattr(one, name)[:, :2] @ turn.T, getattr(other, name)[:, :2], rtol=0.0, atol=1e-9
+        )
     np.testing.assert_allclose(one.zmp @ turn.T + shift, other.zmp, rtol=0.0, atol=1e-10)
-    np.testing.assert_allclose(one.right_load, other.right_load, atol=1e-9)
+    np.testing.assert_allclose(one.right_load, other.right_load, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize(

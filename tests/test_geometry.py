@@ -39,7 +39,7 @@ def test_polygon_margin_of_known_shapes():
     points = np.broadcast_to(square, (len(queries), 5, 2))
     active = np.ones((len(queries), 5), dtype=bool)
     expected = [0.5, 1.0, 0.0, -np.sqrt(2.0), -0.5, np.nan]
-    np.testing.assert_allclose(polygon_margin(points, active, queries), expected, atol=1e-12)
+    np.testing.assert_allclose(polygon_margin(points, active, queries), expected, rtol=0.0, atol=1e-12)
     segment, point, nothing = active.copy(), active.copy(), active.copy()
     segment[:, 2:], point[:, 1:], nothing[:] = False, False, False
     np.testing.assert_allclose(polygon_margin(points, segment, queries)[:2], [-0.5, -1.0])

@@ -103,8 +103,8 @@ def short(time_step, steps=4, gait="normal", **controller):
 def test_the_torque_goes_on_with_its_rate_within_the_limits():
     above, room = ramp(1e3)
     since = np.array([0.0, 1.0, 2.0, 3.0] * 2)[:, None] * 0.0005
-    np.testing.assert_allclose(above, np.minimum(1e3 * since, room), atol=1e-9)
-    np.testing.assert_allclose(ramp(None)[0], 0.0, atol=1e-9)
+    np.testing.assert_allclose(above, np.minimum(1e3 * since, room), rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(ramp(None)[0], 0.0, rtol=0.0, atol=1e-9)
 
 
 def errors(trial):

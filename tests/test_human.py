@@ -108,7 +108,7 @@ def test_split_foot_is_the_tables_foot(default: Standing) -> None:
     assert masses.sum() == pytest.approx(table.FOOT.mass * default.mass)
     assert com[0] == pytest.approx(sole.heel_x + table.FOOT.com * sole.length)
     expected = masses.sum() * np.diag(np.square([longitudinal, transverse, sagittal]))
-    np.testing.assert_allclose(inertia, expected, atol=1e-11)
+    np.testing.assert_allclose(inertia, expected, rtol=0.0, atol=1e-11)
 
 
 def test_table_adds_up() -> None:
@@ -128,14 +128,14 @@ def test_soles_lie_on_the_floor(body: Standing) -> None:
         frame = body.data.site(leg.sole_frame)
         edge = 1.0 if index % 2 == 0 else -1.0
         local = body.data.site(name).xpos - frame.xpos
-        np.testing.assert_allclose(local, [xs[group], edge * widths[group], 0.0], atol=1e-10)
+        np.testing.assert_allclose(local, [xs[group], edge * widths[group], 0.0], rtol=0.0, atol=1e-10)
         assert body.data.site(name).xpos[2] == pytest.approx(0.0, abs=1e-10)
         segment = leg.toe_segment if group == "tip" else leg.foot_segment
         assert body.model.site(name).bodyid[0] == body.model.body(segment).id
         # The lowest point of the sphere of the same name is the site.
         centre, radius = body.data.geom(name).xpos, body.model.geom(name).size[0]
-        np.testing.assert_allclose(centre - [0, 0, radius], body.data.site(name).xpos, atol=1e-10)
-        np.testing.assert_allclose(frame.xmat, np.eye(3).ravel(), atol=1e-12)
+        np.testing.assert_allclose(centre - [0, 0, radius], body.data.site(name).xpos, rtol=0.0, atol=1e-10)
+        np.testing.assert_allclose(frame.xmat, np.eye(3).ravel(), rtol=0.0, atol=1e-12)
 
 
 def test_a_pitched_foot_touches_at_the_points_of_the_plan(body: Standing) -> None:
@@ -152,7 +152,7 @@ def test_toe_axis_passes_through_the_ball_points(body: Standing) -> None:
     mujoco.mj_kinematics(body.model, data)
     axis = data.site("left_toe_axis").xpos
     for name in leg.sole_points[2:4]:
-        np.testing.assert_allclose(data.site(name).xpos[[0, 2]], axis[[0, 2]], atol=1e-10)
+        np.testing.assert_allclose(data.site(name).xpos[[0, 2]], axis[[0, 2]], rtol=0.0, atol=1e-10)
     assert data.site(leg.sole_points[4]).xpos[2] > 0.02, "negative toe angles lift the tip"
 
 
@@ -160,10 +160,12 @@ def test_description_geometry(body: Standing) -> None:
     d, data = body.description, body.data
     for leg, sign in zip(d.legs, (1.0, -1.0), strict=True):
         hip, ankle = (data.xanchor[body.model.joint(name).id] for name in (leg.hip[0], leg.ankle[0]))
-        np.testing.assert_allclose(hip, [0, sign * d.hip_half_width, d.hip_height], atol=1e-10)
+        np.testing.assert_allclose(hip, [0, sign * d.hip_half_width, d.hip_height], rtol=0.0, atol=1e-10)
         assert hip[2] - ankle[2] == pytest.approx(d.leg_length)
         sole = data.site(leg.sole_frame).xpos
-        np.testing.assert_allclose(ankle - sole, [d.sole.ankle_x, 0.0, d.sole.ankle_height], atol=1e-10)
+        np.testing.assert_allclose(
+            ankle - sole, [d.sole.ankle_x, 0.0, d.sole.ankle_height], rtol=0.0, atol=1e-10
+        )
     assert body.model.body(d.root_segment).jntnum[0] == 1
     assert body.model.joint("root").type[0] == mujoco.mjtJoint.mjJNT_FREE
     assert body.model.body(d.trunk_segment).id > 0
@@ -278,20 +280,20 @@ def test_mirrored_posture_is_the_mirror_image(body: Standing) -> None:
         mujoco.mj_forward(body.model, data)
         results.append(data)
     one, other = results
-    np.testing.assert_allclose(other.subtree_com[0], flip * one.subtree_com[0], atol=1e-12)
+    np.testing.assert_allclose(other.subtree_com[0], flip * one.subtree_com[0], rtol=0.0, atol=1e-12)
     for i in range(1, body.model.nbody):
         name = body.model.body(i).name
         side, _, rest = name.partition("_")
         image = {"left": f"right_{rest}", "right": f"left_{rest}"}.get(side, name)
         assert body.model.body(image).mass == body.model.body(name).mass
-        np.testing.assert_allclose(other.body(image).xipos, flip * one.body(name).xipos, atol=1e-12)
+        np.testing.assert_allclose(other.body(image).xipos, flip * one.body(name).xipos, rtol=0.0, atol=1e-12)
         axes, image_axes = (d.body(n).ximat.reshape(3, 3) for d, n in ((one, name), (other, image)))
         spread = axes @ np.diag(body.model.body(name).inertia) @ axes.T
         image_spread = image_axes @ np.diag(body.model.body(image).inertia) @ image_axes.T
-        np.testing.assert_allclose(image_spread, np.outer(flip, flip) * spread, atol=1e-12)
+        np.testing.assert_allclose(image_spread, np.outer(flip, flip) * spread, rtol=0.0, atol=1e-12)
     for leg, image_leg in zip(body.description.legs, body.description.legs[::-1], strict=True):
         np.testing.assert_allclose(
-            other.site(image_leg.sole_frame).xpos, flip * one.site(leg.sole_frame).xpos, atol=1e-12
+            other.site(image_leg.sole_frame).xpos, flip * one.site(leg.sole_frame).xpos, rtol=0.0, atol=1e-12
         )
 
 
@@ -312,12 +314,12 @@ def test_sensors(default: Standing) -> None:
     # An accelerometer in free fall without rotation reads nothing.
     data.qvel[:] = 0.0
     mujoco.mj_forward(default.model, data)
-    np.testing.assert_allclose(data.sensor("imu_accelerometer").data, 0.0, atol=1e-9)
+    np.testing.assert_allclose(data.sensor("imu_accelerometer").data, 0.0, rtol=0.0, atol=1e-9)
 
 
 def test_size_scales(default: Standing) -> None:
     """Lengths go with stature, masses with mass, inertias with mass times stature squared."""
     other = Standing(1.70 * 1.1, 60.0 * 1.3)
-    np.testing.assert_allclose(other.model.body_pos, 1.1 * default.model.body_pos, atol=1e-11)
-    np.testing.assert_allclose(other.model.body_mass, 1.3 * default.model.body_mass, atol=1e-10)
+    np.testing.assert_allclose(other.model.body_pos, 1.1 * default.model.body_pos, rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(other.model.body_mass, 1.3 * default.model.body_mass, rtol=0.0, atol=1e-10)
     np.testing.assert_allclose(other.model.body_inertia, 1.3 * 1.21 * default.model.body_inertia, rtol=1e-9)

@@ -51,7 +51,7 @@ def test_acceleration_meets_the_constraints_and_is_the_minimiser(solved, node):
     ik, reference, motion = solved
     q, v = motion.q[node], motion.v[node]
     jacobian, wanted = task(ik, reference, node, q, v)
-    np.testing.assert_allclose(jacobian @ motion.acceleration[node], wanted, atol=1e-9)
+    np.testing.assert_allclose(jacobian @ motion.acceleration[node], wanted, rtol=0.0, atol=1e-9)
     m, n = jacobian.shape
     kkt = np.block([[np.diag(ik.weights), jacobian.T], [jacobian, np.zeros((m, m))]])
     right = np.concatenate([ik.weights * posture(ik, q, v), wanted])
@@ -104,7 +104,7 @@ def test_closed_form_is_the_qps_minimiser_where_no_limit_binds(solved):
     exact = ik.integrate(reference, *start)
     draft = ik.integrate(reference, *start, draft=True)
     np.testing.assert_allclose(draft.acceleration, exact.acceleration, atol=1e-7)
-    np.testing.assert_allclose(draft.q, exact.q, atol=1e-10)
+    np.testing.assert_allclose(draft.q, exact.q, rtol=0.0, atol=1e-10)
 
 
 def test_cost_is_strictly_convex_where_the_printed_one_is_not(solved):
@@ -146,8 +146,8 @@ def task_errors(ik, reference, k, q, v, offset):
 def test_projection_meets_all_constraints_and_leaves_alone_what_does(solved):
     ik, reference, motion = solved
     q, v = ik.project(reference, 0, motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset)
-    np.testing.assert_allclose(q, motion.q[0], atol=1e-11)
-    np.testing.assert_allclose(v, motion.v[0], atol=1e-10)
+    np.testing.assert_allclose(q, motion.q[0], rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(v, motion.v[0], rtol=0.0, atol=1e-10)
     rng = np.random.default_rng(0)
     for node in NODES:
         q = pin.integrate(ik.robot.model, motion.q[node], 0.05 * rng.normal(size=ik.robot.nv))
@@ -215,11 +215,11 @@ def test_reference_holds_the_plan_and_its_derivatives():
     np.testing.assert_allclose((high.velocity - low.velocity) / (2 * h), here.acceleration, atol=1e-3)
     np.testing.assert_allclose(here.velocity[:, [10, 16]], (high.pitch - low.pitch) / (2 * h), atol=1e-6)
     for rotation, pitch in zip(here.rotation[7], here.pitch[7], strict=True):
-        np.testing.assert_allclose(rotation, pin.utils.rotate("y", pitch), atol=1e-15)
+        np.testing.assert_allclose(rotation, pin.utils.rotate("y", pitch), rtol=0.0, atol=1e-15)
     with pytest.raises(ValueError):
         here.position[0] = 0.0
     eased = here.eased(0.03, 0.5)
-    np.testing.assert_allclose(here.position[:, 0, 2] - eased.position[:, 0, 2], 0.03, atol=1e-15)
+    np.testing.assert_allclose(here.position[:, 0, 2] - eased.position[:, 0, 2], 0.03, rtol=0.0, atol=1e-15)
     np.testing.assert_array_equal(eased.acceleration[:, 3:6], 0.5 * here.acceleration[:, 3:6])
     np.testing.assert_array_equal(eased.velocity[:, 6:], here.velocity[:, 6:])
 

@@ -39,12 +39,14 @@ def test_a_swing_of_one_period_is_no_tilt_and_its_mean_is():
     for k in range(ticks):
         swing = math.sin(2.0 * math.pi * k / (window * FREQUENCY))
         got = feedback((0.02 + 0.2 * swing, -0.01 + 0.1 * swing, 0.0), window)
-    np.testing.assert_allclose(got, [0.02, -0.01, 0.0], atol=1e-12)
+    np.testing.assert_allclose(got, [0.02, -0.01, 0.0], rtol=0.0, atol=1e-12)
 
 
 def test_the_time_before_counts_as_upright():
     feedback = Feedback(integral=0.0)
-    np.testing.assert_allclose(feedback((0.1, 0.0, 0.0), 1.0), [0.1 / FREQUENCY, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(
+        feedback((0.1, 0.0, 0.0), 1.0), [0.1 / FREQUENCY, 0.0, 0.0], rtol=0.0, atol=1e-15
+    )
 
 
 def test_the_integral_of_the_mean_is_added_and_closes_with_the_window():
@@ -70,7 +72,7 @@ def test_a_turning_body_is_averaged_in_its_own_axes():
         one = straight((*tilt, 0.0), 0.6)
         other = turning((c * tilt[0] - s * tilt[1], s * tilt[0] + c * tilt[1], 0.0), 0.6, heading)
     back = c * other[0] + s * other[1], c * other[1] - s * other[0]
-    np.testing.assert_allclose(back, one[:2], atol=1e-14)
+    np.testing.assert_allclose(back, one[:2], rtol=0.0, atol=1e-14)
 
 
 def test_a_window_beyond_the_memory_is_cut():

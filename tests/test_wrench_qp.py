@@ -74,26 +74,26 @@ def test_wrench_is_that_of_the_point_forces(seed):
     forces, arm, _, phi = force_map(seed)
     point = forces.point_forces(phi)
     moment = ANGULAR * np.cross(arm, point).sum(axis=(0, 1))
-    np.testing.assert_allclose(forces.wrench @ phi, [*point.sum(axis=(0, 1)), *moment], atol=1e-12)
+    np.testing.assert_allclose(forces.wrench @ phi, [*point.sum(axis=(0, 1)), *moment], rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_unknowns_mean_what_they_are_called(seed):
     forces, arm, opening, phi = force_map(seed)
     point, by_foot = forces.point_forces(phi), phi.reshape(2, FOOT)
-    np.testing.assert_allclose(point[:, :, 2], by_foot[:, :POINTS], atol=1e-14)
-    np.testing.assert_allclose(point[:, :, :2].sum(axis=1), by_foot[:, 6:8], atol=1e-12)
+    np.testing.assert_allclose(point[:, :, 2], by_foot[:, :POINTS], rtol=0.0, atol=1e-14)
+    np.testing.assert_allclose(point[:, :, :2].sum(axis=1), by_foot[:, 6:8], rtol=0.0, atol=1e-12)
     share = np.maximum(opening.reshape(2, POINTS), 1e-3)
     share /= share.sum(axis=1, keepdims=True)
     for foot in (0, 1):  # a unit twist is a pure moment about the vertical
         unit = np.zeros(FORCES)
         unit[FOOT * foot + 8] = 1.0
         twist = forces.point_forces(unit)[foot]
-        np.testing.assert_allclose(twist.sum(axis=0), 0.0, atol=1e-14)
+        np.testing.assert_allclose(twist.sum(axis=0), 0.0, rtol=0.0, atol=1e-14)
         assert np.cross(arm[foot], twist).sum(axis=0)[2] == pytest.approx(TWIST_ARM)
         unit = np.zeros(FORCES)
         unit[FOOT * foot + 6] = 1.0
-        np.testing.assert_allclose(forces.point_forces(unit)[foot, :, 0], share[foot], atol=1e-14)
+        np.testing.assert_allclose(forces.point_forces(unit)[foot, :, 0], share[foot], rtol=0.0, atol=1e-14)
 
 
 def test_map_follows_the_points_and_the_openings():
@@ -166,7 +166,7 @@ def test_wanted_wrench_is_given_where_it_can_be(seed):
     assert solution.solved
     given = forces.wrench @ solution.x[:FORCES]
     np.testing.assert_allclose(given[:5], wanted[:5], atol=5e-4)
-    np.testing.assert_allclose(given - MOMENTUM_SLACK * solution.x[FORCES:], wanted, atol=1e-9)
+    np.testing.assert_allclose(given - MOMENTUM_SLACK * solution.x[FORCES:], wanted, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -194,11 +194,11 @@ def test_closed_feet_carry_nothing_and_landing_points_what_they_sense():
     form = condensed()
     forces = ForceMap(stance(0)[0], np.array([1.0] * 6 + [0.0] * 6))
     fill(form, forces, load=0.0, yaw=(0.1, 0.0))
-    np.testing.assert_allclose(form.solve().x[FOOT : 2 * FOOT], 0.0, atol=1e-9)
+    np.testing.assert_allclose(form.solve().x[FOOT : 2 * FOOT], 0.0, rtol=0.0, atol=1e-9)
     landing = np.zeros(12)
     landing[6:8] = 0.03, 0.05
     fill(form, forces, landing=landing, load=0.0, yaw=(0.1, 0.0))
-    np.testing.assert_allclose(form.solve().x[FOOT : FOOT + POINTS], landing[6:], atol=1e-9)
+    np.testing.assert_allclose(form.solve().x[FOOT : FOOT + POINTS], landing[6:], rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("load", [0.0, 0.3, 1.0])
@@ -247,7 +247,7 @@ def test_matrices_are_the_documented_cost(seed):
     for _ in range(5):
         x = rng.normal(size=24)
         assert quadratic(x) + constant == pytest.approx(cost(x), rel=1e-12)
-    np.testing.assert_allclose(form.P, form.P.T, atol=1e-15)
+    np.testing.assert_allclose(form.P, form.P.T, rtol=0.0, atol=1e-15)
     assert np.linalg.eigvalsh(form.P).min() > 0.1
 
 

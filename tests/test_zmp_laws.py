@@ -52,8 +52,8 @@ def test_every_planner_walks_the_same_footsteps_at_the_same_times(name, planner)
             assert one is None or one.position == pytest.approx(other.position, abs=1e-12)
     times = inside(own, 31)
     for mine, others in zip(own.feet.sample(times), plan.feet.sample(times), strict=True):
-        np.testing.assert_allclose(others.position, mine.position, atol=1e-9)
-        np.testing.assert_allclose(others.pitch, mine.pitch, atol=1e-9)
+        np.testing.assert_allclose(others.position, mine.position, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(others.pitch, mine.pitch, rtol=0.0, atol=1e-9)
     assert plan.constants.mean_velocity == pytest.approx(own.constants.mean_velocity, abs=1e-12)
 
 
@@ -67,7 +67,7 @@ def test_the_cart_table(name, planner):
         times = period * np.arange(1, math.floor(plan.duration / period))
     sample, rate = plan.sample(times), GRAVITY / plan.com_height
     zmp = sample.com[:, :2] - sample.com_acceleration[:, :2] / rate
-    np.testing.assert_allclose(sample.zmp, zmp, atol=1e-9)
+    np.testing.assert_allclose(sample.zmp, zmp, rtol=0.0, atol=1e-9)
     assert not sample.moment.any()
     assert not sample.angular_momentum.any()
 
@@ -87,8 +87,8 @@ def test_position_velocity_and_acceleration_are_consistent_continuous_and_period
     times = times[times < (STEPS - 1) * step]
     now, later = plan.sample(times), plan.sample(times + step)
     mirrored = now.com[:, :2] * [1.0, -1.0] + [plan.contacts.step_length, 0.0]
-    np.testing.assert_allclose(later.com[:, :2], mirrored, atol=1e-9)
-    np.testing.assert_allclose(later.zmp[:, 1], -now.zmp[:, 1], atol=1e-9)
+    np.testing.assert_allclose(later.com[:, :2], mirrored, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(later.zmp[:, 1], -now.zmp[:, 1], rtol=0.0, atol=1e-9)
 
 
 def test_the_dcm_obeys_its_dynamics_and_its_recursion():
@@ -109,9 +109,13 @@ def test_the_dcm_obeys_its_dynamics_and_its_recursion():
     toe, heel = plan.sample(double.start).zmp[0], plan.sample(double.start + double.duration).zmp[0]
     fade = math.exp(-0.5 * w * double.duration)
     middle = heel + (plan.sample(double.start + double.duration).dcm[0] - heel) * fade
-    np.testing.assert_allclose(plan.sample(double.start).dcm[0], toe + (middle - toe) * fade, atol=1e-12)
+    np.testing.assert_allclose(
+        plan.sample(double.start).dcm[0], toe + (middle - toe) * fade, rtol=0.0, atol=1e-12
+    )
     roll = own.constants.l_s * own.constants.inverse_a_s
-    np.testing.assert_allclose(plan.sample([0.0, single.duration]).zmp[:, 0], [-roll, roll], atol=1e-12)
+    np.testing.assert_allclose(
+        plan.sample([0.0, single.duration]).zmp[:, 0], [-roll, roll], rtol=0.0, atol=1e-12
+    )
 
 
 def test_preview_control_is_its_own_recursion_from_any_start():
@@ -133,8 +137,8 @@ def test_preview_control_is_its_own_recursion_from_any_start():
         begin = 18 * count  # an even step, like the first
         position, velocity, acceleration = np.array(states[begin:]).T
         expected = one.position[: 2 * count] + (18 * axis.shift)
-        np.testing.assert_allclose(position, expected, atol=1e-9)
-        np.testing.assert_allclose(velocity, one.velocity[: 2 * count], atol=1e-9)
+        np.testing.assert_allclose(position, expected, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(velocity, one.velocity[: 2 * count], rtol=0.0, atol=1e-9)
         np.testing.assert_allclose(acceleration, one.acceleration[: 2 * count], atol=1e-8)
 
 
