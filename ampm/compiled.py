@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -59,6 +59,22 @@ def compiled(function: Function) -> Function:
         return numba.njit(**options)(function)
     finally:
         config.CACHE_DIR = before
+
+
+def bound(function: Any, fixed: Sequence[Any], *example: Any) -> Any:
+    """A compiled function with its first arguments fixed, called without numba's look-up of types.
+
+    numba looks them up at every call, which for records takes longer than many functions.
+
+    Args:
+        function: see :func:`compiled`.
+        fixed: its first arguments.
+        example: its other arguments. Later ones must have the same types, and arrays the same order in
+            memory: nothing checks this.
+    """
+    if not config.DISABLE_JIT:
+        function = function.compile(tuple(map(numba.typeof, (*fixed, *example))))
+    return partial(function, *fixed)
 
 
 def records(shape: int | tuple[int, ...], fields: Sequence[Any]) -> Any:

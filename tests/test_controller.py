@@ -10,7 +10,6 @@ import pytest
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.body.robot import Robot
-from ampm.control import controller as tick_module
 from ampm.control.controller import ALPHA, POSTURE, WANTED, TrackingController, torques
 from ampm.control.forces import ANGULAR
 from ampm.control.limited_qp import acceleration_bounds, limit_broken
@@ -313,8 +312,8 @@ def test_a_state_that_is_no_number_gives_no_torque_and_is_told():
 
 def test_dependent_rows_hold_the_last_command(monkeypatch):
     it, q, v, before = tick(0.3)
-    phi, acceleration, prepare = it.phi.copy(), it.acceleration.copy(), tick_module.prepare
-    monkeypatch.setattr(tick_module, "prepare", lambda *arguments: prepare(*arguments) and False)
+    phi, acceleration, prepare = it.phi.copy(), it.acceleration.copy(), it._prepare
+    monkeypatch.setattr(it, "_prepare", lambda *arguments: prepare(*arguments) and False)
     output = it.update(State(0.302, q, v), touch(0.3), reference(0.3, 1))
     assert output.status == UNSOLVED
     np.testing.assert_allclose(it.phi, phi, rtol=0.0, atol=1e-12)

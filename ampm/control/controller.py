@@ -22,7 +22,7 @@ from ampm.body.rigid_body import (
     place_of,
     task_drift,
 )
-from ampm.compiled import compiled, records
+from ampm.compiled import bound, compiled, records
 from ampm.control.contact_gate import land, update_gate
 from ampm.control.forces import ANGULAR, point_forces, share_forces, without_closed, wrench_map
 from ampm.control.hold import update_rate
@@ -60,6 +60,7 @@ side of the elimination."""
 LIMIT, LOW, HIGH, TORQUE, RATE = range(5)
 """Rows of ``hinges``, shape (5, nu): torque limit [N m], range [rad], last torque [N m], its rate [N m/s]."""
 
+_POSTURE_A = 7  # among the arrays of a reference
 _END_SOFTNESS = 1e-2  # of the task of a toe that is at the end of its range
 
 
@@ -74,9 +75,9 @@ def observe(
     tasks: Array,
     columns: Array,
     com: Array,
+    posture_a: Array,
     lag: float,
     first: bool,
-    posture_a: Array,
 ) -> None:
     """The body of this tick: places, task Jacobian and rates."""
     v, now, last, still = motion[V], motion[NOW], motion[LAST], motion[STILL]
@@ -129,13 +130,10 @@ def prepare(
     command: Array,
     past: Array,
     memory: Array,
-    age: float,
-    first: bool,
     extrapolates: bool,
     sensed: Array,
     touching: Flags,
     centre: Array,
-    right_load: float,
     feet_values: Array,
     planned: Flags,
     due: Flags,
@@ -144,6 +142,9 @@ def prepare(
     posture_v: Array,
     posture_a: Array,
     posture_trunk: Array,
+    age: float,
+    first: bool,
+    right_load: float,
     tilt_window: float,
 ) -> bool:
     """One tick from the body to the QP, which it fills in; false if that has no solution or no finite one."""
@@ -343,19 +344,42 @@ class TrackingController:
         self._stabilizer = gains.stabilizer
         self._com, self._share = np.zeros(3), np.zeros(5)
         self._live: LiveReference | None = None
+        flags, lines = np.zeros((2, *self._lines.shape), dtype=bool), np.zeros(self._lines.shape)
+        self._reference = (
+            np.zeros((5, 3)), np.zeros((len(self._feet), 27)), *flags, lines,
+            np.zeros(robot.nq), *np.zeros((2, robot.nv)), np.zeros((3, 3)),
+        )  # fmt: skip
+        self._forces = np.zeros(qp.forces)
         own = body.tree, body.link, self._feet
-        self._observed = *own, self._points, self._q, self._motion, self._tasks, body.columns, self._com
-        self._before = (
-            *own[1:], body.trunk, self._points, self._lines, self._gains, robot.gravity, self._root_weight,
-            robot.passive, self._q, self._motion, self._tasks, body.columns, self._com, self._share,
-            self._scaled, self._system, self._phi, self._wrench, qp.P, qp.q, qp.A, qp.lower, qp.upper,
-            self._command, *tilts,
+        self._observe = bound(
+            observe,
+            (
+                *own, self._points, self._q, self._motion, self._tasks, body.columns, self._com,
+                self._reference[_POSTURE_A],
+            ),
+            0.0, True,
+        )  # fmt: skip
+        self._prepare = bound(
+            prepare,
+            (
+                *own[1:], body.trunk, self._points, self._lines, self._gains, robot.gravity,
+                self._root_weight, robot.passive, self._q, self._motion, self._tasks, body.columns,
+                self._com, self._share, self._scaled, self._system, self._phi, self._wrench, qp.P, qp.q, qp.A,
+                qp.lower, qp.upper, self._command, *tilts, gains.hold == "first-order", self._sensed,
+                self._touching, *self._reference,
+            ),
+            0.0, True, 0.0, 0.0,
         )  # fmt: skip
         self._torques = *own, self._points, robot.gravity, body.armature, self._motion
         self._keeps = self._lines, self._gains, self._motion, self._hinges, self._phi
-        self._after = (
-            *own, self._points, self._lines, self._gains, robot.gravity, body.armature, self._root_weight,
-            self._q, self._motion, self._hinges, self._scaled, self._system, self._wrench, self._phi,
+        self._respond = bound(
+            respond,
+            (
+                *own, self._points, self._lines, self._gains, robot.gravity, body.armature,
+                self._root_weight, self._q, self._motion, self._hinges, self._scaled, self._system,
+                self._wrench, self._phi, self._forces,
+            ),
+            True, True, np.zeros(robot.nu), np.zeros((count, 3)),
         )  # fmt: skip
 
     @property
@@ -392,23 +416,16 @@ class TrackingController:
         self._q[:], self._motion[V] = state.q, state.v
         self._sensed[:], self._touching[:] = touch.normal_force, touch.contact
         first, still = self._first, bool(reference.jumps)
-        observe(*self._observed, float(state.velocity_lag), first, reference.posture.acceleration)
+        self._reference[_POSTURE_A][:] = reference.posture.acceleration
+        self._observe(float(state.velocity_lag), first)
         if self._live is not None:
             reference = read_only(self._live.reference(state.time, reference))
+        given = reference.centre, reference.feet.values, *reference.contacts, *reference.posture[:4]
+        for own, array in zip(self._reference, given, strict=True):
+            own[:] = array
         torque, point_force = np.empty(self.robot.nu), np.empty((len(self._points), 3))
-        if prepare(
-            *self._before,
-            float(touch.age),
-            first,
-            self._extrapolates,
-            self._sensed,
-            self._touching,
-            reference.centre,
-            float(reference.right_load),
-            reference.feet.values,
-            *reference.contacts,
-            *reference.posture[:4],
-            float(reference.posture.tilt_window),
+        if self._prepare(
+            float(touch.age), first, float(reference.right_load), float(reference.posture.tilt_window)
         ):
             solution, status = self._solve(still, torque, point_force)
         else:
@@ -437,7 +454,8 @@ class TrackingController:
         status, forces = SOLVED if solution.solved else UNSOLVED, solution.x[: self.condensed.forces]
         if not (solution.solved or _usable(solution)):  # the accelerations still follow the dynamics
             forces = without_closed(len(self._feet), self._points, self.phi)
-        if respond(*self._after, forces, still, self._first, torque, point_force):
+        self._forces[:] = forces
+        if self._respond(still, self._first, torque, point_force):
             return solution, status
         limited = self._solve_limited()
         if limited.solved:

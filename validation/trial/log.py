@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ampm.compiled import compiled
+from ampm.compiled import bound, compiled
 from validation.trial import spill
 from validation.trial.record import INTEGERS, SHAPES, restart_steps, shape_of
 
@@ -37,15 +37,16 @@ def _contact_views(data: mujoco.MjData) -> list[NDArray[Any]]:
 
 @compiled
 def read_touch(
-    contacts: int, geom: NDArray[np.int32], of_geom: NDArray[np.intp], touching: NDArray[np.bool_]
+    geom: NDArray[np.int32], of_geom: NDArray[np.intp], touching: NDArray[np.bool_], contacts: int
 ) -> None:
     """Read which sole points are in contact.
 
     Args:
-        contacts: how many there are.
-        geom: their two geoms. MuJoCo sorts them by type: a floor that is a plane comes first, a box last.
+        geom: both geoms of the contacts. MuJoCo sorts them by type: a floor that is a plane comes first, a
+            box last.
         of_geom: sole point of every geom, -1 for none.
         touching: by sole point; written.
+        contacts: how many there are.
     """
     touching[:] = False
     for i in range(contacts):
@@ -76,9 +77,6 @@ def copy_places(
 
 @compiled
 def keep_step(
-    k: int,
-    contacts: int,
-    efc_force: Array,
     geom: NDArray[np.int32],
     of_geom: NDArray[np.intp],
     address: NDArray[np.int32],
@@ -106,13 +104,13 @@ def keep_step(
     sites: NDArray[np.intp],
     places: Array,
     rotation: Array,
+    k: int,
+    contacts: int,
+    efc_force: Array,
 ) -> None:
     """Copy contacts, places, sensors and torques of step k, and the state after it.
 
     Args:
-        k: step.
-        contacts: how many there are.
-        efc_force: forces of all constraints.
         geom: of the contacts, see :func:`read_touch`.
         of_geom: see :func:`read_touch`; a sole point is a sphere, with one contact at most.
         address: of the contacts' first force, along the normal; two along the tangents follow. -1: none.
@@ -140,6 +138,9 @@ def keep_step(
         sites: numbers of those that are kept.
         places: by step.
         rotation: by step.
+        k: step.
+        contacts: how many there are.
+        efc_force: forces of all constraints.
     """
     copy_places(k, site_place, site_rotation, sites, places, rotation)
     for i in range(len(read)):
@@ -277,13 +278,14 @@ class RunLog:
             np.zeros(len(points.names), dtype=bool),
             np.zeros(len(points.names)),
         )
-        self._touch: Any = geom, points.of_geom, self.touching
+        self._read_touch = bound(read_touch, (geom, points.of_geom, self.touching), 0)
         self._places: Any = data.site_xpos, data.site_xmat, self.sites, self.places, self.rotation
-        self._kept: Any = (
+        kept: Any = (
             geom, points.of_geom, *contacts, self.point_force, self.point_penetration, self.point_position,
             self.normal_force, data.sensordata, self.read, self.readings, data.ctrl, self.torque, data.qpos,
             self.q, data.qvel, self.qd, data.qacc_warmstart, self.warmstart, self.every, *self._places,
         )  # fmt: skip
+        self._keep_step = bound(keep_step, kept, 0, 0, data.efc_force)
         self._commands: Any = (
             self.command_com, self.command_zmp, self.command_force, self.command_angular_momentum,
         )  # fmt: skip
@@ -329,7 +331,7 @@ class RunLog:
 
     def sense(self, data: mujoco.MjData) -> None:
         """Read which sole points touch, after ``mj_step1``."""
-        read_touch(data.ncon, *self._touch)
+        self._read_touch(data.ncon)
 
     def keep(self, k: int, data: mujoco.MjData) -> None:
         """Copy contacts, places, sensors and torques of step k, and the state from which the next one starts.
@@ -338,7 +340,7 @@ class RunLog:
             k: step.
             data: after ``mj_step2``, which leaves contacts and places as they were at t_k.
         """
-        keep_step(k, data.ncon, data.efc_force, *self._kept)
+        self._keep_step(k, data.ncon, data.efc_force)
         if k % spill.ROWS == 0:
             spill.release()
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from ampm.compiled import compiled
+from ampm.compiled import bound, compiled
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import steps_per_tick
@@ -77,7 +77,8 @@ class Physics:
         # Views of MuJoCo's own memory.
         root = self.model.body(description.root_segment).id
         rotations = self.data.xmat.reshape(-1, 3, 3)
-        self._state = self.data.qpos, self.data.qvel, rotations[root], self.q, self.v
+        state = self.data.qpos, self.data.qvel, rotations[root], self.q, self.v
+        self._convert = bound(convert_state, state)
         self.com = self.data.subtree_com[root]
         self.trunk = self._axes(description.trunk_frame)[:, 2]  # its long axis
         sites = self.points.sites[-2:]
@@ -96,7 +97,7 @@ class Physics:
 
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """State in Pinocchio's coordinates after ``mj_step1``; the next call overwrites the arrays."""
-        convert_state(*self._state)
+        self._convert()
         return self.q, self.v
 
 
