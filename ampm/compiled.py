@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import time
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -83,19 +84,28 @@ def records(shape: int | tuple[int, ...], fields: Sequence[Any]) -> Any:
     return array.view(np.recarray) if config.DISABLE_JIT else array
 
 
-class _Announce(event.Listener):
-    """Reports the first compilation."""
+class _Compilation(event.Listener):
+    """Reports the first compilation, and adds up the wall-clock time of all [s]."""
+
+    def __init__(self) -> None:
+        self.seconds, self._running, self._announced = 0.0, 0, False
 
     def on_start(self, event: Any) -> None:
+        if not self._running:  # a function compiles those that it calls
+            self.seconds -= time.perf_counter()
+        self._running += 1
         module = event.data["dispatcher"].py_func.__module__ or ""
-        if module.startswith(("ampm.", "validation.")):
-            numba.core.event.unregister("numba:compile", self)
+        if not self._announced and module.startswith(("ampm.", "validation.")):
+            self._announced = True
             logging.getLogger("ampm").warning(
-                "Compiling the controller for this machine. This is done once and takes about 30 s."
+                "Compiling what is used for the first time on this machine; a first walk takes 30 s more."
             )
 
     def on_end(self, event: Any) -> None:
-        pass
+        self._running -= 1
+        if not self._running:
+            self.seconds += time.perf_counter()
 
 
-event.register("numba:compile", _Announce())
+compilation = _Compilation()
+event.register("numba:compile", compilation)

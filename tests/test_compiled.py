@@ -55,6 +55,19 @@ def test_the_first_process_compiles_and_reports_it_once(tmp_path):
     assert "Compiling" not in run(CROSS, tmp_path / "none", NUMBA_DISABLE_JIT="1")[1]
 
 
+def test_compiling_is_no_part_of_a_stage(tmp_path):
+    code = """
+import ampm, numba
+from ampm.compiled import compiled
+from validation.run.walk import timed
+seconds = {}
+with timed(seconds, "walk"):
+    compiled(lambda x: x + 1.0)(1.0)
+print(seconds["walk"])
+"""
+    assert float(run(code, tmp_path)[0]) < 0.05
+
+
 def test_plain_python_gives_the_same_torques(tmp_path):
     """Of a body that is put down: inverse kinematics, control ticks and their record."""
     for name, plain in (("compiled", "0"), ("plain", "1")):
