@@ -284,6 +284,8 @@ def test_console_script():
     assert answer.returncode == 0
     for command in ("plan", "motion", "validate", "replay", "view", "report"):
         assert command in answer.stdout
+    assert "heading [m, rad]" in " ".join(script("plan", "--help").stdout.replace("│", " ").split())
+    assert "Missing command" in script("body").stderr
     assert script("--version").stdout.strip() == f"ampm {__version__}"
 
 

@@ -17,7 +17,7 @@ from validation.show.text import format_number, format_value, print_line, print_
 if TYPE_CHECKING:
     from validation.run.body_check import BodyCheck
 
-group = typer.Typer(help="The bodies that can walk, and whether they can.", no_args_is_help=True)
+group = typer.Typer(help="The bodies that can walk, and whether they can.")
 app = typer.Typer()
 app.add_typer(group, name="body")
 

@@ -15,6 +15,7 @@ from validation.cli.console import print_json
 from validation.store.folders import check_folder_of, check_output_file
 
 PICTURES = (".png", ".svg", ".pdf")
+PROFILES = "default, strict, wide or jumps"
 
 
 class Status(IntEnum):
@@ -34,8 +35,8 @@ Result = TypeVar("Result")
 
 
 def option(name: str, help: str, metavar: str | None = None) -> Any:
-    """Declare an option of a command."""
-    return typer.Option(name, help=help, metavar=metavar)
+    """Declare an option of a command; a bracket in its help is no markup."""
+    return typer.Option(name, help=help.replace("[", r"\["), metavar=metavar)
 
 
 _PRESETS = ", ".join(preset_names())

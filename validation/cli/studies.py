@@ -15,6 +15,7 @@ import typer
 from ampm.exceptions import InputError
 from validation.cli.console import Narrator
 from validation.cli.options import (
+    PROFILES,
     AsIs,
     Body,
     Force,
@@ -289,9 +290,7 @@ def people(
         ),
     ],
     beside: Annotated[Path | None, option("--beside", "Run to compare it with.", "DIR")] = None,
-    profile: Annotated[
-        str, option("--profile", "Tolerances to show: default, strict, wide or jumps.", "P")
-    ] = "default",
+    profile: Annotated[str, option("--profile", f"Tolerances to show: {PROFILES}.", "P")] = "default",
     plot: Annotated[Path | None, option("--plot", "Draw the mean strides.", "FILE.png")] = None,
     write: Annotated[
         Path | None,
@@ -360,9 +359,7 @@ def convergence(
     only: Annotated[
         list[str] | None, option("--study", f"{_STUDIES}; repeatable, all by default.", "NAME")
     ] = None,
-    profile: Annotated[
-        str, option("--profile", "Tolerance profile: default, strict, or wide.", "P")
-    ] = "default",
+    profile: Annotated[str, option("--profile", f"Tolerance profile: {PROFILES}.", "P")] = "default",
     workers: Workers = None,
     out: Annotated[
         Path | None, option("--out", "Write convergence.json, a table and a picture.", "DIR")
@@ -428,9 +425,7 @@ def robustness(
     ] = 5,
     profile: Annotated[
         str | None,
-        option(
-            "--profile", "Tolerance profile: default, strict, or wide; if not given, the preset's own.", "P"
-        ),
+        option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P"),
     ] = None,
     workers: Workers = None,
     scheduler: Annotated[

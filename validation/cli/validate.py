@@ -18,6 +18,7 @@ from ampm.exceptions import InputError, RefusedGait
 from validation.cli.console import Narrator, print_json
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import (
+    PROFILES,
     AsIs,
     Body,
     Footsteps,
@@ -62,9 +63,7 @@ def validate(
     body: Body = None,
     profile: Annotated[
         str | None,
-        option(
-            "--profile", "Tolerance profile: default, strict, or wide; if not given, the preset's own.", "P"
-        ),
+        option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P"),
     ] = None,
     qp: Annotated[str | None, option("--qp", "Short for solver.qp.", "osqp|admm|daqp")] = None,
     out: Annotated[
