@@ -97,6 +97,33 @@ def test_the_template_walks_until_it_falls(monkeypatch):
     assert trial.record.outcome.time > 0.2
 
 
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda output: output._replace(torque=output.torque * np.nan), "torque of .* is nan"),
+        (lambda output: output._replace(torque=output.torque + np.inf), "torque of .* is inf"),
+        (lambda output: output._replace(torque=output.torque[:3]), r"torque of shape \(3,\), not \(34,\)"),
+        (lambda output: output.torque, "ndarray, not a ControlOutput"),
+    ],
+)
+def test_torques_that_cannot_be_applied_are_refused(spoil, words):
+    class Spoilt(JointPD):
+        def update(self, state, touch, reference):
+            output = super().update(state, touch, reference)
+            return output if state.time < 0.01 else spoil(output)
+
+    with pytest.raises(InputError, match=f"controller .*Spoilt failed .*{words}"):
+        val.walk(ampm.load_run("normal", **QUICK), controller=Spoilt)
+
+
+@pytest.mark.parametrize("code", ["syntax error", "raise SystemExit(0)", "1 / 0"])
+def test_a_module_that_cannot_be_imported_is_bad_input(tmp_path, monkeypatch, code):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "spoilt_module.py").write_text(code, encoding="utf-8")
+    with pytest.raises(InputError, match="cannot be imported"):
+        find_controller("spoilt_module:Controller")
+
+
 SWEEP = f"""
 [sweep]
 recordings = "none"

@@ -94,6 +94,7 @@ def test_pushes_add_up_and_a_force_lifts():
         (("chest", (1.0, 0.0), 0.0, 1.0), "three"),
         (("chest", (1.0, 0.0, 0.0), -0.5, 1.0), "-0.5"),
         (("chest", (1.0, 0.0, 0.0), 0.5, -0.1), "-0.1"),
+        (("chest", (1.0, 0.0, 0.0), 100.0, 0.1), "100 s"),
     ],
 )
 def test_impossible_pushes_are_refused(push, word):

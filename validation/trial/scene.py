@@ -94,7 +94,7 @@ def _change_masses(root: ElementTree.Element, body: BodyModel, wanted: Disturban
         if item is None:
             known = ", ".join(["all", "chest", *segments])
             raise InputError(
-                f"disturbance.mass_segment = {name!r} is no segment of the body; take of {known}.",
+                f"disturbance.mass_segment = {name!r} is no segment of the body; take some of {known}.",
                 key="disturbance.mass_segment",
                 value=name,
             )

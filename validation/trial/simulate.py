@@ -21,10 +21,10 @@ from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import steps_per_tick
 from ampm.vectors import put, turned, vector
-from ampm.walk import LIMITED, State, Timing, Touch
+from ampm.walk import LIMITED, ControlOutput, State, Timing, Touch
 from validation.trial.bridge import to_mujoco
 from validation.trial.controllers import find_controller, name_of
-from validation.trial.disturbances import Disturbance, Plant, pushes_of
+from validation.trial.disturbances import Disturbance, Plant, Push, pushes_of
 from validation.trial.faults import FaultyController, behind_faults, started
 from validation.trial.log import RunLog, SolePoints
 from validation.trial.origin import moved_references
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.parameters import RunParameters
-    from ampm.walk import Controller, ControllerFactory, ControlOutput, Reference, WalkPlan
+    from ampm.walk import Controller, ControllerFactory, Reference, WalkPlan
     from models.scene import BodyModel
 
     Array = NDArray[np.float64]
@@ -149,6 +149,12 @@ def simulate(
     disturbances = [*pushes_of(run.disturbance), *disturbances]
     dt, step_ends = physics.time_step, plan.contacts.step_ends[:steps]
     total = int(np.floor(step_ends[-1] / dt + 1e-9))
+    for push in disturbances:
+        if isinstance(push, Push) and push.at >= total * dt:
+            raise InputError(
+                f"a push at {push.at:g} s comes after the walk, which ends at {total * dt:.3g} s; "
+                "push earlier, or walk more steps."
+            )
     gains = run.controller
     timing = Timing(
         lead=gains.touchdown_lead,
@@ -220,9 +226,8 @@ class ClosedLoop:
         self.plant = Plant(physics.model, physics.data, physics.robot.description)
         self.physics, self.controller, self.references = physics, controller, iter(references)
         behind = controller.controller if isinstance(controller, FaultyController) else controller
-        own = type(behind) is TrackingController
-        self.users_code = contextlib.nullcontext() if own else UsersCode("controller", behind)
-        self.torque_shape = (physics.robot.nu,)
+        self.own = type(behind) is TrackingController
+        self.users_code = contextlib.nullcontext() if self.own else UsersCode("controller", behind)
         self.torque, self.torque_limit = np.zeros(physics.robot.nu), physics.robot.torque_limit.copy()
         self.rate = np.full(physics.robot.nu, np.nan)
         self.run_parameters = run
@@ -298,10 +303,8 @@ class ClosedLoop:
         touch = Touch(self.log.touching.copy(), self.log.normal_force.copy(), physics.time_step)
         with self.users_code:
             output = self.controller.update(state, touch, reference)
-            if output.torque.shape != self.torque_shape:
-                raise ValueError(f"torque of shape {output.torque.shape}, not {self.torque_shape}")
-            if output.rate is not None and output.rate.shape != self.torque_shape:
-                raise ValueError(f"rate of shape {output.rate.shape}, not {self.torque_shape}")
+            if not self.own:
+                output = self._checked(output)
             reference = reference if output.reference is None else output.reference
             self.log.keep_command(k, output, reference)
         physics.data.ctrl[:] = self.torque = output.torque
@@ -315,6 +318,20 @@ class ClosedLoop:
             residual=output.residual,
             limit=self._worst_joint(output) if output.status == LIMITED else "",
         )
+
+    def _checked(self, output: ControlOutput) -> ControlOutput:
+        """Output of a user's controller, if it can be applied."""
+        if not isinstance(output, ControlOutput):
+            raise TypeError(f"it made a {type(output).__name__}, not a ControlOutput")
+        torque, rate = np.asarray(output.torque, dtype=np.float64), output.rate
+        if torque.shape != self.torque.shape:
+            raise ValueError(f"torque of shape {torque.shape}, not {self.torque.shape}")
+        if rate is not None and np.shape(rate) != self.torque.shape:
+            raise ValueError(f"rate of shape {np.shape(rate)}, not {self.torque.shape}")
+        if (bad := ~np.isfinite(torque)).any():
+            worst = int(np.argmax(bad))
+            raise ValueError(f"torque of {self.physics.robot.joint_names[worst]} is {torque[worst]}")
+        return output._replace(torque=torque)
 
     def _stance(self) -> Stance:
         physics = self.physics

@@ -56,8 +56,10 @@ def load_object(option: str, text: str) -> Any:
     sys.path.insert(0, str(Path.cwd()))
     try:
         return getattr(import_module(module), name)
-    except (ImportError, AttributeError) as error:
-        raise InputError(f"{option} {text!r} cannot be imported ({error}); correct the name.") from error
+    except (Exception, SystemExit) as error:
+        raise InputError(
+            f"{option} {text!r} cannot be imported ({type(error).__name__}: {error}); correct name or module."
+        ) from error
     finally:
         sys.path.pop(0)
 
