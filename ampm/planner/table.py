@@ -69,9 +69,15 @@ def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> C
         height = _numbers(table, "com_z")
         com_height = float(height[0])
         level = np.abs(height - com_height) <= _SAME
+        _check(height, "com_z", height > 0.0, "be above 0 m")
         _check(height, "com_z", level, f"stay at {com_height:g} m: plans have constant height; level it")
     stance = np.asarray(_column(table, "stance")).astype(str)
     _check(stance, "stance", np.isin(stance, STANCE_NAMES), f"be one of {', '.join(STANCE_NAMES)}")
+    if stance[0] == "both":
+        raise InputError(
+            "the table begins with stance = 'both'; remove the rows before the first single support, and "
+            "subtract its time."
+        )
     begins = np.r_[True, stance[1:] != stance[:-1]]
     order = np.roll(_ORDER, 2 * (stance[0] == "right"))[(np.cumsum(begins) - 1) % len(_ORDER)]
     _check(stance, "stance", stance == order, f"come in the order {', '.join(_ORDER)}, and so on")

@@ -365,7 +365,7 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
         is_list = isinstance(value, list) and all(isinstance(item, dict) for item in value)
         if not (is_list if word == "vary" else isinstance(value, dict)):
             brackets = "[[vary]]" if word == "vary" else f"[{word}]"
-            raise InputError(f"{word} must be a table; write {brackets} and its keys below.", key=word)
+            raise InputError(f"{word} must be written as {brackets}, with its keys below.", key=word)
     head = dict(table.get("sweep", {}))
     for word in head.keys() & set(_TABLES):
         raise unknown(f"sweep.{word}", [f"sweep.{known}" for known in _HEAD])
