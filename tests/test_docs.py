@@ -22,6 +22,7 @@ from validation.cli.app import app
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+INDENTED = re.compile(r"^    (ampm (?:.+\\\n)*.+)$", re.MULTILINE)
 FILE = re.compile(r"# ([\w.-]+\.(?:toml|py))\b")
 PLACEHOLDER = re.compile(r"\b[A-Z]{1,}\b")
 """Stands for a name in a command: such a command is parsed, not run."""
@@ -71,7 +72,8 @@ def test_python_runs(page, tmp_path):
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: page.stem)
 def test_commands_parse(page):
     group: Any = typer.main.get_command(app)
-    for line in commands(page):
+    indented = [line.partition(" #")[0] for line in INDENTED.findall(page.read_text(encoding="utf-8"))]
+    for line in (*commands(page), *indented):
         name, *arguments = shlex.split(line.partition("|")[0])[1:]
         command = group.get_command(None, name)
         assert command is not None, line
