@@ -9,7 +9,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ampm.control.sole import share_axis
+from ampm.compiled import records
+from ampm.control.records import POINT
+from ampm.control.sole import extent, share_axis
 from ampm.control.stepping import dcm_ahead, quintic_tick, ramp_share, step_change
 from ampm.planner import routes
 from tests.records import first_difference
@@ -115,6 +117,21 @@ def test_the_sole_is_shared_within_its_edges_and_not_at_all_where_it_is_large_en
             assert low - 1e-12 <= sum(shared) <= high + 1e-12
             assert abs(shared[1]) <= abs(m) + 1e-12
     assert changed > 100
+
+
+@pytest.mark.parametrize(("at", "half"), [(-0.1, 0.03), (0.0, 0.04), (0.1, 0.05)])
+def test_across_the_foot_the_sole_ends_where_its_hull_does(at, half):
+    points = records(4, POINT)
+    heading, com = 0.3, np.array([1.0, 2.0, 0.9])
+    cos, sin = math.cos(heading), math.sin(heading)
+    for point, (x, y) in zip(points, [(-0.1, 0.03), (-0.1, -0.03), (0.1, 0.05), (0.1, -0.05)], strict=True):
+        point["limit"] = 1.0
+        point["arm"] = cos * x - sin * y - com[0], sin * x + cos * y - com[1], -0.9
+    share = np.array([cos, sin, 0.0, 0.0, 1.0, 1.0])
+    assert extent(points, com, share, 0, 0.0) == pytest.approx((-0.1, 0.1))
+    assert extent(points, com, share, 1, at) == pytest.approx((-half, half))
+    share[5] = 0.0
+    assert extent(points, com, share, 1, at) == pytest.approx((-0.05, 0.05))
 
 
 # ------------------------------------------------------------------ walks

@@ -11,6 +11,7 @@ from ampm.control import wrench_qp
 from ampm.control.forces import (
     ANGULAR,
     LARGEST_NORMAL,
+    LARGEST_PUSHED,
     LEAST_NORMAL,
     TWIST_ARM,
     point_forces,
@@ -55,7 +56,7 @@ class ForceMap:
 
     def update(self, arm, opening):
         self.points["arm"], self.points["limit"] = arm.reshape(-1, 3), opening
-        share_forces(2, self.points)
+        share_forces(2, self.points, np.zeros(FORCES), False)
         wrench_map(2, self.points, self.wrench)
 
     def point_forces(self, phi):
@@ -94,6 +95,20 @@ def test_unknowns_mean_what_they_are_called(seed):
         unit = np.zeros(FORCES)
         unit[FOOT * foot + 6] = 1.0
         np.testing.assert_allclose(forces.point_forces(unit)[foot, :, 0], share[foot], rtol=0.0, atol=1e-14)
+
+
+def test_off_the_plan_a_foot_twists_about_its_load():
+    arm, _, phi = stance(0)
+    forces = ForceMap(arm, np.ones(2 * POINTS))
+    whole = forces.points["lever"][2:4].copy()
+    phi[:FOOT] = 0.0
+    phi[2:4] = 0.5  # all at the ball
+    share_forces(2, forces.points, phi, True)
+    np.testing.assert_allclose(forces.points["share"][:6], [0, 0, 0.5, 0.5, 0, 0], atol=2e-3)
+    half_width = 0.5 * np.linalg.norm(arm[0, 2] - arm[0, 3])
+    np.testing.assert_allclose(forces.points["lever"][2:4], half_width, rtol=0.02)
+    assert (whole > 1.5 * half_width).all()
+    assert (forces.points["largest"] == LARGEST_PUSHED).all()
 
 
 def test_map_follows_the_points_and_the_openings():

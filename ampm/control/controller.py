@@ -31,7 +31,7 @@ from ampm.control.live import LiveReference
 from ampm.control.records import CHANGE, LINE, PHI, feet_of, gains_of, points_of
 from ampm.control.sole import share_sole
 from ampm.control.stabilizer import command_wrench, rotation_error
-from ampm.control.tasks import foot_task, posture_task, toe_task
+from ampm.control.tasks import HURRIED, SWING, foot_task, posture_task, toe_task
 from ampm.control.trunk import LONGEST, fed_back_tilt
 from ampm.control.wrench_qp import L_Z, CondensedForm, eliminate, fill_qp
 from ampm.qp import QPSettings, QPSolution, QPStatus
@@ -173,7 +173,8 @@ def prepare(
     for i in range(len(feet)):
         foot, own, rows = feet[i], points[per_foot * i : per_foot * (i + 1)], slice(6 + 6 * i, 12 + 6 * i)
         task = feet_values[i], rates[rows], wanted[rows]
-        softness[rows] = foot_task(gains, foot, lines[i], own, com, *task)
+        soft = foot_task(gains, foot, lines[i], own, com, *task)
+        softness[rows] = HURRIED if soft == SWING and share[5] > 0.0 else soft
         if foot.toe_row >= 0:
             state = q[foot.toe + 1], rates[foot.toe_row]
             wanted[foot.toe_row] = toe_task(gains, feet_values[i], *state)
@@ -189,7 +190,7 @@ def prepare(
         tasks[RHS, e] = tasks[SCALE, e] / gravity * (wanted[e] - drift[e])
     if not eliminate(scaled, softness, tasks[RHS], posture, system):
         return False
-    share_forces(len(feet), points)
+    share_forces(len(feet), points, phi[PHI], share[5] > 0.0)
     wrench_map(len(feet), points, wrench)
     weight, momentum = mass * gravity, np.empty(6)
     for e in range(6):
@@ -342,7 +343,7 @@ class TrackingController:
         self._first, self._command = True, np.zeros(11)
         tilts = np.zeros((math.ceil(LONGEST * gains.frequency), 2)), np.zeros(4)
         self._stabilizer = gains.stabilizer
-        self._com, self._share = np.zeros(3), np.zeros(5)
+        self._com, self._share = np.zeros(3), np.zeros(6)
         self._live: LiveReference | None = None
         flags, lines = np.zeros((2, *self._lines.shape), dtype=bool), np.zeros(self._lines.shape)
         self._reference = (
@@ -469,7 +470,7 @@ class TrackingController:
     def _hold_last_command(self, still: bool, torque: Array, point_force: Array) -> QPSolution:
         """Accelerations and forces of the last tick, and their torques; the solution that there is not."""
         self._motion[ALPHA] = self._motion[LAST]
-        share_forces(len(self._feet), self._points)
+        share_forces(len(self._feet), self._points, self.phi, False)
         forces = without_closed(len(self._feet), self._points, self.phi)
         torques(*self._torques, forces, torque, point_force)
         if not np.isfinite(torque).all():

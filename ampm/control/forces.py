@@ -32,6 +32,9 @@ NORMAL_COST = 0.6
 LARGEST_NORMAL = 0.6
 """Largest normal force of one point [m g]."""
 
+LARGEST_PUSHED = 1.2
+"""The same off the plan [m g]: two points carry the weight where the ZMP is in a corner of the sole."""
+
 LEAST_NORMAL = 0.004
 """Least normal force of an open point [m g]: enough to keep it from chattering on a compliant floor."""
 
@@ -39,8 +42,16 @@ _LEAST_OPENING = 1e-3  # a foot with all points closed has shares, too
 
 
 @compiled
-def share_forces(feet: int, points: Any) -> None:
-    """Limits and shares of the points, from their openings and arms."""
+def share_forces(feet: int, points: Any, phi: Array, by_load: bool) -> None:
+    """Limits and shares of the points, from their openings and arms.
+
+    Args:
+        feet: number of feet.
+        points: opened.
+        phi: forces of the last tick [m g].
+        by_load: whether tangential forces and twist are shared by the normal forces of the last tick. A foot
+            loaded at its toes turns on the floor under a twist that its whole sole could bear.
+    """
     per_foot = len(points) // feet
     for foot in range(feet):
         own = points[per_foot * foot : per_foot * (foot + 1)]
@@ -52,10 +63,18 @@ def share_forces(feet: int, points: Any) -> None:
             loads += point.share if point.line != TIP else 0.0
             point.least = LEAST_NORMAL * point.limit
             point.largest = max(LARGEST_NORMAL * point.limit, point.least)
+        if by_load:
+            total = 0.0
+            for i in range(per_foot):
+                own[i].largest = max(LARGEST_PUSHED * own[i].limit, own[i].least)
+                own[i].share = max(phi[(per_foot + 3) * foot + i], _LEAST_OPENING)
+                total += own[i].share
         x = y = 0.0
         for i in range(per_foot):
             point = own[i]
-            point.load_gradient = -NORMAL_COST * point.share / loads if point.line != TIP else 0.0
+            point.load_gradient = (
+                -NORMAL_COST * max(point.limit, _LEAST_OPENING) / loads if point.line != TIP else 0.0
+            )
             point.share /= total
             x += point.share * point.arm[0]
             y += point.share * point.arm[1]

@@ -53,8 +53,8 @@ class LiveReference:
         gravity: [m/s^2].
         tick: control period [s].
         share: written at every tick: axes of the standing foot (cos, sin), height of the floor [m], whether
-            the COM comes first, weight of the body over its model's [1]; see
-            :func:`~ampm.control.sole.share_sole`.
+            the COM comes first, weight of the body over its model's, whether the walk is off the plan [1];
+            see :func:`~ampm.control.sole.share_sole`.
 
     Attributes:
         live: whether the walk has left the plan.
@@ -76,7 +76,7 @@ class LiveReference:
         end = plan.sample(np.array([plan.duration])).com_velocity
         self._goes_on = bool(np.abs(end).max() > _STILL) and len(plan.contacts.phases) > _CYCLE
         self.live, self._share = False, share
-        share[4] = 1.0
+        share[4], share[5] = 1.0, 0.0
 
     def reference(self, time: float, given: Reference) -> Reference:
         """The reference of this tick.
@@ -97,6 +97,7 @@ class LiveReference:
             if not departs(self._walker, clock, body, self._coarse, self._width, *planned, self._share):
                 return given
             self.live = True
+            self._share[5] = 1.0
             self._depart(given)
         else:
             ends = pass_time(self._walker, body.tick)

@@ -59,6 +59,43 @@ def share_axis(d: float, m: float, low: float, high: float, com_first: bool) -> 
 
 
 @compiled
+def extent(points: Any, com: Array, share: Array, axis: int, at: float) -> tuple[float, float]:
+    """Least and largest coordinate of the points that may carry force, along or across the foot [m].
+
+    Off the plan that across the foot is of the points' convex hull where it is cut at ``at`` along the foot;
+    on the plan of all points.
+
+    Args:
+        points: with their limits of this tick.
+        com: measured, shape (3,) [m].
+        share: see :func:`share_sole`.
+        axis: 0 along, 1 across.
+        at: the other coordinate, for axis 1 [m].
+    """
+    low, high, cut = math.inf, -math.inf, axis == 1 and share[5] > 0.0
+    cos, sin = share[0], share[1]
+    for i in range(len(points)):
+        if points[i].limit <= OPEN:
+            continue
+        x, y = com[0] + points[i].arm[0], com[1] + points[i].arm[1]
+        along, across = cos * x + sin * y, cos * y - sin * x
+        if axis == 0:
+            low, high = min(low, along), max(high, along)
+        elif not cut:
+            low, high = min(low, across), max(high, across)
+        else:
+            for j in range(len(points)):
+                if points[j].limit <= OPEN:
+                    continue
+                x, y = com[0] + points[j].arm[0], com[1] + points[j].arm[1]
+                ahead, beside = cos * x + sin * y - along, cos * y - sin * x - across
+                if ahead >= 0.0 and along - 0.002 <= at <= along + ahead + 0.002:
+                    part = clip((at - along) / ahead, 0.0, 1.0) if ahead > 0.002 else 0.0
+                    low, high = min(low, across + part * beside), max(high, across + part * beside)
+    return low, high
+
+
+@compiled
 def share_sole(
     gravity: float, share: Array, centre: Array, com: Array, points: Any, command: Array, mass: float
 ) -> None:
@@ -67,7 +104,7 @@ def share_sole(
     Args:
         gravity: [m/s^2].
         share: axes of the foot (cos, sin), height of the floor [m], whether the COM comes first, and the
-            weight of the body over its model's [1], shape (5,).
+            weight of the body over its model's, and whether the walk is off the plan [1], shape (6,).
         centre: of the :class:`~ampm.walk.Reference` followed, shape (5, 3).
         com: measured, shape (3,) [m].
         points: with their limits of this tick.
@@ -92,13 +129,10 @@ def share_sole(
     arm[1][0], arm[1][1] = -command[4] / fz, command[3] / fz
     change_r, change_m = np.zeros(2), np.zeros(2)
     changed = False
+    at = 0.0
     for axis in range(2):
         x, y = (share[0], share[1]) if axis == 0 else (-share[1], share[0])
-        low, high = math.inf, -math.inf
-        for i in range(len(points)):
-            if points[i].limit > OPEN:
-                at = x * (com[0] + points[i].arm[0]) + y * (com[1] + points[i].arm[1])
-                low, high = min(low, at), max(high, at)
+        low, high = extent(points, com, share, axis, at)
         if low > high:
             return
         planned = x * (r[0][0] + arm[0][0]) + y * (r[0][1] + arm[0][1])
@@ -106,6 +140,7 @@ def share_sole(
         d = x * (r[1][0] - r[0][0]) + y * (r[1][1] - r[0][1])
         m = x * (arm[1][0] - arm[0][0]) + y * (arm[1][1] - arm[0][1])
         dd, mm = share_axis(d, m, low, high, share[3] > 0.0)
+        at = planned + dd + mm
         if dd != d or mm != m:
             changed = True
             change_r[0] += x * (dd - d)

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 STANCE, SWING = 1e-8, 1e-4
 """Softness of a foot's acceleration task when it stands and when it swings, in the metric of the posture."""
+HURRIED = 1e-3
+"""That of a swinging foot off the plan: where its leg's torque does not suffice, it lags rather than that
+trunk and arms are thrown."""
 
 
 @compiled

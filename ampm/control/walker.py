@@ -41,8 +41,10 @@ PATIENCE = 0.15
 """Longest time that the clock waits [s]."""
 DROP = 0.3
 """Speed at which a late foot goes down [m/s]."""
-RATE_TIME = 0.02
+RATE_TIME = 0.03
 """Time constant of the clock's rate [s]."""
+HASTE_FROM, HASTE = 0.1, 0.1
+"""DCM ahead of its reference from which a double support is shortened, and by which more to its half [m]."""
 CLOSE = 0.005
 """COM error up to which its position is fed back; beyond, only the DCM is [m]."""
 SURPLUS = 1.0
@@ -51,6 +53,8 @@ COM_FIRST = 0.1
 """How far the next step is wanted beyond its limits where the COM comes before the trunk [m]."""
 HEIGHT_RATE = 6.0
 """Rate of the double pole with which the COM follows the floor's height [1/s]."""
+SAG = 0.15
+"""How far the COM goes down per length by which a step is longer than planned: a straight leg is late [1]."""
 FEEL_TIME = 0.03
 """Time constant of the measured slope [s]."""
 
@@ -71,6 +75,7 @@ WALKER = [
     ("slope", np.float64, (2,)),  # of the floor: dz/dx, dz/dy [1]
     ("height", np.float64, (2,)),  # of the COM over its plan, and its rate [m, m/s]
     ("touches", np.int64, (2,)),  # ticks since every foot touched, 0 without contact
+    ("sag", np.float64),  # by which the COM goes down for a long step [m]
     ("load", np.float64),  # mean vertical force of the soles over the model's weight [1]
 ]
 """What a walk keeps from tick to tick. The feet's and points' places are in world."""
@@ -245,8 +250,7 @@ def pass_time(walker: Any, tick: float) -> bool:
         w.waited += tick
         return False
     w.waited = 0.0
-    goal = 1.0 / w.factor if w.single else 1.0
-    w.rate += (goal - w.rate) * min(tick / RATE_TIME, 1.0)
+    w.rate += (1.0 / w.factor - w.rate) * min(tick / RATE_TIME, 1.0)
     w.clock += w.rate * tick
     return bool(w.clock >= w.duration)
 
@@ -307,7 +311,7 @@ def advance(
         _swing(w, body, curves, table, at, part, cos, sin, slope, row.centre, reference)
     else:
         moved = clip(w.clock / w.duration, 0.0, 1.0)
-        _transfer(w, body, curves, at, moved, row.feet, reference)
+        _transfer(w, body, curves, at, moved, cos, sin, row, reference)
     floor = _centre(w, body, curves, i, part, moved, slope, reference, row)
     _feet(w, slope, row)
     rate = 0.0 if w.waited > 0.0 else w.rate
@@ -354,24 +358,31 @@ def _swing(
     target[0], target[1] = shift[0] + w.step[0], shift[1] + w.step[1]
     target[2] = shift[2] + slope[0] * (reach[0] + w.step[0]) + slope[1] * (reach[1] + w.step[1])
     quintic_tick(w.swing, target, duration, body.tick)
+    longer = math.hypot(reach[0] + w.step[0], reach[1] + w.step[1]) - math.hypot(reach[0], reach[1])
+    w.sag = SAG * max(longer, 0.0)
 
 
 @compiled
 def _transfer(
-    w: Any, body: Sensed, curves: Curves, at: float, moved: float, feet: Array, reference: Array
-) -> None:
-    """Double support: the shift of the foot that has landed, and the DCM's reference."""
+    w: Any, body: Sensed, curves: Curves, at: float, moved: float, cos: float, sin: float, row: Rows,
+    reference: Array,
+) -> None:  # fmt: skip
+    """Double support: the shift of the foot that has landed, the DCM's reference, and the clock's rate."""
     landed = 1 - w.stance
     old, new = w.shift[w.stance], w.shift[landed]
     if w.touches[landed] > 0 and w.waited == 0.0:
         for axis in range(3):
-            new[axis] = body.com[axis] + body.feet[landed].place[axis] - feet[landed, axis]
+            new[axis] = body.com[axis] + body.feet[landed].place[axis] - row.feet[landed, axis]
         new[2] += SINK
-    x = body.omega * max(w.duration - w.clock, 1e-4)
+    x = body.omega * max((w.duration - w.clock) * w.factor, 1e-4)
     dcm_ahead(curves.r, curves.xi[-1], at, x, reference)
     for axis in range(2):
         here = old[axis] + moved * (new[axis] - old[axis])
         reference[axis] += here + (new[axis] - here) * (1.0 - ramp_share(x))
+    xi = np.empty(2)
+    expected_dcm(w, body, row.centre, xi)
+    ahead = cos * (xi[0] - reference[0]) + sin * (xi[1] - reference[1])
+    w.factor = 1.0 / (1.0 + clip((ahead - HASTE_FROM) / HASTE, 0.0, 1.0))
 
 
 @compiled
@@ -398,7 +409,7 @@ def _centre(
         centre[2, axis] = omega * omega * (centre[0, axis] - r)
         centre[4, axis] *= w.rate
     floor = old[2] + moved * (new[2] - old[2])
-    goal = floor
+    goal = floor - w.sag
     if w.single:
         for axis in range(2):
             goal += slope[axis] * (com[axis] - row.feet[w.stance, axis] - old[axis])
