@@ -7,6 +7,7 @@ end the feet stand beside each other. It begins at the origin, facing +x.
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,6 +30,8 @@ Frame = tuple[float, float, float]
 
 TOE_OUT = 0.1
 """Angle by which the feet of the turning walks are turned out, so that the legs pass each other [rad]."""
+
+_THERE = 1e-9  # distance at which a target is reached, for rounding [m]
 
 
 def route(
@@ -183,34 +186,49 @@ def tour(steps: int, length: float, width: float, *, seed: int = 0) -> list[Foot
     return route(frames[:steps], width, toe_out=TOE_OUT)
 
 
-def visit(targets: Sequence[Frame], length: float, width: float, *, turn: float = 0.3) -> list[Footstep]:
+def visit(
+    targets: Sequence[Frame], length: float, width: float, *, aside: float | None = None, turn: float = 0.3
+) -> list[Footstep]:
     """Footsteps to one target after the other, at each of which both feet stand beside each other.
 
-    Every step turns by an equal share of the way and goes ahead, back or, with the foot of that side, aside.
+    As few as the limits allow: every step goes as far as it may; all steps of a way, the first or the last
+    ones share the turn.
 
     Args:
         targets: to stand at; the walk begins at the origin.
-        length: largest way of a step [m].
+        length: largest way of a step ahead or back [m].
         width: lateral distance of the feet [m].
+        aside: largest way of a step outward [m], half of ``length`` by default; inward a fifth of it.
         turn: largest turn of a step [rad].
     """
+    aside = 0.5 * length if aside is None else aside
     frames: list[Frame] = [(0.0, 0.0, 0.0)]
-    for x, y, heading in targets:
-        fx, fy, fh = frames[-1]
-        way = math.remainder(heading - fh, 2.0 * math.pi)
-        aside = abs(math.cos(fh) * (y - fy) - math.sin(fh) * (x - fx))
-        count = max(math.ceil(math.hypot(x - fx, y - fy) / length), math.ceil(abs(way) / turn))
-        count = max(count, 2 * math.ceil(aside / length), 2)
-        for k in range(count, 1, -1):
-            fx, fy, fh = frames[-1]
-            c, s = math.cos(fh), math.sin(fh)
-            ahead, aside = c * (x - fx) + s * (y - fy), c * (y - fy) - s * (x - fx)
-            outward = (len(frames) % 2 == 0) == (aside > 0.0)  # the left foot moves the frames of even number
-            ahead, aside = ahead / k, aside / math.ceil(k / 2) if outward else 0.0
-            now = fh + math.remainder(heading - fh, 2.0 * math.pi) / k
-            frames.append((fx + c * ahead - s * aside, fy + s * ahead + c * aside, now))
-        frames += [(x, y, heading)] * 2
+    for target in targets:
+        frames += [*_way(frames[-1], target, len(frames), (length, aside, turn)), target]
     return route(frames, width, toe_out=TOE_OUT)
+
+
+def _way(start: Frame, target: Frame, number: int, limits: tuple[float, float, float]) -> list[Frame]:
+    """Fewest frames to a target, for :func:`visit`; the left foot steps to those of even number."""
+    length, outward, most = limits
+    angle = math.remainder(target[2] - start[2], 2.0 * math.pi)
+    for count in itertools.count(1):
+        for first, last in [*((0, k) for k in range(count, 0, -1)), *((k, count) for k in range(1, count))]:
+            frames, turn = [start], angle / (last - first)
+            for step in range(count if abs(turn) <= most else 0):
+                (x, y, heading), left = frames[-1], (number + step) % 2 == 0
+                c, s = math.cos(heading), math.sin(heading)
+                ahead, aside = (
+                    c * (target[0] - x) + s * (target[1] - y),
+                    c * (target[1] - y) - s * (target[0] - x),
+                )
+                reach = outward if left == (aside > 0.0) else 0.2 * outward
+                ahead, aside = min(max(ahead, -length), length), min(max(aside, -reach), reach)
+                heading += turn if first <= step < last else 0.0
+                frames.append((x + c * ahead - s * aside, y + s * ahead + c * aside, heading))
+            if math.dist(frames[-1][:2], target[:2]) < _THERE and len(frames) > count:
+                return [*frames[1:-1], target]
+    raise AssertionError  # pragma: no cover
 
 
 def footsteps_of(run: RunParameters) -> tuple[list[Footstep], list[float | None]]:
