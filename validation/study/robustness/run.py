@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.capture import Reach, largest_velocity_change, push_instant
 from validation.judge import profiles
 from validation.progress import Progress, Stage
-from validation.store.folders import check_target, output_file
+from validation.store.folders import output_file
 from validation.store.identity import code_hash
 from validation.store.json import write_json
-from validation.store.machine import cores
+from validation.study.resumable import Journal, study_folder, work_off
 from validation.study.robustness.cells import (
     DURATION,
     PUSH_STEP,
@@ -29,22 +27,27 @@ from validation.study.robustness.cells import (
     other_cells,
     push_cells,
 )  # fmt: skip
-from validation.study.robustness.journal import FILE as JOURNAL
-from validation.study.robustness.journal import Journal
 from validation.study.robustness.result import Robustness, results
-from validation.study.robustness.walks import Level, LevelResult, Runner, as_text, walk_level
+from validation.study.robustness.walks import (
+    Level,
+    LevelResult,
+    Runner,
+    as_row,
+    as_text,
+    from_row,
+    walk_level,
+)  # fmt: skip
 from validation.trial.plan import Request, load_request, own_gait, plan_walk
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from validation.study.sweep.workers import WorkerPool
     from validation.trial.plan import PlannedWalk
 
     Array = NDArray[np.float64]
 
-RESULT = "robustness.json"
+RESULT, JOURNAL = "robustness.json", "levels.jsonl"
 MARKDOWN = "robustness.md"
 PICTURES = ("robustness.svg", "robustness.png")
 FILES = (RESULT, MARKDOWN, *PICTURES, JOURNAL)
@@ -87,14 +90,8 @@ def robustness(
         InputError, RefusedGait: the request cannot be met, or ``out`` holds something else.
     """
     needed(replicas)
-    progress, target = progress or Progress(), None if out is None else Path(out)
-    if resume and target is None:
-        raise InputError("--resume needs the folder of a study; give --out DIR.")
-    if target is not None:
-        way_out = "resume (--resume) to go on with its study, or force (--force) to replace it"
-        check_target(
-            target, FILES, force=force or resume, what="robustness study", marks={JOURNAL}, way_out=way_out
-        )
+    progress = progress or Progress()
+    target = study_folder(out, FILES, JOURNAL, what="robustness study", resume=resume, force=force)
     if isinstance(run, RunParameters):
         request = Request("walk", own_gait(run))
     else:
@@ -109,18 +106,19 @@ def robustness(
     }  # fmt: skip
     path = None if target is None else target / JOURNAL
     with Journal(path, identity, resume=resume) as journal:
+        done = dict(map(from_row, journal.rows))
 
         def level(cell: Cell, value: float) -> Level:
             return Level(cell, value, text, request.name, limits.name, replicas)
 
         with progress.stage(f"{request.name}: robustness", "disturbances") as stage:
-            _climb(cells, level, journal, replicas, workers, scheduler, stage, runner, progress)
+            _climb(cells, level, done, journal, stage, runner, workers, scheduler, progress)
     found = Robustness(
         gait=request.title,
         body=planned.run.body.source,
         controller=planned.run.controller.name,
         replicas=replicas,
-        cells=results(cells, journal.done, replicas, _bounds(cells, planned)),
+        cells=results(cells, done, replicas, _bounds(cells, planned)),
         quick=quick,
     )
     if target is not None:
@@ -165,24 +163,23 @@ def _lever(planned: PlannedWalk, q: Array) -> float:
 def _climb(
     cells: Sequence[Cell],
     level: Callable[[Cell, float], Level],
+    done: dict[tuple[str, float], LevelResult],
     journal: Journal,
-    replicas: int,
-    workers: int | None,
-    scheduler: str | None,
     stage: Stage,
     runner: Runner,
+    workers: int | None,
+    scheduler: str | None,
     progress: Progress,
 ) -> None:
     """Walk every cell's values upward until one is not survived."""
-    ended = 0
 
     def following(cell: Cell) -> Level | None:
         """The next level of a cell that is not walked yet; None at its end."""
         for value in cell.values:
-            result = journal.done.get((cell.name, value))
+            result = done.get((cell.name, value))
             if result is None:
                 return level(cell, value)
-            if result.walked < needed(replicas):
+            if result.walked < needed(level(cell, value).replicas):
                 break
         return None
 
@@ -192,39 +189,15 @@ def _climb(
 
     def kept(item: Level, result: LevelResult) -> Level | None:
         nonlocal ended
-        journal.keep(item, result)
+        done[item.cell.name, item.value] = result
+        journal.keep(as_row(item, result))
         further = following(item.cell)
         if further is None:
             ended += 1
             stage.advance(ended, len(cells))
         return further
 
-    count = cores() if workers is None else workers
-    if count < 1:
-        raise InputError(f"--workers {count}: at least one process has to walk.", value=count)
-    if scheduler is None and count == 1:
-        while waiting:
-            item = waiting.pop(0)
-            if further := kept(item, runner(item)):
-                waiting.insert(0, further)
-        return
-    if not waiting:
-        return
-    from distributed import as_completed  # imported here because dask is slow to load
-
-    from validation.study.sweep.workers import local_pool, remote_pool
-
-    pools: AbstractContextManager[WorkerPool] = (
-        local_pool(min(count, len(waiting))) if scheduler is None else remote_pool(scheduler, progress.say)
-    )
-    with pools as pool:
-        flying: dict[Any, Level] = {pool.client.submit(runner, item, pure=False): item for item in waiting}
-        running = as_completed(list(flying), loop=pool.client.loop)
-        for future in running:
-            if further := kept(flying.pop(future), future.result()):
-                new = pool.client.submit(runner, further, pure=False)
-                flying[new] = further
-                running.add(new)
+    work_off(waiting, runner, kept, workers=workers, scheduler=scheduler, report=progress.say)
 
 
 def write(found: Robustness, out: Path) -> None:

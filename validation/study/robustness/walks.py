@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ampm.exceptions import AmpmError
 from ampm.parameters import RunParameters
@@ -73,6 +73,18 @@ class LevelResult:
     passed: int
     causes: tuple[str, ...]
     zmp: tuple[float, float]
+
+
+def as_row(level: Level, result: LevelResult) -> dict[str, Any]:
+    """Row of a journal."""
+    return {"cell": level.cell.name, "value": level.value, **asdict(result)}
+
+
+def from_row(row: Mapping[str, Any]) -> tuple[tuple[str, float], LevelResult]:
+    """Cell, value and result of a row."""
+    zmp = tuple(math.nan if value is None else value for value in row["zmp"])
+    result = LevelResult(row["walked"], row["passed"], tuple(row["causes"]), (zmp[0], zmp[1]))
+    return (row["cell"], row["value"]), result
 
 
 def walk_level(level: Level) -> LevelResult:
