@@ -40,11 +40,11 @@ def check_clearance(plan: StepPlan, posture: ConstantPosture, run: RunParameters
     )
     ik, q = InverseKinematics(robot, run), posture.q.copy()
     reached, configurations = [], []
-    for index, heading in enumerate(posture.heading(times)[0].tolist()):
-        reference = step_reference(plan, times[index : index + 1]).turned(heading)
-        q[:3] += reference.position[0, 0] - robot.jacobian(q).com
+    reference = step_reference(plan, times).turned(posture.heading(times)[0])
+    for index, place in enumerate(reference.position):
+        q[:3] += place[0] - robot.jacobian(q).com
         try:
-            found = ik.upright(reference, 0, q)
+            found = ik.upright(reference, index, q)
         except Unreachable:
             continue
         q = found.copy()

@@ -13,6 +13,8 @@ from ampm.body.robot import TASK_ROWS
 from ampm.planner.feet import foot_rotation
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from ampm.geometry import Array
     from ampm.planner.support import StepPlan
 
@@ -62,15 +64,14 @@ class StepReference:
         acceleration[:, 3:6] *= share
         return replace(self, position=position, velocity=velocity, acceleration=acceleration)
 
-    def turned(self, heading: float) -> StepReference:
-        """The same places in axes that are turned about the vertical by an angle [rad]; no motion."""
-        c, s = math.cos(heading), math.sin(heading)
-        back = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-        position = (self.position[..., None, :] * back).sum(axis=-1)
-        still = np.zeros_like(self.velocity)
-        return replace(
-            self, position=position, velocity=still, acceleration=still, heading=self.heading - heading
-        )
+    def turned(self, heading: ArrayLike) -> StepReference:
+        """The same places in axes that are turned about the vertical by one or n + 1 angles [rad]."""
+        angle = np.reshape(heading, -1)
+        cos, sin = map(math.cos, angle), map(math.sin, angle)
+        back = np.array([[[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]] for c, s in zip(cos, sin, strict=True)])
+        position = (self.position[..., None, :] * back[:, None]).sum(axis=-1)
+        still, feet = np.zeros_like(self.velocity), self.heading - angle[:, None]
+        return replace(self, position=position, velocity=still, acceleration=still, heading=feet)
 
 
 def step_grid(plan: StepPlan, largest_step: float) -> Array:
