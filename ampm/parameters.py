@@ -289,6 +289,7 @@ class FootstepParameters(Section, section="footsteps"):
     x: Real = parameter(..., "place of the sole's reference point, forward", "m", ge=-1e4, le=1e4)
     y: Real = parameter(..., "place of the sole's reference point, to the left", "m", ge=-1e4, le=1e4)
     heading: Real = parameter(0.0, "yaw of the foot, to the left positive", "rad", ge=-1e3, le=1e3)
+    z: Real = parameter(0.0, "height of the floor there", "m", ge=-10, le=10)
     time: Real | None = parameter(
         None, "when the foot lands; left out: by the gait's durations", "s", ge=0, le=1e6
     )
@@ -356,8 +357,11 @@ class RunParameters(Section):
         table: dict[str, Any] = dump(self)
         rows = table.pop("footsteps", ())
         if rows:
-            kept = [{key: value for key, value in row.items() if value is not None} for row in rows]
-            table["footsteps"] = kept
+            plain = {"z": 0.0, "time": None}
+            table["footsteps"] = [
+                {key: value for key, value in row.items() if key not in plain or value != plain[key]}
+                for row in rows
+            ]
         return table
 
     @model_validator(mode="after")

@@ -115,6 +115,7 @@ def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
         torque=np.zeros((k, 3)),
         zmp=sample.zmp[:k].copy(),
         zmp_momentum=sample.zmp[:k].copy(),
+        floor=np.zeros(k),
         com=sample.com[:k].copy(),
         com_pin=sample.com[:k].copy(),
         com_velocity=sample.com_velocity[:k].copy(),

@@ -3,7 +3,8 @@
 A :class:`CentroidalPlan` gives COM, ZMP, force and angular momentum about the COM for arrays of times, and
 its own residuals.
 
-Conventions: world x forward, y left, z up, floor z = 0; forces and moments act on the body.
+Conventions: world x forward, y left, z up, floor z = 0 except under footsteps of another height; forces and
+moments act on the body.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ class CentroidalPhase(NamedTuple):
         y: law across it, to the left.
         angular_momentum: (L_x, L_y) about the COM at the start, L_y without the plan's constant [N m s].
         heading: of the laws' axes [rad].
+        z: law of the COM's height, whose ``zmp`` is the height of the support; None at the plan's own height
+            over the floor z = 0.
     """
 
     start: float
@@ -55,6 +58,7 @@ class CentroidalPhase(NamedTuple):
     y: Law
     angular_momentum: tuple[float, float]
     heading: float = 0.0
+    z: Law | None = None
 
 
 def _constant(unit: str, meaning: str) -> Any:
@@ -126,7 +130,9 @@ class PlanSample:
         com_velocity: shape (N, 3) [m/s].
         com_acceleration: shape (N, 3) [m/s^2].
         dcm: divergent component of motion, com + com_velocity sqrt(H/g), shape (N, 2) [m].
-        zmp: shape (N, 2) [m].
+        zmp: on the level plane of height ``floor``, shape (N, 2) [m].
+        floor: height of the support: of the standing foot, in double support of a point on the line between
+            the feet, shape (N,) [m].
         force: ground reaction on the body, shape (N, 3) [N].
         moment: moment (x, y) of that force about the COM, shape (N, 2) [N m].
         angular_momentum: (L_x, L_y) about the COM, shape (N, 2) [N m s].
@@ -143,6 +149,7 @@ class PlanSample:
     com_acceleration: Array
     dcm: Array
     zmp: Array
+    floor: Array
     force: Array
     moment: Array
     angular_momentum: Array
@@ -179,7 +186,7 @@ class PlanSample:
 
 
 class _Motion(NamedTuple):
-    """COM with velocity and acceleration, ZMP, moment and angular momentum, each (N, 2)."""
+    """COM, velocity, acceleration, (N, 3); ZMP, moment, angular momentum, (N, 2); floor, (N,)."""
 
     position: Array
     velocity: Array
@@ -187,6 +194,7 @@ class _Motion(NamedTuple):
     zmp: Array
     moment: Array
     angular_momentum: Array
+    floor: Array
 
 
 @dataclass(frozen=True)
@@ -196,7 +204,7 @@ class CentroidalPlan:
     Attributes:
         mass: of the body [kg].
         gravity: [m/s^2].
-        com_height: constant height of the COM over the floor, H [m].
+        com_height: height of the COM over the floor, H, constant where the floor is [m].
         switching_velocity: forward speed of the COM at a switch, v0, the scale of jumps [m/s].
         contacts: which foot stands where, and when.
         phases: consecutive phases of the motion, as long as the contacts.
@@ -282,8 +290,23 @@ class CentroidalPlan:
         momentum = self._momenta[index] + turn * state.moment_arm_integral[:, ::-1]
         momentum[:, 1] += self.constants.angular_momentum_y_offset
         moment = turn * state.moment_arm[:, ::-1]
-        position, zmp = origin + state.position, origin + state.zmp
-        return _Motion(position, state.velocity, state.acceleration, zmp, moment, momentum)
+        moved = np.zeros((3, len(index), 3))
+        moved[0, :, :2], moved[1, :, :2], moved[2, :, :2] = origin + state.position, *state[1:3]
+        moved[0, :, 2], zmp, floor = self.com_height, origin + state.zmp, np.zeros(len(index))
+        if self._climbs:
+            for number in np.unique(index):
+                rows, law = index == number, self.phases[number].z
+                if law is not None:
+                    at = law.evaluate(local[rows])
+                    moved[:, rows, 2], floor[rows] = at[:3], at.zmp
+            force = self.mass * (moved[2] + np.array([0.0, 0.0, self.gravity]))
+            arm = (moved[0, :, 2] - floor)[:, None] * force[:, :2] + moment[:, ::-1] * np.array([1.0, -1.0])
+            zmp = moved[0, :, :2] - arm / force[:, 2:]
+        return _Motion(moved[0], moved[1], moved[2], zmp, moment, momentum, floor)
+
+    @cached_property
+    def _climbs(self) -> bool:
+        return any(phase.z is not None for phase in self.phases)
 
     def clipped(self, times: ArrayLike) -> Array:
         """Times as an array (N,) [s], those within the tolerance moved onto the plan's ends.
@@ -316,22 +339,18 @@ class CentroidalPlan:
         index = phase_of(self._starts, time)
         support = phase_of(contacts.starts, time)
         motion = self._evaluate(index, time - self._starts[index])
-        n = len(time)
-        position, velocity, acceleration = np.empty((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
-        position[:, :2], position[:, 2] = motion.position, self.com_height
-        velocity[:, :2] = motion.velocity
-        acceleration[:, :2] = motion.acceleration
-        force = self.mass * acceleration
-        force[:, 2] = self.weight
+        force = self.mass * motion.acceleration
+        force[:, 2] += self.weight
         return PlanSample(
             time=time,
             phase=contacts.kind_codes[support],
             stance=contacts.stance_codes[support],
-            com=position,
-            com_velocity=velocity,
-            com_acceleration=acceleration,
-            dcm=motion.position + motion.velocity * math.sqrt(self.com_height / self.gravity),
+            com=motion.position,
+            com_velocity=motion.velocity,
+            com_acceleration=motion.acceleration,
+            dcm=motion.position[:, :2] + motion.velocity[:, :2] * math.sqrt(self.com_height / self.gravity),
             zmp=motion.zmp,
+            floor=motion.floor,
             force=force,
             moment=motion.moment,
             angular_momentum=motion.angular_momentum,
@@ -349,11 +368,11 @@ class CentroidalPlan:
     def jump_times(self) -> Array:
         """Switches at which acceleration, ZMP or moment jump by more than :data:`JUMP`, shape (J,) [s]."""
         jumps = np.stack([self._switch_jumps[name] for name in ("acceleration", "zmp", "moment")])
-        return self._starts[1:][(jumps > JUMP).any(axis=(0, 2))]
+        return self._starts[1:][(jumps > JUMP).any(axis=0)]
 
     @cached_property
     def _switch_jumps(self) -> dict[str, Array]:
-        """Jumps at every switch by the names of :class:`PlanResiduals` and in its scales, (S, 2) each [1]."""
+        """Jumps at every switch by the names of :class:`PlanResiduals` and in its scales, (S,) each [1]."""
         before = np.arange(len(self.phases) - 1)
         end = self._evaluate(before, np.array([phase.duration for phase in self.phases[:-1]]))
         begin = self._evaluate(before + 1, np.zeros(len(before)))
@@ -362,7 +381,8 @@ class CentroidalPlan:
         scales = {"position": height, "velocity": speed, "acceleration": self.gravity, "zmp": height}
         scales |= {"moment": weight * height, "angular_momentum": self.mass * height * speed}
         return {
-            name: np.abs(getattr(begin, name) - getattr(end, name)) / scale for name, scale in scales.items()
+            name: np.abs(getattr(begin, name) - getattr(end, name)).max(axis=1) / scale
+            for name, scale in scales.items()
         }
 
     def with_angular_momentum_offset(self, offset: float) -> CentroidalPlan:

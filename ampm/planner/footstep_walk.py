@@ -110,10 +110,12 @@ def rest_after(plan: CentroidalPlan, time: float) -> CentroidalPlan:
 
 def _rest(plan: CentroidalPlan, start: float, duration: float, at: float) -> CentroidalPhase:
     """Rest where the COM of a plan is at a time [s]."""
-    x, y, _ = plan.sample(at).com[0].tolist()
+    sample = plan.sample(at)
+    (x, y, z), floor = sample.com[0].tolist(), float(sample.floor[0])
     rate = math.sqrt(plan.gravity / plan.com_height)
     still = BlendLaw(rate, 0.0, duration, 0.0, 0.0, (0.0, 0.0), (0.0, 0.0))
-    return CentroidalPhase(start, duration, (x, y), still, still, (0.0, 0.0))
+    high = BlendLaw(rate, 0.0, duration, z, 0.0, (z, z), (floor - z, floor - z)) if floor else None
+    return CentroidalPhase(start, duration, (x, y), still, still, (0.0, 0.0), z=high)
 
 
 def _later(phase: Moved, time: float) -> Moved:

@@ -23,6 +23,7 @@ from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.blend import BlendLaw, shape
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
 from ampm.planner.contacts import Contacts, Footstep, Phase, footprint
+from ampm.planner.heights import uneven, vertical_laws
 from ampm.planner.pendulum import AffineLaw, double_support_root, solution
 from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import (
@@ -85,8 +86,14 @@ def plan_footsteps(
             momentum would turn the trunk too far.
     """
     walk = solve_walk(footsteps, gait, body, landings)
-    _refuse(footsteps, walk.supports, walk.problem, walk.solved, body, gait.com_height)
-    return replace(walk.nominal, contacts=walk.contacts, phases=_phases(walk, body.mass))
+    phases = _phases(walk, body.mass)
+    if uneven(footsteps):
+        zmp = [ends(walk.problem, walk.solved)[1].sum(axis=1) for ends in (_first, _last)]
+        laws = vertical_laws(footsteps, walk.supports, zmp, gait.com_height)
+        phases = tuple(phase._replace(z=law) for phase, law in zip(phases, laws, strict=True))
+    plan = replace(walk.nominal, contacts=walk.contacts, phases=phases)
+    _refuse(footsteps, walk.supports, walk.problem, walk.solved, body, plan)
+    return plan
 
 
 class Walk(NamedTuple):
@@ -149,10 +156,6 @@ def check_footsteps(footsteps: Sequence[Footstep]) -> None:
     for number, step in enumerate(footsteps, start=1):
         if not all(map(math.isfinite, (*step.position, step.heading))):
             raise InputError(f"footstep {number} has a value that is no finite number; correct it.")
-        if step.position[2]:
-            raise InputError(
-                f"footstep {number} is at z = {step.position[2]:g} m; give footsteps on the floor, z = 0."
-            )
 
 
 def contacts_over(
@@ -385,12 +388,12 @@ def _quarter_phases(
 
 def _refuse(
     footsteps: Sequence[Footstep], supports: Supports, problem: Problem, solved: Solution,
-    body: BodyDescription, height: float,
+    body: BodyDescription, plan: CentroidalPlan,
 ) -> None:  # fmt: skip
     """Refuse feet that cross or are out of reach, a ZMP near an edge, and a trunk that turns too far."""
     refuse_crossing(footsteps, body.sole)
-    _refuse_unreached(footsteps, solved, body, height)
-    number, margin = _least_margin(footsteps, supports, problem, solved, body.sole)
+    _refuse_unreached(footsteps, solved, body, plan)
+    number, margin = _least_margin(footsteps, supports, problem, solved, body.sole, plan)
     if not margin >= MARGIN:
         raise BodilyRefusal(
             f"footstep {number}: the ZMP comes to {1e3 * margin:.3g} mm from the edge of the flat soles, "
@@ -426,7 +429,7 @@ def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry) -> None:
 
 
 def _refuse_unreached(
-    footsteps: Sequence[Footstep], solved: Solution, body: BodyDescription, height: float
+    footsteps: Sequence[Footstep], solved: Solution, body: BodyDescription, plan: CentroidalPlan
 ) -> None:
     """Refuse a foot that the straight leg does not reach, standing on heel or tip, when it leaves or lands.
 
@@ -436,11 +439,15 @@ def _refuse_unreached(
     heading = np.array([step.heading for step in footsteps])
     lateral = _axes(_mean_heading(heading))[:, :, 1]
     side = np.array([1.0 if step.foot == "left" else -1.0 for step in footsteps])
-    over = height - body.com_over_hip
+    floor = np.array([step.position[2] for step in footsteps])
+    height = np.full(2 * len(solved.end), plan.com_height)
+    if floor.any():
+        height = plan.sample(plan.contacts.starts[1:]).com[:, 2]
     # At the begin of a single support the foot before it leaves, at its end the one after it lands.
     for moment, first, com in (("leaves", 0, solved.state[:, 0]), ("lands", 2, solved.end[:, 0])):
         feet = slice(first, first + len(com))
         across = lateral[min(first, 1) :][: len(com)]
+        over = height[first // 2 :: 2] - floor[feet] - body.com_over_hip
         hip = com + side[feet, None] * body.hip_half_width * across
         beyond = np.full(len(com), math.inf)
         for x in (sole.heel_x, sole.tip_x):
@@ -464,9 +471,10 @@ def _least_margin(
     problem: Problem,
     solved: Solution,
     sole: SoleGeometry,
+    plan: CentroidalPlan,
 ) -> tuple[int, float]:
     """Least distance of the ZMP from the edge of the flat soles, and the number of the footstep, from 1."""
-    corners = footprint(sole, Footstep("left", (0.0, 0.0, 0.0)))[:-1]
+    corners, climbs = footprint(sole, Footstep("left", (0.0, 0.0, 0.0)))[:-1], uneven(footsteps)
     axes = _axes(np.array([step.heading for step in footsteps]))
     outline = np.array([step.position[:2] for step in footsteps])[:, None] + times(axes[:, None], corners)
     both = np.concatenate([outline[:-1], outline[1:]], axis=1)
@@ -476,16 +484,23 @@ def _least_margin(
     T = np.broadcast_to(supports.double[:, None], supports.blend.shape)
     way = _along(supports.between, zmp[1:, 0] - zmp[:-1, 1])
     middle = 0.5 * (zmp[:-1, 1] + zmp[1:, 0])
-    checks = [(2, outline[1:-1], zmp[:, side]) for side in (0, 1)]
-    checks += [
-        (2, both[1:-1], middle + times(supports.between, way * shape(supports.blend, T, share * T).value))
-        for share in (0.25, 0.5, 0.75)
-    ]
-    for number, ends in ((2, _first(problem, solved)), (len(footsteps), _last(problem, solved))):
-        points = ends[1].sum(axis=1)
-        checks.append((number, np.tile(both[min(number - 2, len(both) - 1)], (len(points), 1, 1)), points))
+    starts, quarters = plan.contacts.starts, 0.25 * SETTLING * np.arange(5)
+    checks: list[tuple[int, Array, Array, Array]] = []
+    checks += [(2, outline[1:-1], zmp[:, side], starts[1 + side :: 2]) for side in (0, 1)]
+    for share in (0.25, 0.5, 0.75):
+        on_way = times(supports.between, way * shape(supports.blend, T, share * T).value)
+        checks.append((2, both[1:-1], middle + on_way, starts[2:-1:2] + share * supports.double))
+    for number, ends, start in (
+        (2, _first(problem, solved), 0.0),
+        (len(footsteps), _last(problem, solved), float(starts[-1])),
+    ):
+        points: Array = ends[1].sum(axis=1)
+        polygon: Array = np.tile(both[min(number - 2, len(both) - 1)], (len(points), 1, 1))
+        checks.append((number, polygon, points, np.asarray(start + quarters)))
     least, at = math.inf, 0
-    for number, polygon, points in checks:
+    for number, polygon, points, instants in checks:
+        if climbs:  # the moment is that of level ground, the vertical force is not
+            points = plan.sample(instants).zmp
         margin = hull_distance(polygon, points)
         worst = int(np.argmin(margin))
         if margin[worst] < least:

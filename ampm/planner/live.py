@@ -32,6 +32,7 @@ from ampm.planner.footsteps import (
     solve_walk,
     supports_of,
 )
+from ampm.planner.heights import uneven
 from ampm.planner.rest_to_rest import (
     SETTLING,
     Problem,
@@ -83,6 +84,7 @@ class LiveWalk:
             raise InputError(
                 "a walk that stands on the way takes no requests; leave out the requests, or the times."
             )
+        _refuse_heights(footsteps)
         return cls(run, body, plan_footstep_walk(run, body), solve_walk(footsteps, run.gait, body, landings))
 
     def stopped(self, at: float) -> LiveWalk:
@@ -167,6 +169,7 @@ class LiveWalk:
         if len(ahead) < 2:
             raise InputError(f"{len(ahead)} footsteps end no walk; give where both feet land, or more.")
         check_footsteps(footsteps)
+        _refuse_heights(footsteps)
         landings = [None, None, *old.starts[2 : 2 * k + 3 : 2].tolist(), *[None] * (len(ahead) - 1)]
         begin = max(at, float(old.starts[2 * k + 1]))
         rest, moved = self._solved(
@@ -264,6 +267,13 @@ class LiveWalk:
                 way_out="walk slower, or ask for footsteps nearer to those before",
             )  # fmt: skip
         return found, by
+
+
+def _refuse_heights(footsteps: Sequence[Footstep]) -> None:
+    if uneven(footsteps):
+        raise InputError(
+            "a walk over footsteps with heights takes no requests; leave out the requests, or the heights."
+        )
 
 
 def _moved(step: Footstep, by: Array) -> Footstep:

@@ -22,7 +22,7 @@ from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import SETTLING
 
 COLUMNS = ("foot", "x", "y", "heading")
-"""Columns of a file of footsteps [-, m, m, rad]; ``time`` [s] may follow."""
+"""Columns of a file of footsteps [-, m, m, rad]; ``z`` [m] and ``time`` [s] may follow."""
 
 Frame = tuple[float, float, float]
 """Middle between two feet that stand beside each other, and their heading: (x, y) [m], [rad]."""
@@ -101,6 +101,26 @@ def turn(steps: int, angle: float, width: float, *, toe_out: float = TOE_OUT) ->
     """A turn in place by an angle, to the left if it is positive [rad]."""
     frames = [(0.0, 0.0, angle * k / max(steps - 1, 1)) for k in range(steps)]
     return route(frames, width, "left" if angle > 0.0 else "right", toe_out=toe_out)
+
+
+def platform(
+    steps: int, length: float, width: float, height: float, *, first: int = 3, last: int | None = None
+) -> list[Footstep]:
+    """Equal steps ahead, some of them on a platform.
+
+    Args:
+        steps: how many.
+        length: of a step [m].
+        width: lateral distance of the feet [m].
+        height: of the platform; negative: the floor is lower there [m].
+        first: first step on it.
+        last: last step on it; the walk's own by default.
+    """
+    footsteps, last = straight(steps, length, width), steps if last is None else last
+    return [
+        step._replace(position=(*step.position[:2], height if first <= number <= last else 0.0))
+        for number, step in enumerate(footsteps, start=-1)
+    ]
 
 
 def sidestep(steps: int, length: float, width: float) -> list[Footstep]:
@@ -234,7 +254,9 @@ def _way(start: Frame, target: Frame, number: int, limits: tuple[float, float, f
 def footsteps_of(run: RunParameters) -> tuple[list[Footstep], list[float | None]]:
     """Footsteps of a run, and when each is reached [s], None where the run leaves it open."""
     rows = run.footsteps
-    return [Footstep(row.foot, (row.x, row.y, 0.0), row.heading) for row in rows], [row.time for row in rows]
+    return [Footstep(row.foot, (row.x, row.y, row.z), row.heading) for row in rows], [
+        row.time for row in rows
+    ]
 
 
 def as_rows(
@@ -243,18 +265,16 @@ def as_rows(
     """Footsteps as ``[[footsteps]]`` of a run file.
 
     Raises:
-        InputError: one is no footstep, or not on the floor.
+        InputError: one is no footstep.
     """
     rows = []
     for number, step in enumerate(footsteps, start=1):
         if not isinstance(step, Footstep):
             raise InputError(f"footstep {number}, {step!r}, is none; give ampm.Footstep(foot, (x, y, 0.0)).")
         x, y, z = step.position
-        if z:
-            raise InputError(f"footstep {number} is at z = {z:g} m; give footsteps on the floor, z = 0.")
         time = None if landings is None else landings[number - 1]
         rows.append({"foot": step.foot, "x": float(x), "y": float(y), "heading": float(step.heading)})
-        rows[-1] |= {} if time is None else {"time": float(time)}
+        rows[-1] |= ({"z": float(z)} if z else {}) | ({} if time is None else {"time": float(time)})
     return rows
 
 
@@ -270,7 +290,7 @@ def _number(row: dict[str, str | None], name: str, line: int) -> float:
 
 
 def read_footsteps(path: Path) -> tuple[list[Footstep], list[float | None]]:
-    """Footsteps of a CSV file with the columns :data:`COLUMNS` and, if wanted, ``time``.
+    """Footsteps of a CSV file with the columns :data:`COLUMNS` and, if wanted, ``z`` and ``time``.
 
     Returns:
         Footsteps, and when each is reached [s], None where the file leaves it open.
@@ -285,10 +305,10 @@ def read_footsteps(path: Path) -> tuple[list[Footstep], list[float | None]]:
     except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"the file {str(path)!r} cannot be read ({error}); give a CSV file.") from None
     missing = [name for name in COLUMNS if name not in names]
-    unknown = [name for name in names if name not in (*COLUMNS, "time")]
+    unknown = [name for name in names if name not in (*COLUMNS, "z", "time")]
     if missing or unknown:
         what = f"lacks {', '.join(missing)}" if missing else f"has the unknown column {unknown[0]!r}"
-        raise InputError(f"{path} {what}; its header must be {','.join(COLUMNS)} and may end with ,time.")
+        raise InputError(f"{path} {what}; its header must be {','.join(COLUMNS)} and may end with ,z,time.")
     footsteps: list[Footstep] = []
     times: list[float | None] = []
     for line, row in enumerate(rows, start=2):
@@ -297,9 +317,11 @@ def read_footsteps(path: Path) -> tuple[list[Footstep], list[float | None]]:
             raise InputError(f"{path}, line {line}: foot = {foot!r} must be left or right.", value=foot)
         try:
             x, y, heading = (_number(row, name, line) for name in COLUMNS[1:])
-            time = _number(row, "time", line) if (row.get("time") or "").strip() else None
+            z, time = (
+                _number(row, name, line) if (row.get(name) or "").strip() else None for name in ("z", "time")
+            )
         except InputError as error:
             raise InputError(f"{path}, {error}", **error.details) from None
-        footsteps.append(Footstep(foot, (x, y, 0.0), heading))  # type: ignore[arg-type]
+        footsteps.append(Footstep(foot, (x, y, z or 0.0), heading))  # type: ignore[arg-type]
         times.append(time)
     return footsteps, times

@@ -6,6 +6,8 @@ The key-frames are those of the periodic gait (:mod:`ampm.planner.stride`), by t
 - The heel rises when the planned ZMP has come to the ball, and by so much less.
 - The heel strikes if the planned ZMP of the next single support begins behind the ankle.
 - A foot that has left flat is pitched during the swing, or the ankle would come to its limit.
+- A foot that goes up rises early, one that goes down sinks late, and both swing as high as the edges of the
+  floor ask for.
 """
 
 from __future__ import annotations
@@ -19,10 +21,12 @@ from numpy.typing import NDArray
 
 from ampm.arithmetic import cos, sin
 from ampm.description import SoleGeometry
-from ampm.exceptions import InputError
+from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import FootParameters
 from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.contacts import Contacts
 from ampm.planner.feet import PIVOT_BALL, PIVOT_HEEL, FeetPlan, FootPath
+from ampm.planner.heights import Ground, uneven
 from ampm.planner.stride import LIFT, quintic, shift
 
 Array = NDArray[np.float64]
@@ -42,6 +46,12 @@ _WAIT, _LATEST = 0.39, 0.65  # share of the sole by which the ZMP lags a whole d
 _NO_RISE = 0.33  # share of the way to the ball that the ZMP must have gone for any rise [1]
 _NO_STRIKE, _FULL_STRIKE = 0.3, 0.55  # shares of the way to the heel: no heel strike, all of it [1]
 _QUICKEST = 0.4  # least share of the gait's time in which the sole comes down [1]
+_EARLY = polynomial.polyint(168.0 * polynomial.polymul([0.0, 0.0, 1.0], polynomial.polypow([1.0, -1.0], 5)))
+_LATE = polynomial.polyint(168.0 * polynomial.polymul(np.eye(6)[5], polynomial.polypow([1.0, -1.0], 2)))
+_EVEN = np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0, 0.0, 0.0, 0.0])
+"""Climbs from 0 to 1 over the share of a swing: of a foot that goes up, one that goes down, a quintic."""
+_OVER = 0.01  # distance of the soles from floor and edges, at mid swing and along the floor [m]
+_HIGHEST = 0.2  # most by which a swing may be higher than the gait's [m]
 _GRID = 65  # instants of a double support at which the ZMP is compared with the heel
 
 
@@ -80,7 +90,39 @@ def plan_swings(
 
     Raises:
         InputError: ``foot.swing`` is not quintic, or the heel would rise long before the other foot lands.
+        BodilyRefusal: a foot cannot swing over an edge of the floor.
     """
+    steps = plan.contacts.footsteps
+    higher = np.zeros(plan.contacts.steps)
+    if uneven(steps):
+        higher = _missing_height(plan.contacts, _planned(plan, foot, sole, step_length, higher), sole)
+    return _planned(plan, foot, sole, step_length, higher)
+
+
+def _missing_height(contacts: Contacts, feet: FeetPlan, sole: SoleGeometry) -> Array:
+    """By how much every swing must be higher at its middle to pass over the floor, shape (n,) [m]."""
+    ground, steps = Ground.under(contacts.footsteps, sole), contacts.footsteps
+    share = np.linspace(0.05, 0.95, _GRID)
+    lift, missing = polynomial.polyval(share, LIFT), np.zeros(contacts.steps)
+    swings = [phase for phase in contacts.phases if phase.kind == "single_support"]
+    for k, swing in enumerate(swings):
+        points = feet.sample(swing.start + share * swing.duration)[steps[k].foot == "right"].sole_points
+        above = (points[..., 2] - ground.at(points[..., :2], _OVER)).min(axis=1)
+        missing[k] = max(float((_OVER - above / lift).max()), 0.0)
+        if not missing[k] <= _HIGHEST:
+            raise BodilyRefusal(
+                f"footstep {k + 3}: the {steps[k].foot} foot would have to swing {missing[k]:.2g} m higher "
+                f"than the gait's to pass the edge of the floor, more than {_HIGHEST:g} m",
+                reason="edge_in_the_way", value=float(missing[k]), limit=_HIGHEST, unit="m",
+                way_out="lengthen the steps about it, or take a lower one",
+            )  # fmt: skip
+    return missing
+
+
+def _planned(
+    plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, step_length: float, higher: Array
+) -> FeetPlan:
+    """Both feet, with swings that are higher than the gait's, shape (n,) [m]."""
     if foot.swing != "quintic":
         raise InputError(f"footsteps are walked with foot.swing = quintic, not {foot.swing}; leave it out.")
     contacts = plan.contacts
@@ -97,7 +139,9 @@ def plan_swings(
     roll = _rolls(plan, foot, sole, step_length)
     turn = heading[2:] - heading[:n]
     turn -= 2.0 * math.pi * np.round(turn / (2.0 * math.pi))
-    swing, rising, landing = _curves(foot, sole, place, heading, turn, roll, single, double, step_length)
+    swing, rising, landing = _curves(
+        foot, sole, place, heading, turn, roll, single, double, step_length, higher
+    )
     toes = sole.has_toes
     none, flat = (False, False, False), (True, True, toes)
     paths: dict[str, list[Segment]] = {"left": [], "right": []}
@@ -180,7 +224,7 @@ def _rolls(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, step_
 
 def _curves(
     foot: FootParameters, sole: SoleGeometry, place: Array, heading: Array, turn: Array, roll: Roll,
-    single: Array, double: Array, step_length: float,
+    single: Array, double: Array, step_length: float, higher: Array,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Curves of swing, heel rise before it and roll on the heel after it, each (n, 6, 9)."""
     n = len(single)
@@ -210,7 +254,11 @@ def _curves(
     travel = ahead - behind
     for axis in (X, Y):
         swing[:, axis, : len(LIFT)] -= (foot.swing_lag * travel[:, axis])[:, None] * lift_shape
-    swing[:, Z, : len(LIFT)] += foot.swing_height * lift_shape
+    swing[:, Z, : len(LIFT)] += (foot.swing_height + higher)[:, None] * lift_shape
+    climb = travel[:, 2:]
+    if climb.any():
+        bent = climb * (np.where(climb > 0.0, _EARLY, _LATE) - _EVEN)
+        swing[:, Z] += bent / np.vander(single, _ORDER, increasing=True)
     forward = np.clip((travel[:, :2] * along).sum(axis=1) / (1.5 * step_length), 0.0, 1.0)
     bump = _PITCH_BUMP * np.maximum(1.0 - roll.share, 0.0) * forward
     swing[:, PITCH] += bump[:, None] * _BUMP / np.vander(single, _ORDER, increasing=True)

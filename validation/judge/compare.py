@@ -345,7 +345,8 @@ def statistics(error: Array, reference: Array, scale: float, unit: str) -> Stati
 def _split_zmp_error(sample: PlanSample, measured: MeasuredGait, rows: Rows) -> ZmpErrorSplit:
     """Split the ZMP error into its causes; RMS and shares over ``rows``, shape (K,)."""
     parts = {name: np.empty_like(measured.zmp) for name in PARTS}
-    z_plan, z = sample.com[:, 2], measured.com_pin[:, 2]  # the COM that zmp_momentum was computed with
+    z_plan = sample.com[:, 2] - sample.floor
+    z = measured.com_pin[:, 2] - measured.floor  # the COM that zmp_momentum was computed with
     supported = np.isfinite(measured.zmp_momentum[:, 0])
     u_plan, u = 1.0 / sample.force[:, 2], 1.0 / np.where(supported, measured.momentum_force[:, 2], np.nan)
     mean_u, mean_z = 0.5 * (u_plan + u), 0.5 * (z_plan + z)

@@ -18,6 +18,7 @@ import pinocchio as pin
 from ampm.arithmetic import cos, sin
 from ampm.exceptions import InputError
 from ampm.geometry import polygon_margin
+from validation.trial.record import support_height
 from validation.trial.spill import blocks
 
 if TYPE_CHECKING:
@@ -75,8 +76,9 @@ class MeasuredGait:
         foot_torque: their moment about the world origin, shape (K, 2, 3) [N m].
         force: net ground force, shape (K, 3) [N].
         torque: net moment about the world origin, shape (K, 3) [N m].
-        zmp: from contact forces, shape (K, 2) [m].
-        zmp_momentum: from momentum rates and external forces, shape (K, 2) [m].
+        zmp: from contact forces, on the level plane of height ``floor``, shape (K, 2) [m].
+        zmp_momentum: from momentum rates and external forces, on the same plane, shape (K, 2) [m].
+        floor: height of the floor under the sole points, averaged by their vertical forces, shape (K,) [m].
         com: the simulator's COM at t_k, shape (K, 3) [m].
         com_pin: Pinocchio's COM at t_k, shape (K, 3) [m].
         com_velocity: Pinocchio's COM velocity at t_k, shape (K, 3) [m/s].
@@ -108,6 +110,7 @@ class MeasuredGait:
     torque: Array
     zmp: Array
     zmp_momentum: Array
+    floor: Array
     com: Array
     com_pin: Array
     com_velocity: Array
@@ -190,7 +193,8 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
 
     foot_force, foot_torque = foot_wrenches(record)
     force, torque = foot_force.sum(axis=1), foot_torque.sum(axis=1)
-    zmp = centre_of_pressure(force, torque, least)
+    floor = floor_height(record)
+    zmp = centre_of_pressure(force, torque, least, floor)
 
     com_pin, com_velocity, momentum = _centroidal(model, to_pinocchio, record.q, record.qd)
     first = _step_back(record.q[:1], record.qd[:1], dt)
@@ -211,7 +215,7 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
         moments = record.external_moment + _cross(lever, record.external_force)
         momentum_force, momentum_rate = momentum_force - pushes, momentum_rate - moments.sum(axis=1)
         lifted = pushes[:, 2].sum() * dt
-    zmp_momentum = zmp_from_momentum(com_pin[:-1], momentum_force, momentum_rate, least)
+    zmp_momentum = zmp_from_momentum(com_pin[:-1], momentum_force, momentum_rate, least, floor)
 
     contact = foot_contact(record)
     point_contact, penetration, margin = _soles(record, zmp)
@@ -241,6 +245,7 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
         torque=torque,
         zmp=zmp,
         zmp_momentum=zmp_momentum,
+        floor=floor,
         com=record.com[:-1],
         com_pin=com_pin[:-1].copy(),
         com_velocity=com_velocity[:-1].copy(),
@@ -287,8 +292,19 @@ def standing_check(measured: MeasuredGait, *, settle: float = 0.0) -> StandingCh
     )
 
 
-def zmp_from_momentum(com: Array, force: Array, angular_momentum_rate: Array, least: float) -> Array:
-    """ZMP on the floor z = 0 from momentum rates, shape (N, 2) [m]; NaN where ``force_z < least``.
+def floor_height(record: SimulationRecord) -> Array:
+    """Height of the floor under the loaded sole points, averaged by their vertical forces, shape (K,) [m]."""
+    floor = np.empty(record.steps)
+    for part in blocks(record.steps):
+        height, load = record.point_position[part, :, 2], record.point_force[part, :, 2]
+        floor[part] = support_height(record.metadata, height, load)
+    return floor
+
+
+def zmp_from_momentum(
+    com: Array, force: Array, angular_momentum_rate: Array, least: float, floor: Array | float = 0.0
+) -> Array:
+    """ZMP on a level floor from momentum rates, shape (N, 2) [m]; NaN where ``force_z < least``.
 
     ``p_x = x - (z F_x + M_y) / F_z`` and ``p_y = y - (z F_y - M_x) / F_z`` hold for any motion whose only
     external forces are gravity and the floor's, with F the net ground force and M the rate of angular
@@ -299,10 +315,12 @@ def zmp_from_momentum(com: Array, force: Array, angular_momentum_rate: Array, le
         force: net ground force m (a + g e_z), shape (N, 3) [N].
         angular_momentum_rate: about the COM, shape (N, 2) or (N, 3) [N m].
         least: smallest vertical force for which there is a ZMP [N].
+        floor: its height, from which z counts, shape (N,) [m].
     """
+    z = com[:, 2] - floor
     vertical = np.where(force[:, 2] >= least, force[:, 2], np.nan)
-    x = com[:, 0] - (com[:, 2] * force[:, 0] + angular_momentum_rate[:, 1]) / vertical
-    y = com[:, 1] - (com[:, 2] * force[:, 1] - angular_momentum_rate[:, 0]) / vertical
+    x = com[:, 0] - (z * force[:, 0] + angular_momentum_rate[:, 1]) / vertical
+    y = com[:, 1] - (z * force[:, 1] - angular_momentum_rate[:, 0]) / vertical
     return np.stack([x, y], axis=1)
 
 
@@ -397,10 +415,11 @@ def _slip(record: SimulationRecord, foot_contact: NDArray[np.bool_]) -> tuple[Ar
     return slip_speed, slip
 
 
-def centre_of_pressure(force: Array, torque: Array, least: float) -> Array:
-    """Where the net force meets the floor z = 0 without horizontal moment, shape (..., 2) [m]."""
+def centre_of_pressure(force: Array, torque: Array, least: float, floor: Array | float = 0.0) -> Array:
+    """Where the net force meets a level floor, of a height [m], without horizontal moment, (..., 2) [m]."""
     vertical = np.where(force[..., 2] >= least, force[..., 2], np.nan)
-    return np.stack([-torque[..., 1] / vertical, torque[..., 0] / vertical], axis=-1)
+    x, y = floor * force[..., 0] - torque[..., 1], floor * force[..., 1] + torque[..., 0]
+    return np.stack([x / vertical, y / vertical], axis=-1)
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ampm.compiled import bound, compiled
 from validation.trial import spill
-from validation.trial.record import INTEGERS, SHAPES, restart_steps, shape_of
+from validation.trial.record import INTEGERS, SHAPES, restart_steps, shape_of, support_height
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -259,6 +259,7 @@ class RunLog:
         substeps: int,
     ) -> None:
         self.model, self.sites, self.substeps = model, points.sites, substeps
+        self.metadata: dict[str, str] = {}
         self.time_step = float(model.opt.timestep)
         self.every = restart_steps(self.time_step)
         sizes = {
@@ -345,12 +346,19 @@ class RunLog:
             spill.release()
 
     def keep_command(self, k: int, output: ControlOutput, reference: Reference) -> None:
-        """Copy the command of the tick at step k; it is valid until the next one."""
+        """Copy the command of the tick at step k; it is valid until the next one.
+
+        A controller's ZMP is on z = 0; kept is that on the plane of the last step's contacts.
+        """
         given = output.zmp, output.force, output.angular_momentum
         parts = [
             np.asarray(unknown if part is None else part, dtype=np.float64)
             for part, unknown in zip(given, self._unknown, strict=True)
         ]
+        if self.metadata:
+            height = self.point_position[max(k - 1, 0), :, 2]
+            floor = support_height(self.metadata, height, self.normal_force)
+            parts[0] = parts[0] + floor * parts[1][:2] / parts[1][2]
         copy_command(k, self.substeps, reference.centre, *parts, *self._commands)
         tick = k // self.substeps
         self.torque_rate[tick] = np.nan if output.rate is None else output.rate

@@ -42,6 +42,9 @@ INTEGERS: dict[str, Any] = {
 """Types of the arrays that are not float64."""
 
 
+FLOOR = "floor"
+"""Key of the metadata that has the heights of a floor's surfaces, ascending, separated by spaces [m]."""
+
 RESTART_INTERVAL = 0.01
 """Time between the states from which the physics can be started again [s]."""
 
@@ -109,7 +112,7 @@ class SimulationRecord:
         external_position: where the force acts, the segment's COM, shape (K, S, 3) [m].
         point_sites: sites of the sole points in the model, P names.
         sole_sites: sites of both soles, left first.
-        metadata: further identification of the run, text to text.
+        metadata: further identification of the run, text to text; :data:`FLOOR`, if the floor has steps.
     """
 
     time: Array
@@ -236,6 +239,27 @@ class SimulationRecord:
             count[foot, group] = index + 1
             names.append(f"{FEET[foot]}_{SOLE_POINT_GROUPS[group]}_{index}")
         return tuple(names)
+
+
+def support_height(metadata: Mapping[str, str], height: Array, load: Array) -> Array:
+    """Height of the floor under points, each on the surface nearest to it, averaged by their loads.
+
+    Args:
+        metadata: of a record.
+        height: of the points, shape (..., P) [m].
+        load: vertical force on each, shape (..., P) [N].
+
+    Returns:
+        Shape (...) [m]; the lowest level where there is no load.
+    """
+    surface = np.array([float(level) for level in metadata.get(FLOOR, "0").split()])
+    if len(surface) == 1:
+        return np.full(height.shape[:-1], surface[0])
+    under = surface[np.abs(height[..., None] - surface).argmin(axis=-1)]
+    load = np.maximum(load, 0.0)
+    total = load.sum(axis=-1)
+    mean = (under * load).sum(axis=-1) / np.where(total > 0.0, total, 1.0)
+    return np.asarray(np.where(total > 0.0, mean, surface[0]))
 
 
 def _frozen(value: Any, dtype: Any) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""The simulated world and body of a disturbed run: the model that is compiled, saved and replayed.
+"""The simulated world and body of a run with disturbances or steps of the floor: compiled, saved, replayed.
 
 MuJoCo ignores most changes of a compiled model's floor: the pose of a geom that is fixed to the world is read
 once, and so is the tree that sorts contacts out. So every change is written into the MJCF text before it is
@@ -18,6 +18,7 @@ import numpy as np
 from ampm.disturbance import DisturbanceParameters
 from ampm.exceptions import InputError
 from ampm.planner.contacts import footprint
+from ampm.planner.heights import Ground, uneven
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,13 +49,13 @@ def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> 
     Args:
         body: as planner and controller know it.
         run: its section ``disturbance``.
-        contacts: of the plan, which places a change of the floor at a footstep.
+        contacts: of the plan: a change of the floor is at a footstep, and the floor as high as the footsteps.
 
     Raises:
-        InputError: there is no such segment or footstep.
+        InputError: there is no such segment or footstep, or a disturbance needs a level floor.
     """
     wanted = run.disturbance
-    if wanted == DisturbanceParameters():
+    if wanted == DisturbanceParameters() and not uneven(contacts.footsteps):
         return body
     root = ElementTree.fromstring(body.xml)
     contact = _find(root, ".//default[@class='contact']/geom")
@@ -112,6 +113,13 @@ def _change_floor(
     """Move the plane, or replace it by boxes where the floor has edges."""
     world, plane = _find(root, "worldbody"), _find(root, "worldbody/geom[@name='floor']")
     sloped = bool(wanted.slope_along or wanted.slope_across)
+    if uneven(contacts.footsteps):
+        if sloped or wanted.step_height:
+            raise InputError(
+                "slopes and disturbance.step_height need a level floor; leave them out, or the footsteps' z."
+            )
+        _raise_floor(world, plane, Ground.under(contacts.footsteps, body.description.sole), wanted)
+        return
     if not (sloped or wanted.step_height):
         if wanted.floor_height:
             plane.set("pos", f"0 0 {wanted.floor_height!r}")
@@ -143,15 +151,30 @@ def _change_floor(
             # Plan coordinates of the tile are along the slope; its hinge stays where it is.
             centre, rotation = hinge + tilt @ (centre - hinge), tilt
         rotation, centre = turn @ rotation, turn @ centre + up
-        box = dict(plane.attrib)
-        box |= {
-            "name": "floor" if number == 0 else f"floor_{number}",
-            "type": "box",
-            "size": _text([*(0.5 * (high_ - low_)), 0.5 * _THICK]),
-            "pos": _text(centre),
-            "xyaxes": _text([*rotation[:, 0], *rotation[:, 1]]),
-        }
-        world.insert(number, ElementTree.Element("geom", box))
+        name = "floor" if number == 0 else f"floor_{number}"
+        world.insert(number, _box(plane, name, 0.5 * (high_ - low_), centre, rotation))
+
+
+def _raise_floor(
+    world: ElementTree.Element, plane: ElementTree.Element, ground: Ground, wanted: DisturbanceParameters
+) -> None:
+    """Put boxes on the plane, which is as high as the lowest footstep."""
+    up, turn = np.array([wanted.origin, 0.0, wanted.floor_height]), _about_z(ground.heading)
+    plane.set("pos", _text([0.0, 0.0, ground.base + wanted.floor_height]))
+    for number, (low, high, top) in enumerate(
+        zip(ground.low, ground.high, ground.height, strict=True), start=1
+    ):
+        centre = turn @ np.array([*(0.5 * (low + high)), float(top) - 0.5 * _THICK]) + up
+        world.insert(number, _box(plane, f"floor_{number}", 0.5 * (high - low), centre, turn))
+
+
+def _box(
+    plane: ElementTree.Element, name: str, half: Array, centre: Array, rotation: Array
+) -> ElementTree.Element:
+    """A part of the floor with half its extent (2,) [m], centre (3,) [m] and rotation."""
+    own = {"name": name, "type": "box", "size": _text([*half, 0.5 * _THICK]), "pos": _text(centre)}
+    own["xyaxes"] = _text([*rotation[:, 0], *rotation[:, 1]])
+    return ElementTree.Element("geom", dict(plane.attrib) | own)
 
 
 def _footstep(contacts: Contacts, number: int) -> Footstep:

@@ -20,6 +20,7 @@ from ampm.compiled import bound, compiled
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import steps_per_tick
+from ampm.planner.heights import uneven
 from ampm.vectors import put, turned, vector
 from ampm.walk import LIMITED, ControlOutput, State, Timing, Touch
 from validation.trial.bridge import to_mujoco
@@ -29,7 +30,7 @@ from validation.trial.faults import FaultyController, behind_faults, started
 from validation.trial.log import RunLog, SolePoints
 from validation.trial.origin import moved_references
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.record import SimulationRecord
+from validation.trial.record import FLOOR, SimulationRecord
 from validation.trial.restart import carry_on, quiet_mujoco
 from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
@@ -182,8 +183,11 @@ def simulate(
     loop = ClosedLoop(
         physics, follower, chain([first], references), run, step_ends, total, progress, disturbances
     )
+    if uneven(plan.contacts.footsteps):
+        heights = sorted({step.position[2] for step in plan.contacts.footsteps})
+        loop.log.metadata[FLOOR] = " ".join(map(repr, heights))
     record = loop.run()
-    metadata = {} if own else {"controller": name_of(factory)}
+    metadata = loop.log.metadata | ({} if own else {"controller": name_of(factory)})
     if disturbances:
         metadata["disturbances"] = "; ".join(str(disturbance) for disturbance in disturbances)
     return replace(record, metadata=metadata) if metadata else record

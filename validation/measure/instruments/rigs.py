@@ -22,9 +22,15 @@ from validation.measure.instruments.model import (
     Imu,
     Instrument,
 )
-from validation.measure.measure import LEAST_SUPPORT, centre_of_pressure, foot_contact, foot_wrenches
+from validation.measure.measure import (
+    LEAST_SUPPORT,
+    centre_of_pressure,
+    floor_height,
+    foot_contact,
+    foot_wrenches,
+)
 from validation.trial.bridge import pinocchio_model, to_pinocchio
-from validation.trial.record import FEET
+from validation.trial.record import FEET, support_height
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -102,7 +108,8 @@ class Rig:
         self.foot_force, self.foot_torque = (values[:rows] for values in foot_wrenches(record))
         self.contact = foot_contact(record)[:rows]
         self.least = LEAST_SUPPORT * record.mass * record.gravity
-        self.zmp = centre_of_pressure(self.foot_force.sum(axis=1), self.foot_torque.sum(axis=1), self.least)
+        self.floor, net = floor_height(record)[:rows], self.foot_force.sum(axis=1)
+        self.zmp = centre_of_pressure(net, self.foot_torque.sum(axis=1), self.least, self.floor)
         self.names, self.units, figures = zip(*channels, strict=True)
         self.chain = Chain(
             figures, instrument.acquisition, instrument.seed, key, self.time, record.time_step, cross_talk
@@ -138,7 +145,7 @@ class _WrenchRig(Rig):
             loaded = force[:, :, 2:] >= self.threshold
             force, torque = np.where(loaded, force, 0.0), np.where(loaded, torque, 0.0)
         net = force.sum(axis=1)
-        return Estimate(centre_of_pressure(net, torque.sum(axis=1), self.least), net)
+        return Estimate(centre_of_pressure(net, torque.sum(axis=1), self.least, self.floor), net)
 
 
 class PlateRig(_WrenchRig):
@@ -157,7 +164,7 @@ class PlateRig(_WrenchRig):
         return self._net(force, moment + np.cross(self.origins, force))
 
     def _plate_origins(self) -> Array:
-        """Centre of the plate under each foot, shape (K, 2, 3) [m]; z = 0.
+        """Centre of the plate under each foot, level with the floor there, shape (K, 2, 3) [m].
 
         Every stance has a plate of its own, centred under the sole's mean position while it was loaded. The
         next plate is used from the middle of the swing, when both are unloaded.
@@ -172,6 +179,10 @@ class PlateRig(_WrenchRig):
             for (first, last), begin, end in zip(stances, [0, *ends], [*ends, rows], strict=bool(stances)):
                 loaded = place[first:last][contact[first:last]]
                 origins[begin:end, foot, :2] = loaded.mean(axis=0)
+                load = self.record.point_force[first:last, :, 2] * (self.record.point_foot == foot)
+                height = self.record.point_position[first:last, :, 2]
+                surface = support_height(self.record.metadata, height, load)
+                origins[begin:end, foot, 2] = surface[contact[first:last]].mean()
         return origins
 
 
@@ -355,7 +366,7 @@ class ImuRig(Rig):
             self.record.mass,
         )
         vertical = np.where(felt[:, 2] >= self.least / mass, felt[:, 2], np.nan)
-        zmp = com[:, :2] - com[:, 2:] * felt[:, :2] / vertical[:, None]
+        zmp = com[:, :2] - (com[:, 2:] - self.floor[:, None]) * felt[:, :2] / vertical[:, None]
         return Estimate(zmp, mass * felt)
 
 

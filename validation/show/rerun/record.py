@@ -50,6 +50,7 @@ from validation.store.folders import output_file
 from validation.store.saved import RECORDING_FILE as RECORDING_FILE
 from validation.store.saved import SavedRun, load_saved_run, run_events
 from validation.store.signals import Signals
+from validation.trial.record import support_height
 from validation.trial.shapes import Shapes
 
 Array = NDArray[np.float64]
@@ -85,6 +86,7 @@ _FAR = 0.07
 
 _LEAST_SHAPE = 0.005
 """Radius from which a shape of the body is drawn [m]."""
+_WHOLE = 1e3  # radius from which a part of the floor is not drawn: it is the grid [m]
 
 SERIES = {"plan": PLAN, "command": COMMAND, "measured": MEASURED}
 _AXES: dict[str, Color] = {"x": (255, 99, 99, 255), "y": (120, 220, 120, 255), "z": (110, 160, 255, 255)}
@@ -277,7 +279,8 @@ def _log_body(log: _Log, model: mujoco.MjModel, frames: _Pictures) -> None:
     The millimetre spheres of the soles are omitted: contact points are drawn at the contact.
     """
     data = mujoco.MjData(model)
-    drawn = np.flatnonzero((model.geom_bodyid > 0) & (model.geom_rbound > _LEAST_SHAPE))
+    raised = (model.geom_type == _GEOM.mjGEOM_BOX) & (model.geom_rbound < _WHOLE)  # parts of the floor
+    drawn = np.flatnonzero(((model.geom_bodyid > 0) | raised) & (model.geom_rbound > _LEAST_SHAPE))
     count = len(frames.time)
     position = np.empty((count, len(drawn), 3))
     rotation = np.empty((count, len(drawn), 9))
@@ -348,6 +351,7 @@ def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | 
     log.columns("world/follow", times, rr.Transform3D.columns(translation=follow))
 
     force, point = record.contacts_at(frames.steps)
+    floor = support_height(record.metadata, point[:, :, 2], force[:, :, 2])
     for foot, (name, color) in enumerate(_FEET.items()):
         mine = np.flatnonzero(record.point_foot == foot)
         sole, contact = f"world/feet/{name}/sole", f"world/feet/{name}/contact"
@@ -366,9 +370,10 @@ def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | 
         with np.errstate(invalid="ignore", divide="ignore"):
             centre = np.einsum("np,npd->nd", load, point[:, mine]) / total[:, None]
         centre[total < 1.0] = np.nan
-        arrow(f"world/force/{name}", _on_floor(centre[:, :2]), force[:, mine].sum(axis=1), color, 0.005)
+        on_floor, net = _on_floor(centre[:, :2], floor), force[:, mine].sum(axis=1)
+        arrow(f"world/force/{name}", on_floor, net, color, 0.005)
 
-    zmp = {kind: _on_floor(signals.vector(f"{kind}_zmp", "xy")) for kind in SERIES}
+    zmp = {kind: _on_floor(signals.vector(f"{kind}_zmp", "xy"), floor) for kind in SERIES}
     # Concentric from above: the smaller ones are higher.
     for (kind, color), size, lift in zip(
         SERIES.items(), (0.016, 0.011, 0.007), (0.01, 0.03, 0.05), strict=True
@@ -382,7 +387,7 @@ def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | 
         color, path = SERIES[kind], signals.vector(f"{kind}_com")
         arrow(f"world/force/{kind}", zmp[kind], scale * signals.vector(f"{kind}_force"), color, width)
         # From above everything is drawn on the floor: nearer objects would hide the ZMP.
-        shadow, rise = _on_floor(path[:, :2]), np.array([0.0, 0.0, lift])
+        shadow, rise = _on_floor(path[:, :2], floor), np.array([0.0, 0.0, lift])
         dot(f"world/com/{kind}", path, color, 0.03)
         dot(f"world/floor/com/{kind}", shadow, color, 0.007)
         log.static(f"world/com/{kind}/trail", _line(path, color, size))
@@ -391,15 +396,15 @@ def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | 
 
     if plan is not None:
         steps = plan.contacts.footsteps
-        prints = [_on_floor(footprint(plan.feet.sole, step)) - (0.0, 0.0, 0.001) for step in steps]
+        prints = [_on_floor(footprint(plan.feet.sole, step), step.position[2] - 0.001) for step in steps]
         outlines = rr.LineStrips3D(prints, colors=[FAINT] * len(steps), radii=0.002)
         log.static("world/plan/footprints", outlines)
         _log_polygon(log, plan, times)
 
 
-def _on_floor(xy: Array) -> Array:
-    """Floor points (N, 2) lifted slightly above the floor's lines."""
-    return np.column_stack([xy, np.full(len(xy), 0.002)])
+def _on_floor(xy: Array, floor: Array | float = 0.0) -> Array:
+    """Points (N, 2) on a floor of a height [m], lifted slightly above its lines."""
+    return np.column_stack([xy, np.full(len(xy), 0.002) + floor])
 
 
 def _line(path: Array, color: Color, radius: float) -> rr.LineStrips3D:
@@ -414,7 +419,9 @@ def _log_polygon(log: _Log, plan: StepPlan, times: Array) -> None:
     change = _changes(contact)
     points = np.concatenate([foot.sole_points[change, :, :2] for foot in feet], axis=1)
     loaded = contact[change].repeat(2, axis=1)
-    polygons = [_on_floor(convex_hull(mine[here])) for mine, here in zip(points, loaded, strict=True)]
+    floor = plan.sample(np.minimum(times[change], plan.duration)).floor
+    rows = zip(points, loaded, floor.tolist(), strict=True)
+    polygons = [_on_floor(convex_hull(mine[here]), height) for mine, here, height in rows]
     entity = "world/plan/polygon"
     log.static(entity, rr.LineStrips3D.from_fields(colors=[PLAN], radii=[0.004]))
     strips = [np.vstack([polygon, polygon[:1]]).astype(np.float32) for polygon in polygons]

@@ -1,0 +1,191 @@
+"""Footsteps of different heights: the height of the COM over them, and the floor that has these heights.
+
+The COM obeys vertically the law that it obeys horizontally, ``z'' = (g/H) (z - H - h)``, with h the height of
+the support: that of the standing foot, blended in double support as the ZMP is. Then
+``(z - h) / (g + z'') = H / g`` at every instant: a force line through the COM meets the level plane of height
+h where it meets the floor in the walk on level ground.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ampm.arithmetic import exp
+from ampm.description import SoleGeometry
+from ampm.exceptions import BodilyRefusal
+from ampm.parameters import GRAVITY
+from ampm.planner.blend import BlendLaw, shape
+from ampm.planner.contacts import Footstep, footprint
+from ampm.planner.rest_to_rest import SETTLING, Supports
+
+Array = NDArray[np.float64]
+
+EDGE = 0.015
+"""Distance of an edge of the floor from the soles above it, and the least from those below it [m]."""
+_AROUND = 0.5  # by which a raised part of the floor is larger than its soles where none is near [m]
+
+
+def uneven(footsteps: Sequence[Footstep]) -> bool:
+    """Whether any footstep is off the floor z = 0."""
+    return any(step.position[2] for step in footsteps)
+
+
+def vertical_laws(
+    footsteps: Sequence[Footstep], supports: Supports, zmp: Sequence[Array], height: float
+) -> list[BlendLaw]:
+    """Heights of the COM in the phases of a walk from rest to rest.
+
+    The COM follows a point H over the support. For rest at both ends the point is moved in the first and the
+    last double support, by two triangles of some tenths of a millimetre.
+
+    Args:
+        footsteps: of the walk.
+        supports: N single supports, and what is between them.
+        zmp: at the ends of the quarters of the first and the last double support, shapes (5, 2) [m].
+        height: of the COM over the support, H [m].
+
+    Returns:
+        Laws of four, 2 N - 1 and four phases; the ``position`` is the height of the COM, the ``zmp`` that of
+        the support.
+    """
+    w, n = math.sqrt(GRAVITY / height), 2 * len(supports.single) + 7
+    place, z = (
+        np.array([step.position[:2] for step in footsteps]),
+        np.array([s.position[2] for s in footsteps]),
+    )
+    duration, rate, h = np.full(n, 0.25 * SETTLING), np.zeros(n), np.empty((n, 2))
+    duration[4:-4:2], duration[5:-4:2], rate[5:-4:2] = supports.single, supports.double, supports.blend[:, 1]
+    h[4:-4:2], h[5:-4:2, 0], h[5:-4:2, 1] = z[1:-1, None], z[1:-2], z[2:-1]
+    for one, rows, at_rest, ends in (
+        (0, slice(0, 4), zmp[0], (0.5, 1.0)),
+        (len(z) - 2, slice(n - 4, n), zmp[1], (0.0, 0.5)),
+    ):
+        across = place[one + 1] - place[one]
+        share = np.clip(((at_rest - place[one]) * across).sum(axis=1) / (across**2).sum(), 0.0, 1.0)
+        share[[0, -1]] = ends
+        at = z[one] + share * (z[one + 1] - z[one])
+        h[rows, 0], h[rows, 1] = at[:-1], at[1:]
+    points = np.stack([h, *np.zeros((2, n, 2))])  # and triangles of unit height
+    points[1, [1, 2], [1, 0]] = points[2, [-3, -2], [1, 0]] = 1.0
+    # The part z + z'/w grows, and is known at the end; z - z'/w fades, and is known at the begin.
+    mean, way = points.mean(axis=2), w**2 / (w**2 + rate**2) * np.diff(points, axis=2)[..., 0]
+    begin, end, fade = shape(rate, duration, np.zeros(n)), shape(rate, duration, duration), exp(-w * duration)
+    grows, fades = np.empty((2, 3, n + 1))
+    grows[:, n], fades[:, 0] = points[:, -1, 1], points[:, 0, 0]
+    for k in range(n):
+        here, there = (mean[:, k] + way[:, k] * (at.value[k] - at.rate[k] / w) for at in (begin, end))
+        fades[:, k + 1] = there + fade[k] * (fades[:, k] - here)
+    for k in reversed(range(n)):
+        here, there = (mean[:, k] + way[:, k] * (at.value[k] + at.rate[k] / w) for at in (begin, end))
+        grows[:, k] = here + fade[k] * (grows[:, k + 1] - there)
+    (p, q), (a, b), (c, d) = (grows - fades)[:, [0, n]]  # to be zero
+    size = np.array([1.0, (q * c - p * d) / (a * d - b * c), (p * b - q * a) / (a * d - b * c)])
+    grows, fades = (size[:, None] * grows).sum(axis=0), (size[:, None] * fades).sum(axis=0)
+    position, velocity = height + 0.5 * (grows + fades), 0.5 * w * (grows - fades)
+    point = height + (size[:, None, None] * points).sum(axis=0)
+    columns = rate, duration, position[:n], velocity[:n], point, h - point
+    values = zip(*(column.tolist() for column in columns), strict=True)
+    return [BlendLaw(w, k, T, z0, v0, tuple(r), tuple(arm)) for k, T, z0, v0, r, arm in values]
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A level floor with raised parts: rectangles along and across one heading.
+
+    Attributes:
+        heading: of the rectangles [rad].
+        base: height of the floor elsewhere, the lowest of all [m].
+        low, high: corners in axes along and across the heading, shape (n, 2) each [m].
+        height: of the rectangles, shape (n,) [m].
+    """
+
+    heading: float
+    base: float
+    low: Array
+    high: Array
+    height: Array
+
+    @classmethod
+    def under(cls, footsteps: Sequence[Footstep], sole: SoleGeometry) -> Ground:
+        """The floor under footsteps.
+
+        Footsteps of one height that follow each other share a rectangle. Its edges are :data:`EDGE` from
+        their soles on the side of lower ones, and half a metre elsewhere.
+
+        Raises:
+            BodilyRefusal: footsteps of different heights are too near to each other for an edge.
+        """
+        heading, z = footsteps[0].heading, np.array([step.position[2] for step in footsteps])
+        outlines = np.stack([footprint(sole, step) for step in footsteps]) @ _axes(heading)
+        soles = np.stack([outlines.min(axis=1), outlines.max(axis=1)], axis=1)  # low and high of each
+        starts = np.flatnonzero(np.diff(z, prepend=np.nan))
+        parts: list[tuple[Array, float]] = []
+        for box, height in zip(np.split(soles, starts[1:]), z[starts].tolist(), strict=True):
+            joined = _around(box)
+            for one in [one for one in parts if one[1] == height]:
+                if _apart(joined, one[0])[1] <= 0.0:
+                    joined, parts = (
+                        _around(np.stack([joined, one[0]])),
+                        [two for two in parts if two is not one],
+                    )
+            parts.append((joined, height))
+        parts = [part for part in parts if part[1] > z.min()]
+        wide = [box + _AROUND * np.array([[-1.0], [1.0]]) for box, _ in parts]
+        for number, ((box, height), own) in enumerate(zip(parts, wide, strict=True)):
+            for other, at in parts[:number] + parts[number + 1 :]:
+                if at == height:
+                    _cut(own, box, *_apart(box, other), 0.5)
+            for step, (other, at) in enumerate(zip(soles, z.tolist(), strict=True), start=1):
+                if at < height:
+                    side, gap = _apart(box, other)
+                    _refuse_near(step, gap, height - at)
+                    _cut(own, box, side, EDGE, 1.0)
+        corners = np.array(wide).reshape(-1, 2, 2)
+        return cls(
+            heading, float(z.min()), corners[:, 0], corners[:, 1], np.array([part[1] for part in parts])
+        )
+
+    def at(self, points: Array, around: float = 0.0) -> Array:
+        """Height of the floor at points (..., 2) [m], of the highest part within a distance, shape (...)."""
+        own = (points @ _axes(self.heading))[..., None, :]
+        inside = ((own > self.low - around) & (own < self.high + around)).all(axis=-1)
+        return np.max(np.where(inside, self.height, self.base), axis=-1, initial=self.base)
+
+
+def _axes(heading: float) -> Array:
+    """Axes along and across a heading, by columns."""
+    c, s = math.cos(heading), math.sin(heading)
+    return np.array([[c, -s], [s, c]])
+
+
+def _around(boxes: Array) -> Array:
+    """The least box around boxes (n, 2, 2), low and high corner each."""
+    return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+
+
+def _apart(box: Array, other: Array) -> tuple[tuple[int, int], float]:
+    """Side and axis of a box along which another one is farthest, and their gap [m]."""
+    gaps = np.stack([box[0] - other[1], other[0] - box[1]])
+    side, axis = divmod(int(gaps.argmax()), 2)
+    return (side, axis), float(gaps[side, axis])
+
+
+def _cut(wide: Array, box: Array, side: tuple[int, int], gap: float, share: float) -> None:
+    """Let a wide box end, on one side, at a share of a gap from the narrow one."""
+    edge, nearer = box[side] + (2 * side[0] - 1) * share * gap, (max, min)[side[0]]
+    wide[side] = nearer(float(wide[side]), float(edge))
+
+
+def _refuse_near(number: int, gap: float, rise: float) -> None:
+    if not gap >= 2.0 * EDGE:
+        raise BodilyRefusal(
+            f"footstep {number} is {gap:.3g} m from one that is {rise:.3g} m higher, nearer than "
+            f"{2.0 * EDGE:g} m, so that no edge of the floor fits between them",
+            reason="no_room_for_edge", value=gap, limit=2.0 * EDGE, unit="m",
+            way_out="move them apart, or give them the same height",
+        )  # fmt: skip

@@ -1,0 +1,238 @@
+"""Footsteps of different heights: their plan, their floor, and the walk over it."""
+
+import numpy as np
+import pytest
+
+import ampm
+import validation as val
+from ampm.exceptions import BodilyRefusal, InputError
+from ampm.geometry import polygon_margin
+from ampm.planner import routes
+from ampm.planner.contacts import footprint
+from ampm.planner.footstep_walk import plan_footstep_walk
+from ampm.planner.footsteps import MARGIN, plan_footsteps
+from ampm.planner.heights import EDGE, Ground
+from ampm.planner.live import LiveWalk
+from validation.store.saved import load_saved_run
+from validation.trial.plan import complete, load_request, make_body
+
+RUNS = {name: ampm.load_run(name, gait={"a_s": 3.0}) for name in ("normal", "momentum")}
+BODY = make_body(RUNS["normal"]).model.description
+WIDTH = 0.2
+
+
+def raised(footsteps, heights):
+    """Footsteps at the given heights [m], the last of which goes on."""
+    heights = [*heights, *[heights[-1]] * (len(footsteps) - len(heights))]
+    return [
+        step._replace(position=(*step.position[:2], z)) for step, z in zip(footsteps, heights, strict=True)
+    ]
+
+
+WALKS = {
+    "up": routes.platform(8, 0.4, WIDTH, 0.05),
+    "down": routes.platform(8, 0.4, WIDTH, -0.05),
+    "up and down": routes.platform(8, 0.4, WIDTH, 0.05, last=5),
+    "one foot": routes.platform(8, 0.4, WIDTH, 0.05, first=4, last=4),
+    "stairs": raised(routes.straight(8, 0.4, WIDTH), [0.0, 0.0, 0.0, 0.04, 0.09, 0.15, 0.2]),
+    "from a kerb": raised(routes.straight(8, 0.5, WIDTH), [0.05, 0.0, 0.05, 0.0]),
+    "onto a kerb at last": raised(routes.straight(6, 0.4, WIDTH), [0.0] * 7 + [0.05]),
+    "all high": routes.platform(6, 0.4, WIDTH, 0.3, first=-1),
+    "arc": raised(routes.arc(8, 0.45, 4.0, WIDTH), [0.0] * 4 + [0.03]),
+}
+# momentum turns the trunk too far at the end of the arc, as on level ground
+CASES = [(gait, name) for gait in RUNS for name in WALKS if (gait, name) != ("momentum", "arc")]
+
+
+def plan(footsteps, gait="normal"):
+    return plan_footsteps(footsteps, RUNS[gait].gait, BODY)
+
+
+def steps_of(footsteps, gait="normal"):
+    run = RUNS[gait].replace({}, footsteps=routes.as_rows(footsteps))
+    return plan_footstep_walk(run, BODY)
+
+
+@pytest.mark.parametrize(("gait", "name"), CASES)
+def test_the_plan_is_smooth_and_obeys_newton_and_euler(gait, name):
+    footsteps, walk = WALKS[name], plan(WALKS[name], gait)
+    assert walk.residuals().largest < 1e-11
+    times = np.linspace(0.0, walk.duration, 2001)
+    sample = walk.sample(times)
+    force, arm = sample.force, np.column_stack([sample.zmp, sample.floor]) - sample.com
+    weight = np.array([0.0, 0.0, 9.81])
+    np.testing.assert_allclose(force, walk.mass * (sample.com_acceleration + weight), atol=1e-9)
+    moment = np.cross(arm, force)[:, :2]
+    np.testing.assert_allclose(moment, sample.moment, atol=1e-9)
+    h, inner = 1e-5, times[1:-1]
+    low, high = walk.sample(inner - h), walk.sample(inner + h)
+    np.testing.assert_allclose((high.com - low.com) / (2 * h), sample.com_velocity[1:-1], atol=1e-6)
+    change = (high.com_velocity - low.com_velocity) / (2 * h)
+    np.testing.assert_allclose(change, sample.com_acceleration[1:-1], atol=1e-3)
+    change = (high.angular_momentum - low.angular_momentum) / (2 * h)
+    np.testing.assert_allclose(change, sample.moment[1:-1], atol=0.05)  # it bends at the switches
+    ends = walk.sample([0.0, walk.duration])
+    z = np.array([step.position[2] for step in footsteps])
+    height = RUNS[gait].gait.com_height
+    np.testing.assert_allclose(ends.com[:, 2], height + np.array([z[:2].mean(), z[-2:].mean()]), atol=1e-12)
+    for value in (ends.com_velocity, ends.com_acceleration, ends.moment, ends.angular_momentum):
+        np.testing.assert_allclose(value, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("gait", "name"), CASES)
+def test_the_zmp_stays_in_the_soles_and_the_horizontal_motion_is_that_of_level_ground(gait, name):
+    walk, level = plan(WALKS[name], gait), plan(raised(WALKS[name], [0.0]), gait)
+    times = np.linspace(0.0, walk.duration, 1001)
+    here, there = walk.sample(times), level.sample(times)
+    for field in ("com", "com_velocity", "com_acceleration"):
+        np.testing.assert_array_equal(getattr(here, field)[:, :2], getattr(there, field)[:, :2])
+    for field in ("moment", "angular_momentum", "stance"):
+        np.testing.assert_array_equal(getattr(here, field), getattr(there, field))
+    np.testing.assert_allclose(here.zmp, there.zmp, atol=2e-4 if gait == "normal" else 3e-3)
+    for phase in walk.contacts.phases:
+        feet = [step for step in (phase.left, phase.right) if step]
+        rows = (times > phase.start + 1e-9) & (times < phase.start + phase.duration - 1e-9)
+        z = sorted(step.position[2] for step in feet)
+        assert ((here.floor[rows] >= z[0] - 1e-12) & (here.floor[rows] <= z[-1] + 1e-12)).all()
+        points = np.concatenate([footprint(BODY.sole, step) for step in feet])
+        outline = np.broadcast_to(points, (rows.sum(), *points.shape))
+        margin = polygon_margin(outline, np.ones(outline.shape[:2], dtype=bool), here.zmp[rows])
+        assert margin.min() > MARGIN - 1e-6
+
+
+@pytest.mark.parametrize("name", WALKS)
+def test_feet_swing_over_the_edges_and_stand_on_the_floor(name):
+    walk, ground = steps_of(WALKS[name]), Ground.under(WALKS[name], BODY.sole)
+    times = np.linspace(0.0, walk.duration, 1501)
+    h = 1e-6
+    for side, path in (("left", walk.feet.left), ("right", walk.feet.right)):
+        foot = walk.feet.sample(times)[side == "right"]
+        above = foot.sole_points[..., 2] - ground.at(foot.sole_points[..., :2])
+        assert above.min() > -5e-5
+        assert np.abs(above.reshape(-1, 3, 2)[foot.contact]).max() < 1e-9
+        # 10 mm beside every edge there is room, too, but where the foot leaves and lands
+        for phase in walk.contacts.phases:
+            if getattr(phase, side) is None:
+                rows = np.abs((times - phase.start) / phase.duration - 0.5) < 0.4
+                wide = foot.sole_points[rows, :, 2] - ground.at(foot.sole_points[rows, :, :2], 0.0099)
+                assert wide.min() > 1e-4
+        switches = path.start[path.start > 0.0]
+        before, after = (walk.feet.sample(switches + shift)[side == "right"] for shift in (-h, h))
+        np.testing.assert_allclose(after.velocity, before.velocity, atol=1e-3)
+        swing = ~(before.contact.any(axis=1) | after.contact.any(axis=1))
+        np.testing.assert_allclose(after.acceleration[swing], before.acceleration[swing], atol=0.1)
+
+
+def test_the_floor_has_its_edges_between_the_feet():
+    sole, ground = BODY.sole, Ground.under(WALKS["up and down"], BODY.sole)
+    low, high = 3 * 0.4 + sole.heel_x - EDGE, 5 * 0.4 + sole.tip_x + EDGE
+    np.testing.assert_allclose([ground.low[0, 0], ground.high[0, 0]], [low, high], atol=1e-12)
+    places = np.array([[low - 0.01, 0.0], [low + 0.01, 0.0], [9.0, 0.0]])
+    assert ground.at(places).tolist() == [0.0, 0.05, 0.0]
+    down = Ground.under(WALKS["down"], sole)
+    assert (down.base, down.height.tolist()) == (-0.05, [0.0])
+    alternate = raised(routes.straight(8, 0.4, WIDTH), [0.0, 0.05] * 5)  # the left foot on a kerb
+    for part in (Ground.under(alternate, sole), Ground.under(WALKS["all high"], sole)):
+        for step in alternate if part.base == 0.0 else WALKS["all high"]:
+            np.testing.assert_array_equal(part.at(footprint(sole, step), 0.01), step.position[2])
+
+
+def test_the_level_walk_is_the_same_without_heights():
+    level = routes.straight(8, 0.4, WIDTH)
+    assert routes.platform(8, 0.4, WIDTH, 0.0) == level
+    assert all(phase.z is None for phase in plan(level).phases)
+
+
+@pytest.mark.parametrize(
+    ("footsteps", "words"),
+    [
+        (
+            routes.platform(8, 0.4, WIDTH, 0.4),
+            r"footstep \d: when the left foot leaves, its leg would have to be",
+        ),
+        (
+            routes.platform(8, 0.4, WIDTH, -0.4),
+            r"footstep \d: when the \w+ foot \w+, its leg would have to be",
+        ),
+        (routes.platform(8, 0.28, WIDTH, 0.05), r"footstep 4 is 0\.022 m from one that is 0\.05 m higher"),
+        (routes.platform(8, 0.3, WIDTH, -0.05), "the right foot would have to swing .* to pass the edge"),
+    ],
+)
+def test_heights_that_cannot_be_walked(footsteps, words):
+    with pytest.raises(BodilyRefusal, match=words):
+        steps_of(footsteps)
+
+
+def test_what_needs_a_level_floor_is_refused_beside_heights():
+    run = ampm.load_run("normal", footsteps=routes.as_rows(WALKS["up"]))
+    with pytest.raises(InputError, match="with heights takes no requests"):
+        LiveWalk.of(run, BODY)
+    live = LiveWalk.of(run.replace({}, footsteps=routes.as_rows(routes.straight(8, 0.4, WIDTH))), BODY)
+    ahead = WALKS["up"][live.next_landing(2.0) :]
+    with pytest.raises(InputError, match="with heights takes no requests"):
+        live.changed(2.0, ahead)
+    with pytest.raises(InputError, match=r"disturbance\.step_height need a level floor"):
+        val.walk(run.replace({"disturbance.slope_along": 0.02}))
+
+
+FILE = """foot,x,y,heading,z,time
+right,0,-0.1,0,,
+left,0,0.1,0,,
+right,0.4,-0.1,0,,1.4
+left,0.8,0.1,0,0.05,
+right,0.8,-0.1,0,0.05,
+"""
+
+
+def test_heights_of_a_file_are_kept_and_replayed(tmp_path, ampm):
+    path, out = tmp_path / "walk.csv", tmp_path / "run"
+    path.write_text(FILE, encoding="utf-8")
+    footsteps, landings = routes.read_footsteps(path)
+    assert [step.position[2] for step in footsteps] == [0.0, 0.0, 0.0, 0.05, 0.05]
+    rows = routes.as_rows(footsteps, landings)
+    assert [row.get("z") for row in rows] == [None, None, None, 0.05, 0.05]
+    answer = ampm("validate", "normal", "--footsteps", path, "--out", out, "--json")
+    assert answer.status == 0, answer.err
+    saved = load_saved_run(out)
+    assert routes.footsteps_of(saved.parameters) == (footsteps, landings)
+    assert ampm("replay", out).status == 0
+    assert ampm("instrument", out, "--json").status == 0
+    path.write_text(FILE.replace("0.05", "high"), encoding="utf-8")
+    with pytest.raises(InputError, match="line 5: z = 'high' is no finite number"):
+        routes.read_footsteps(path)
+
+
+def assert_walked(trial, limit):
+    """Completed on a floor of the planned heights, within a limit of the ZMP error [m]."""
+    record, measured, sample = trial.record, trial.measured, trial.comparison.sample
+    assert record.outcome.completed, record.outcome.cause
+    assert not (record.qp_status == 2).any()
+    assert trial.comparison.costs["margins"]["clearance"].value >= 0.01
+    error = measured.zmp - sample.zmp
+    assert np.sqrt((error**2).mean(axis=0)).max() < limit
+    # the contacts are at the heights of the footsteps, and the plane of the ZMP with them
+    loaded = record.point_force[..., 2] > 0.0
+    levels = np.array(sorted({step.position[2] for step in trial.plan.contacts.footsteps}))
+    under = np.abs(record.point_position[..., 2][loaded][:, None] - levels)
+    assert under.min(axis=1).max() < 2e-3
+    assert (under.argmin(axis=1) == len(levels) - 1).sum() > 0.02 * len(under)
+    single = (sample.phase == 0) & (measured.foot_contact.sum(axis=1) == 1)
+    np.testing.assert_allclose(measured.floor[single], sample.floor[single], atol=1e-9)
+    assert np.abs(measured.floor - sample.floor).max() < 0.05
+    assert np.abs(measured.com - sample.com)[:, 2].max() < 2e-3
+    assert trial.measured.self_checks.zmp_agreement < 1.5e-3
+    assert trial.comparison.zmp_split.residual < 1e-12
+
+
+@pytest.mark.parametrize("name", ["up", "down", "up and down", "one foot", "stairs"])
+def test_the_human_walks_over_heights(name):
+    run = ampm.load_run("normal", simulation={"time_step": 0.002})
+    assert_walked(val.walk(run, footsteps=WALKS[name]), 0.8e-3)
+
+
+def test_the_robot_walks_over_heights():
+    run = complete(load_request(None, ["body.source='g1'", "simulation.time_step=0.002"])).run.as_is()
+    for height in (0.05, -0.05):
+        footsteps = routes.platform(6, 0.24, 1.1 * run.gait.step_width, height, last=4)
+        trial = val.walk(run, footsteps=footsteps)
+        assert_walked(trial, 0.015 * trial.plan.feet.sole.length)
