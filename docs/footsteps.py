@@ -32,8 +32,8 @@ SHOWN = (0, 2, 3, 4, 6)
 """Columns on the page; the data file has all."""
 
 
-def walks(length: float, width: float) -> dict[str, list[Footstep]]:
-    """Footsteps by name, for steps of a length and feet of a width [m]."""
+def walks(length: float, width: float, climb: float) -> dict[str, list[Footstep]]:
+    """Footsteps by name, for steps of a length, feet of a width and steps of a length onto others [m]."""
     turn, radius = math.pi / 2.0, 5.0 / 3.0 * length
     around = 1 + math.ceil(math.pi * radius / (2.0 / 3.0 * length))
     found = {
@@ -44,6 +44,8 @@ def walks(length: float, width: float) -> dict[str, list[Footstep]]:
         "backward": routes.straight(8, -length / 2.0, width),
         "slalom": routes.slalom(20, 2.0 / 3.0 * length, 0.4, 8, width),
     }
+    for name, height, last in (("up", 0.05, None), ("down", -0.05, None), ("up and down", 0.05, 5)):
+        found[f"5 cm {name}"] = routes.platform(8, climb, width, height, last=last)
     for seed in range(3):
         found[f"stones {seed}"] = routes.stones(10, 5.0 / 6.0 * length, width, seed=seed)
     for seed in range(2):
@@ -55,9 +57,9 @@ def bodies() -> Iterator[tuple[str, RunParameters, dict[str, list[Footstep]]]]:
     """Title, run and walks of every gait and body."""
     for name in ("normal", "momentum"):
         own = ampm.load_run(name)
-        yield name, own, walks(own.gait.step_length, 0.2)
+        yield name, own, walks(own.gait.step_length, 0.2, 0.4)
     robot = complete(load_request(None, ["body.source='g1'"])).run.as_is()
-    yield "g1", robot, walks(robot.gait.step_length, 1.1 * robot.gait.step_width)
+    yield "g1", robot, walks(robot.gait.step_length, 1.1 * robot.gait.step_width, 0.24)
 
 
 def main() -> None:

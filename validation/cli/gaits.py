@@ -65,7 +65,7 @@ def plan(
         Path | None,
         option(
             "--footsteps",
-            "Plan a walk from rest to rest over footsteps: foot,x,y,heading [m, rad], z [m], time [s] if wanted.",
+            "Plan a walk from rest to rest over footsteps: foot,x,y,heading [m, rad]; z [m], time [s].",
             "FILE.csv",
         ),
     ] = None,

@@ -88,7 +88,7 @@ Footsteps = Annotated[
     Path | None,
     option(
         "--footsteps",
-        "Walk over footsteps from rest to rest: columns foot,x,y,heading [m, rad], and z [m], time [s] if wanted.",
+        "Walk over footsteps from rest to rest: foot,x,y,heading [m, rad]; z [m], time [s] if wanted.",
         "FILE.csv",
     ),
 ]
