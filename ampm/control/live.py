@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ampm.compiled import records
+from ampm.compiled import bound, records
 from ampm.control.stepping import Curves
 from ampm.control.walker import OFF_HEIGHT, SINK, WALKER, Rows, Sensed, advance, departs, pass_time
 from ampm.walk import ContactState, FeetState, PostureState, Reference
@@ -77,6 +77,11 @@ class LiveReference:
         self._goes_on = bool(np.abs(end).max() > _STILL) and len(plan.contacts.phases) > _CYCLE
         self.live, self._share = False, share
         share[4], share[5] = 1.0, 0.0
+        self._own = self._walker, self._body, share
+        curves = Curves(*np.zeros((3, 2, 2)))
+        self._departs = bound(
+            departs, self._own, 0.0, curves, 0.0, np.zeros((5, 3)), np.zeros((len(feet), 27))
+        )
 
     def reference(self, time: float, given: Reference) -> Reference:
         """The reference of this tick.
@@ -85,7 +90,6 @@ class LiveReference:
             time: [s].
             given: the plan's own reference of this time, returned as long as the walk is on the plan.
         """
-        body = self._body
         if math.isnan(self._origin[0]):
             moved = given.centre[0, :2] - self.plan.sample(np.array([time])).com[0, :2]
             self._origin = moved * (np.abs(moved) > 1e-9)
@@ -93,21 +97,21 @@ class LiveReference:
         if felt:
             if time + 1e-9 >= self._next:
                 self._enter(max(bisect.bisect_right(self._starts, time + 1e-9) - 1, 0))
-            clock, planned = time - self._starts[self._index], (given.centre, given.feet.values)
-            if not departs(self._walker, clock, body, self._coarse, self._width, *planned, self._share):
+            clock = time - self._starts[self._index]
+            planned = [np.ascontiguousarray(v, np.float64) for v in (given.centre, given.feet.values)]
+            if not self._departs(clock, self._coarse, self._width, *planned):
                 return given
             self.live = True
             self._share[5] = 1.0
             self._depart(given)
         else:
-            ends = pass_time(self._walker, body.tick)
+            ends = self._pass_time()
             if ends and (self._goes_on or self._index + 1 < len(self.plan.contacts.phases)):
                 self._switch()
         if self._loaded != self._index:
             self._load()
-        parts: Any = [np.empty(shape, kind) for shape, kind in self._parts]
-        row = Rows(*parts)
-        advance(self._walker, felt, body, self._curves, self._table, row, self._share)
+        row = self._row()
+        self._advance(felt, self._curves, self._table, row)
         return Reference(
             time,
             row.centre,
@@ -171,6 +175,11 @@ class LiveReference:
         curves = r, com[:, :2] + velocity[:, :2] / body.omega, r + arm
         return Curves(*(np.ascontiguousarray(curve) for curve in curves))
 
+    def _row(self) -> Rows:
+        """Room for one row of the table."""
+        parts: Any = [np.empty(shape, kind) for shape, kind in self._parts]
+        return Rows(*parts)
+
     def _load(self) -> None:
         """Tables of the present phase."""
         phase, offset = self._phase(self._index)
@@ -182,8 +191,11 @@ class LiveReference:
         feet[:, :, :2] += offset
         self._curves = self._curves_of(centre[:, 0], centre[:, 1], centre[:, 2], centre[:, 4])
         parts = centre, np.asarray(rows.right_load), feet, *rows.contacts, *rows.posture[:4]
-        self._table = Rows(*(np.array(part) for part in parts))
+        self._table = Rows(*(np.array(part, order="C") for part in parts))
         self._parts = [(part.shape[1:] or (1,), part.dtype) for part in self._table]
+        if self._loaded < 0:
+            self._advance = bound(advance, self._own, True, self._curves, self._table, self._row())
+            self._pass_time = bound(pass_time, (self._walker, self._body.tick))
         self._loaded = self._index
 
     def _depart(self, given: Reference) -> None:

@@ -188,25 +188,25 @@ def expected_dcm(w: Any, body: Sensed, centre: Array, out: Array) -> None:
 @compiled
 def departs(
     walker: Any,
-    clock: float,
     body: Sensed,
+    share: Array,
+    clock: float,
     curves: Curves,
     width: float,
     centre: Array,
     feet_values: Array,
-    share: Array,
 ) -> bool:
     """Whether a walk on the plan has to leave it at this tick.
 
     Args:
         walker: one entry.
-        clock: time since the phase began [s].
         body: of this tick.
+        share: for :func:`~ampm.control.sole.share_sole`; axes and weight are written.
+        clock: time since the phase began [s].
         curves: of the phase.
         width: planned distance of the next step from the standing foot, across [m].
         centre: of the planned reference, shape (5, 3).
         feet_values: of the planned reference, shape (2, 27).
-        share: for :func:`~ampm.control.sole.share_sole`; axes and weight are written.
     """
     w = walker[0]
     w.clock = clock
@@ -265,18 +265,18 @@ def between(table: Array, i: int, share: float, out: Array) -> None:
 
 @compiled
 def advance(
-    walker: Any, felt: bool, body: Sensed, curves: Curves, table: Rows, row: Rows, share: Array
+    walker: Any, body: Sensed, share: Array, felt: bool, curves: Curves, table: Rows, row: Rows
 ) -> None:
     """The reference of one tick of a walk that has left the plan.
 
     Args:
         walker: one entry.
-        felt: whether :func:`feel` was called at this tick.
         body: of this tick.
+        share: for :func:`~ampm.control.sole.share_sole`; written.
+        felt: whether :func:`feel` was called at this tick.
         curves: of the phase.
         table: of the phase, at equal intervals.
         row: written.
-        share: for :func:`~ampm.control.sole.share_sole`; written.
     """
     w = walker[0]
     if not felt:
