@@ -42,8 +42,8 @@ def share_axis(d: float, m: float, low: float, high: float, com_first: bool) -> 
     Args:
         d: wanted shift of r: feedback of the COM [m].
         m: wanted shift of ``ZMP - r``: feedback of the angular momentum [m].
-        low: from the planned ZMP to the sole's edge, not above 0 [m].
-        high: the same to the other edge, not below 0 [m].
+        low: from the planned ZMP to the sole's edge [m].
+        high: the same to the other edge [m].
         com_first: whether the COM gets what it wants first; else the trunk, and the COM may even pay for it.
 
     Returns:
@@ -136,7 +136,9 @@ def share_sole(
         if low > high:
             return
         planned = x * (r[0][0] + arm[0][0]) + y * (r[0][1] + arm[0][1])
-        low, high = min(low - planned, 0.0), max(high - planned, 0.0)
+        low, high = low - planned, high - planned
+        if not share[5]:
+            low, high = min(low, 0.0), max(high, 0.0)
         d = x * (r[1][0] - r[0][0]) + y * (r[1][1] - r[0][1])
         m = x * (arm[1][0] - arm[0][0]) + y * (arm[1][1] - arm[0][1])
         dd, mm = share_axis(d, m, low, high, share[3] > 0.0)
