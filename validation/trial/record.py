@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ampm.description import SOLE_POINT_GROUPS
 from ampm.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -228,17 +227,6 @@ class SimulationRecord:
     def hinge_qd(self) -> NDArray[np.float64]:
         """Hinge rates in actuator order, shape (K + 1, nu) [rad/s]."""
         return self.qd[:, self.qd.shape[1] - len(self.joint_names) :]
-
-    @property
-    def point_names(self) -> tuple[str, ...]:
-        """Name of every sole point: foot, group, running number within the group."""
-        count: dict[tuple[int, int], int] = {}
-        names = []
-        for foot, group in zip(self.point_foot.tolist(), self.point_group.tolist(), strict=True):
-            index = count.get((foot, group), 0)
-            count[foot, group] = index + 1
-            names.append(f"{FEET[foot]}_{SOLE_POINT_GROUPS[group]}_{index}")
-        return tuple(names)
 
 
 def support_height(metadata: Mapping[str, str], height: Array, load: Array) -> Array:

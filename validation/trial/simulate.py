@@ -234,7 +234,6 @@ class ClosedLoop:
         self.users_code = contextlib.nullcontext() if self.own else UsersCode("controller", behind)
         self.torque, self.torque_limit = np.zeros(physics.robot.nu), physics.robot.torque_limit.copy()
         self.rate = np.full(physics.robot.nu, np.nan)
-        self.run_parameters = run
         self.step_ends, self.total, self.progress = step_ends, total, progress
         self.log = RunLog(total, physics.model, physics.data, physics.points, physics.substeps)
         self.log.start(physics.data)
