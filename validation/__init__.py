@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from validation.study.people.compare import people as people
     from validation.study.robustness.run import robustness as robustness
     from validation.study.sweep.run import sweep as sweep
+    from validation.study.tour import tour as tour
     from validation.trial.disturbances import Disturbance as Disturbance
     from validation.trial.disturbances import Plant as Plant
     from validation.trial.disturbances import Push as Push
@@ -45,6 +46,7 @@ _HOMES = {
     "report": "show.report.write_report",
     "robustness": "study.robustness.run.robustness",
     "sweep": "study.sweep.run.sweep",
+    "tour": "study.tour.tour",
     "unregister": "judge.metrics.unregister",
     "view": "show.viewer.show_recording",
     "walk": "run.walk.walk",
@@ -52,8 +54,8 @@ _HOMES = {
 
 __all__ = [
     "Disturbance", "Metric", "Plant", "Progress", "Push", "Trial", "load", "load_uncertainty",
-    "observe_folder", "people", "register", "replay", "report", "robustness", "sweep", "unregister", "view",
-    "walk",
+    "observe_folder", "people", "register", "replay", "report", "robustness", "sweep", "tour", "unregister",
+    "view", "walk",
 ]  # fmt: skip
 
 

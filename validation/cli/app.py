@@ -16,7 +16,7 @@ from typing import Annotated
 import typer
 
 import ampm
-from validation.cli import body, gaits, studies, validate, view
+from validation.cli import body, gaits, studies, survival, validate, view
 from validation.cli.console import print_json
 from validation.cli.errors import describe_error, explain, keep_traceback
 from validation.cli.options import Status, option
@@ -33,7 +33,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="rich",
 )
-for group in (gaits, validate, view, body, studies):
+for group in (gaits, validate, view, body, studies, survival):
     app.add_typer(group.app)
 
 

@@ -17,7 +17,6 @@ from validation.cli.console import Narrator
 from validation.cli.options import (
     PROFILES,
     AsIs,
-    Body,
     Force,
     Gait,
     Json,
@@ -29,7 +28,6 @@ from validation.cli.options import (
     answer,
     check_picture,
     option,
-    with_body,
     with_steps,
 )  # fmt: skip
 from validation.show.text import format_duration, judged, print_line, print_table, print_verdict
@@ -40,7 +38,6 @@ if TYPE_CHECKING:
     from validation.study.compare.pair import Pair
     from validation.study.convergence.result import Convergence
     from validation.study.people.compare import People
-    from validation.study.robustness.result import Robustness
     from validation.study.sweep.forecast import Forecast
     from validation.study.sweep.table import SweepTable
 
@@ -57,9 +54,6 @@ CONVERGENCE_EPILOG = (
     "Exit status: 0 every metric is within its limit by more than its numerical uncertainty, 1 one is over "
     "it, undecided or not measured, 2 bad input or refused, 3 a walk of a numerical study did not complete, "
     "4 crash of ampm itself, 130 interrupted."
-)
-ROBUSTNESS_EPILOG = (
-    "Exit status: 0 the study is done, 2 bad input or refused, 130 interrupted: --resume goes on."
 )
 _ENDED = {"completed": Status.PASS, "interrupted": Status.INTERRUPTED}
 _STUDIES = "time_step, ik_grid, qp_tolerance, contact_stiffness or contact_depth"
@@ -405,65 +399,6 @@ def print_convergence(result: Convergence) -> None:
     for note in result.notes:
         print_line(f"  note: {note}")
     print_verdict(result.request.name, result.verdict.name, result.verdict.reason)
-
-
-@app.command(epilog=ROBUSTNESS_EPILOG)
-def robustness(
-    gait: Gait = None,
-    settings: Settings = None,
-    body: Body = None,
-    controller: Annotated[
-        str | None, option("--controller", "Short for controller.name.", "NAME|MODULE:CLASS")
-    ] = None,
-    quick: Annotated[bool, option("--quick", "Fewer kinds on a coarser grid.")] = False,
-    only: Annotated[
-        list[str] | None,
-        option("--only", "Kind: pushes, or a key of the section disturbance. Repeatable.", "KIND"),
-    ] = None,
-    replicas: Annotated[
-        int, option("--replicas", "Walks of every value, of which four fifths have to survive.", "N")
-    ] = 5,
-    profile: Annotated[
-        str | None,
-        option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P"),
-    ] = None,
-    workers: Workers = None,
-    scheduler: Annotated[
-        str | None, option("--scheduler", "Run on this dask scheduler, as 'ampm sweep' does.", "ADDRESS")
-    ] = None,
-    out: Annotated[
-        Path | None, option("--out", "Write robustness.json, a table, pictures, and every result.", "DIR")
-    ] = None,
-    resume: Annotated[bool, option("--resume", "Go on with what is missing in --out.")] = False,
-    force: Force = False,
-    as_json: Json = False,
-) -> int:
-    """Find the largest pushes and other disturbances that a gait survives with its body and controller.
-
-    Pushes of 0.1 s by direction, phase and height, each beside the bound that legs set, and rising values of
-    all keys of the section disturbance. A value counts if it and all smaller ones are survived.
-    """
-    from validation.study.robustness.result import Robustness
-    from validation.study.robustness.run import robustness as study
-
-    extra = [*with_body(settings, body), *([] if controller is None else [f'controller.name="{controller}"'])]
-    found = study(
-        gait, extra, quick=quick, only=only or (), replicas=replicas, profile=profile, workers=workers,
-        scheduler=scheduler, out=out, resume=resume, force=force, progress=Narrator(),
-    )  # fmt: skip
-    answer(found, Robustness.as_dict, print_robustness, as_json=as_json)
-    return Status.PASS
-
-
-def print_robustness(found: Robustness) -> None:
-    """Print the tables of a study for a reader."""
-    from validation.study.robustness import text
-
-    if found.pushes:
-        rows = text.push_rows(found)
-        print_table(f"{text.title(found)}; of the bound", [*text.PUSH_HEADER], rows)
-    if found.others:
-        print_table(text.title(found), [*text.OTHER_HEADER], text.other_rows(found))
 
 
 @app.command()

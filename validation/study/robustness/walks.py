@@ -149,15 +149,15 @@ def walk_replica(level: Level, replica: int) -> Replica:
         x, y = planned.plan.mass * level.value / DURATION * instant.direction
         push = Push(cell.height, (float(x), float(y), 0.0), instant.time, DURATION)
         record = simulate(planned.plan, run, planned.body.model, disturbances=[push])
-        return Replica(_cause(record, planned))
+        return Replica(cause_of(record, planned))
     trial = walk_planned(
         replace(planned, request=replace(planned.request, run=run)), find_profile(level.profile)
     )
     found = [float(trial.metrics[f"zmp_{axis}_rmse"].value) for axis in "xy"]
-    return Replica(_cause(trial.record, planned), trial.verdict.passed, (found[0], found[1]))
+    return Replica(cause_of(trial.record, planned), trial.verdict.passed, (found[0], found[1]))
 
 
-def _cause(record: SimulationRecord, planned: PlannedWalk) -> str:
+def cause_of(record: SimulationRecord, planned: PlannedWalk) -> str:
     """Why a walk does not count as survived; empty if it does. A hand may touch, but legs must not meet."""
     end = record.outcome
     if not end.completed:

@@ -1,0 +1,137 @@
+"""``ampm robustness`` and ``ampm tour``: what a gait survives with its body and controller.
+
+Commands import what they run: simulator, Pinocchio and NumPy take long to load.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from validation.cli.console import Narrator
+from validation.cli.options import (
+    PROFILES,
+    Body,
+    Force,
+    Gait,
+    Json,
+    Settings,
+    Status,
+    Workers,
+    answer,
+    option,
+    with_body,
+)
+from validation.show.text import print_table
+
+if TYPE_CHECKING:
+    from validation.study.robustness.result import Robustness
+    from validation.study.tour import Tours
+
+app = typer.Typer()
+
+EPILOG = "Exit status: 0 the study is done, 2 bad input or refused, 130 interrupted: --resume goes on."
+Controller = Annotated[str | None, option("--controller", "Short for controller.name.", "NAME|MODULE:CLASS")]
+Scheduler = Annotated[
+    str | None, option("--scheduler", "Run on this dask scheduler, as 'ampm sweep' does.", "ADDRESS")
+]
+Resume = Annotated[bool, option("--resume", "Go on with what is missing in --out.")]
+
+
+def _with_controller(settings: list[str] | None, body: str | None, controller: str | None) -> list[str]:
+    own = [] if controller is None else [f'controller.name="{controller}"']
+    return [*with_body(settings, body), *own]
+
+
+@app.command(epilog=EPILOG)
+def robustness(
+    gait: Gait = None,
+    settings: Settings = None,
+    body: Body = None,
+    controller: Controller = None,
+    quick: Annotated[bool, option("--quick", "Fewer kinds on a coarser grid.")] = False,
+    only: Annotated[
+        list[str] | None,
+        option("--only", "Kind: pushes, or a key of the section disturbance. Repeatable.", "KIND"),
+    ] = None,
+    replicas: Annotated[
+        int, option("--replicas", "Walks of every value, of which four fifths have to survive.", "N")
+    ] = 5,
+    profile: Annotated[
+        str | None,
+        option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P"),
+    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    out: Annotated[
+        Path | None, option("--out", "Write robustness.json, a table, pictures, and every result.", "DIR")
+    ] = None,
+    resume: Resume = False,
+    force: Force = False,
+    as_json: Json = False,
+) -> int:
+    """Find the largest pushes and other disturbances that a gait survives with its body and controller.
+
+    Pushes of 0.1 s by direction, phase and height, each beside the bound that legs set, and rising values of
+    all keys of the section disturbance. A value counts if it and all smaller ones are survived.
+    """
+    from validation.study.robustness.result import Robustness
+    from validation.study.robustness.run import robustness as study
+
+    found = study(
+        gait, _with_controller(settings, body, controller), quick=quick,
+        only=only or (), replicas=replicas, profile=profile, workers=workers,
+        scheduler=scheduler, out=out, resume=resume, force=force, progress=Narrator(),
+    )  # fmt: skip
+    answer(found, Robustness.as_dict, print_robustness, as_json=as_json)
+    return Status.PASS
+
+
+def print_robustness(found: Robustness) -> None:
+    """Print the tables of a study for a reader."""
+    from validation.study.robustness import text
+
+    if found.pushes:
+        rows = text.push_rows(found)
+        print_table(f"{text.title(found)}; of the bound", [*text.PUSH_HEADER], rows)
+    if found.others:
+        print_table(text.title(found), [*text.OTHER_HEADER], text.other_rows(found))
+
+
+@app.command(epilog=EPILOG)
+def tour(
+    gait: Gait = None,
+    settings: Settings = None,
+    body: Body = None,
+    controller: Controller = None,
+    punches: Annotated[
+        float, option("--punches", "Share of the protocol's force: 0 for none, 1 for up to 500 N.", "SHARE")
+    ] = 1.0,
+    seeds: Annotated[int, option("--seeds", "Tours, of the seeds 0, 1, ...", "N")] = 100,
+    targets: Annotated[int, option("--targets", "Targets of a tour.", "N")] = 18,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    out: Annotated[Path | None, option("--out", "Write tour.json, a table, and every result.", "DIR")] = None,
+    resume: Resume = False,
+    force: Force = False,
+    as_json: Json = False,
+) -> int:
+    """Walk tours over random targets under random punches, by the public protocol for the Unitree G1.
+
+    Both feet stand at one target after the other: each uniform in a disc of 1 m about the one before, with a
+    random heading. In every 5 s a random segment is hit for 0.08 s in a random direction.
+    """
+    from validation.study.tour import HEADER, Tours
+    from validation.study.tour import tour as study
+
+    def show(found: Tours) -> None:
+        print_table(found.title, HEADER, [found.row()])
+
+    found = study(
+        gait, _with_controller(settings, body, controller), share=punches, seeds=seeds, count=targets,
+        workers=workers, scheduler=scheduler, out=out, resume=resume, force=force, progress=Narrator(),
+    )  # fmt: skip
+    answer(found, Tours.as_dict, show, as_json=as_json)
+    return Status.PASS
