@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,18 @@ import validation as val
 from ampm.exceptions import InputError
 from ampm.run_file import dump_run
 from validation.cli.app import call
-from validation.study.tour import HEADER, Task, Tours, Walked, plan_tour, punches, targets, tour, walk_tour
+from validation.study.tour import (
+    HEADER,
+    RestlessArms,
+    Task,
+    Tours,
+    Walked,
+    plan_tour,
+    punches,
+    targets,
+    tour,
+    walk_tour,
+)
 
 RUN = ampm.load_run("normal", simulation={"time_step": 0.002})
 
@@ -72,6 +84,27 @@ def test_a_short_tour_is_walked_to_its_targets():
     assert 10.0 < found.power < 100.0
 
 
+def test_arms_that_move_at_random_are_walked_with():
+    planned = plan_tour(task())
+    plan, robot = planned.plan, planned.body.robot
+    arms = RestlessArms(plan.posture, robot, 0, plan.duration)
+    times = np.arange(0.0, plan.duration, 1e-3)
+    state, still = arms.sample(times), plan.posture.sample(times)
+    moved = np.flatnonzero(np.abs(state.q - still.q).max(axis=0) > 0.1)
+    joints = [robot.joint_names[k - 7] for k in moved]
+    assert set(joints) <= {*robot.description.left_arm, *robot.description.right_arm}
+    assert len(joints) > 4
+    assert (state.q[0] == still.q[0]).all()
+    angle, rate, acceleration = state.q[1:, moved], state.v[1:, moved - 1], state.acceleration[1:, moved - 1]
+    assert np.abs(np.gradient(angle, 1e-3, axis=0) - rate)[1:-1].max() < 1e-4
+    assert np.abs(np.gradient(rate, 1e-3, axis=0) - acceleration)[1:-1].max() < 0.02
+    assert ((angle >= robot.lower[moved - 7]) & (angle <= robot.upper[moved - 7])).all()
+    found = walk_tour(replace(task(), arms=True))
+    assert found.completed
+    assert found.error < 2e-3
+    assert found.error != walk_tour(task()).error
+
+
 def test_a_punch_that_is_too_hard_ends_it():
     found = walk_tour(task(share=20.0))
     assert not found.completed
@@ -118,7 +151,7 @@ def test_the_table_has_shares_and_means():
         "first sign of most falls": "a ZMP 20 mm off (2)",
     }
     nothing = Tours(
-        "normal", "human", "tracking", "fixed", 0.0, (Walked(0, False, 0.0, cause="refused: no"),)
+        "normal", "human", "tracking", "fixed", 0.0, False, (Walked(0, False, 0.0, cause="refused: no"),)
     )
     assert nothing.row()[2:6] == ("0.0 of nan", "0.0", "–, –", "–")
 
@@ -144,7 +177,7 @@ def test_tours_that_were_stopped_go_on_with_what_is_missing(tmp_path):
     assert walked == list(range(8))
     assert found == study()
     assert json.loads((out / "tour.json").read_text()) == found.as_dict()
-    assert {path.name for path in out.iterdir()} == {"tour.json", "tour.md", "tours.jsonl"}
+    assert {path.name for path in out.iterdir()} == {"tour.json", "tours.jsonl"}
     assert study(goes_on, out=out, resume=True, seeds=10).completed == 8
     assert walked == list(range(10))
     with pytest.raises(InputError, match="another gait, definition or code"):

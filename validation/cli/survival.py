@@ -111,9 +111,12 @@ def tour(
     ] = 1.0,
     seeds: Annotated[int, option("--seeds", "Tours, of the seeds 0, 1, ...", "N")] = 100,
     targets: Annotated[int, option("--targets", "Targets of a tour.", "N")] = 18,
+    arms: Annotated[
+        bool, option("--arms", "The arms move at random; the controller knows where they go.")
+    ] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    out: Annotated[Path | None, option("--out", "Write tour.json, a table, and every result.", "DIR")] = None,
+    out: Annotated[Path | None, option("--out", "Write tour.json, and every result.", "DIR")] = None,
     resume: Resume = False,
     force: Force = False,
     as_json: Json = False,
@@ -131,7 +134,8 @@ def tour(
 
     found = study(
         gait, _with_controller(settings, body, controller), share=punches, seeds=seeds, count=targets,
-        workers=workers, scheduler=scheduler, out=out, resume=resume, force=force, progress=Narrator(),
+        arms=arms, workers=workers, scheduler=scheduler, out=out, resume=resume, force=force,
+        progress=Narrator(),
     )  # fmt: skip
     answer(found, Tours.as_dict, show, as_json=as_json)
     return Status.PASS

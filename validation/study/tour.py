@@ -3,8 +3,9 @@
 The protocol is that of a public comparison of policies for the Unitree G1: 18 targets, each uniform in a disc
 of 1 m about the one before, with a random heading; 5 s for each, and in them one punch of 0.08 s on a random
 segment in a random direction, of half to all of a ceiling that rises from a third to all of 500 N within
-60 s. Three things differ. The controller keeps the arms, which move at random there. Both feet stand at every
-target. A way takes the time that its steps need, and the punches go on to the end.
+60 s. Its arms move at random. Three things differ. Both feet stand at every target. A way takes the time that
+its steps need, and the punches go on to the end. Arms that move at random are moved by the controller, which
+knows where they go; there they belong to nobody.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,7 @@ from ampm.planner import routes
 from ampm.run_file import dump_run, load_run
 from ampm.section import parse_toml
 from validation.progress import Progress
-from validation.show.text import markdown_table, number
+from validation.show.text import number
 from validation.store.folders import output_file
 from validation.store.identity import code_hash
 from validation.store.json import json_ready, write_json
@@ -32,7 +33,11 @@ from validation.study.resumable import Journal, study_folder, work_off
 from validation.trial.plan import Request, complete, load_request, own_gait, plan_walk
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from ampm.body.robot import Robot
     from ampm.geometry import Array
+    from ampm.walk import Posture, PostureState
     from validation.trial.disturbances import Push
     from validation.trial.plan import PlannedWalk
     from validation.trial.record import SimulationRecord
@@ -46,7 +51,10 @@ LENGTH, ASIDE, TURN, WIDER = 0.7, 0.4, 0.4, 0.12
 feet are wider than the gait's, as a share of its step."""
 SHORTER, TRIES = 0.85, 4
 """Share by which length and turn are tried again where a way is refused, and how often."""
-RESULT, MARKDOWN, JOURNAL = "tour.json", "tour.md", "tours.jsonl"
+EVERY, WANDER, MOST = 1.0, 0.3, 0.8
+"""Time between two random angles of an arm's joint [s]; standard deviation of their difference, and largest
+distance from the posture [rad]."""
+RESULT, JOURNAL = "tour.json", "tours.jsonl"
 HEADER = (
     "force", "completed", "mean survival, of planned [s]", "targets", "error at them [mm], [degrees]",
     "mean power [W]", "first sign of most falls",
@@ -90,6 +98,7 @@ class Task:
         seed: of targets and punches.
         share: of the protocol's force [1].
         count: of targets.
+        arms: whether they move at random.
     """
 
     run: str
@@ -97,6 +106,7 @@ class Task:
     seed: int
     share: float
     count: int
+    arms: bool = False
 
 
 @dataclass(frozen=True)
@@ -106,6 +116,7 @@ class Tours:
     Attributes:
         gait, body, controller, stabilizer: their names.
         share: of the protocol's force [1].
+        arms: whether they move at random.
         walks: by seed.
     """
 
@@ -114,12 +125,16 @@ class Tours:
     controller: str
     stabilizer: str
     share: float
+    arms: bool
     walks: tuple[Walked, ...]
 
     @property
     def title(self) -> str:
         """What was walked."""
-        return f"Tour of {self.gait}, body {self.body}, controller {self.controller} ({self.stabilizer})"
+        return (
+            f"Tour of {self.gait}, body {self.body}, controller {self.controller} ({self.stabilizer})"
+            f"{', arms at random' if self.arms else ''}"
+        )
 
     @property
     def completed(self) -> int:
@@ -189,6 +204,48 @@ def punches(seed: int, share: float, segments: Sequence[str], until: float) -> l
     return found
 
 
+class RestlessArms:
+    """A posture whose arms' angles walk at random, with continuous accelerations.
+
+    Args:
+        posture: of all else.
+        robot: whose arms; their ranges are kept.
+        seed: of the tour.
+        until: end of the tour [s].
+    """
+
+    def __init__(self, posture: Posture, robot: Robot, seed: int, until: float) -> None:
+        self._posture, description = posture, robot.description
+        self._rows = np.array(robot.velocity_indices((*description.left_arm, *description.right_arm)))
+        self.angular_momentum_y_offset = posture.angular_momentum_y_offset
+        rest, hinges = posture.sample(np.full(1, until)).q[0, self._rows + 1], self._rows - 6
+        low = np.clip(robot.lower[hinges] - rest, -MOST, 0.0)
+        high = np.clip(robot.upper[hinges] - rest, 0.0, MOST)
+        moves = np.random.default_rng([seed, 2]).normal(
+            0.0, WANDER, (math.ceil(until / EVERY) + 1, len(rest))
+        )
+        nodes = [np.zeros(len(rest))]
+        for move in moves:
+            nodes.append(np.clip(nodes[-1] + move, low, high))
+        self._nodes = np.array(nodes)
+
+    def sample(self, times: ArrayLike) -> PostureState:
+        """States at ``times``, shape (T,) [s]."""
+        state = self._posture.sample(times)
+        at = np.clip(np.atleast_1d(times) / EVERY, 0.0, len(self._nodes) - 1.001)
+        row = at.astype(int)
+        u, way = (at - row)[:, None], self._nodes[row + 1] - self._nodes[row]
+        q, v, a = state.q.copy(), state.v.copy(), state.acceleration.copy()
+        q[:, self._rows + 1] += self._nodes[row] + way * u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
+        v[:, self._rows] += way * 30.0 * u * u * (1.0 - u) ** 2 / EVERY
+        a[:, self._rows] += way * 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / EVERY**2
+        return state._replace(q=q, v=v, acceleration=a)
+
+    def report(self) -> dict[str, Any]:
+        """Of the posture."""
+        return self._posture.report()
+
+
 def plan_tour(task: Task) -> PlannedWalk:
     """Plan a tour with the longest steps that the body can walk.
 
@@ -221,15 +278,16 @@ def walk_tour(task: Task) -> Walked:
         return Walked(task.seed, False, 0.0, cause=f"refused: {refusal}")
     model = planned.body.model.compile()
     hinged = [model.body(int(i)).name for i in dict.fromkeys(model.jnt_bodyid[1:].tolist())]
-    pushes = punches(task.seed, task.share, hinged, planned.plan.duration)
-    record = simulate(planned.plan, planned.run, planned.body.model, disturbances=pushes)
-    errors = _errors(planned, record, targets(task.seed, task.count))
+    plan, seed = planned.plan, task.seed
+    pushes = punches(seed, task.share, hinged, plan.duration)
+    if task.arms:
+        plan = replace(plan, posture=RestlessArms(plan.posture, planned.body.robot, seed, plan.duration))
+    record = simulate(plan, planned.run, planned.body.model, disturbances=pushes)
+    errors = _errors(planned, record, targets(seed, task.count))
     error, turned = errors.mean(axis=0).tolist() if len(errors) else (math.nan, math.nan)
     power = energy(record, np.ones(len(record.torque), dtype=bool))["mean_power"]
     cause, time = cause_of(record, planned), record.outcome.time
-    return Walked(
-        task.seed, not cause, time, planned.plan.duration, len(errors), error, turned, power, cause
-    )  # fmt: skip
+    return Walked(seed, not cause, time, plan.duration, len(errors), error, turned, power, cause)
 
 
 def _errors(planned: PlannedWalk, record: SimulationRecord, places: Sequence[routes.Frame]) -> Array:
@@ -257,6 +315,7 @@ def tour(
     seeds: int = 100,
     share: float = 1.0,
     count: int = TARGETS,
+    arms: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
     out: str | Path | None = None,
@@ -273,6 +332,7 @@ def tour(
         seeds: tours, of the seeds 0, 1, ...
         share: of the protocol's force, at least 0 [1].
         count: targets of a tour.
+        arms: whether they move at random.
         workers: processes, None for one a core; one walks in this very process.
         scheduler: address of a dask scheduler that is running already.
         out: folder of results; None writes nothing.
@@ -288,15 +348,15 @@ def tour(
         if not least <= value < math.inf:
             raise InputError(f"--{name} {value}: give a number of at least {least}.", value=value)
     progress = progress or Progress()
-    target = study_folder(out, (RESULT, MARKDOWN, JOURNAL), JOURNAL, what="tour", resume=resume, force=force)
+    target = study_folder(out, (RESULT, JOURNAL), JOURNAL, what="tour", resume=resume, force=force)
     given = Request("walk", own_gait(run)) if isinstance(run, RunParameters) else load_request(run, settings)
     request = complete(given, progress)
     own, text = request.run, dump_run(request.run)
-    identity = {"run": text, "share": share, "targets": count, "code": code_hash()}
+    identity = {"run": text, "share": share, "targets": count, "arms": arms, "code": code_hash()}
     path = None if target is None else target / JOURNAL
     with Journal(path, identity, resume=resume) as journal:
         walks = {row["seed"]: _walked(row) for row in journal.rows}
-        waiting = [Task(text, request.name, k, share, count) for k in range(seeds) if k not in walks]
+        waiting = [Task(text, request.name, k, share, count, arms) for k in range(seeds) if k not in walks]
         with progress.stage(f"{request.name}: tours", "tours") as stage:
             stage.advance(seeds - len(waiting), seeds)
 
@@ -307,13 +367,10 @@ def tour(
 
             work_off(waiting, runner, kept, workers=workers, scheduler=scheduler, report=progress.say)
     found = Tours(
-        request.title, own.body.source, own.controller.name, own.controller.stabilizer, share,
+        request.title, own.body.source, own.controller.name, own.controller.stabilizer, share, arms,
         tuple(walks[seed] for seed in range(seeds)),
     )  # fmt: skip
     if target is not None:
-        (target / RESULT).unlink(missing_ok=True)
-        with output_file(target / MARKDOWN, force=True) as file:
-            file.write_text(f"# {found.title}\n\n{markdown_table(HEADER, [found.row()])}\n", encoding="utf-8")
         with output_file(target / RESULT, force=True) as file:
             write_json(file, found.as_dict())
     return found
