@@ -137,6 +137,20 @@ def test_the_floor_has_its_edges_between_the_feet():
             np.testing.assert_array_equal(part.at(footprint(sole, step), 0.01), step.position[2])
 
 
+def test_a_walk_stands_on_a_platform_and_goes_on():
+    footsteps, landings = routes.stop_and_go(4, 0.4, WIDTH, RUNS["normal"])
+    footsteps = raised(footsteps, [0.0, 0.0, 0.0, 0.05, 0.05, 0.05, 0.05, 0.0])
+    run = RUNS["normal"].replace({}, footsteps=routes.as_rows(footsteps, landings))
+    walk = plan_footstep_walk(run, BODY)
+    assert walk.residuals().largest < 1e-11
+    landed = landings[6]
+    assert landed is not None
+    stands = walk.sample(np.linspace(landed - 1.4, landed - 1.2, 9))
+    np.testing.assert_allclose(stands.floor, 0.05)
+    np.testing.assert_allclose(stands.com[:, 2], run.gait.com_height + 0.05, atol=1e-12)
+    np.testing.assert_allclose(walk.sample(walk.duration).com[:, 2], run.gait.com_height, atol=1e-12)
+
+
 def test_the_level_walk_is_the_same_without_heights():
     level = routes.straight(8, 0.4, WIDTH)
     assert routes.platform(8, 0.4, WIDTH, 0.0) == level
