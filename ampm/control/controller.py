@@ -36,7 +36,7 @@ from ampm.control.trunk import LONGEST, fed_back_tilt
 from ampm.control.wrench_qp import L_Z, CondensedForm, eliminate, fill_qp
 from ampm.qp import QPSettings, QPSolution, QPStatus
 from ampm.vectors import minus, multiply, plus, put, times, vector
-from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, read_only
+from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -413,14 +413,13 @@ class TrackingController:
             touch: readings of the soles.
             reference: what is planned at this instant.
         """
-        reference = read_only(reference)
         self._q[:], self._motion[V] = state.q, state.v
         self._sensed[:], self._touching[:] = touch.normal_force, touch.contact
         first, still = self._first, bool(reference.jumps)
         self._reference[_POSTURE_A][:] = reference.posture.acceleration
         self._observe(float(state.velocity_lag), first)
         if self._live is not None:
-            reference = read_only(self._live.reference(state.time, reference))
+            reference = self._live.reference(state.time, reference)
         given = reference.centre, reference.feet.values, *reference.contacts, *reference.posture[:4]
         for own, array in zip(self._reference, given, strict=True):
             own[:] = array
