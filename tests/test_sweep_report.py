@@ -396,3 +396,13 @@ def test_browser_hears_errors(tmp_path):
     path = tmp_path / "bad.html"
     path.write_text("<!doctype html><html><body></body></html>", encoding="utf-8")
     assert len(look(path, tmp_path, "tell({}); nothing();").console) == 1
+
+
+def test_values_at_a_limit_of_zero_are_not_drawn_as_over_it():
+    none, one = (
+        figures.distribution(np.array([0.0, largest]), 0.0, "mm", "shortfall") for largest in (0.0, 1.0)
+    )
+    assert "--bad" not in none
+    assert "--bad" in one
+    assert "0.0000" not in none
+    assert len(re.findall(">0</text>", figures.distribution(np.array([0.5]), None, "mm", "error"))) == 1

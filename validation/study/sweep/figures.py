@@ -274,16 +274,18 @@ def distribution(values: Array, limit: float | None, unit: str, title: str) -> M
     low, high = min(0.0, float(known.min())), float(np.quantile(known, 0.99)) * 1.15
     if limit is not None and high > 0.4 * limit and (known > limit).mean() < 0.5:
         high = max(high, 1.12 * limit)
-    counts, edges = np.histogram(known, np.linspace(low, max(high, low + 1e-300), BINS + 1))
+    high = high if high > low else low + 1.0
+    counts, edges = np.histogram(known, np.linspace(low, high, BINS + 1))
+    broken = limit is not None and bool((known > limit).any())
     bars = [
-        {"low": a, "high": b, "runs": int(n), "over": limit is not None and a >= limit}
+        {"low": a, "high": b, "runs": int(n), "over": broken and limit is not None and a >= limit}
         for (a, b), n in zip(itertools.pairwise(edges.tolist()), counts, strict=True)
     ]
     beyond, scale = int((known > edges[-1]).sum()), {"domain": [low, float(edges[-1])], "nice": False}
     x = {"field": "low", "bin": "binned", "type": "quantitative", "title": f"[{unit or 1}]", "scale": scale}
-    y = {"field": "runs", "type": "quantitative", "title": None, "axis": {"tickCount": 3, "format": "d"}}
+    y = {"field": "runs", "type": "quantitative", "title": None}
     colour = {"condition": {"test": "datum.over", "value": "var(--bad)"}, "value": "var(--plan)"}
-    x["axis"] = {"grid": False, "tickCount": 6}
+    x["axis"], y["axis"] = {"grid": False, "tickCount": 6}, {"tickCount": 3, "tickMinStep": 1, "format": "d"}
     encoding = {"x": x, "x2": {"field": "high"}, "y": y, "color": colour}
     layers: list[Spec] = [{"mark": {"type": "bar", "binSpacing": 0}, "encoding": encoding}]
     text: Spec = {"type": "text", "align": "right"}
@@ -291,7 +293,8 @@ def distribution(values: Array, limit: float | None, unit: str, title: str) -> M
     if limit is not None:  # a line with its value; an arrow at the edge if it is beyond
         at = {"x": {"datum": min(limit, float(edges[-1]))}}
         arrow = " →" if limit > edges[-1] else ""
-        marks = [({**text, "dx": -4, "y": 6, "text": f"limit {limit:.3g}{arrow}"}, at)]
+        side = {"dx": -4} if limit > low else {"dx": 4, "align": "left"}
+        marks = [({**text, **side, "y": 6, "text": f"limit {limit:.3g}{arrow}"}, at)]
         marks += [] if arrow else [("rule", at)]
     if beyond:
         marks.append(({**text, "x": 300, "y": 22, "color": "var(--faint)", "text": f"{beyond} beyond →"}, {}))
