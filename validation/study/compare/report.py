@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from validation.show import style
 from validation.show.page import render_page
-from validation.show.text import format_number
+from validation.show.text import format_number, format_value
 from validation.store.folders import output_file
 from validation.store.json import write_json
 from validation.study.compare.pair import EVEN, NUMBERS, PICTURE, REPORT, Pair, Row, Side
@@ -153,7 +153,9 @@ def render(pair: Pair) -> str:
         b=b,
         even=EVEN,
         facts=facts(pair),
-        parameters=[(key, str(one), str(two)) for key, (one, two) in pair.parameters.items()],
+        parameters=[
+            (key, format_value(one), format_value(two)) for key, (one, two) in pair.parameters.items()
+        ],
         switches=switches.svg,
         groups=tables(pair),
         known=known(pair),
