@@ -283,9 +283,10 @@ def distribution(values: Array, limit: float | None, unit: str, title: str) -> M
     ]
     beyond, scale = int((known > edges[-1]).sum()), {"domain": [low, float(edges[-1])], "nice": False}
     x = {"field": "low", "bin": "binned", "type": "quantitative", "title": f"[{unit or 1}]", "scale": scale}
-    y = {"field": "runs", "type": "quantitative", "title": None}
+    ticks = {"tickCount": 3, "tickMinStep": 1, "format": "d"}
+    y = {"field": "runs", "type": "quantitative", "title": None, "axis": ticks}
     colour = {"condition": {"test": "datum.over", "value": "var(--bad)"}, "value": "var(--plan)"}
-    x["axis"], y["axis"] = {"grid": False, "tickCount": 6}, {"tickCount": 3, "tickMinStep": 1, "format": "d"}
+    x["axis"] = {"grid": False, "tickCount": 6}
     encoding = {"x": x, "x2": {"field": "high"}, "y": y, "color": colour}
     layers: list[Spec] = [{"mark": {"type": "bar", "binSpacing": 0}, "encoding": encoding}]
     text: Spec = {"type": "text", "align": "right"}
