@@ -31,7 +31,7 @@ from validation.study.compare.pair import (
     load_side,
     pair_of,
 )
-from validation.study.compare.report import first_answer, largest_undecided
+from validation.study.compare.report import first_answer, largest_undecided, render
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +101,10 @@ def test_without_a_study_only_what_is_not_walked_is_decided(pair):
     assert pair.as_dict()["uncertainty"] is None
     assert pair.parameters["gait.model"] == ("ampm", "ipm")
     assert "body.mass" not in pair.parameters
+    assert "same body" in render(pair)
+    saved = pair.b.saved
+    heavy = replace(saved, parameters=saved.parameters.replace({"body.mass": 61.0}))
+    assert "same body" not in render(replace(pair, b=replace(pair.b, saved=heavy)))
     walked = [row.ratio for row in pair.rows if row.of.walked and row.ratio]
     counts = [sum(r < 1 / EVEN for r in walked), sum(r > EVEN for r in walked)]
     (answer,) = first_answer(pair)

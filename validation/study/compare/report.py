@@ -152,6 +152,7 @@ def render(pair: Pair) -> str:
         a=a,
         b=b,
         even=EVEN,
+        alike=not any(key.startswith(("body.", "controller.name")) for key in pair.parameters),
         facts=facts(pair),
         parameters=[
             (key, format_value(one), format_value(two)) for key, (one, two) in pair.parameters.items()
