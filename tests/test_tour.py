@@ -130,7 +130,7 @@ def test_a_refusal_is_a_result():
 
 def fake(item):
     if item.seed % 4 == 3:
-        cause = "fell: the trunk leaned over by 60 degrees at 9 s; the first sign was a ZMP 20 mm off at 8 s"
+        cause = f"fell: the trunk leaned over at 9 s; the first sign was a ZMP {item.seed} mm off at 8 s"
         return Walked(item.seed, False, 9.0, 60.0, 1, 0.02, 0.1, 40.0, cause)
     return Walked(item.seed, True, 60.0, 60.0, 18, 0.01, 0.1, 40.0)
 
@@ -148,7 +148,7 @@ def test_the_table_has_shares_and_means():
         "targets": "13.8",
         "error at them [mm], [degrees]": "12.5, 5.73",
         "mean power [W]": "40.0",
-        "first sign of most falls": "a ZMP 20 mm off (2)",
+        "first sign of most falls": "a ZMP … mm off (2)",
     }
     nothing = Tours(
         "normal", "human", "tracking", "fixed", 0.0, False, (Walked(0, False, 0.0, cause="refused: no"),)

@@ -11,6 +11,7 @@ knows where they go; there they belong to nobody.
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -168,7 +169,7 @@ class Tours:
 def _kind(cause: str) -> str:
     """First sign of a failure, without time and numbers."""
     sign = cause.partition("first sign was ")[2] or cause
-    return sign.partition(" at ")[0].partition(",")[0]
+    return re.sub(r"\d+", "…", sign.partition(" at ")[0].partition(",")[0])
 
 
 def targets(seed: int, count: int = TARGETS) -> list[routes.Frame]:
