@@ -326,3 +326,25 @@ def test_targets_are_stood_at_one_after_the_other():
     middle = 0.5 * (middle[1:] + middle[:-1])
     for x, y, _ in targets:
         assert np.hypot(*(middle - (x, y)).T).min() < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_step_to_a_target_goes_farther_aside_or_turns_more_than_it_may(seed):
+    generator = np.random.default_rng(seed)
+    targets = [tuple(generator.uniform(-1.5, 1.5, 3).tolist()) for _ in range(8)]
+    length, width, aside, most = 0.16, 0.28, 0.06, 0.4
+    footsteps = routes.visit(targets, length, width, aside=aside, turn=most)
+    side = np.array([1.0 if step.foot == "left" else -1.0 for step in footsteps])
+    heading = np.array([step.heading for step in footsteps]) - side * routes.TOE_OUT
+    turn = np.remainder(np.diff(heading) + np.pi, 2.0 * np.pi) - np.pi
+    assert np.abs(turn).max() <= most + 1e-9
+    to_left = np.stack([-np.sin(heading), np.cos(heading)], axis=1)
+    middle = np.array([step.position[:2] for step in footsteps]) - 0.5 * width * side[:, None] * to_left
+    way = np.diff(middle, axis=0)
+    left = (way * to_left[:-1]).sum(axis=1)
+    assert np.hypot(*way.T).max() <= math.hypot(length, aside) + 1e-9
+    outward = side[1:] * left
+    assert outward.max() <= aside + 1e-9
+    assert outward.min() >= -0.2 * aside - 1e-9
+    fewer = routes.visit(targets, 2.0 * length, width, aside=2.0 * aside, turn=most)
+    assert len(fewer) < len(footsteps)
