@@ -1,0 +1,71 @@
+"""Walk the tours of docs/footsteps.md again; rewrite its table and data/tour.csv.
+
+    python docs/tour.py [--seeds N] [--punched N]
+
+N tours without punches, and N of every force. They are kept in build/tour, so that tours that were stopped go
+on; a hundred of one kind take half an hour on one core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+
+from trials import write_rows
+
+from validation.cli.console import Narrator
+from validation.show.text import markdown_table, replace_between
+from validation.study.tour import HEADER, Tours, Walked, tour
+
+PAGE = Path(__file__).with_name("footsteps.md")
+KEPT = PAGE.parents[1] / "build" / "tour"
+BODIES = {"G1": (None, ["body.source='g1'"]), "human": ("normal", [])}
+FORCES = (0.0, 1.0 / 3.0, 1.0)
+
+
+def walk(body: str, share: float, seeds: int) -> Tours:
+    """Tours of a body: with the stabiliser that steps, if there are punches."""
+    gait, settings = BODIES[body]
+    name = "stepping" if share else "fixed"
+    settings = [*settings, "simulation.time_step=0.002", f"controller.stabilizer={name}"]
+    out = KEPT / f"{body}-{name}-{share:.3g}"
+    return tour(gait, settings, seeds=seeds, share=share, out=out, resume=True, progress=Narrator())
+
+
+def write(found: Sequence[tuple[str, Tours]]) -> None:
+    """Rewrite the table of the page, and the data file."""
+    table = markdown_table(("body", *HEADER), [(body, *tours.row()) for body, tours in found])
+    PAGE.write_text(replace_between(PAGE.read_text(encoding="utf-8"), "tour", table), encoding="utf-8")
+    names = [field.name for field in fields(Walked)]
+    rows = [
+        (body, f"{tours.share:.3g}", tours.stabilizer, *(_cell(getattr(walk, name)) for name in names))
+        for body, tours in found
+        for walk in tours.walks
+    ]
+    write_rows("tour", [("body", "force", "stabilizer", *names), *rows])
+
+
+def _cell(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Walk what is missing, and rewrite everything."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--punched", type=int, default=100)
+    given = parser.parse_args(arguments)
+    write(
+        [
+            (body, walk(body, share, given.punched if share else given.seeds))
+            for share in FORCES
+            for body in BODIES
+        ]
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
