@@ -58,7 +58,7 @@ distance from the posture [rad]."""
 RESULT, JOURNAL = "tour.json", "tours.jsonl"
 HEADER = (
     "force", "completed", "mean survival, of planned [s]", "targets", "error at them [mm], [degrees]",
-    "mean power [W]", "first sign of most falls",
+    "median power [W]", "first sign of most falls",
 )  # fmt: skip
 
 
@@ -142,10 +142,13 @@ class Tours:
         """Tours that were completed."""
         return sum(walk.completed for walk in self.walks)
 
+    def known(self, name: str) -> list[float]:
+        """A number of :class:`Walked`, of the tours that have it."""
+        return [value for walk in self.walks if not math.isnan(value := getattr(walk, name))]
+
     def mean(self, name: str) -> float:
-        """Mean of a number of :class:`Walked` over the tours that have it, NaN if none has."""
-        values = [value for walk in self.walks if not math.isnan(value := getattr(walk, name))]
-        return float(np.mean(values)) if values else math.nan
+        """Mean of :meth:`known`, NaN if there is none."""
+        return float(np.mean(values)) if (values := self.known(name)) else math.nan
 
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain values in SI units."""
@@ -161,7 +164,7 @@ class Tours:
             f"{self.mean('time'):.1f} of {self.mean('planned'):.1f}",
             f"{self.mean('reached'):.1f}",
             f"{number(1e3 * self.mean('error'))}, {number(math.degrees(self.mean('turned')))}",
-            number(self.mean("power")),
+            number(float(np.median(power)) if (power := self.known("power")) else None),
             "{} ({})".format(*ends.most_common(1)[0]) if ends else number(None),
         )
 
