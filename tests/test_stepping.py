@@ -9,9 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ampm.compiled import records
-from ampm.control.records import POINT
-from ampm.control.sole import extent, share_axis
+from ampm.control.sole import ACROSS, nearest, share_axis
 from ampm.control.stepping import dcm_ahead, quintic_tick, ramp_share, step_change
 from ampm.planner import routes
 from tests.records import first_difference
@@ -119,19 +117,26 @@ def test_the_sole_is_shared_within_its_edges_and_not_at_all_where_it_is_large_en
     assert changed > 100
 
 
-@pytest.mark.parametrize(("at", "half"), [(-0.1, 0.03), (0.0, 0.04), (0.1, 0.05)])
-def test_across_the_foot_the_sole_ends_where_its_hull_does(at, half):
-    points = records(4, POINT)
-    heading, com = 0.3, np.array([1.0, 2.0, 0.9])
-    cos, sin = math.cos(heading), math.sin(heading)
-    for point, (x, y) in zip(points, [(-0.1, 0.03), (-0.1, -0.03), (0.1, 0.05), (0.1, -0.05)], strict=True):
-        point["limit"] = 1.0
-        point["arm"] = cos * x - sin * y - com[0], sin * x + cos * y - com[1], -0.9
-    share = np.array([cos, sin, 0.0, 0.0, 1.0, 1.0])
-    assert extent(points, com, share, 0, 0.0) == pytest.approx((-0.1, 0.1))
-    assert extent(points, com, share, 1, at) == pytest.approx((-half, half))
-    share[5] = 0.0
-    assert extent(points, com, share, 1, at) == pytest.approx((-0.05, 0.05))
+def test_the_zmp_is_brought_to_the_nearest_point_of_the_soles_hull():
+    corners = [(-0.1, 0.03), (-0.1, -0.03), (0.1, 0.05), (0.1, -0.05)]
+    sole = np.array([*corners, (0.0, 0.0), (0.05, 0.01)])
+    random = np.random.default_rng(2)
+    edge = [  # of the hull, finely
+        np.array(corners[i]) + share * (np.array(corners[j]) - corners[i])
+        for i, j in [(0, 1), (1, 3), (3, 2), (2, 0)]
+        for share in np.linspace(0.0, 1.0, 2001)
+    ]
+    outside = 0
+    for x, y in random.uniform(-0.2, 0.2, (200, 2)).tolist():
+        if abs(x) <= 0.1 and abs(y) <= 0.04 + 0.1 * x:
+            assert nearest(sole, x, y) == (x, y)
+            continue
+        outside += 1
+        distances = [math.hypot(px - x, ACROSS * (py - y)) for px, py in edge]
+        np.testing.assert_allclose(nearest(sole, x, y), edge[int(np.argmin(distances))], atol=3e-4)
+    assert 50 < outside < 190
+    assert nearest(sole[:1], 0.3, 0.2) == pytest.approx((-0.1, 0.03))
+    assert nearest(sole[:2], 0.3, 0.01) == pytest.approx((-0.1, 0.01))  # a line
 
 
 # ------------------------------------------------------------------ walks

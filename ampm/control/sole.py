@@ -21,6 +21,9 @@ OPEN = 0.2
 TRUNK_SHARE, TRUNK_LEAST = 0.8, 0.08
 """What the trunk may take of the sole first: a share of it [1], at least so much [m]."""
 
+ACROSS = 3.0
+"""Weight of distances across the foot over those along it, where the ZMP is brought into the sole [1]."""
+
 
 @compiled
 def sole_of(foot: int, points: Any, com: Array, cos: float, sin: float, out: Array) -> None:
@@ -59,40 +62,42 @@ def share_axis(d: float, m: float, low: float, high: float, com_first: bool) -> 
 
 
 @compiled
-def extent(points: Any, com: Array, share: Array, axis: int, at: float) -> tuple[float, float]:
-    """Least and largest coordinate of the points that may carry force, along or across the foot [m].
+def open_points(points: Any, com: Array, cos: float, sin: float, out: Array) -> int:
+    """Places of the points that may carry force in the foot's axes, shape (P, 2) [m]; their number."""
+    count = 0
+    for i in range(len(points)):
+        if points[i].limit > OPEN:
+            x, y = com[0] + points[i].arm[0], com[1] + points[i].arm[1]
+            out[count, 0], out[count, 1] = cos * x + sin * y, cos * y - sin * x
+            count += 1
+    return count
 
-    Off the plan that across the foot is of the points' convex hull where it is cut at ``at`` along the foot;
-    on the plan of all points.
+
+@compiled
+def nearest(sole: Array, along: float, across: float) -> tuple[float, float]:
+    """The point of the hull of some points that is nearest to another, which may be in it.
+
+    Across, distances count :data:`ACROSS` times, as steps can take over less of them.
 
     Args:
-        points: with their limits of this tick.
-        com: measured, shape (3,) [m].
-        share: see :func:`share_sole`.
-        axis: 0 along, 1 across.
-        at: the other coordinate, for axis 1 [m].
+        sole: the points, shape (n, 2) [m].
+        along: of the other point [m].
+        across: of the other point [m].
     """
-    low, high, cut = math.inf, -math.inf, axis == 1 and share[5] > 0.0
-    cos, sin = share[0], share[1]
-    for i in range(len(points)):
-        if points[i].limit <= OPEN:
-            continue
-        x, y = com[0] + points[i].arm[0], com[1] + points[i].arm[1]
-        along, across = cos * x + sin * y, cos * y - sin * x
-        if axis == 0:
-            low, high = min(low, along), max(high, along)
-        elif not cut:
-            low, high = min(low, across), max(high, across)
-        else:
-            for j in range(len(points)):
-                if points[j].limit <= OPEN:
-                    continue
-                x, y = com[0] + points[j].arm[0], com[1] + points[j].arm[1]
-                ahead, beside = cos * x + sin * y - along, cos * y - sin * x - across
-                if ahead >= 0.0 and along - 0.002 <= at <= along + ahead + 0.002:
-                    part = clip((at - along) / ahead, 0.0, 1.0) if ahead > 0.002 else 0.0
-                    low, high = min(low, across + part * beside), max(high, across + part * beside)
-    return low, high
+    best, found, above, below = math.inf, (along, across), False, False
+    for i in range(len(sole)):
+        for j in range(len(sole)):
+            x, y = sole[i, 0] - along, ACROSS * (sole[i, 1] - across)
+            dx, dy = sole[j, 0] - sole[i, 0], ACROSS * (sole[j, 1] - sole[i, 1])
+            if x <= 0.0 <= x + dx and dx > 0.0:  # the segment passes beside the point
+                left = y * dx - x * dy
+                above, below = above or left >= 0.0, below or left <= 0.0
+            size = dx * dx + dy * dy
+            part = clip(-(x * dx + y * dy) / size, 0.0, 1.0) if size > 0.0 else 0.0
+            x, y = x + part * dx, y + part * dy
+            if x * x + y * y < best:
+                best, found = x * x + y * y, (along + x, across + y / ACROSS)
+    return (along, across) if above and below else found
 
 
 @compiled
@@ -127,28 +132,35 @@ def share_sole(
         r[1][axis] = com[axis] - height * command[axis] / fz
     arm[0][0], arm[0][1] = -centre[4, 1] / weight, centre[4, 0] / weight
     arm[1][0], arm[1][1] = -command[4] / fz, command[3] / fz
+    places = np.empty((len(points), 2))
+    sole = places[: open_points(points, com, share[0], share[1], places)]
+    if len(sole) == 0:
+        return
+    axes = (share[0], share[1]), (-share[1], share[0])
+    planned, d, m = np.empty(2), np.empty(2), np.empty(2)
+    for axis in range(2):
+        x, y = axes[axis]
+        planned[axis] = x * (r[0][0] + arm[0][0]) + y * (r[0][1] + arm[0][1])
+        d[axis] = x * (r[1][0] - r[0][0]) + y * (r[1][1] - r[0][1])
+        m[axis] = x * (arm[1][0] - arm[0][0]) + y * (arm[1][1] - arm[0][1])
+    wanted = planned + d + m
+    held = nearest(sole, wanted[0], wanted[1]) if share[5] > 0.0 else (math.nan, math.nan)
     change_r, change_m = np.zeros(2), np.zeros(2)
     changed = False
-    at = 0.0
     for axis in range(2):
-        x, y = (share[0], share[1]) if axis == 0 else (-share[1], share[0])
-        low, high = extent(points, com, share, axis, at)
-        if low > high:
-            return
-        planned = x * (r[0][0] + arm[0][0]) + y * (r[0][1] + arm[0][1])
-        low, high = low - planned, high - planned
+        low, high = sole[:, axis].min() - planned[axis], sole[:, axis].max() - planned[axis]
         if not share[5]:
             low, high = min(low, 0.0), max(high, 0.0)
-        d = x * (r[1][0] - r[0][0]) + y * (r[1][1] - r[0][1])
-        m = x * (arm[1][0] - arm[0][0]) + y * (arm[1][1] - arm[0][1])
-        dd, mm = share_axis(d, m, low, high, share[3] > 0.0)
-        at = planned + dd + mm
-        if dd != d or mm != m:
+        elif held[axis] > wanted[axis]:
+            low = held[axis] - planned[axis]
+        elif held[axis] < wanted[axis]:
+            high = held[axis] - planned[axis]
+        dd, mm = share_axis(d[axis], m[axis], low, high, share[3] > 0.0)
+        if dd != d[axis] or mm != m[axis]:
             changed = True
-            change_r[0] += x * (dd - d)
-            change_r[1] += y * (dd - d)
-            change_m[0] += x * (mm - m)
-            change_m[1] += y * (mm - m)
+            for k in range(2):
+                change_r[k] += axes[axis][k] * (dd - d[axis])
+                change_m[k] += axes[axis][k] * (mm - m[axis])
     if not changed:
         return
     for axis in range(2):

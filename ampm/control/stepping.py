@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-FORWARD, BACKWARD, WIDER = 0.35, 0.8, 0.27
+FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.33
 """How far a step may be displaced [m]."""
 NARROWEST = 0.09
 """Least distance of two soles' reference points across [m]."""
@@ -35,7 +35,7 @@ EASY_LENGTH, EASY_WIDTH = 0.15, 0.06
 TIME_COST, LIMIT_COST, CHANGE_COST = 0.03, 0.3, 0.01
 """Costs of another time, per its logarithm [m], of a metre beyond the limits [1], and of another choice than
 at the last tick [m]."""
-OVERSHOOT = 1.15
+OVERSHOOT = 1.05
 """Factor on lateral displacements, because the step after a narrow one is the harder one [1]."""
 SOLE_SHARE = 0.8
 """Share of the sole that counts for what the ankle can do until the next switch [1]."""
