@@ -198,12 +198,14 @@ def test_bad_requests_are_refused(options, words):
 
 def test_the_command_and_the_api_walk_the_same(capsys):
     step = ["simulation.time_step=0.002"]
-    found = val.tour("normal", step, seeds=1, count=1, share=0.1, workers=1)
-    arguments = ["--seeds", "1", "--targets", "1", "--punches", "0.1", "--workers", "1"]
-    arguments += ["--set", *step]
+    found = val.tour("normal", step, seeds=1, count=1, share=0.1, arms=True, workers=1)
+    arguments = ["--seeds", "1", "--targets", "1", "--punches", "0.1", "--arms"]
+    arguments += ["--workers", "1", "--set", *step]
     assert call(["tour", "normal", *arguments, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == found.as_dict()
     assert call(["tour", "normal", *arguments]) == 0
-    assert "Tour of normal" in capsys.readouterr().out
+    assert (
+        "Tour of normal, body human, controller tracking (fixed), arms at random" in capsys.readouterr().out
+    )
     assert call(["tour", "normal", "--seeds", "0"]) == 2
     assert "--seeds 0: give a number of at least 1" in capsys.readouterr().err
