@@ -414,3 +414,10 @@ def test_a_controller_and_pushes_are_part_of_the_sweeps_identity(direct, tmp_pat
     mine.write_text("class Limp:\n    changed = True\n", encoding="utf-8")
     assert direct("--resume") == 2
     assert "controller own_controller:Limp" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("address", ["nohost", "foo://host:1", "none.json"])
+def test_a_scheduler_that_cannot_be_is_refused_at_once(address, capfd):
+    with pytest.raises(InputError, match=f"no dask scheduler answers at --scheduler {address}"):
+        workers.remote_pool(address, print, timeout=0.2).__enter__()
+    assert not capfd.readouterr().err

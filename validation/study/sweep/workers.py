@@ -16,11 +16,13 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, NamedTuple
 from uuid import uuid4
 
 import dask
 from distributed import Client, Future, LocalCluster, Worker, WorkerPlugin
+from distributed.comm import resolve_address
 from distributed.scheduler import KilledWorker
 
 from ampm.exceptions import InputError
@@ -301,6 +303,14 @@ def remote_pool(address: str, report: Callable[[str], None], timeout: float = 30
     # A file of 'dask scheduler --scheduler-file' replaces an address.
     where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
     try:
+        if "address" in where:
+            resolve_address(address)  # a client of an address that is none waits for a minute
+        else:  # it would wait for its file for ever
+            latest = time.monotonic() + timeout
+            while not Path(address).exists() and time.monotonic() < latest:
+                time.sleep(0.1)
+            if not Path(address).exists():
+                raise OSError("there is no such file")
         client = Client(**where, timeout=timeout, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         reason = " ".join(str(error).split())
