@@ -125,7 +125,7 @@ class Short(Broken):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"controller": Broken}, "controller Broken failed .AttributeError"),
+        ({"controller": Broken}, "controller Broken failed .TypeError: it returned .*, not a ControlOutput"),
         ({"controller": Short}, r"controller Short failed .*\(1,\)"),
         ({"controller": lambda: None}, "failed .TypeError"),
         ({"planner": Broken()}, "planner Broken failed .*int"),

@@ -204,7 +204,9 @@ def punches(seed: int, share: float, segments: Sequence[str], until: float) -> l
         ceiling = share * CEILING * min((1.0 + 2.0 * at / RISES) / 3.0, 1.0)
         way = generator.standard_normal(3)
         x, y, z = (generator.uniform(0.5, 1.0) * ceiling * way / np.linalg.norm(way)).tolist()
-        found.append(Push(segments[int(generator.integers(len(segments)))], (x, y, z), at, LASTS))
+        segment = segments[int(generator.integers(len(segments)))]
+        if at < until:
+            found.append(Push(segment, (x, y, z), at, LASTS))
     return found
 
 
@@ -283,7 +285,7 @@ def walk_tour(task: Task) -> Walked:
     model = planned.body.model.compile()
     hinged = [model.body(int(i)).name for i in dict.fromkeys(model.jnt_bodyid[1:].tolist())]
     plan, seed = planned.plan, task.seed
-    pushes = punches(seed, task.share, hinged, plan.duration)
+    pushes = punches(seed, task.share, hinged, float(plan.contacts.step_ends[-1]))
     if task.arms:
         plan = replace(plan, posture=RestlessArms(plan.posture, planned.body.robot, seed, plan.duration))
     record = simulate(plan, planned.run, planned.body.model, disturbances=pushes)
