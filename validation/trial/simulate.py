@@ -325,7 +325,7 @@ class ClosedLoop:
     def _checked(self, output: ControlOutput) -> ControlOutput:
         """Output of a user's controller, if it can be applied."""
         if not isinstance(output, ControlOutput):
-            raise TypeError(f"it returned {output!r}, not a ControlOutput")
+            raise TypeError(f"it returned a value of type {type(output).__name__}, not a ControlOutput")
         torque, rate = np.asarray(output.torque, dtype=np.float64), output.rate
         if torque.shape != self.torque.shape:
             raise ValueError(f"torque of shape {torque.shape}, not {self.torque.shape}")
