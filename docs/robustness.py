@@ -14,7 +14,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ampm.run_file import describe_keys, load_run
+from ampm.run_file import describe_keys
 from validation.cli.console import Narrator
 from validation.show.text import markdown_table, replace_between
 from validation.study.robustness.cells import PUSHES, REPLICAS, other_cells
@@ -97,13 +97,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parts = ("pushes", [PUSHES], given.replicas), ("others", kinds, 1)
     studies = {}
     for name in STABILIZERS:
-        run = load_run("normal", controller={"stabilizer": name})
+        settings = [f"controller.stabilizer={name}"]
         pushes, others = (
             robustness(
-                run, only=only, replicas=count, out=KEPT / f"{name}-{part}", resume=True, progress=Narrator()
+                "normal", settings, only=only, replicas=count, out=KEPT / f"{name}-{part}", resume=True,
+                progress=Narrator(),
             )
             for part, only, count in parts
-        )
+        )  # fmt: skip
         studies[name] = pushes, others
     write(studies)
 

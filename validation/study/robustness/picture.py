@@ -40,7 +40,7 @@ def draw(found: Robustness, path: Path) -> None:
                     item for item in found.pushes if (item.cell.height, item.cell.phase) == (height, phase)
                 ]
                 _plot(axes, items, outer)
-                axes.set_title(f"{height}: {PHASE_NAMES[phase]}", fontsize=8, pad=14)
+                axes.set_title(f"{height}: {PHASE_NAMES[phase]}", fontsize=8, loc="center", y=1.12)
         plots[0, 0].legend(loc="lower left", bbox_to_anchor=(-0.25, -0.3))
         figure.savefig(path, dpi=110, metadata={"Date": None} if path.suffix == ".svg" else None)
 
