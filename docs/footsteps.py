@@ -1,6 +1,6 @@
 """Walk over footsteps again: ``python docs/footsteps.py`` writes the table of docs/footsteps.md.
 
-Every row is one trial from standing to standing, at a time step of 2 ms. The ZMP error is that of all
+Every row is one trial from standing to standing. The ZMP error is that of all
 instants from the first motion to 2 s after the last one, along and across the mean heading of the feet. Names
 of walks as arguments walk only these and print them.
 """

@@ -150,7 +150,7 @@ def test_wide_steps_turn_the_trunk_less():
     gait = GAITS["momentum"].gait
     asked = [gait.c_s, gait.c_y]
     straight = solve_walk(WALKS["straight"], gait, BODY)
-    np.testing.assert_array_equal(straight.problem.slopes, np.tile(asked, (10, 1)))
+    np.testing.assert_array_equal(straight.problem.slopes[:6], np.tile(asked, (6, 1)))
     aside = turned(
         routes.sidestep(10, -0.2, WIDTH), 0.0, WALKS["straight"][-1].position[:2] - np.array([0, WIDTH / 2])
     )

@@ -44,8 +44,8 @@ Array = NDArray[np.float64]
 
 MARGIN = 0.015
 """Least distance of the ZMP from the edge of the flat soles that stand [m]."""
-LARGEST_TILT = 0.75
-"""Largest angle by which the angular momentum may turn the trunk [rad]: 40 degrees walk, 57 fall."""
+LARGEST_TILT = 0.6
+"""Largest angle by which the angular momentum may turn the trunk [rad]; from 0.68 hands meet thighs."""
 _TRUNK_INERTIA = 0.076  # of what turns with the trunk, as a share of mass times the COM's height squared
 _BETWEEN_SOLES = 0.01  # least distance of the lines along the soles' inner edges [m]
 _STEEPEST = 2.6  # largest k T of a blend: beyond, it is hardly monotone [1]
