@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
@@ -136,7 +136,7 @@ class Verdict:
     name: VerdictName
     profile: str
     reason: str
-    metrics: tuple[MetricResult, ...]
+    metrics: tuple[MetricResult, ...] = field(repr=False)
 
     @property
     def passed(self) -> bool:
