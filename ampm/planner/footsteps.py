@@ -88,11 +88,11 @@ def plan_footsteps(
     walk = solve_walk(footsteps, gait, body, landings)
     phases = _phases(walk, body.mass)
     if uneven(footsteps):
-        zmp = [ends(walk.problem, walk.solved)[1].sum(axis=1) for ends in (_first, _last)]
+        zmp = [_stand(walk.problem, walk.solved, end)[1].sum(axis=1) for end in (0, 1)]
         laws = vertical_laws(footsteps, walk.supports, zmp, gait.com_height)
         phases = tuple(phase._replace(z=law) for phase, law in zip(phases, laws, strict=True))
     plan = replace(walk.nominal, contacts=walk.contacts, phases=phases)
-    _refuse(footsteps, walk.supports, walk.problem, walk.solved, body, plan)
+    _refuse(footsteps, walk, body, plan)
     return plan
 
 
@@ -262,7 +262,7 @@ def trunk_tilt(supports: Supports, problem: Problem, solved: Solution) -> Array:
 def _phases(walk: Walk, mass: float) -> tuple[CentroidalPhase, ...]:
     """The laws of all phases, those of the ends in quarters."""
     starts, problem, solved = walk.contacts.starts, walk.problem, walk.solved
-    first = _quarter_phases(problem, 0.0, *_first(problem, solved), mass)
+    first = _quarter_phases(problem, 0.0, *_stand(problem, solved, 0), mass)
     return (*first, *phases_between(starts[1:], walk.supports, problem, solved, mass))
 
 
@@ -306,7 +306,7 @@ def phases_between(
     phases += _as_phases(
         starts[1:-1:2], supports.double, origin, supports.between, double, solved.end[:-1, 2], mass
     )
-    phases += _quarter_phases(problem, float(starts[-1]), *_last(problem, solved), mass)
+    phases += _quarter_phases(problem, float(starts[-1]), *_stand(problem, solved, 1), mass)
     return tuple(sorted(phases, key=lambda phase: phase.start))
 
 
@@ -349,20 +349,19 @@ def _as_phases(
     ]
 
 
-def _first(problem: Problem, solved: Solution) -> tuple[Array, Array]:
-    """(c, v, J) at the begin of the first double support; (r, q) at the ends of its quarters, (5, 2, 2)."""
-    (middle, one, two), (r, q), rest = solved.nodes[0], solved.signal[0, 0], problem.ends[0]
+def _stand(problem: Problem, solved: Solution, end: int) -> tuple[Array, Array]:
+    """(c, v, J) at the begin of the first (0) or last (1) double support; (r, q) at the ends of its quarters.
+
+    Shapes (3, 2) and (5, 2, 2).
+    """
+    (middle, one, two), rest, nothing = solved.nodes[end], problem.ends[end], np.zeros(2)
+    r, q = solved.signal[-end, end]
+    if end:
+        point = [r, 0.5 * (r + middle), middle, 0.5 * (middle + rest), rest]
+        return solved.end[-1, :3], np.stack([point, [q, 0.5 * (q + one), one, two, nothing]], axis=1)
     point = [rest, 0.5 * (rest + middle), middle, 0.5 * (middle + r), r]
-    arm = [np.zeros(2), one, two, 0.5 * (two + q), q]
-    return np.stack([rest, np.zeros(2), np.zeros(2)]), np.stack([point, arm], axis=1)
-
-
-def _last(problem: Problem, solved: Solution) -> tuple[Array, Array]:
-    """The same of the last double support."""
-    (middle, one, two), (r, q), rest = solved.nodes[1], solved.signal[-1, 1], problem.ends[1]
-    point = [r, 0.5 * (r + middle), middle, 0.5 * (middle + rest), rest]
-    arm = [q, 0.5 * (q + one), one, two, np.zeros(2)]
-    return solved.end[-1, :3], np.stack([point, arm], axis=1)
+    arm = [nothing, one, two, 0.5 * (two + q), q]
+    return np.stack([rest, nothing, nothing]), np.stack([point, arm], axis=1)
 
 
 def _quarter_phases(
@@ -386,14 +385,11 @@ def _quarter_phases(
     return phases
 
 
-def _refuse(
-    footsteps: Sequence[Footstep], supports: Supports, problem: Problem, solved: Solution,
-    body: BodyDescription, plan: CentroidalPlan,
-) -> None:  # fmt: skip
+def _refuse(footsteps: Sequence[Footstep], walk: Walk, body: BodyDescription, plan: CentroidalPlan) -> None:
     """Refuse feet that cross or are out of reach, a ZMP near an edge, and a trunk that turns too far."""
     refuse_crossing(footsteps, body.sole)
-    _refuse_unreached(footsteps, solved, body, plan)
-    number, margin = _least_margin(footsteps, supports, problem, solved, body.sole, plan)
+    _refuse_unreached(footsteps, walk.solved, body, plan)
+    number, margin = _least_margin(footsteps, walk, body.sole, plan)
     if not margin >= MARGIN:
         raise BodilyRefusal(
             f"footstep {number}: the ZMP comes to {1e3 * margin:.3g} mm from the edge of the flat soles, "
@@ -401,7 +397,7 @@ def _refuse(
             reason="zmp_margin_too_small", value=margin, limit=MARGIN, unit="m",
             way_out="shorten or narrow the steps about it, or give them more time",
         )  # fmt: skip
-    tilt = trunk_tilt(supports, problem, solved)
+    tilt = trunk_tilt(walk.supports, walk.problem, walk.solved)
     worst = int(tilt.argmax())
     if not tilt[worst] <= LARGEST_TILT:
         raise BodilyRefusal(
@@ -466,14 +462,10 @@ def _refuse_unreached(
 
 
 def _least_margin(
-    footsteps: Sequence[Footstep],
-    supports: Supports,
-    problem: Problem,
-    solved: Solution,
-    sole: SoleGeometry,
-    plan: CentroidalPlan,
+    footsteps: Sequence[Footstep], walk: Walk, sole: SoleGeometry, plan: CentroidalPlan
 ) -> tuple[int, float]:
     """Least distance of the ZMP from the edge of the flat soles, and the number of the footstep, from 1."""
+    supports, problem, solved = walk.supports, walk.problem, walk.solved
     corners, climbs = footprint(sole, Footstep("left", (0.0, 0.0, 0.0)))[:-1], uneven(footsteps)
     axes = _axes(np.array([step.heading for step in footsteps]))
     outline = np.array([step.position[:2] for step in footsteps])[:, None] + times(axes[:, None], corners)
@@ -490,11 +482,8 @@ def _least_margin(
     for share in (0.25, 0.5, 0.75):
         on_way = times(supports.between, way * shape(supports.blend, T, share * T).value)
         checks.append((2, both[1:-1], middle + on_way, starts[2:-1:2] + share * supports.double))
-    for number, ends, start in (
-        (2, _first(problem, solved), 0.0),
-        (len(footsteps), _last(problem, solved), float(starts[-1])),
-    ):
-        points: Array = ends[1].sum(axis=1)
+    for end, number, start in ((0, 2, 0.0), (1, len(footsteps), float(starts[-1]))):
+        points: Array = _stand(problem, solved, end)[1].sum(axis=1)
         polygon: Array = np.tile(both[min(number - 2, len(both) - 1)], (len(points), 1, 1))
         checks.append((number, polygon, points, np.asarray(start + quarters)))
     least, at = math.inf, 0
