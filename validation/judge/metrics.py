@@ -21,10 +21,12 @@ Call it before the walk. Worker processes of sweeps and studies get it, too.
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -450,49 +452,6 @@ def _shortfall(clearance: float) -> float | None:
     return None if math.isnan(clearance) else max(0.0, CLEARANCE - clearance)
 
 
-_SOLE = "into the polygon of the points that carried force"
-_COSTS: tuple[tuple[str, str, str, str, str], ...] = (
-    ("margins", "torque", "1", "largest torque, of the motor's limit",
-     "largest share of a motor's limit that was used"),
-    ("margins", "saturated", "1", "time with a saturated motor",
-     "share of the time in which some motor was at its limit"),
-    ("margins", "friction", "1", "friction used by a loaded foot",
-     "largest tangential over normal force of a foot that carries weight"),
-    ("margins", "friction_net", "1", "friction used by the net force", "the same of the net ground force"),
-    ("margins", "joint", "rad", "joint closest to its limit", "smallest distance of a joint from its range"),
-    ("margins", "knee", "rad", "least knee flexion", "smallest knee flexion"),
-    ("margins", "clearance", "m", "least distance of two parts of the body",
-     "smallest distance of arms from legs, trunk and each other, and of leg from leg"),
-    ("margins", "plan_polygon", "m", "planned ZMP margin, in the planned support",
-     "smallest distance of the planned ZMP into the planned support"),
-    ("margins", "plan_in_measured_polygon", "m", "planned ZMP margin, in the loaded sole",
-     f"smallest distance of the planned ZMP {_SOLE}"),
-    ("margins", "measured_polygon", "m", "measured ZMP margin, in the loaded sole",
-     f"smallest distance of the measured ZMP {_SOLE}"),
-    ("margins", "slip", "m", "longest slip of a stance foot", "longest way that a foot slid in one stance"),
-    ("margins", "sliding_weight", "1", "weight on sliding points, of body weight",
-     "largest share of the body's weight that rests on points sliding over the floor"),
-    ("margins", "sliding_time", "s", "longest time of sliding under load",
-     "longest time for which more than 5 % of the weight rests on sliding points"),
-    ("margins", "penetration", "m", "deepest penetration of a sole", "deepest sole point under the floor"),
-    *(("effort", f"{name}_{axis}", unit, f"feedback on the {label} {axis}, RMS",
-       f"root mean square of commanded minus planned {meaning}")
-      for name, axes, unit, label, meaning in (
-          ("force", "xyz", "N", "force", "force"), ("zmp", "xy", "m", "ZMP", "ZMP"),
-          ("angular_momentum", "xy", "N m s", "momentum", "angular momentum"))
-      for axis in axes),
-    ("energy", "positive_work", "J", "positive work",
-     "positive work of the motors, without the first step"),
-    ("energy", "negative_work", "J", "negative work",
-     "negative work of the motors, without the first step"),
-    ("energy", "distance", "m", "way of the COM", "way of the COM in that time"),
-    ("energy", "cost_of_transport", "1", "mechanical cost of transport",
-     "positive work over weight times distance (mechanical)"),
-    ("energy", "mean_power", "W", "mean positive power", "positive work over time"),
-)  # fmt: skip
-"""Section of the summary, name in it, unit, label and meaning."""
-
-
 def cost_entry(costs: Mapping[str, Any], metric: Metric) -> Any:
     """Value of a metric with a section in the cost of a walk, or in its summary: a number or an extreme."""
     section, name = costs[metric.section], metric.name.partition("_")[2]
@@ -508,11 +467,14 @@ def _cost(walk: Comparison, name: str) -> float:
 
 
 def _costs() -> Iterator[Metric]:
-    for section, name, unit, label, meaning in _COSTS:
-        key = f"{section.removesuffix('s')}_{name}"
-        compute = partial(_cost, name=key)
-        nature: Literal["mean", "extreme"] = "extreme" if section == "margins" else "mean"
-        yield Metric(key, unit, label, meaning, "cost", compute, nature=nature, section=section)
+    """Costs of a walk, as ``costs.csv`` lists them: section of the summary, name in it, unit and words."""
+    with Path(__file__).with_name("costs.csv").open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            section, words = row["section"], (row["unit"], row["label"], row["meaning"])
+            key = f"{section.removesuffix('s')}_{row['name']}"
+            nature: Literal["mean", "extreme"] = "extreme" if section == "margins" else "mean"
+            compute = partial(_cost, name=key)
+            yield Metric(key, *words, "cost", compute, nature=nature, section=section)
 
 
 _EVERY = sorted(

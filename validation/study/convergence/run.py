@@ -12,7 +12,6 @@ from validation.judge.uncertainty import FILE
 from validation.progress import Progress
 from validation.store.folders import check_target, output_file
 from validation.store.json import write_json
-from validation.store.machine import cores
 from validation.study.convergence.result import Convergence, combine
 from validation.study.convergence.studies import LEVELS, studies
 from validation.study.convergence.text import markdown
@@ -62,8 +61,7 @@ def study_gait(
     """
     if steps < 2:
         raise InputError(f"--steps {steps}: the first step is in no metric; walk 2 at least.", value=steps)
-    workers = cores() if workers is None else workers
-    if workers < 1:
+    if workers is not None and workers < 1:
         raise InputError(f"--workers {workers}: at least one process has to walk.", value=workers)
     limits = profiles.profile(profile)
     if out is not None:

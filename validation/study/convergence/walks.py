@@ -12,10 +12,11 @@ from ampm.parameters import RunParameters
 from validation.judge.compare import RUN
 from validation.judge.metrics import METRICS, evaluate
 from validation.judge.signals import signals_table
-from validation.progress import Progress, Stage
+from validation.progress import Progress
 from validation.store.machine import memory_peak
 from validation.store.signals import Signals
 from validation.study.compare.metrics import SWITCH, switch_values
+from validation.study.resumable import work_off
 from validation.trial.plan import Request
 
 if TYPE_CHECKING:
@@ -118,7 +119,7 @@ def walk_levels(
     runs: Iterable[RunParameters],
     name: str,
     *,
-    workers: int = 2,
+    workers: int | None = None,
     progress: Progress | None = None,
     runner: Runner = walk_level,
 ) -> Walks:
@@ -127,7 +128,7 @@ def walk_levels(
     Args:
         runs: complete parameters of every level.
         name: of the gait.
-        workers: processes; one walks in this very process.
+        workers: processes, None for one a core; one walks in this very process.
         progress: where to report it.
         runner: what walks one level.
     """
@@ -135,28 +136,15 @@ def walk_levels(
     order = sorted(
         dict.fromkeys(runs), key=lambda run: -1.0 / run.simulation.time_step - 1.0 / run.solver.ik_time_step
     )
-    with (progress or Progress()).stage(f"{name}: convergence", "walks") as stage:
-        if workers > 1:
-            return _walk_side_by_side(order, name, min(workers, len(order)), stage, runner)
-        done: Walks = {}
-        for run in order:
-            done[run] = runner(run, name)
-            stage.advance(len(done), len(order))
-        return done
-
-
-def _walk_side_by_side(
-    runs: list[RunParameters], name: str, workers: int, stage: Stage, runner: Runner
-) -> Walks:
-    from distributed import as_completed  # imported here because dask is slow to load
-
-    from validation.study.sweep.workers import local_pool
-
     done: Walks = {}
-    with local_pool(workers) as pool:
-        pool.client.wait_for_workers(workers, timeout=60.0)  # the levels are then handed out in their order
-        tasks = {pool.client.submit(runner, run, name, pure=False): run for run in runs}
-        for task in as_completed(tasks, loop=pool.client.loop):
-            done[tasks[task]] = task.result()
-            stage.advance(len(done), len(runs))
+    progress = progress or Progress()
+    with progress.stage(f"{name}: convergence", "walks") as stage:
+
+        def kept(run: RunParameters, result: LevelResult) -> None:
+            done[run] = result
+            stage.advance(len(done), len(order))
+
+        work_off(
+            order, lambda run: runner(run, name), kept, workers=workers, scheduler=None, report=progress.say
+        )
     return done
