@@ -9,6 +9,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from ampm.parameters import RunParameters
+from ampm.run_file import dump_run
 from benchmarks.clock import Line
 from validation.progress import StageClock
 from validation.store.machine import memory_peak
@@ -20,32 +22,32 @@ MOST_SIZE = 1.0
 """Megabytes per simulated second that it may take."""
 
 
-def time_recording(run_file: Path, rounds: int) -> list[Line]:
+def time_recording(run: RunParameters, rounds: int) -> list[Line]:
     """Run the same trial several times, each in a process of its own and without a known motion.
 
     Args:
-        run_file: complete parameters (TOML).
+        run: complete parameters.
         rounds: how many trials; of every stage the least time counts.
 
     Raises:
         RuntimeError: a trial failed.
     """
-    found = [run_alone(run_file) for _ in range(rounds)]
+    found = [run_alone(run) for _ in range(rounds)]
     least = {name: min(one[name] for one in found) for name in found[0]}
     # Reading, writing and the report come on top.
-    run = sum(least[stage] for stage in ("planning", "simulation", "measurement"))
+    whole = sum(least[stage] for stage in ("planning", "simulation", "measurement"))
     size = least["size"] / least["simulated"] / 1e6
     return [
-        Line.of("planning, simulation, measurement", run),
+        Line.of("planning, simulation, measurement", whole),
         Line.of("recording", least["recording"]),  # the import of the viewer's library included
-        Line.of("recording, share of the run's time", least["recording"] / run, "1", limit=MOST_SHARE),
+        Line.of("recording, share of the run's time", least["recording"] / whole, "1", limit=MOST_SHARE),
         Line.of("recording, per simulated second", size, "MB", limit=MOST_SIZE),
         Line.of("report", least["report"]),  # the import of matplotlib included
         Line.of("memory peak", max(one["memory_peak"] for one in found), "MB"),
     ]
 
 
-def run_alone(run_file: Path) -> dict[str, float]:
+def run_alone(run: RunParameters) -> dict[str, float]:
     """Make a trial in a fresh process, without a known motion.
 
     Returns:
@@ -55,8 +57,10 @@ def run_alone(run_file: Path) -> dict[str, float]:
         RuntimeError: the trial failed.
     """
     with tempfile.TemporaryDirectory(prefix="ampm-benchmark-") as folder:
+        file = Path(folder) / "gait.toml"
+        file.write_text(dump_run(run), encoding="utf-8")
         done = subprocess.run(
-            [sys.executable, "-m", "benchmarks.recording", str(run_file), str(Path(folder) / "run")],
+            [sys.executable, "-m", "benchmarks.recording", str(file), str(Path(folder) / "run")],
             env={**os.environ, "XDG_CACHE_HOME": folder},
             cwd=Path(__file__).resolve().parents[1],
             capture_output=True,

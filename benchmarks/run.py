@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +21,6 @@ from ampm.parameters import RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.planners import periodic_walk
-from ampm.run_file import dump_run
 from benchmarks.clock import Line, Samples, least, repeat
 from benchmarks.recording import time_recording
 from benchmarks.walking import time_walk
@@ -111,10 +108,8 @@ def run_benchmarks(
         with progress.stage(f"{2 * walks} walks with {solver.upper()}", "steps") as stage:
             ending, lines = time_walk(whole, item.run, body.model, walks, stage.advance)
         sections[f"walk with {solver.upper()}, {ending}"] = lines
-    with progress.stage(f"{walks} trials with their recording"), tempfile.TemporaryDirectory() as folder:
-        run_file = Path(folder) / "gait.toml"
-        run_file.write_text(dump_run(run), encoding="utf-8")
-        sections["trial in a process of its own"] = time_recording(run_file, walks)
+    with progress.stage(f"{walks} trials with their recording"):
+        sections["trial in a process of its own"] = time_recording(run, walks)
     return BenchmarkResult(
         gait=first.name,
         settings=tuple(settings),

@@ -7,10 +7,8 @@ its states, contacts and references again, of a body with more hinges or with mo
 from __future__ import annotations
 
 import csv
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +21,6 @@ from matplotlib.ticker import NullFormatter
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
 from ampm.parameters import RunParameters
-from ampm.run_file import dump_run
 from ampm.walk import PostureState, Reference, State, Touch
 from benchmarks.clock import least
 from benchmarks.recording import run_alone
@@ -117,8 +114,8 @@ def _over_steps(gait: str, counts: Sequence[int], progress: Progress) -> Iterato
     for time_step in TIME_STEPS:
         for steps in counts:
             run = _changed(gait, f"gait.steps={steps}", f"simulation.time_step={time_step}")
-            with progress.stage(f"{steps} steps at {1e3 * time_step:g} ms"), _run_file(run) as file:
-                found = run_alone(file)
+            with progress.stage(f"{steps} steps at {1e3 * time_step:g} ms"):
+                found = run_alone(run)
             series, at = f"time step {1e3 * time_step:g} ms", (float(steps), "walking steps")
             seconds = sum(found[part] for part in STAGES)
             yield Row("time", series, *at, seconds, "time of a trial [s]")
@@ -133,16 +130,21 @@ def _over_hinges_and_points(gait: str, sizes: Sizes, progress: Progress) -> Iter
         robot, ticks = _ticks_of(run)
         for count in sizes.hinges:
             body = with_hinges(robot, count)
-            spans = _time_ticks(body, run, [_longer(tick, count) for tick in ticks])
-            for name, share in (("median", 50), ("99th percentile", 99)):
-                at = float(body.nv), "degrees of freedom"
-                yield Row("hinges", name, *at, 1e6 * float(np.percentile(spans, share)), "control tick [µs]")
+            changed = [_longer(tick, count) for tick in ticks]
+            yield from _tick_rows("hinges", float(body.nv), "degrees of freedom", body, run, changed)
         for count in sizes.points:
             body, of = with_points(robot, count)
-            spans = _time_ticks(body, run, [_spread(tick, of) for tick in ticks])
-            for name, share in (("median", 50), ("99th percentile", 99)):
-                at = float(count), "points of contact per foot"
-                yield Row("points", name, *at, 1e6 * float(np.percentile(spans, share)), "control tick [µs]")
+            changed = [_spread(tick, of) for tick in ticks]
+            yield from _tick_rows("points", float(count), "points of contact per foot", body, run, changed)
+
+
+def _tick_rows(
+    panel: str, x: float, x_unit: str, body: Robot, run: RunParameters, ticks: Sequence[Tick]
+) -> Iterator[Row]:
+    """Median and tail of the times of some ticks."""
+    spans = _time_ticks(body, run, ticks)
+    for name, share in (("median", 50), ("99th percentile", 99)):
+        yield Row(panel, name, x, x_unit, 1e6 * float(np.percentile(spans, share)), "control tick [µs]")
 
 
 def _over_rates(gait: str, rates: Sequence[int], progress: Progress) -> Iterator[Row]:
@@ -318,12 +320,3 @@ def table(rows: Sequence[Row]) -> list[tuple[str, ...]]:
 
 def _changed(gait: str, *settings: str) -> RunParameters:
     return load_request(gait, settings, as_is=True).run
-
-
-@contextmanager
-def _run_file(run: RunParameters) -> Iterator[Path]:
-    """A file of a run's parameters, while it is needed."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "gait.toml"
-        path.write_text(dump_run(run), encoding="utf-8")
-        yield path
