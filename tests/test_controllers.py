@@ -15,7 +15,6 @@ from ampm.control.controller import TrackingController
 from ampm.control.joint_pd import JointPD
 from ampm.exceptions import InputError
 from ampm.walk import LIMITED
-from validation.judge.metrics import has_qp
 from validation.study.compare.pair import compare_pair
 from validation.study.sweep.design import dump_sweep, parse_sweep
 from validation.study.sweep.task import Task, walk_task
@@ -70,15 +69,6 @@ def test_an_unknown_controller_is_refused_before_anything_is_planned():
         val.walk(run.replace({"controller.name": "nobody", "gait.switching_velocity": 0.01}))
 
 
-def test_what_belongs_to_a_qp_does_not_apply_without_one():
-    trial = val.walk(ampm.load_run("normal", **QUICK), controller=JointPD)
-    assert not has_qp(trial.record)
-    assert "failed_qp" not in trial.metrics
-    solver = trial.summary["solver"]
-    assert [solver[name] for name in ("solved", "solved_with_limits", "unsolved")] == [None] * 3
-    assert solver["ticks"] > 0
-
-
 def test_a_status_alone_tells_of_a_qp():
     class Limited(JointPD):
         def update(self, state, touch, reference):
@@ -103,7 +93,6 @@ def test_the_template_walks_until_it_falls(monkeypatch):
         (lambda output: output._replace(torque=output.torque * np.nan), "torque of .* is nan"),
         (lambda output: output._replace(torque=output.torque + np.inf), "torque of .* is inf"),
         (lambda output: output._replace(torque=output.torque[:3]), r"torque of shape \(3,\), not \(34,\)"),
-        (lambda output: output.torque, "ndarray, not a ControlOutput"),
     ],
 )
 def test_torques_that_cannot_be_applied_are_refused(spoil, words):

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 from dataclasses import replace
 from functools import partial
 
@@ -386,15 +384,3 @@ def test_a_real_study(tmp_path):
     again = walk_levels([request.run], "flat", workers=1)
     assert again[request.run].values[name] == found.metrics[name].value  # to the bit, in another process
     assert combine(request, DEFAULT, [], again).metrics[name].uncertainty is None
-
-
-def test_a_script_without_a_main_guard_studies(tmp_path):
-    script = tmp_path / "mine.py"
-    script.write_text(
-        "from operator import eq\n"
-        "from ampm import load_run\n"
-        "from validation.study.convergence.walks import walk_levels\n"
-        "runs = [load_run('normal', gait={'steps': n}) for n in (2, 3)]\n"
-        "assert walk_levels(runs, 'normal', runner=eq) == dict.fromkeys(runs, False)\n"
-    )
-    subprocess.run([sys.executable, script], check=True, timeout=120)

@@ -18,6 +18,7 @@ from ampm.planner.footsteps import plan_footsteps
 from ampm.planner.live import LiveWalk
 from ampm.planner.periodic import plan_gait
 from ampm.planner.swings import plan_swings
+from tests.test_footsteps import turned
 from validation.store.saved import load_saved_run
 from validation.trial.plan import load_request, make_body
 
@@ -43,15 +44,6 @@ def over(footsteps, run=RUN):
 
 def plan(footsteps, run=RUN):
     return plan_footstep_walk(over(footsteps, run), BODY)
-
-
-def turned(footsteps, angle):
-    c, s = math.cos(angle), math.sin(angle)
-    return [
-        Footstep(step.foot, (c * x - s * y, s * x + c * y, z), step.heading + angle)
-        for step in footsteps
-        for x, y, z in [step.position]
-    ]
 
 
 @pytest.mark.parametrize("name", WALKS)

@@ -28,20 +28,13 @@ def plan(footsteps, gait="normal", **more):
     return plan_footsteps(footsteps, GAITS[gait].gait, BODY, **more)
 
 
-def turned(footsteps, angle, shift):
+def turned(footsteps, angle, shift=(0.0, 0.0)):
     """The same walk elsewhere: turned about the origin, then shifted."""
     c, s = math.cos(angle), math.sin(angle)
     return [
-        Footstep(
-            step.foot,
-            (
-                c * step.position[0] - s * step.position[1] + shift[0],
-                s * step.position[0] + c * step.position[1] + shift[1],
-                0.0,
-            ),
-            step.heading + angle,
-        )
+        Footstep(step.foot, (c * x - s * y + shift[0], s * x + c * y + shift[1], z), step.heading + angle)
         for step in footsteps
+        for x, y, z in [step.position]
     ]
 
 

@@ -43,13 +43,19 @@ def test_a_table_gives_back_the_plan_that_wrote_it(name):
     found = read(table_of(plan, 1000.0))
     assert repeats(found)
     np.testing.assert_array_equal(found.contacts.starts, plan.contacts.starts)
-    for field in ("single_support_duration", "beta", "mean_velocity", "inverse_a_s", "c_d"):
+    for field in ("l_s", "inverse_a_s", "a_d", "c_d", "single_support_duration", "beta", "mean_velocity"):
         expected = getattr(plan.constants, field)
         assert getattr(found.constants, field) == pytest.approx(expected, rel=0.02, abs=0.01), field
     times = np.linspace(0.0, found.duration, 2001)
     a, b = plan.sample(times), found.sample(times)
-    for field, tolerance in (("com", 1e-6), ("com_velocity", 1e-3), ("zmp", 1e-3), ("moment", 1.0)):
+    for field, tolerance in (
+        ("com", 1e-8), ("com_velocity", 2e-5), ("com_acceleration", 2e-2), ("zmp", 1e-3), ("force", 1.0),
+        ("moment", 0.2), ("angular_momentum", 1e-3),
+    ):  # fmt: skip
         np.testing.assert_allclose(getattr(b, field), getattr(a, field), atol=tolerance, err_msg=field)
+    for a_step, b_step in zip(plan.contacts.footsteps, found.contacts.footsteps, strict=True):
+        np.testing.assert_allclose(b_step.position, a_step.position, rtol=0.0, atol=1e-12)
+    assert found.residuals().largest == 0.0  # one phase
 
 
 def test_without_the_starts_of_phases_equal_steps_are_found_from_the_way_of_the_com():
@@ -109,6 +115,22 @@ def test_tables_that_make_no_plan(change, words):
     change(table)
     with pytest.raises(InputError, match=words):
         read(table)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"zmp": np.zeros((3, 2))}, "shape"),
+        ({"com": np.full((401, 2), np.nan)}, "no numbers"),
+        ({"time": np.linspace(0.1, 10.1, 401)}, "ascend from 0"),
+        ({"time": np.linspace(0.0, 0.1, 401)}, "ascend from 0"),
+    ],
+)
+def test_arrays_that_make_no_plan(change, words):
+    time, contacts = np.linspace(0.0, 10.0, 401), planned(steps=1).contacts
+    given = {"time": time, "com": np.zeros((401, 2)), "zmp": np.zeros((401, 2)), "contacts": contacts}
+    with pytest.raises(InputError, match=words):
+        ampm.sampled_plan(**{**given, **change}, mass=60.0, com_height=0.865)
 
 
 @pytest.mark.parametrize(

@@ -94,9 +94,8 @@ def sampled_plan(
         InputError: shapes that do not fit, times that do not ascend or end too early, entries that are not
             finite.
     """
-    t, c, p = (np.array(values, dtype=np.float64) for values in (time, com, zmp))
-    rate = GRAVITY / com_height
-    a = rate * (c - p) if acceleration is None else np.array(acceleration, dtype=np.float64)
+    given = (time, com, zmp, com if acceleration is None else acceleration)
+    t, c, p, a = (np.array(values, dtype=np.float64) for values in given)
     if t.ndim != 1 or len(t) < 3 or any(values.shape != (len(t), 2) for values in (c, p, a)):
         raise InputError(
             f"time has the shape {t.shape}, COM {c.shape}, ZMP {p.shape} and acceleration {a.shape}; give "
@@ -110,6 +109,9 @@ def sampled_plan(
             f"the times {t[0]:g} ... {t[-1]:g} s must ascend from 0 to the end of the contacts, "
             f"{contacts.duration:g} s; add samples or drop footsteps."
         )
+    rate = GRAVITY / com_height
+    if acceleration is None:
+        a = rate * (c - p)
     v = np.gradient(c, t, axis=0, edge_order=2)
     arm = np.zeros_like(c) if acceleration is None else a / rate - c + p
     x, y = (SampledLaw(t, c[:, k], v[:, k], a[:, k], p[:, k], arm[:, k]) for k in (0, 1))

@@ -1,4 +1,4 @@
-"""The smallest physics first: what a block, a falling body and a still human must do."""
+"""The smallest physics first: what a block, a falling body and a human in flight must do."""
 
 from __future__ import annotations
 
@@ -50,18 +50,6 @@ def contact_wrench(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarr
 def zmp(force: np.ndarray, moment: np.ndarray) -> np.ndarray:
     """Point of the floor (2,) [m] about which the horizontal moment of the contact wrench vanishes."""
     return np.array([-moment[1], moment[0]]) / force[2]
-
-
-def test_resting_block_weighs_mg_under_its_com() -> None:
-    model = mujoco.MjModel.from_xml_string(BLOCK_XML)
-    data = mujoco.MjData(model)
-    for _ in range(2000):
-        mujoco.mj_step(model, data)
-    mujoco.mj_forward(model, data)
-    force, moment = contact_wrench(model, data)
-    np.testing.assert_allclose(force, [0.0, 0.0, 4.0 * GRAVITY], atol=1e-5)
-    np.testing.assert_allclose(zmp(force, moment), data.subtree_com[1][:2], atol=1e-6)
-    np.testing.assert_allclose(data.subtree_com[1][:2], [0.03, -0.02], atol=1e-3)
 
 
 def test_pulled_block_has_its_zmp_where_statics_puts_it() -> None:
@@ -127,27 +115,6 @@ class Human:
         self.twin_data = self.twin.createData()
         self.limits = self.model.actuator_ctrlrange[:, 1]
 
-    def bend(self, *, knee: float) -> None:
-        """Stand with bent knees, flat soles and the COM over the middle of the soles."""
-        model, data = self.model, self.data
-        for leg in self.description.legs:
-            for joint, angle in ((leg.hip[0], -0.5 * knee), (leg.knee, knee), (leg.ankle[0], -0.5 * knee)):
-                data.joint(joint).qpos[0] = angle
-        for arm in (self.description.left_arm, self.description.right_arm):
-            data.joint(arm[3]).qpos[0] = -0.4
-        mujoco.mj_kinematics(model, data)
-        data.qpos[2] -= min(data.site(name).xpos[2] for _, _, name in self.description.sole_points())
-        # Swing the legs until the soles' middle is under the COM.
-        for _ in range(20):
-            mujoco.mj_fwdPosition(model, data)
-            middle = np.mean([data.site(leg.sole_frame).xpos[0] for leg in self.description.legs])
-            error = data.subtree_com[1][0] - middle
-            for leg in self.description.legs:
-                data.joint(leg.hip[0]).qpos[0] -= error
-                data.joint(leg.ankle[0]).qpos[0] += error
-        mujoco.mj_fwdPosition(model, data)
-        data.qpos[2] -= min(data.site(name).xpos[2] for _, _, name in self.description.sole_points())
-
     def momentum(self) -> np.ndarray:
         """Linear and angular momentum about the COM, shape (6,), by Pinocchio."""
         q, v = to_pinocchio(self.data.qpos, self.data.qvel)
@@ -184,41 +151,3 @@ def test_flight_keeps_momentum_whatever_the_joints_do() -> None:
     assert drift[1] < 0.6 * drift[0]
     assert drift[2] < 0.6 * drift[1]
     assert drifts[2][:3].max() < 0.1 * 60.0 * 0.1 * GRAVITY
-
-
-def standing_torque(human: Human, qpos: np.ndarray) -> np.ndarray:
-    """Torques (34,) [N m] that hold a posture: computed torque, the floor's share by least squares."""
-    model, data = human.model, human.data
-    difference = np.zeros(model.nv)
-    mujoco.mj_differentiatePos(model, difference, 1.0, data.qpos, qpos)
-    wanted = 150.0 * difference - 25.0 * data.qvel
-    full = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, full)
-    generalised = full @ wanted + data.qfrc_bias
-    jacobian = np.zeros((36, model.nv))
-    for index, (_, _, name) in enumerate(human.description.sole_points()):
-        mujoco.mj_jacSite(model, data, jacobian[3 * index : 3 * index + 3], None, data.site(name).id)
-    force = np.linalg.lstsq(jacobian[:, :6].T, generalised[:6], rcond=None)[0]
-    return np.clip((generalised - jacobian.T @ force)[6:], -human.limits, human.limits)
-
-
-def test_still_human_weighs_mg_with_the_zmp_under_the_com() -> None:
-    human = Human()
-    model, data = human.model, human.data
-    human.bend(knee=0.5)
-    rest = data.qpos.copy()
-    for _ in range(1000):
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        data.ctrl[:] = standing_torque(human, rest)
-        mujoco.mj_step(model, data)
-    mujoco.mj_forward(model, data)
-    force, moment = contact_wrench(model, data)
-    weight = human.description.mass * GRAVITY
-    assert data.ncon == 12
-    assert np.abs(data.qvel).max() < 1e-8
-    np.testing.assert_allclose(force, [0.0, 0.0, weight], atol=1e-6 * weight)
-    np.testing.assert_allclose(zmp(force, moment), data.subtree_com[1][:2], atol=1e-6)
-    penetration = -data.contact.dist
-    assert 0.0 < penetration.max() < 0.002
-    assert np.abs(data.ctrl).max() < 0.5 * human.limits.max()
