@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,12 +11,10 @@ import pytest
 import ampm
 import validation as val
 from ampm.exceptions import InputError
-from ampm.run_file import dump_run
 from validation.cli.app import call
 from validation.study.tour import (
     HEADER,
     RestlessArms,
-    Task,
     Tours,
     Walked,
     plan_tour,
@@ -26,12 +23,17 @@ from validation.study.tour import (
     tour,
     walk_tour,
 )
+from validation.trial.plan import Request
 
 RUN = ampm.load_run("normal", simulation={"time_step": 0.002})
 
 
-def task(seed=0, share=0.0, count=2, **sections):
-    return Task(dump_run(RUN.replace(sections)), "normal", seed, share, count)
+def planned(count=2, **sections):
+    return plan_tour(0, Request("normal", RUN.replace(sections)), count)
+
+
+def walked(seed=0, share=0.0, arms=False, **sections):
+    return walk_tour(seed, Request("normal", RUN.replace(sections)), 2, share, arms=arms)
 
 
 def test_targets_are_those_of_the_protocol():
@@ -76,7 +78,7 @@ def test_punches_are_those_of_the_protocol():
 
 
 def test_a_short_tour_is_walked_to_its_targets():
-    found = walk_tour(task())
+    found = walked()
     assert (found.completed, found.reached, found.cause) == (True, 2, "")
     assert found.time == pytest.approx(found.planned, abs=0.01)
     assert found.error < 2e-3
@@ -85,8 +87,8 @@ def test_a_short_tour_is_walked_to_its_targets():
 
 
 def test_arms_that_move_at_random_are_walked_with():
-    planned = plan_tour(task())
-    plan, robot = planned.plan, planned.body.robot
+    walk = planned()
+    plan, robot = walk.plan, walk.body.robot
     arms = RestlessArms(plan.posture, robot, 0, plan.duration)
     times = np.arange(0.0, plan.duration, 1e-3)
     state, still = arms.sample(times), plan.posture.sample(times)
@@ -99,40 +101,39 @@ def test_arms_that_move_at_random_are_walked_with():
     assert np.abs(np.gradient(angle, 1e-3, axis=0) - rate)[1:-1].max() < 1e-4
     assert np.abs(np.gradient(rate, 1e-3, axis=0) - acceleration)[1:-1].max() < 0.02
     assert ((angle >= robot.lower[moved - 7]) & (angle <= robot.upper[moved - 7])).all()
-    found = walk_tour(replace(task(), arms=True))
+    found = walked(arms=True)
     assert found.completed
     assert found.error < 2e-3
-    assert found.error != walk_tour(task()).error
+    assert found.error != walked().error
 
 
 def test_a_punch_that_is_too_hard_ends_it():
-    found = walk_tour(task(share=20.0))
+    found = walked(share=20.0)
     assert not found.completed
     assert found.time < found.planned
     assert found.cause
 
 
 def test_steps_are_shortened_where_long_ones_are_refused(monkeypatch):
-    narrow = task(count=4, **{"gait.step_width": 0.15})
     monkeypatch.setattr("validation.study.tour.TRIES", 1)
     with pytest.raises(ampm.RefusedGait, match="thigh"):
-        plan_tour(narrow)
-    more = plan_tour(task(count=4)).plan.contacts.steps
+        planned(4, **{"gait.step_width": 0.15})
+    more = planned(4).plan.contacts.steps
     monkeypatch.undo()
-    assert plan_tour(narrow).plan.contacts.steps > more
+    assert planned(4, **{"gait.step_width": 0.15}).plan.contacts.steps > more
 
 
 def test_a_refusal_is_a_result():
-    refused = walk_tour(task(1, **{"gait.com_height": 0.97}))
+    refused = walked(1, **{"gait.com_height": 0.97})
     assert refused.cause.startswith("refused: ")
     assert (refused.completed, refused.time, refused.reached) == (False, 0.0, 0)
 
 
-def fake(item):
-    if item.seed % 4 == 3:
-        cause = f"fell: the trunk leaned over at 9 s; the first sign was a ZMP {item.seed} mm off at 8 s"
-        return Walked(item.seed, False, 9.0, 60.0, 1, 0.02, 0.1, 40.0, cause)
-    return Walked(item.seed, True, 60.0, 60.0, 18, 0.01, 0.1, 40.0)
+def fake(seed, **_):
+    if seed % 4 == 3:
+        cause = f"fell: the trunk leaned over at 9 s; the first sign was a ZMP {seed} mm off at 8 s"
+        return Walked(seed, False, 9.0, 60.0, 1, 0.02, 0.1, 40.0, cause)
+    return Walked(seed, True, 60.0, 60.0, 18, 0.01, 0.1, 40.0)
 
 
 def study(runner=fake, **options):
@@ -158,28 +159,27 @@ def test_the_table_has_shares_and_means():
 
 def test_tours_that_were_stopped_go_on_with_what_is_missing(tmp_path):
     out = tmp_path / "tours"
-    walked: list[int] = []
+    done: list[int] = []
 
-    def stops(item):
-        if len(walked) == 3:
+    def stops(seed, **_):
+        if len(done) == 3:
             raise KeyboardInterrupt
-        walked.append(item.seed)
-        return fake(item)
+        return goes_on(seed)
+
+    def goes_on(seed, **_):
+        done.append(seed)
+        return fake(seed)
 
     with pytest.raises(KeyboardInterrupt):
         study(stops, out=out)
 
-    def goes_on(item):
-        walked.append(item.seed)
-        return fake(item)
-
     found = study(goes_on, out=out, resume=True)
-    assert walked == list(range(8))
+    assert done == list(range(8))
     assert found == study()
     assert json.loads((out / "tour.json").read_text()) == found.as_dict()
     assert {path.name for path in out.iterdir()} == {"tour.json", "tours.jsonl"}
     assert study(goes_on, out=out, resume=True, seeds=10).completed == 8
-    assert walked == list(range(10))
+    assert done == list(range(10))
     with pytest.raises(InputError, match="another gait, definition or code"):
         study(out=out, resume=True, share=0.5)
     with pytest.raises(InputError, match="--force"):

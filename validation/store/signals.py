@@ -5,6 +5,7 @@ Every column carries its unit, its frame and its meaning in the metadata of its 
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -39,36 +40,8 @@ class SignalColumn(NamedTuple):
     meaning: str
 
 
-COLUMNS = (
-    SignalColumn("time", "s", "", "start of the step, t_k"),
-    SignalColumn("phase", "", "", "planned phase: single_support or double_support"),
-    SignalColumn("stance", "", "", "planned stance: left, right or both"),
-    SignalColumn("plan_zmp_[xy]", "m", "world", "planned ZMP at t_k"),
-    SignalColumn("plan_force_[xyz]", "N", "world", "planned ground force at t_k"),
-    SignalColumn("plan_com_[xyz]", "m", "world", "planned COM at t_k"),
-    SignalColumn("plan_angular_momentum_[xyz]", "N m s", "world", "planned, about the COM; null for z"),
-    SignalColumn("command_zmp_[xy]", "m", "world", "ZMP of the controller's wrench, plan and feedback"),
-    SignalColumn("command_force_[xyz]", "N", "world", "ground force that the controller wants"),
-    SignalColumn("command_com_[xyz]", "m", "world", "COM that the controller follows"),
-    SignalColumn("command_angular_momentum_[xyz]", "N m s", "world", "that the controller follows"),
-    SignalColumn(
-        "measured_zmp_[xy]", "m", "world", "from contact forces over the step; null without contact"
-    ),
-    SignalColumn("measured_force_[xyz]", "N", "world", "sum of contact forces over the step"),
-    SignalColumn("measured_com_[xyz]", "m", "world", "COM at t_k"),
-    SignalColumn("measured_angular_momentum_[xyz]", "N m s", "world", "about the COM at t_k"),
-    SignalColumn("measured_zmp_momentum_[xy]", "m", "world", "ZMP from the rates of momentum"),
-    SignalColumn("motion_angular_momentum_z", "N m s", "world", "of the planned whole-body motion at t_k"),
-    SignalColumn("(left|right)_force_[xyz]", "N", "world", "force of the floor on one foot"),
-    SignalColumn("(left|right)_contact", "", "", "whether the foot carries load"),
-    SignalColumn(
-        "plan_zmp_margin", "m", "", "planned ZMP to the edge of the planned support, positive inside"
-    ),
-    SignalColumn("measured_zmp_margin", "m", "", "measured ZMP to the edge of the measured support"),
-    SignalColumn("zmp_error_[a-z_]+_[xy]", "m", "world", "part of the ZMP error that one cause explains"),
-    SignalColumn("(left|right)_slip", "m", "", "distance that the foot's points slid since touch-down"),
-    SignalColumn("(left|right)_penetration", "m", "", "depth of the deepest point under the floor"),
-)
+with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as _file:
+    COLUMNS = tuple(SignalColumn(**row) for row in csv.DictReader(_file))
 """All kinds of columns, in order."""
 
 

@@ -15,6 +15,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,8 +24,7 @@ import numpy as np
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import RunParameters
 from ampm.planner import routes
-from ampm.run_file import dump_run, load_run
-from ampm.section import parse_toml
+from ampm.run_file import dump_run
 from validation.progress import Progress
 from validation.show.text import number
 from validation.store.folders import output_file
@@ -87,27 +87,6 @@ class Walked:
     turned: float = math.nan
     power: float = math.nan
     cause: str = ""
-
-
-@dataclass(frozen=True)
-class Task:
-    """A tour to be walked.
-
-    Attributes:
-        run: as TOML, all values found.
-        gait: its name.
-        seed: of targets and punches.
-        share: of the protocol's force [1].
-        count: of targets.
-        arms: whether they move at random.
-    """
-
-    run: str
-    gait: str
-    seed: int
-    share: float
-    count: int
-    arms: bool = False
 
 
 @dataclass(frozen=True)
@@ -252,44 +231,59 @@ class RestlessArms:
         return self._posture.report()
 
 
-def plan_tour(task: Task) -> PlannedWalk:
-    """Plan a tour with the longest steps that the body can walk.
+def plan_tour(seed: int, given: Request, count: int) -> PlannedWalk:
+    """Plan the tour of a seed with the longest steps that the body can walk.
+
+    Args:
+        seed: of its targets.
+        given: gait, all values found.
+        count: of targets.
 
     Raises:
         RefusedGait: it cannot walk short ones either.
     """
-    run = load_run(None, **parse_toml(task.run, "the run"))
-    step, places = LENGTH * run.gait.step_length, targets(task.seed, task.count)
+    run, places = given.run, targets(seed, count)
+    step = LENGTH * run.gait.step_length
     width = run.gait.step_width + WIDER * run.gait.step_length
     for attempt in range(TRIES):
         share = SHORTER**attempt
         footsteps = routes.visit(places, share * step, width, aside=share * ASIDE * step, turn=share * TURN)
         try:
-            return plan_walk(Request(task.gait, run.replace({}, footsteps=routes.as_rows(footsteps)).as_is()))
+            return plan_walk(
+                Request(given.name, run.replace({}, footsteps=routes.as_rows(footsteps)).as_is())
+            )
         except RefusedGait:
             if attempt == TRIES - 1:
                 raise
     raise AssertionError  # pragma: no cover
 
 
-def walk_tour(task: Task) -> Walked:
-    """Walk one tour."""
+def walk_tour(seed: int, given: Request, count: int, share: float, *, arms: bool) -> Walked:
+    """Walk the tour of a seed.
+
+    Args:
+        seed: of targets and punches.
+        given: gait, all values found.
+        count: of targets.
+        share: of the protocol's force [1].
+        arms: whether they move at random.
+    """
     from validation.judge.margins import energy  # loads the simulator, as do the next ones
     from validation.study.robustness.walks import cause_of
     from validation.trial.simulate import simulate
 
     try:
-        planned = plan_tour(task)
+        planned = plan_tour(seed, given, count)
     except RefusedGait as refusal:
-        return Walked(task.seed, False, 0.0, cause=f"refused: {refusal}")
+        return Walked(seed, False, 0.0, cause=f"refused: {refusal}")
     model = planned.body.model.compile()
     hinged = [model.body(int(i)).name for i in dict.fromkeys(model.jnt_bodyid[1:].tolist())]
-    plan, seed = planned.plan, task.seed
-    pushes = punches(seed, task.share, hinged, float(plan.contacts.step_ends[-1]))
-    if task.arms:
+    plan = planned.plan
+    pushes = punches(seed, share, hinged, float(plan.contacts.step_ends[-1]))
+    if arms:
         plan = replace(plan, posture=RestlessArms(plan.posture, planned.body.robot, seed, plan.duration))
     record = simulate(plan, planned.run, planned.body.model, disturbances=pushes)
-    errors = _errors(planned, record, targets(seed, task.count))
+    errors = _errors(planned, record, targets(seed, count))
     error, turned = errors.mean(axis=0).tolist() if len(errors) else (math.nan, math.nan)
     power = energy(record, np.ones(len(record.torque), dtype=bool))["mean_power"]
     cause, time = cause_of(record, planned), record.outcome.time
@@ -328,7 +322,7 @@ def tour(
     resume: bool = False,
     force: bool = False,
     progress: Progress | None = None,
-    runner: Callable[[Task], Walked] = walk_tour,
+    runner: Callable[..., Walked] = walk_tour,
 ) -> Tours:
     """Walk the tours of many seeds with a gait, its body and its controller.
 
@@ -357,21 +351,22 @@ def tour(
     target = study_folder(out, (RESULT, JOURNAL), JOURNAL, what="tour", resume=resume, force=force)
     given = Request("walk", own_gait(run)) if isinstance(run, RunParameters) else load_request(run, settings)
     request = complete(given, progress)
-    own, text = request.run, dump_run(request.run)
-    identity = {"run": text, "share": share, "targets": count, "arms": arms, "code": code_hash()}
+    own = request.run
+    identity = {"run": dump_run(own), "share": share, "targets": count, "arms": arms, "code": code_hash()}
     path = None if target is None else target / JOURNAL
     with Journal(path, identity, resume=resume) as journal:
         walks = {row["seed"]: _walked(row) for row in journal.rows}
-        waiting = [Task(text, request.name, k, share, count, arms) for k in range(seeds) if k not in walks]
+        waiting = [seed for seed in range(seeds) if seed not in walks]
+        walk = partial(runner, given=request, count=count, share=share, arms=arms)
         with progress.stage(f"{request.name}: tours", "tours") as stage:
             stage.advance(seeds - len(waiting), seeds)
 
-            def kept(task: Task, walk: Walked) -> None:
-                walks[task.seed] = walk
-                journal.keep(asdict(walk))
-                stage.advance(sum(seed < seeds for seed in walks), seeds)
+            def kept(seed: int, walked: Walked) -> None:
+                walks[seed] = walked
+                journal.keep(asdict(walked))
+                stage.advance(sum(number < seeds for number in walks), seeds)
 
-            work_off(waiting, runner, kept, workers=workers, scheduler=scheduler, report=progress.say)
+            work_off(waiting, walk, kept, workers=workers, scheduler=scheduler, report=progress.say)
     found = Tours(
         request.title, own.body.source, own.controller.name, own.controller.stabilizer, share, arms,
         tuple(walks[seed] for seed in range(seeds)),
