@@ -9,7 +9,7 @@ import pytest
 import ampm
 import validation as val
 from ampm.body.constant_posture import ConstantPosture
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import AmpmError, BodilyRefusal, InputError
 from ampm.planner import routes
 from ampm.planner.contacts import Footstep
 from ampm.planner.feet import foot_rotation, foot_turning
@@ -152,6 +152,22 @@ def test_a_landing_that_leaves_the_time_is_waited_for_on_both_feet():
     np.testing.assert_allclose(walk.sample(times + late).zmp, alone.sample(times).zmp, rtol=0.0, atol=1e-12)
     with pytest.raises(InputError, match="takes no requests"):
         LiveWalk.of(run, BODY)
+
+
+@pytest.mark.parametrize(
+    ("number", "change", "words"),
+    [
+        (8, {"x": 4.5}, r"footstep 9: when the right foot lands, its leg"),
+        (8, {"y": 0.3}, r"footstep 9: the right foot is .* m aside"),
+        (8, {"time": 5.0}, r"footstep 9 is reached at 5 s, but its swing begins at 7\.353 s"),
+        (8, {"foot": "left"}, r"footsteps 8 and 9 are both of the left foot"),
+    ],
+)
+def test_a_refusal_after_a_stand_names_the_footstep_of_the_list(number, change, words):
+    rows = routes.as_rows(*routes.stop_and_go(4, 0.5, WIDTH, RUN))
+    rows[number] |= change
+    with pytest.raises(AmpmError, match=words):
+        plan_footstep_walk(RUN.replace({}, footsteps=rows), BODY)
 
 
 def test_a_walk_stops_and_goes_on():

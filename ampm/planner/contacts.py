@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.description import SoleGeometry
+from ampm.exceptions import InputError
 
 Side = Literal["left", "right"]
 
@@ -173,3 +174,12 @@ def footprint(sole: SoleGeometry, step: Footstep) -> NDArray[np.float64]:
     c, s = math.cos(step.heading), math.sin(step.heading)
     turned = np.column_stack([c * outline[:, 0] - s * outline[:, 1], s * outline[:, 0] + c * outline[:, 1]])
     return turned + np.asarray(step.position[:2])
+
+
+def check_landing(number: int, landing: float, lifted: float, least: float) -> None:
+    """Refuse a landing of the footstep at an index that leaves less than a time to swing [s]."""
+    if not landing - lifted >= least:
+        raise InputError(
+            f"footstep {number + 1} is reached at {landing:g} s, but its swing begins at {lifted:.4g} s; "
+            f"give a time of at least {lifted + least:.4g} s."
+        )

@@ -13,9 +13,9 @@ from ampm.description import BodyDescription
 from ampm.parameters import RunParameters
 from ampm.planner.blend import BlendLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
-from ampm.planner.contacts import Contacts, Phase
+from ampm.planner.contacts import Contacts, Phase, check_landing
 from ampm.planner.feet import FeetPlan, FootPath
-from ampm.planner.footsteps import plan_footsteps
+from ampm.planner.footsteps import check_footsteps, plan_footsteps
 from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.routes import footsteps_of
@@ -41,10 +41,11 @@ def plan_footstep_walk(run: RunParameters, body: BodyDescription) -> StepPlan:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
     """
     footsteps, landings = footsteps_of(run)
+    check_footsteps(footsteps)
 
     def part(first: int, last: int, begin: float, rest: float = 0.0) -> StepPlan:
         times = [None if time is None else time - begin for time in landings[first:last]]
-        plan = plan_footsteps(footsteps[first:last], run.gait, body, landings=times)
+        plan = plan_footsteps(footsteps[first:last], run.gait, body, landings=times, first=first + 1)
         plan = rest_after(rest_before(plan, rest) if rest else plan, REST)
         return StepPlan.of(plan, feet=plan_swings(plan, run.foot, body.sole, run.gait.step_length))
 
@@ -64,12 +65,16 @@ def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[i
 
     Returns:
         First footstep of each part, the one after its last, and when it begins [s].
+
+    Raises:
+        InputError: a landing leaves no time to swing.
     """
     constants = plan_gait(run.gait.model_copy(update={"steps": 1}), run.body.mass).constants
     single, double = constants.single_support_duration, constants.double_support_duration
     parts, first, begin, lifted = [], 0, 0.0, SETTLING
     for number, wanted in enumerate(landings[2:], start=2):
         landing = lifted + single if wanted is None else wanted
+        check_landing(number, landing, lifted, double)
         spare = landing - lifted - single
         if number == 2 and spare >= SETTLING:
             begin = spare

@@ -22,7 +22,7 @@ from ampm.geometry import hull_distance
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.blend import BlendLaw, shape
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
-from ampm.planner.contacts import Contacts, Footstep, Phase, footprint
+from ampm.planner.contacts import Contacts, Footstep, Phase, check_landing, footprint
 from ampm.planner.heights import uneven, vertical_laws
 from ampm.planner.pendulum import AffineLaw, double_support_root, solution
 from ampm.planner.periodic import plan_gait
@@ -63,6 +63,7 @@ def plan_footsteps(
     body: BodyDescription,
     *,
     landings: Sequence[float | None] | None = None,
+    first: int = 1,
 ) -> CentroidalPlan:
     """Plan a walk over footsteps, from rest to rest.
 
@@ -78,6 +79,7 @@ def plan_footsteps(
         body: its mass, soles and lengths.
         landings: time at which each footstep is reached [s]; None leaves it to the gait. The first two are
             not read. The standing time before the first swing is :data:`SETTLING`.
+        first: number of the first footstep, for errors.
 
     Raises:
         InputError: the list is no walk, or a time leaves no time to swing.
@@ -92,7 +94,7 @@ def plan_footsteps(
         laws = vertical_laws(footsteps, walk.supports, zmp, gait.com_height)
         phases = tuple(phase._replace(z=law) for phase, law in zip(phases, laws, strict=True))
     plan = replace(walk.nominal, contacts=walk.contacts, phases=phases)
-    _refuse(footsteps, walk, body, plan)
+    _refuse(footsteps, walk, body, plan, first)
     return plan
 
 
@@ -171,11 +173,7 @@ def contacts_over(
     phases, time = [_standing(0.0, SETTLING, footsteps[0], footsteps[1])], SETTLING
     for number in range(2, len(footsteps)):
         landing = time + single if wanted[number] is None else float(wanted[number])  # type: ignore[arg-type]
-        if not landing - time >= double:
-            raise InputError(
-                f"footstep {number + 1} is reached at {landing:g} s, but its swing begins at {time:.4g} s; "
-                f"give a time of at least {time + double:.4g} s."
-            )
+        check_landing(number, landing, time, double)
         phases.append(_standing(time, landing - time, footsteps[number - 1], None))
         last = number == len(footsteps) - 1
         phases.append(
@@ -385,15 +383,17 @@ def _quarter_phases(
     return phases
 
 
-def _refuse(footsteps: Sequence[Footstep], walk: Walk, body: BodyDescription, plan: CentroidalPlan) -> None:
+def _refuse(
+    footsteps: Sequence[Footstep], walk: Walk, body: BodyDescription, plan: CentroidalPlan, first: int
+) -> None:
     """Refuse feet that cross or are out of reach, a ZMP near an edge, and a trunk that turns too far."""
-    refuse_crossing(footsteps, body.sole)
-    _refuse_unreached(footsteps, walk.solved, body, plan)
+    refuse_crossing(footsteps, body.sole, first)
+    _refuse_unreached(footsteps, walk.solved, body, plan, first)
     number, margin = _least_margin(footsteps, walk, body.sole, plan)
     if not margin >= MARGIN:
         raise BodilyRefusal(
-            f"footstep {number}: the ZMP comes to {1e3 * margin:.3g} mm from the edge of the flat soles, "
-            f"nearer than {1e3 * MARGIN:g} mm",
+            f"footstep {first - 1 + number}: the ZMP comes to {1e3 * margin:.3g} mm from the edge of the "
+            f"flat soles, nearer than {1e3 * MARGIN:g} mm",
             reason="zmp_margin_too_small", value=margin, limit=MARGIN, unit="m",
             way_out="shorten or narrow the steps about it, or give them more time",
         )  # fmt: skip
@@ -401,15 +401,15 @@ def _refuse(footsteps: Sequence[Footstep], walk: Walk, body: BodyDescription, pl
     worst = int(tilt.argmax())
     if not tilt[worst] <= LARGEST_TILT:
         raise BodilyRefusal(
-            f"footstep {worst + 2}: the angular momentum turns the trunk by about {tilt[worst]:.2g} rad, "
-            f"more than {LARGEST_TILT:g} rad",
+            f"footstep {worst + 1 + first}: the angular momentum turns the trunk by about {tilt[worst]:.2g} "
+            f"rad, more than {LARGEST_TILT:g} rad",
             reason="trunk_tilt_too_large", value=float(tilt[worst]), limit=LARGEST_TILT, unit="rad",
             way_out="take gait.c_y and gait.c_s nearer to 1, or narrow the steps",
         )  # fmt: skip
 
 
-def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry) -> None:
-    """Refuse a foot that lands across the other one."""
+def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: int = 1) -> None:
+    """Refuse a foot that lands across the other one; ``first`` is the number of the first footstep."""
     place = np.array([step.position[:2] for step in footsteps])
     axes = _axes(_mean_heading(np.array([step.heading for step in footsteps])))
     side = np.array([1.0 if step.foot == "left" else -1.0 for step in footsteps[1:]])
@@ -417,15 +417,15 @@ def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry) -> None:
     worst, least = int(apart.argmin()), 2.0 * sole.half_width + _BETWEEN_SOLES
     if not apart[worst] >= least:
         raise BodilyRefusal(
-            f"footstep {worst + 2}: the {footsteps[worst + 1].foot} foot is {apart[worst]:.3g} m aside of "
-            f"the other one, less than two soles take, {least:.3g} m",
+            f"footstep {worst + 1 + first}: the {footsteps[worst + 1].foot} foot is {apart[worst]:.3g} m "
+            f"aside of the other one, less than two soles take, {least:.3g} m",
             reason="feet_too_close", value=float(apart[worst]), limit=least, unit="m",
             way_out="put it further out on its own side",
         )  # fmt: skip
 
 
 def _refuse_unreached(
-    footsteps: Sequence[Footstep], solved: Solution, body: BodyDescription, plan: CentroidalPlan
+    footsteps: Sequence[Footstep], solved: Solution, body: BodyDescription, plan: CentroidalPlan, number: int
 ) -> None:
     """Refuse a foot that the straight leg does not reach, standing on heel or tip, when it leaves or lands.
 
@@ -440,7 +440,7 @@ def _refuse_unreached(
     if floor.any():
         height = plan.sample(plan.contacts.starts[1:]).com[:, 2]
     # At the begin of a single support the foot before it leaves, at its end the one after it lands.
-    for moment, first, com in (("leaves", 0, solved.state[:, 0]), ("lands", 2, solved.end[:, 0])):
+    for moment, first, com in (("lands", 2, solved.end[:, 0]), ("leaves", 0, solved.state[:, 0])):
         feet = slice(first, first + len(com))
         across = lateral[min(first, 1) :][: len(com)]
         over = height[first // 2 :: 2] - floor[feet] - body.com_over_hip
@@ -454,8 +454,8 @@ def _refuse_unreached(
         if not beyond[worst] <= body.leg_length:
             step = footsteps[worst + first]
             raise BodilyRefusal(
-                f"footstep {worst + first + 1}: when the {step.foot} foot {moment}, its leg would have to be "
-                f"{beyond[worst]:.3g} m long, and is {body.leg_length:.3g} m",
+                f"footstep {worst + first + number}: when the {step.foot} foot {moment}, its leg would have "
+                f"to be {beyond[worst]:.3g} m long, and is {body.leg_length:.3g} m",
                 reason="step_out_of_reach", value=float(beyond[worst]), limit=body.leg_length, unit="m",
                 way_out="shorten the steps about it, or lower gait.com_height",
             )  # fmt: skip
