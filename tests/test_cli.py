@@ -92,7 +92,7 @@ def test_a_plan_for_readers_and_its_picture(ampm, tmp_path):
         (["--rate", "1e308", "--samples", "x.csv"], "lower rate"),
         (["--samples", "x.txt"], ".parquet"),
         (["--plot", "x.jpeg2"], ".png"),
-        (["--planner", "dcm"], "leave out --no-body and"),
+        (["--planner", "dcm"], "leave out --no-body"),
         (["--samples=none/x.csv"], "there is no folder none"),
         (["--plot=none/x.png"], "there is no folder none"),
         (["--samples=file/x.csv"], "x.csv"),

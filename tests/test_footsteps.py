@@ -289,6 +289,8 @@ def test_a_file_of_footsteps(tmp_path, ampm):
     assert answer.status == 0
     assert answer.json["residuals"]["acceleration"] < 1e-12
     assert (tmp_path / "walk.png").stat().st_size > 10_000
+    path.write_text(FILE.replace("1.5", "100"), encoding="utf-8")  # it stands until then, as a trial does
+    assert ampm("plan", "normal", "--footsteps", path, "--json").json["duration"] > 100.0
 
 
 @pytest.mark.parametrize(
@@ -299,6 +301,9 @@ def test_a_file_of_footsteps(tmp_path, ampm):
         ("foot,x,y,heading\nmiddle,0,0,0\n", "line 2: foot = 'middle' must be left or right"),
         ("foot,x,y,heading\nleft,0,0,0\nright,0,here,0\n", "line 3: y = 'here' is no finite number"),
         ("foot,x,y,heading\nleft,0\n", "line 2: y = '' is no finite number"),
+        ("foot ,x ,y ,heading\n\nleft,0,0,here\n", "line 3: heading = 'here' is no finite number"),
+        ("foot,x,y,x,heading\n", "has the column 'x' twice"),
+        ("foot,x,y,heading\nleft,0,0,0,1.5\n", "line 2 has more cells than the header"),
     ],
 )
 def test_a_file_that_is_none(tmp_path, text, words):

@@ -301,17 +301,23 @@ def read_footsteps(path: Path) -> tuple[list[Footstep], list[float | None]]:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             table = csv.DictReader(file, skipinitialspace=True)
-            names, rows = [name.strip() for name in table.fieldnames or ()], list(table)
+            table.fieldnames = names = [name.strip() for name in table.fieldnames or ()]
+            rows = [(table.line_num, row) for row in table]
     except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"the file {str(path)!r} cannot be read ({error}); give a CSV file.") from None
     missing = [name for name in COLUMNS if name not in names]
-    unknown = [name for name in names if name not in (*COLUMNS, "z", "time")]
-    if missing or unknown:
-        what = f"lacks {', '.join(missing)}" if missing else f"has the unknown column {unknown[0]!r}"
-        raise InputError(f"{path} {what}; its header must be {','.join(COLUMNS)} and may end with ,z,time.")
+    faults = [f"lacks {', '.join(missing)}"] if missing else []
+    faults += [f"has the unknown column {name!r}" for name in names if name not in (*COLUMNS, "z", "time")]
+    faults += [f"has the column {name!r} twice" for name in names if names.count(name) > 1]
+    if faults:
+        raise InputError(
+            f"{path} {faults[0]}; its header must be {','.join(COLUMNS)}, with commas; ,z,time may follow."
+        )
     footsteps: list[Footstep] = []
     times: list[float | None] = []
-    for line, row in enumerate(rows, start=2):
+    for line, row in rows:
+        if None in row:
+            raise InputError(f"{path}, line {line} has more cells than the header; correct it.")
         foot = (row["foot"] or "").strip()
         if foot not in get_args(Side):
             raise InputError(f"{path}, line {line}: foot = {foot!r} must be left or right.", value=foot)

@@ -17,6 +17,7 @@ from ampm.presets import PRESETS
 from validation.cli.console import Narrator
 from validation.cli.options import (
     AsIs,
+    Footsteps,
     Force,
     Gait,
     Gaits,
@@ -27,6 +28,7 @@ from validation.cli.options import (
     answer,
     check_picture,
     option,
+    with_footsteps,
     with_planner,
 )
 from validation.show.text import format_number, format_value, print_line, print_table
@@ -61,14 +63,7 @@ def plan(
     ] = None,
     rate: Annotated[float, option("--rate", "Samples per second.", "HZ")] = 200.0,
     plot: Annotated[Path | None, option("--plot", "Draw the plan.", "FILE.png")] = None,
-    footsteps: Annotated[
-        Path | None,
-        option(
-            "--footsteps",
-            "Plan a walk from rest to rest over footsteps: foot,x,y,heading [m, rad]; z [m], time [s].",
-            "FILE.csv",
-        ),
-    ] = None,
+    footsteps: Footsteps = None,
 ) -> int:
     """Plan a gait in closed form: constants, residuals, samples, a picture.
 
@@ -77,38 +72,30 @@ def plan(
 
     With --footsteps the gait gives height, slopes of the force line and durations of the supports. The first
     two rows of the file are where both feet stand, the one that swings first at the head; then left and right
-    land in turn. Of the body only the soles are used.
+    land in turn. It is the plan that 'ampm validate' walks, refusals included.
     """
     from ampm.planner.periodic import plan_gait
-    from ampm.planner.routes import read_footsteps
     from validation.store.tables import plan_table, sample_times, write_columns
     from validation.trial.columns import check_suffix
-    from validation.trial.plan import check_formula, load_request, make_body, plan_walk
+    from validation.trial.plan import check_formula, load_request, plan_walk
 
     extra = with_planner(settings, planner)
-    request = load_request(gait, extra, as_is=as_is or no_body or footsteps is not None)
+    request = load_request(gait, extra, as_is=as_is or no_body, sections=with_footsteps(footsteps))
     run = request.run
-    steps = None if footsteps is None else read_footsteps(footsteps)
     if samples is not None:  # refuse paths that cannot be written before computing
         check_folder_of(samples)
         check_suffix(samples)
         check_formula(request)
-        count = run.gait.steps if steps is None else len(steps[0])
+        count = len(run.footsteps) or run.gait.steps
         sample_times(count * run.gait.step_length / run.gait.switching_velocity, rate)
     if plot is not None:
         check_picture(plot)
-    if run.gait.planner != "ampm" and (no_body or steps is not None):
-        raise InputError("another planner plans a body's steps; leave out --no-body and --footsteps.")
+    if no_body and (run.gait.planner != "ampm" or run.footsteps):
+        raise InputError("another planner, or footsteps, need a body; leave out --no-body.")
     narrator = Narrator()
-    walk = None if no_body or steps is not None else plan_walk(request, narrator)
+    walk = None if no_body else plan_walk(request, narrator)
     planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walk is None else walk.plan
-    sole = None
-    if steps is not None:
-        from ampm.planner.footsteps import plan_footsteps
-
-        body = make_body(run).model.description
-        sole = body.sole
-        planned = plan_footsteps(steps[0], run.gait, body, landings=steps[1])
+    sole = walk.plan.feet.sole if walk is not None and run.footsteps else None
     request = request if walk is None else walk.request
     if samples is not None:
         with output_file(samples) as work:

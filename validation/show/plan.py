@@ -112,6 +112,6 @@ def _draw_top(axis: Axes, plan: CentroidalPlan, sample: PlanSample, sole: SoleGe
         axis.plot(values[:, 0], values[:, 1], color=_COLORS[name], label=name)
     axis.set_aspect("equal", adjustable="datalim")
     axis.set(xlabel="x, forward [m]", ylabel="y, left [m]")
-    marks = "footprints (+), support polygons (shaded)" if sole is None else "footprints"
+    marks = f"footprints{' (+)' if sole is None else ''}, support polygons (shaded)"
     axis.set_title(f"from above: {marks}")
     legend(axis)
