@@ -30,10 +30,11 @@ class Gate:
         self.lines, self.points = records((2, 3), LINE), points_of(robot)
         self.first = True
 
-    def update(self, reference, sensed):
+    def update(self, reference, sensed, strict=False):
         self.points["touching"] = sensed
         planned, due, until = reference
-        self.landing = update_gate(planned, due, until, RATE, RAMP, self.first, self.points, self.lines)
+        state = self.first, strict, self.points, self.lines
+        self.landing = update_gate(planned, due, until, RATE, RAMP, *state)
         self.first = False
 
     def limits(self, foot=0):
@@ -67,6 +68,20 @@ def test_a_run_starts_on_what_is_planned(robot):
     gate.update(ContactState(AIR, AIR, NEVER), np.zeros(12, dtype=bool))
     assert gate.limits() == [0.0, 0.0, 0.0]
     assert gate.limits(1) == [1.0, 1.0, 1.0]
+
+
+def test_a_tip_off_the_floor_can_carry_no_force_if_that_is_asked_for(gate, robot):
+    stands = ContactState(AIR, AIR, NEVER)
+    on, off = (0, 1, 2), (0, 1)
+    for sensed, strict, tip in (
+        (off, True, 1),
+        (off, True, 1),
+        (off, False, 1),
+        (off, True, 0),
+        (on, True, 1),
+    ):
+        gate.update(stands, touch(robot, right=sensed), strict)
+        assert gate.limits(1) == [1.0, 1.0, tip]
 
 
 @pytest.mark.parametrize(

@@ -201,6 +201,13 @@ def test_a_walk_over_footsteps_is_the_fixed_stabilisers_and_steps_when_pushed():
     assert walk_over(*push, footsteps=rows).outcome.completed
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_torques_that_are_not_commanded_are_found_and_made_up_for(seed):
+    bias = "disturbance.torque_bias=0.5", f"disturbance.seed={seed}"
+    assert not walk_over(*bias, "controller.stabilizer=fixed").outcome.completed
+    assert walk_over(*bias).outcome.completed
+
+
 def walk_over(*settings, footsteps=()):
     settings = ("simulation.time_step=0.002", "gait.steps=9", "controller.stabilizer=stepping", *settings)
     request = load_request("normal", settings, sections={"footsteps": footsteps} if footsteps else {})

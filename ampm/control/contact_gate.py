@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+OFF = 2
+"""Ticks without touch after which a tip is off the floor."""
+
 
 @compiled
 def update_gate(
@@ -28,6 +31,7 @@ def update_gate(
     rate: float,
     ramp: float,
     first: bool,
+    strict: bool,
     points: Any,
     lines: Any,
 ) -> bool:
@@ -40,6 +44,7 @@ def update_gate(
         rate: by which a line opens in a tick [1].
         ramp: time in which a line closes before its lift-off [s].
         first: a run starts standing on the planned points.
+        strict: tips off the floor carry no force: that of a toe that a torque has lifted would keep it there.
         points: that touch.
         lines: of the last tick.
 
@@ -65,6 +70,9 @@ def update_gate(
             line.touched = held
             line.opening = min(line.opening + rate, 1.0) if held else 0.0
             line.limit = min(line.opening, until_lift[foot, group] / ramp)
+            line.off = 0 if line.touching else line.off + 1
+            if strict and group == TIP and line.off > OFF and until_lift[foot, group] > ramp:
+                line.limit = 0.0
             if line.opening < 1.0 and (line.touching or line.opening > 0.0):
                 landing = True
     for i in range(len(points)):

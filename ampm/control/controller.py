@@ -23,6 +23,7 @@ from ampm.body.rigid_body import (
     task_drift,
 )
 from ampm.compiled import bound, compiled, records
+from ampm.control.bias import sense_bias
 from ampm.control.contact_gate import land, update_gate
 from ampm.control.forces import ANGULAR, point_forces, share_forces, without_closed, wrench_map
 from ampm.control.hold import update_rate
@@ -48,10 +49,10 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]
 
-V, NOW, LAST, STILL, POSTURE, ALPHA, PASSIVE = range(7)
-"""Rows of ``motion``, shape (7, nv): measured velocity, the same at the instant of q, the last tick's
+V, NOW, LAST, STILL, POSTURE, ALPHA, PASSIVE, MISSING = range(8)
+"""Rows of ``motion``, shape (8, nv): measured velocity, the same at the instant of q, the last tick's
 acceleration [m/s^2], zeros, wanted acceleration in the metric of the posture [g], this tick's [m/s^2], torque
-that overcomes the passive ones [N m]."""
+that overcomes the passive ones and those found to act beside the commanded ones [N m], the latter [N m]."""
 
 SCALE, RATES, DRIFT, WANTED, SOFTNESS, RHS = range(6)
 """Rows of ``tasks``, shape (6, R): scale in the QP, rate, drift, wanted acceleration, softness, right-hand
@@ -153,6 +154,7 @@ def prepare(
     for i in range(len(points)):
         points[i].sensed, points[i].touching = sensed[i], touching[i]
     passive_torques(passive, q, v, posture_v, motion[PASSIVE, 6:])
+    motion[PASSIVE] -= motion[MISSING]
     mass, com = link[0].mass, vector(com_place)
 
     # What is wanted.
@@ -163,8 +165,9 @@ def prepare(
     command_wrench(gains, mass, gravity, centre, tilt, com, rates, command)
     gain = gains[0]
     rate = 1.0 / (gain.frequency * gain.contact_ramp)
-    landing = update_gate(planned, due, until_lift, rate, gain.contact_ramp, first, points, lines)
-    if share[0] or share[1]:
+    steps = share[0] != 0.0 or share[1] != 0.0
+    landing = update_gate(planned, due, until_lift, rate, gain.contact_ramp, first, steps, points, lines)
+    if steps:
         share_sole(gravity, share, centre, com_place, points, command, mass)
     put(wanted[0:3], (0.0, 0.0, -gravity))  # the momentum rate without contact forces; the QP adds them
     wanted[3:6] = 0.0
@@ -320,7 +323,7 @@ class TrackingController:
         weights = robot.by_group(POSTURE_WEIGHTS)
         self._root_weight = np.sqrt(weights)
         rows = body.columns.shape[1]
-        self._q, self._motion, self._tasks = np.zeros(robot.nq), np.zeros((7, robot.nv)), np.zeros((6, rows))
+        self._q, self._motion, self._tasks = np.zeros(robot.nq), np.zeros((8, robot.nv)), np.zeros((6, rows))
         self._tasks[SCALE] = 1.0
         self._tasks[SCALE, 3:6] = ANGULAR
         self._hinges = np.zeros((5, robot.nu))
@@ -404,6 +407,16 @@ class TrackingController:
             own = self._feet, self._points, self._touching, self._sensed, self._com, self._tasks[RATES]
             body = self.robot.mass, self.robot.gravity, 1.0 / float(self._gains["frequency"][0])
             self._live = LiveReference(plan, timing, *own, *body, self._share)
+            rigid, motion = self.robot.rigid_body, self._motion
+            self._sense_bias = bound(
+                sense_bias,
+                (
+                    rigid.tree, rigid.link, self._points, self.robot.gravity, rigid.armature, body[-1],
+                    timing.hold if self._extrapolates else 0.0, self._q, motion[V], self._hinges,
+                    motion[PASSIVE, 6:], motion[MISSING, 6:], np.zeros((4, self.robot.nv)),
+                ),
+                True,
+            )  # fmt: skip
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One control tick.
@@ -413,9 +426,12 @@ class TrackingController:
             touch: readings of the soles.
             reference: what is planned at this instant.
         """
-        self._q[:], self._motion[V] = state.q, state.v
-        self._sensed[:], self._touching[:] = touch.normal_force, touch.contact
         first, still = self._first, bool(reference.jumps)
+        self._motion[V] = state.v
+        if self._live is not None:
+            self._sense_bias(first)
+        self._q[:] = state.q
+        self._sensed[:], self._touching[:] = touch.normal_force, touch.contact
         self._reference[_POSTURE_A][:] = reference.posture.acceleration
         self._observe(float(state.velocity_lag), first)
         if self._live is not None:

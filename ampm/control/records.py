@@ -37,6 +37,7 @@ LINE = [
     ("planned", np.bool_),  # planned in contact
     ("due", np.bool_),  # planned in contact now or shortly
     ("touching", np.bool_),  # touches at this tick
+    ("off", np.int64),  # ticks since it touched
     ("touched", np.bool_),  # has touched down since its contact was due
     ("opening", np.float64),  # share opened since its touch-down, 0 ... 1
     ("limit", np.float64),  # share of the force limit: the same, but closing before lift-off, 0 ... 1
