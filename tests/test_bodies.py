@@ -117,7 +117,7 @@ def test_a_sweep_of_another_body_walks_its_gait() -> None:
 def check(trial) -> None:
     length = trial.planned.body.model.description.sole.length
     assert trial.record.outcome.completed
-    assert trial.metrics["failed_qp"].value == 0
+    assert trial.verdict.passed, trial.verdict.reason
     for axis in "xy":
         assert trial.metrics[f"zmp_{axis}_rmse"].value < ZMP_SHARE * length
 

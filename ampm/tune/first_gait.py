@@ -13,8 +13,11 @@ if TYPE_CHECKING:
     from ampm.parameters import RunParameters
 
 _STEP = 0.3  # length of a step over the height of the hips [1]
-_PACE = 0.17  # speed at the switch over the square root of g times the height of the hips [1]
+_PACE = 0.15  # speed at the switch over the square root of g times the height of the hips [1]
 _C_Y = 0.8  # the trunk then rolls a little towards the standing foot
+_SOFT = 0.4  # velocity and rate at which a foot closes in on the floor, over those of a human's [1]
+_SLOW = 0.25  # how fast it takes them up, over the same [1]
+_HIPS = 0.90  # height of the human's hips, with which the rate of the swing foot's feedback was chosen [m]
 
 
 def first_gait(run: RunParameters, description: BodyDescription) -> RunParameters:
@@ -48,7 +51,12 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
         # Angular momentum of a tilting trunk, as m h^2 of a human of 60 kg and 1.70 m.
         "controller.trunk_gain": own.trunk_gain * description.mass / 60.0 * description.scale**2,
         # Rotors make the feet of robots heavy: they land softly.
-        "controller.touchdown_velocity": 0.4 * own.touchdown_velocity,
+        "controller.touchdown_velocity": _SOFT * own.touchdown_velocity,
+        "controller.touchdown_rate": _SOFT * own.touchdown_rate,
+        "controller.touchdown_damping": _SLOW * own.touchdown_damping,
+        # The swing of a short leg is quick.
+        "controller.swing_stiffness": own.swing_stiffness * _HIPS / hips,
+        "controller.swing_damping": own.swing_damping * math.sqrt(_HIPS / hips),
     }
     free = {key: value for key, value in sized.items() if key not in run.given}
     body = {"body.mass": description.mass, "body.height": description.height}

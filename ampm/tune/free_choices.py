@@ -101,8 +101,8 @@ class FreeChoices:
         self.lower = np.array([choice.lower for choice in free])
         self.upper = np.array([choice.upper for choice in free])
         self.slack = np.array([choice.slack for choice in free])
-        # Step widths are in statures of a human whose hips are as wide.
-        self.wide = description.hip_half_width / (_HIP_HALF_WIDTH * description.height)
+        # Between hips as wide as the body's and a human's: a wide step makes a long arm of a landing's force.
+        self.wide = math.sqrt(description.hip_half_width / (_HIP_HALF_WIDTH * description.height))
         # The sole ends behind and before the reference point.
         self.most_roll = min(
             _RANGE["roll"].upper, _NEAR_END * min(-self.sole.heel_x, self.sole.tip_x) / self.sole.ball_x
