@@ -242,16 +242,6 @@ def test_contact_and_solver_parameters_arrive_in_the_model() -> None:
         np.testing.assert_allclose(geom.solimp, expected)
 
 
-def mirrored(body: Standing, qpos: np.ndarray) -> np.ndarray:
-    """Reflect a posture in the sagittal plane by the description's map."""
-    result = qpos.copy()
-    result[1] *= -1.0
-    result[[4, 6]] *= -1.0
-    for joint, image, sign in body.description.mirror:
-        result[body.model.joint(image).qposadr[0]] = sign * qpos[body.model.joint(joint).qposadr[0]]
-    return result
-
-
 def test_mirror_map(body: Standing) -> None:
     pairs = {joint: (image, sign) for joint, image, sign in body.description.mirror}
     assert len(pairs) == 34
@@ -263,38 +253,6 @@ def test_mirror_map(body: Standing) -> None:
         np.testing.assert_allclose(np.sort([sign * low, sign * high]), body.model.joint(image).range)
     left, right = body.description.legs
     assert [pairs[name][0] for name in left.joints] == list(right.joints)
-
-
-def test_mirrored_posture_is_the_mirror_image(body: Standing) -> None:
-    rng = np.random.default_rng(3)
-    qpos = body.data.qpos.copy()
-    qpos[:3] = rng.normal(size=3)
-    qpos[3:7] = rng.normal(size=4)
-    qpos[3:7] /= np.linalg.norm(qpos[3:7])
-    qpos[7:] = rng.uniform(-0.8, 0.8, 34)
-    flip = np.array([1.0, -1.0, 1.0])
-    results = []
-    for posture in (qpos, mirrored(body, qpos)):
-        data = mujoco.MjData(body.model)
-        data.qpos = posture
-        mujoco.mj_forward(body.model, data)
-        results.append(data)
-    one, other = results
-    np.testing.assert_allclose(other.subtree_com[0], flip * one.subtree_com[0], rtol=0.0, atol=1e-12)
-    for i in range(1, body.model.nbody):
-        name = body.model.body(i).name
-        side, _, rest = name.partition("_")
-        image = {"left": f"right_{rest}", "right": f"left_{rest}"}.get(side, name)
-        assert body.model.body(image).mass == body.model.body(name).mass
-        np.testing.assert_allclose(other.body(image).xipos, flip * one.body(name).xipos, rtol=0.0, atol=1e-12)
-        axes, image_axes = (d.body(n).ximat.reshape(3, 3) for d, n in ((one, name), (other, image)))
-        spread = axes @ np.diag(body.model.body(name).inertia) @ axes.T
-        image_spread = image_axes @ np.diag(body.model.body(image).inertia) @ image_axes.T
-        np.testing.assert_allclose(image_spread, np.outer(flip, flip) * spread, rtol=0.0, atol=1e-12)
-    for leg, image_leg in zip(body.description.legs, body.description.legs[::-1], strict=True):
-        np.testing.assert_allclose(
-            other.site(image_leg.sole_frame).xpos, flip * one.site(leg.sole_frame).xpos, rtol=0.0, atol=1e-12
-        )
 
 
 def test_sensors(default: Standing) -> None:
