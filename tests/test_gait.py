@@ -153,21 +153,6 @@ def test_residuals_compare_neighbouring_phases(plan):
     assert jumped.velocity < 1e-13
 
 
-def test_plain_pendulum():
-    """1/a_s = 0 and c = 1: a fixed ZMP, no moment, xdd = g/H (x - zmp)."""
-    plan = plan_gait(changed(a_s=math.inf, c_s=1.0, c_y=1.0), MASS)
-    s = plan.sample(np.linspace(0.0, plan.duration, 1000))
-    assert plan.constants.inverse_a_s == 0.0
-    assert np.abs(s.moment).max() == 0.0
-    assert np.abs(s.angular_momentum).max() == 0.0
-    single = s.phase == 0
-    stance = np.where((s.stance == 0)[:, None], s.left_placement, s.right_placement)
-    np.testing.assert_allclose(s.zmp[single], stance[single], rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(
-        s.com_acceleration[:, :2], G / 0.88 * (s.com[:, :2] - s.zmp), rtol=0.0, atol=1e-11
-    )
-
-
 def force_law_integration(parameters, steps):
     """Integrate xdd = F/m from the ZMP and force laws alone; switch where the COM has travelled its share.
 

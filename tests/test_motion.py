@@ -61,14 +61,6 @@ def test_every_next_step_is_the_mirror_image_moved_on(motion, robot):
         np.testing.assert_allclose(later.angular_momentum_z, turn * first.angular_momentum_z, atol=1e-7)
 
 
-def test_steps_join_without_a_jump(motion, robot):
-    joints = motion.step_duration * np.arange(1, 5)
-    before, after = motion.sample(joints - 1e-8, robot), motion.sample(joints + 1e-8, robot)
-    np.testing.assert_allclose(before.q, after.q, atol=1e-6)
-    np.testing.assert_allclose(before.v, after.v, atol=1e-5)
-    np.testing.assert_allclose(before.acceleration, after.acceleration, atol=1e-2)
-
-
 def test_velocity_is_the_rate_of_the_configuration(motion, robot):
     times, h = np.linspace(0.01, 2.5, 300), 1e-6
     low, here, high = (motion.sample(times + s, robot) for s in (-h, 0.0, h))

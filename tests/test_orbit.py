@@ -296,14 +296,3 @@ def test_cached_motions_are_refused_like_new_ones(filled, no_search, monkeypatch
     monkeypatch.setattr(feasibility, "KNEE_MINIMUM", 3.0)
     with pytest.raises(BodilyRefusal, match="knee straightens"):
         solve(COARSE, cache=filled)
-
-
-# --------------------------------------------------------------- the whole range
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("change", ["c_y=0.2", "c_y=0.7", "c_y=1.2", "c_s=0.8", "c_s=1.2", "c_s=1.4"])
-def test_range_of_the_paper_returns(change):
-    report = solve(f"gait.{change}").report
-    assert report.residual <= 1e-8
-    assert 0.1 < report.angular_momentum_y_offset < 1.0

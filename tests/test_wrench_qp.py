@@ -111,15 +111,6 @@ def test_off_the_plan_a_foot_twists_about_its_load():
     assert (forces.points["largest"] == LARGEST_PUSHED).all()
 
 
-def test_map_follows_the_points_and_the_openings():
-    forces, *_ = force_map(0)
-    arm, opening, phi = stance(1)
-    forces.update(arm, opening)
-    fresh = ForceMap(arm, opening)
-    np.testing.assert_array_equal(forces.wrench, fresh.wrench)
-    np.testing.assert_array_equal(forces.point_forces(phi), fresh.point_forces(phi))
-
-
 @pytest.mark.parametrize("seed", SEEDS)
 def test_forces_at_closed_points_are_dropped_within_the_friction(seed):
     def still_open(phi, opening):

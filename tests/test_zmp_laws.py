@@ -15,7 +15,6 @@ from ampm.planner.zmp_laws import (
     JERK_WEIGHT,
     SAMPLE_TIME,
     STEP_PLANNERS,
-    ZmpLaw,
     preview_gains,
     reference_zmp,
 )
@@ -156,14 +155,6 @@ def test_gains_of_preview_control_are_the_papers():
     # All the gains of a ZMP at rest cancel those of a COM at rest over it.
     assert gains.preview.sum() + gains.feedback[1] == pytest.approx(0.0, abs=1e-4 * gains.feedback[1])
     assert abs(np.linalg.eigvals(A - np.outer(B, gains.feedback))).max() < 1.0
-
-
-def test_a_law_of_a_moving_zmp_solves_its_equation():
-    law = ZmpLaw(3.3, np.array([0.1, -0.4, 0.9, 1.7]), 0.02, -0.03)
-    t, h = np.linspace(0.1, 0.6, 7), 1e-4
-    now, before, after = (law.evaluate(t + shift) for shift in (0.0, -h, h))
-    bend = (after.position - 2 * now.position + before.position) / h**2
-    np.testing.assert_allclose(bend, 3.3**2 * (now.position - now.zmp), atol=1e-6)
 
 
 @pytest.mark.parametrize("planner", ["preview", "dcm"])
