@@ -52,12 +52,14 @@ def test_every_next_step_is_the_mirror_image_moved_on(motion, robot):
     first = motion.sample(times, robot)
     for step in (1, 2, 7):
         later = motion.sample(times + step * motion.step_duration, robot)
-        q, v, turn = first.q, first.v, 1.0
+        q, v, acceleration, turn = first.q, first.v, first.acceleration, 1.0
         if step % 2:
             q, v, turn = robot.mirror_q(first.q), robot.mirror_v(first.v), -1.0
+            acceleration = robot.mirror_v(first.acceleration)
         q = q + np.eye(robot.nq)[0] * step * motion.step_length
         np.testing.assert_allclose(later.q, q, rtol=0.0, atol=1e-9)
         np.testing.assert_allclose(later.v, v, atol=1e-7)
+        np.testing.assert_allclose(later.acceleration, acceleration, atol=1e-5)
         np.testing.assert_allclose(later.angular_momentum_z, turn * first.angular_momentum_z, atol=1e-7)
 
 
