@@ -89,7 +89,7 @@ def test_pushes_add_up_and_a_force_lifts():
 @pytest.mark.parametrize(
     ("push", "word"),
     [
-        (("wing", (1.0, 0.0, 0.0), 0.0, 1.0), "wing"),
+        (("wing", (1.0, 0.0, 0.0), 1.0, 1.0), "wing"),
         (("chest", (np.nan, 0.0, 0.0), 0.0, 1.0), "finite"),
         (("chest", (1.0, 0.0), 0.0, 1.0), "three"),
         (("chest", (1.0, 0.0, 0.0), -0.5, 1.0), "-0.5"),
@@ -99,7 +99,7 @@ def test_pushes_add_up_and_a_force_lifts():
 )
 def test_impossible_pushes_are_refused(push, word):
     with pytest.raises(InputError, match=word):
-        walk(Push(*push))
+        walk(Push(*push), progress=lambda done, _total: pytest.fail(f"walked {done} steps"))
 
 
 def test_a_users_own_wind_pushes_with_the_relative_air():

@@ -48,7 +48,7 @@ class Plant:
     def _segment(self, segment: str) -> int:
         if segment not in self._segments:
             raise InputError(
-                f"the body has no segment {segment!r} to push; take one of {', '.join(self._segments)}"
+                f"the body has no segment {segment!r} to push; take one of {', '.join(self._segments)}."
             )
         return self._segments[segment]
 

@@ -156,6 +156,8 @@ def simulate(
                 f"a push at {push.at:g} s comes after the walk, which ends at {total * dt:.3g} s; "
                 "push earlier, or walk more steps."
             )
+        if isinstance(push, Push):  # before the walk, not when it is pushed
+            Plant(physics.model, physics.data, physics.robot.description).position(push.segment)
     gains = run.controller
     timing = Timing(
         lead=gains.touchdown_lead,
