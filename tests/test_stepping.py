@@ -201,6 +201,14 @@ def test_a_walk_over_footsteps_is_the_fixed_stabilisers_and_steps_when_pushed():
     assert walk_over(*push, footsteps=rows).outcome.completed
 
 
+def test_a_pushed_walk_returns_to_its_planned_places_and_times():
+    pushes = "disturbance.push_y=-150", "disturbance.push_at=1.64", "disturbance.push_segment=com"
+    pushed, still = walk_over(*pushes, "gait.steps=13"), walk_over("gait.steps=13")
+    off = np.abs(pushed.com - still.com)
+    assert off[pushed.time < 3.0].max() > 0.05
+    assert off[pushed.time > 7.5].max() < 0.005
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_torques_that_are_not_commanded_are_found_and_made_up_for(seed):
     bias = "disturbance.torque_bias=0.5", f"disturbance.seed={seed}"

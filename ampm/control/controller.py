@@ -166,7 +166,8 @@ def prepare(
     gain = gains[0]
     rate = 1.0 / (gain.frequency * gain.contact_ramp)
     steps = share[0] != 0.0 or share[1] != 0.0
-    landing = update_gate(planned, due, until_lift, rate, gain.contact_ramp, first, steps, points, lines)
+    strict = steps and share[5] == 0.0
+    landing = update_gate(planned, due, until_lift, rate, gain.contact_ramp, first, strict, points, lines)
     if steps:
         share_sole(gravity, share, centre, com_place, points, command, mass)
     put(wanted[0:3], (0.0, 0.0, -gravity))  # the momentum rate without contact forces; the QP adds them

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 _TICKS = 2  # between the rows of a table
 _COARSE = 25  # instants of a phase at which a walk on the plan looks ahead
 _CYCLE = 4  # phases after which a periodic walk repeats
+BACK = 0.005  # distance from the plan within which a walk is on it again [m]
 _STILL = 0.05  # speed of a COM at rest [m/s]
 
 
@@ -70,6 +71,7 @@ class LiveReference:
         self._walker = records(1, WALKER)
         for name in ("rate", "factor", "load"):
             self._walker[name] = 1.0
+        self._walker["choice"] = -1
         self._index, self._loaded, self._width, self._next = -1, -1, 0.0, -math.inf
         self._starts = [*plan.contacts.starts.tolist(), math.inf]
         self._origin = np.full(2, math.nan)  # of the references from the plan: a walk may be moved
@@ -93,6 +95,11 @@ class LiveReference:
         if math.isnan(self._origin[0]):
             moved = given.centre[0, :2] - self.plan.sample(np.array([time])).com[0, :2]
             self._origin = moved * (np.abs(moved) > 1e-9)
+        if self.live:
+            ends = self._pass_time()
+            if ends and (self._goes_on or self._index + 1 < len(self.plan.contacts.phases)):
+                self._switch()
+                self.live = not self._is_back(given)
         felt = not self.live
         if felt:
             if time + 1e-9 >= self._next:
@@ -104,10 +111,6 @@ class LiveReference:
             self.live = True
             self._share[5] = 1.0
             self._depart(given)
-        else:
-            ends = self._pass_time()
-            if ends and (self._goes_on or self._index + 1 < len(self.plan.contacts.phases)):
-                self._switch()
         if self._loaded != self._index:
             self._load()
         row = self._row()
@@ -210,6 +213,20 @@ class LiveReference:
                 w["shift"][foot] = off
         w["swing"][0] = w["shift"][1 - w["stance"]]
 
+    def _is_back(self, given: Reference) -> bool:
+        """Whether a walk that begins a phase is on the plan again; then it is followed by the time."""
+        w, off = self._walker[0], np.abs(self._body.com - given.centre[0])
+        on_time = w["single"] and abs(w["late"]) < self._body.tick and self._index < len(self._starts) - 1
+        in_place = np.abs(w["shift"]).max(axis=0) < (BACK, BACK, OFF_HEIGHT)
+        level = max(abs(w["height"][0]), 0.1 * np.abs(w["slope"]).max()) < OFF_HEIGHT
+        if not (on_time and level and in_place.all() and off.max() < BACK):
+            return False
+        load, touches = float(w["load"]), w["touches"].copy()
+        self._walker[:] = 0
+        w["load"], w["touches"], w["rate"], w["factor"], w["choice"] = load, touches, 1.0, 1.0, -1
+        self._next, self._share[3], self._share[5] = -math.inf, 0.0, 0.0
+        return True
+
     def _switch(self) -> None:
         """Go on to the next phase."""
         w = self._walker[0]
@@ -218,7 +235,8 @@ class LiveReference:
             w["shift"][1 - w["stance"]] = w["swing"][0]
         self._enter(self._index + 1)
         w["clock"] = min(max(over, 0.0), 0.25 * w["duration"])
-        w["step"], w["factor"], w["excess"] = 0.0, 1.0, 0.0
+        w["late"] += over - w["clock"]
+        w["step"], w["factor"], w["excess"], w["choice"] = 0.0, 1.0, 0.0, -1
         if w["single"]:
             w["swing"] = 0.0
             w["swing"][0] = w["shift"][1 - w["stance"]]

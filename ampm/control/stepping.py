@@ -35,6 +35,9 @@ EASY_LENGTH, EASY_WIDTH = 0.15, 0.06
 TIME_COST, LIMIT_COST, CHANGE_COST = 0.03, 0.3, 0.01
 """Costs of another time, per its logarithm [m], of a metre beyond the limits [1], and of another choice than
 at the last tick [m]."""
+RETURN, RETURN_MOST, CATCH_UP = 0.5, 0.05, 0.05
+"""Share of its displacement by which the next step returns to its planned place [1], at most so far along and
+across [m], and how much longer or shorter a single support may be to return to its planned time [1]."""
 OVERSHOOT = 1.05
 """Factor on lateral displacements, because the step after a narrow one is the harder one [1]."""
 SOLE_SHARE = 0.8
@@ -172,11 +175,11 @@ def plan_step(
 ) -> bool:
     """Choose place and time of the next step, and whether they differ from the plan.
 
-    For each time of the rest of the single support the displacement follows in closed form. The time is the
-    planned one as long as the displacement is easy; else a cost weighs displacement, time and limits.
+    For each time of the rest of the single support the displacement follows in closed form. As long as it is
+    easy, steps return to the places and times of the plan; else a cost weighs displacement, time and limits.
 
     Args:
-        w: the walker; ``step``, ``excess`` and ``factor`` are replaced.
+        w: the walker; ``step``, ``excess``, ``factor`` and ``choice`` are replaced.
         omega: [1/s].
         curves: of the phase, planned.
         begin: where its rest begins, in intervals.
@@ -192,36 +195,41 @@ def plan_step(
     shift, side = w.shift[w.stance], 1.0 if w.stance == 1 else -1.0
     narrower = max(width - NARROWEST, 0.0)
     ramp, cost = ramp_share(omega * w.double), math.inf
-    best, ahead = np.zeros(4), np.empty(2)
+    best, ahead, chosen = np.zeros(4), np.empty(2), -1
     for k in range(-1, len(TIMES) if chooses_time else 0):
-        factor = 1.0 if k < 0 else TIMES[k]
-        if k < 0 and w.rate != 1.0:
-            continue
+        factor = clip(1.0 - w.late / rest, 1.0 - CATCH_UP, 1.0 + CATCH_UP) if k < 0 else TIMES[k]
         if k >= 0 and (factor * w.duration < SHORTEST or factor > LONGEST):
             continue
         x = omega * max(rest * factor, 1e-4)
         ahead[:] = reference
-        if k >= 0:
+        if chooses_time:
             dcm_ahead(curves.r, curves.xi[-1], begin, x, ahead)
         decay = math.exp(-x)
         zmp_x, zmp_y = mean_zmp(curves.zmp, begin, x)
         zmp_x, zmp_y = zmp_x + shift[0], zmp_y + shift[1]
+        back_x = back_y = 0.0
+        if k < 0:
+            back_x = clip(-RETURN * (cos * shift[0] + sin * shift[1]), -RETURN_MOST, RETURN_MOST)
+            back_y = clip(-RETURN * (cos * shift[1] - sin * shift[0]), -RETURN_MOST, RETURN_MOST)
         error_x, error_y = xi[0] - ahead[0] - shift[0], xi[1] - ahead[1] - shift[1]
+        error_x, error_y = cos * error_x + sin * error_y, cos * error_y - sin * error_x
+        error_x, error_y = error_x - ramp * decay * back_x, error_y - ramp * decay * back_y
         along, across = cos * zmp_x + sin * zmp_y, -sin * zmp_x + cos * zmp_y
         low, high = SOLE_SHARE * (sole[0] - along), SOLE_SHARE * (sole[1] - along)
-        length = step_change(cos * error_x + sin * error_y, decay, ramp, min(low, 0.0), max(high, 0.0))
+        length = back_x + step_change(error_x, decay, ramp, min(low, 0.0), max(high, 0.0))
         low, high = SOLE_SHARE * (sole[2] - across), SOLE_SHARE * (sole[3] - across)
-        left = step_change(-sin * error_x + cos * error_y, decay, ramp, min(low, 0.0), max(high, 0.0))
-        wider = OVERSHOOT * side * left
+        left = step_change(error_y, decay, ramp, min(low, 0.0), max(high, 0.0))
+        wider = side * (OVERSHOOT * left + back_y)
         u, v = clip(length, -BACKWARD, FORWARD), clip(wider, -narrower, WIDER)
         beyond = abs(length - u) + abs(wider - v)
         price = max(abs(u) - EASY_LENGTH, 0.0) + max(abs(v) - EASY_WIDTH, 0.0) + LIMIT_COST * beyond
-        price += TIME_COST * abs(math.log(factor)) - (CHANGE_COST if factor == w.factor else 0.0)
+        price += TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == w.choice else 0.0)
         if price < cost:
             cost = price
+            chosen = k
             best[0], best[1], best[2], best[3] = u, side * v, factor, beyond
     if cost < math.inf:
         w.step[0] = cos * best[0] - sin * best[1]
         w.step[1] = sin * best[0] + cos * best[1]
-        w.factor, w.excess = best[2], best[3]
+        w.factor, w.excess, w.choice = best[2], best[3], chosen
     return w.step[0] != 0.0 or w.step[1] != 0.0

@@ -66,6 +66,8 @@ WALKER = [
     ("double", np.float64),  # duration of the double support that follows [s]
     ("rate", np.float64),  # of the clock [1]
     ("factor", np.float64),  # duration of the rest of the phase over the planned one [1]
+    ("choice", np.int64),  # which of the candidates that is, -1 that which returns to the plan
+    ("late", np.float64),  # time behind the plan [s]
     ("waited", np.float64),  # for a late foot [s]
     ("stood", np.float64),  # time since the phase began [s]
     ("step", np.float64, (2,)),  # displacement of the next step from the standing foot's shift [m]
@@ -244,7 +246,9 @@ def departs(
 def pass_time(walker: Any, tick: float) -> bool:
     """Let the clock run for a tick; whether the phase has ended."""
     w = walker[0]
+    w.late += tick
     if is_early(w):
+        w.late -= w.duration - w.clock
         w.clock = w.duration
     if is_late(w) and w.waited < PATIENCE:
         w.waited += tick
@@ -252,6 +256,7 @@ def pass_time(walker: Any, tick: float) -> bool:
     w.waited = 0.0
     w.rate += (1.0 / w.factor - w.rate) * min(tick / RATE_TIME, 1.0)
     w.clock += w.rate * tick
+    w.late -= w.rate * tick
     return bool(w.clock >= w.duration)
 
 
