@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ampm.body.feasibility import check_body, check_motion
 from ampm.body.motion import PeriodicPosture, WholeBodyMotion
 from ampm.body.motion_cache import known_motion
 from ampm.body.robot import Robot
-from ampm.exceptions import InputError
+from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import RunParameters
 from ampm.planner.contacts import Footstep
 from ampm.planner.footstep_walk import plan_footstep_walk, stops, walk_again
@@ -127,6 +129,10 @@ PLANNERS: Mapping[str, type[AmpmPeriodic]] = {
 """Planners of equal steps by name, see :mod:`ampm.planner.zmp_laws`."""
 
 
+ENOUGH_ROWS = 200.0
+"""Rows of a table with which its walk is that of the plan that wrote it, within 5 % of the errors [1/s]."""
+
+
 class TablePlanner:
     """COM and ZMP of a table on its footsteps, see :mod:`ampm.planner.table`; the feet swing as the gait's.
 
@@ -145,10 +151,24 @@ class TablePlanner:
 
         Raises:
             InputError: a boundary was given, or the table makes no plan.
-            BodilyRefusal: the body cannot walk it.
+            BodilyRefusal: the body cannot walk it; the way out of a table with few rows is more of them.
         """
         if begin is not None:
             raise InputError("a table begins with its first row; plan it without a boundary.")
+        try:
+            return self._plan(request)
+        except BodilyRefusal as error:
+            time = np.asarray(self.table["time"], dtype=np.float64)
+            rate = (time.size - 1) / (time[-1] - time[0])
+            if rate > 0.99 * ENOUGH_ROWS:
+                raise
+            raise BodilyRefusal(
+                str(error).removesuffix(f"; {error.way_out}."),
+                reason=error.reason, value=error.value, limit=error.limit, unit=error.unit,
+                way_out=f"give the table {ENOUGH_ROWS:g} rows a second or more, it has {rate:.3g}",
+            ) from error  # fmt: skip
+
+    def _plan(self, request: WalkRequest) -> WalkPlan:
         run, robot = request.run, request.robot
         plan = table_plan(self.table, mass=run.body.mass, com_height=run.gait.com_height)
         lift_speed = plan.constants.l_s / plan.constants.single_support_duration

@@ -81,11 +81,21 @@ def test_a_plan_for_readers_and_its_picture(ampm, tmp_path):
 # ------------------------------------------------------------- bad input
 
 
+def test_other_commands_than_the_trial_take_a_body(ampm):
+    answer = ampm("plan", "--body", "suite-humanoid", "--no-body", "--json")
+    assert answer.json["parameters"]["body"]["source"] == "suite-humanoid"
+    assert answer.json["parameters"]["gait"]["step_length"] == pytest.approx(0.3 * 0.82, abs=0.001)
+    for command in ("compare", "convergence"):
+        answer = ampm(command, "--body", "no-such")
+        assert (answer.status, "no-such" in answer.err) == (Status.REFUSED, True)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["norml"], "did you mean 'normal'"),
         (["--set", "gait.switching_velocity=0.3"], "the least is"),
+        (["--rate", "0"], "give --samples FILE"),
         (["--rate", "0", "--samples", "x.csv"], "--rate"),
         (["--rate", "nan", "--samples", "x.csv"], "--rate"),
         (["--rate", "1e12", "--samples", "x.csv"], "lower rate"),

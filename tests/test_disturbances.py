@@ -302,6 +302,8 @@ def test_all_disturbances_together_replay_to_the_bit_from_their_folder(tmp_path)
         ({"slope_along": 0.5}, "0.3"),
         ({"friction_factor": 0.0}, "greater than 0"),
         ({"push_segment": "wing", "push_x": 1.0}, "wing"),
+        ({"push_segment": "wing"}, "wing"),
+        ({"mass_segment": "wing"}, "wing"),
     ],
 )
 def test_impossible_disturbances_are_refused(keys, word):

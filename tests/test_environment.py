@@ -53,6 +53,15 @@ def episode(env, act):
     return np.array(found), step.discount
 
 
+def test_an_action_that_is_no_number_is_refused():
+    env = load()
+    env.reset()
+    action = np.zeros(env.action_spec().shape)
+    action[7] = np.nan
+    with pytest.raises(ValueError, match=rf"{env.task.robot.joint_names[7]} \(entry 7\) is no number"):
+        env.step(action)
+
+
 @pytest.mark.parametrize("time_step", [0.002, 0.001])
 def test_the_own_controller_scores_nearly_one_a_tick(time_step):
     env = load(seed=2, simulation={"time_step": time_step})

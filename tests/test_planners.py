@@ -14,7 +14,8 @@ from tests.solved import COARSE, motion_of, walk_of
 from tests.test_disturbances import example
 from tests.test_motion import same
 from validation.run.walk import walk_planned
-from validation.trial.plan import load_request, plan_walk
+from validation.study.sweep.design import parse_sweep
+from validation.trial.plan import Request, load_request, plan_walk
 
 UprightWalk = example("upright_walk").UprightWalk
 
@@ -67,3 +68,13 @@ def test_normal_walks_with_a_constant_posture(steps, largest):
     assert metrics["zmp_y_rmse"].value < 0.4e-3
     with pytest.raises(InputError, match="ConstantPosture"):
         _ = walked.planned.motion
+
+
+def test_a_sweep_over_planners_plans_every_gait_with_each():
+    sweep = parse_sweep('[[vary]]\nmethod = "list"\ngait.planner = ["ampm", "preview", "dcm"]\n')
+    runs = [sweep.parameters(run).replace({"solver.ik_time_step": 0.004}) for run in range(len(sweep))]
+    plans = [plan_walk(Request(sweep.name_of(run), values)).plan for run, values in enumerate(runs)]
+    times = np.linspace(0.0, plans[0].constants.step_duration, 50)
+    zmp = [plan.sample(times).zmp[:, 0] for plan in plans]
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        assert np.abs(zmp[one] - zmp[other]).max() > 1e-3

@@ -11,7 +11,7 @@ import ampm
 import validation as val
 from ampm.body.constant_posture import ConstantPosture
 from ampm.body.motion import PeriodicPosture
-from ampm.exceptions import InputError
+from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import GRAVITY
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.planner.table import closed_step, repeats, table_plan
@@ -19,6 +19,7 @@ from ampm.planners import TablePlanner
 from tests.solved import body_of
 from validation.store.tables import plan_table, sample_times, write_columns
 from validation.trial.columns import read_columns
+from validation.trial.plan import Request, plan_walk
 from validation.trial.planners import load_planner
 
 STEPS = 3
@@ -148,6 +149,14 @@ def test_files_that_hold_no_plan(tmp_path, name, content, words):
         read(read_columns(path))
     with pytest.raises(InputError, match="cannot be read"):
         load_planner(str(tmp_path / f"missing-{name}"))
+
+
+def test_a_table_of_few_rows_is_told_how_many_it_needs(tmp_path):
+    run = ampm.load_run("normal", gait={"planner": "preview", "steps": STEPS})
+    write_columns(table_of(plan_walk(Request("normal", run)).plan, 20.0), tmp_path / "plan.csv")
+    with pytest.raises(BodilyRefusal, match="give the table 200 rows a second or more, it has 20") as refused:
+        val.walk(run, planner=str(tmp_path / "plan.csv"))
+    assert "a_s to" not in str(refused.value)
 
 
 def test_a_step_that_nearly_repeats_is_closed():

@@ -17,6 +17,7 @@ from ampm.presets import PRESETS
 from validation.cli.console import Narrator
 from validation.cli.options import (
     AsIs,
+    Body,
     Footsteps,
     Force,
     Gait,
@@ -28,6 +29,7 @@ from validation.cli.options import (
     answer,
     check_picture,
     option,
+    with_body,
     with_footsteps,
     with_planner,
 )
@@ -57,11 +59,12 @@ def plan(
         bool, option("--no-body", "Closed form alone: no soles, no joints, mean L_y zero; implies --as-is.")
     ] = False,
     planner: PlannerName = None,
+    body: Body = None,
     as_json: Json = False,
     samples: Annotated[
         Path | None, option("--samples", "Write the plan's signals at k / rate.", "FILE.csv|.parquet")
     ] = None,
-    rate: Annotated[float, option("--rate", "Samples per second.", "HZ")] = 200.0,
+    rate: Annotated[float | None, option("--rate", "Samples per second; 200 if not given.", "HZ")] = None,
     plot: Annotated[Path | None, option("--plot", "Draw the plan.", "FILE.png")] = None,
     footsteps: Footsteps = None,
 ) -> int:
@@ -79,9 +82,12 @@ def plan(
     from validation.trial.columns import check_suffix
     from validation.trial.plan import check_formula, load_request, plan_walk
 
-    extra = with_planner(settings, planner)
+    extra = with_planner(with_body(settings, body), planner)
     request = load_request(gait, extra, as_is=as_is or no_body, sections=with_footsteps(footsteps))
     run = request.run
+    if rate is not None and samples is None:
+        raise InputError("--rate is that of the samples; give --samples FILE, too, or leave it out.")
+    rate = 200.0 if rate is None else rate
     if samples is not None:  # refuse paths that cannot be written before computing
         check_folder_of(samples)
         check_suffix(samples)

@@ -17,6 +17,7 @@ from validation.cli.console import Narrator
 from validation.cli.options import (
     PROFILES,
     AsIs,
+    Body,
     Force,
     Gait,
     Json,
@@ -28,6 +29,7 @@ from validation.cli.options import (
     answer,
     check_picture,
     option,
+    with_body,
     with_steps,
 )  # fmt: skip
 from validation.show.text import format_duration, judged, print_line, print_table, print_verdict
@@ -230,6 +232,7 @@ def compare(
     settings: Settings = None,
     as_is: AsIs = False,
     steps: Steps = None,
+    body: Body = None,
     controller: Annotated[
         list[str] | None,
         option("--controller", "Of both gaits; given twice, of A and of B.", "NAME|MODULE:CLASS"),
@@ -246,7 +249,7 @@ def compare(
     """
     from validation.study.compare.pair import compare_pair
 
-    extra = with_steps(settings, steps)
+    extra = with_steps(with_body(settings, body), steps)
     pair = compare_pair(
         a, b, extra, as_is=as_is, controllers=controller or (), uncertainty=uncertainty or (), out=out,
         force=force, stages=Narrator(),
@@ -343,9 +346,10 @@ def print_people(found: People) -> None:
 
 @app.command(epilog=CONVERGENCE_EPILOG)
 def convergence(
-    gait: Gait = "normal",
+    gait: Gait = None,
     settings: Settings = None,
     as_is: AsIs = False,
+    body: Body = None,
     steps: Annotated[int, option("--steps", "Walked at every level: the gait is periodic.", "N")] = 6,
     levels: Annotated[
         int, option("--levels", "Of every numerical study, 3 ... 6; 4 can confirm an order.", "N")
@@ -372,8 +376,8 @@ def convergence(
 
     progress = Narrator()
     result = study_gait(
-        gait, settings or (), as_is=as_is, steps=steps, levels=levels, only=only or (), profile=profile,
-        workers=workers, out=out, force=force, progress=progress,
+        gait, with_body(settings, body), as_is=as_is, steps=steps, levels=levels, only=only or (),
+        profile=profile, workers=workers, out=out, force=force, progress=progress,
     )  # fmt: skip
     answer(result, type(result).as_dict, print_convergence, as_json=as_json)
     if out is not None:

@@ -45,7 +45,12 @@ class Plant:
         self.pushes: dict[str, Array] = {}
         """Force, moment and point of every segment that was pushed in this step, shape (9,)."""
 
-    def _segment(self, segment: str) -> int:
+    def segment(self, segment: str) -> int:
+        """Number of a segment in the model.
+
+        Raises:
+            InputError: there is no such segment.
+        """
         if segment not in self._segments:
             raise InputError(
                 f"the body has no segment {segment!r} to push; take one of {', '.join(self._segments)}."
@@ -56,13 +61,13 @@ class Plant:
         """Centre of mass of a segment, shape (3,) [m]."""
         if segment == "com":
             return np.array(self._data.subtree_com[self._root])
-        return np.array(self._data.xipos[self._segment(segment)])
+        return np.array(self._data.xipos[self.segment(segment)])
 
     def velocity(self, segment: str) -> Array:
         """Velocity of a segment's centre of mass, shape (3,) [m/s]; of ``com`` the root segment's."""
         result = np.zeros(6)
         kind = mujoco.mjtObj.mjOBJ_BODY
-        mujoco.mj_objectVelocity(self._model, self._data, kind, self._segment(segment), result, 0)
+        mujoco.mj_objectVelocity(self._model, self._data, kind, self.segment(segment), result, 0)
         return result[3:]
 
     def push(self, segment: str, force: ArrayLike, moment: ArrayLike = (0.0, 0.0, 0.0)) -> None:
@@ -76,7 +81,7 @@ class Plant:
         Raises:
             InputError: there is no such segment, or a number is not finite.
         """
-        body = self._segment(segment)
+        body = self.segment(segment)
         wrench = np.concatenate([np.reshape(force, 3), np.reshape(moment, 3)]).astype(np.float64)
         if not np.isfinite(wrench).all():
             raise InputError(f"a push of {wrench} on {segment} is not finite; give finite numbers")

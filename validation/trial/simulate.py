@@ -230,6 +230,7 @@ class ClosedLoop:
     ) -> None:
         self.disturbances = [(item, UsersCode("disturbance", item)) for item in disturbances]
         self.plant = Plant(physics.model, physics.data, physics.robot.description)
+        self.plant.segment(run.disturbance.push_segment)  # refused also without a force
         self.physics, self.controller, self.references = physics, controller, iter(references)
         behind = controller.controller if isinstance(controller, FaultyController) else controller
         self.own = type(behind) is TrackingController
