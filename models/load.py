@@ -235,6 +235,13 @@ class _Writer:
                 "from the foot's origin, z upwards.",
                 key="body.sole",
             )
+        longest = max(sole.length, 2.0 * sole.half_width, sole.ankle_height)
+        if longest > float(hip[2] - ankle[2]):
+            raise InputError(
+                f"a side of the sole, {longest:g} m, is longer than the leg, {hip[2] - ankle[2]:.4g} m; give "
+                "the outline in metres, and the model, too.",
+                key="body.sole",
+            )
         height = com_height / (table.HIP_HEIGHT + table.COM_OVER_HIP)
         root = new_scene("body", height, contact, simulation)
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.

@@ -100,6 +100,7 @@ def test_bad_description_is_refused(change: str, message: str, tmp_path: Path) -
         ("heel = -0.07", "heel = 0.2", "sole.heel = 0.2 must be less than sole.front = 0.14"),
         ("bottom = -0.07", "bottom = 0.1", r"sole\.bottom = 0\.1 is 0\.1 m over the ankle"),
         ("front = 0.14", "front = inf", "must be a finite number"),
+        ("front = 0.14", "front = 140", "is longer than the leg, 0.74 m; give the outline in metres"),
     ],
 )
 def test_bad_sole_is_refused(old: str, new: str, message: str, tmp_path: Path) -> None:

@@ -205,7 +205,8 @@ def test_the_suggested_gait_has_the_persons_speed(tmp_path, ampm):
         ({"left_force_z": "reverse"}, "must be positive"),
         ({"right_force_x": "hole"}, "row 11 of person.csv: right_force_x = nan"),
         ({"time": "turn"}, "row 2 of person.csv: time"),
-        ({"com_z": "millimetres"}, "give lengths in metres"),
+        ({"com_z": "thousandths"}, "give lengths in metres"),
+        ({"time": "thousandths"}, "give the time in seconds"),
         ({"com_x": "words"}, "com_x must be numbers"),
         ({"rows": 150}, "no whole stride"),
     ],
@@ -224,7 +225,7 @@ def test_bad_recordings_are_refused(change, message, tmp_path):
         else:
             table[name] = {
                 "turn": lambda v: v[::-1],
-                "millimetres": lambda v: 1e6 * v,
+                "thousandths": lambda v: 1e3 * v,
                 "words": lambda v: np.array(["far"] * len(v), dtype=object),
             }[what](table[name])
     with pytest.raises(InputError, match=message):

@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 PHASES = 200
 """Instants of the mean stride."""
 _FEET = ("left", "right")
-_MOST_LENGTH = 1000.0  # of a place or a walk in metres: more are other units [m]
+_MOST_STRIDE = 30.0  # longer ones are other units [s]
+_MOST_WAY, _MOST_BESIDE = 1000.0, 30.0  # of a place forward, and sideways or up: more are other units [m]
 _WHOLE = 0.8  # share of the weight from which a foot counts as the one that stands [1]
 
 
@@ -126,6 +127,9 @@ class Strides:
                 f"{walk.name} has no whole stride: the left foot takes the weight {len(starts)} times, and "
                 "must twice; give a longer recording."
             )
+        mean = float(np.diff(starts).mean())
+        if mean > _MOST_STRIDE:
+            raise InputError(f"{walk.name} has strides of {mean:.4g} s; give the time in seconds.")
         inside = (time >= starts[0]) & (time <= starts[-1])
         weight = walk.weight or float(signals["force_z"][inside].mean())
         speed = float("nan")
@@ -252,7 +256,8 @@ def of_table(table: Mapping[str, Any], name: str) -> Walking:
                 signals[key] = signals[key] + way
         signals["belt_x"] = way
     for key in ("zmp_x", "zmp_y", "com_x", "com_y", "com_z"):
-        if key in signals and np.nanmax(np.abs(signals[key]), initial=0.0) > _MOST_LENGTH:
+        most = _MOST_WAY if key.endswith("x") else _MOST_BESIDE
+        if key in signals and np.nanmax(np.abs(signals[key]), initial=0.0) > most:
             raise InputError(
                 f"{name}: {key} is up to {np.nanmax(np.abs(signals[key])):.4g} m; give lengths in metres."
             )
