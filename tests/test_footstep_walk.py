@@ -246,8 +246,12 @@ left,0.25,0.1,0.1,
 def test_footsteps_of_a_file_walk_and_are_read_back(tmp_path, ampm):
     path, out = tmp_path / "walk.csv", tmp_path / "run"
     path.write_text(SHORT, encoding="utf-8")
-    answer = ampm("validate", "normal", "--footsteps", path, "--out", out, "--json")
+    disturbed = ["--set", "disturbance.start_velocity=1e-6"]
+    answer = ampm("validate", "normal", "--footsteps", path, *disturbed, "--out", out, "--json")
     assert answer.status in (0, 1), answer.err
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "The whole walk." in page
+    assert "Disturbed, unknown to plan and controller: start_velocity = 1e-06." in page
     assert answer.json["outcome"] == "completed"
     assert answer.json["planner"] == "footsteps"
     assert answer.json["steps_completed"] == 2

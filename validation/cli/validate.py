@@ -344,7 +344,7 @@ def _cost(summary: Mapping[str, Any]) -> dict[str, str]:
     if solver["unsolved"] is None:
         lines["QP"] = "none, so failed_qp does not apply"
     if summary["effort"]["zmp"] == [None, None]:
-        lines["feedback"] = "not reported by the controller"
+        lines["feedback"] = "not measured: no command was reported after the first step"
     if observed := summary.get("instrument"):
         sizes = {cause: windows["run"]["rmse"] for cause, windows in observed["causes"].items()}
         known = {cause: math.hypot(*rmse) for cause, rmse in sizes.items() if None not in rmse}

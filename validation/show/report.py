@@ -129,6 +129,7 @@ def render(saved: SavedRun) -> str:
         headline=headline,
         reason=reason.replace("% of body weight", BODY_WEIGHT),
         outcome_sentence=outcome.name.sentence,
+        disturbed=_disturbed(saved),
         profile=summary["profile"],
         from_rest=bool(saved.parameters.footsteps),
         uncertainty=_convergence_study(summary.get("uncertainty")),
@@ -200,6 +201,13 @@ def _distance(saved: SavedRun, source: str) -> float:
     """Distance of the COM at the end from its start, by a source of signals [m]."""
     x, y = saved.signals[f"{source}_com_x"], saved.signals[f"{source}_com_y"]
     return math.hypot(x[-1] - x[0], y[-1] - y[0]) if len(x) else 0.0
+
+
+def _disturbed(saved: SavedRun) -> str:
+    """What disturbed the walk, empty if nothing did; pushes are in the record."""
+    own = saved.parameters.disturbance.model_dump(exclude_defaults=True)
+    parts = [f"{key} = {value}" for key, value in own.items() if not key.startswith(("push_", "seed"))]
+    return "; ".join([*parts, *filter(None, [saved.record.metadata.get("disturbances")])])
 
 
 def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:

@@ -221,23 +221,30 @@ class RunFigures:
         return self._picture(figure, f"Causes of the ZMP error in {axis}, stacked")
 
     def top_view(self, steps: int = 4) -> Picture:
-        """ZMP and COM over the footprints, some steps from the middle of the run, seen from above."""
+        """ZMP and COM over the footprints, seen from above: some steps from the middle, or all from rest."""
+        whole = bool(self.saved.parameters.footsteps)
         bounds = [*self.signals.switches()[::2].tolist(), len(self.signals)]
         begin = max(0, min(len(bounds) // 2 - steps // 2, len(bounds) - 1 - steps))
         part = slice(bounds[begin], bounds[min(begin + steps, len(bounds) - 1)])
+        part = slice(None) if whole else part
 
         def points(name: str) -> Array:
             return self.signals.vector(name, "xy")[part]
 
-        com, side = points("plan_com"), 0.17
+        com, middle, side = points("plan_com"), 0.0, 0.17
         low, high = com[0, 0] - 0.35, com[-1, 0] + 0.35
+        if whole:  # in any direction; at most half as high as wide
+            (low, bottom), (high, top_) = com.min(axis=0) - 0.35, com.max(axis=0) + 0.35
+            middle, side = 0.5 * (bottom + top_), 0.5 * (top_ - bottom)
+            wider = max(0.0, 2.0 * side - 0.5 * (high - low))
+            low, high = low - wider, high + wider
         width, left, top = 2 * WIDTH, 0.62, 0.24
         # As high as equal scales make it, plus legend and labels.
         inner = (width - left - 0.12) * 2 * side / (high - low)
         figure, (axis,) = new_figure(inner + top + 0.42, width=width, left=left, top=top)
         if self.plan is not None:
             for step in self.plan.contacts.footsteps:
-                if com[0, 0] - 0.5 < step.position[0] < com[-1, 0] + 0.5:
+                if low - 0.15 < step.position[0] < high + 0.15:
                     foot = footprint(self.plan.feet.sole, step)
                     axis.fill(*foot.T, color=SHADE, linewidth=0)
                     axis.plot(*foot.T, color=_FEET[step.foot], linewidth=0.9)
@@ -246,11 +253,12 @@ class RunFigures:
         for kind, color in (("plan", PLAN), ("measured", MEASURED)):
             x, y = points(f"{kind}_com").T
             axis.plot(x, y, color=color, linewidth=1.0, linestyle=(0, (4, 2)), label=f"COM, {kind}")
-        axis.set(aspect="equal", xlim=(low, high), ylim=(-side, side))
+        axis.set(aspect="equal", xlim=(low, high), ylim=(middle - side, middle + side))
         axis.set(xlabel="x, forward [m]", ylabel="y, left [m]")
         legend(axis)
         label = "ZMP and COM over the footprints, seen from above"
-        return self._picture(figure, label, "Four steps from the middle of the run.", wide=True)
+        caption = "The whole walk." if whole else "Four steps from the middle of the run."
+        return self._picture(figure, label, caption, wide=True)
 
     def contact_timeline(self) -> Picture:
         """Contact of the parts of both soles: planned (line) and measured (bar), over one stride."""
