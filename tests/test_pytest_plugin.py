@@ -116,6 +116,9 @@ def test_unknown_gait(walked):
     walked("nromal")
 """
     )
+    damaged = pytester.path / "ampm_baselines"
+    damaged.mkdir()
+    (damaged / f"{next(pytester.path.glob('test_*.py')).stem}-test_no_baseline.json").write_text("{")
     result = run("--ampm-runs", tmp_path / "runs")
     result.assert_outcomes(failed=4)
     result.stdout.no_fnmatch_line("*cannot be saved*")
@@ -124,7 +127,7 @@ def test_unknown_gait(walked):
             "normal with joint-pd: not measured (default). The body fell*",
             f"*ampm view {tmp_path / 'runs'}/*test_falls/0-normal",
             "this test walked nothing; call walked() first, or give the trials.",
-            "normal with joint-pd: there is no baseline *; write it with --ampm-update.",
+            "normal with joint-pd: there is no whole baseline *; write it with --ampm-update.",
             "*did you mean 'normal'*",
         ]
     )

@@ -169,7 +169,7 @@ def assert_baseline(request: pytest.FixtureRequest) -> Callable[..., None]:
         wrong = []
         for number, trial in enumerate(trials or _walks_of(request)):
             path = _baseline_path(request, number)
-            before = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+            before = _earlier(path)
             now = _baseline(trial)
             if request.config.getoption("--ampm-update"):
                 lines = _differences(before, trial)[1] if before else ["new"]
@@ -179,7 +179,9 @@ def assert_baseline(request: pytest.FixtureRequest) -> Callable[..., None]:
                     text = "\n  ".join([f"{path}: {_title(trial)}", *lines])
                     request.node.user_properties.append((_PROPERTY, text))
             elif before is None:
-                wrong.append(f"{_title(trial)}: there is no baseline {path}; write it with --ampm-update.")
+                wrong.append(
+                    f"{_title(trial)}: there is no whole baseline {path}; write it with --ampm-update."
+                )
             else:
                 worse, lines = _differences(before, trial)
                 if worse:
@@ -189,6 +191,15 @@ def assert_baseline(request: pytest.FixtureRequest) -> Callable[..., None]:
             pytest.fail("\n".join(wrong), pytrace=False)
 
     return check
+
+
+def _earlier(path: Path) -> dict[str, Any] | None:
+    """A baseline; None if there is none or it is damaged."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        return found if {"outcome", "steps_completed", "metrics"} <= found.keys() else None
+    except (OSError, ValueError, AttributeError):
+        return None
 
 
 # ------------------------------------------------------------------------------------ walks of a session
