@@ -1,8 +1,12 @@
-"""Joint ranges and distance of the parts of a body over a planned walk, before anything is simulated."""
+"""Joint ranges, torques and distances of the parts of a body over a walk, before anything is simulated."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
 
 from ampm.body.constant_posture import ConstantPosture
 from ampm.body.feasibility import CLEARANCE
@@ -12,6 +16,8 @@ from ampm.body.step_reference import step_reference
 from ampm.exceptions import BodilyRefusal
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan
+
+Array = NDArray[np.float64]
 
 _INSTANTS = 7  # of every swing
 _BEYOND = 0.05
@@ -31,8 +37,8 @@ def check_clearance(plan: StepPlan, posture: ConstantPosture, run: RunParameters
         robot: the body.
 
     Raises:
-        BodilyRefusal: a joint is too far beyond its range, or parts come nearer than
-            :data:`ampm.body.feasibility.CLEARANCE`.
+        BodilyRefusal: a joint of the standing leg has too little torque or is too far beyond its range, or
+            parts come nearer than :data:`ampm.body.feasibility.CLEARANCE`.
     """
     swings = [phase for phase in plan.contacts.phases if phase.kind == "single_support"]
     times = np.concatenate(
@@ -53,6 +59,7 @@ def check_clearance(plan: StepPlan, posture: ConstantPosture, run: RunParameters
         configurations.append(found)
     if not configurations:
         return
+    _check_torque(plan, times[reached], posture, configurations, robot)
     angles = np.array(configurations)[:, 7:]
     beyond = np.maximum(robot.lower - angles, angles - robot.upper)
     row, joint = divmod(int(beyond.argmax()), robot.nu)
@@ -73,4 +80,37 @@ def check_clearance(plan: StepPlan, posture: ConstantPosture, run: RunParameters
             f"{1e3 * gaps.distance[worst]:.3g} mm at {times[at]:.3f} s, nearer than {1e3 * CLEARANCE:g} mm",
             reason="self_collision", value=float(gaps.distance[worst]), limit=CLEARANCE, unit="m",
             way_out="turn the toes out, by 0.1 rad for example, or put the feet further apart",
+        )  # fmt: skip
+
+
+def _check_torque(
+    plan: StepPlan, times: Array, posture: ConstantPosture, configurations: Sequence[Array], robot: Robot
+) -> None:
+    """Refuse a planned force that the upright body, without velocity, has no torque for in the standing leg.
+
+    A walk needs more: the trunk turns about.
+
+    Raises:
+        BodilyRefusal: the share of a torque limit is above 1.
+    """
+    sample, still = plan.sample(times), np.zeros(robot.nv)
+    heading, floor = posture.heading(times)[0], np.broadcast_to(sample.floor, times.shape)
+    worst = 0.0, "", 0.0
+    for k, q in enumerate(configurations):
+        terms, leg = robot.jacobian(q), int(sample.right_load[k] > 0.5)
+        c, s = np.cos(heading[k]), np.sin(heading[k])
+        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        force = turn @ sample.force[k]
+        arm = terms.com - terms.sole[leg] + turn @ (np.append(sample.zmp[k], floor[k]) - sample.com[k])
+        load = np.concatenate([force, np.cross(arm, force)])
+        rows = terms.jacobian[6 + 6 * leg : 12 + 6 * leg, 6:]
+        torque = pin.rnea(robot.model, robot.data, q, still, still)[6:] - rows.T @ load
+        share = np.abs(torque) / robot.torque_limit
+        joint = int(share.argmax())
+        worst = max(worst, (float(share[joint]), robot.joint_names[joint], float(times[k])))
+    if worst[0] > 1.0:
+        raise BodilyRefusal(
+            f"{worst[1]} would need {worst[0]:.4g} of its torque at {worst[2]:.3f} s, standing upright",
+            reason="torque", value=worst[0], limit=1.0, unit="1",
+            way_out="shorten the steps about it, raise gait.a_s, or put the feet nearer to each other",
         )  # fmt: skip
