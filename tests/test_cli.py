@@ -165,7 +165,7 @@ def test_own_gait_from_a_file(ampm, tmp_path):
     ("arguments", "words"),
     [
         (["normal"], "'normal'"),
-        (["--profile", "lenient"], "strict, wide, jumps.\n"),
+        (["--profile", "lenient"], "strict, wide, jumps, footsteps.\n"),
         (["--qp", "magic"], "osqp"),
         (["bad.toml", "--json"], "gait.c_y"),
         (["--controller", "mine"], "MODULE:CLASS"),

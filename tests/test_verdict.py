@@ -259,8 +259,17 @@ def test_the_docs_state_the_limits_that_hold():
 
 def test_profiles_are_found_by_name_and_by_preset():
     assert profile("wide") is WIDE
-    with pytest.raises(InputError, match="default, strict, wide, jumps"):
+    with pytest.raises(InputError, match="default, strict, wide, jumps, footsteps"):
         profile("lenient")
     own = {name: own_profile(name).name for name in (*preset_names(), "my-gait")}
     special = {name: found for name, found in own.items() if found != DEFAULT.name}
     assert special == {"pitch": "wide", "ipm": "jumps"}  # no other demo may take wider limits
+    assert own_profile("pitch", footsteps=True).name == "footsteps"
+
+
+def test_over_footsteps_only_the_angular_momentum_has_a_wider_limit():
+    ours, default = (
+        {item.metric: item.limit for item in profile(name).tolerances} for name in ("footsteps", "default")
+    )
+    wider = {name: limit / default[name] for name, limit in ours.items() if limit != default[name]}
+    assert wider == pytest.approx({"angular_momentum_x_rmse": 10 / 3, "angular_momentum_y_rmse": 10 / 3})

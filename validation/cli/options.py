@@ -15,7 +15,7 @@ from validation.cli.console import print_json
 from validation.store.folders import check_folder_of, check_output_file
 
 PICTURES = (".png", ".svg", ".pdf")
-PROFILES = "default, strict, wide or jumps"
+PROFILES = "default, strict, wide, jumps or footsteps"
 
 
 class Status(IntEnum):

@@ -124,8 +124,10 @@ def validate(
     extra = [*with_planner(with_steps(with_body(settings, body), steps), planner), *extra]
     requests = load_requests(gaits or [None], extra, as_is=as_is, sections=with_footsteps(footsteps))
     judges = [
-        profiles.own_profile(gait) if profile is None else profiles.profile(profile)
-        for gait in gaits or ["normal"]
+        profiles.own_profile(gait, footsteps=bool(request.run.footsteps))
+        if profile is None
+        else profiles.profile(profile)
+        for gait, request in zip(gaits or ["normal"], requests, strict=True)
     ]
     known = [load_uncertainty(path) for path in uncertainty or ()]
     for request in requests if known else ():  # before any walks

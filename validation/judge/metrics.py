@@ -266,6 +266,7 @@ def _tolerances(key: tuple[str, str]) -> Mapping[str, float]:
     """Limits of a signal's statistic by profile, as shares of what grows with the body."""
     found = {} if key not in _LIMITS else dict(zip(("strict", "default"), _LIMITS[key][:2], strict=True))
     found |= {"jumps": _JUMP_LIMITS[key]} if key in _JUMP_LIMITS else {}
+    found |= {"footsteps": _FOOTSTEPS_LIMIT} if key in _LIMITS and key[0].startswith("angular") else {}
     unit = LIMIT_UNITS[SIGNALS[key[0]].unit]
     return {name: share_of_default(limit, unit) for name, limit in found.items()}
 
@@ -306,6 +307,9 @@ _JUMP_LIMITS: Mapping[tuple[str, str], float] = {
 """Limits of ``jumps``. The ZMP of `ipm` jumps by J = 0.24 m along x and 0.08 m along y twice in a step of
 D = 0.775 s. With torques held for T = 2 ms each jump comes up to T/2 early or late, which makes an RMSE of
 J (T/2D)^1/2 = 8.6 and 2.9 mm."""
+_FOOTSTEPS_LIMIT = 0.5
+"""Limit of ``footsteps`` on the angular momentum [N m s]. What keeps a trunk upright while legs and arms swing,
+0.47 N m s for `normal`, is part of a periodic motion; over footsteps it is found while walking."""
 
 
 def _zmp_gaps(walk: Comparison) -> Array:

@@ -103,7 +103,8 @@ def walk(
     if controller is not None:
         request = replace(request, run=request.run.replace({"controller.name": name_of(factory)}))
     if not isinstance(profile, Profile):
-        profile = profiles.own_profile(request.name) if profile is None else profiles.profile(profile)
+        own = profiles.own_profile(request.name, footsteps=bool(request.run.footsteps))
+        profile = own if profile is None else profiles.profile(profile)
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress, planner=planner)
