@@ -1,8 +1,9 @@
-"""Torques that act on joints and are not commanded: a motor's bias, or what of the body the model misses.
+"""Torques that act on a foot's joints and are not commanded: a motor's bias.
 
-Beyond a joint whose links touch nothing, the measured acceleration tells the torque that has acted. Its mean
-difference from the commanded one is added to the commands that follow. Joints of a leg that stands keep what
-was found as it swung.
+Beyond a joint whose links touch nothing, the measured acceleration tells the torque that has acted. Its
+difference from the commanded one, as a line over the joint's rate, has its value at rate zero taken off the
+commands that follow; the rest is damping, which a tick cannot take off a toe of so little inertia. A foot
+that stands keeps what was found as it swung.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 
 from ampm.body.rigid_body import joint_torques
 from ampm.compiled import compiled
+from ampm.vectors import clip
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,9 +30,18 @@ NEAR = 0.02
 TOLERATED = 0.1
 """Bias that is taken for none: an undisturbed walk has up to 0.06 [N m]."""
 
-BEFORE, EXTRA, TICKS, COUNT = range(4)
-"""Rows of ``bias``, shape (4, nv): last tick's velocity, mean torque that was missing [N m], ticks since the
-joint became free, ticks of which the mean is."""
+LIGHT = 0.03
+"""Mass beyond a joint of a foot, as a share of the body's: a bias hardly turns more, and noise of the rate
+would be taken for torque [1]."""
+LARGEST, MOST = 0.03, 4.0
+"""Largest bias, as a share of the motor's limit [1], and largest damping that is set apart [N m s/rad]."""
+SLOW = 0.05
+"""Variance of a rate that tells little of the damping [rad^2/s^2]."""
+
+BEFORE, EXTRA, TICKS, COUNT, RATE, SPREAD, SHARED, FOOT = range(8)
+"""Rows of ``bias``, shape (8, nv): last tick's velocity, mean torque that was missing [N m], ticks since the
+joint became free, ticks of which the mean is, mean rate, its variance, its covariance with the torque, and
+whether it is a joint of a foot."""
 
 
 @compiled
@@ -64,11 +75,11 @@ def sense_bias(
         velocity: measured, shape (nv,).
         hinges: range and last torque with its rate, see :mod:`ampm.control.controller`, shape (5, nu).
         passive: torque that overcame the passive ones and what was missing, shape (nu,) [N m].
-        missing: mean torque that acts beside the commanded one; replaced, shape (nu,) [N m].
-        bias: see :data:`BEFORE`, shape (4, nv).
+        missing: constant torque that acts beside the commanded one; replaced, shape (nu,) [N m].
+        bias: see :data:`BEFORE`, shape (8, nv).
         first: there is no last tick.
     """
-    _, low, high, applied, rate = hinges
+    limit, low, high, applied, rate = hinges
     joints = len(applied)
     if not first:
         acceleration, needed = (velocity - bias[BEFORE]) / tick, np.empty(joints)
@@ -77,18 +88,29 @@ def sense_bias(
         bias[TICKS] += 1.0
         for i in range(len(points)):
             joint = points[i].joint
-            while points[i].touching and joint > 0:
-                bias[TICKS, 5 + joint] = 0.0
+            while link[joint].mass < LIGHT * link[0].mass:
+                bias[FOOT, 5 + joint] = 1.0
+                if points[i].touching:
+                    bias[TICKS, 5 + joint] = 0.0
                 joint = tree[joint].parent
         for j in range(joints):
+            if bias[FOOT, 6 + j] == 0.0:
+                continue
             if q[7 + j] < low[j] + NEAR or q[7 + j] > high[j] - NEAR:
                 bias[TICKS, 6 + j] = 0.0
             if bias[TICKS, 6 + j] > FREE:
                 bias[COUNT, 6 + j] += 1.0
                 gain = max(tick / BIAS_TIME, 1.0 / bias[COUNT, 6 + j])
                 acted = needed[j] + passive[j] + missing[j] - applied[j] - 0.5 * hold * rate[j]
-                bias[EXTRA, 6 + j] += gain * (acted - bias[EXTRA, 6 + j])
+                here, speed = bias[:, 6 + j], 0.5 * (velocity[6 + j] + bias[BEFORE, 6 + j])
+                more, faster = acted - here[EXTRA], speed - here[RATE]
+                here[EXTRA] += gain * more
+                here[RATE] += gain * faster
+                here[SPREAD] += gain * ((1.0 - gain) * faster * faster - here[SPREAD])
+                here[SHARED] += gain * ((1.0 - gain) * more * faster - here[SHARED])
     bias[BEFORE] = velocity
     for j in range(joints):
-        mean = bias[EXTRA, 6 + j]
-        missing[j] = mean if abs(mean) > TOLERATED else 0.0
+        here = bias[:, 6 + j]
+        damping = clip(here[SHARED] / (here[SPREAD] + SLOW), -MOST, 0.0)
+        constant = clip(here[EXTRA] - damping * here[RATE], -LARGEST * limit[j], LARGEST * limit[j])
+        missing[j] = constant if abs(constant) > TOLERATED else 0.0

@@ -414,7 +414,7 @@ class TrackingController:
                 (
                     rigid.tree, rigid.link, self._points, self.robot.gravity, rigid.armature, body[-1],
                     timing.hold if self._extrapolates else 0.0, self._q, motion[V], self._hinges,
-                    motion[PASSIVE, 6:], motion[MISSING, 6:], np.zeros((4, self.robot.nv)),
+                    motion[PASSIVE, 6:], motion[MISSING, 6:], np.zeros((8, self.robot.nv)),
                 ),
                 True,
             )  # fmt: skip
