@@ -10,11 +10,12 @@ import pytest
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.body.robot import Robot
-from ampm.control.controller import ALPHA, POSTURE, WANTED, TrackingController, torques
+from ampm.control.controller import TrackingController
 from ampm.control.forces import ANGULAR
 from ampm.control.limited_qp import acceleration_bounds, limit_broken
 from ampm.control.records import TIP
 from ampm.control.tasks import STANCE, SWING
+from ampm.control.tick import ALPHA, POSTURE, WANTED, torques
 from ampm.control.wrench_qp import LEAST_LOAD, TANGENT_COST, YAW_COST
 from ampm.planners import periodic_walk
 from ampm.qp import BACKENDS

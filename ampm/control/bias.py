@@ -73,7 +73,7 @@ def sense_bias(
         hold: time in which the torque has changed at its rate [s].
         q: measured, shape (nq,).
         velocity: measured, shape (nv,).
-        hinges: range and last torque with its rate, see :mod:`ampm.control.controller`, shape (5, nu).
+        hinges: range and last torque with its rate, see :mod:`ampm.control.tick`, shape (5, nu).
         passive: torque that overcame the passive ones and what was missing, shape (nu,) [N m].
         missing: constant torque that acts beside the commanded one; replaced, shape (nu,) [N m].
         bias: see :data:`BEFORE`, shape (8, nv).

@@ -2,41 +2,48 @@
 
 Every tick commands a momentum rate (the plan's, plus feedback of COM and angular momentum) and accelerations
 of feet and posture. The QP of :mod:`ampm.control.wrench_qp` finds contact forces, which give the
-accelerations, and inverse dynamics the torques. :func:`prepare` is the tick before the QP, :func:`respond`
-the one after it.
+accelerations, and inverse dynamics the torques; :mod:`ampm.control.tick` is the tick in compiled functions.
 The controller is independent of the simulator.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
-from ampm.body.rigid_body import (
-    joint_torques,
-    passive_torques,
-    place_body,
-    place_of,
-    task_drift,
-)
-from ampm.compiled import bound, compiled, records
+from ampm.compiled import bound, records
 from ampm.control.bias import sense_bias
-from ampm.control.contact_gate import land, update_gate
-from ampm.control.forces import ANGULAR, point_forces, share_forces, without_closed, wrench_map
-from ampm.control.hold import update_rate
-from ampm.control.limited_qp import LimitedForm, acceleration_bounds, limit_broken
+from ampm.control.forces import ANGULAR, share_forces, without_closed
+from ampm.control.limited_qp import LimitedForm, acceleration_bounds
 from ampm.control.live import LiveReference
-from ampm.control.records import CHANGE, LINE, PHI, feet_of, gains_of, points_of
-from ampm.control.sole import share_sole
-from ampm.control.stabilizer import command_wrench, rotation_error
-from ampm.control.tasks import HURRIED, SWING, foot_task, posture_task, toe_task
-from ampm.control.trunk import LONGEST, fed_back_tilt
-from ampm.control.wrench_qp import L_Z, CondensedForm, eliminate, fill_qp
+from ampm.control.records import LINE, PHI, feet_of, gains_of, points_of
+from ampm.control.tick import (
+    ALPHA,
+    HIGH,
+    LAST,
+    LIMIT,
+    LOW,
+    MISSING,
+    PASSIVE,
+    POSTURE,
+    RATE,
+    RATES,
+    RHS,
+    SCALE,
+    SOFTNESS,
+    V,
+    keep,
+    observe,
+    prepare,
+    respond,
+    torques,
+)
+from ampm.control.trunk import LONGEST
+from ampm.control.wrench_qp import CondensedForm
 from ampm.qp import QPSettings, QPSolution, QPStatus
-from ampm.vectors import minus, multiply, plus, put, times, vector
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput
 
 if TYPE_CHECKING:
@@ -49,258 +56,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]
 
-V, NOW, LAST, STILL, POSTURE, ALPHA, PASSIVE, MISSING = range(8)
-"""Rows of ``motion``, shape (8, nv): measured velocity, the same at the instant of q, the last tick's
-acceleration [m/s^2], zeros, wanted acceleration in the metric of the posture [g], this tick's [m/s^2], torque
-that overcomes the passive ones and those found to act beside the commanded ones [N m], the latter [N m]."""
-
-SCALE, RATES, DRIFT, WANTED, SOFTNESS, RHS = range(6)
-"""Rows of ``tasks``, shape (6, R): scale in the QP, rate, drift, wanted acceleration, softness, right-hand
-side of the elimination."""
-
-LIMIT, LOW, HIGH, TORQUE, RATE = range(5)
-"""Rows of ``hinges``, shape (5, nu): torque limit [N m], range [rad], last torque [N m], its rate [N m/s]."""
-
 _POSTURE_A = 7  # among the arrays of a reference
 _END_SOFTNESS = 1e-2  # of the task of a toe that is at the end of its range
-
-
-@compiled
-def observe(
-    tree: Any,
-    link: Any,
-    feet: Any,
-    points: Any,
-    q: Array,
-    motion: Array,
-    tasks: Array,
-    columns: Array,
-    com: Array,
-    posture_a: Array,
-    lag: float,
-    first: bool,
-) -> None:
-    """The body of this tick: places, task Jacobian and rates."""
-    v, now, last, still = motion[V], motion[NOW], motion[LAST], motion[STILL]
-    rates, drift = tasks[RATES], tasks[DRIFT]
-    if first:
-        last[:] = posture_a
-    for j in range(len(v)):
-        now[j] = v[j] + lag * last[j]
-    place_body(tree, link, feet, q, columns)
-    task_drift(tree, link, feet, v, now, still, drift)
-    rates[:] = 0.0
-    for j in range(len(v)):
-        for e in range(len(rates)):
-            rates[e] += columns[j, e] * now[j]
-    from_root = times(1.0 / link[0].mass, vector(link[0].first))
-    put(com, plus((q[0], q[1], q[2]), from_root))
-    for i in range(len(feet)):
-        put(feet[i].place, minus(place_of(link, feet[i]), from_root))
-        multiply(link[feet[i].joint].turn, feet[i].turn, feet[i].pose)
-    for i in range(len(points)):
-        put(points[i].arm, minus(place_of(link, points[i]), from_root))
-
-
-@compiled
-def prepare(
-    link: Any,
-    feet: Any,
-    trunk: Any,
-    points: Any,
-    lines: Any,
-    gains: Any,
-    gravity: float,
-    root_weight: Array,
-    passive: Array,
-    q: Array,
-    motion: Array,
-    tasks: Array,
-    columns: Array,
-    com_place: Array,
-    share: Array,
-    scaled: Array,
-    system: Array,
-    phi: Array,
-    wrench: Array,
-    P: Array,
-    gradient: Array,
-    A: Array,
-    lower: Array,
-    upper: Array,
-    command: Array,
-    past: Array,
-    memory: Array,
-    extrapolates: bool,
-    sensed: Array,
-    touching: Flags,
-    centre: Array,
-    feet_values: Array,
-    planned: Flags,
-    due: Flags,
-    until_lift: Array,
-    posture_q: Array,
-    posture_v: Array,
-    posture_a: Array,
-    posture_trunk: Array,
-    age: float,
-    first: bool,
-    right_load: float,
-    tilt_window: float,
-) -> bool:
-    """One tick from the body to the QP, which it fills in; false if that has no solution or no finite one."""
-    v, now, posture = motion[V], motion[NOW], motion[POSTURE]
-    rates, drift, wanted, softness = tasks[RATES], tasks[DRIFT], tasks[WANTED], tasks[SOFTNESS]
-    for i in range(len(points)):
-        points[i].sensed, points[i].touching = sensed[i], touching[i]
-    passive_torques(passive, q, v, posture_v, motion[PASSIVE, 6:])
-    motion[PASSIVE] -= motion[MISSING]
-    mass, com = link[0].mass, vector(com_place)
-
-    # What is wanted.
-    pose = np.empty((3, 3))
-    multiply(link[trunk[0].joint].turn, trunk[0].turn, pose)
-    tilt = rotation_error(posture_trunk, pose)
-    tilt = fed_back_tilt(gains, tilt, posture_trunk, tilt_window, past, memory)
-    command_wrench(gains, mass, gravity, centre, tilt, com, rates, command)
-    gain = gains[0]
-    rate = 1.0 / (gain.frequency * gain.contact_ramp)
-    steps = share[0] != 0.0 or share[1] != 0.0
-    strict = steps and share[5] == 0.0
-    landing = update_gate(planned, due, until_lift, rate, gain.contact_ramp, first, strict, points, lines)
-    if steps:
-        share_sole(gravity, share, centre, com_place, points, command, mass)
-    put(wanted[0:3], (0.0, 0.0, -gravity))  # the momentum rate without contact forces; the QP adds them
-    wanted[3:6] = 0.0
-    softness[:] = 0.0
-    per_foot = len(points) // len(feet)
-    for i in range(len(feet)):
-        foot, own, rows = feet[i], points[per_foot * i : per_foot * (i + 1)], slice(6 + 6 * i, 12 + 6 * i)
-        task = feet_values[i], rates[rows], wanted[rows]
-        soft = foot_task(gains, foot, lines[i], own, com, *task)
-        softness[rows] = HURRIED if soft == SWING and share[5] > 0.0 else soft
-        if foot.toe_row >= 0:
-            state = q[foot.toe + 1], rates[foot.toe_row]
-            wanted[foot.toe_row] = toe_task(gains, feet_values[i], *state)
-    posture_task(gains, q, now, posture_q, posture_v, posture_a, posture)
-
-    # In units of the QP.
-    for j in range(len(v)):
-        posture[j] *= root_weight[j] / gravity
-        per_weight = 1.0 / root_weight[j]
-        for e in range(len(drift)):
-            scaled[j, e] = columns[j, e] * (tasks[SCALE, e] * per_weight)
-    for e in range(len(drift)):
-        tasks[RHS, e] = tasks[SCALE, e] / gravity * (wanted[e] - drift[e])
-    if not eliminate(scaled, softness, tasks[RHS], posture, system):
-        return False
-    share_forces(len(feet), points, phi[PHI], share[5] > 0.0)
-    wrench_map(len(feet), points, wrench)
-    weight, momentum = mass * gravity, np.empty(6)
-    for e in range(6):
-        momentum[e] = tasks[SCALE, e] * command[e] / weight
-    if landing:
-        since = 1.0 - age * gain.frequency if extrapolates else 0.0
-        land(gain, len(feet), points, weight, phi, since, wrench, momentum)
-    yaw = system[L_Z, len(drift) + L_Z], system[L_Z, len(drift) + 6]
-    qp = P, gradient, A, lower, upper
-    fill_qp(len(feet), points, wrench, momentum, right_load, *yaw, gain.friction, *qp)
-    return True
-
-
-@compiled
-def respond(
-    tree: Any,
-    link: Any,
-    feet: Any,
-    points: Any,
-    lines: Any,
-    gains: Any,
-    gravity: float,
-    armature: Array,
-    root_weight: Array,
-    q: Array,
-    motion: Array,
-    hinges: Array,
-    scaled: Array,
-    system: Array,
-    wrench: Array,
-    phi: Array,
-    forces: Array,
-    still: bool,
-    first: bool,
-    torque: Array,
-    point_force: Array,
-) -> bool:
-    """Accelerations and torques of the forces found; false, with nothing kept, if they break a limit."""
-    rows, posture, alpha = len(system), motion[POSTURE], motion[ALPHA]
-    total = np.empty(rows)  # per task, what the net wrench and the tasks themselves add
-    net = np.empty(6)
-    for e in range(6):
-        net[e] = 0.0
-        for k in range(len(forces)):
-            net[e] += wrench[e, k] * forces[k]
-    for e in range(rows):
-        total[e] = system[e, rows + 6]
-        for k in range(6):
-            total[e] += system[e, rows + k] * net[k]
-    for j in range(len(alpha)):
-        pull = posture[j]
-        for e in range(rows):
-            pull += scaled[j, e] * total[e]
-        alpha[j] = gravity * pull / root_weight[j]
-    body = tree, link, feet, points, gravity, armature, motion
-    torques(*body, forces, torque, point_force)
-    limits = hinges[LIMIT], hinges[LOW], hinges[HIGH]
-    if limit_broken(q, motion[V], alpha, torque, *limits):
-        return False
-    keep(lines, gains, motion, hinges, phi, forces, still, first, torque)
-    return True
-
-
-@compiled
-def torques(
-    tree: Any,
-    link: Any,
-    feet: Any,
-    points: Any,
-    gravity: float,
-    armature: Array,
-    motion: Array,
-    forces: Array,
-    torque: Array,
-    point_force: Array,
-) -> None:
-    """Joint torques of accelerations and force unknowns [m g], and the forces at the points [N]."""
-    point_forces(len(feet), points, forces, link[0].mass * gravity, point_force)
-    joint_torques(tree, armature, link, motion[V], motion[ALPHA], gravity, points, point_force, torque)
-    for j in range(len(torque)):
-        torque[j] += motion[PASSIVE, 6 + j]
-
-
-@compiled
-def keep(
-    lines: Any,
-    gains: Any,
-    motion: Array,
-    hinges: Array,
-    phi: Array,
-    forces: Array,
-    still: bool,
-    first: bool,
-    torque: Array,
-) -> None:
-    """Clip the torques to the motors' limits, give them their rates, and keep what the next tick needs."""
-    for j in range(len(torque)):
-        torque[j] = min(max(torque[j], -hinges[LIMIT, j]), hinges[LIMIT, j])
-    last = hinges[TORQUE]
-    update_rate(torque, last, hinges[LIMIT], gains[0].frequency, lines, still or first, hinges[RATE])
-    last[:] = torque
-    for k in range(len(forces)):
-        if not first:
-            phi[CHANGE, k] = forces[k] - phi[PHI, k]
-        phi[PHI, k] = forces[k]
-    motion[LAST] = motion[ALPHA]
 
 
 class TrackingController:

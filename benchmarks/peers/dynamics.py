@@ -10,7 +10,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ampm.body.robot import Robot
-from ampm.control.controller import LAST, TrackingController
+from ampm.control.controller import TrackingController
+from ampm.control.tick import LAST
 from ampm.walk import ControlOutput, PostureState, Reference, State, Touch
 from benchmarks.clock import least
 from benchmarks.peers.body import sole_corners, urdf_of

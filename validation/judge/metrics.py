@@ -308,8 +308,8 @@ _JUMP_LIMITS: Mapping[tuple[str, str], float] = {
 D = 0.775 s. With torques held for T = 2 ms each jump comes up to T/2 early or late, which makes an RMSE of
 J (T/2D)^1/2 = 8.6 and 2.9 mm."""
 _FOOTSTEPS_LIMIT = 0.5
-"""Limit of ``footsteps`` on the angular momentum [N m s]. What keeps a trunk upright while legs and arms swing,
-0.47 N m s for `normal`, is part of a periodic motion; over footsteps it is found while walking."""
+"""Limit of ``footsteps`` on the angular momentum [N m s]. What keeps a trunk upright while legs and arms
+swing, 0.47 N m s for `normal`, is part of a periodic motion; over footsteps it is found while walking."""
 
 
 def _zmp_gaps(walk: Comparison) -> Array:
