@@ -119,7 +119,7 @@ _COSTS = {
 """Metrics that have no limit or one of zero, and their noise [SI unit]."""
 _WHOLE = "the whole run"
 _NOISE = 0.02
-"""Share of a metric's tolerance below which its value is noise [1]."""
+"""Share of a metric's default tolerance below which its value is noise [1]."""
 
 
 def quantities(weight: float) -> Iterator[Quantity]:
@@ -136,7 +136,8 @@ def quantities(weight: float) -> Iterator[Quantity]:
             least = factor * _COSTS[metric.name]
         elif metric.kind != "instrument" and metric.tolerances:
             # Limits on forces are shares of the body's weight, and so is their noise.
-            limit, own = max(metric.tolerances.values()), metric.tolerance_unit
+            limit = metric.tolerances.get("default", max(metric.tolerances.values()))
+            own = metric.tolerance_unit
             least = 100.0 * limit if own == BODY_WEIGHT else factor * limit_in_si(limit, own, DEFAULT_BODY)
             least *= _NOISE
         else:

@@ -1,0 +1,103 @@
+"""Walk with each part of the stepping stabiliser off; rewrite the table of docs/controller.md.
+
+    python docs/ablation.py
+
+One walk for each of 16 pushes at the centre of mass and of four other disturbances. Every variant compiles
+the controller anew, in a process and a cache of its own: a quarter of an hour on one core.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ampm.planner.capture import DIRECTIONS
+from ampm.run_file import load_run
+from validation.show.text import markdown_table, replace_between
+from validation.study.robustness.cells import PUSH_STEP, other_cells, push_cells
+from validation.study.robustness.walks import Level, as_text, walk_replica
+from validation.trial.plan import Request, plan_walk
+
+PAGE = Path(__file__).with_name("controller.md")
+PUSHES: Mapping[str, Sequence[float]] = {
+    "early": (0.8, 0.8, 0.3, 0.2),
+    "mid": (0.8, 0.8, 0.3, 0.2),
+    "late": (1.0, 0.6, 0.25, 0.2),
+    "double": (1.0, 0.7, 0.35, 0.15),
+}
+"""Velocity change by phase, in the order of :data:`ampm.planner.capture.DIRECTIONS` [m/s]."""
+OTHERS: Mapping[str, tuple[str, float]] = {
+    "floor lower": ("10 mm lower", -0.01),
+    "slope uphill": ("3 degrees uphill", np.radians(3.0)),
+    "all lighter": ("10 % lighter", -0.1),
+    "bias of torques": ("0.5 N m of bias", 0.5),
+}
+"""Cell of a disturbance: heading, and value."""
+VARIANTS: Mapping[str, Mapping[str, float | NDArray[np.float64]]] = {
+    "stepping": {},
+    "fixed": {},
+    "places as planned": {
+        "stepping.FORWARD": 0.0, "stepping.BACKWARD": 0.0, "stepping.WIDER": 0.0, "stepping.NARROWEST": 1.0
+    },
+    "times as planned": {"stepping.TIMES": np.ones(1), "stepping.CATCH_UP": 0.0, "walker.HASTE_FROM": 10.0},
+    "touch-down as planned": {"walker.EARLY": 10.0, "walker.GRACE": 10.0},
+    "no return to the plan": {"stepping.RETURN": 0.0, "stepping.CATCH_UP": 0.0, "live.BACK": 0.0},
+    "COM not at the floor's height": {"walker.HEIGHT_RATE": 0.0},
+    "sole not shared": {"sole.OPEN": 10.0},
+    "body not weighed": {"walker.WEIGHED": 10.0},
+    "torques not found": {"bias.TOLERATED": 1e3},
+}  # fmt: skip
+
+
+def row(variant: str) -> list[str]:
+    """Pushes survived, and ZMP RMSE of the others; constants are set before anything is compiled."""
+    for name, value in VARIANTS[variant].items():
+        module, _, constant = name.partition(".")
+        setattr(import_module(f"ampm.control.{module}"), constant, value)
+    name = "fixed" if variant == "fixed" else "stepping"
+    run = load_run("normal", controller={"stabilizer": name}, gait={"steps": PUSH_STEP + 2})
+    text = as_text(plan_walk(Request("normal", run)).run)
+    count, walks = 0, []
+    for cell in push_cells():
+        if cell.height == "com":
+            value = PUSHES[cell.phase][DIRECTIONS.index(cell.direction)]
+            count += not walk_replica(Level(cell, value, text, "normal", "default", 1), 0).cause
+    for cell in other_cells():
+        if cell.name in OTHERS:
+            walk = walk_replica(Level(cell, OTHERS[cell.name][1], text, "normal", "default", 1), 0)
+            x, y = walk.zmp
+            walks.append((cell.name, walk.cause.partition(":")[0] or f"{1e3 * x:.1f}, {1e3 * y:.1f}"))
+    found = dict(walks)
+    return [str(count), *(found[name] for name in OTHERS)]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """One variant in this process if it is named, else all, each in its own, and the page."""
+    names = sys.argv[1:] if arguments is None else list(arguments)
+    if names:
+        sys.stdout.write(f"{json.dumps(row(names[0]))}\n")
+        return
+    rows = []
+    for variant in VARIANTS:
+        with tempfile.TemporaryDirectory() as cache:
+            environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
+            command = [sys.executable, __file__, variant]
+            found = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
+        rows.append((variant, *json.loads(found.stdout.splitlines()[-1])))
+        print(*rows[-1], sep=" | ", flush=True)  # noqa: T201
+    header = ("", f"pushes survived, of {4 * len(PUSHES)}", *(heading for heading, _ in OTHERS.values()))
+    page = PAGE.read_text(encoding="utf-8")
+    PAGE.write_text(replace_between(page, "ablation", markdown_table(header, rows)), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
