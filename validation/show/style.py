@@ -128,7 +128,8 @@ def new_figure(
 ) -> tuple[Figure, list[Axes]]:
     """Make a figure of ``rows`` axes, one above the other.
 
-    Margins are fixed: matplotlib's automatic layout takes longer than the drawing.
+    Margins and places of labels are fixed and ticks are few: matplotlib's automatic layout takes longer than the
+    drawing, and ticks take most of that.
 
     Args:
         height: of the figure [in].
@@ -149,7 +150,9 @@ def new_figure(
     figure.patch.set_alpha(0.0)
     for axis in axes:
         axis.patch.set_alpha(0.0)
+        axis.xaxis.set_label_coords(0.5, -0.26 / (axis.get_position().height * height))
         axis.yaxis.set_label_coords(-(left - 0.14) / (width - left - 0.12), 0.5)
+        axis.locator_params(nbins=6, steps=(1, 2, 2.5, 5, 10))
     return figure, list(axes)
 
 
@@ -169,10 +172,9 @@ def picture(figure: Figure, name: str, label: str, caption: str = "", *, wide: b
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
-    text = re.sub(r'\bid="', f'id="{name}-', text)
-    text = text.replace("url(#", f"url(#{name}-").replace('xlink:href="#', f'xlink:href="#{name}-')
-    for color, variable in _VARIABLES.items():
-        text = text.replace(color, f"var(--{variable})")
+    for reference in (' id="', "url(#", 'xlink:href="#'):
+        text = text.replace(reference, f"{reference}{name}-")
+    text = re.sub("#0101[0-9a-f]{2}", lambda color: f"var(--{_VARIABLES[color[0]]})", text)
     # The page's own type; matplotlib lists every font of the family it was configured with.
     text = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1", text)
     width, height = (72 * size for size in figure.get_size_inches())
@@ -180,7 +182,8 @@ def picture(figure: Figure, name: str, label: str, caption: str = "", *, wide: b
         f'<svg role="img" aria-label="{escape(label)}" viewBox="0 0 {width:g} {height:g}" '
         'xmlns:xlink="http://www.w3.org/1999/xlink" xmlns="http://www.w3.org/2000/svg">'
     )
-    return Picture(Markup(re.sub(r"\s*\n\s*", "\n", head + text[text.index(">") + 1 :])), caption, wide)
+    lines = map(str.strip, text[text.index(">") + 1 :].split("\n"))
+    return Picture(Markup("\n".join([head, *filter(None, lines)])), caption, wide)
 
 
 def decimate(time: Array, value: Array, buckets: int = _BUCKETS) -> tuple[Array, Array]:
