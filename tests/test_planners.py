@@ -42,9 +42,9 @@ def test_planners_of_a_whole_walk_take_no_boundary(request_of_walk):
             planner.plan(request_of_walk, begin)
 
 
-def test_a_constant_posture_begins_on_the_plan(request_of_walk):
+def test_a_swaying_posture_begins_on_the_plan(request_of_walk):
     plan, robot = UprightWalk().plan(request_of_walk), request_of_walk.robot
-    begin, later = plan.posture.sample([0.0, 0.3]).q
+    begin = plan.posture.sample([0.0]).q[0]
     data = robot.model.createData()
     velocity = plan.posture.sample([0.0]).v[0]
     momentum = pin.computeCentroidalMomentum(robot.model, data, begin, velocity)
@@ -52,21 +52,32 @@ def test_a_constant_posture_begins_on_the_plan(request_of_walk):
     np.testing.assert_allclose(
         momentum.linear / robot.mass, plan.sample(0.0).com_velocity[0], rtol=0.0, atol=1e-9
     )
-    np.testing.assert_array_equal(begin[7:], later[7:])
-    assert plan.constants.angular_momentum_y_offset == 0.0
+
+
+def test_a_swaying_posture_is_near_the_periodic_motion(request_of_walk):
+    sway, orbit = UprightWalk().plan(request_of_walk), AmpmPeriodic().plan(request_of_walk)
+    offset = orbit.constants.angular_momentum_y_offset
+    assert sway.constants.angular_momentum_y_offset == pytest.approx(offset, rel=0.1)
+    times = np.linspace(0.05, 2.0 * orbit.constants.step_duration, 40)
+    pitch = [-np.arcsin(plan.posture.sample(times).trunk[:, 2, 0]) for plan in (sway, orbit)]
+    assert np.ptp(pitch[0]) > 0.15  # [rad]; in the orbit the waist turns as well
+    assert abs(pitch[0].mean()) < 0.02
+    assert np.corrcoef(pitch)[0, 1] > 0.95
 
 
 @pytest.mark.parametrize(
-    ("steps", "largest"), [(4, 1.2e-3), pytest.param(30, 0.75e-3, marks=pytest.mark.slow)]
-)
-def test_normal_walks_with_a_constant_posture(steps, largest):
+    ("gait", "steps", "largest"),
+    [("normal", 4, 0.75e-3), *(pytest.param(*case, marks=pytest.mark.slow) for case in
+     (("normal", 30, 0.65e-3), ("momentum", 100, 0.74e-3)))],
+)  # fmt: skip
+def test_a_gait_walks_with_a_swaying_posture(gait, steps, largest):
     settings = [f"gait.steps={steps}"]
-    walked = walk_planned(plan_walk(load_request("normal", settings), planner=UprightWalk()))
+    walked = walk_planned(plan_walk(load_request(gait, settings), planner=UprightWalk()))
     assert walked.record.outcome.completed, walked.record.outcome.cause
     metrics = walked.metrics
     assert metrics["zmp_x_rmse"].value < largest
     assert metrics["zmp_y_rmse"].value < 0.4e-3
-    with pytest.raises(InputError, match="ConstantPosture"):
+    with pytest.raises(InputError, match="SwayingPosture"):
         _ = walked.planned.motion
 
 

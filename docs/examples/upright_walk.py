@@ -5,8 +5,8 @@ trial = val.walk(run, planner=UprightWalk())
 
 from __future__ import annotations
 
-from ampm.body.constant_posture import ConstantPosture
 from ampm.body.feasibility import check_body
+from ampm.body.swaying_posture import SwayingPosture
 from ampm.exceptions import InputError
 from ampm.planner.support import plan_steps
 from ampm.planners import WalkRequest
@@ -28,4 +28,4 @@ class UprightWalk:
         run, robot = request.run, request.robot
         steps = plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
         check_body(steps, robot.description)
-        return WalkPlan.of(steps, posture=ConstantPosture(steps, run, robot))
+        return WalkPlan.of(steps, posture=SwayingPosture(steps, run, robot))

@@ -128,8 +128,8 @@ def new_figure(
 ) -> tuple[Figure, list[Axes]]:
     """Make a figure of ``rows`` axes, one above the other.
 
-    Margins and places of labels are fixed and ticks are few: matplotlib's automatic layout takes longer than the
-    drawing, and ticks take most of that.
+    Margins and places of labels are fixed, and ticks are few: matplotlib's automatic layout takes longer than
+    the drawing, and ticks take most of that.
 
     Args:
         height: of the figure [in].
