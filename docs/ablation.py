@@ -1,4 +1,4 @@
-"""Walk with each part of the stepping stabiliser off; rewrite the table of docs/controller.md.
+"""Walk with each part of the stepping stabiliser off; rewrite docs/data/ablation.csv.
 
     python docs/ablation.py
 
@@ -15,19 +15,17 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from trials import write_rows
 
 from ampm.planner.capture import DIRECTIONS
 from ampm.run_file import load_run
-from validation.show.text import markdown_table, replace_between
 from validation.study.robustness.cells import PUSH_STEP, other_cells, push_cells
 from validation.study.robustness.walks import Level, as_text, walk_replica
 from validation.trial.plan import Request, plan_walk
 
-PAGE = Path(__file__).with_name("controller.md")
 PUSHES: Mapping[str, Sequence[float]] = {
     "early": (0.8, 0.8, 0.3, 0.2),
     "mid": (0.8, 0.8, 0.3, 0.2),
@@ -81,7 +79,7 @@ def row(variant: str) -> list[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """One variant in this process if it is named, else all, each in its own, and the page."""
+    """One variant in this process if it is named, else all, each in its own, and the file."""
     names = sys.argv[1:] if arguments is None else list(arguments)
     if names:
         sys.stdout.write(f"{json.dumps(row(names[0]))}\n")
@@ -94,9 +92,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             found = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
         rows.append((variant, *json.loads(found.stdout.splitlines()[-1])))
         print(*rows[-1], sep=" | ", flush=True)  # noqa: T201
-    header = ("", f"pushes survived, of {4 * len(PUSHES)}", *(heading for heading, _ in OTHERS.values()))
-    page = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(replace_between(page, "ablation", markdown_table(header, rows)), encoding="utf-8")
+    header = ("variant", f"pushes survived, of {4 * len(PUSHES)}", *(name for name, _ in OTHERS.values()))
+    write_rows("ablation", [header, *rows])
 
 
 if __name__ == "__main__":

@@ -24,12 +24,11 @@ from validation.show.text import markdown_table, replace_between
 from validation.trial.plan import complete, load_request
 
 PAGE = Path(__file__).with_name("footsteps.md")
+ERROR = "ZMP RMSE along, across [mm]"
 COLUMNS = (
-    "walk", "steps", "ZMP RMSE along, across [mm]", "maximum [mm]", "closest parts [mm]", "largest torque",
+    "walk", "steps", ERROR, "maximum [mm]", "closest parts [mm]", "largest torque",
     "QPs with limits, unsolved", "outcome",
 )  # fmt: skip
-SHOWN = (0, 2, 3, 4, 6)
-"""Columns on the page; the data file has all."""
 
 
 def walks(length: float, width: float, climb: float) -> dict[str, list[Footstep]]:
@@ -72,10 +71,15 @@ def main() -> None:
                 print(*rows[-1], sep=" | ", flush=True)  # noqa: T201
     if not wanted:
         write_rows("footsteps", [COLUMNS, *rows])
-        shown = [[row[k] for k in SHOWN] for row in rows]
-        table = markdown_table([COLUMNS[k] for k in SHOWN], shown)
-        page = replace_between(PAGE.read_text(encoding="utf-8"), "footsteps", table)
+        page = replace_between(PAGE.read_text(encoding="utf-8"), "footsteps", _errors(rows))
         PAGE.write_text(page, encoding="utf-8")
+
+
+def _errors(rows: list[tuple[str, ...]]) -> str:
+    """Table of the page: the RMSE of every walk, a column for each gait."""
+    found = {tuple(row[0].split(", ", 1)): row[COLUMNS.index(ERROR)] for row in rows}
+    titles, names = (list(dict.fromkeys(part)) for part in zip(*found, strict=True))
+    return markdown_table([ERROR, *titles], [[name, *(found[t, name] for t in titles)] for name in names])
 
 
 def _row(name: str, run: RunParameters, footsteps: list[Footstep]) -> tuple[str, ...]:
