@@ -219,6 +219,10 @@ def test_work_of_a_constant_torque(walk):
     assert spent["positive_work"] == pytest.approx(6.0 * seconds)
     assert spent["negative_work"] == pytest.approx(-1.0 * seconds)
     assert spent["cost_of_transport"] == pytest.approx(spent["positive_work"] / (WEIGHT * spent["distance"]))
+    aside = record.com[:, [1, 0, 2]]  # and a way back and forth counts twice
+    assert recorded(walk, com=aside).costs["energy"]["distance"] == pytest.approx(spent["distance"])
+    back = record.com * np.where(np.arange(len(record.com)) % 2, -1.0, 1.0)[:, None]
+    assert recorded(walk, com=back).costs["energy"]["distance"] > 100.0 * spent["distance"]
 
 
 def test_the_posture_gives_the_reference_of_yaw_momentum_only(walk):

@@ -167,7 +167,8 @@ def margins(
 def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
     """Work of the motors over ``rows``, shape (K,): torque of the step times the mean joint rate over it.
 
-    The mechanical cost of transport is that of Collins, Ruina, Tedrake and Wisse, Science 307 (2005).
+    The mechanical cost of transport is that of Collins, Ruina, Tedrake and Wisse, Science 307 (2005), over
+    the length of the COM's path on the floor.
     """
     names = ("positive_work", "negative_work", "distance", "cost_of_transport", "mean_power")
     used = np.flatnonzero(rows)
@@ -176,7 +177,8 @@ def energy(record: SimulationRecord, rows: Rows) -> dict[str, float]:
     positive, negative = (
         float(_motors(record, used, part).sum() * record.time_step) for part in (np.maximum, np.minimum)
     )
-    distance = float(record.com[used[-1] + 1, 0] - record.com[used[0], 0])
+    moves = np.diff(record.com[used[0] : used[-1] + 2, :2], axis=0)
+    distance = float(np.sqrt((moves * moves).sum(axis=1)).sum())
     transport = positive / (record.mass * record.gravity * distance) if distance > 0.0 else math.nan
     mean_power = positive / (used.size * record.time_step)
     return dict(zip(names, (positive, negative, distance, transport, mean_power), strict=True))
