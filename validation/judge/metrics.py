@@ -28,7 +28,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import cloudpickle
 import numpy as np
@@ -223,12 +223,16 @@ def metric_label(name: str) -> str:
     return metric.label if metric else name.replace("_", " ")
 
 
-def display_unit(unit: str, weight: float) -> tuple[float, str]:
+@overload
+def display_unit(unit: str, weight: float) -> tuple[float, str]: ...
+@overload
+def display_unit(unit: str, weight: Array) -> tuple[Array | float, str]: ...
+def display_unit(unit: str, weight: Array | float) -> tuple[Array | float, str]:
     """Factor and unit for display: millimetres, percent of body weight.
 
     Args:
         unit: SI unit.
-        weight: of the body [N].
+        weight: of the body [N], or of several.
     """
     if unit == "m":
         return 1e3, "mm"
@@ -361,8 +365,8 @@ def _instrument(
 
 _INSTRUMENT = (
     _instrument(
-        "zmp_agreement_relative", "1", "both measured ZMPs, distance over the ZMP's way in a time step",
-        "root mean square distance of the ZMP by contact and by momentum, over its way in a time step",
+        "zmp_agreement_relative", "1", "both measured ZMPs, relative distance",
+        "root mean square distance of the ZMP by contact and by momentum, over its travel in a time step",
         lambda walk: rms(_zmp_gaps(walk)) / (rms(_zmp_ways(walk)) or math.nan), 0.25,
         "The two measurements of the ZMP share no force and no acceleration. Each is a mean over the time "
         "step, so neither is finer than the way that the ZMP makes in it, and their gap is about a tenth of "
@@ -378,14 +382,14 @@ _INSTRUMENT = (
         tolerance_unit=BODY_WEIGHT, scales=("body_weight",),
     ),
     _instrument(
-        "impulse_residual", "1", "impulse against weight, relative",
+        "impulse_residual", "1", "vertical impulse, relative error",
         "vertical impulse of the floor against weight and momentum, relative",
         lambda walk: abs(walk.measured.self_checks.impulse_residual), 1e-3,
         "Over a run the floor carries the weight, but for the momentum gained. Only the integrator's "
         "order separates the two sums; a force law with a wrong scale would show at once.",
     ),
     _instrument(
-        "standing_weight_error", "1", "still body against weight, relative",
+        "standing_weight_error", "1", "weight of the standing body, relative error",
         "the still body's weight, measured against its mass, relative",
         lambda walk: None if walk.standing is None else walk.standing.relative_error, 1e-6,
         "Standing still, the body presses with exactly its weight, once contacts and controller have "
@@ -428,7 +432,7 @@ _INSTRUMENT = (
     ),
 )  # fmt: skip
 _SHORTFALL = Metric(
-    "clearance_shortfall", "m", f"parts of the body closer than {1e3 * CLEARANCE:g} mm, by",
+    "clearance_shortfall", "m", f"clearance of the body, shortfall below {1e3 * CLEARANCE:g} mm",
     f"by how much arms, legs and trunk come closer to each other than {1e3 * CLEARANCE:g} mm", "walk",
     lambda walk: _shortfall(walk.costs["margins"]["clearance"].value), {"default": 0.0},
     reason="Nothing but the soles collides in the simulation, so a body that passes through itself would "
@@ -438,7 +442,7 @@ _SHORTFALL = Metric(
 
 
 _SPEED = Metric(
-    "speed_excess", "1", "speed of a joint over its limit, less one",
+    "speed_excess", "1", "fastest joint, excess over its speed limit",
     "by how much the fastest joint exceeds its speed limit, as a share of it", "walk",
     lambda walk: _excess(walk.costs["margins"]), {"default": 0.0},
     reason="A motor cannot turn faster than its limit, which the simulation does not enforce.",

@@ -139,7 +139,7 @@ def render(saved: SavedRun) -> str:
         reported=[(item["label"], _shown(item)) for item in reported.values()],
         cost=list(_cost_rows(summary)),
         first_step=list(_first_step_rows(judged)),
-        windows=list(_window_rows(summary["statistics"])),
+        windows=list(_window_rows(summary)),
         split=_split_rows(summary["zmp_error_split"]),
         solver=list(_solver_rows(summary["solver"])),
         instrument=instrument_section(saved) if "instrument" in summary else None,
@@ -271,16 +271,16 @@ def _first_step_rows(judged: Summary) -> Iterator[tuple[str, ...]]:
             )
 
 
-def _window_rows(statistics: Summary) -> Iterator[tuple[str, ...]]:
+def _window_rows(summary: Summary) -> Iterator[tuple[str, ...]]:
     """Statistics of every signal by planned phase and by measured contact."""
-    for name, windows in statistics.items():
+    for name, windows in summary["statistics"].items():
         label = SIGNALS[name].label
         if SIGNALS[name].reference != "plan":
             label += f" against the {SIGNALS[name].reference}"
         for window, words in _WINDOWS.items():
             entry = windows[window]
             if entry["count"]:
-                scale, unit = (1e3, "mm") if entry["unit"] == "m" else (1.0, entry["unit"])
+                scale, unit = display_unit(entry["unit"], summary["scales"]["body_weight"])
                 values = [number(_scaled(entry[key], scale)) for key in ("rmse", "maximum", "bias")]
                 r2 = entry["r2_reason"] if entry["r2"] is None else number(entry["r2"], 5)
                 yield label, words, *values, unit, r2

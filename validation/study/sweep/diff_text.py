@@ -5,17 +5,22 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.text import Text
 
 from validation.judge.metrics import display_unit, metric_label
 from validation.show.page import render_page
-from validation.show.text import format_number, format_value, print_line, print_table
+from validation.show.text import BODY_WEIGHT, format_number, format_value, print_line, print_table
 from validation.store.folders import output_file
 from validation.study.sweep.diff import KINDS, MetricChange, SweepDiff
 from validation.study.sweep.table import State, SweepTable
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 _SHOWN, _SHOWN_IN_PAGE = 12, 100
 _COLOURS = {"worse": "red", "better": "green"}
@@ -77,13 +82,13 @@ def _side(sweep: SweepTable) -> dict[str, Any]:
     }
 
 
-def _describe(diff: SweepDiff, item: MetricChange) -> dict[str, Any]:
-    worst = None
+def _describe(diff: SweepDiff, item: MetricChange, scale: Array | float = 1.0) -> dict[str, Any]:
+    worst, before, after = None, scale * item.before, scale * item.after
     if item.worse.any():
         row = int(np.argmax(np.where(item.worse, item.growth, -np.inf)))
         name = diff.a.words("name")[diff.rows_a[row]]
-        worst = {"run": name, "a": float(item.before[row]), "b": float(item.after[row])}
-    medians = {"a": item.before, "b": item.after, "shift": item.growth}
+        worst = {"run": name, "a": float(before[row]), "b": float(after[row])}
+    medians = {"a": before, "b": after, "shift": scale * item.growth}
     return {
         "unit": item.unit,
         "pairs": int(item.both.sum()),
@@ -91,8 +96,8 @@ def _describe(diff: SweepDiff, item: MetricChange) -> dict[str, Any]:
         "worse": int(item.worse.sum()),
         "regressed": int(item.regressed.sum()),
         "lost": int((item.worse & ~item.both).sum()),
-        "noise": {"value": item.median(item.noise), "from": item.noise_from},
-        "allowed": item.median(item.allowed),
+        "noise": {"value": item.median(scale * item.noise), "from": item.noise_from},
+        "allowed": item.median(scale * item.allowed),
         "median": {key: item.median(values) for key, values in medians.items()},
         "p": item.p,
         "verdict": item.verdict,
@@ -107,7 +112,7 @@ def tables(diff: SweepDiff, most: int) -> list[Table]:
         diff: the comparison.
         most: rows of a table of runs.
     """
-    metrics = [_metric_cells(item.name, _describe(diff, item)) for item in diff.metrics]
+    metrics = [_metric_cells(diff, item) for item in diff.metrics]
     found = [
         Table("outcomes", ("in A", "in B", ">runs"), [[a, b, f"{n:,}"] for a, b, n in diff.transitions]),
         Table("metrics of the runs that completed in both", _METRICS, metrics),
@@ -127,19 +132,21 @@ def tables(diff: SweepDiff, most: int) -> list[Table]:
     return [table for table in found if table.rows]
 
 
-def _metric_cells(name: str, item: dict[str, Any]) -> list[str]:
-    scale, unit = display_unit(item["unit"], math.nan) if item["unit"] != "N" else (1.0, "N")
+def _metric_cells(diff: SweepDiff, change: MetricChange) -> list[str]:
+    """Cells of a metric, in millimetres and per cent of the body weight of the runs of A."""
+    scale, unit = display_unit(change.unit, diff.a.weight[diff.rows_a])
+    item = _describe(diff, change, scale)
     median, worst, noise = item["median"], item["worst"], item["noise"]["value"]
-    a, b = (format_number(scale * worst[side], 3) if worst else "" for side in "ab")
+    a, b = (format_number(worst[side], 3) if worst else "" for side in "ab")
     return [
-        metric_label(name),
+        metric_label(change.name),
         item["verdict"],
         *(f"{item[key]:,}" for key in ("better", "worse", "regressed")),
-        *(format_number(scale * median[side]) for side in "ab"),
-        unit.replace(" ", "\u00a0"),
-        f"{scale * median['shift']:+.2g}" if median["shift"] else "0",
+        *(format_number(median[side]) for side in "ab"),
+        unit.replace("% of body weight", BODY_WEIGHT).replace(" ", "\u00a0"),
+        f"{median['shift']:+.2g}" if median["shift"] else "0",
         format_number(item["p"], 2),
-        "no bound" if math.isinf(noise) else format_number(scale * noise, 2),
+        "no bound" if math.isinf(noise) else format_number(noise, 2),
         f"{worst['run']}: {a} → {b}" if worst else "",
     ]
 

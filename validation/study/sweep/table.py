@@ -6,7 +6,6 @@ Everything is read from the saved table, so that a report or a comparison can be
 from __future__ import annotations
 
 import json
-import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -311,8 +310,7 @@ class SweepTable:
 
     def _scale(self, metric: str) -> tuple[Array | float, str]:
         """Factor to display units, and their name."""
-        unit = self.unit(METRIC + metric)
-        return (100.0 / self.weight, "% of body weight") if unit == "N" else display_unit(unit, math.nan)
+        return display_unit(self.unit(METRIC + metric), self.weight)
 
     # -------------------------------------------------------------------------- the whole sweep
 
