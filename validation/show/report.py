@@ -132,6 +132,7 @@ def render(saved: SavedRun) -> str:
         disturbed=_disturbed(saved),
         profile=summary["profile"],
         from_rest=bool(saved.parameters.footsteps),
+        climbs=len({step.z for step in saved.parameters.footsteps}) > 1,
         uncertainty=_convergence_study(summary.get("uncertainty")),
         facts=_facts(saved, plan),
         agreement=agreement,
@@ -216,12 +217,13 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     body = saved.parameters.body
     time = float(record.outcome.time)
     planned = "" if plan is None else f" of {plan.contacts.steps}"
+    straight = not saved.parameters.footsteps  # over footsteps the way may turn, and the speed vary
     of = f"{number(body.height)}\u00a0m" if body.source == HUMAN else Path(body.source).stem
     facts = {
         "steps walked": f"{record.outcome.steps_completed}{planned}",
         "simulated": with_unit(time, "s"),
-        "distance": with_unit(_distance(saved, "measured"), "m"),
-        "planned speed": with_unit(_distance(saved, "plan") / time, "m/s") if time else "",
+        "distance": with_unit(_distance(saved, "measured"), "m") if straight else "",
+        "planned speed": with_unit(_distance(saved, "plan") / time, "m/s") if straight and time else "",
         "body": f"{number(float(record.mass))}\u00a0kg, {of}",
         # A controller of one's own may have no QP.
         "unsolved QPs": "no QP" if summary["solver"]["unsolved"] is None else unsolved,

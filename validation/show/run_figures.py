@@ -83,11 +83,13 @@ class RunFigures:
         plan: evaluated again, None if that cannot be done.
         signals: of the run.
         window: rows of the stride that is shown.
+        from_rest: whether the walk is one over footsteps, whose steps differ.
     """
 
     def __init__(self, saved: SavedRun, plan: StepPlan | None) -> None:
         self.saved, self.plan, self.signals = saved, plan, saved.signals
         self.window = middle(self.signals)
+        self.from_rest = bool(saved.parameters.footsteps)
         self._count = count()
 
     def sections(self) -> dict[str, list[Picture]]:
@@ -97,11 +99,11 @@ class RunFigures:
         found = {
             "zmp": [
                 self.tracking(
-                    "zmp_x", "ZMP x about the planned COM", "mm", 1e3, about="plan_com_x",
+                    "zmp_x", *self._about("x"),
                     caption="Green band: plus and minus the tolerance of the RMSE. Dashed, where the axis "
                     "reaches so far: the largest error allowed.",
                 ),
-                self.tracking("zmp_y", "ZMP y", "mm", 1e3),
+                self.tracking("zmp_y", *self._about("y")),
             ],
             "split": [self.causes(axis) for axis in "xy"],
             "above": [self.top_view()],
@@ -149,8 +151,8 @@ class RunFigures:
         title: str,
         unit: str,
         scale: float = 1.0,
-        *,
         about: str = "",
+        *,
         error: tuple[str, float] | None = None,
         reference: str = "plan",
         caption: str = "",
@@ -189,8 +191,14 @@ class RunFigures:
         _draw_tolerances(lower, self._tolerance(f"{name}_rmse"), self._tolerance(f"{name}_maximum"))
         _finish(upper, title, f"[{unit}]", xlabel="")
         self._finish_run(lower, "", f"error [{unit_of_error}]")
-        label = f"{title}: plan, command and measurement over one stride, and the error"
+        label = f"{title}: plan, command and measurement over two steps, and the error"
         return self._picture(figure, label, caption)
+
+    def _about(self, axis: str) -> tuple[str, str, float, str]:
+        """Title, unit, scale of the ZMP along an axis; the column it is drawn about where it travels."""
+        if axis == "x" or self.from_rest:
+            return f"ZMP {axis} about the planned COM", "mm", 1e3, f"plan_com_{axis}"
+        return f"ZMP {axis}", "mm", 1e3, ""
 
     def difference(self, measured: str, planned: str, axes: str, title: str, label: str) -> Picture:
         """Difference of two vectors in millimetres, over the whole run."""
@@ -222,7 +230,7 @@ class RunFigures:
 
     def top_view(self, steps: int = 4) -> Picture:
         """ZMP and COM over the footprints, seen from above: some steps from the middle, or all from rest."""
-        whole = bool(self.saved.parameters.footsteps)
+        whole = self.from_rest
         bounds = [*self.signals.switches()[::2].tolist(), len(self.signals)]
         begin = max(0, min(len(bounds) // 2 - steps // 2, len(bounds) - 1 - steps))
         part = slice(bounds[begin], bounds[min(begin + steps, len(bounds) - 1)])
@@ -362,7 +370,8 @@ class RunFigures:
         signals, starts = self.signals, self.signals.switches()
         part = slice(0, int(starts[6]) if len(starts) > 6 else len(signals))
         time = signals.time[part]
-        base = signals["plan_com_x"][part] if axis == "x" else 0.0
+        title, _, _, about = self._about(axis)
+        base = signals[about][part] if about else 0.0
         for panel in (upper, lower):
             shade_double_support(panel, signals, part)
         for kind, color, width in _KINDS:
@@ -371,7 +380,7 @@ class RunFigures:
         error = 1e3 * (signals[f"measured_zmp_{axis}"] - signals[f"plan_zmp_{axis}"])[part]
         lower.axhline(0.0, color=FAINT, linewidth=0.7)
         lower.plot(time, error, color=MEASURED, linewidth=0.9)
-        _finish(upper, "ZMP x about the planned COM" if axis == "x" else "ZMP y", "[mm]", xlabel="")
+        _finish(upper, title, "[mm]", xlabel="")
         self._finish_run(lower, "", "error [mm]")
         return self._picture(figure, f"ZMP {axis} of the first steps")
 
@@ -401,7 +410,8 @@ class RunFigures:
     def _spread(self, error: Array) -> tuple[Array, Array]:
         """Smallest and largest ``error`` over all strides at the same instant of the stride shown."""
         length = self.window.stop - self.window.start
-        folded = [error[rows.start : rows.start + length] for rows in strides(self.signals)]
+        alike = [] if self.from_rest else strides(self.signals)
+        folded = [error[rows.start : rows.start + length] for rows in alike]
         folded = [part for part in folded if len(part) == length] or [error[self.window]]
         stack = np.stack(folded)
         # Instants without contact have no ZMP in any stride.
@@ -410,7 +420,7 @@ class RunFigures:
 
     def _finish_run(self, axis: Axes, title: str, ylabel: str) -> None:
         """Labels; a dotted line at the end of the first step, which is judged separately."""
-        end = self.signals.first_step()
+        end = 0 if self.from_rest else self.signals.first_step()
         if 0 < end < len(self.signals):
             axis.axvline(float(self.signals.time[end]), color=FAINT, linewidth=0.8, linestyle=":")
         _finish(axis, title, ylabel)
