@@ -6,6 +6,7 @@ combine; with their defaults nothing is disturbed.
 
 from __future__ import annotations
 
+from ampm.exceptions import InputError
 from ampm.section import Real, Section, Whole, parameter
 
 
@@ -61,7 +62,7 @@ class DisturbanceParameters(Section, section="disturbance"):
     )
     joint_damping: Real = parameter(0.0, "further damping of every joint", "N m s/rad", ge=0, le=1e3)
     sensing_delay: Real = parameter(
-        0.0, "delay of sensed state and contact, rounded to whole ticks of the controller", "s", ge=0, le=0.2
+        0.0, "delay of sensed state and contact, in whole ticks of the controller", "s", ge=0, le=0.2
     )
     actuation_delay: Real = parameter(0.0, "delay of the torques, likewise", "s", ge=0, le=0.2)
     angle_noise: Real = parameter(
@@ -73,3 +74,23 @@ class DisturbanceParameters(Section, section="disturbance"):
     torque_bias: Real = parameter(
         0.0, "constant error of every motor's torque; its signs are random", "N m", ge=0, le=1e3
     )
+
+    def delays(self, frequency: float) -> tuple[int, int]:
+        """Delays of sensing and actuation in ticks of a controller [Hz].
+
+        Raises:
+            InputError: one is no whole number.
+        """
+        found = []
+        for key in ("sensing_delay", "actuation_delay"):
+            delay = getattr(self, key)
+            ticks = round(delay * frequency)
+            if abs(delay * frequency - ticks) > 1e-9 * max(1, ticks):
+                raise InputError(
+                    f"disturbance.{key} = {delay:g} s is no multiple of the controller's tick of "
+                    f"{1.0 / frequency:g} s; choose for example {ticks / frequency:g}.",
+                    key=f"disturbance.{key}",
+                    value=delay,
+                )
+            found.append(ticks)
+        return found[0], found[1]

@@ -370,6 +370,7 @@ class RunParameters(Section):
             value, other = self.value(relation.key), self.value(relation.other)
             if not relation.holds(value, other):
                 raise relation.error(value, other)
+        self.disturbance.delays(self.controller.frequency)
         return self
 
     def value(self, key: str) -> Any:

@@ -262,6 +262,9 @@ def test_faults_of_sensors_and_motors_repeat_with_their_seed():
     assert (starts[0] != starts[1]).any()
     stale = disturbed(steps=1, sensing_delay=0.008)
     assert (stale.torque[1] != calm.torque[1]).any()
+    for key in ("sensing_delay", "actuation_delay"):
+        with pytest.raises(InputError, match=f"{key} = 0.003 s is no multiple of .* 0.002 s; .* 0.004"):
+            load_run("normal", disturbance={key: 0.003})
 
 
 def test_the_controller_gets_no_information_on_disturbances():

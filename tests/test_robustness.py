@@ -131,7 +131,7 @@ def test_a_study_that_was_stopped_goes_on_with_what_is_missing(tmp_path):
     again.clear()
     assert study(goes_on, out=out, resume=True) == found
     assert again == []
-    with pytest.raises(InputError, match="another gait, definition or code"):
+    with pytest.raises(InputError, match="differs in replicas;"):
         study(out=out, resume=True, replicas=3)
     with pytest.raises(InputError, match="--force"):
         study(out=out)
@@ -148,7 +148,8 @@ def test_workers_find_the_same():
     [({"only": ("wind",)}, "wind"), ({"replicas": 0}, "--replicas 0"), ({"workers": 0}, "--workers 0"),
      ({"resume": True}, "--out")],
 )  # fmt: skip
-def test_bad_requests_are_refused(options, word):
+def test_bad_requests_are_refused_before_anything_is_planned(options, word, monkeypatch):
+    monkeypatch.setattr("validation.study.robustness.run.plan_walk", lambda *_: pytest.fail("planned"))
     with pytest.raises(InputError, match=word):
         study(**options)
 

@@ -180,7 +180,7 @@ def test_tours_that_were_stopped_go_on_with_what_is_missing(tmp_path):
     assert {path.name for path in out.iterdir()} == {"tour.json", "tours.jsonl"}
     assert study(goes_on, out=out, resume=True, seeds=10).completed == 8
     assert done == list(range(10))
-    with pytest.raises(InputError, match="another gait, definition or code"):
+    with pytest.raises(InputError, match="it differs in"):
         study(out=out, resume=True, share=0.5)
     with pytest.raises(InputError, match="--force"):
         study(out=out)

@@ -78,8 +78,15 @@ class Journal:
     def _read(self, path: Path, first: str) -> None:
         lines = path.read_text(encoding="utf-8").splitlines()
         if lines and lines[0] != first:
+            new = json.loads(first)
+            try:
+                old = dict(json.loads(lines[0]))
+            except ValueError:  # cut off
+                old = {}
+            other = ", ".join(key for key in new if old.get(key) != new[key])
             raise InputError(
-                f"{path} is of another gait, definition or code; give another folder, or leave out --resume."
+                f"{path} is of another study: it differs in {other}; repeat that study's options, "
+                "give another folder, or leave out --resume."
             )
         for line in lines[1:]:
             try:
@@ -110,6 +117,18 @@ class Journal:
             self._file.close()
 
 
+def processes(workers: int | None) -> int:
+    """Number of processes, None for one a core.
+
+    Raises:
+        InputError: no process.
+    """
+    count = cores() if workers is None else workers
+    if count < 1:
+        raise InputError(f"--workers {count}: at least one process has to walk.", value=count)
+    return count
+
+
 def work_off(
     items: Iterable[Item],
     runner: Callable[[Item], Result],
@@ -132,9 +151,7 @@ def work_off(
     Raises:
         InputError: no process, or no scheduler.
     """
-    count, waiting = cores() if workers is None else workers, list(items)
-    if count < 1:
-        raise InputError(f"--workers {count}: at least one process has to walk.", value=count)
+    count, waiting = processes(workers), list(items)
     if scheduler is None and count == 1:
         while waiting:
             item = waiting.pop(0)

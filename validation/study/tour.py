@@ -30,7 +30,7 @@ from validation.show.text import number
 from validation.store.folders import output_file
 from validation.store.identity import code_hash
 from validation.store.json import json_ready, write_json
-from validation.study.resumable import Journal, study_folder, work_off
+from validation.study.resumable import Journal, processes, study_folder, work_off
 from validation.trial.plan import Request, complete, load_request, own_gait, plan_walk
 
 if TYPE_CHECKING:
@@ -348,6 +348,7 @@ def tour(
         if not least <= value < math.inf:
             raise InputError(f"--{name} {value}: give a number of at least {least}.", value=value)
     progress = progress or Progress()
+    processes(workers)
     target = study_folder(out, (RESULT, JOURNAL), JOURNAL, what="tour", resume=resume, force=force)
     given = Request("walk", own_gait(run)) if isinstance(run, RunParameters) else load_request(run, settings)
     request = complete(given, progress)

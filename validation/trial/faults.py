@@ -32,14 +32,14 @@ class FaultyController:
     """
 
     def __init__(self, controller: Controller, run: RunParameters, robot: Robot) -> None:
-        fault, ticks = run.disturbance, run.controller.frequency
+        fault = run.disturbance
         self.controller, self.fault = controller, fault
         random, signs = (np.random.default_rng([fault.seed, stream]) for stream in range(2))
         self._random, self._limit = random, robot.torque_limit
         self._bias = fault.torque_bias * signs.choice([-1.0, 1.0], robot.nu)
-        delays = [1 + round(delay * ticks) for delay in (fault.sensing_delay, fault.actuation_delay)]
-        self._sensed: deque[tuple[Array, Array, Touch]] = deque(maxlen=delays[0])
-        self._given: deque[tuple[Array, Array | None]] = deque(maxlen=delays[1])
+        sensing, actuation = fault.delays(run.controller.frequency)
+        self._sensed: deque[tuple[Array, Array, Touch]] = deque(maxlen=1 + sensing)
+        self._given: deque[tuple[Array, Array | None]] = deque(maxlen=1 + actuation)
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One tick: the controller's, from what is sensed; the torques are those that act."""

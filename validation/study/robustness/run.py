@@ -15,7 +15,7 @@ from validation.progress import Progress, Stage
 from validation.store.folders import output_file
 from validation.store.identity import code_hash
 from validation.store.json import write_json
-from validation.study.resumable import Journal, study_folder, work_off
+from validation.study.resumable import Journal, processes, study_folder, work_off
 from validation.study.robustness.cells import (
     DURATION,
     PUSH_STEP,
@@ -89,7 +89,8 @@ def robustness(
     Raises:
         InputError, RefusedGait: the request cannot be met, or ``out`` holds something else.
     """
-    needed(replicas)
+    needed(replicas), processes(workers)
+    chosen([*push_cells(), *other_cells()], only)  # refuse before anything is planned
     progress = progress or Progress()
     target = study_folder(out, FILES, JOURNAL, what="robustness study", resume=resume, force=force)
     if isinstance(run, RunParameters):
