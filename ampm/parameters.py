@@ -6,7 +6,7 @@ Keys are namespaced (``gait.step_length``); :mod:`ampm.run_file` reads and write
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Literal
@@ -373,6 +373,12 @@ class RunParameters(Section):
         self.disturbance.delays(self.controller.frequency)
         return self
 
+    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        """What differs from the defaults; of footsteps their number."""
+        yield from self.model_dump(exclude_defaults=True, exclude={"footsteps"}).items()
+        if self.footsteps:
+            yield "footsteps", f"[{len(self.footsteps)}]"
+
     def value(self, key: str) -> Any:
         """Value of a namespaced key."""
         section, _, name = key.partition(".")
@@ -437,25 +443,12 @@ def assign(table: dict[str, Any], key: str, value: Any) -> None:
 
 
 OPEN_KEYS = (
-    "gait.single_support_ratio",
-    "gait.a_s",
-    "gait.com_height",
-    "gait.step_width",
-    "body.lean",
-    "body.arm_abduction",
-    "body.angular_momentum_z",
-    "foot.toe_off_angle",
-    "foot.toe_off_rate",
-    "foot.toe_return",
-    "foot.heel_strike_angle",
-    "foot.heel_strike_rate",
-    "foot.full_contact",
-    "foot.heel_rise_lead",
-    "foot.swing_height",
-    "foot.swing_lag",
-    "controller.swing_stiffness",
+    "gait.single_support_ratio", "gait.a_s", "gait.com_height", "gait.step_width", "body.lean",
+    "body.arm_abduction", "body.angular_momentum_z", "foot.toe_off_angle", "foot.toe_off_rate",
+    "foot.toe_return", "foot.heel_strike_angle", "foot.heel_strike_rate", "foot.full_contact",
+    "foot.heel_rise_lead", "foot.swing_height", "foot.swing_lag", "controller.swing_stiffness",
     "controller.swing_damping",
-)
+)  # fmt: skip
 """What a gait may leave open, to be found for the rest: all others say what the gait is about."""
 
 SECTIONS: Mapping[str, type[Section]] = {

@@ -157,7 +157,16 @@ def test_reprs_are_short(trial, tmp_path):
     saved = val.load(trial.save(tmp_path / "run", recording=False))
     assert repr(trial) == f"Trial(pushed, 2 steps, completed, {trial.verdict.name})"
     assert repr(saved).startswith(f"SavedRun({tmp_path / 'run'}: pushed, 2 steps")
-    assert len(repr(trial.record)) < 100
+    held = (
+        trial.record, saved.record, trial.planned, trial.planned.body, trial.plan, trial.plan.feet,
+        trial.plan.posture, trial.measured, trial.comparison, trial.verdict, saved.signals,
+        ampm.plan("momentum"),
+    )  # fmt: skip
+    for value in held:  # one line, however long the arrays
+        assert len(repr(value)) < 400
+        assert "\n" not in repr(value)
+    assert repr(ampm.load_run("normal", gait={"steps": 3})) == "RunParameters(gait={'steps': 3})"
+    assert repr(ampm.plan("momentum")).startswith("CentroidalPlan(mass=60, gravity=9.81, com_height=0.865, ")
 
 
 def test_an_unknown_kind_of_metric_is_refused():

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import TypeAdapter
 
+from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.walk import PostureState
 
@@ -91,7 +92,7 @@ MOTION_UNITS: Mapping[str, str] = {
 
 
 @dataclass(frozen=True)
-class WholeBodyMotion:
+class WholeBodyMotion(Brief):
     """One periodic step of a body: left stance, from the start of single support to the next one.
 
     Attributes:
@@ -186,7 +187,7 @@ class WholeBodyMotion:
 
 
 @dataclass(frozen=True)
-class PeriodicPosture:
+class PeriodicPosture(Brief):
     """A periodic whole-body step as the posture of a walk.
 
     Attributes:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ampm.arithmetic import cos, sin
+from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.planner.contacts import PHASE_NAMES, STANCE_NAMES, Contacts
 from ampm.planner.pendulum import AffineLaw, LawState
@@ -119,7 +120,7 @@ class PlanResiduals:
 
 
 @dataclass(frozen=True)
-class PlanSample:
+class PlanSample(Brief):
     """The plan at N times; all vectors in world, all arrays read-only.
 
     Attributes:
@@ -198,7 +199,7 @@ class _Motion(NamedTuple):
 
 
 @dataclass(frozen=True)
-class CentroidalPlan:
+class CentroidalPlan(Brief):
     """Motion of COM and ZMP over contacts.
 
     Attributes:

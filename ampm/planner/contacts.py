@@ -15,6 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ampm.brief import Brief
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
 
@@ -69,7 +70,7 @@ class Phase(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Contacts:
+class Contacts(Brief):
     """Footsteps and phases of a walk.
 
     Attributes:

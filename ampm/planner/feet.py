@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ampm.arithmetic import cos, sin
+from ampm.brief import Brief
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
 
@@ -97,7 +98,7 @@ class FootPath:
 
 
 @dataclass(frozen=True)
-class FeetPlan:
+class FeetPlan(Brief):
     """Both feet's paths over a whole plan."""
 
     sole: SoleGeometry

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ampm.brief import Brief
 from ampm.description import BodyDescription
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import RunParameters
@@ -57,7 +58,7 @@ _TRIAL = 0.01  # displacement of the landing in the second and third solve [m]
 
 
 @dataclass(frozen=True)
-class LiveWalk:
+class LiveWalk(Brief):
     """A walk over footsteps, and what is needed to change it.
 
     Attributes:

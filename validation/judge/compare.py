@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ampm.brief import Brief
 from ampm.exceptions import InputError
 from validation.judge.margins import energy, feedback_effort, margins
 
@@ -157,7 +158,7 @@ class ZmpErrorSplit:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Brief):
     """A walk beside its plan, from which metrics are computed.
 
     Attributes:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ampm.brief import Brief
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.judge.compare import Comparison, statistics_table
 from validation.judge.metrics import METRICS, display_unit, has_qp
@@ -122,7 +123,7 @@ class MetricResult:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(Brief):
     """Metrics of a run compared with a profile.
 
     Attributes:

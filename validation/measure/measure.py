@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from ampm.arithmetic import cos, sin
+from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import polygon_margin
 from validation.trial.record import support_height
@@ -64,7 +65,7 @@ class SelfChecks:
 
 
 @dataclass(frozen=True)
-class MeasuredGait:
+class MeasuredGait(Brief):
     """Measured signals of one run, row k for step k ([t_k, t_(k+1)]); world frame, floor at z = 0.
 
     Forces and torques act on the body. Where fewer than :data:`LEAST_SUPPORT` of the weight are carried, both

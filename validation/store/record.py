@@ -276,6 +276,10 @@ class StoredRecord:
         self.every = restart_steps(self.time_step)
         self.state_rows = restart_rows(self.steps, self.time_step)
 
+    def __repr__(self) -> str:
+        """Outcome and time, without the arrays."""
+        return f"StoredRecord({self.outcome.summary} at {self.outcome.time:g} s)"
+
     def __getattr__(self, name: str) -> NDArray[Any]:
         """Read an array; it is kept until :meth:`forget`.
 

@@ -16,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from ampm.brief import Brief
 from ampm.exceptions import InputError
 from validation.store.record import read_table, write_table
 
@@ -58,7 +59,7 @@ def column_of(name: str) -> SignalColumn:
 
 
 @dataclass(frozen=True)
-class Signals:
+class Signals(Brief):
     """Columns of ``signals.parquet``; a null is NaN.
 
     Attributes:

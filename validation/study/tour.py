@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ampm.brief import Brief
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import RunParameters
 from ampm.planner import routes
@@ -90,7 +91,7 @@ class Walked:
 
 
 @dataclass(frozen=True)
-class Tours:
+class Tours(Brief):
     """Tours of one gait.
 
     Attributes:

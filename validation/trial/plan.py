@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import platformdirs
 
+from ampm.brief import Brief
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import HUMAN, OPEN_KEYS, RunParameters
 from ampm.planner.periodic import plan_gait
@@ -67,7 +68,7 @@ def gait_title(name: str, changed: Mapping[str, Any], planner: str = "") -> str:
 
 
 @dataclass(frozen=True)
-class Body:
+class Body(Brief):
     """A body for simulator and controller.
 
     Attributes:
@@ -82,7 +83,7 @@ class Body:
 
 
 @dataclass(frozen=True)
-class PlannedWalk:
+class PlannedWalk(Brief):
     """Inputs of a walk.
 
     Attributes:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.run_file import load_run
 from validation.measure.instruments.chain import BIAS, FILTER
@@ -51,7 +52,7 @@ class ErrorStatistics:
 
 
 @dataclass(frozen=True)
-class Observation:
+class Observation(Brief):
     """Readings of an instrument on a walk, row k for the start of step k; K rows, world frame, SI units.
 
     Attributes:

@@ -23,6 +23,7 @@ import numpy as np
 from ampm.body.motion import WholeBodyMotion
 from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
+from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.run_file import load_run
@@ -60,7 +61,7 @@ class Joints:
 
 
 @dataclass(frozen=True)
-class Side:
+class Side(Brief):
     """One of the two gaits, walked.
 
     Attributes:
@@ -154,7 +155,7 @@ class Row(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Pair:
+class Pair(Brief):
     """Both sides and all their compared quantities.
 
     Attributes:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ampm.brief import Brief
 from validation.judge.metrics import MetricValue
 from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
@@ -79,7 +80,7 @@ class MetricStudy(MetricResult):
 
 
 @dataclass(frozen=True)
-class Convergence:
+class Convergence(Brief):
     """All studies of one gait.
 
     Attributes:

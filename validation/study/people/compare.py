@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ampm.brief import Brief
 from ampm.exceptions import AmpmError, InputError
 from ampm.parameters import GRAVITY
 from ampm.planner.periodic import plan_gait
@@ -68,7 +69,7 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class People:
+class People(Brief):
     """A recorded person, and the run beside.
 
     Attributes:

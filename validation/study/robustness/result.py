@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ampm.brief import Brief
 from validation.store.json import json_ready
 from validation.study.robustness.cells import PUSHES, Cell, needed
 from validation.study.robustness.walks import LevelResult
@@ -73,7 +74,7 @@ class CellResult:
 
 
 @dataclass(frozen=True)
-class Robustness:
+class Robustness(Brief):
     """A robustness study.
 
     Attributes:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import false_discovery_control, wilcoxon
 
+from ampm.brief import Brief
 from ampm.exceptions import InputError
 from validation.judge.uncertainty import Uncertainty, load_uncertainty
 from validation.study.sweep.table import METRIC, STATES, State, SweepTable, read_sweep
@@ -138,7 +139,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class SweepDiff:
+class SweepDiff(Brief):
     """Two sweeps compared.
 
     Attributes:

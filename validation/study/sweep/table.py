@@ -18,6 +18,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.parameters import GRAVITY, RunParameters
 from validation.judge.metrics import display_unit
@@ -76,7 +77,7 @@ BROKEN = (State.CRASHED, State.TIMED_OUT, State.INTERRUPTED)
 
 
 @dataclass(frozen=True)
-class SweepTable:
+class SweepTable(Brief):
     """One sweep, finished or not.
 
     Attributes:
