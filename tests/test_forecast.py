@@ -133,6 +133,7 @@ def walks(monkeypatch):
 
     monkeypatch.setattr(Task, "plan", plan)
     monkeypatch.setattr(Task, "walk", lambda *_: None)
+    monkeypatch.setattr(forecasting, "keep_run", lambda *_: "")
     return walked
 
 
@@ -153,6 +154,7 @@ def test_a_forecast_counts_and_says_so(walks, tmp_path, capsys):
     assert (found.runs, found.gaits, found.checked, found.walking, found.exact) == (12, 2, 2, 2, True)
     assert [run.gait.steps for run in walks] == [forecasting.TIMED_STEPS]
     assert found.wall_clock == found.seconds
+    assert found.kept == 2  # of 10 that might, as no more walk
     told = json.loads(json.dumps(json_ready(found.as_dict()), allow_nan=False))
     assert (told["runs"], told["walking"]) == (12, 2)
     path = tmp_path / "sweep.toml"
@@ -213,3 +215,6 @@ def test_one_walk_is_timed():
     found = forecast(parse_sweep(f'[sweep]\ngait = "flat"\nsteps = 2\n{GRID}contact.friction = [0.8]'), 1)
     assert found.seconds is not None
     assert 0.0 < found.seconds < 60.0
+    assert found.recording is not None
+    assert found.recording > 0.1
+    assert found.keeping == pytest.approx(found.seconds + found.recording)  # its only run, once more

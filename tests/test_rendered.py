@@ -81,7 +81,7 @@ FORECAST = Forecast(
     definition=parse_sweep('[[vary]]\nmethod = "list"\ngait.c_y = [0.5, 1.0]\n'), runs=2,
     refused=(Refused("c_y_not_positive", 1, "too low; raise it."),), gaits=9, checked=5,
     body_refused=(Refused("leg_too_short", 1, "too long; shorten it."),), motion_refused=("bend the knee.",),
-    walking=1, seconds=3.0, workers=2,
+    walking=1, seconds=3.0, recording=2.0, workers=2,
 )  # fmt: skip
 
 

@@ -172,6 +172,10 @@ def print_forecast(found: Forecast) -> None:
             f"one run takes about {format_duration(found.seconds)}, the sweep "
             f"{format_duration(found.wall_clock)} with {found.workers} workers"
         )
+        if found.kept and found.keeping is not None:
+            some = {"all": "every run", "worst": f"the worst {found.kept}"}
+            which = some.get(definition.recordings, f"up to {found.kept} failures")
+            print_line(f"recording and report of {which} take up to {format_duration(found.keeping)} more")
     for text in found.motion_refused:
         print_line(f"tried to time it, and refused: {text}")
     print_line("not checked: motions that do not close or reach a joint limit, and falls")

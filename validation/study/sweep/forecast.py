@@ -6,8 +6,9 @@ One run is walked, to time it. Bounds and formula are checked for every run, sol
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from ampm.planner.periodic import plan_gait
 from ampm.run_file import key_info
 from validation.progress import Progress
 from validation.study.sweep.design import STEPS_KEY, SweepDefinition
-from validation.study.sweep.task import Task
+from validation.study.sweep.task import Task, keep_run
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -67,6 +68,7 @@ class Forecast:
         motion_refused: refusals by the whole-body motion before the timed run.
         walking: upper bound of runs that walk, estimated from the checked share if not all were checked.
         seconds: of one run, from a timed walk; None if none could be walked [s].
+        recording: of a run's folder with recording and report, as ``seconds``; 0 where no run keeps one [s].
         workers: processes.
     """
 
@@ -79,6 +81,7 @@ class Forecast:
     motion_refused: tuple[str, ...]
     walking: int
     seconds: float | None
+    recording: float | None
     workers: int
 
     @property
@@ -96,12 +99,27 @@ class Forecast:
         """Estimated duration of the sweep [s]; None if no walk was timed."""
         return None if self.seconds is None else self.seconds * -(-self.walking // self.workers)
 
+    @property
+    def kept(self) -> int:
+        """Most runs that keep a folder."""
+        some = {"none": 0, "all": self.walking}.get(self.definition.recordings, self.definition.worst)
+        return min(some, self.walking)
+
+    @property
+    def keeping(self) -> float | None:
+        """Longest time for these folders [s]; the worst runs are walked again. None if no walk was timed."""
+        if self.seconds is None or self.recording is None:
+            return None
+        again = 0.0 if self.definition.recordings == "all" else self.seconds
+        return (again + self.recording) * -(-self.kept // self.workers)
+
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, times in s."""
         answer = asdict(self)
         del answer["definition"]
         own = {"sweep": self.definition.name, "varied": list(self.definition.keys)}
-        return {**own, **answer, "exact": self.exact, "wall_clock": self.wall_clock}
+        derived = {name: getattr(self, name) for name in ("exact", "wall_clock", "kept", "keeping")}
+        return {**own, **answer, **derived}
 
 
 def forecast(definition: SweepDefinition, workers: int, *, progress: Progress | None = None) -> Forecast:
@@ -140,7 +158,9 @@ def forecast(definition: SweepDefinition, workers: int, *, progress: Progress | 
             found[reason] = Refused(reason, known.runs + int(sharing[index]), known.example)
     share = 1.0 - sum(item.runs for item in found.values()) / max(int(sharing[chosen].sum()), 1)
     motions = len(first) / max(len(numbers), 1)
-    seconds, motion_refused = _time_walk(definition, passing[:_TIMED], motions, progress or Progress())
+    seconds, recording, motion_refused = _time_walk(
+        definition, passing[:_TIMED], motions, progress or Progress()
+    )
     return Forecast(
         definition=definition,
         runs=len(definition),
@@ -151,6 +171,7 @@ def forecast(definition: SweepDefinition, workers: int, *, progress: Progress | 
         motion_refused=tuple(motion_refused),
         walking=round(share * len(numbers)),
         seconds=seconds,
+        recording=recording,
         workers=workers,
     )
 
@@ -221,8 +242,8 @@ def _motions(definition: SweepDefinition, runs: NDArray[np.int64]) -> NDArray[np
 
 def _time_walk(
     definition: SweepDefinition, candidates: list[int], share: float, progress: Progress
-) -> tuple[float | None, list[str]]:
-    """Time a walk of few steps.
+) -> tuple[float | None, float | None, list[str]]:
+    """Time a walk of few steps, and its folder if runs keep one.
 
     Args:
         definition: the sweep.
@@ -231,7 +252,8 @@ def _time_walk(
         progress: where to report stages.
 
     Returns:
-        Wall-clock time of one run, None if none of them can be walked [s]; the refusals before it, in words.
+        Wall-clock time of one run and of one folder, None if none of them can be walked [s]; the refusals
+        before it, in words.
     """
     steps = min(TIMED_STEPS, definition.steps)
     refused: list[str] = []
@@ -247,8 +269,13 @@ def _time_walk(
                 refused.append(str(error))
                 continue
             ready = time.perf_counter()
-            task.walk(planned)
-            walked = time.perf_counter() - ready
+            trial = task.walk(planned)
+            walked, folder = time.perf_counter() - ready, 0.0
+            if definition.recordings != "none":
+                with TemporaryDirectory(prefix="ampm-sweep-") as place:
+                    keep_run(trial, replace(task, folder=place))
+                folder = time.perf_counter() - ready - walked
             planning = (ready - start) / (len(refused) + 1)  # includes the time of refusals
-            return share * planning + walked * definition.steps / steps, refused
-    return None, refused
+            longer = definition.steps / steps
+            return share * planning + walked * longer, folder * longer, refused
+    return None, None, refused
