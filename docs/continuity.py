@@ -1,4 +1,4 @@
-"""Walk the comparisons of docs/continuity.md again; rewrite its table, its picture and data/continuity.csv.
+"""Walk the comparisons of docs/continuity.md again; rewrite its picture and data/continuity.csv.
 
     python docs/continuity.py
 Four times ``ampm compare`` with eight walks in all: about two minutes.
@@ -13,19 +13,12 @@ from pathlib import Path
 
 from ampm.run_file import dump_run, load_run
 from validation.cli.console import Narrator
-from validation.show.text import markdown_table, replace_between
 from validation.study.compare.pair import Pair, compare_pair
 from validation.study.compare.report import draw_file, facts, shown
 
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "continuity.png"
 DATA = PAGE.parent / "data" / "continuity.csv"
-SHOWN = (
-    "without a grid (extrapolated)", "COM acceleration, mean of 20 ms after less before: measured",
-    "fastest change of the horizontal force", "x, RMSE within 50 ms of a switch", "x, RMSE elsewhere",
-    "ZMP x, largest error", "fastest joint within 50 ms (median over switches)",
-)  # fmt: skip
-"""On the page; the file has all quantities."""
 FASTER = "gait.switching_velocity=1.0808"
 """The plain pendulum slows down more over the foot: this v0 gives it the normal gait's mean speed."""
 RESTING = "gait.a_s=inf"
@@ -33,7 +26,7 @@ RESTING = "gait.a_s=inf"
 
 
 def main() -> None:
-    """Walk all pairs, and rewrite the table and the picture of the page."""
+    """Walk all pairs, and rewrite the values and the picture of the page."""
     with tempfile.TemporaryDirectory() as folder:
 
         def gait(name: str, preset: str, *settings: str, like: str) -> str:
@@ -56,9 +49,6 @@ def main() -> None:
     header, rows = _rows(pairs)
     with DATA.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows([header, *rows])
-    shown_rows = [row[1:] for row in rows if row[1] in SHOWN]
-    page = replace_between(PAGE.read_text(encoding="utf-8"), "values", markdown_table(header[1:], shown_rows))
-    PAGE.write_text(page, encoding="utf-8")
 
 
 def _pair(a: str, b: str) -> Pair:

@@ -1,13 +1,12 @@
 """Walk the paper's demos again: ``python docs/demos.py`` writes demos.csv, slopes.csv and momentum-z.csv.
 
 Every row is one trial. With the tuning of the gaits towards the limits of c_s it takes fifteen minutes on an
-idle machine. ``python docs/demos.py momentum-z`` writes only that table, of which docs/paper.md shows a part.
+idle machine. ``python docs/demos.py momentum-z`` writes only that table.
 """
 
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,9 +16,7 @@ import validation as val
 from ampm.presets import PRESETS
 from ampm.run_file import load_run
 from validation.judge.profiles import own_profile
-from validation.show.text import markdown_table, replace_between
 
-PAGE = Path(__file__).with_name("paper.md")
 COLUMNS = (
     "preset",
     *AGREEMENT,
@@ -48,8 +45,6 @@ VERTICAL = (
     "cost of transport",
     "profile, verdict",
 )
-SHOWN = (0, 1, 2, 3, 4, 6, 9)
-"""Columns of VERTICAL on the page, for some presets; the data file has all."""
 LIMITS = (
     "step, v0 [m, m/s]",
     "c_s",
@@ -76,10 +71,6 @@ def main() -> None:
     """Walk every preset, with L_z free and zero, and every step towards the limits of c_s."""
     vertical = [_vertical(name, choice) for name in PRESETS for choice in ("free", "zero")]
     write_rows("momentum-z", [VERTICAL, *vertical])
-    shown = [[row[k] for k in SHOWN] for row in vertical if row[0] in {"normal", "momentum", "flat", "pitch"}]
-    table = markdown_table([VERTICAL[k] for k in SHOWN], shown)
-    page = replace_between(PAGE.read_text(encoding="utf-8"), "momentum-z", table)
-    PAGE.write_text(page, encoding="utf-8")
     if sys.argv[1:] == ["momentum-z"]:
         return
     write_rows("demos", [COLUMNS, *(_preset(name) for name in PRESETS)])
