@@ -88,7 +88,7 @@ class DisturbanceParameters(Section, section="disturbance"):
             if abs(delay * frequency - ticks) > 1e-9 * max(1, ticks):
                 raise InputError(
                     f"disturbance.{key} = {delay:g} s is no multiple of the controller's tick of "
-                    f"{1.0 / frequency:g} s; choose for example {ticks / frequency:g}.",
+                    f"{1.0 / frequency:g} s; choose for example {ticks / frequency:.12g}.",
                     key=f"disturbance.{key}",
                     value=delay,
                 )

@@ -481,7 +481,7 @@ def steps_per_tick(frequency: float, time_step: float) -> int:
     ratio = 1.0 / (frequency * time_step)
     steps = round(ratio)
     if steps < 1 or abs(ratio - steps) > 1e-9 * ratio:
-        fitting = f"choose for example controller.frequency = {1.0 / (max(1, steps) * time_step):g}"
+        fitting = f"choose for example controller.frequency = {1.0 / (max(1, steps) * time_step):.12g}"
         raise InputError(
             f"controller.frequency = {frequency:g} Hz gives a tick every {ratio:.4g} time steps of "
             f"{time_step:g} s; it must be a whole number: {fitting}.",

@@ -145,7 +145,8 @@ def test_workers_find_the_same():
 
 @pytest.mark.parametrize(
     ("options", "word"),
-    [({"only": ("wind",)}, "wind"), ({"replicas": 0}, "--replicas 0"), ({"workers": 0}, "--workers 0"),
+    [({"only": ("wind",)}, "'wind' is no .* friction_factor, .* pushes"),
+     ({"replicas": 0}, "--replicas 0"), ({"workers": 0}, "--workers 0"),
      ({"resume": True}, "--out")],
 )  # fmt: skip
 def test_bad_requests_are_refused_before_anything_is_planned(options, word, monkeypatch):

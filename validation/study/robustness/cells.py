@@ -10,7 +10,6 @@ from typing import Any
 from ampm.exceptions import InputError
 from ampm.planner.capture import DIRECTIONS, PUSH_PHASES, Direction, PushPhase
 from ampm.run_file import key_info
-from ampm.section import unknown
 
 HEIGHTS = ("com", "chest")
 """Where pushes act."""
@@ -135,7 +134,8 @@ def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:
     kinds = {cell.key.rpartition(".")[2] for cell in cells}
     for name in only:
         if name not in kinds:
-            raise unknown(name, sorted(kinds), "kind of disturbance")
+            known = ", ".join(sorted(kinds))
+            raise InputError(f"{name!r} is no kind of disturbance; take some of {known}.", value=name)
     return tuple(cell for cell in cells if not only or cell.key.rpartition(".")[2] in only)
 
 
