@@ -47,10 +47,12 @@ def plan(footsteps, run=RUN):
 
 
 @pytest.mark.parametrize("name", WALKS)
-def test_feet_move_smoothly_and_stand_where_they_should(name):
-    walk = plan(WALKS[name])
+@pytest.mark.parametrize("lead", [0.0, -0.1])
+def test_feet_move_smoothly_and_stand_where_they_should(name, lead):
+    walk = plan(WALKS[name], ampm.load_run("normal", foot={"heel_rise_lead": lead}))
     h = 1e-6
     for foot, path in zip(("left", "right"), (walk.feet.left, walk.feet.right), strict=True):
+        assert (np.diff(path.start) > 0.01).all()
         switches = path.start[(path.start > 0.0)]
         before, after = (walk.feet.sample(switches + shift)[foot == "right"] for shift in (-h, h))
         np.testing.assert_allclose(after.position, before.position, atol=1e-5)
@@ -194,9 +196,9 @@ def test_other_swings_are_refused():
     paper = RUN.replace({"foot.swing": "paper"})
     with pytest.raises(InputError, match=r"foot\.swing = quintic, not paper"):
         plan(WALKS["straight"], paper)
-    early = RUN.replace({"foot.heel_rise_lead": 0.9})
-    with pytest.raises(InputError, match="lets a heel rise before the foot stands alone"):
-        plan(WALKS["straight"], early)
+    for lead in (0.9, -0.9):
+        with pytest.raises(InputError, match="lets the heel rise before the foot stands alone, or after"):
+            plan(WALKS["straight"], RUN.replace({"foot.heel_rise_lead": lead}))
 
 
 # ------------------------------------------------------------------------------------------------ run files

@@ -127,11 +127,8 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift
         )
     times = np.array([phase[:2] for phase in contacts.phases])
     start, single, double = times[0::2, 0], times[0::2, 1], times[1::2, 1]
-    if foot.schedule == "roll" and not -double.min() < foot.heel_rise_lead < single.min():
-        raise InputError(
-            f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets the heel rise before the foot stands "
-            f"alone, or after it has left; take one between {-double.min():.4g} s and {single.min():.4g} s."
-        )
+    if foot.schedule == "roll":
+        check_heel_rise(foot, single, double)
     placement = np.array([f.position for f in contacts.footsteps])
     n = len(start)
     behind, here, ahead = placement[:n], placement[1 : n + 1], placement[2 : n + 2]
@@ -145,6 +142,15 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, lift
         right=_foot_path(table, stands != stands_left),
         duration=contacts.duration,
     )
+
+
+def check_heel_rise(foot: FootParameters, single: Array, double: Array) -> None:
+    """Refuse a heel that does not rise between single supports, of durations (n,) each [s]."""
+    if not -double.min() < foot.heel_rise_lead < single.min():
+        raise InputError(
+            f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets the heel rise before the foot stands "
+            f"alone, or after it has left; take one between {-double.min():.4g} s and {single.min():.4g} s."
+        )
 
 
 def _stride(

@@ -27,7 +27,7 @@ from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.contacts import Contacts
 from ampm.planner.feet import PIVOT_BALL, PIVOT_HEEL, FeetPlan, FootPath
 from ampm.planner.heights import Ground, uneven
-from ampm.planner.stride import LIFT, quintic, shift
+from ampm.planner.stride import LIFT, check_heel_rise, quintic, shift
 
 Array = NDArray[np.float64]
 Segment = tuple[float, np.int8, tuple[bool, bool, bool], Array]
@@ -89,7 +89,7 @@ def plan_swings(
         step_length: of the gait, for which its key-frames are meant [m].
 
     Raises:
-        InputError: ``foot.swing`` is not quintic, or the heel would rise long before the other foot lands.
+        InputError: ``foot.swing`` is not quintic, or the heel would rise too early or too late.
         BodilyRefusal: a foot cannot swing over an edge of the floor.
     """
     steps = plan.contacts.footsteps
@@ -131,11 +131,7 @@ def _planned(
     start, duration = np.array([phase[:2] for phase in phases]).T
     double, single, lifted = duration[0::2], duration[1::2], start[1::2]
     n = len(single)
-    if not foot.heel_rise_lead < single.min():
-        raise InputError(
-            f"foot.heel_rise_lead = {foot.heel_rise_lead:g} s lets a heel rise before the foot stands alone; "
-            f"take less than {single.min():.4g} s."
-        )
+    check_heel_rise(foot, single, double[:n])
     roll = _rolls(plan, foot, sole, step_length)
     turn = heading[2:] - heading[:n]
     turn -= 2.0 * math.pi * np.round(turn / (2.0 * math.pi))
@@ -201,9 +197,12 @@ def _rolls(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, step_
     behind = sole.ball_x - _AT_BALL - end[:-1]
     delay[1:] = np.clip(behind / (_WAIT * sole.length), 0.0, _LATEST)
     lift[1:][end[:-1] < _NO_RISE * sole.ball_x] = 0.0
+    double = np.diff(starts, append=contacts.duration)[0::2]
+    # A heel that rises late by itself waits only for the rest.
+    late = np.minimum(foot.heel_rise_lead, 0.0) / double[:-1]
+    wait = np.maximum(delay + late, 0.0)
     back = -begin[1:] / -sole.heel_x
     strike[:-1] *= np.clip((back - _NO_STRIKE) / (_FULL_STRIKE - _NO_STRIKE), 0.0, 1.0)
-    double = np.diff(starts, append=contacts.duration)[0::2]
     # The sole is down before the ZMP has passed the heel.
     share_of_time = np.linspace(0.0, foot.full_contact, _GRID)
     times = (starts[2::2, None] + share_of_time * double[1:, None]).ravel()
@@ -212,9 +211,9 @@ def _rolls(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, step_
     before = (zmp * landing[:, None]).sum(axis=2) <= sole.heel_x
     down = foot.full_contact * np.clip((before.sum(axis=1) - 1) / (_GRID - 1), _QUICKEST, 1.0)
     return Roll(
-        lift=lift * foot.toe_off_angle * (1.0 - delay),
+        lift=lift * foot.toe_off_angle * (1.0 - wait / (1.0 + late)),
         lift_rate=lift * foot.toe_off_rate,
-        delay=delay * double[:-1],
+        delay=wait * double[:-1],
         share=lift * (1.0 - delay),
         strike=strike * foot.heel_strike_angle,
         strike_rate=strike * foot.heel_strike_rate,
@@ -265,7 +264,7 @@ def _curves(
     # Heel rise about the ball, roll down about the heel.
     still, lifting, striking = np.zeros((3, 3, n))
     lifting[0], lifting[1] = roll.lift, roll.lift_rate
-    rise = np.maximum(double[:n] + foot.heel_rise_lead - roll.delay, 1e-3)
+    rise = double[:n] + foot.heel_rise_lead - roll.delay
     rising[:, :3, 0] = begin[0, :3].T
     rising[:, PITCH, :6] = quintic(still, lifting, rise)
     if sole.has_toes:
