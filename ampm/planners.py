@@ -230,15 +230,15 @@ class AmpmFootsteps:
         if begin is not None:
             raise InputError("a walk over footsteps begins at rest; plan it without a boundary.")
         # Imported here, as the inverse kinematics is compiled.
-        from ampm.body.clearance import check_clearance
         from ampm.body.constant_posture import ConstantPosture
+        from ampm.body.walk_motion import check_walk
 
         run, robot = request.run, request.robot
         asked = self.changes or self.stop is not None
         steps = self._requested(run, robot) if asked else plan_footstep_walk(run, robot.description)
         spread = run.replace({"body.arm_abduction": max(run.body.arm_abduction, SPREAD_ARMS)})
         posture = ConstantPosture(steps, spread, robot, stops(steps.contacts))
-        check_clearance(steps, posture, spread, robot)
+        check_walk(steps, posture, spread, robot)
         return FootstepWalk.of(steps, posture=posture)
 
     def _requested(self, run: RunParameters, robot: Robot) -> StepPlan:

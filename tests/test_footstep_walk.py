@@ -32,7 +32,7 @@ WALKS = {
     "straight": routes.straight(6, 0.6, WIDTH),
     "backward": routes.straight(5, -0.3, WIDTH),
     "arc": routes.arc(7, 0.4, -1.0, WIDTH),
-    "turn": routes.turn(6, 2.0, WIDTH),
+    "turn": routes.turn(7, 2.0, WIDTH),
     "sidestep": routes.sidestep(6, 0.2, WIDTH),
     "stones": routes.stones(8, 0.5, WIDTH, seed=2),
 }
@@ -378,8 +378,9 @@ def test_a_stop_in_the_last_swing_or_after_it_changes_nothing():
     for at in (last.start + 0.1, old.duration + 5.0):
         new = stop_of("arc", at)
         assert new.contacts == old.contacts
-    with pytest.raises(InputError, match="a request at -1 s is before the walk"):
-        stop_of("arc", -1.0)
+    for at in (-1.0, math.nan):
+        with pytest.raises(InputError, match=f"a request at {at:g} s is not in the walk"):
+            stop_of("arc", at)
 
 
 def test_a_stop_with_angular_momentum_ends_without_any():
@@ -456,12 +457,20 @@ def test_a_walk_goes_on_over_new_footsteps(name, whole):
 def test_changes_that_are_no_walk():
     live = LiveWalk.of(over(WALKS["straight"]), BODY)
     ahead = onward(live, 2.0, NEW["slower"])
-    with pytest.raises(InputError, match="1 footsteps end no walk"):
+    with pytest.raises(InputError, match="at least 2 footsteps, not 1"):
         live.changed(2.0, ahead[:1])
     with pytest.raises(InputError, match="are both of the"):
         live.changed(2.0, ahead[1:])
     with pytest.raises(InputError, match="comes when the walk has ended"):
         live.changed(99.0, ahead)
+    crossed = [
+        ahead[0],
+        ahead[1]._replace(position=(ahead[1].position[0], -ahead[1].position[1], 0.0)),
+        *ahead[2:],
+    ]
+    number = live.next_landing(2.0) + 2
+    with pytest.raises(BodilyRefusal, match=f"footstep {number}: the .* foot is .* aside of the other"):
+        live.changed(2.0, crossed)
     far = [step._replace(position=(step.position[0] + 1.0, *step.position[1:])) for step in ahead]
     with pytest.raises(BodilyRefusal, match=r"moves footstep \d+ by .* more than 0\.29"):
         live.changed(2.0, far)

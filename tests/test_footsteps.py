@@ -239,7 +239,7 @@ def test_a_walk_is_the_same_wherever_it_begins(gait):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda steps: steps[:3], "3 footsteps are no walk"),
+        (lambda steps: steps[:3], "at least 4 footsteps, not 3"),
         (lambda steps: [*steps[:3], *steps[4:]], "footsteps 3 and 4 are both of the right foot"),
         (lambda steps: [*steps[:-1], steps[-1]._replace(heading=math.nan)], "no finite number"),
     ],

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 import pinocchio as pin
 
+from ampm.arithmetic import product
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription
 from ampm.exceptions import InputError
 
@@ -237,6 +238,22 @@ class Robot:
         body = self.rigid_body
         body.place(q)
         return body.drift(v, v)
+
+    def floor_wrench(self, terms: TaskTerms, q: Array, torque: Array, foot: int) -> Array:
+        """Force and moment about a sole, in world axes, that relieve the root of its part of a torque.
+
+        Args:
+            terms: of the configuration.
+            q: configuration, shape (nq,).
+            torque: that a motion needs without contacts, shape (nv,) [N, N m].
+            foot: 0 left, 1 right.
+
+        Returns:
+            Shape (6,) [N, N m].
+        """
+        turn = terms.jacobian[6:9, :3]
+        force, moment = product(turn, torque[:3]), product(turn, torque[3:6])
+        return np.concatenate([force, moment - np.cross(terms.sole[foot] - q[:3], force)])
 
     def trunk_rotations(self, q: Array) -> Array:
         """Rotation of the trunk segment to world at configurations (T, nq), shape (T, 3, 3)."""

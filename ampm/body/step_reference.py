@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ampm.body.robot import TASK_ROWS
-from ampm.planner.feet import foot_rotation
+from ampm.planner.feet import foot_rotation, foot_turning
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -65,13 +65,29 @@ class StepReference:
         return replace(self, position=position, velocity=velocity, acceleration=acceleration)
 
     def turned(self, heading: ArrayLike) -> StepReference:
-        """The same places in axes that are turned about the vertical by one or n + 1 angles [rad]."""
+        """The same tasks in axes that are turned about the vertical by one or n + 1 angles [rad]."""
         angle = np.reshape(heading, -1)
         cos, sin = map(math.cos, angle), map(math.sin, angle)
         back = np.array([[[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]] for c, s in zip(cos, sin, strict=True)])
-        position = (self.position[..., None, :] * back[:, None]).sum(axis=-1)
-        still, feet = np.zeros_like(self.velocity), self.heading - angle[:, None]
-        return replace(self, position=position, velocity=still, acceleration=still, heading=feet)
+
+        def turn(vectors: Array) -> Array:
+            return np.asarray((vectors[..., None, :] * back[:, None]).sum(axis=-1))
+
+        velocity, acceleration = self.velocity.copy(), self.acceleration.copy()
+        for rows in (velocity, acceleration):
+            rows[:, :TASK_ROWS] = turn(rows[:, :TASK_ROWS].reshape(len(rows), -1, 3)).reshape(len(rows), -1)
+        feet = self.heading - angle[:, None]
+        return replace(
+            self,
+            position=turn(self.position),
+            velocity=velocity,
+            acceleration=acceleration,
+            heading=feet,
+        )
+
+    def part(self, rows: slice) -> StepReference:
+        """Some of the times."""
+        return StepReference(**{item.name: getattr(self, item.name)[rows] for item in fields(self)})
 
 
 def step_grid(plan: StepPlan, largest_step: float) -> Array:
@@ -88,10 +104,7 @@ def phase_grid(plan: StepPlan, n1: int, n2: int) -> Array:
 
 
 def step_reference(plan: StepPlan, time: Array) -> StepReference:
-    """Evaluate a plan and its feet as task references, without the plan's constant of L_y.
-
-    Feet that turn away from x must be at rest.
-    """
+    """Evaluate a plan and its feet as task references, without the plan's constant of L_y."""
     feet, mass = plan.feet.sample(time), plan.mass
     sample = plan.with_angular_momentum_offset(0.0).sample(time)
     n, has_toes = len(time), plan.feet.sole.has_toes
@@ -103,7 +116,7 @@ def step_reference(plan: StepPlan, time: Array) -> StepReference:
         row = 6 + 6 * foot
         position[:, 1 + foot] = motion.position
         velocity[:, row : row + 3], acceleration[:, row : row + 3] = motion.velocity, motion.acceleration
-        velocity[:, row + 4], acceleration[:, row + 4] = motion.pitch_velocity, motion.pitch_acceleration
+        velocity[:, row + 3 : row + 6], acceleration[:, row + 3 : row + 6] = foot_turning(motion)
         if has_toes:
             row = TASK_ROWS + foot
             velocity[:, row], acceleration[:, row] = motion.toe_velocity, motion.toe_acceleration

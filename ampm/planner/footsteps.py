@@ -147,7 +147,8 @@ def check_footsteps(footsteps: Sequence[Footstep]) -> None:
     """Refuse a list that is no walk."""
     if len(footsteps) < 4:
         raise InputError(
-            f"{len(footsteps)} footsteps are no walk; give where both feet stand and two steps or more."
+            f"a walk takes at least 4 footsteps, not {len(footsteps)}; give where both feet stand, then two "
+            "steps or more."
         )
     for number, (here, ahead) in enumerate(pairwise(footsteps), start=2):
         if here.foot == ahead.foot:

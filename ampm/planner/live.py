@@ -158,7 +158,7 @@ class LiveWalk(Brief):
     def _swing(self, at: float) -> int:
         """Number of the swing that meets a request, from 0."""
         if not at >= 0.0:
-            raise InputError(f"a request at {at:g} s is before the walk; give a time from 0 s on.", value=at)
+            raise InputError(f"a request at {at:g} s is not in the walk; give a time from 0 s on.", value=at)
         lead = max(self.run.foot.heel_rise_lead, 0.0)
         latest = self.walk.contacts.starts[1::2] + (1.0 - LEAST_LEFT) * self.walk.supports.single - lead
         return int(np.searchsorted(latest, at))
@@ -168,7 +168,9 @@ class LiveWalk(Brief):
         old = self.walk.contacts
         footsteps = [*old.footsteps[: k + 2], *ahead]
         if len(ahead) < 2:
-            raise InputError(f"{len(ahead)} footsteps end no walk; give where both feet land, or more.")
+            raise InputError(
+                f"a change takes at least 2 footsteps, not {len(ahead)}; give where both feet land."
+            )
         check_footsteps(footsteps)
         _refuse_heights(footsteps)
         landings = [None, None, *old.starts[2 : 2 * k + 3 : 2].tolist(), *[None] * (len(ahead) - 1)]
@@ -179,7 +181,7 @@ class LiveWalk(Brief):
         footsteps[k + 2] = _moved(footsteps[k + 2], moved)
         if whole:
             footsteps[k + 3 :] = [_moved(step, moved) for step in footsteps[k + 3 :]]
-        refuse_crossing(footsteps[k + 1 :], self.body.sole)
+        refuse_crossing(footsteps[k + 1 :], self.body.sole, k + 2)
         contacts = contacts_over(footsteps, self.walk.nominal, landings)
         supports, problem, solved = rest
         kept = tuple(phase for phase in self.steps.phases if phase.start < begin)

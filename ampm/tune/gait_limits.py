@@ -223,12 +223,9 @@ def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Arr
     for k in range(len(time)):
         q, v = trajectory.q[k], trajectory.v[k]
         terms = robot.jacobian(q)
-        soles, turn = [terms.jacobian[6:12], terms.jacobian[12:18]], terms.jacobian[6:9, :3]
+        soles = terms.jacobian[6:12], terms.jacobian[12:18]
         total = pin.rnea(robot.model, robot.data, q, v, trajectory.acceleration[k])
-        force, moment = product(turn, total[:3]), product(turn, total[3:6])  # about the root
-        wrench = np.concatenate(
-            [force, moment - np.cross(terms.sole[0] - q[:3], force)]
-        )  # about the left sole
+        wrench = robot.floor_wrench(terms, q, total, 0)
         reference = [feet[0].position[k], feet[1].position[k]]
         share = float(shares[k])
         centre = _centre(reference[0], wrench)

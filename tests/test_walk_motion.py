@@ -1,0 +1,92 @@
+"""Walks over footsteps that a body cannot walk are refused before it tries, and others are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ampm
+import validation as val
+from ampm.body.walk_motion import _follow
+from ampm.exceptions import BodilyRefusal
+from ampm.parameters import RunParameters
+from ampm.planner import routes
+from ampm.planner.contacts import Footstep
+from ampm.planners import AmpmFootsteps, WalkRequest
+from tests.test_bodies import run_of
+from validation.trial.plan import complete, load_request, make_body
+
+HUMAN = ampm.load_run("normal", simulation={"time_step": 0.002})
+
+
+def gait_of(source: str) -> RunParameters:
+    """The gait found for a body."""
+    run_of(source)  # skips what is not installed
+    request = load_request(None, [f"body.source='{source}'", "simulation.time_step=0.002"])
+    return complete(request).run.as_is()
+
+
+def plan(run: RunParameters, footsteps: list[Footstep]) -> None:
+    run = run.replace({}, footsteps=routes.as_rows(footsteps))
+    AmpmFootsteps().plan(WalkRequest(run=run, robot=make_body(run).robot))
+
+
+@pytest.mark.parametrize("footsteps", [routes.straight(4, 0.45, 0.2), routes.arc(5, 0.4, -1.0, 0.2)])
+def test_followed_torques_ranges_and_distances_are_those_of_the_walk(footsteps: list[Footstep]) -> None:
+    trial = val.walk(HUMAN, footsteps=footsteps)
+    robot, record = trial.planned.body.robot, trial.record
+    run = HUMAN.replace({"body.arm_abduction": 0.25})
+    walk = _follow(trial.plan, trial.plan.posture, run, robot)  # type: ignore[arg-type]
+    assert not walk.lost
+    walked = np.abs(record.torque / record.torque_limit).max(axis=0)
+    knees = [record.joint_names.index(leg.knee) for leg in robot.description.legs]
+    np.testing.assert_allclose(np.nanmax(walk.share, axis=0)[knees], walked[knees], rtol=0.0, atol=0.03)
+    rates = np.abs(record.hinge_qd).max(axis=0)
+    np.testing.assert_allclose(np.nanmax(np.abs(walk.rate), axis=0)[knees], rates[knees], rtol=0.05)
+    clearance = trial.comparison.costs["margins"]["clearance"].value
+    assert walk.gap.min() == pytest.approx(clearance, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("source", "steps", "reason", "words"),
+    [
+        ("g1", (6, 0.33, 0.19), "torque_limits", r"footstep \d: \w+ would need \S+ of its torque for 60 ms"),
+        ("talos", (6, 0.36, 0.19), "speed_limits", r"footstep 4: leg_left_3_joint would turn at 6\.\d+ "),
+        ("suite-humanoid", (4, 0.25, 0.2), "torque_limits", r"footstep 3: left_hip_x would .*gait\.c_y"),
+    ],
+)  # fmt: skip
+def test_what_falls_or_is_too_fast_is_refused(
+    source: str, steps: tuple[int, float, float], reason: str, words: str
+) -> None:
+    with pytest.raises(BodilyRefusal, match=words) as refusal:
+        plan(gait_of(source), routes.straight(*steps))
+    assert refusal.value.reason == reason
+
+
+def test_legs_that_do_not_reach_for_long_and_hands_at_the_thighs_are_refused() -> None:
+    with pytest.raises(
+        BodilyRefusal, match=r"footstep 3: the left knee would bend .* for 0\.1\d* s of a step"
+    ):
+        plan(HUMAN, routes.straight(6, 0.72, 0.2))
+    with pytest.raises(
+        BodilyRefusal, match=r"hand and \w+ thigh come within .* 10\.5 mm; raise body\.arm_abd"
+    ):
+        plan(HUMAN, routes.sidestep(6, 0.45, 0.2))
+
+
+@pytest.mark.parametrize("source", ["g1", "talos"])
+def test_steps_longer_than_the_gaits_are_walked(source: str) -> None:
+    run = gait_of(source)
+    length = 1.2 * run.gait.step_length
+    trial = val.walk(run, footsteps=routes.straight(4, length, 1.1 * run.gait.step_width))
+    assert trial.record.outcome.completed, trial.record.outcome.cause
+    assert np.count_nonzero(trial.record.qp_status == 2) == 0
+    assert max(trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy") < 1e-3
+
+
+def test_the_suite_humanoid_walks_ahead_and_aside_with_angular_momentum() -> None:
+    run = gait_of("suite-humanoid").replace({"gait.c_y": 0.6})
+    for footsteps in (routes.straight(3, 0.246, 0.2), routes.sidestep(4, 0.06, 0.2)):
+        trial = val.walk(run, footsteps=footsteps)
+        assert trial.record.outcome.completed, trial.record.outcome.cause
+        assert max(trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy") < 2.5e-3
