@@ -2,7 +2,7 @@
 
     python docs/ablation.py
 
-One walk for each of 16 pushes at the centre of mass and of four other disturbances. Every variant compiles
+One walk for each of 16 pushes at the centre of mass and of five other disturbances. Every variant compiles
 the controller anew, in a process and a cache of its own: a quarter of an hour on one core.
 """
 
@@ -37,6 +37,7 @@ OTHERS: Mapping[str, tuple[str, float]] = {
     "floor lower": ("10 mm lower", -0.01),
     "slope uphill": ("3 degrees uphill", np.radians(3.0)),
     "all lighter": ("10 % lighter", -0.1),
+    "chest heavier": ("thorax 10 % heavier", 0.1),
     "bias of torques": ("0.5 N m of bias", 0.5),
 }
 """Cell of a disturbance: heading, and value."""
@@ -51,7 +52,8 @@ VARIANTS: Mapping[str, Mapping[str, float | NDArray[np.float64]]] = {
     "no return to the plan": {"stepping.RETURN": 0.0, "stepping.CATCH_UP": 0.0, "live.BACK": 0.0},
     "COM not at the floor's height": {"walker.HEIGHT_RATE": 0.0},
     "sole not shared": {"sole.OPEN": 10.0},
-    "body not weighed": {"walker.WEIGHED": 10.0},
+    "masses not found": {"masses.LEAST_FORCE": 10.0, "masses.LEAST_ZMP": 10.0},
+    "nor height integrated": {"masses.LEAST_FORCE": 10.0, "masses.LEAST_ZMP": 10.0, "walker.LIFT": 0.0},
     "torques not found": {"bias.TOLERATED": 1e3},
 }  # fmt: skip
 
@@ -69,7 +71,7 @@ def row(variant: str) -> list[str]:
         if cell.height == "com":
             value = PUSHES[cell.phase][DIRECTIONS.index(cell.direction)]
             count += not walk_replica(Level(cell, value, text, "normal", "default", 1), 0).cause
-    for cell in other_cells():
+    for cell in other_cells(["chest"]):
         if cell.name in OTHERS:
             walk = walk_replica(Level(cell, OTHERS[cell.name][1], text, "normal", "default", 1), 0)
             x, y = walk.zmp

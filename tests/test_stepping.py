@@ -9,10 +9,13 @@ from functools import cache
 import numpy as np
 import pytest
 
+from ampm.compiled import records
 from ampm.control.sole import ACROSS, nearest, share_axis
 from ampm.control.stepping import dcm_ahead, quintic_tick, ramp_share, step_change
+from ampm.control.walker import WALKER, Sensed, lifted
 from ampm.planner import routes
 from tests.records import first_difference
+from validation.run.walk import walk_planned
 from validation.trial.disturbances import Push
 from validation.trial.plan import load_request, plan_walk
 from validation.trial.simulate import simulate
@@ -216,8 +219,37 @@ def test_torques_that_are_not_commanded_are_found_and_made_up_for(seed):
     assert walk_over(*bias).outcome.completed
 
 
-def walk_over(*settings, footsteps=()):
+@pytest.mark.parametrize(("segment", "change"), [("thorax", 0.1), ("left_thigh", -0.1), ("all", -0.1)])
+def test_masses_that_differ_from_the_models_are_found_from_the_soles_forces(segment, change):
+    other = f"disturbance.mass_segment={segment}", f"disturbance.mass_change={change}"
+    trial = walk_planned(plan_over(*other))
+    assert trial.record.outcome.completed
+    assert trial.metrics["zmp_x_rmse"].value < 0.004
+    assert trial.metrics["zmp_y_rmse"].value < 0.001
+
+
+def test_a_com_that_sinks_for_lack_of_force_is_brought_back_to_its_height():
+    walker, none = records(1, WALKER), np.empty(0)
+    touching = np.empty(0, dtype=bool)
+    walker["load"] = 1.0
+    com, tick, speed = np.array([0.0, 0.0, 0.87]), 0.002, 0.0
+    body = Sensed(none, none, touching, none, com, none, 60.0, OMEGA, 9.81, tick)
+    below = []
+    for _ in range(4000):  # 3 % too little force, beside the controller's own spring and damper
+        force = lifted(walker[0], body, 0.87) - 1.03
+        speed += tick * (9.81 * force - 60.0 * (com[2] - 0.87) - 15.0 * speed)
+        com[2] += tick * speed
+        below.append(0.87 - com[2])
+    assert max(below) > 0.003
+    assert abs(below[-1]) < 0.1 * max(below)
+
+
+def plan_over(*settings, footsteps=()):
     settings = ("simulation.time_step=0.002", "gait.steps=9", "controller.stabilizer=stepping", *settings)
     request = load_request("normal", settings, sections={"footsteps": footsteps} if footsteps else {})
-    walk = plan_walk(request)
+    return plan_walk(request)
+
+
+def walk_over(*settings, footsteps=()):
+    walk = plan_over(*settings, footsteps=footsteps)
     return simulate(walk.plan, walk.run, walk.body.model)

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ampm.body.rigid_body import joint_torques
+from ampm.body.rigid_body import hinge_torques, move_links, start_forces
 from ampm.compiled import compiled
+from ampm.control.masses import Scale, weigh_links
 from ampm.vectors import clip
 
 if TYPE_CHECKING:
@@ -59,6 +60,9 @@ def sense_bias(
     passive: Array,
     missing: Array,
     bias: Array,
+    sensed: Array,
+    scale: Scale,
+    age: float,
     first: bool,
 ) -> None:
     """Compare what the last tick has done with what it should have.
@@ -77,14 +81,19 @@ def sense_bias(
         passive: torque that overcame the passive ones and what was missing, shape (nu,) [N m].
         missing: constant torque that acts beside the commanded one; replaced, shape (nu,) [N m].
         bias: see :data:`BEFORE`, shape (8, nv).
+        sensed: normal forces of the points, shape (P,) [N].
+        scale: what is known of the links' masses.
+        age: of the forces [s].
         first: there is no last tick.
     """
     limit, low, high, applied, rate = hinges
     joints = len(applied)
     if not first:
         acceleration, needed = (velocity - bias[BEFORE]) / tick, np.empty(joints)
-        none = np.empty((0, 3))
-        joint_torques(tree, armature, link, bias[BEFORE], acceleration, gravity, points[:0], none, needed)
+        move_links(tree, bias[BEFORE], acceleration, gravity, link)
+        start_forces(tree, link)
+        weigh_links(tree, link, points, sensed, tick, age, scale)
+        hinge_torques(tree, armature, link, acceleration, needed)
         bias[TICKS] += 1.0
         for i in range(len(points)):
             joint = points[i].joint

@@ -19,6 +19,7 @@ from ampm.control.bias import sense_bias
 from ampm.control.forces import ANGULAR, share_forces, without_closed
 from ampm.control.limited_qp import LimitedForm, acceleration_bounds
 from ampm.control.live import LiveReference
+from ampm.control.masses import scale_of
 from ampm.control.records import LINE, PHI, feet_of, gains_of, points_of
 from ampm.control.tick import (
     ALPHA,
@@ -112,7 +113,8 @@ class TrackingController:
             np.zeros(robot.nq), *np.zeros((2, robot.nv)), np.zeros((3, 3)),
         )  # fmt: skip
         self._forces = np.zeros(qp.forces)
-        own = body.tree, body.link, self._feet
+        self._tree = body.tree.copy()  # a stabiliser may find other masses
+        own = self._tree, body.link, self._feet
         self._observe = bound(
             observe,
             (
@@ -169,11 +171,12 @@ class TrackingController:
             self._sense_bias = bound(
                 sense_bias,
                 (
-                    rigid.tree, rigid.link, self._points, self.robot.gravity, rigid.armature, body[-1],
+                    self._tree, rigid.link, self._points, self.robot.gravity, rigid.armature, body[-1],
                     timing.hold if self._extrapolates else 0.0, self._q, motion[V], self._hinges,
                     motion[PASSIVE, 6:], motion[MISSING, 6:], np.zeros((8, self.robot.nv)),
+                    self._sensed, scale_of(self._tree, self.robot.gravity, plan.com_height),
                 ),
-                True,
+                0.0, True,
             )  # fmt: skip
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
@@ -186,10 +189,10 @@ class TrackingController:
         """
         first, still = self._first, bool(reference.jumps)
         self._motion[V] = state.v
-        if self._live is not None:
-            self._sense_bias(first)
-        self._q[:] = state.q
         self._sensed[:], self._touching[:] = touch.normal_force, touch.contact
+        if self._live is not None:
+            self._sense_bias(float(touch.age), first)
+        self._q[:] = state.q
         self._reference[_POSTURE_A][:] = reference.posture.acceleration
         self._observe(float(state.velocity_lag), first)
         if self._live is not None:

@@ -108,8 +108,8 @@ def share_sole(
 
     Args:
         gravity: [m/s^2].
-        share: axes of the foot (cos, sin), height of the floor [m], whether the COM comes first, and the
-            weight of the body over its model's, and whether the walk is off the plan [1], shape (6,).
+        share: axes of the foot (cos, sin), height of the floor [m], whether the COM comes first, the factor
+            of the force that holds the COM's height, and whether the walk is off the plan [1], shape (6,).
         centre: of the :class:`~ampm.walk.Reference` followed, shape (5, 3).
         com: measured, shape (3,) [m].
         points: with their limits of this tick.

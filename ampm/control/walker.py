@@ -23,10 +23,10 @@ SINK = 0.00075
 """How far a sole sinks into the floor under load [m]."""
 OFF_PLACE, OFF_HEIGHT, OFF_TILT = 0.015, 0.0015, 0.008
 """How far from its plan a foot may stand before the walk leaves the plan [m, m, rad]."""
-WEIGH_TIME = 0.7
-"""Time constant of the mean vertical force: about a step [s]."""
-WEIGHED = 0.015
-"""Difference of weight and mean force that is taken for none [1]."""
+LIFT = 0.5
+"""Integral gain of the COM's height, times omega^3 [1]."""
+SANK, DEEP = 0.0015, 0.01
+"""Error of the height from which it is fed back, and that beyond which it counts as no larger [m]."""
 LEVEL = 0.005
 """Slope of the floor that is taken for none: a sole under load is not exactly level [1]."""
 FREEZE = 0.05
@@ -78,7 +78,7 @@ WALKER = [
     ("height", np.float64, (2,)),  # of the COM over its plan, and its rate [m, m/s]
     ("touches", np.int64, (2,)),  # ticks since every foot touched, 0 without contact
     ("sag", np.float64),  # by which the COM goes down for a long step [m]
-    ("load", np.float64),  # mean vertical force of the soles over the model's weight [1]
+    ("load", np.float64),  # vertical force that holds the COM's height over the commanded one [1]
 ]
 """What a walk keeps from tick to tick. The feet's and points' places are in world."""
 
@@ -135,12 +135,7 @@ def heading_of(rotation: Array) -> tuple[float, float]:
 
 @compiled
 def feel(w: Any, body: Sensed) -> None:
-    """Count the ticks for which every foot has touched, and weigh the body."""
-    total = 0.0
-    for i in range(len(body.force)):
-        total += body.force[i]
-    gain = min(body.tick / WEIGH_TIME, 1.0)
-    w.load += gain * (total / (body.mass * body.gravity) - w.load)
+    """Count the ticks for which every foot has touched."""
     for foot in range(2):
         touched = False
         for i in range(len(body.points)):
@@ -150,10 +145,12 @@ def feel(w: Any, body: Sensed) -> None:
 
 
 @compiled
-def weight_of(w: Any) -> float:
-    """Weight of the body over its model's."""
-    off = clip(w.load - 1.0, -0.3, 0.3)
-    return float(1.0 + off - clip(off, -WEIGHED, WEIGHED))
+def lifted(w: Any, body: Sensed, height: float) -> float:
+    """Factor of the commanded force, by the integral of the COM's height under its reference [m]."""
+    low = clip(height - body.com[2], -DEEP, DEEP)
+    if w.load != 1.0 or abs(low) > SANK:
+        w.load = clip(w.load + LIFT * body.omega**3 / body.gravity * low * body.tick, 0.9, 1.1)
+    return float(w.load)
 
 
 @compiled
@@ -214,7 +211,7 @@ def departs(
     w.clock = clock
     share[0], share[1] = feet_values[w.stance, 9], feet_values[w.stance, 12]
     feel(w, body)
-    share[4] = weight_of(w)
+    share[4] = lifted(w, body, centre[0, 2])
     if is_late(w) or is_early(w):
         return True
     if not w.single:
@@ -323,7 +320,9 @@ def advance(
     for j in range(len(row.v)):
         row.v[j] *= rate
         row.acceleration[j] *= rate * rate
-    share[0], share[1], share[2], share[4] = cos, sin, floor, weight_of(w)
+    share[0], share[1], share[2] = cos, sin, floor
+    if not felt:
+        share[4] = lifted(w, body, row.centre[0, 2])
     share[3] = 1.0 if w.single and w.excess > COM_FIRST else 0.0
 
 
