@@ -219,6 +219,12 @@ def test_torques_that_are_not_commanded_are_found_and_made_up_for(seed):
     assert walk_over(*bias).outcome.completed
 
 
+def test_a_sole_that_tilts_in_a_soft_floor_is_not_taken_for_a_slope():
+    soft = walk_planned(plan_over("disturbance.softness_factor=3"))
+    assert soft.metrics["zmp_x_rmse"].value < 0.003
+    assert walk_over("disturbance.softness_factor=6", "gait.steps=6").outcome.completed
+
+
 @pytest.mark.parametrize(("segment", "change"), [("thorax", 0.1), ("left_thigh", -0.1), ("all", -0.1)])
 def test_masses_that_differ_from_the_models_are_found_from_the_soles_forces(segment, change):
     other = f"disturbance.mass_segment={segment}", f"disturbance.mass_change={change}"

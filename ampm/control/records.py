@@ -51,6 +51,7 @@ POINT = [
     ("line", np.int64),
     ("sensed", np.float64),  # latest normal force [N]
     ("touching", np.bool_),
+    ("floor", np.float64),  # height at which it touched [m]
     ("arm", *_VECTOR),  # place about the COM [m]
     ("opening", np.float64),  # of its line
     ("limit", np.float64),  # of its line

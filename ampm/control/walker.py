@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 SINK = 0.00075
 """How far a sole sinks into the floor under load [m]."""
+DEEP_IN = 0.0018
+"""Depth of a sole's point in the floor from which the sole does not lie as the floor does [m]."""
 OFF_PLACE, OFF_HEIGHT, OFF_TILT = 0.015, 0.0015, 0.008
 """How far from its plan a foot may stand before the walk leaves the plan [m, m, rad]."""
 LIFT = 0.5
@@ -135,13 +137,44 @@ def heading_of(rotation: Array) -> tuple[float, float]:
 
 @compiled
 def feel(w: Any, body: Sensed) -> None:
-    """Count the ticks for which every foot has touched."""
+    """Count the ticks for which every foot has touched, and note where its points did."""
+    for i in range(len(body.points)):
+        if body.touching[i] and not body.points[i].touching:
+            body.points[i].floor = body.com[2] + body.points[i].arm[2]
     for foot in range(2):
         touched = False
         for i in range(len(body.points)):
             touched = touched or (body.points[i].foot == foot and body.touching[i])
         w.touches[foot] = w.touches[foot] + 1 if touched else 0
     w.stood += body.tick
+
+
+@compiled
+def floor_under(body: Sensed, foot: int) -> tuple[float, float, float]:
+    """Height of the floor at a sole's reference point, with its slopes dz/dx and dz/dy [m, 1, 1].
+
+    It is the sole's own plane, :data:`SINK` higher; where a point is deeper in the floor, the plane through
+    the heights at which the points touched.
+    """
+    at, pose = body.feet[foot].place, body.feet[foot].pose
+    n = x = y = z = xx = xy = yy = xz = yz = deepest = 0.0
+    for i in range(len(body.points)):
+        point = body.points[i]
+        if point.foot == foot and body.touching[i]:
+            dx, dy, floor = point.arm[0] - at[0], point.arm[1] - at[1], point.floor
+            deepest = max(deepest, floor - body.com[2] - point.arm[2])
+            n, x, y, z, xx, xy = n + 1.0, x + dx, y + dy, z + floor, xx + dx * dx, xy + dx * dy
+            yy, xz, yz = yy + dy * dy, xz + dx * floor, yz + dy * floor
+    height, slope = body.com[2] + at[2] + SINK, (-pose[0, 2] / pose[2, 2], -pose[1, 2] / pose[2, 2])
+    if deepest < DEEP_IN:
+        return height, slope[0], slope[1]
+    x, y, z = x / n, y / n, z / n
+    xx, xy, yy, xz, yz = xx / n - x * x, xy / n - x * y, yy / n - y * y, xz / n - x * z, yz / n - y * z
+    size = xx * yy - xy * xy
+    if size < 1e-8:  # of a line
+        return height - SINK + deepest, slope[0], slope[1]
+    dzdx, dzdy = (yy * xz - xy * yz) / size, (xx * yz - xy * xz) / size
+    return z - dzdx * x - dzdy * y, dzdx, dzdy
 
 
 @compiled
@@ -218,12 +251,11 @@ def departs(
         return False
     planned = feet_values[w.stance]
     if stands_flat(w, body):
-        place, pose = body.feet[w.stance].place, body.feet[w.stance].pose
+        place, floor = body.feet[w.stance].place, floor_under(body, w.stance)
         x, y = body.com[0] + place[0] - planned[0], body.com[1] + place[1] - planned[1]
-        z = body.com[2] + place[2] - planned[2] + SINK
-        if math.hypot(x, y) > OFF_PLACE or abs(z) > OFF_HEIGHT:
+        if math.hypot(x, y) > OFF_PLACE or abs(floor[0] - planned[2]) > OFF_HEIGHT:
             return True
-        if math.hypot(pose[0, 2], pose[1, 2]) > OFF_TILT:
+        if math.hypot(floor[1], floor[2]) > OFF_TILT:
             return True
     rest = w.duration - w.clock
     if rest < FREEZE:
@@ -302,9 +334,9 @@ def advance(
                 left = max(left - part * w.duration / last, 0.0) / max(w.rate, 0.1)
             row.until_lift[foot, line] = left
     if stands_flat(w, body):
-        pose, gain = body.feet[w.stance].pose, min(body.tick / FEEL_TIME, 1.0)
-        for axis in range(2):
-            w.slope[axis] += gain * (-pose[axis, 2] / pose[2, 2] - w.slope[axis])
+        under, gain = floor_under(body, w.stance), min(body.tick / FEEL_TIME, 1.0)
+        w.slope[0] += gain * (under[1] - w.slope[0])
+        w.slope[1] += gain * (under[2] - w.slope[1])
     slope = w.slope[0] - clip(w.slope[0], -LEVEL, LEVEL), w.slope[1] - clip(w.slope[1], -LEVEL, LEVEL)
     cos, sin = heading_of(row.feet[w.stance, 9:18])
     reference = np.empty(2)
@@ -375,9 +407,9 @@ def _transfer(
     landed = 1 - w.stance
     old, new = w.shift[w.stance], w.shift[landed]
     if w.touches[landed] > 0 and w.waited == 0.0:
-        for axis in range(3):
+        for axis in range(2):
             new[axis] = body.com[axis] + body.feet[landed].place[axis] - row.feet[landed, axis]
-        new[2] += SINK
+        new[2] = floor_under(body, landed)[0] - row.feet[landed, 2]
     x = body.omega * max((w.duration - w.clock) * w.factor, 1e-4)
     dcm_ahead(curves.r, curves.xi[-1], at, x, reference)
     for axis in range(2):
