@@ -219,6 +219,12 @@ def test_torques_that_are_not_commanded_are_found_and_made_up_for(seed):
     assert walk_over(*bias).outcome.completed
 
 
+def test_a_joint_that_a_bias_holds_at_the_end_of_its_range_is_freed():
+    trial = walk_planned(plan_over("disturbance.torque_bias=0.5", "disturbance.seed=3"))
+    assert trial.record.outcome.completed
+    assert trial.metrics["zmp_x_rmse"].value < 0.003
+
+
 def test_a_sole_that_tilts_in_a_soft_floor_is_not_taken_for_a_slope():
     soft = walk_planned(plan_over("disturbance.softness_factor=3"))
     assert soft.metrics["zmp_x_rmse"].value < 0.003

@@ -8,6 +8,7 @@ that stands keeps what was found as it swung.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,16 +29,19 @@ FREE = 4
 """Ticks after which a joint is taken for free: between them contact is not sensed [1]."""
 NEAR = 0.02
 """Distance from the end of a joint's range within which it is not free [rad]."""
-TOLERATED = 0.1
-"""Bias that is taken for none: an undisturbed walk has up to 0.06 [N m]."""
+END_TIME = 0.01
+"""Time over which a bias that holds a joint at the end of its range is found [s]."""
+TOLERATED = 2e-4
+"""Bias that is taken for none over weight times COM height: an undisturbed walk has up to 1.2e-4 [1]."""
 
 LIGHT = 0.03
 """Mass beyond a joint of a foot, as a share of the body's: a bias hardly turns more, and noise of the rate
 would be taken for torque [1]."""
-LARGEST, MOST = 0.03, 4.0
-"""Largest bias, as a share of the motor's limit [1], and largest damping that is set apart [N m s/rad]."""
-SLOW = 0.05
-"""Variance of a rate that tells little of the damping [rad^2/s^2]."""
+LARGEST, MOST = 0.03, 0.026
+"""Largest bias, as a share of the motor's limit [1], and largest damping that is set apart, over weight times
+COM height over omega [1]."""
+SLOW = 0.0044
+"""Variance of a rate that tells little of the damping, over omega^2 [rad^2]."""
 
 BEFORE, EXTRA, TICKS, COUNT, RATE, SPREAD, SHARED, FOOT = range(8)
 """Rows of ``bias``, shape (8, nv): last tick's velocity, mean torque that was missing [N m], ticks since the
@@ -105,21 +109,25 @@ def sense_bias(
         for j in range(joints):
             if bias[FOOT, 6 + j] == 0.0:
                 continue
-            if q[7 + j] < low[j] + NEAR or q[7 + j] > high[j] - NEAR:
-                bias[TICKS, 6 + j] = 0.0
             if bias[TICKS, 6 + j] > FREE:
-                bias[COUNT, 6 + j] += 1.0
-                gain = max(tick / BIAS_TIME, 1.0 / bias[COUNT, 6 + j])
                 acted = needed[j] + passive[j] + missing[j] - applied[j] - 0.5 * hold * rate[j]
                 here, speed = bias[:, 6 + j], 0.5 * (velocity[6 + j] + bias[BEFORE, 6 + j])
                 more, faster = acted - here[EXTRA], speed - here[RATE]
+                if not low[j] + NEAR <= q[7 + j] <= high[j] - NEAR:  # the end can only push back
+                    if (more > 0.0) == (q[7 + j] > high[j] - NEAR):
+                        here[EXTRA] += min(tick / END_TIME, 1.0) * more
+                    continue
+                here[COUNT] += 1.0
+                gain = max(tick / BIAS_TIME, 1.0 / here[COUNT])
                 here[EXTRA] += gain * more
                 here[RATE] += gain * faster
                 here[SPREAD] += gain * ((1.0 - gain) * faster * faster - here[SPREAD])
                 here[SHARED] += gain * ((1.0 - gain) * more * faster - here[SHARED])
     bias[BEFORE] = velocity
+    moment, square = scale.unit[0] * scale.unit[1], gravity / scale.unit[1]
+    most = MOST * moment / math.sqrt(square)
     for j in range(joints):
         here = bias[:, 6 + j]
-        damping = clip(here[SHARED] / (here[SPREAD] + SLOW), -MOST, 0.0)
+        damping = clip(here[SHARED] / (here[SPREAD] + SLOW * square), -most, 0.0)
         constant = clip(here[EXTRA] - damping * here[RATE], -LARGEST * limit[j], LARGEST * limit[j])
-        missing[j] = constant if abs(constant) > TOLERATED else 0.0
+        missing[j] = constant if abs(constant) > TOLERATED * moment else 0.0
