@@ -28,7 +28,7 @@ UNKNOWN = 0.1
 ERROR_FORCE, ERROR_ZMP = 0.02, 0.004
 """Expected errors of what is sensed: of the weight [1], and of the height of the COM [1]."""
 GATE = 3.0
-"""Expected errors from which a difference is no mass's: the body was pushed [1]."""
+"""Expected errors from which a moment is no mass's: the body was pushed [1]."""
 LEAST_FORCE, LEAST_ZMP = 0.015, 0.0012
 """What the found masses must change for them to count, likewise: an undisturbed walk finds less."""
 TAKE_TIME = 0.3
@@ -124,7 +124,7 @@ def weigh_links(
         kind = min(k, 1)
         scale.effect[kind] += slow * (known * known - scale.effect[kind])
         off, error = needs[n] - known, (ERROR_ZMP if kind else ERROR_FORCE) ** 2
-        if off * off > GATE**2 * (spread + error):
+        if kind and off * off > GATE**2 * (spread + error):
             continue
         per = 1.0 / (spread + error * max(2.0 * SMOOTH / tick, 1.0))
         for i in range(n):
