@@ -19,7 +19,7 @@ from validation.cli.app import call
 from validation.judge.uncertainty import Uncertainty
 from validation.progress import Progress
 from validation.store.json import json_ready
-from validation.study.compare.metrics import GRIDS, Quantity
+from validation.study.compare.metrics import GRIDS, Quantity, quantities
 from validation.study.compare.pair import (
     EVEN,
     NUMBERS,
@@ -91,6 +91,13 @@ def test_which_side_is_better(a, b, u_a, u_b, better):
     row = Row(Quantity("group", "name", "label", "mm", 0.1), a, b, u_a, u_b)
     assert row.better == better
     assert row.ratio == (b / a if a >= 0.1 else None)  # none of rounding
+
+
+def test_nothing_is_divided_by_zero():
+    """Also where a limit is zero, and both values are."""
+    for of in quantities(600.0):
+        row = Row(of, 0.0, 0.0, 0.0, 0.0)
+        assert (row.ratio, row.better) == (None, "even")
 
 
 def test_without_a_study_only_what_is_not_walked_is_decided(pair):

@@ -110,6 +110,7 @@ SWITCH = (
 """Quantities of a walk that only a comparison reports."""
 _COSTS = {
     "clearance_shortfall": 0.5e-3,
+    "speed_excess": 0.01,
     "margin_torque": 0.01,
     "margin_slip": 0.5e-3,
     "margin_friction": 0.05,
@@ -142,7 +143,7 @@ def quantities(weight: float) -> Iterator[Quantity]:
             least *= _NOISE
         else:
             continue
-        yield Quantity(_WHOLE, metric.name, metric.label, unit, least)
+        yield Quantity(_WHOLE, metric.name, metric.label, unit, least or 1e-12)  # a limit of zero
 
 
 def metric_values(summary: Mapping[str, Any], weight: float) -> dict[str, float]:
