@@ -13,12 +13,11 @@ import pytest
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import BodyParameters, RunParameters
-from ampm.planner.routes import as_rows, straight
 from models.source import known_bodies, read_body_file
 from validation.run.walk import walk
 from validation.store.saved import load_description
 from validation.study.sweep.design import dump_sweep, parse_sweep
-from validation.trial.plan import PlannedWalk, load_request, make_body, own_gait, plan_walk, tune_walk
+from validation.trial.plan import load_request, make_body, own_gait, tune_walk
 
 ROOT = Path(__file__).parents[1]
 BIPED = ROOT / "docs" / "examples" / "biped.toml"
@@ -196,19 +195,6 @@ def test_check_of_a_body_that_walks_and_of_one_that_cannot(ampm) -> None:
     assert refused.status == 2
     assert "an ankle joint's torque limit is 1.39" in refused.out
     assert "54 joints have dampers or springs" in refused.out
-
-
-def test_torque_limits_refuse_footsteps() -> None:
-    """Over footsteps the suite's humanoid falls whatever the step: its hips cannot hold the roll."""
-
-    def planned(source: str, step: float, width: float) -> PlannedWalk:
-        steps = as_rows(straight(4, step, width))
-        return plan_walk(load_request(None, [f"body.source='{source}'"], sections={"footsteps": steps}))
-
-    with pytest.raises(RefusedGait, match=r"_hip_x would need 1\.0\d+ of its torque") as refused:
-        planned("suite-humanoid", 0.15, 0.2)
-    assert refused.value.reason == "torque"
-    assert planned(str(BIPED), 0.15, 0.17).plan.contacts.steps > 0
 
 
 def test_speed_limits_refuse_a_gait(tmp_path: Path) -> None:

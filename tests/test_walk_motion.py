@@ -13,7 +13,7 @@ from ampm.parameters import RunParameters
 from ampm.planner import routes
 from ampm.planner.contacts import Footstep
 from ampm.planners import AmpmFootsteps, WalkRequest
-from tests.test_bodies import run_of
+from tests.test_bodies import BIPED, run_of
 from validation.trial.plan import complete, load_request, make_body
 
 HUMAN = ampm.load_run("normal", simulation={"time_step": 0.002})
@@ -61,6 +61,10 @@ def test_what_falls_or_is_too_fast_is_refused(
     with pytest.raises(BodilyRefusal, match=words) as refusal:
         plan(gait_of(source), routes.straight(*steps))
     assert refusal.value.reason == reason
+
+
+def test_a_body_of_ones_own_walks_footsteps() -> None:
+    plan(gait_of(str(BIPED)), routes.straight(4, 0.15, 0.17))
 
 
 def test_legs_that_do_not_reach_for_long_and_hands_at_the_thighs_are_refused() -> None:
