@@ -203,7 +203,8 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
     time = edges[:-1, None] + length[:, None] * np.linspace(0.0, 1.0, nodes)
     time[:, -1] -= 1e-9  # before a foot lifts
     time = time.ravel()
-    heading = posture.heading(0.5 * (edges[1:] + edges[:-1]))[0]
+    heading, turning, bend = posture.heading(0.5 * (edges[1:] + edges[:-1]))
+    heading = heading + (ik.damping * turning + bend) / ik.stiffness  # the pull of a posture at rest lags
     reference = step_reference(plan, time).turned(np.repeat(heading, nodes))
     share, rate = np.full((2, len(time), robot.nu), np.nan)
     lost, window = [], 2.0 * plan.constants.step_duration
