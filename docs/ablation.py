@@ -98,7 +98,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             found = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
         rows.append((variant, *json.loads(found.stdout.splitlines()[-1])))
         print(*rows[-1], sep=" | ", flush=True)  # noqa: T201
-    header = ("variant", f"pushes survived, of {4 * len(PUSHES)}", *(heading for heading, *_ in OTHERS.values()))
+    header = (
+        "variant",
+        f"pushes survived, of {4 * len(PUSHES)}",
+        *(heading for heading, *_ in OTHERS.values()),
+    )
     write_rows("ablation", [header, *rows])
 
 

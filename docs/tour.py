@@ -22,7 +22,7 @@ from validation.study.tour import HEADER, Tours, Walked, tour
 
 PAGE = Path(__file__).with_name("footsteps.md")
 KEPT = PAGE.parents[1] / "build" / "tour"
-BODIES = {"G1": (None, ["body.source='g1'"]), "human": ("normal", [])}
+BODIES = {"G1": (None, ["body.source='g1'", "gait.switching_velocity=0.5"]), "human": ("normal", [])}
 FORCES = (0.0, 1.0 / 3.0, 1.0)
 
 
