@@ -236,9 +236,15 @@ class AmpmFootsteps:
         run, robot = request.run, request.robot
         asked = self.changes or self.stop is not None
         steps = self._requested(run, robot) if asked else plan_footstep_walk(run, robot.description)
-        spread = run.replace({"body.arm_abduction": max(run.body.arm_abduction, SPREAD_ARMS)})
-        posture = ConstantPosture(steps, spread, robot, stops(steps.contacts))
-        check_walk(steps, posture, spread, robot)
+        for angle in (SPREAD_ARMS, 2.0 * SPREAD_ARMS):
+            spread = run.replace({"body.arm_abduction": max(run.body.arm_abduction, angle)})
+            posture = ConstantPosture(steps, spread, robot, stops(steps.contacts))
+            try:
+                check_walk(steps, posture, spread, robot)
+                break
+            except BodilyRefusal as refusal:  # hands pass thighs on wide steps if they are spread further
+                if refusal.reason != "arm_collision" or angle > SPREAD_ARMS:
+                    raise
         return FootstepWalk.of(steps, posture=posture)
 
     def _requested(self, run: RunParameters, robot: Robot) -> StepPlan:

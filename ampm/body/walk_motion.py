@@ -77,8 +77,8 @@ def check_walk(plan: StepPlan, posture: ConstantPosture, run: RunParameters, rob
         robot: the body.
 
     Raises:
-        BodilyRefusal: ``joint_limits``, ``leg_too_short``, ``self_collision``, ``speed_limits`` or
-            ``torque_limits``.
+        BodilyRefusal: ``joint_limits``, ``leg_too_short``, ``self_collision``, ``arm_collision``,
+            ``speed_limits`` or ``torque_limits``.
     """
     _check_ranges(plan, posture, run, robot)
     walk = _follow(plan, posture, run, robot)
@@ -104,7 +104,8 @@ def check_walk(plan: StepPlan, posture: ConstantPosture, run: RunParameters, rob
         raise BodilyRefusal(
             f"{footstep(time)}: {walk.parts[k]} come within {1e3 * walk.gap[k]:.3g} mm at "
             f"{time:.3f} s, nearer than {1e3 * (CLEARANCE + _NEARER):g} mm",
-            reason="self_collision", value=float(walk.gap[k]), limit=CLEARANCE + _NEARER, unit="m",
+            reason="arm_collision" if arms else "self_collision",
+            value=float(walk.gap[k]), limit=CLEARANCE + _NEARER, unit="m",
             way_out="raise body.arm_abduction, or shorten or narrow the steps about it" if arms
             else "turn the toes out, by 0.1 rad for example, or put the feet further apart",
         )  # fmt: skip
