@@ -245,7 +245,7 @@ def test_a_com_that_sinks_for_lack_of_force_is_brought_back_to_its_height():
     touching = np.empty(0, dtype=bool)
     walker["load"] = 1.0
     com, tick, speed = np.array([0.0, 0.0, 0.87]), 0.002, 0.0
-    body = Sensed(none, none, touching, none, com, none, 60.0, OMEGA, 9.81, tick)
+    body = Sensed(none, none, touching, com, none, 60.0, OMEGA, 9.81, tick)
     below = []
     for _ in range(4000):  # 3 % too little force, beside the controller's own spring and damper
         force = lifted(walker[0], body, 0.87) - 1.03

@@ -164,7 +164,7 @@ class TrackingController:
             timing: with which its references are made.
         """
         if self._stabilizer == "stepping":
-            own = self._feet, self._points, self._touching, self._sensed, self._com, self._tasks[RATES]
+            own = self._feet, self._points, self._touching, self._com, self._tasks[RATES]
             body = self.robot.mass, self.robot.gravity, 1.0 / float(self._gains["frequency"][0])
             self._live = LiveReference(plan, timing, *own, *body, self._share)
             rigid, motion = self.robot.rigid_body, self._motion

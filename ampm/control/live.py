@@ -47,14 +47,14 @@ class LiveReference:
         feet: records of both feet, whose places and poses the controller keeps.
         points: records of the sole points.
         touching: whether they touch, kept by the controller, shape (P,).
-        force: their sensed normal forces, likewise, shape (P,) [N].
         com: measured, likewise, shape (3,) [m].
         rates: momentum and angular momentum over the mass, likewise, shape (6, ...).
         mass: of the body [kg].
         gravity: [m/s^2].
         tick: control period [s].
         share: written at every tick: axes of the standing foot (cos, sin), height of the floor [m], whether
-            the COM comes first, weight of the body over its model's, whether the walk is off the plan [1];
+            the COM comes first, the factor of the force that holds the COM's height, whether the walk is off
+            the plan [1];
             see :func:`~ampm.control.sole.share_sole`.
 
     Attributes:
@@ -62,12 +62,12 @@ class LiveReference:
     """
 
     def __init__(
-        self, plan: WalkPlan, timing: Timing, feet: Any, points: Any, touching: Flags, force: Array,
-        com: Array, rates: Array, mass: float, gravity: float, tick: float, share: Array,
+        self, plan: WalkPlan, timing: Timing, feet: Any, points: Any, touching: Flags, com: Array,
+        rates: Array, mass: float, gravity: float, tick: float, share: Array,
     ) -> None:  # fmt: skip
         self.plan, self._timing = plan, timing
         omega = math.sqrt(gravity / plan.com_height)
-        self._body = Sensed(feet, points, touching, force, com, rates, mass, omega, gravity, tick)
+        self._body = Sensed(feet, points, touching, com, rates, mass, omega, gravity, tick)
         self._walker = records(1, WALKER)
         for name in ("rate", "factor", "load"):
             self._walker[name] = 1.0

@@ -92,7 +92,6 @@ class Sensed(NamedTuple):
         feet: records of both feet.
         points: records of the sole points.
         touching: shape (P,).
-        force: normal forces of the sole points, shape (P,) [N].
         com: shape (3,) [m].
         rates: momentum and angular momentum over the mass, shape (6, ...).
         mass: [kg].
@@ -104,7 +103,6 @@ class Sensed(NamedTuple):
     feet: Any
     points: Any
     touching: Flags
-    force: Array
     com: Array
     rates: Array
     mass: float
