@@ -306,20 +306,6 @@ def test_posture_follows_the_heading_of_the_feet():
         ampm.AmpmFootsteps().plan(None, begin=walk)  # type: ignore[arg-type]
 
 
-def test_feet_at_which_the_legs_touch_are_refused():
-    inward = routes.arc(6, 0.4, 1.0, 0.18, toe_out=0.0)
-    with pytest.raises(BodilyRefusal, match=r"footstep \d+: .* come within .* mm at .* turn the toes out"):
-        val.walk("normal", footsteps=inward)
-
-
-def test_steps_beyond_a_joint_are_refused():
-    with pytest.raises(
-        BodilyRefusal, match=r"footstep 3: right_ankle_pitch would be 0\.06\d? rad beyond"
-    ) as error:
-        val.walk("normal", footsteps=routes.straight(4, -0.6, 0.2))
-    assert error.value.reason == "joint_limits"
-
-
 def test_what_says_nothing_of_footsteps_is_refused_beside_them(tmp_path, ampm):
     path = tmp_path / "walk.csv"
     path.write_text(SHORT, encoding="utf-8")

@@ -63,6 +63,8 @@ def test_a_swaying_posture_is_near_the_periodic_motion(request_of_walk):
     assert np.ptp(pitch[0]) > 0.15  # [rad]; in the orbit the waist turns as well
     assert abs(pitch[0].mean()) < 0.02
     assert np.corrcoef(pitch)[0, 1] > 0.95
+    sway = sway.posture.sway
+    np.testing.assert_allclose(sway[0], sway[-1], rtol=0.0, atol=1e-9)  # it repeats
 
 
 @pytest.mark.parametrize(

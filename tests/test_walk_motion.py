@@ -96,3 +96,17 @@ def test_the_suite_humanoid_walks_ahead_and_aside_with_angular_momentum() -> Non
         trial = val.walk(run, footsteps=footsteps)
         assert trial.record.outcome.completed, trial.record.outcome.cause
         assert max(trial.metrics[f"zmp_{axis}_rmse"].value for axis in "xy") < 2.5e-3
+
+
+def test_feet_at_which_the_legs_touch_are_refused() -> None:
+    inward = routes.arc(6, 0.4, 1.0, 0.18, toe_out=0.0)
+    with pytest.raises(BodilyRefusal, match=r"footstep \d+: .* come within .* mm at .* turn the toes out"):
+        val.walk("normal", footsteps=inward)
+
+
+def test_steps_beyond_a_joint_are_refused() -> None:
+    with pytest.raises(
+        BodilyRefusal, match=r"footstep 3: right_ankle_pitch would be 0\.06\d? rad beyond"
+    ) as error:
+        val.walk("normal", footsteps=routes.straight(4, -0.6, 0.2))
+    assert error.value.reason == "joint_limits"
