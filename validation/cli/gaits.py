@@ -29,9 +29,8 @@ from validation.cli.options import (
     answer,
     check_picture,
     option,
-    with_body,
     with_footsteps,
-    with_planner,
+    with_short,
 )
 from validation.show.text import format_number, format_value, print_line, print_table
 from validation.store.folders import check_folder_of, check_output_file, output_file
@@ -82,7 +81,7 @@ def plan(
     from validation.trial.columns import check_suffix
     from validation.trial.plan import check_formula, load_request, plan_walk
 
-    extra = with_planner(with_body(settings, body), planner)
+    extra = with_short(settings, body=body, planner=planner)
     request = load_request(gait, extra, as_is=as_is or no_body, sections=with_footsteps(footsteps))
     run = request.run
     if rate is not None and samples is None:

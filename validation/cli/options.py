@@ -97,16 +97,24 @@ Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]
 
 
-def with_steps(settings: list[str] | None, steps: int | None) -> list[str]:
-    """Settings of ``--set``, and that of ``--steps``."""
-    return [*(settings or ()), *([] if steps is None else [f"gait.steps={steps}"])]
+_SHORT = {
+    "body": "body.source",
+    "steps": "gait.steps",
+    "planner": "gait.planner",
+    "qp": "solver.qp",
+    "controller": "controller.name",
+}
 
 
-def with_body(settings: list[str] | None, body: str | None) -> list[str]:
-    """Settings of ``--set``, and that of ``--body``; the path of a file is absolute."""
-    if body is not None and Path(body).is_file():
-        body = str(Path(body).resolve())
-    return [*(settings or ()), *([] if body is None else [f"body.source='{body}'"])]
+def with_short(settings: list[str] | None, **options: str | int | None) -> list[str]:
+    """Settings of ``--set``, and those of options that are short for a key; a file's path is absolute."""
+    found = list(settings or ())
+    for name, value in options.items():
+        if name in ("body", "planner") and value is not None and Path(str(value)).is_file():
+            value = str(Path(str(value)).resolve())
+        if value is not None:
+            found.append(f"{_SHORT[name]}={value!r}")
+    return found
 
 
 def with_footsteps(path: Path | None) -> dict[str, Any]:
@@ -116,13 +124,6 @@ def with_footsteps(path: Path | None) -> dict[str, Any]:
     from ampm.planner.routes import as_rows, read_footsteps  # imported here: NumPy is slow to load
 
     return {"footsteps": as_rows(*read_footsteps(path))}
-
-
-def with_planner(settings: list[str] | None, planner: str | None) -> list[str]:
-    """Settings of ``--set``, and that of ``--planner``; the path of a file is absolute."""
-    if planner is not None and Path(planner).is_file():
-        planner = str(Path(planner).resolve())
-    return [*(settings or ()), *([] if planner is None else [f"gait.planner='{planner}'"])]
 
 
 def check_picture(path: Path) -> None:

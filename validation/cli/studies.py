@@ -29,8 +29,7 @@ from validation.cli.options import (
     answer,
     check_picture,
     option,
-    with_body,
-    with_steps,
+    with_short,
 )  # fmt: skip
 from validation.show.text import format_duration, judged, print_line, print_table, print_verdict
 from validation.store.folders import output_file
@@ -253,7 +252,7 @@ def compare(
     """
     from validation.study.compare.pair import compare_pair
 
-    extra = with_steps(with_body(settings, body), steps)
+    extra = with_short(settings, body=body, steps=steps)
     pair = compare_pair(
         a, b, extra, as_is=as_is, controllers=controller or (), uncertainty=uncertainty or (), out=out,
         force=force, stages=Narrator(),
@@ -380,7 +379,7 @@ def convergence(
 
     progress = Narrator()
     result = study_gait(
-        gait, with_body(settings, body), as_is=as_is, steps=steps, levels=levels, only=only or (),
+        gait, with_short(settings, body=body), as_is=as_is, steps=steps, levels=levels, only=only or (),
         profile=profile, workers=workers, out=out, force=force, progress=progress,
     )  # fmt: skip
     answer(result, type(result).as_dict, print_convergence, as_json=as_json)

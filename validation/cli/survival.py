@@ -22,7 +22,7 @@ from validation.cli.options import (
     Workers,
     answer,
     option,
-    with_body,
+    with_short,
 )
 from validation.show.text import print_table
 
@@ -38,11 +38,6 @@ Scheduler = Annotated[
     str | None, option("--scheduler", "Run on this dask scheduler, as 'ampm sweep' does.", "ADDRESS")
 ]
 Resume = Annotated[bool, option("--resume", "Go on with what is missing in --out.")]
-
-
-def _with_controller(settings: list[str] | None, body: str | None, controller: str | None) -> list[str]:
-    own = [] if controller is None else [f'controller.name="{controller}"']
-    return [*with_body(settings, body), *own]
 
 
 @app.command(epilog=EPILOG)
@@ -81,7 +76,7 @@ def robustness(
     from validation.study.robustness.run import robustness as study
 
     found = study(
-        gait, _with_controller(settings, body, controller), quick=quick,
+        gait, with_short(settings, body=body, controller=controller), quick=quick,
         only=only or (), replicas=replicas, profile=profile, workers=workers,
         scheduler=scheduler, out=out, resume=resume, force=force, progress=Narrator(),
     )  # fmt: skip
@@ -133,8 +128,8 @@ def tour(
         print_table(found.title, HEADER, [found.row()])
 
     found = study(
-        gait, _with_controller(settings, body, controller), share=punches, seeds=seeds, count=targets,
-        arms=arms, workers=workers, scheduler=scheduler, out=out, resume=resume, force=force,
+        gait, with_short(settings, body=body, controller=controller), share=punches, seeds=seeds,
+        count=targets, arms=arms, workers=workers, scheduler=scheduler, out=out, resume=resume, force=force,
         progress=Narrator(),
     )  # fmt: skip
     answer(found, Tours.as_dict, show, as_json=as_json)

@@ -34,10 +34,8 @@ from validation.cli.options import (
     answer,
     check_picture,
     option,
-    with_body,
     with_footsteps,
-    with_planner,
-    with_steps,
+    with_short,
 )  # fmt: skip
 from validation.progress import interruption
 from validation.show.text import ABSENT, format_number, judged, print_line, print_table, print_verdict
@@ -119,9 +117,7 @@ def validate(
 
     if steps is not None and footsteps is not None:
         raise InputError("--steps counts the steps of a periodic gait; leave it out, or --footsteps.")
-    short = {"solver.qp": qp, "controller.name": controller}
-    extra = [f'{key}="{value}"' for key, value in short.items() if value is not None]
-    extra = [*with_planner(with_steps(with_body(settings, body), steps), planner), *extra]
+    extra = with_short(settings, body=body, steps=steps, planner=planner, qp=qp, controller=controller)
     requests = load_requests(gaits or [None], extra, as_is=as_is, sections=with_footsteps(footsteps))
     judges = [
         profiles.own_profile(gait, footsteps=bool(request.run.footsteps))
