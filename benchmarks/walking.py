@@ -113,7 +113,9 @@ class _Ticks:
         """A controller that is timed."""
         controller = TrackingController(robot, run)
         if self.parts:
-            time_parts(self.watch, controller)
+            self.watch.time("all but the QP", controller, "update")
+            self.watch.time("solve", controller.condensed, "solve")
+            self.watch.time("solve", controller, "_solve_limited")
         update, clock = controller.update, time.perf_counter
 
         def timed(*state: Any) -> ControlOutput:
@@ -126,10 +128,3 @@ class _Ticks:
 
         setattr(controller, "update", timed)  # noqa: B010  # which a type checker would not let pass otherwise
         return controller
-
-
-def time_parts(watch: Stopwatch, controller: TrackingController) -> None:
-    """Count a controller's methods as the parts of its tick."""
-    watch.time("all but the QP", controller, "update")
-    watch.time("solve", controller.condensed, "solve")
-    watch.time("solve", controller, "_solve_limited")

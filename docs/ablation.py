@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from trials import write_rows
 
 from ampm.planner.capture import DIRECTIONS
-from ampm.run_file import load_run
+from ampm.run_file import dump_run, load_run
 from validation.study.robustness.cells import PUSH_STEP, other_cells, push_cells
-from validation.study.robustness.walks import Level, as_text, walk_replica
+from validation.study.robustness.walks import Level, walk_replica
 from validation.trial.plan import Request, plan_walk
 
 PUSHES: Mapping[str, Sequence[float]] = {
@@ -68,7 +68,7 @@ def row(variant: str) -> list[str]:
         setattr(import_module(f"ampm.control.{module}"), constant, value)
     name = "fixed" if variant == "fixed" else "stepping"
     run = load_run("normal", controller={"stabilizer": name}, gait={"steps": PUSH_STEP + 2})
-    text = as_text(plan_walk(Request("normal", run)).run)
+    text = dump_run(plan_walk(Request("normal", run)).run)
     count, walks = 0, []
     for cell in push_cells():
         if cell.height == "com":

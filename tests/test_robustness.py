@@ -20,7 +20,7 @@ from validation.study.robustness.picture import draw
 from validation.study.robustness.result import CellResult
 from validation.study.robustness.run import robustness
 from validation.study.robustness.text import markdown, other_rows, push_rows
-from validation.study.robustness.walks import Level, LevelResult, as_text, walk_level
+from validation.study.robustness.walks import Level, LevelResult, walk_level
 from validation.trial.shapes import Shapes
 
 LIMITS = {"forward": 0.4, "backward": 0.3, "wider": 0.12, "narrower": 0.1}
@@ -179,7 +179,7 @@ def test_the_docs_have_every_key_with_its_unit():
 
 def level(direction, value, height="com", replicas=1):
     cell = next(item for item in push_cells() if item.name == f"{height} mid {direction}")
-    return Level(cell, value, as_text(ampm.load_run("normal")), "normal", "default", replicas)
+    return Level(cell, value, ampm.dump_run(ampm.load_run("normal")), "normal", "default", replicas)
 
 
 def test_a_weak_push_is_survived_in_all_replicas_a_strong_one_is_not():

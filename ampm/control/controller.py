@@ -229,7 +229,9 @@ class TrackingController:
         """Forces, accelerations and torques of the QP, or of that with limits; solution and status."""
         solution = self.condensed.solve()
         status, forces = SOLVED if solution.solved else UNSOLVED, solution.x[: self.condensed.forces]
-        if not (solution.solved or _usable(solution)):  # the accelerations still follow the dynamics
+        if not solution.solved and (
+            solution.status == QPStatus.INFEASIBLE or not np.isfinite(solution.x).all()
+        ):  # otherwise the last iterate; the accelerations follow the dynamics in any case
             forces = without_closed(len(self._feet), self._points, self.phi)
         self._forces[:] = forces
         if self._respond(still, self._first, torque, point_force):
@@ -286,11 +288,6 @@ class TrackingController:
             low,
             high,
         )
-
-
-def _usable(solution: QPSolution) -> bool:
-    """Whether an unsolved QP's last iterate is better than the previous solution."""
-    return solution.status != QPStatus.INFEASIBLE and bool(np.isfinite(solution.x).all())
 
 
 def _both(first: QPSolution, second: QPSolution) -> QPSolution:

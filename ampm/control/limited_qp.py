@@ -63,12 +63,9 @@ class LimitedForm:
         self._task_rows = slice(6 + force_rows, start)
         self._torque_rows, self._joint_rows = slice(start, start + self.nu), slice(start + self.nu, m)
         self.A[self._joint_rows, 6:nv] = np.eye(self.nu)
-        self._backend = make_backend(backend, self._P_mask(n), self._A_mask(), settings)
-
-    def _P_mask(self, n: int) -> NDArray[np.bool_]:
-        mask = np.eye(n, dtype=bool)
-        mask[self._force_unknowns, self._force_unknowns] = self._condensed.P_mask()
-        return mask
+        P_mask = np.eye(n, dtype=bool)
+        P_mask[self._force_unknowns, self._force_unknowns] = condensed.P_mask()
+        self._backend = make_backend(backend, P_mask, self._A_mask(), settings)
 
     def _A_mask(self) -> NDArray[np.bool_]:
         mask = self.A != 0.0

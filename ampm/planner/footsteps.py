@@ -88,7 +88,9 @@ def plan_footsteps(
             momentum would turn the trunk too far.
     """
     walk = solve_walk(footsteps, gait, body, landings)
-    phases = _phases(walk, body.mass)
+    first_phases = _quarter_phases(walk.problem, 0.0, *_stand(walk.problem, walk.solved, 0), body.mass)
+    starts = walk.contacts.starts[1:]
+    phases = (*first_phases, *phases_between(starts, walk.supports, walk.problem, walk.solved, body.mass))
     if uneven(footsteps):
         zmp = [_stand(walk.problem, walk.solved, end)[1].sum(axis=1) for end in (0, 1)]
         laws = vertical_laws(footsteps, walk.supports, zmp, gait.com_height)
@@ -256,13 +258,6 @@ def trunk_tilt(supports: Supports, problem: Problem, solved: Solution) -> Array:
     theta = times(halfway, solved.state.reshape(-1, 10)) - times(halfway[:, :, :2], supports.place)
     height = GRAVITY / problem.frequency**2
     return np.asarray(GRAVITY / (_TRUNK_INERTIA * height**2) * np.sqrt((theta**2).sum(axis=1)))
-
-
-def _phases(walk: Walk, mass: float) -> tuple[CentroidalPhase, ...]:
-    """The laws of all phases, those of the ends in quarters."""
-    starts, problem, solved = walk.contacts.starts, walk.problem, walk.solved
-    first = _quarter_phases(problem, 0.0, *_stand(problem, solved, 0), mass)
-    return (*first, *phases_between(starts[1:], walk.supports, problem, solved, mass))
 
 
 def phases_between(

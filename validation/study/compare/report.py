@@ -93,10 +93,10 @@ def first_answer(pair: Pair) -> list[str]:
     ]
 
 
-def largest_undecided(pair: Pair, count: int = 5) -> list[Row]:
-    """Rows of the largest ratios among the undecided ones."""
+def largest_undecided(pair: Pair) -> list[Row]:
+    """Rows of the five largest ratios among the undecided ones."""
     ratios = {row: abs(math.log(row.ratio)) for row in pair.rows if row.better == "" and row.ratio}
-    return sorted(ratios, key=lambda row: -ratios[row])[:count]
+    return sorted(ratios, key=lambda row: -ratios[row])[:5]
 
 
 def known(pair: Pair) -> str:

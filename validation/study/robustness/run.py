@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ampm.parameters import RunParameters
 from ampm.planner.capture import Reach, largest_velocity_change, push_instant
+from ampm.run_file import dump_run
 from validation.judge import profiles
 from validation.progress import Progress, Stage
 from validation.store.folders import output_file
@@ -33,7 +34,6 @@ from validation.study.robustness.walks import (
     LevelResult,
     Runner,
     as_row,
-    as_text,
     from_row,
     walk_level,
 )  # fmt: skip
@@ -99,7 +99,7 @@ def robustness(
         request = load_request(run, settings)
     limits = profiles.own_profile(request.name) if profile is None else profiles.profile(profile)
     planned = plan_walk(replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2})), progress)
-    text = as_text(planned.run)
+    text = dump_run(planned.run)
     cells = chosen([*push_cells(quick), *other_cells(_segments(planned), quick)], only)
     identity = {
         "run": text, "profile": limits.name, "replicas": replicas, "quick": quick, "code": code_hash(),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 from ampm.planner.capture import DIRECTIONS, PUSH_PHASES
 from validation.show.text import ABSENT, markdown_table
@@ -57,12 +56,8 @@ def _other(item: CellResult) -> tuple[str, ...]:
 
     zmp = ABSENT if math.isnan(item.zmp[0]) else ", ".join(f"{1e3 * value:.1f}" for value in item.zmp)
     more = " (all tried)" if item.complete else ""
-    return item.cell.name, unit, shown(item.survived) + more, shown(item.within), zmp, _short(item.cause)
-
-
-def _short(cause: str) -> str:
-    """The first clause of a cause, without the time."""
-    return cause.partition("; ")[0].partition(" at ")[0]
+    cause = item.cause.partition("; ")[0].partition(" at ")[0]
+    return item.cell.name, unit, shown(item.survived) + more, shown(item.within), zmp, cause
 
 
 def title(found: Robustness) -> str:
@@ -75,13 +70,8 @@ def markdown(found: Robustness) -> str:
     """The tables of a study."""
     parts = [f"# Robustness of {title(found)}\n"]
     if found.pushes:
-        parts.append(
-            f"Pushes of 0.1 s, survived with all smaller ones.\n\n{_table(PUSH_HEADER, push_rows(found))}\n"
-        )
+        table = markdown_table(PUSH_HEADER, push_rows(found))
+        parts.append(f"Pushes of 0.1 s, survived with all smaller ones.\n\n{table}\n")
     if found.others:
-        parts.append(_table(OTHER_HEADER, other_rows(found)) + "\n")
+        parts.append(markdown_table(OTHER_HEADER, other_rows(found)) + "\n")
     return "\n".join(parts)
-
-
-def _table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
-    return markdown_table(header, rows)

@@ -8,10 +8,11 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from ampm.exceptions import AmpmError
-from ampm.parameters import RunParameters
 from ampm.planner.capture import push_instant
-from ampm.run_file import dump_run, load_run
+from ampm.run_file import load_run
 from ampm.section import parse_toml
 from validation.judge.profiles import profile as find_profile
 from validation.study.robustness.cells import (
@@ -102,14 +103,10 @@ def walk_level(level: Level) -> LevelResult:
             else:
                 walked += 1
                 passed += walk.passed
-                zmp = [max(value, known, key=_or_none) for value, known in zip(walk.zmp, zmp, strict=True)]
+                zmp = np.fmax(walk.zmp, zmp).tolist()
         if len(causes) > level.replicas - needed(level.replicas):
             break
     return LevelResult(walked, passed, tuple(causes), (zmp[0], zmp[1]))
-
-
-def _or_none(value: float) -> float:
-    return -1.0 if math.isnan(value) else value
 
 
 class Replica(NamedTuple):
@@ -181,11 +178,6 @@ def _planned(text: str, gait: str, steps: int) -> PlannedWalk:
     return plan_walk(
         Request(gait, load_run(None, **parse_toml(text, "the run")).replace({"gait.steps": steps}))
     )
-
-
-def as_text(run: RunParameters) -> str:
-    """A complete run as TOML, of which nothing is left to be found."""
-    return dump_run(run)
 
 
 Runner = Callable[[Level], LevelResult]
