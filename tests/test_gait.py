@@ -241,7 +241,6 @@ def test_an_independent_integration_of_force_and_zmp_laws(parameters):
 @pytest.mark.parametrize("offset", [0.0, 0.45])
 def test_the_mean_of_angular_momentum_y_is_the_offset(plan, offset):
     shifted = plan.with_angular_momentum_offset(offset)
-    assert plan_gait(GOLDEN, MASS, angular_momentum_y_offset=offset) == shifted
     nodes, weights = np.polynomial.legendre.leggauss(20)
     total = 0.0
     for phase in shifted.phases[:2]:
@@ -333,8 +332,6 @@ def test_a_mass_or_an_offset_that_is_none(plan, number):
     if not math.isfinite(number):
         with pytest.raises(InputError, match="finite"):
             plan.with_angular_momentum_offset(number)
-        with pytest.raises(InputError, match="offset"):
-            plan_gait(GOLDEN, MASS, angular_momentum_y_offset=number)
 
 
 BOUNDED = "com_height step_length switching_velocity single_support_ratio a_s c_s c_y step_width".split()

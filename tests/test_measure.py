@@ -114,7 +114,6 @@ def test_slip_is_the_way_slid_since_touch_down(swing):
     velocity[..., 0], velocity[..., 1] = 0.03, 0.04
     force[10:60, 0, 2] = force[100:150, 0, 2] = 50.0
     made = measured_of(record, point_velocity=velocity, point_force=force)
-    np.testing.assert_allclose(made.slip_speed[20, 0], 0.05)
     np.testing.assert_allclose(made.slip[[9, 59, 60, 149], 0], [0.0, 0.005, 0.0, 0.005], rtol=0.0, atol=1e-12)
     assert made.slip[:, 1].max() == 0.0
 

@@ -18,32 +18,27 @@ from ampm.planner.pendulum import AffineLaw, odd_double_integral, position_integ
 from ampm.planner.rules import refusal_of
 
 
-def plan_gait(gait: GaitParameters, mass: float, *, angular_momentum_y_offset: float = 0.0) -> CentroidalPlan:
+def plan_gait(gait: GaitParameters, mass: float) -> CentroidalPlan:
     """Plan a periodic straight gait in closed form.
+
+    The AMPM leaves the mean of L_y over a step free. Only a body fixes it (the periodic whole-body motion),
+    see :meth:`CentroidalPlan.with_angular_momentum_offset`; here it is zero.
 
     Args:
         gait: what to walk.
         mass: of the body [kg].
-        angular_momentum_y_offset: mean of L_y over a step [N m s]. The AMPM leaves it free; only a body fixes
-            it (the periodic whole-body motion), and a plan without one takes zero.
 
     Raises:
-        InputError: mass or offset is no usable number.
+        InputError: the mass is no usable number.
         MathematicalRefusal: the closed form has no solution, or none that can be computed.
     """
-    return plan_with_next_step(gait, mass, angular_momentum_y_offset)[0]
+    return plan_with_next_step(gait, mass)[0]
 
 
-def plan_with_next_step(
-    gait: GaitParameters, mass: float, angular_momentum_y_offset: float = 0.0
-) -> tuple[CentroidalPlan, Contacts]:
+def plan_with_next_step(gait: GaitParameters, mass: float) -> tuple[CentroidalPlan, Contacts]:
     """:func:`plan_gait`, and the contacts of the walk with one more step."""
     if not (math.isfinite(mass) and mass > 0.0):
         raise InputError(f"the mass is {mass:g} kg; it must be a finite number greater than 0 kg.")
-    if not math.isfinite(angular_momentum_y_offset):
-        raise InputError(
-            f"the angular momentum offset is {angular_momentum_y_offset}; give a finite number [N m s]."
-        )
     one = Gaits.of(gait)
     try:
         refusal = refusal_of(one)
@@ -53,7 +48,7 @@ def plan_with_next_step(
             refusal = refusal_of(one)
     if refusal:
         raise refusal
-    return _assemble(gait, float(mass), one, float(angular_momentum_y_offset))
+    return _assemble(gait, float(mass), one)
 
 
 def _numbers(law: AffineLaw) -> AffineLaw:
@@ -68,9 +63,7 @@ def _mirrored(law: AffineLaw) -> AffineLaw:
     )
 
 
-def _assemble(
-    gait: GaitParameters, mass: float, one: Gaits, offset: float
-) -> tuple[CentroidalPlan, Contacts]:
+def _assemble(gait: GaitParameters, mass: float, one: Gaits) -> tuple[CentroidalPlan, Contacts]:
     """Plan of the closed form over its footsteps."""
     sagittal, frontal = one.sagittal, one.frontal
     single_x, double_x, single, double = map(
@@ -111,7 +104,7 @@ def _assemble(
         beta=float(frontal.beta),
         lateral_switching_velocity=float(frontal.velocity),
         mean_velocity=length / step,
-        angular_momentum_y_offset=offset,
+        angular_momentum_y_offset=0.0,
     )
     further = _contacts(gait, t_ss, t_ds)
     plan = CentroidalPlan(

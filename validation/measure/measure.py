@@ -87,14 +87,13 @@ class MeasuredGait(Brief):
         momentum_force: ground force by the rate of momentum, ``m (com_acceleration + g e_z)`` less what else
             pushed the body, shape (K, 3) [N].
         angular_momentum: the simulator's, about the COM at t_k, shape (K, 3) [N m s].
-        angular_momentum_pin: Pinocchio's, about the COM at t_k, shape (K, 3) [N m s].
-        angular_momentum_rate: forward difference of the latter over the step, less the moment of what else
+        angular_momentum_rate: forward difference of Pinocchio's over the step, less the moment of what else
             pushed the body, shape (K, 3) [N m].
         foot_contact: any sole point of the foot carries force, shape (K, 2), bool.
         point_contact: the sole point carries force, shape (K, P), bool.
         foot_position: reference points of the soles at t_k, shape (K, 2, 3) [m].
-        slip_speed: force-weighted mean horizontal speed of the loaded points, shape (K, 2) [m/s].
-        slip: its integral since the foot last touched down, shape (K, 2) [m].
+        slip: integral of the force-weighted mean horizontal speed of the loaded points since the foot last
+            touched down, shape (K, 2) [m].
         penetration: deepest loaded point of each foot, shape (K, 2) [m].
         polygon_margin: distance of ``zmp`` to the edge of the loaded points' convex hull, inside positive,
             shape (K,) [m].
@@ -118,12 +117,10 @@ class MeasuredGait(Brief):
     com_acceleration: Array
     momentum_force: Array
     angular_momentum: Array
-    angular_momentum_pin: Array
     angular_momentum_rate: Array
     foot_contact: NDArray[np.bool_]
     point_contact: NDArray[np.bool_]
     foot_position: Array
-    slip_speed: Array
     slip: Array
     penetration: Array
     polygon_margin: Array
@@ -220,7 +217,7 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
 
     contact = foot_contact(record)
     point_contact, penetration, margin = _soles(record, zmp)
-    slip_speed, slip = _slip(record, contact)
+    slip = _slip(record, contact)
 
     gap = zmp - zmp_momentum
     impulse = force[:, 2].sum() * dt
@@ -253,12 +250,10 @@ def measure(record: SimulationRecord, model: pin.Model, to_pinocchio: ToPinocchi
         com_acceleration=com_acceleration,
         momentum_force=momentum_force,
         angular_momentum=record.angular_momentum[:-1],
-        angular_momentum_pin=momentum[:-1].copy(),
         angular_momentum_rate=momentum_rate,
         foot_contact=contact,
         point_contact=point_contact,
         foot_position=record.foot_position[:-1],
-        slip_speed=slip_speed,
         slip=slip,
         penetration=penetration,
         polygon_margin=margin,
@@ -396,8 +391,8 @@ def _centroidal(
     return com, velocity, momentum
 
 
-def _slip(record: SimulationRecord, foot_contact: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Slip speed and its integral since touch-down, per foot, each shape (K, 2)."""
+def _slip(record: SimulationRecord, foot_contact: NDArray[np.bool_]) -> Array:
+    """Slip of each foot since its touch-down, shape (K, 2) [m]."""
     slip_speed, slip = np.zeros((record.steps, 2)), np.zeros((record.steps, 2))
     for part in blocks(record.steps):
         speed = np.hypot(record.point_velocity[part, :, 0], record.point_velocity[part, :, 1])
@@ -413,7 +408,7 @@ def _slip(record: SimulationRecord, foot_contact: NDArray[np.bool_]) -> tuple[Ar
         # In the air the speed is zero, so the travel of the last unloaded row is where this stance began.
         at_lift = np.where(foot_contact[:, foot], 0.0, travelled)
         slip[:, foot] = np.where(foot_contact[:, foot], travelled - np.maximum.accumulate(at_lift), 0.0)
-    return slip_speed, slip
+    return slip
 
 
 def centre_of_pressure(force: Array, torque: Array, least: float, floor: Array | float = 0.0) -> Array:

@@ -46,9 +46,6 @@ _TRANSIENT = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO, errno.EAGAIN,
 MACHINE_FAULTS = frozenset({WORKER_DIED, "MemoryError", *(errno.errorcode[number] for number in _TRANSIENT)})
 """Reasons of crashes that are no result of the gait: ``--resume`` walks these runs again."""
 
-NOT_REPRODUCIBLE = ("timing_", "environment_")
-"""Prefixes of the columns in which equal runs may differ."""
-
 Kind = Literal["real", "whole", "text", "flag"]
 _TYPES = {"real": pa.float64(), "whole": pa.int64(), "text": pa.string(), "flag": pa.bool_()}
 _KINDS: Mapping[str, Kind] = {"float": "real", "int": "whole", "text": "text"}
@@ -112,11 +109,6 @@ def columns() -> tuple[Column, ...]:
 def schema() -> pa.Schema:
     """Arrow schema of the table."""
     return pa.schema([pa.field(item.name, _TYPES[item.kind]) for item in columns()])
-
-
-def reproducible_columns() -> list[str]:
-    """Names of the columns that are the same bits in equal sweeps."""
-    return [item.name for item in columns() if not item.name.startswith(NOT_REPRODUCIBLE)]
 
 
 # ------------------------------------------------------------------------------ rows
