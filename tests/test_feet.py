@@ -158,16 +158,9 @@ def test_soles_stay_over_the_floor(name, swing):
         assert foot.sole_points[..., 2].min() > -1e-12
 
 
-def test_feet_stand_on_their_placements(plan):
-    for k, step in enumerate(plan.contacts.footsteps[1:-1]):
-        middle = (k + 0.3) * plan.constants.step_duration
-        foot = plan.feet.sample(middle)[0 if step.foot == "left" else 1]
-        np.testing.assert_allclose(foot.position[0], step.position, rtol=0.0, atol=1e-12)
-        assert foot.pitch[0] == foot.toe[0] == 0.0
-
-
-def test_unequal_footsteps_need_no_other_code():
-    plan = planned(SCHEDULES["roll"])
+@pytest.mark.parametrize("schedule", SCHEDULES.values(), ids=SCHEDULES)
+def test_feet_stand_on_their_placements_and_unequal_ones_need_no_other_code(schedule):
+    plan = planned(schedule)
     moves = np.array([0.0, 0.02, -0.05, 0.07, 0.01, -0.03, 0.04])
     steps = tuple(
         Footstep(f.foot, (f.position[0] + m, f.position[1] + 0.2 * m, 0.0))
@@ -175,10 +168,11 @@ def test_unequal_footsteps_need_no_other_code():
     )
     moved = {None: None, **dict(zip(plan.contacts.footsteps, steps, strict=True))}
     phases = [p._replace(left=moved[p.left], right=moved[p.right]) for p in plan.contacts.phases]
-    feet = plan_feet(Contacts(steps, tuple(phases)), SCHEDULES["roll"], SOLE, 0.4)
+    feet = plan_feet(Contacts(steps, tuple(phases)), schedule, SOLE, 0.4)
     for k, step in enumerate(steps[1:-1]):
         foot = feet.sample((k + 0.3) * plan.constants.step_duration)[0 if step.foot == "left" else 1]
         np.testing.assert_allclose(foot.position[0], step.position, rtol=0.0, atol=1e-12)
+        assert foot.pitch[0] == foot.toe[0] == 0.0
 
 
 def test_right_foot_is_the_left_foot_mirrored_one_step_later(plan):

@@ -264,13 +264,6 @@ def test_steps_that_cannot_be_walked(number, place, words):
         plan(footsteps)
 
 
-def test_a_landing_before_the_swing_is_refused():
-    landings: list[float | None] = [None] * len(WALKS["straight"])
-    landings[3] = 1.0
-    with pytest.raises(InputError, match=r"footstep 4 is reached at 1 s, but its swing begins at 1\.\d+ s"):
-        plan(WALKS["straight"], landings=landings)
-
-
 FILE = """foot, x, y, heading, time
 right, 0, -0.09, 0,
 left, 0, 0.09, 0,
