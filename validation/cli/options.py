@@ -113,7 +113,7 @@ def with_short(settings: list[str] | None, **options: str | int | None) -> list[
         if name in ("body", "planner") and value is not None and Path(str(value)).is_file():
             value = str(Path(str(value)).resolve())
         if value is not None:
-            found.append(f"{_SHORT[name]}={value!r}")
+            found.append(f"{_SHORT[name]}='{value}'" if isinstance(value, str) else f"{_SHORT[name]}={value}")
     return found
 
 
