@@ -69,12 +69,7 @@ class ConstantPosture:
             ) from error
         self.q = q.copy()
         self.q[3:7] = 0.0, 0.0, 0.0, 1.0
-        if heading:
-            c, s = math.cos(heading), math.sin(heading)
-            q[0], q[1] = c * q[0] - s * q[1], s * q[0] + c * q[1]
-            turn = pin.Quaternion(pin.utils.rotate("z", heading)) * pin.Quaternion(*q[[6, 3, 4, 5]])
-            q[3:7] = turn.coeffs()
-        self.start = q, v
+        self.start = turned(q, heading) if heading else q, v
         data = robot.model.createData()
         pin.forwardKinematics(robot.model, data, self.q)
         self.trunk = pin.updateFramePlacement(robot.model, data, robot.trunk_frame).rotation.copy()
@@ -115,6 +110,15 @@ class ConstantPosture:
     def report(self) -> dict[str, Any]:
         """Empty: nothing is solved."""
         return {}
+
+
+def turned(q: Array, angle: float) -> Array:
+    """A configuration turned about the vertical through the origin by an angle [rad]."""
+    q, c, s = q.copy(), math.cos(angle), math.sin(angle)
+    q[0], q[1] = c * q[0] - s * q[1], s * q[0] + c * q[1]
+    turn = pin.Quaternion(pin.utils.rotate("z", angle)) * pin.Quaternion(*q[[6, 3, 4, 5]])
+    q[3:7] = turn.coeffs()
+    return q
 
 
 def _turns(contacts: Contacts) -> Array:

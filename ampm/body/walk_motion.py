@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ampm.body.constant_posture import ConstantPosture
+from ampm.body.constant_posture import ConstantPosture, turned
 from ampm.body.feasibility import CLEARANCE, joint_groups
 from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory, Unreachable
 from ampm.body.rigid_body import passive_torques
@@ -214,7 +214,7 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
     q, v = posture.start
     for k, part in enumerate(length):
         rows = slice(k * nodes, (k + 1) * nodes)
-        q, axes = _turned(q, axes - heading[k]), heading[k]
+        q, axes = turned(q, axes - heading[k]), heading[k]
         recent = edges[1 : k + 1] > edges[k] - window
         mean = (length[:k, None] * tilts[:k])[recent].sum(axis=0) / window
         integral = integral + mean * part
@@ -237,15 +237,6 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
         tilts[k] = tilt
     gaps = robot.shapes.gaps(np.concatenate(configurations))
     return _Followed(time, share, rate, gaps.distance, gaps.parts, lost)
-
-
-def _turned(q: Array, angle: float) -> Array:
-    """A configuration in axes turned back by an angle [rad]."""
-    q, c, s = q.copy(), math.cos(angle), math.sin(angle)
-    q[0], q[1] = c * q[0] - s * q[1], s * q[0] + c * q[1]
-    turn = pin.Quaternion(pin.utils.rotate("z", angle)) * pin.Quaternion(*q[[6, 3, 4, 5]])
-    q[3:7] = turn.coeffs()
-    return q
 
 
 def _upright(

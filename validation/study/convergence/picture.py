@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
@@ -47,7 +46,6 @@ def draw(result: Convergence, path: Path) -> None:
     with mpl.rc_context(figure_style("black", "0.4", "0.9")):  # type: ignore[arg-type]
         # Figures are made without pyplot: no global state, no display, safe in any thread.
         figure = Figure(figsize=(12.4, 4.1 * rows + 0.5), layout="constrained")
-        FigureCanvasAgg(figure)
         steps = result.request.run.gait.steps
         figure.suptitle(f"{result.request.title}: what the numbers depend on, {steps} steps a level")
         grid = list(figure.subplots(rows, 2, squeeze=False).flat)

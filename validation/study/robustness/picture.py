@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ampm.planner.capture import PUSH_PHASES
@@ -31,7 +30,6 @@ def draw(found: Robustness, path: Path) -> None:
     with file_style():
         size = _INCH * len(phases), (_INCH + 0.4) * len(heights) + 0.4
         figure = Figure(figsize=size, layout="constrained")
-        FigureCanvasAgg(figure)
         figure.suptitle(f"{title(found)}; velocity change of a push of 0.1 s [m/s]", fontsize=9)
         plots = figure.subplots(len(heights), len(phases), squeeze=False, subplot_kw={"projection": "polar"})
         for row, height in zip(plots, heights, strict=True):
