@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ampm.exceptions import InputError
-from ampm.parameters import GRAVITY, HUMAN, ControllerParameters
+from ampm.parameters import GRAVITY, ControllerParameters
 
 if TYPE_CHECKING:
     from ampm.description import BodyDescription
@@ -21,7 +21,7 @@ _HIPS = 0.90  # height of the human's hips, with which the rate of the swing foo
 
 
 def first_gait(run: RunParameters, description: BodyDescription) -> RunParameters:
-    """The run with mass and height of its body and, of another body than the human, a gait of its size.
+    """The run of another body than the human with its mass and height, and a gait of its size.
 
     Values that are given stay; those of :data:`ampm.parameters.OPEN_KEYS` stay open. What it returns is
     returned unchanged.
@@ -33,8 +33,6 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
     Raises:
         InputError: mass or height are given, and not those of the body.
     """
-    if run.body.source == HUMAN:
-        return run
     for key, value in (("body.mass", description.mass), ("body.height", description.height)):
         if key in run.given and run.value(key) != value:
             raise InputError(

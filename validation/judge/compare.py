@@ -72,11 +72,6 @@ class Signal(NamedTuple):
     scales: tuple[str, ...]
     reference: str = "plan"
 
-    @property
-    def name(self) -> str:
-        """As in ``signals.parquet``."""
-        return f"{self.group}_{self.axis}"
-
 
 _MINUS = "measured minus planned"
 _FOOT, _WEIGHT = ("foot_length",), ("body_weight",)

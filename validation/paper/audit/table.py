@@ -126,8 +126,6 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
 
 def _code(text: str) -> str:
     """Markdown of a form: formulas as code, other text unchanged."""
-    if not text:
-        return ""
     return f"`{text}`" if any(sign in text for sign in ("=", "''", "^")) else _plain(text)
 
 
