@@ -29,7 +29,7 @@ from validation.run.trial import Trial
 from validation.trial.bridge import pinocchio_model, to_pinocchio
 from validation.trial.controllers import find_controller, name_of
 from validation.trial.origin import moved_record
-from validation.trial.plan import PlannedWalk, Request, load_request, make_body, own_gait, plan_walk
+from validation.trial.plan import PlannedWalk, load_request, make_body, plan_walk
 from validation.trial.planners import check_planner
 from validation.trial.record import SimulationRecord
 from validation.trial.scene import disturbed_model
@@ -87,11 +87,8 @@ def walk(
     ):
         if not good:
             raise InputError(f"{value!r} is no {wanted}; correct it.")
-    if isinstance(run, RunParameters):
-        request = Request(name or "walk", own_gait(run))
-    else:
-        request = load_request(str(run))
-        request = replace(request, name=name or request.name)
+    request = load_request(run if isinstance(run, RunParameters) else str(run))
+    request = replace(request, name=name or request.name)
     if footsteps:
         request = replace(request, run=request.run.replace({}, footsteps=as_rows(footsteps)))
     factory = (

@@ -32,7 +32,7 @@ from validation.store.folders import output_file
 from validation.store.identity import code_hash
 from validation.store.json import json_ready, write_json
 from validation.study.resumable import Journal, processes, study_folder, work_off
-from validation.trial.plan import Request, complete, load_request, own_gait, plan_walk
+from validation.trial.plan import Request, complete, load_request, plan_walk
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -351,8 +351,7 @@ def tour(
     progress = progress or Progress()
     processes(workers)
     target = study_folder(out, (RESULT, JOURNAL), JOURNAL, what="tour", resume=resume, force=force)
-    given = Request("walk", own_gait(run)) if isinstance(run, RunParameters) else load_request(run, settings)
-    request = complete(given, progress)
+    request = complete(load_request(run, settings), progress)
     own = request.run
     identity = {"run": dump_run(own), "share": share, "targets": count, "arms": arms, "code": code_hash()}
     path = None if target is None else target / JOURNAL

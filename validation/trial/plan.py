@@ -129,7 +129,7 @@ class PlannedWalk(Brief):
 
 
 def load_request(
-    gait: str | None,
+    gait: RunParameters | str | None,
     settings: Sequence[str] = (),
     *,
     as_is: bool = False,
@@ -138,7 +138,8 @@ def load_request(
     """Resolve one gait and its settings.
 
     Args:
-        gait: preset or TOML file; None for `normal`, or the own gait of another body than the human.
+        gait: preset or TOML file; None for `normal`, or the own gait of another body than the human. Or
+            parameters, which take only ``sections``.
         settings: ``key=value`` texts.
         as_is: every value counts as given, so that nothing is found.
         sections: values by section and key, after the settings.
@@ -146,6 +147,9 @@ def load_request(
     Raises:
         InputError: unknown gait, key or controller, or a bad value.
     """
+    if isinstance(gait, RunParameters):
+        values = {f"{name}.{key}": value for name, keys in sections.items() for key, value in keys.items()}
+        return Request("walk", own_gait(gait.replace(values) if values else gait))
     run = load_run(gait, settings, **sections)
     if gait is None and run.body.source == HUMAN:
         return load_request("normal", settings, as_is=as_is, sections=sections)
@@ -181,10 +185,7 @@ def request_of(
     """
     if body is not None:
         sections = {**sections, "body": {"source": body} if isinstance(body, str) else body}
-    if not isinstance(source, RunParameters):
-        return load_request(source, sections=sections)
-    values = {f"{name}.{key}": value for name, keys in sections.items() for key, value in keys.items()}
-    return Request("walk", own_gait(source.replace(values)))
+    return load_request(source, sections=sections)
 
 
 def load_requests(

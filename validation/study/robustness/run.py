@@ -37,7 +37,7 @@ from validation.study.robustness.walks import (
     from_row,
     walk_level,
 )  # fmt: skip
-from validation.trial.plan import Request, load_request, own_gait, plan_walk
+from validation.trial.plan import load_request, plan_walk
 
 if TYPE_CHECKING:
     import numpy as np
@@ -93,10 +93,7 @@ def robustness(
     chosen([*push_cells(), *other_cells()], only)  # refuse before anything is planned
     progress = progress or Progress()
     target = study_folder(out, FILES, JOURNAL, what="robustness study", resume=resume, force=force)
-    if isinstance(run, RunParameters):
-        request = Request("walk", own_gait(run))
-    else:
-        request = load_request(run, settings)
+    request = load_request(run, settings)
     limits = profiles.own_profile(request.name) if profile is None else profiles.profile(profile)
     planned = plan_walk(replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2})), progress)
     text = dump_run(planned.run)
