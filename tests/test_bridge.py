@@ -118,11 +118,10 @@ def test_joint_order_names_and_limits(model: mujoco.MjModel) -> None:
 def test_effort_limits() -> None:
     twin = pinocchio_model(mujoco.MjModel.from_xml_string(ODD_XML))
     index = twin.joints[twin.getJointId("second")].idx_v
-    assert twin.upperEffortLimit[index] == pytest.approx(7.0)
-    assert twin.lowerEffortLimit[index] == pytest.approx(-6.0)
+    assert twin.effortLimit[index] == pytest.approx(6.0)  # -6 ... 7
     human = human_model(1.7, 60.0)
-    np.testing.assert_array_equal(pinocchio_model(human).upperEffortLimit[6:], human.actuator_ctrlrange[:, 1])
-    np.testing.assert_array_equal(pinocchio_model(human).upperEffortLimit[:6], 0.0)
+    np.testing.assert_array_equal(pinocchio_model(human).effortLimit[6:], human.actuator_ctrlrange[:, 1])
+    np.testing.assert_array_equal(pinocchio_model(human).effortLimit[:6], 0.0)
 
 
 def test_inverse_dynamics(both: Both) -> None:

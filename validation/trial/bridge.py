@@ -165,8 +165,8 @@ def _set_limits(result: pin.Model, model: mujoco.MjModel, joint: int, pin_joint:
 
 
 def _set_efforts(result: pin.Model, model: mujoco.MjModel) -> None:
-    """Effort limits of motors: gear times the tighter of control and force range; 0 without motor."""
-    lower, upper = np.zeros(model.nv), np.zeros(model.nv)
+    """Effort limits of motors, in both directions: gear times the tightest range; 0 without motor."""
+    limit = np.zeros(model.nv)
     for actuator in range(model.nu):
         if int(model.actuator_trntype[actuator]) != int(mujoco.mjtTrn.mjTRN_JOINT):
             continue
@@ -177,9 +177,8 @@ def _set_efforts(result: pin.Model, model: mujoco.MjModel) -> None:
         if model.actuator_forcelimited[actuator]:
             low = max(low, model.actuator_forcerange[actuator, 0])
             high = min(high, model.actuator_forcerange[actuator, 1])
-        ends = np.array([low, high]) * float(model.actuator_gear[actuator, 0])
-        lower[dof], upper[dof] = ends.min(), ends.max()
-    result.lowerEffortLimit, result.upperEffortLimit = lower, upper
+        limit[dof] = min(-low, high) * abs(float(model.actuator_gear[actuator, 0]))
+    result.effortLimit = limit
     result.velocityLimit = np.full(model.nv, np.inf)
 
 
