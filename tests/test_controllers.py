@@ -69,14 +69,15 @@ def test_an_unknown_controller_is_refused_before_anything_is_planned():
         val.walk(run.replace({"controller.name": "nobody", "gait.switching_velocity": 0.01}))
 
 
-def test_a_status_alone_tells_of_a_qp():
-    class Limited(JointPD):
+@pytest.mark.parametrize(("told", "limited"), [({"status": LIMITED}, 1), ({"seconds": 1e-3}, 0)])
+def test_status_or_time_tells_of_a_qp(told, limited):
+    class Solving(JointPD):
         def update(self, state, touch, reference):
-            return super().update(state, touch, reference)._replace(status=LIMITED)
+            return super().update(state, touch, reference)._replace(**told)
 
-    trial = val.walk(ampm.load_run("normal", **QUICK), controller=Limited)
+    trial = val.walk(ampm.load_run("normal", **QUICK), controller=Solving)
     assert trial.metrics["failed_qp"].value == 0.0
-    assert trial.summary["solver"]["solved_with_limits"] == trial.summary["solver"]["ticks"]
+    assert trial.summary["solver"]["solved_with_limits"] == limited * trial.summary["solver"]["ticks"]
 
 
 def test_the_template_walks_until_it_falls(monkeypatch):

@@ -336,7 +336,7 @@ def _force_gaps(walk: Comparison) -> Array:
 
 def has_qp(record: SimulationRecord) -> bool:
     """Whether the controller reported anything of a QP; otherwise nothing of a QP applies to it."""
-    return bool(record.qp_status.any() or np.isfinite(record.qp_residual).any())
+    return bool(record.qp_status.any() or np.isfinite([record.qp_residual, record.qp_time]).any())
 
 
 def _failed_qp(walk: Comparison) -> float | None:
