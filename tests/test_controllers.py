@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -86,6 +87,37 @@ def test_the_template_walks_until_it_falls(monkeypatch):
     trial = val.walk(ampm.load_run("normal", **QUICK), controller="controller_template:MyController")
     assert trial.record.outcome.name == "fell"
     assert trial.record.outcome.time > 0.2
+
+
+@pytest.fixture
+def with_tsid(monkeypatch):
+    """The example's module."""
+    monkeypatch.syspath_prepend(EXAMPLES)
+    return import_module("tsid_controller")
+
+
+def test_tsid_walks_on_flat_feet(with_tsid):
+    if with_tsid.tsid is None:
+        pytest.skip("the extra tsid is not installed")
+    run = ampm.load_run("flat", gait={"steps": 3}, simulation={"time_step": 0.001})
+    trial = val.walk(run, controller=with_tsid.TsidController)
+    assert trial.record.outcome.name == "completed"
+    limits = {"failed_qp": 0, "zmp_x_rmse": 2e-3, "zmp_y_rmse": 1.5e-3, "angular_momentum_y_rmse": 0.05}
+    for name, limit in limits.items():
+        assert trial.metrics[name].value <= limit, name
+    planned = trial.planned.plan.sample(trial.record.time[:-1]).zmp
+    assert np.sqrt(np.mean((trial.record.command_zmp - planned) ** 2)) < 2e-3
+
+
+def test_tsid_that_cannot_walk_says_why(with_tsid, monkeypatch):
+    run = ampm.load_run("normal", **QUICK)
+    name = "tsid_controller:TsidController"
+    monkeypatch.setattr(with_tsid, "tsid", None)
+    with pytest.raises(InputError, match=r"^TSID is not installed; .* 'ampm\[tsid\]'\.$"):
+        val.walk(run, controller=name)
+    monkeypatch.setattr(with_tsid, "tsid", object())
+    with pytest.raises(InputError, match="'roll' rolls the feet"):
+        val.walk(run, controller=name)
 
 
 @pytest.mark.parametrize(
