@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -50,6 +52,11 @@ def test_the_set_has_its_documented_form(problems):
     assert np.linalg.eigvalsh(problems["P"]).min() > 0.1
     half = problems["sequence"] == 1
     assert problems["time"][half][-1] == pytest.approx((qpset.TICKS - 1) / 500.0)
+
+
+def test_tsid_is_that_of_the_extra():
+    project = tomllib.loads((environments.ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert list(environments.PEERS["TSID"].requirements) == project["optional-dependencies"]["tsid"]
 
 
 def test_errors_are_in_newton_and_metres(problems):
