@@ -156,11 +156,11 @@ def _inertia(model: mujoco.MjModel, body: int) -> pin.Inertia:
 
 def _set_limits(result: pin.Model, model: mujoco.MjModel, joint: int, pin_joint: int) -> None:
     entry = result.joints[pin_joint]
+    if entry.nq > 1:  # Pinocchio's own limits of a free joint are its largest numbers
+        return
     lower, upper = result.lowerPositionLimit, result.upperPositionLimit
-    span = slice(entry.idx_q, entry.idx_q + entry.nq)
-    lower[span], upper[span] = -np.inf, np.inf
-    if model.jnt_limited[joint]:
-        lower[entry.idx_q], upper[entry.idx_q] = model.jnt_range[joint]
+    limited = model.jnt_limited[joint]
+    lower[entry.idx_q], upper[entry.idx_q] = model.jnt_range[joint] if limited else (-np.inf, np.inf)
     result.lowerPositionLimit, result.upperPositionLimit = lower, upper
 
 
@@ -179,7 +179,6 @@ def _set_efforts(result: pin.Model, model: mujoco.MjModel) -> None:
             high = min(high, model.actuator_forcerange[actuator, 1])
         limit[dof] = min(-low, high) * abs(float(model.actuator_gear[actuator, 0]))
     result.effortLimit = limit
-    result.velocityLimit = np.full(model.nv, np.inf)
 
 
 def _rotate(quaternion_wxyz: Array, vector: Array, *, inverse: bool = False) -> Array:
