@@ -192,11 +192,14 @@ def size(a: Array) -> float:
 def combine(rows: Array, weights: Array, out: Array) -> None:
     """``out = rows' weights``: independent sums, which processors add side by side."""
     out[:] = 0.0
-    for i in range(len(rows)):
-        w, row = weights[i], rows[i]
-        if w != 0.0:
-            for j in range(len(out)):
-                out[j] += w * row[j]
+    many = len(rows) - len(rows) % 4
+    for i in range(0, many, 4):
+        a, b, c, d = weights[i], weights[i + 1], weights[i + 2], weights[i + 3]
+        for j in range(len(out)):
+            out[j] = out[j] + a * rows[i, j] + b * rows[i + 1, j] + c * rows[i + 2, j] + d * rows[i + 3, j]
+    for i in range(many, len(rows)):
+        for j in range(len(out)):
+            out[j] += weights[i] * rows[i, j]
 
 
 @compiled
@@ -228,16 +231,16 @@ def factor(
         i, j = slack_rows[s], free + s
         own[s] = P[j, j] + _SIGMA + penalty[i] * A[i, j] ** 2
         left[i] -= (penalty[i] * A[i, j]) ** 2 / own[s]
-    total = np.empty(free)  # an array of its own: processors then add its entries side by side
     for j in range(free):
-        total[:] = P[j, :free]
-        total[j] += _SIGMA
-        for i in range(len(A)):
+        for k in range(free):
+            inverse[j, k] = P[j, k]
+        inverse[j, j] += _SIGMA
+    for i in range(len(A)):
+        for j in range(free):
             w = left[i] * A[i, j]
             if w != 0.0:
                 for k in range(free):
-                    total[k] += w * A[i, k]
-        inverse[j] = total
+                    inverse[j, k] += w * A[i, k]
     return invert(inverse)
 
 
