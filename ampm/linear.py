@@ -18,15 +18,12 @@ if TYPE_CHECKING:
 def add_gram(factors: Array, system: Array) -> None:
     """Add ``F' F`` to a system's matrix, F of shape (k, n) with many zeros."""
     count = len(system)
-    total = np.empty(count)  # an array of its own: processors then add its entries side by side
-    for e in range(count):
-        total[:] = system[e, :count]
-        for j in range(len(factors)):
+    for j in range(len(factors)):
+        for e in range(count):
             s = factors[j, e]
             if s != 0.0:
                 for d in range(count):
-                    total[d] += s * factors[j, d]
-        system[e, :count] = total
+                    system[e, d] += s * factors[j, d]
 
 
 @compiled
@@ -44,7 +41,7 @@ def triangular(system: Array) -> bool:
         for r in range(c + 1, count):
             factor = system[c, r] / pivot
             if factor != 0.0:
-                for d in range(r, width):
+                for d in range(width):  # of a fixed length, which takes less time than from r on
                     system[r, d] -= factor * system[c, d]
     return True
 

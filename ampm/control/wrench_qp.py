@@ -94,13 +94,15 @@ def _set_up(scaled: Array, softness: Array, rhs: Array, posture: Array, system: 
     count = len(rhs)
     system[:] = 0.0
     for e in range(count):
-        system[e, e], system[e, count + 6] = softness[e], rhs[e]
+        system[e, e] = softness[e]
     for k in range(6):
         system[k, count + k] = 1.0
     add_gram(scaled, system)
+    right = rhs.copy()
     for j in range(len(scaled)):
         for e in range(count):
-            system[e, count + 6] -= scaled[j, e] * posture[j]
+            right[e] -= scaled[j, e] * posture[j]
+    system[:, count + 6] = right
 
 
 @compiled
