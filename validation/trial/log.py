@@ -143,6 +143,8 @@ def keep_step(
         efc_force: forces of all constraints.
     """
     copy_places(k, site_place, site_rotation, sites, places, rotation)
+    for p in range(len(normal_force)):
+        point_position[k, p] = places[k, p]
     for i in range(len(read)):
         readings[k, i] = sensordata[read[i]]
     torque[k] = ctrl
@@ -157,7 +159,8 @@ def keep_step(
                     + efc_force[first + 1] * frame[i, 3 + axis]
                     + efc_force[first + 2] * frame[i, 6 + axis]
                 )
-                point_position[k, p, axis] = place[i, axis]
+                if distance[i] < 0.0:
+                    point_position[k, p, axis] = place[i, axis]
             point_penetration[k, p] = -distance[i]
             normal_force[p] = efc_force[first]
     q[k + 1] = qpos
@@ -165,40 +168,6 @@ def keep_step(
     following, left = divmod(k + 1, every)
     if left == 0 and following < len(warmstart):
         warmstart[following] = qacc_warmstart
-
-
-@compiled
-def copy_command(
-    k: int,
-    count: int,
-    centre: Array,
-    zmp: Array,
-    force: Array,
-    angular_momentum: Array,
-    command_com: Array,
-    command_zmp: Array,
-    command_force: Array,
-    command_angular_momentum: Array,
-) -> None:
-    """Copy a tick's command to its steps.
-
-    Args:
-        k: first step.
-        count: steps of a tick.
-        centre: of the reference, shape (5, 3).
-        zmp: shape (2,) [m].
-        force: shape (3,) [N].
-        angular_momentum: shape (3,) [N m s].
-        command_com: by step.
-        command_zmp: by step.
-        command_force: by step.
-        command_angular_momentum: by step.
-    """
-    for i in range(k, min(k + count, len(command_com))):
-        command_com[i] = centre[0]
-        command_zmp[i] = zmp
-        command_force[i] = force
-        command_angular_momentum[i] = angular_momentum
 
 
 class SolePoints:
@@ -287,10 +256,6 @@ class RunLog:
             self.q, data.qvel, self.qd, data.qacc_warmstart, self.warmstart, self.every, *self._places,
         )  # fmt: skip
         self._keep_step = bound(keep_step, kept, 0, 0, data.efc_force)
-        self._commands: Any = (
-            self.command_com, self.command_zmp, self.command_force, self.command_angular_momentum,
-        )  # fmt: skip
-        self._unknown = [np.full(array.shape[1:], np.nan) for array in self._commands[1:]]
 
     def _make_sensors(self, model: mujoco.MjModel, steps: int) -> None:
         """Arrays for readings; those of a joint's position or rate are views of the states."""
@@ -325,9 +290,8 @@ class RunLog:
         places = self.places[start : step + 1, :-2]
         self.foot_position[instants] = self.places[instants, -2:]
         self.point_velocity[steps] = np.diff(places, axis=0) / self.time_step
-        above = self.point_penetration[steps, :, None] <= 0.0
-        np.copyto(self.point_position[steps], places[:-1], where=above)
-        xyzw = Rotation.from_matrix(self.rotation[instants].reshape(-1, 3, 3)).as_quat()
+        turns = self.rotation[instants].reshape(-1, 3, 3)
+        xyzw = Rotation.from_matrix(turns, assume_valid=True).as_quat()
         self.foot_rotation[instants] = xyzw.reshape(-1, 2, 4)[..., [3, 0, 1, 2]]
 
     def sense(self, data: mujoco.MjData) -> None:
@@ -350,16 +314,17 @@ class RunLog:
 
         A controller's ZMP is on z = 0; kept is that on the plane of the last step's contacts.
         """
-        given = output.zmp, output.force, output.angular_momentum
-        parts = [
-            np.asarray(unknown if part is None else part, dtype=np.float64)
-            for part, unknown in zip(given, self._unknown, strict=True)
-        ]
-        if self.metadata:
+        zmp, force = output.zmp, output.force
+        if self.metadata and zmp is not None:
             height = self.point_position[max(k - 1, 0), :, 2]
             floor = support_height(self.metadata, height, self.normal_force)
-            parts[0] = parts[0] + floor * parts[1][:2] / parts[1][2]
-        copy_command(k, self.substeps, reference.centre, *parts, *self._commands)
+            zmp = None if force is None else np.asarray(zmp) + floor * np.asarray(force[:2]) / force[2]
+        steps = slice(k, k + self.substeps)
+        self.command_com[steps] = reference.centre[0]
+        self.command_zmp[steps] = np.nan if zmp is None else zmp
+        self.command_force[steps] = np.nan if force is None else force
+        momentum = output.angular_momentum
+        self.command_angular_momentum[steps] = np.nan if momentum is None else momentum
         tick = k // self.substeps
         self.torque_rate[tick] = np.nan if output.rate is None else output.rate
         self.qp_status[tick], self.qp_residual[tick] = output.status, output.residual

@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 
 
 @compiled
-def carry_on(torque: Array, rate: Array, since: float, limit: Array, ctrl: Array) -> None:
+def carry_on(torque: Array, rate: Array, limit: Array, ctrl: Array, since: float) -> None:
     """Let the torque go on with its rate, within the motors' limits.
 
     Args:
         torque: of the tick, shape (nu,) [N m].
         rate: NaN holds the torque, shape (nu,) [N m/s].
-        since: time since the tick [s].
         limit: of the motors, shape (nu,) [N m].
         ctrl: written, shape (nu,) [N m].
+        since: time since the tick [s].
     """
     for j in range(len(torque)):
         if np.isnan(rate[j]):

@@ -235,8 +235,8 @@ class ClosedLoop:
         behind = controller.controller if isinstance(controller, FaultyController) else controller
         self.own = type(behind) is TrackingController
         self.users_code = contextlib.nullcontext() if self.own else UsersCode("controller", behind)
-        self.torque, self.torque_limit = np.zeros(physics.robot.nu), physics.robot.torque_limit.copy()
-        self.rate = np.full(physics.robot.nu, np.nan)
+        self.torque, self.rate, limit = *np.zeros((2, physics.robot.nu)), physics.robot.torque_limit.copy()
+        self.carry_on = bound(carry_on, (self.torque, self.rate, limit, physics.data.ctrl), 0.0)
         self.step_ends, self.total, self.progress = step_ends, total, progress
         self.log = RunLog(total, physics.model, physics.data, physics.points, physics.substeps)
         self.log.start(physics.data)
@@ -277,7 +277,7 @@ class ClosedLoop:
         physics, end = self.physics, None
         model, data, time, since = physics.model, physics.data, k * physics.time_step, k % physics.substeps
         if since:
-            carry_on(self.torque, self.rate, since * physics.time_step, self.torque_limit, data.ctrl)
+            self.carry_on(since * physics.time_step)
         if since and not self.disturbances:
             mujoco.mj_step(model, data)
         else:
@@ -313,8 +313,8 @@ class ClosedLoop:
                 output = self._checked(output)
             reference = reference if output.reference is None else output.reference
             self.log.keep_command(k, output, reference)
-        physics.data.ctrl[:] = self.torque = output.torque
-        self.rate = np.full_like(output.torque, np.nan) if output.rate is None else output.rate
+        physics.data.ctrl[:] = self.torque[:] = output.torque
+        self.rate[:] = np.nan if output.rate is None else output.rate
         self.planned = reference.centre[0], reference.posture.trunk[:, 2], reference.feet.position
         return self.watch.check(
             time,
