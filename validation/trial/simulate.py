@@ -241,6 +241,8 @@ class ClosedLoop:
         self.log = RunLog(total, physics.model, physics.data, physics.points, physics.substeps)
         self.log.start(physics.data)
         self.watch = Watch(run.controller.unsolved_limit, physics.robot.description.scale)
+        measured, planned = (physics.com, physics.trunk, physics.soles), (*np.zeros((2, 3)), np.zeros((2, 3)))
+        self.stance = Stance(*measured, *planned)
         self.warnings = physics.data.warning.number[_BAD_STATE]  # a view
 
     def run(self) -> SimulationRecord:
@@ -289,7 +291,7 @@ class ClosedLoop:
             mujoco.mj_step2(model, data)
         self.log.keep(k, data)
         if since:
-            end = self.watch.check_between_ticks(time, self._stance())
+            end = self.watch.check_between_ticks(time, self.stance)
         return end
 
     def _disturb(self, k: int, time: float) -> None:
@@ -315,10 +317,12 @@ class ClosedLoop:
             self.log.keep_command(k, output, reference)
         physics.data.ctrl[:] = self.torque[:] = output.torque
         self.rate[:] = np.nan if output.rate is None else output.rate
-        self.planned = reference.centre[0], reference.posture.trunk[:, 2], reference.feet.position
+        self.stance.planned_com[:] = reference.centre[0]
+        self.stance.planned_trunk[:] = reference.posture.trunk[:, 2]
+        self.stance.planned_soles[:] = reference.feet.position
         return self.watch.check(
             time,
-            self._stance(),
+            self.stance,
             output.status,
             gap=zmp_gap(self.log.normal_force, self.log.point_position[k - 1], self.log.command_zmp[k - 1]),
             residual=output.residual,
@@ -338,10 +342,6 @@ class ClosedLoop:
             worst = int(np.argmax(bad))
             raise ValueError(f"torque of {self.physics.robot.joint_names[worst]} is {torque[worst]}")
         return output._replace(torque=torque)
-
-    def _stance(self) -> Stance:
-        physics = self.physics
-        return Stance(physics.com, physics.trunk, physics.soles, *self.planned)
 
     def _worst_joint(self, output: ControlOutput) -> str:
         """The joint closest to its torque limit."""

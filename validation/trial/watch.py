@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ampm.compiled import compiled
+from ampm.compiled import bound, compiled
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.trial.outcome import OutcomeName
 
@@ -180,6 +180,14 @@ class Watch:
         self._last_com, self._last_time = np.zeros(3), math.inf  # there is none yet
         self._first_sign, self._first_time, self._last_sign = "", math.inf, 0.0
         self._gap_since = math.inf
+        self._stance: Stance | None = None
+
+    def _bind(self, stance: Stance) -> None:
+        """Take the arrays of a stance; a walk has one, whose numbers change."""
+        if stance is not self._stance:
+            com, trunk, _, planned, planned_trunk, _ = self._stance = stance
+            self._look = bound(look, (com, trunk, planned, planned_trunk, self._last_com, self._off))
+            self._posture = bound(posture, stance)
 
     def check(
         self,
@@ -205,8 +213,8 @@ class Watch:
             None while the walk goes on.
         """
         span, self._last_time = time - self._last_time, time
-        com, trunk, _, *planned = stance
-        way, close = look(com, trunk, planned[0], planned[1], self._last_com, self._off)
+        self._bind(stance)
+        way, close = self._look()
         speed = way / span if span > 0.0 else 0.0  # mean speed of the COM since the last tick [m/s]
         if gap <= self._gap:
             self._gap_since = math.inf
@@ -244,7 +252,8 @@ class Watch:
 
     def check_between_ticks(self, time: float, stance: Stance) -> End | None:
         """Whether the body has fallen at a step without a tick; arguments as in :meth:`check`."""
-        height, apart, upright = posture(*stance)
+        self._bind(stance)
+        height, apart, upright = self._posture()
         if (
             abs(height - 1.0) <= FALL_SHARE
             and apart <= self._scale * FALL_DISTANCE
