@@ -22,17 +22,18 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.33
+FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
 """How far a step may be displaced [m]."""
-NARROWEST = 0.09
-"""Least distance of two soles' reference points across [m]."""
+NARROWEST, IN_LINE = 0.09, 0.05
+"""Least distance of two soles' reference points across: beside each other, and with one ahead of the other
+[m]."""
 SHORTEST, LONGEST = 0.32, 1.8
 """Least duration of a single support [s], and longest over the planned one [1]."""
 TIMES = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 1.8])
 """Candidates for the rest of a single support, per planned rest [1]."""
 EASY_LENGTH, EASY_WIDTH = 0.15, 0.06
 """Displacements for which its time is not changed [m]."""
-TIME_COST, LIMIT_COST, CHANGE_COST = 0.03, 0.3, 0.01
+TIME_COST, LIMIT_COST, CHANGE_COST = 0.03, 2.5, 0.01
 """Costs of another time, per its logarithm [m], of a metre beyond the limits [1], and of another choice than
 at the last tick [m]."""
 RETURN, RETURN_MOST, CATCH_UP = 0.5, 0.05, 0.05
@@ -168,6 +169,7 @@ def plan_step(
     reference: Array,
     xi: Array,
     sole: Array,
+    length: float,
     width: float,
     cos: float,
     sin: float,
@@ -187,13 +189,14 @@ def plan_step(
         reference: planned DCM now, shape (2,) [m].
         xi: measured DCM, with what it will lose to the surplus of angular momentum, shape (2,) [m].
         sole: least and largest x, least and largest y of the standing sole in its axes, shape (4,) [m].
-        width: planned distance of the next step from the standing foot, across [m].
+        length: planned distance of the next step from the standing foot, along [m].
+        width: the same across [m].
         cos: of the standing foot's heading.
         sin: of the standing foot's heading.
         chooses_time: whether the time may be changed.
     """
     shift, side = w.shift[w.stance], 1.0 if w.stance == 1 else -1.0
-    narrower = max(width - NARROWEST, 0.0)
+    ahead_from = sole[1] - sole[0] + IN_LINE
     ramp, cost = ramp_share(omega * w.double), math.inf
     best, ahead, chosen = np.zeros(4), np.empty(2), -1
     for k in range(-1, len(TIMES) if chooses_time else 0):
@@ -216,12 +219,14 @@ def plan_step(
         error_x, error_y = error_x - ramp * decay * back_x, error_y - ramp * decay * back_y
         along, across = cos * zmp_x + sin * zmp_y, -sin * zmp_x + cos * zmp_y
         low, high = SOLE_SHARE * (sole[0] - along), SOLE_SHARE * (sole[1] - along)
-        length = back_x + step_change(error_x, decay, ramp, min(low, 0.0), max(high, 0.0))
+        forward = back_x + step_change(error_x, decay, ramp, min(low, 0.0), max(high, 0.0))
         low, high = SOLE_SHARE * (sole[2] - across), SOLE_SHARE * (sole[3] - across)
         left = step_change(error_y, decay, ramp, min(low, 0.0), max(high, 0.0))
         wider = side * (OVERSHOOT * left + back_y)
-        u, v = clip(length, -BACKWARD, FORWARD), clip(wider, -narrower, WIDER)
-        beyond = abs(length - u) + abs(wider - v)
+        u = clip(forward, -BACKWARD, FORWARD)
+        narrowest = NARROWEST if abs(length + u) < ahead_from else IN_LINE
+        v = clip(wider, min(narrowest - width, 0.0), WIDER)
+        beyond = abs(forward - u) + abs(wider - v)
         price = max(abs(u) - EASY_LENGTH, 0.0) + max(abs(v) - EASY_WIDTH, 0.0) + LIMIT_COST * beyond
         price += TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == w.choice else 0.0)
         if price < cost:

@@ -265,7 +265,7 @@ def departs(
     for axis in range(2):
         reference[axis] = centre[0, axis] + centre[1, axis] / body.omega
     begin = w.clock / w.duration * (len(curves.r) - 1)
-    frame = width, cos, sin
+    frame = 0.0, width, cos, sin
     return bool(plan_step(w, body.omega, curves, begin, rest, reference, xi, sole, *frame, False))
 
 
@@ -380,8 +380,7 @@ def _swing(
         expected_dcm(w, body, centre, xi)
         for axis in range(2):
             reference[axis] = (1.0 - part) * curves.xi[i, axis] + part * curves.xi[i + 1, axis]
-        width = abs(-sin * reach[0] + cos * reach[1])
-        frame = width, cos, sin
+        frame = cos * reach[0] + sin * reach[1], abs(-sin * reach[0] + cos * reach[1]), cos, sin
         plan_step(w, body.omega, curves, at, rest, reference, xi, sole, *frame, True)
     duration = max(rest * w.factor, 1e-4)
     x = body.omega * duration
