@@ -29,7 +29,7 @@ from validation.trial.plan import Request, plan_walk
 PUSHES: Mapping[str, Sequence[float]] = {
     "early": (0.8, 0.8, 0.3, 0.2),
     "mid": (0.8, 0.8, 0.3, 0.2),
-    "late": (1.0, 0.6, 0.25, 0.2),
+    "late": (1.0, 0.6, 0.25, 0.25),
     "double": (1.0, 0.7, 0.35, 0.15),
 }
 """Velocity change by phase, in the order of :data:`ampm.planner.capture.DIRECTIONS` [m/s]."""
@@ -46,8 +46,10 @@ VARIANTS: Mapping[str, Mapping[str, float | NDArray[np.float64]]] = {
     "stepping": {},
     "fixed": {},
     "places as planned": {
-        "stepping.FORWARD": 0.0, "stepping.BACKWARD": 0.0, "stepping.WIDER": 0.0, "stepping.NARROWEST": 1.0
+        "stepping.FORWARD": 0.0, "stepping.BACKWARD": 0.0, "stepping.WIDER": 0.0, "stepping.NARROWEST": 1.0,
+        "stepping.IN_LINE": 1.0,
     },
+    "places out of reach weigh 0.3": {"stepping.LIMIT_COST": 0.3},
     "times as planned": {"stepping.TIMES": np.ones(1), "stepping.CATCH_UP": 0.0, "walker.HASTE_FROM": 10.0},
     "touch-down as planned": {"walker.EARLY": 10.0, "walker.GRACE": 10.0},
     "no return to the plan": {"stepping.RETURN": 0.0, "stepping.CATCH_UP": 0.0, "live.BACK": 0.0},
