@@ -49,7 +49,6 @@ VARIANTS: Mapping[str, Mapping[str, float | NDArray[np.float64]]] = {
         "stepping.FORWARD": 0.0, "stepping.BACKWARD": 0.0, "stepping.WIDER": 0.0, "stepping.NARROWEST": 1.0,
         "stepping.IN_LINE": 1.0,
     },
-    "places out of reach weigh 0.3": {"stepping.LIMIT_COST": 0.3},
     "times as planned": {"stepping.TIMES": np.ones(1), "stepping.CATCH_UP": 0.0, "walker.HASTE_FROM": 10.0},
     "touch-down as planned": {"walker.EARLY": 10.0, "walker.GRACE": 10.0},
     "no return to the plan": {"stepping.RETURN": 0.0, "stepping.CATCH_UP": 0.0, "live.BACK": 0.0},
