@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
 """How far a step may be displaced [m]."""
-NARROWEST, IN_LINE = 0.09, 0.05
-"""Least distance of two soles' reference points across: beside each other, and with one ahead of the other
-[m]."""
+NARROWEST, IN_LINE, GAP = 0.09, 0.05, 0.05
+"""Least distance of two soles' reference points across: beside each other, and with one ahead of the other,
+which leaves at least that gap between toe and heel [m]."""
 SHORTEST, LONGEST = 0.32, 1.8
 """Least duration of a single support [s], and longest over the planned one [1]."""
 TIMES = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 1.8])
@@ -196,7 +196,7 @@ def plan_step(
         chooses_time: whether the time may be changed.
     """
     shift, side = w.shift[w.stance], 1.0 if w.stance == 1 else -1.0
-    ahead_from = sole[1] - sole[0] + IN_LINE
+    ahead_from = sole[1] - sole[0] + GAP
     ramp, cost = ramp_share(omega * w.double), math.inf
     best, ahead, chosen = np.zeros(4), np.empty(2), -1
     for k in range(-1, len(TIMES) if chooses_time else 0):

@@ -265,7 +265,7 @@ def departs(
     for axis in range(2):
         reference[axis] = centre[0, axis] + centre[1, axis] / body.omega
     begin = w.clock / w.duration * (len(curves.r) - 1)
-    frame = 0.0, width, cos, sin
+    frame = 0.0, width, cos, sin  # any length: only whether the step is displaced counts
     return bool(plan_step(w, body.omega, curves, begin, rest, reference, xi, sole, *frame, False))
 
 
