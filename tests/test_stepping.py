@@ -11,7 +11,7 @@ import pytest
 
 from ampm.compiled import records
 from ampm.control.sole import ACROSS, nearest, share_axis
-from ampm.control.stepping import dcm_ahead, quintic_tick, ramp_share, step_change
+from ampm.control.stepping import Curves, dcm_ahead, plan_step, quintic_tick, ramp_share, step_change
 from ampm.control.walker import WALKER, Sensed, lifted
 from ampm.planner import routes
 from tests.records import first_difference
@@ -86,6 +86,26 @@ def test_ankle_and_step_together_bring_the_dcm_to_the_end_that_moved_with_the_st
         zmp = u * (k + 0.5) / steps
         at_switch = zmp + (at_switch - zmp) * math.exp(OMEGA * h)
     assert at_switch == pytest.approx(u, abs=1e-6)
+
+
+@pytest.mark.parametrize("push", [(0.05, 0.01), (0.3, -0.1), (-0.4, 0.2), (0.02, -0.3)])
+def test_a_smaller_body_steps_as_a_larger_one_does_in_its_own_lengths_and_times(push):
+    steps = []
+    for size in (1.0, 0.78):
+        t, r, xi = phase()
+        curves = Curves(size * r, size * xi, size * r)
+        walker = records(1, WALKER)
+        walker["factor"], walker["choice"], walker["stance"] = 1.0, -1, 0
+        walker["duration"], walker["double"] = math.sqrt(size) * t[-1], math.sqrt(size) * 0.12
+        reached, rest = xi[160] + push, math.sqrt(size) * (t[-1] - t[160])
+        sole, omega = size * np.array([-0.08, 0.14, -0.04, 0.04]), OMEGA / math.sqrt(size)
+        plan_step(
+            walker[0], omega, size, curves, 160.0, rest, size * xi[160], size * reached, sole,
+            size * 0.5, size * 0.2, 1.0, 0.0, True,
+        )  # fmt: skip
+        steps.append((*walker["step"][0] / size, walker["factor"][0], walker["excess"][0] / size))
+    assert math.hypot(*steps[0][:2]) > 0.01 or push == (0.05, 0.01)
+    assert steps[1] == pytest.approx(steps[0], abs=1e-9)
 
 
 def test_the_swing_foots_offset_goes_smoothly_to_a_target_that_moves():
@@ -245,7 +265,7 @@ def test_a_com_that_sinks_for_lack_of_force_is_brought_back_to_its_height():
     touching = np.empty(0, dtype=bool)
     walker["load"] = 1.0
     com, tick, speed = np.array([0.0, 0.0, 0.87]), 0.002, 0.0
-    body = Sensed(none, none, touching, com, none, 60.0, OMEGA, 9.81, tick)
+    body = Sensed(none, none, touching, com, none, 60.0, OMEGA, 9.81, tick, 1.0)
     below = []
     for _ in range(4000):  # 3 % too little force, beside the controller's own spring and damper
         force = lifted(walker[0], body, 0.87) - 1.03

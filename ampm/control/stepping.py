@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
-"""How far a step may be displaced [m]."""
+"""How far a step may be displaced [m]. All lengths and times here are those of a body of 1.70 m: lengths grow
+with its size, times with the square root of it."""
 NARROWEST, IN_LINE, GAP = 0.09, 0.05, 0.05
 """Least distance of two soles' reference points across: beside each other, and with one ahead of the other,
 which leaves at least that gap between toe and heel [m]."""
@@ -163,6 +164,7 @@ def mean_zmp(zmp: Array, begin: float, x: float) -> tuple[float, float]:
 def plan_step(
     w: Any,
     omega: float,
+    size: float,
     curves: Curves,
     begin: float,
     rest: float,
@@ -183,6 +185,7 @@ def plan_step(
     Args:
         w: the walker; ``step``, ``excess``, ``factor`` and ``choice`` are replaced.
         omega: [1/s].
+        size: of the body, of which a stature of 1.70 m is one [1].
         curves: of the phase, planned.
         begin: where its rest begins, in intervals.
         rest: planned time until the switch [s].
@@ -196,12 +199,12 @@ def plan_step(
         chooses_time: whether the time may be changed.
     """
     shift, side = w.shift[w.stance], 1.0 if w.stance == 1 else -1.0
-    ahead_from = sole[1] - sole[0] + GAP
-    ramp, cost = ramp_share(omega * w.double), math.inf
+    ahead_from, shortest = sole[1] - sole[0] + GAP * size, SHORTEST * math.sqrt(size)
+    ramp, cost, most = ramp_share(omega * w.double), math.inf, RETURN_MOST * size
     best, ahead, chosen = np.zeros(4), np.empty(2), -1
     for k in range(-1, len(TIMES) if chooses_time else 0):
         factor = clip(1.0 - w.late / rest, 1.0 - CATCH_UP, 1.0 + CATCH_UP) if k < 0 else TIMES[k]
-        if k >= 0 and (factor * w.duration < SHORTEST or factor > LONGEST):
+        if k >= 0 and (factor * w.duration < shortest or factor > LONGEST):
             continue
         x = omega * max(rest * factor, 1e-4)
         ahead[:] = reference
@@ -212,8 +215,8 @@ def plan_step(
         zmp_x, zmp_y = zmp_x + shift[0], zmp_y + shift[1]
         back_x = back_y = 0.0
         if k < 0:
-            back_x = clip(-RETURN * (cos * shift[0] + sin * shift[1]), -RETURN_MOST, RETURN_MOST)
-            back_y = clip(-RETURN * (cos * shift[1] - sin * shift[0]), -RETURN_MOST, RETURN_MOST)
+            back_x = clip(-RETURN * (cos * shift[0] + sin * shift[1]), -most, most)
+            back_y = clip(-RETURN * (cos * shift[1] - sin * shift[0]), -most, most)
         error_x, error_y = xi[0] - ahead[0] - shift[0], xi[1] - ahead[1] - shift[1]
         error_x, error_y = cos * error_x + sin * error_y, cos * error_y - sin * error_x
         error_x, error_y = error_x - ramp * decay * back_x, error_y - ramp * decay * back_y
@@ -223,12 +226,13 @@ def plan_step(
         low, high = SOLE_SHARE * (sole[2] - across), SOLE_SHARE * (sole[3] - across)
         left = step_change(error_y, decay, ramp, min(low, 0.0), max(high, 0.0))
         wider = side * (OVERSHOOT * left + back_y)
-        u = clip(forward, -BACKWARD, FORWARD)
-        narrowest = NARROWEST if abs(length + u) < ahead_from else IN_LINE
-        v = clip(wider, min(narrowest - width, 0.0), WIDER)
+        u = clip(forward, -size * BACKWARD, size * FORWARD)
+        narrowest = size * (NARROWEST if abs(length + u) < ahead_from else IN_LINE)
+        v = clip(wider, min(narrowest - width, 0.0), size * WIDER)
         beyond = abs(forward - u) + abs(wider - v)
-        price = max(abs(u) - EASY_LENGTH, 0.0) + max(abs(v) - EASY_WIDTH, 0.0) + LIMIT_COST * beyond
-        price += TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == w.choice else 0.0)
+        price = max(abs(u) - size * EASY_LENGTH, 0.0) + max(abs(v) - size * EASY_WIDTH, 0.0)
+        price += LIMIT_COST * beyond
+        price += size * (TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == w.choice else 0.0))
         if price < cost:
             cost = price
             chosen = k

@@ -98,6 +98,7 @@ class Sensed(NamedTuple):
         omega: [1/s].
         gravity: [m/s^2].
         tick: control period [s].
+        size: of the body, of which a stature of 1.70 m is one [1].
     """
 
     feet: Any
@@ -109,6 +110,7 @@ class Sensed(NamedTuple):
     omega: float
     gravity: float
     tick: float
+    size: float
 
 
 class Rows(NamedTuple):
@@ -251,7 +253,7 @@ def departs(
     if stands_flat(w, body):
         place, floor = body.feet[w.stance].place, floor_under(body, w.stance)
         x, y = body.com[0] + place[0] - planned[0], body.com[1] + place[1] - planned[1]
-        if math.hypot(x, y) > OFF_PLACE or abs(floor[0] - planned[2]) > OFF_HEIGHT:
+        if math.hypot(x, y) > OFF_PLACE * body.size or abs(floor[0] - planned[2]) > OFF_HEIGHT:
             return True
         if math.hypot(floor[1], floor[2]) > OFF_TILT:
             return True
@@ -266,7 +268,7 @@ def departs(
         reference[axis] = centre[0, axis] + centre[1, axis] / body.omega
     begin = w.clock / w.duration * (len(curves.r) - 1)
     frame = 0.0, width, cos, sin  # any length: only whether the step is displaced counts
-    return bool(plan_step(w, body.omega, curves, begin, rest, reference, xi, sole, *frame, False))
+    return bool(plan_step(w, body.omega, body.size, curves, begin, rest, reference, xi, sole, *frame, False))
 
 
 @compiled
@@ -353,7 +355,7 @@ def advance(
     share[0], share[1], share[2] = cos, sin, floor
     if not felt:
         share[4] = lifted(w, body, row.centre[0, 2])
-    share[3] = 1.0 if w.single and w.excess > COM_FIRST else 0.0
+    share[3] = 1.0 if w.single and w.excess > COM_FIRST * body.size else 0.0
 
 
 @compiled
@@ -381,7 +383,7 @@ def _swing(
         for axis in range(2):
             reference[axis] = (1.0 - part) * curves.xi[i, axis] + part * curves.xi[i + 1, axis]
         frame = cos * reach[0] + sin * reach[1], abs(-sin * reach[0] + cos * reach[1]), cos, sin
-        plan_step(w, body.omega, curves, at, rest, reference, xi, sole, *frame, True)
+        plan_step(w, body.omega, body.size, curves, at, rest, reference, xi, sole, *frame, True)
     duration = max(rest * w.factor, 1e-4)
     x = body.omega * duration
     dcm_ahead(curves.r, curves.xi[-1], at, x, reference)
@@ -415,7 +417,7 @@ def _transfer(
     xi = np.empty(2)
     expected_dcm(w, body, row.centre, xi)
     ahead = cos * (xi[0] - reference[0]) + sin * (xi[1] - reference[1])
-    w.factor = 1.0 / (1.0 + clip((ahead - HASTE_FROM) / HASTE, 0.0, 1.0))
+    w.factor = 1.0 / (1.0 + clip((ahead / body.size - HASTE_FROM) / HASTE, 0.0, 1.0))
 
 
 @compiled
@@ -437,7 +439,7 @@ def _centre(
         base = old[axis] + moved * (new[axis] - old[axis])
         r = (1.0 - part) * curves.r[i, axis] + part * curves.r[i + 1, axis] + base
         off = com[axis] - centre[0, axis] - base
-        centre[0, axis] += base + off - clip(off, -CLOSE, CLOSE)
+        centre[0, axis] += base + off - clip(off, -CLOSE * body.size, CLOSE * body.size)
         centre[1, axis] = omega * (reference[axis] - centre[0, axis])
         centre[2, axis] = omega * omega * (centre[0, axis] - r)
         centre[4, axis] *= w.rate
