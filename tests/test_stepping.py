@@ -100,8 +100,8 @@ def test_a_smaller_body_steps_as_a_larger_one_does_in_its_own_lengths_and_times(
         reached, rest = xi[160] + push, math.sqrt(size) * (t[-1] - t[160])
         sole, omega = size * np.array([-0.08, 0.14, -0.04, 0.04]), OMEGA / math.sqrt(size)
         plan_step(
-            walker[0], omega, size, curves, 160.0, rest, size * xi[160], size * reached, sole,
-            size * 0.5, size * 0.2, 1.0, 0.0, True,
+            walker[0], omega, size, size * 0.08, curves, 160.0, rest, size * xi[160], size * reached,
+            sole, size * 0.5, size * 0.2, 1.0, 0.0, True,
         )  # fmt: skip
         steps.append((*walker["step"][0] / size, walker["factor"][0], walker["excess"][0] / size))
     assert math.hypot(*steps[0][:2]) > 0.01 or push == (0.05, 0.01)
@@ -265,7 +265,7 @@ def test_a_com_that_sinks_for_lack_of_force_is_brought_back_to_its_height():
     touching = np.empty(0, dtype=bool)
     walker["load"] = 1.0
     com, tick, speed = np.array([0.0, 0.0, 0.87]), 0.002, 0.0
-    body = Sensed(none, none, touching, com, none, 60.0, OMEGA, 9.81, tick, 1.0)
+    body = Sensed(none, none, touching, com, none, 60.0, OMEGA, 9.81, tick, 1.0, 0.08)
     below = []
     for _ in range(4000):  # 3 % too little force, beside the controller's own spring and damper
         force = lifted(walker[0], body, 0.87) - 1.03

@@ -166,8 +166,9 @@ class TrackingController:
         if self._stabilizer == "stepping":
             own = self._feet, self._points, self._touching, self._com, self._tasks[RATES]
             body = self.robot.mass, self.robot.gravity, 1.0 / float(self._gains["frequency"][0])
-            size = self.robot.description.scale
-            self._live = LiveReference(plan, timing, *own, *body, size, self._share)
+            described = self.robot.description
+            shape = described.scale, 2.0 * described.sole.half_width
+            self._live = LiveReference(plan, timing, *own, *body, *shape, self._share)
             rigid, motion = self.robot.rigid_body, self._motion
             self._sense_bias = bound(
                 sense_bias,

@@ -53,6 +53,7 @@ class LiveReference:
         gravity: [m/s^2].
         tick: control period [s].
         size: of the body, of which a stature of 1.70 m is one [1].
+        foot_width: [m].
         share: written at every tick: axes of the standing foot (cos, sin), height of the floor [m], whether
             the COM comes first, the factor of the force that holds the COM's height, whether the walk is off
             the plan [1];
@@ -64,11 +65,12 @@ class LiveReference:
 
     def __init__(
         self, plan: WalkPlan, timing: Timing, feet: Any, points: Any, touching: Flags, com: Array,
-        rates: Array, mass: float, gravity: float, tick: float, size: float, share: Array,
+        rates: Array, mass: float, gravity: float, tick: float, size: float,
+        foot_width: float, share: Array,
     ) -> None:  # fmt: skip
         self.plan, self._timing = plan, timing
         omega = math.sqrt(gravity / plan.com_height)
-        self._body = Sensed(feet, points, touching, com, rates, mass, omega, gravity, tick, size)
+        self._body = Sensed(feet, points, touching, com, rates, mass, omega, gravity, tick, size, foot_width)
         self._walker = records(1, WALKER)
         for name in ("rate", "factor", "load"):
             self._walker[name] = 1.0

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
 """How far a step may be displaced [m]. All lengths and times here are those of a body of 1.70 m: lengths grow
 with its size, times with the square root of it."""
-NARROWEST, IN_LINE, GAP = 0.09, 0.05, 0.05
-"""Least distance of two soles' reference points across: beside each other, and with one ahead of the other,
-which leaves at least that gap between toe and heel [m]."""
+BESIDE, IN_LINE, NEAR, GAP = 1.0, 0.5, 0.01, 0.05
+"""Least distance of two soles' middles across, in widths of a foot: beside each other, and with one ahead of
+the other [1]; what is added to it, and the gap between toe and heel from which one is ahead [m]."""
 SHORTEST, LONGEST = 0.32, 1.8
 """Least duration of a single support [s], and longest over the planned one [1]."""
 TIMES = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 1.8])
@@ -165,6 +165,7 @@ def plan_step(
     w: Any,
     omega: float,
     size: float,
+    foot_width: float,
     curves: Curves,
     begin: float,
     rest: float,
@@ -186,6 +187,7 @@ def plan_step(
         w: the walker; ``step``, ``excess``, ``factor`` and ``choice`` are replaced.
         omega: [1/s].
         size: of the body, of which a stature of 1.70 m is one [1].
+        foot_width: [m].
         curves: of the phase, planned.
         begin: where its rest begins, in intervals.
         rest: planned time until the switch [s].
@@ -227,7 +229,7 @@ def plan_step(
         left = step_change(error_y, decay, ramp, min(low, 0.0), max(high, 0.0))
         wider = side * (OVERSHOOT * left + back_y)
         u = clip(forward, -size * BACKWARD, size * FORWARD)
-        narrowest = size * (NARROWEST if abs(length + u) < ahead_from else IN_LINE)
+        narrowest = (BESIDE if abs(length + u) < ahead_from else IN_LINE) * foot_width + NEAR * size
         v = clip(wider, min(narrowest - width, 0.0), size * WIDER)
         beyond = abs(forward - u) + abs(wider - v)
         price = max(abs(u) - size * EASY_LENGTH, 0.0) + max(abs(v) - size * EASY_WIDTH, 0.0)

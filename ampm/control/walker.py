@@ -99,6 +99,7 @@ class Sensed(NamedTuple):
         gravity: [m/s^2].
         tick: control period [s].
         size: of the body, of which a stature of 1.70 m is one [1].
+        foot_width: [m].
     """
 
     feet: Any
@@ -111,6 +112,7 @@ class Sensed(NamedTuple):
     gravity: float
     tick: float
     size: float
+    foot_width: float
 
 
 class Rows(NamedTuple):
@@ -268,7 +270,11 @@ def departs(
         reference[axis] = centre[0, axis] + centre[1, axis] / body.omega
     begin = w.clock / w.duration * (len(curves.r) - 1)
     frame = 0.0, width, cos, sin  # any length: only whether the step is displaced counts
-    return bool(plan_step(w, body.omega, body.size, curves, begin, rest, reference, xi, sole, *frame, False))
+    return bool(
+        plan_step(
+            w, body.omega, body.size, body.foot_width, curves, begin, rest, reference, xi, sole, *frame, False
+        )
+    )
 
 
 @compiled
@@ -383,7 +389,9 @@ def _swing(
         for axis in range(2):
             reference[axis] = (1.0 - part) * curves.xi[i, axis] + part * curves.xi[i + 1, axis]
         frame = cos * reach[0] + sin * reach[1], abs(-sin * reach[0] + cos * reach[1]), cos, sin
-        plan_step(w, body.omega, body.size, curves, at, rest, reference, xi, sole, *frame, True)
+        plan_step(
+            w, body.omega, body.size, body.foot_width, curves, at, rest, reference, xi, sole, *frame, True
+        )
     duration = max(rest * w.factor, 1e-4)
     x = body.omega * duration
     dcm_ahead(curves.r, curves.xi[-1], at, x, reference)

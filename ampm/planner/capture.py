@@ -135,15 +135,14 @@ class Reach:
         sole = body.sole
         high = com_height - body.com_over_hip - sole.ankle_height
         spread = 2.0 * math.sqrt(max(body.leg_length**2 - high**2, 0.0))
-        half_width = max(sole.heel_half_width, sole.ball_half_width, sole.tip_half_width)
         pace = math.sqrt(body.scale)
         return cls(
             front=sole.tip_x,
             back=sole.heel_x,
-            half_width=half_width,
+            half_width=sole.half_width,
             along=spread + sole.ball_x - sole.ankle_x,
             wide=spread + 2.0 * body.hip_half_width,
-            narrow=2.0 * half_width + 0.01,
+            narrow=2.0 * sole.half_width + 0.01,
             swing=0.3 * pace,
             speed=5.0 * pace,
         )
