@@ -11,9 +11,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from ampm.body.feasibility import joint_groups
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import BodyParameters, RunParameters
 from models.source import known_bodies, read_body_file
+from validation.run.body_check import check as check_body
 from validation.run.walk import walk
 from validation.store.saved import load_description
 from validation.study.sweep.design import dump_sweep, parse_sweep
@@ -195,6 +197,19 @@ def test_check_of_a_body_that_walks_and_of_one_that_cannot(ampm) -> None:
     assert refused.status == 2
     assert "an ankle joint's torque limit is 1.39" in refused.out
     assert "54 joints have dampers or springs" in refused.out
+
+
+def test_check_predicts_the_torques_of_the_walk() -> None:
+    run_of("g1")
+    trial = walk(load_request(None, ["body.source=g1", "gait.steps=4", "simulation.time_step=0.001"]).run)
+    description = trial.planned.body.model.description
+    share = np.abs(trial.record.torque) / [limit for _, limit in description.torque_limits]
+    walked = dict(zip((name for name, _ in description.torque_limits), share.max(axis=0), strict=True))
+    predicted = check_body("g1").torque
+    groups = joint_groups(description)
+    assert predicted.keys() == groups.keys()
+    for name, joints in groups.items():
+        assert predicted[name] == pytest.approx(max(walked[joint] for joint in joints), abs=0.03), name
 
 
 def test_speed_limits_refuse_a_gait(tmp_path: Path) -> None:

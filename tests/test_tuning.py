@@ -120,7 +120,7 @@ def test_torques_give_the_accelerations_of_the_step_back():
     run, robot = body_of("gait.c_y=0.7", "gait.c_s=1.1", "gait.steps=2")
     plan = plan_of(run, robot)
     orbit = RoughOrbits(robot, run, (12, 6)).solve(plan, run)
-    torques, twist = step_torques(orbit, plan, robot)
+    torques, twist = step_torques(orbit.trajectory, orbit.reference.time, plan, robot)
     stance = int(robot.model.frames[robot.sole_frames[0]].parentJoint)
     for k in (1, 4, 8):
         q, v, a = (getattr(orbit.trajectory, name)[k] for name in ("q", "v", "acceleration"))

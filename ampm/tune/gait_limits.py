@@ -33,6 +33,8 @@ from ampm.planner.support import StepPlan
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ampm.body.inverse_kinematics import StepTrajectory
+    from ampm.body.motion import WholeBodyMotion
     from ampm.body.return_map import Orbit
     from ampm.body.robot import Robot
     from ampm.description import BodyDescription, SoleGeometry
@@ -157,7 +159,7 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, Array
         support, or another number of values.
     """
     time, angles = orbit.reference.time, orbit.trajectory.q[:, 7:]
-    torque, twist = step_torques(orbit, plan, robot)
+    torque, twist = step_torques(orbit.trajectory, time, plan, robot)
     share = np.abs(torque) / robot.torque_limit
     single = time < plan.constants.single_support_duration - 1e-9
     phases = single, ~single
@@ -198,7 +200,9 @@ def _gaps(orbit: Orbit, robot: Robot) -> Array:
     return np.array([gaps.distance[those].min(initial=LIMITS["gap"].target) for those in (arms, ~arms)])
 
 
-def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Array]:
+def step_torques(
+    step: StepTrajectory | WholeBodyMotion, time: Array, plan: StepPlan, robot: Robot
+) -> tuple[Array, Array]:
     """Joint torques of a periodic step, and its twisting moment on the floor.
 
     In single support the force is known from the motion; in double support it is shared by the lateral place
@@ -206,7 +210,8 @@ def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Arr
     as far before their reference points where theirs allow.
 
     Args:
-        orbit: the step.
+        step: configurations, velocities and accelerations of a periodic step.
+        time: their times, shape (n+1,) [s].
         plan: its first step.
         robot: the body.
 
@@ -214,17 +219,16 @@ def step_torques(orbit: Orbit, plan: StepPlan, robot: Robot) -> tuple[Array, Arr
         Torques, shape (n+1, nu) [N m], and the moment about the vertical through the ZMP over the vertical
         force, shape (n+1,) [m].
     """
-    trajectory, time = orbit.trajectory, np.minimum(orbit.reference.time, plan.duration)
-    time = time.copy()
+    time = np.minimum(time, plan.duration)
     time[-1] = np.nextafter(time[-1], 0.0) - 1e-9  # the step's end, not the next one's start
     sample, feet = plan.sample(time), plan.feet.sample(time)
     shares = sample.right_load
     torque, twist, rest = np.empty((len(time), robot.nu)), np.empty(len(time)), np.empty(robot.nu)
     for k in range(len(time)):
-        q, v = trajectory.q[k], trajectory.v[k]
+        q, v = step.q[k], step.v[k]
         terms = robot.jacobian(q)
         soles = terms.jacobian[6:12], terms.jacobian[12:18]
-        total = pin.rnea(robot.model, robot.data, q, v, trajectory.acceleration[k])
+        total = pin.rnea(robot.model, robot.data, q, v, step.acceleration[k])
         wrench = robot.floor_wrench(terms, q, total, 0)
         reference = [feet[0].position[k], feet[1].position[k]]
         share = float(shares[k])

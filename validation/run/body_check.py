@@ -11,8 +11,10 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
+from ampm.body.feasibility import joint_groups
 from ampm.exceptions import RefusedGait
 from ampm.parameters import GRAVITY, HUMAN, BodyParameters, RunParameters
+from ampm.tune.gait_limits import step_torques
 from ampm.tune.refusal import NoFeasibleChoice
 from models.build import load
 from models.tree import Findings
@@ -22,6 +24,7 @@ from validation.trial.plan import load_request, make_body, tune_walk
 
 if TYPE_CHECKING:
     from ampm.body.robot import Robot
+    from validation.trial.plan import PlannedWalk
 
 _BENT = 0.6  # flexion of the knees at which the legs are judged [rad]
 _GROWTH, _MOST_GROWTH = 1.2, 3.0  # of step or speed from try to try, and at most [1]
@@ -78,22 +81,31 @@ def check(
         body = make_body(run)
     robot, model = body.robot, body.model.compile()
     facts, notes = _facts(robot, model, findings), _notes(robot, findings)
-    values: Mapping[str, float] = {}
-    gait: dict[str, float] = {}
+    torque, gait = dict[str, float](), dict[str, float]()
     refusal = ""
     try:
         request = load_request(None, [f"body.source='{source}'", *settings])
-        walk, tuned = tune_walk(request, progress)
-        values = tuned.margins
+        walk, _ = tune_walk(request, progress)
+        torque = _torque_shares(walk)
         keys = "step_length", "switching_velocity", "com_height", "step_width"
         gait = {key: float(walk.run.value(f"gait.{key}")) for key in keys}
     except NoFeasibleChoice as error:
-        values, refusal = error.values, str(error)
+        refusal = str(error)
+        values = error.values
+        torque = {name: values[f"{name}_torque"] for name in _GROUPS if f"{name}_torque" in values}
     except RefusedGait as error:
         refusal = str(error)
-    torque = {name: float(values[f"{name}_torque"]) for name in _GROUPS if f"{name}_torque" in values}
     far = _reach(source, settings, gait, progress) if reach and gait else {}
     return BodyCheck(source, facts, notes, torque, gait, refusal, far)
+
+
+def _torque_shares(walk: PlannedWalk) -> dict[str, float]:
+    """Largest share of a torque limit by group of joints, on the grid of the walk's motion."""
+    robot, motion = walk.body.robot, walk.motion
+    torque, _ = step_torques(motion, motion.time, walk.plan, robot)
+    most = (np.abs(torque) / robot.torque_limit).max(axis=0)
+    groups = joint_groups(robot.description).items()
+    return {name: float(most[robot.velocity_indices(names) - 6].max()) for name, names in groups}
 
 
 def _reach(
