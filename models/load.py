@@ -136,10 +136,10 @@ class _Writer:
         to_trunk = [k for k in self._path(self.trunk) if k not in shared]
         self.trunk_joints = shared + to_trunk
         for side, leg, knee in zip(file.sides, self.legs, self.knees, strict=True):
-            if knee not in leg:
+            if knee not in leg[1:-1]:
                 raise InputError(
-                    f"the knee {tree.hinges[knee].name!r} is not between root and the {side} foot; correct "
-                    "knee, foot or sides in the body's description.",
+                    f"the knee {tree.hinges[knee].name!r} is not amid the joints from root to the {side} "
+                    "foot; correct knee, foot or sides in the body's description.",
                     key="body.knee",
                 )
         if set(self.trunk_joints) & set(self.legs[0] + self.legs[1]):

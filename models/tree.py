@@ -301,9 +301,10 @@ class Tree:
         for i, segment in enumerate(self.segments):
             here, other = old[i], old[pairs[i]]
             if i and pairs[here.parent] != other.parent:
+                what = "has no mirror image" if here.name == other.name else f"is no image of {other.name!r}"
                 raise InputError(
-                    f"{here.name!r} and {other.name!r} should be mirror images, but hang on different "
-                    "segments; correct sides in the body's description."
+                    f"the segment {here.name!r} {what}; correct sides in the body's description, or lock the "
+                    "joints of both sides."
                 )
             place, com = _MIRROR * other.place, _MIRROR * other.com
             inertia = np.outer(_MIRROR, _MIRROR) * other.inertia
