@@ -30,7 +30,8 @@ def load_run(
     else was changed (:func:`changes`), unless the run is taken :meth:`~ampm.parameters.RunParameters.as_is`.
 
     Args:
-        source: name of a preset, path of a TOML file, or None for the defaults.
+        source: name of a preset, path of a TOML file, or None for the defaults. Files that a file names and
+            that are beside it, of a body or a plan, are found there.
         settings: ``key=value`` text or texts, the key namespaced, the value as in TOML (quotes may be
             left out).
         sections: values by section and key, after the settings; ``footsteps`` is a list of such tables.
@@ -41,6 +42,8 @@ def load_run(
     table: dict[str, Any] = {}
     own: dict[str, Any] = {}  # of the user
     _merge(table, {} if source is None else read_source(source, PRESETS, "ampm", "a preset"))
+    if source is not None and source not in PRESETS:
+        _place_files(table, Path(source).parent)
     for setting in [settings] if isinstance(settings, str) else settings:
         assign(own, *_parsed(setting))
     _merge(own, sections)
@@ -87,6 +90,14 @@ def _merge(table: dict[str, Any], sections: Mapping[str, Any]) -> None:
             raise unknown(name, RunParameters.model_fields if what == "section" else keys(), what)
         for key, value in check_table(name, section).items():
             assign(table, f"{name}.{key}", value)
+
+
+def _place_files(table: Mapping[str, Any], folder: Path) -> None:
+    """Make paths of a body's or a plan's file absolute that are of this folder."""
+    for section, key in (("body", "source"), ("gait", "planner")):
+        value = table.get(section, {}).get(key)
+        if isinstance(value, str) and Path(value).suffix and (folder / value).is_file():
+            table[section][key] = str((folder / value).resolve())
 
 
 def dump_run(run: RunParameters) -> str:

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN
-from ampm.section import Real, Section, nearest, read_toml
+from ampm.section import Real, Section, check_table, nearest, read_toml
 
 FOLDER = Path(__file__).with_name("bodies")
 """Description files of the bodies that are known by name."""
@@ -103,6 +103,12 @@ def body_path(source: str) -> Path:
     if source in known_bodies():
         return FOLDER / f"{source}.toml"
     path = Path(source)
+    if path.suffix in (".urdf", ".xml"):
+        raise InputError(
+            f"{source!r} is a model; give its description, a TOML file that names it as source.",
+            key="body.source",
+            value=source,
+        )
     if path.is_file():
         return path
     found = nearest(source, known_bodies())
@@ -124,7 +130,7 @@ def read_body_file(path: Path) -> BodyFile:
     table = read_toml(path)
     if table.keys() != {"body"}:
         raise InputError(f"{path} must have one table, [body], with its own tables such as [body.sole].")
-    return BodyFile(**table["body"])
+    return BodyFile(**check_table("body", table["body"]))
 
 
 def write_body(path: Path, source: mujoco.MjSpec | str, **description: Any) -> Path:

@@ -96,6 +96,13 @@ def test_bad_description_is_refused(change: str, message: str, tmp_path: Path) -
         load(write(tmp_path, toml="\n".join([*kept, change])))
 
 
+def test_a_file_that_is_no_description_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is a model; give its description"):
+        load(EXAMPLES / "biped.urdf")
+    with pytest.raises(InputError, match="body = 3 is no section of keys"):
+        load(write(tmp_path, toml="body = 3"))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -1,6 +1,7 @@
 """Parameters: bounds, messages, presets, and a file that gives back the same bits."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -76,6 +77,16 @@ def test_a_partial_file_leaves_the_rest_at_its_default(tmp_path):
     path.write_text("[gait]\nstep_length = 0.5\n", encoding="utf-8")
     assert load_run(path) == RunParameters(gait=GaitParameters(step_length=0.5))
     assert load_run(str(path), ["body.mass=70"]).body.mass == 70.0
+
+
+def test_files_that_a_file_names_are_beside_it(tmp_path):
+    (tmp_path / "mine.toml").write_text('body.source = "robot.toml"\ngait.planner = "plan.csv"', "utf-8")
+    assert load_run(tmp_path / "mine.toml").body.source == "robot.toml"
+    for name in ("robot.toml", "plan.csv"):
+        (tmp_path / name).touch()
+    run = load_run(tmp_path / "mine.toml")
+    assert Path(run.body.source) == tmp_path / "robot.toml"
+    assert Path(run.gait.planner) == tmp_path / "plan.csv"
 
 
 def test_every_key_is_described():
