@@ -138,6 +138,23 @@ def test_torques_that_cannot_be_applied_are_refused(spoil, words):
         val.walk(ampm.load_run("normal", **QUICK), controller=Spoilt)
 
 
+def test_a_motor_gives_no_more_than_its_limit():
+    class Strong(JointPD):
+        def update(self, state, touch, reference):
+            return super().update(state, touch, reference)._replace(torque=np.full(34, 1e6))
+
+    trial = val.walk(ampm.load_run("normal", **QUICK), controller=Strong)
+    np.testing.assert_array_equal(trial.record.torque, [trial.record.torque_limit] * len(trial.record.torque))
+
+
+def test_a_controller_that_exits_is_refused():
+    def leave(robot, run):
+        raise SystemExit(3)
+
+    with pytest.raises(InputError, match=r"controller .*leave failed \(SystemExit: 3\)"):
+        val.walk(ampm.load_run("normal", **QUICK), controller=leave)
+
+
 @pytest.mark.parametrize("code", ["syntax error", "raise SystemExit(0)", "1 / 0"])
 def test_a_module_that_cannot_be_imported_is_bad_input(tmp_path, monkeypatch, code):
     monkeypatch.chdir(tmp_path)

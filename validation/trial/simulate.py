@@ -341,7 +341,8 @@ class ClosedLoop:
         if (bad := ~np.isfinite(torque)).any():
             worst = int(np.argmax(bad))
             raise ValueError(f"torque of {self.physics.robot.joint_names[worst]} is {torque[worst]}")
-        return output._replace(torque=torque)
+        limit = self.physics.robot.torque_limit
+        return output._replace(torque=np.clip(torque, -limit, limit))  # as the motors do
 
     def _worst_joint(self, output: ControlOutput) -> str:
         """The joint closest to its torque limit."""

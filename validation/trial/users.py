@@ -36,7 +36,7 @@ class UsersCode:
 
     def __exit__(self, kind: object, error: BaseException | None, trace: TracebackType | None) -> None:
         """Raise an error that names the class."""
-        if isinstance(error, Exception) and not isinstance(error, AmpmError):
+        if isinstance(error, Exception | SystemExit) and not isinstance(error, AmpmError):
             name = getattr(self.thing, "__qualname__", None) or type(self.thing).__name__
             raise UsersError(
                 f"the {self.what} {name} failed ({type(error).__name__}: {error}); correct it, --debug shows "
