@@ -160,12 +160,13 @@ class TablePlanner:
         except BodilyRefusal as error:
             time = np.asarray(self.table["time"], dtype=np.float64)
             rate = (time.size - 1) / (time[-1] - time[0])
-            if rate > 0.99 * ENOUGH_ROWS:
-                raise
+            way_out = error.way_out.replace("gait.", "the table's ")
+            if rate <= 0.99 * ENOUGH_ROWS:
+                way_out = f"give the table {ENOUGH_ROWS:g} rows a second or more, it has {rate:.3g}"
             raise BodilyRefusal(
                 str(error).removesuffix(f"; {error.way_out}."),
                 reason=error.reason, value=error.value, limit=error.limit, unit=error.unit,
-                way_out=f"give the table {ENOUGH_ROWS:g} rows a second or more, it has {rate:.3g}",
+                way_out=way_out,
             ) from error  # fmt: skip
 
     def _plan(self, request: WalkRequest) -> WalkPlan:

@@ -17,9 +17,10 @@ from ampm.planner.support import StepPlan, plan_steps
 from ampm.planner.table import closed_step, repeats, table_plan
 from ampm.planners import TablePlanner
 from tests.solved import body_of
+from validation.cli.console import Narrator
 from validation.store.tables import plan_table, sample_times, write_columns
 from validation.trial.columns import read_columns
-from validation.trial.plan import Request, plan_walk
+from validation.trial.plan import Request, load_request, plan_walk
 from validation.trial.planners import load_planner
 
 STEPS = 3
@@ -159,6 +160,20 @@ def test_a_table_of_few_rows_is_told_how_many_it_needs(tmp_path):
     assert "a_s to" not in str(refused.value)
 
 
+def test_keys_that_a_table_decides_are_reported(tmp_path, capsys):
+    write_columns(table_of(planned()), tmp_path / "plan.csv")
+    settings = [f"gait.planner={tmp_path / 'plan.csv'}", "gait.c_y=0.5", "gait.steps=4"]
+    plan_walk(load_request("normal", settings), Narrator())
+    assert "normal: the table gives the steps; not used: gait.c_y, gait.steps\n" in capsys.readouterr().err
+
+
+def test_a_refused_table_is_to_be_changed_itself(tmp_path):
+    table = table_of(planned())
+    write_columns({**table, "com_z": np.full(len(table["time"]), 1.2)}, tmp_path / "high.csv")
+    with pytest.raises(BodilyRefusal, match="lower the table's com_height"):
+        val.walk(planner=str(tmp_path / "high.csv"))
+
+
 def test_a_step_that_nearly_repeats_is_closed():
     """Position, velocity, acceleration and momentum at its end are those of its start, mirrored."""
     table = table_of(planned("momentum"), 500.0)
@@ -208,7 +223,8 @@ def test_a_file_is_walked_as_the_plan_that_wrote_it(tmp_path, name, suffix, with
     own = val.walk(run)
     table, path = table_of(own.plan), tmp_path / f"plan.{suffix}"
     write_columns(table if suffix == "csv" else exchanged(table), path)
-    trial = val.walk(run, planner=str(path))
+    other = run.replace({"gait.com_height": 1.2})  # the table has its own
+    trial = val.walk(other, planner=str(path))
     assert isinstance(trial.plan.posture, PeriodicPosture)
     assert trial.summary["planner"] == path.name
     for axis in "xy":

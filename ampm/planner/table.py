@@ -188,7 +188,7 @@ def _check_motion(plan: CentroidalPlan, time: Array, begins: NDArray[np.bool_]) 
     for axis, gap in zip("xy", off.T, strict=True):
         rule = (
             f"agree within {_SPEED:g} m/s with its acceleration since the phase began, by default "
-            "(g/H)(com - zmp); correct com_z or zmp, or give com_acceleration"
+            "(g/H)(com - zmp); correct com_z, zmp or units (m, s), or give com_acceleration"
         )
         _check(sample.com_velocity[:, "xy".index(axis)], f"velocity of com_{axis}", gap <= _SPEED, rule)
 

@@ -156,7 +156,8 @@ def walk_planned(
         true = body.robot.model if scene is body.model else pinocchio_model(scene.compile())
         near = moved_record(record, -run.disturbance.origin)
         measured = measure(near, true, to_pinocchio)
-        standing = weigh(run, body.model, body.robot)
+        upright = run.replace({"gait.com_height": planned.plan.com_height})  # a table may have its own
+        standing = weigh(upright, body.model, body.robot)
         description = body.model.description
         comparison = compare(
             planned.plan, near, measured, description=description, standing=standing, shapes=body.shapes

@@ -312,6 +312,10 @@ def plan_walk(
     name = "" if planner is None else planner_name(planner)
     if run.footsteps and (name in PLANNERS or isinstance(planner, TablePlanner)):
         raise InputError(f"the planner {name} does not plan footsteps; leave out one of them.")
+    if isinstance(planner, TablePlanner):
+        unused = {*request.changed, *({"gait.steps"} & run.given)} - {"gait.com_height"}
+        if keys := ", ".join(sorted(key for key in unused if key.startswith("gait."))):
+            progress.say(f"{request.name}: the table gives the steps; not used: {keys}")
     planner = planner or AmpmPeriodic()
     body = None
     if name in ("", *PLANNERS):
