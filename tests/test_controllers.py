@@ -183,9 +183,19 @@ def test_a_sweep_varies_the_controller(tmp_path):
     rows = [walk_task(Task.of(definition, run, tmp_path, wall_clock=None))[0] for run in (0, 1)]
     assert [row["controller.name"] for row in rows] == ["ampm", "joint-pd"]
     assert [row["outcome"] for row in rows] == ["completed", "fell"]
+
     assert [row["metric_failed_qp"] for row in rows] == [0.0, None]
     assert [row["qp_unsolved"] for row in rows] == [0, None]
     assert rows[0]["key"] != rows[1]["key"]
+
+
+def test_a_sweep_walks_a_planner_without_a_periodic_motion(tmp_path):
+    text = SWEEP.replace("controller.name", "gait.planner").replace(
+        '"joint-pd"', '"docs.examples.upright_walk:UprightWalk"'
+    )
+    row = walk_task(Task.of(parse_sweep(text), 1, tmp_path, wall_clock=None))[0]
+    assert row["outcome"] == "completed"
+    assert row["plan_motion_residual"] is None
 
 
 def test_one_gait_is_compared_under_two_controllers(tmp_path):

@@ -37,6 +37,7 @@ from validation.store.machine import memory_peak
 from validation.trial.users import UsersError
 
 if TYPE_CHECKING:
+    from ampm.body.motion import MotionReport
     from validation.run.trial import Trial
     from validation.trial.record import SimulationRecord
 
@@ -176,16 +177,14 @@ def _constant_environment() -> Mapping[str, Any]:
 
 def walk_columns(walk: Trial) -> dict[str, Any]:
     """Plan, motion, outcome, metrics and cost of a walk."""
-    record, verdict, report = walk.record, walk.verdict, walk.planned.motion.report
+    from ampm.body.motion import PeriodicPosture  # imported here: Pinocchio is slow to load
+
+    record, verdict, posture = walk.record, walk.verdict, walk.planned.plan.posture
     outcome, margins = record.outcome, walk.comparison.costs["margins"]
     return {
         **_plan_columns(walk.planned.plan),
         "plan_zmp_margin": walk.planned.zmp_margin,
-        "plan_motion_residual": report.residual,
-        "plan_motion_knee_minimum": report.knee_minimum.value,
-        "plan_motion_joint_limit_margin": report.joint_limit_margin.value,
-        "plan_motion_clearance": report.clearance.value,
-        "plan_motion_trunk_pitch": report.mean_trunk_pitch,
+        **(_motion_columns(posture.motion.report) if isinstance(posture, PeriodicPosture) else {}),
         "outcome": str(outcome.name),
         "cause": outcome.cause or None,
         "verdict": str(verdict.name),
@@ -199,6 +198,16 @@ def walk_columns(walk: Trial) -> dict[str, Any]:
         "margin_clearance_parts": margins["clearance"].where or None,
         "qp_ticks": int(record.qp_status.size),
         **(_qp_columns(record) if has_qp(record) else {}),
+    }
+
+
+def _motion_columns(report: MotionReport) -> dict[str, float]:
+    return {
+        "plan_motion_residual": report.residual,
+        "plan_motion_knee_minimum": report.knee_minimum.value,
+        "plan_motion_joint_limit_margin": report.joint_limit_margin.value,
+        "plan_motion_clearance": report.clearance.value,
+        "plan_motion_trunk_pitch": report.mean_trunk_pitch,
     }
 
 
