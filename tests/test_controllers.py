@@ -183,7 +183,6 @@ def test_a_sweep_varies_the_controller(tmp_path):
     rows = [walk_task(Task.of(definition, run, tmp_path, wall_clock=None))[0] for run in (0, 1)]
     assert [row["controller.name"] for row in rows] == ["ampm", "joint-pd"]
     assert [row["outcome"] for row in rows] == ["completed", "fell"]
-
     assert [row["metric_failed_qp"] for row in rows] == [0.0, None]
     assert [row["qp_unsolved"] for row in rows] == [0, None]
     assert rows[0]["key"] != rows[1]["key"]

@@ -202,7 +202,8 @@ def test_the_suggested_gait_has_the_persons_speed(tmp_path, ampm):
     [
         ({"time": None}, "no column 'time'"),
         ({"left_force_y": None}, "no column 'left_force_y'"),
-        ({"left_force_z": "reverse"}, "must be positive"),
+        ({"left_force_z": -1.0}, "must be more than 10 N"),
+        ({"left_force_z": 1e-3}, "upwards, in newtons"),
         ({"right_force_x": "hole"}, "row 11 of person.csv: right_force_x = nan"),
         ({"time": "turn"}, "row 2 of person.csv: time"),
         ({"com_z": "thousandths"}, "give lengths in metres"),
@@ -218,8 +219,8 @@ def test_bad_recordings_are_refused(change, message, tmp_path):
             del table[name]
         elif name == "rows":
             table = {key: values[:what] for key, values in table.items()}
-        elif what == "reverse":
-            table = {k: -v if k.endswith("force_z") else v for k, v in table.items()}
+        elif isinstance(what, float):
+            table = {k: what * v if k.endswith("force_z") else v for k, v in table.items()}
         elif what == "hole":
             table[name] = np.where(np.arange(len(table[name])) == 10, np.nan, table[name])
         else:

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 PHASES = 200
 """Instants of the mean stride."""
+_LIGHT = 10.0  # least weight [N]: of a kilonewton or of a body's weight, the unit is wrong
 _FEET = ("left", "right")
 _MOST_STRIDE = 30.0  # longer ones are other units [s]
 _MOST_WAY, _MOST_BESIDE = 1000.0, 30.0  # of a place forward, and sideways or up: more are other units [m]
@@ -223,10 +224,10 @@ def of_table(table: Mapping[str, Any], name: str) -> Walking:
     else:
         force = _vectors(table, "force", "xyz", name)
     mean = float(force[:, 2].mean())
-    if not mean > 0.0:
+    if not mean > _LIGHT:
         raise InputError(
-            f"{name}: the mean of the vertical force is {mean:.4g} N and must be positive; give the force of "
-            "the floor on the person, z upwards."
+            f"{name}: the mean of the vertical force is {mean:.4g} N and must be more than {_LIGHT:g} N; "
+            "give the force of the floor on the person, z upwards, in newtons."
         )
     signals |= _named("force", force)
     zmp = None
