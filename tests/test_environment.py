@@ -60,6 +60,15 @@ def test_an_action_that_is_no_number_is_refused():
     action[7] = np.nan
     with pytest.raises(ValueError, match=rf"{env.task.robot.joint_names[7]} \(entry 7\) is no number"):
         env.step(action)
+    with pytest.raises(ValueError, match=r"shape \(1,\) and must have \(34,\)"):
+        env.step(action[:1])
+
+
+def test_what_an_environment_has_not_is_refused():
+    with pytest.raises(InputError, match="no disturbances; leave out disturbance"):
+        load(disturbance={"slope_along": 0.1})
+    with pytest.raises(InputError, match="profile 'nope' is unknown"):
+        load(profile="nope")
 
 
 @pytest.mark.parametrize("time_step", [0.002, 0.001])

@@ -24,11 +24,13 @@ import numpy as np
 import pinocchio as pin
 from dm_env import specs
 
+from ampm.exceptions import InputError
 from ampm.parameters import RunParameters, steps_per_tick
 from ampm.walk import Reference, State, Timing, Touch
 from models._pymjcf import without_display
 from validation.judge.metrics import METRICS
 from validation.judge.profiles import DEFAULT, Profile
+from validation.judge.profiles import profile as named_profile
 from validation.trial.bridge import to_mujoco, to_pinocchio
 from validation.trial.plan import PlannedWalk, plan_walk, request_of
 from validation.trial.policy import observe
@@ -57,7 +59,7 @@ def load(
     body: Mapping[str, Any] | str | None = None,
     *,
     seed: int | None = None,
-    profile: Profile = DEFAULT,
+    profile: Profile | str = DEFAULT,
     **sections: Mapping[str, Any],
 ) -> control.Environment:
     """The environment of one gait.
@@ -71,13 +73,18 @@ def load(
         source: parameters, or a preset or TOML file; `normal` by default, or the own gait of another body.
         body: its name (``body.source``), or values of the section ``body``.
         seed: of the instants at which episodes begin.
-        profile: tolerances.
+        profile: tolerances, or their name.
         sections: values by section and key, as :func:`ampm.load_run` takes them.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
     """
     request = request_of(source, body, sections)
+    if unusual := request.run.disturbance.model_dump(exclude_defaults=True):
+        keys = ", ".join(f"disturbance.{key}" for key in unusual)
+        raise InputError(f"an environment has no disturbances; leave out {keys}.")
+    if isinstance(profile, str):
+        profile = named_profile(profile)
     held = request.run.replace({"controller.hold": "zero-order"})
     planned = plan_walk(replace(request, run=held))
     physics = WalkPhysics.from_xml_string(planned.body.model.xml)
@@ -180,8 +187,10 @@ class FollowPlan(control.Task):
         """Set the torques.
 
         Raises:
-            ValueError: the action has an entry that is no number.
+            ValueError: the action has an entry that is no number, or too few or many.
         """
+        if np.shape(action) != (self.robot.nu,):
+            raise ValueError(f"the action has shape {np.shape(action)} and must have ({self.robot.nu},).")
         unknown = np.flatnonzero(np.isnan(action))
         if unknown.size:
             raise ValueError(
