@@ -29,6 +29,17 @@ _UNLIKE = 0.05  # largest angle between an axis and its image [rad]
 _FREE, _HINGE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_HINGE)
 _SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3, "mesh": 0}
 """Drawn shapes and how many sizes they have."""
+_DROPPED = {
+    "springs, dampers or dry friction of tendons": (
+        "tendon_stiffness", "tendon_stiffnesspoly",
+        "tendon_damping", "tendon_dampingpoly", "tendon_frictionloss",
+    ),
+    "springs or dampers that are not linear": ("jnt_stiffnesspoly", "dof_dampingpoly"),
+    "dampers of motors": ("actuator_damping", "actuator_dampingpoly"),
+    "closed loops or coupled joints (equality)": ("eq_active0",),
+    "segments without their weight (gravcomp)": ("body_gravcomp",),
+}  # fmt: skip
+"""Passive forces that no joint has, and the fields of a model that have them."""
 _SMALL = 0.5  # extent of what collides over that of what is drawn: less are points that touch the floor [1]
 _DIGITS = 5  # of the points of a hull [m]
 
@@ -93,6 +104,9 @@ class Tree:
 
     def __init__(self, file: BodyFile, model: mujoco.MjModel, speeds: Mapping[str, float]) -> None:
         self.file, self.model = file, model
+        for what, names in _DROPPED.items():
+            if any(getattr(model, name).any() for name in names):
+                raise InputError(f"the model has {what}, which a body cannot have; remove them from it.")
         self.speeds, self.efforts = speeds, _motor_limits(model)
         self.root = self.body(file.root, "root")
         self.feet = [self.body(name, "foot") for name in file.sided(file.foot)]

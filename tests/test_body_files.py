@@ -14,7 +14,7 @@ from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import BodyParameters, RunParameters
 from models.build import build_body
 from models.scene import BodyModel
-from models.source import read_body_file, write_body
+from models.source import body_path, read_body_file, source_path, write_body
 from validation.run import body_check
 from validation.trial.plan import make_body
 
@@ -94,6 +94,29 @@ def test_bad_description_is_refused(change: str, message: str, tmp_path: Path) -
     kept = [line for line in TOML.splitlines() if not line.startswith(f"{key} =")]
     with pytest.raises(InputError, match=message):
         load(write(tmp_path, toml="\n".join([*kept, change])))
+
+
+@pytest.mark.parametrize(
+    ("tag", "attributes", "message"),
+    [
+        (
+            "tendon",
+            "<fixed stiffness='50' name='t'><joint joint='{}' coef='1'/></fixed>",
+            "springs, dampers or",
+        ),
+        ("equality", "<joint joint1='{}' joint2='abdomen_y'/>", "closed loops"),
+    ],
+)
+def test_passive_forces_of_no_joint_are_refused(
+    tag: str, attributes: str, message: str, tmp_path: Path
+) -> None:
+    file = read_body_file(body_path("suite-humanoid"))
+    spec = mujoco.MjSpec.from_file(str(source_path(file.source, tmp_path)))
+    extra = f"<{tag}>{attributes.format('left_knee')}</{tag}>"
+    (tmp_path / "model.xml").write_text(spec.to_xml().replace("</mujoco>", f"{extra}</mujoco>"), "utf-8")
+    text = body_path("suite-humanoid").read_text(encoding="utf-8").replace(file.source, "model.xml")
+    with pytest.raises(InputError, match=f"the model has {message}"):
+        load(write(tmp_path, toml=text))
 
 
 def test_a_file_that_is_no_description_is_refused(tmp_path: Path) -> None:
