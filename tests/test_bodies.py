@@ -191,12 +191,26 @@ def test_check_of_a_body_that_walks_and_of_one_that_cannot(ampm) -> None:
     assert answer.json["torque"]["knee"] < 0.6
     assert answer.json["gait"]["step_length"] == pytest.approx(0.3 * facts["height of the hips"][0])
     assert any("ellipsoids of their inertia" in note for note in answer.json["notes"])
-    assert facts["tilt of the soles, standing"][0] < 1e-9
+    assert -0.01 < facts["lowest point of the feet over their soles"][0] <= 0.0
+    assert not any("The feet end" in note for note in answer.json["notes"])
 
     refused = ampm("body", "check", "cmu")
     assert refused.status == 2
     assert "an ankle joint's torque limit is 1.39" in refused.out
     assert "54 joints have dampers or springs" in refused.out
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("bottom = -0.07", "bottom = -0.2", "The feet end 0.124 m over their soles"),
+        ("sole =", "neutral.l_knee = 0.8\nsole =", "m under their soles, or are not level"),
+    ],
+)
+def test_feet_that_do_not_fit_their_soles_are_noted(old: str, new: str, said: str, tmp_path: Path) -> None:
+    text = BIPED.read_text("utf-8").replace('"biped.urdf"', f'"{BIPED.with_name("biped.urdf")}"')
+    (tmp_path / "biped.toml").write_text(text.replace(old, new), "utf-8")
+    assert said in " ".join(check_body(str(tmp_path / "biped.toml")).notes)
 
 
 def test_check_predicts_the_torques_of_the_walk() -> None:

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 _BENT = 0.6  # flexion of the knees at which the legs are judged [rad]
 _GROWTH, _MOST_GROWTH = 1.2, 3.0  # of step or speed from try to try, and at most [1]
 _LEAST_SINGULAR = 0.02  # of a leg's Jacobian: below it, the joints hardly move the sole in some direction
+_FEET = "lowest point of the feet over their soles"
+_OFF = 0.1  # of the feet's lowest point from the soles, over the soles' length: more is a mistake
 _GROUPS = ("hip", "knee", "ankle", "toe", "trunk", "arms")
 
 
@@ -80,7 +82,8 @@ def check(
     with progress.stage("body"):
         body = make_body(run)
     robot, model = body.robot, body.model.compile()
-    facts, notes = _facts(robot, model, findings), _notes(robot, findings)
+    facts = _facts(robot, model, findings)
+    notes = _notes(robot, findings, facts[_FEET][0])
     torque, gait = dict[str, float](), dict[str, float]()
     refusal = ""
     try:
@@ -148,7 +151,7 @@ def _facts(robot: Robot, model: mujoco.MjModel, findings: Findings) -> dict[str,
         "length of a leg": (d.leg_length, "m"),
         "distance of the hips": (2.0 * d.hip_half_width, "m"),
         "length of a sole": (sole.length, "m"),
-        "tilt of the soles, standing": (_sole_tilt(robot), "rad"),
+        _FEET: (_feet_over_soles(model, robot), "m"),
         "straight knee at": (d.left_leg.straight_knee, "rad"),
         "least singular value of a leg, knee bent by 0.6 rad": (_leg_singular_value(robot), "1"),
         "ZMP from the ankle, as far as its torque reaches": (ankle / weight, "m"),
@@ -171,13 +174,25 @@ def _leg_singular_value(robot: Robot) -> float:
     return float(np.linalg.svd(jacobian, compute_uv=False)[-1])
 
 
-def _sole_tilt(robot: Robot) -> float:
-    """Largest angle of a sole with the floor in the neutral posture [rad]."""
-    q = pin.neutral(robot.model)
-    for joint, angle in robot.description.rest:
+def _feet_over_soles(model: mujoco.MjModel, robot: Robot) -> float:
+    """Height of the lowest point of the feet's shapes over the soles in the neutral posture [m]."""
+    d, q = robot.description, pin.neutral(robot.model)
+    for joint, angle in d.rest:
         q[robot.velocity_indices((joint,)) + 1] = angle
-    upward = robot.jacobian(q).sole_turn[:, 2, 2]
-    return float(np.arccos(np.clip(upward, -1.0, 1.0)).max())
+    q[2] -= robot.jacobian(q).sole[:, 2].min()
+    data = mujoco.MjData(model)
+    data.qpos[:], _ = to_mujoco(q, np.zeros(robot.model.nv))
+    mujoco.mj_forward(model, data)
+    points = {name for _, _, name in d.sole_points()}
+    feet = {model.body(name).id for leg in d.legs for name in (leg.foot_segment, leg.toe_segment) if name}
+    shapes = [g for g in range(model.ngeom) if model.geom_bodyid[g] in feet]
+    floor, far = model.geom("floor").id, d.height
+    gaps = [
+        mujoco.mj_geomDistance(model, data, floor, g, far, None)
+        for g in shapes
+        if model.geom(g).name not in points
+    ]
+    return float(min(gaps))
 
 
 def _disagreement(model: mujoco.MjModel) -> float:
@@ -199,9 +214,14 @@ def _disagreement(model: mujoco.MjModel) -> float:
     return worst
 
 
-def _notes(robot: Robot, findings: Findings) -> tuple[str, ...]:
+def _notes(robot: Robot, findings: Findings, off: float = 0.0) -> tuple[str, ...]:
     """What is worth knowing of the model."""
-    d, notes = robot.description, []
+    d, notes = robot.description, list[str]()
+    if abs(off) > _OFF * d.sole.length:
+        notes.append(
+            f"The feet end {abs(off):.3g} m {'over' if off > 0.0 else 'under'} their soles, or are not "
+            "level: correct sole or neutral in the description."
+        )
     endless = [
         name
         for name, low, high in zip(robot.joint_names, robot.lower, robot.upper, strict=True)
