@@ -51,6 +51,7 @@ def test_followed_torques_ranges_and_distances_are_those_of_the_walk(footsteps: 
     ("source", "steps", "reason", "words"),
     [
         ("g1", (6, 0.33, 0.19), "torque_limits", r"footstep \d: \w+ would need \S+ of its torque for 60 ms"),
+        ("g1", (4, 0.2, 0.3), "joint_limits", r"ankle_roll_joint would be 0\.0\d+ rad beyond .* 150 ms"),
         ("talos", (6, 0.36, 0.19), "speed_limits", r"footstep 4: leg_left_3_joint would turn at 6\.\d+ "),
         ("suite-humanoid", (4, 0.25, 0.2), "torque_limits", r"footstep 3: left_hip_x would .*gait\.c_y"),
     ],
@@ -63,13 +64,30 @@ def test_what_falls_or_is_too_fast_is_refused(
     assert refusal.value.reason == reason
 
 
+def test_arms_that_a_quick_turn_throws_are_refused() -> None:
+    quick = routes.turn(4, -2.356, 0.248, toe_out=0.03)
+    with pytest.raises(
+        BodilyRefusal, match=r"wrist yaw link come within \d\.\d+ mm .*; shorten or narrow"
+    ) as error:
+        plan(gait_of("g1"), quick)
+    assert error.value.reason == "arm_collision"  # 23 mm one in the other, when walked
+
+
+def test_a_quicker_gait_whose_heels_rise_late_is_walked() -> None:
+    run = gait_of("g1")
+    run = run.replace({"gait.switching_velocity": 1.2 * run.gait.switching_velocity})
+    trial = val.walk(run, footsteps=routes.straight(4, 0.14, 0.19))
+    assert np.count_nonzero(trial.record.qp_status == 2) == 0
+    assert np.nanmax(np.abs(trial.measured.zmp - trial.comparison.sample.zmp)) < 0.02
+
+
 def test_a_body_of_ones_own_walks_footsteps() -> None:
     plan(gait_of(str(BIPED)), routes.straight(4, 0.15, 0.17))
 
 
 def test_legs_that_do_not_reach_for_long_are_refused() -> None:
     with pytest.raises(
-        BodilyRefusal, match=r"footstep 3: the left knee would bend .* for 0\.1\d* s of a step"
+        BodilyRefusal, match=r"footstep \d: the \w+ knee would bend .* for 0\.1\d* s of a step"
     ):
         plan(HUMAN, routes.straight(6, 0.72, 0.2))
 

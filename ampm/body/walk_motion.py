@@ -37,6 +37,9 @@ _NEARER = 5e-4  # by which parts may come nearer in the walk [m]: .43 mm at most
 _INSTANTS = 7  # of every swing at which the upright body's ranges are checked
 _BEYOND = 0.05
 """How far an upright body may be beyond a joint's range [rad]: a pelvis that tilts makes up for as much."""
+_LONG, _ANKLE = 0.15, 0.04
+"""Time over which an ankle's angle beyond its range is averaged [s], and the largest mean [rad]: up to .038
+walks keep within the limits, from .046 on arms are thrown. No pelvis that tilts makes up for it."""
 _WAYS_OUT = {
     "hip": "shorten or narrow the steps about it, lower gait.c_y, or raise gait.switching_velocity",
     "ankle": "shorten the steps about it, or raise gait.a_s",
@@ -50,6 +53,7 @@ class _Followed(NamedTuple):
         time: shape (T,) [s].
         share: torques of the hinges over their limits, in double support of trunk and arms only, (T, nu) [1].
         rate: of the hinges, shape (T, nu) [rad/s].
+        beyond: angle of the ankles beyond their range, of others 0, shape (T, nu) [rad].
         gap: of the body's parts at the start, then at every other instant until a leg does not reach, (K,)
             [m].
         parts: names of those that are next to each other, K texts.
@@ -59,6 +63,7 @@ class _Followed(NamedTuple):
     time: Array
     share: Array
     rate: Array
+    beyond: Array
     gap: Array
     parts: tuple[str, ...]
     lost: list[tuple[float, float, Unreachable]]
@@ -106,7 +111,8 @@ def check_walk(plan: StepPlan, posture: ConstantPosture, run: RunParameters, rob
             f"{time:.3f} s, nearer than {1e3 * (CLEARANCE + _NEARER):g} mm",
             reason="arm_collision" if arms else "self_collision",
             value=float(walk.gap[k]), limit=CLEARANCE + _NEARER, unit="m",
-            way_out="raise body.arm_abduction, or shorten or narrow the steps about it" if arms
+            way_out=("raise body.arm_abduction, or " if robot.description.spread else "")
+            + "shorten or narrow the steps about it" if arms
             else "turn the toes out, by 0.1 rad for example, or put the feet further apart",
         )  # fmt: skip
     fastest = np.full(robot.nu, math.inf)
@@ -121,7 +127,7 @@ def check_walk(plan: StepPlan, posture: ConstantPosture, run: RunParameters, rob
             reason="speed_limits", value=rate, limit=float(fastest[joint]), unit="rad/s",
             way_out="shorten the steps about it, or give them more time",
         )  # fmt: skip
-    mean = _means(walk)
+    mean = _means(walk.time, np.minimum(walk.share, _SPIKE), _WINDOW)
     k, joint = _largest(mean)
     if mean[k, joint] > _MOST:
         name = robot.joint_names[joint]
@@ -131,6 +137,15 @@ def check_walk(plan: StepPlan, posture: ConstantPosture, run: RunParameters, rob
             f"{1e3 * _WINDOW:g} ms from {walk.time[k]:.3f} s on, more than {_MOST:g}",
             reason="torque_limits", value=float(mean[k, joint]), limit=_MOST, unit="1",
             way_out=_WAYS_OUT.get(group, "shorten the steps about it, or take lower ones"),
+        )  # fmt: skip
+    mean = _means(walk.time, walk.beyond, _LONG)
+    k, joint = _largest(mean)
+    if mean[k, joint] > _ANKLE:
+        raise BodilyRefusal(
+            f"{footstep(walk.time[k])}: {robot.joint_names[joint]} would be {mean[k, joint]:.2g} rad beyond "
+            f"its range for {1e3 * _LONG:g} ms from {walk.time[k]:.3f} s on, more than {_ANKLE:g} rad",
+            reason="joint_limits", value=float(mean[k, joint]), limit=_ANKLE, unit="rad",
+            way_out="shorten the steps about it, or put the feet nearer to each other",
         )  # fmt: skip
 
 
@@ -171,18 +186,18 @@ def _largest(values: Array) -> tuple[int, int]:
     return row, column
 
 
-def _means(walk: _Followed) -> Array:
-    """Mean shares over the window that begins at each instant, shape (T, nu) [1]."""
-    share = np.minimum(np.nan_to_num(walk.share), _SPIKE)
-    total = np.zeros_like(share)
-    total[1:] = np.cumsum(0.5 * (share[1:] + share[:-1]) * np.diff(walk.time)[:, None], axis=0)
-    later = [np.interp(walk.time + _WINDOW, walk.time, joint) for joint in total.T]
-    return np.asarray((np.stack(later, axis=1) - total) / _WINDOW)
+def _means(time: Array, values: Array, window: float) -> Array:
+    """Means over a window [s] that begins at each instant, NaN counting as zero, shape (T, nu)."""
+    values, total = np.nan_to_num(values), np.zeros_like(values)
+    total[1:] = np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time)[:, None], axis=0)
+    later = [np.interp(time + window, time, joint) for joint in total.T]
+    return np.asarray((np.stack(later, axis=1) - total) / window)
 
 
 def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot: Robot) -> _Followed:
     """Follow a walk up to its last stop."""
     gains, nodes = run.controller, _INTERVALS + 1
+    ankles = np.isin(robot.joint_names, joint_groups(robot.description)["ankle"])
     ik = InverseKinematics(
         robot,
         run.replace(
@@ -205,11 +220,12 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
     time[:, -1] -= 1e-9  # before a foot lifts
     time = time.ravel()
     heading, turning, bend = posture.heading(0.5 * (edges[1:] + edges[:-1]))
-    heading = heading + (ik.damping * turning + bend) / ik.stiffness  # the pull of a posture at rest lags
+    lead = (ik.damping * turning + bend) / ik.stiffness  # the pull of a posture at rest lags
+    heading = heading + lead
     reference = step_reference(plan, time).turned(np.repeat(heading, nodes))
-    share, rate = np.full((2, len(time), robot.nu), np.nan)
+    share, rate, beyond = np.full((3, len(time), robot.nu), np.nan)
     lost, window = [], 2.0 * plan.constants.step_duration
-    tilts, integral, tilt, axes = np.zeros((len(length), 2)), np.zeros(2), np.zeros(2), 0.0
+    tilts, (integral, tilt, given), axes = np.zeros((len(length), 2)), np.zeros((3, 2)), 0.0
     configurations = [posture.start[0][None]]
     q, v = posture.start
     for k, part in enumerate(length):
@@ -221,7 +237,8 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
         wanted = gains.trunk_gain * (mean + gains.trunk_integral * integral) / robot.mass
         piece = reference.part(rows)
         velocity = piece.velocity.copy()
-        velocity[:, 3:5] -= wanted
+        given += (1.0 - math.exp(-gains.momentum_gain * part)) * (wanted - given)
+        velocity[:, 3:5] -= given @ _turn(lead[k])
         piece = replace(piece, velocity=velocity)
         try:
             found = ik.integrate(piece, q, v, 0.0, draft=True)
@@ -230,13 +247,21 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
             q, v = _upright(ik, piece, posture, robot)
         else:
             q, v = found.q[-1], found.v[-1]
-            tilt = pin.log3(robot.trunk_rotations(q[None])[0] @ posture.trunk.T)[:2]
-            rate[rows] = found.v[:, 6:]
+            tilt = pin.log3(robot.trunk_rotations(q[None])[0] @ posture.trunk.T)[:2] @ _turn(-lead[k])
+            rate[rows], angle = found.v[:, 6:], found.q[:, 7:]
+            out = np.maximum(robot.lower - angle, angle - robot.upper)
+            beyond[rows] = np.where(ankles, np.maximum(out, 0.0), 0.0)
             configurations += [] if lost else [found.q[::2]]
             share[rows] = _shares(found, int(stance[k]), robot)
         tilts[k] = tilt
     gaps = robot.shapes.gaps(np.concatenate(configurations))
-    return _Followed(time, share, rate, gaps.distance, gaps.parts, lost)
+    return _Followed(time, share, rate, beyond, gaps.distance, gaps.parts, lost)
+
+
+def _turn(angle: float) -> Array:
+    """Matrix by which a row of components is multiplied for axes turned by an angle [rad]."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s], [s, c]])
 
 
 def _upright(

@@ -43,6 +43,7 @@ _PITCH_BUMP = 0.55  # its size after a step with no roll at all [rad]
 _FLAT, _MOST = 0.25, 1.15  # share of the gait's step that is walked flat; largest share of its roll [1]
 _AT_BALL = 0.006  # distance of the ZMP behind the ball at which the heel rises without delay [m]
 _WAIT, _LATEST = 0.39, 0.65  # share of the sole by which the ZMP lags a whole double support; latest rise [1]
+_SLOWLY = 1.5  # least time in which a heel rises, in that of its rate at toe off; a gait's own is longer [1]
 _NO_RISE = 0.33  # share of the way to the ball that the ZMP must have gone for any rise [1]
 _NO_STRIKE, _FULL_STRIKE = 0.3, 0.55  # shares of the way to the heel: no heel strike, all of it [1]
 _QUICKEST = 0.4  # least share of the gait's time in which the sole comes down [1]
@@ -210,10 +211,12 @@ def _rolls(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, step_
     landing = np.stack([cos(heading[2:]), sin(heading[2:])], axis=1)
     before = (zmp * landing[:, None]).sum(axis=2) <= sole.heel_x
     down = foot.full_contact * np.clip((before.sum(axis=1) - 1) / (_GRID - 1), _QUICKEST, 1.0)
+    angle, rate = lift * foot.toe_off_angle * (1.0 - wait / (1.0 + late)), lift * foot.toe_off_rate
+    latest = double[:-1] + foot.heel_rise_lead - _SLOWLY * angle / np.maximum(rate, 1e-9)
     return Roll(
-        lift=lift * foot.toe_off_angle * (1.0 - wait / (1.0 + late)),
-        lift_rate=lift * foot.toe_off_rate,
-        delay=wait * double[:-1],
+        lift=angle,
+        lift_rate=rate,
+        delay=np.minimum(wait * double[:-1], latest),
         share=lift * (1.0 - delay),
         strike=strike * foot.heel_strike_angle,
         strike_rate=strike * foot.heel_strike_rate,
