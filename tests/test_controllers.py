@@ -202,3 +202,10 @@ def test_one_gait_is_compared_under_two_controllers(tmp_path):
     assert (pair.a.label, pair.b.label) == ("normal-ampm", "normal-joint-pd")
     assert pair.parameters == {"controller.name": ("ampm", "joint-pd")}
     assert [side.outcome for side in (pair.a, pair.b)] == ["completed", "fell"]
+
+
+def test_two_controllers_without_a_second_gait_walk_the_first(ampm):
+    settings = [word for text in SETTINGS for word in ("--set", text)]
+    answer = ampm("compare", "--controller", "ampm", "--controller", "joint-pd", *settings, "--json")
+    assert answer.status == 3, answer.err
+    assert answer.json["parameters"].keys() == {"controller.name"}

@@ -229,9 +229,13 @@ def diff(
 @app.command()
 def compare(
     a: Annotated[
-        str, typer.Argument(help="Preset, TOML file, or folder of a run.", metavar="[A]")
-    ] = "normal",
-    b: Annotated[str, typer.Argument(help="What it is compared with.", metavar="[B]")] = "ipm",
+        str | None,
+        typer.Argument(help="Preset, TOML file, or run's folder; normal if none.", metavar="[A]"),
+    ] = None,
+    b: Annotated[
+        str | None,
+        typer.Argument(help="Likewise; if none, ipm, or A with two controllers.", metavar="[B]"),
+    ] = None,
     settings: Settings = None,
     as_is: AsIs = False,
     steps: Steps = None,
@@ -253,6 +257,7 @@ def compare(
     from validation.study.compare.pair import compare_pair
 
     extra = with_short(settings, body=body, steps=steps)
+    b = b or (a if len(controller or ()) > 1 else "ipm")  # else gait and controller would differ
     pair = compare_pair(
         a, b, extra, as_is=as_is, controllers=controller or (), uncertainty=uncertainty or (), out=out,
         force=force, stages=Narrator(),

@@ -197,8 +197,8 @@ class Pair(Brief):
 
 
 def compare_pair(
-    a: str,
-    b: str,
+    a: str | None,
+    b: str | None,
     settings: Sequence[str] = (),
     *,
     as_is: bool = False,
@@ -211,7 +211,7 @@ def compare_pair(
     """Walk or load two gaits and compare them.
 
     Args:
-        a: preset, TOML file, or folder of a run.
+        a: preset, TOML file, folder of a run, or None for `normal` or the own gait of another body.
         b: likewise.
         settings: ``key=value`` texts for the gaits that are to be walked.
         as_is: find nothing that they leave open.
@@ -259,7 +259,7 @@ def compare_pair(
 
 
 def _sources(
-    texts: Sequence[str], settings: Sequence[str], controllers: Sequence[str], *, as_is: bool
+    texts: Sequence[str | None], settings: Sequence[str], controllers: Sequence[str], *, as_is: bool
 ) -> Mapping[str, Request | Path]:
     """Gaits or folders, by their name in tables."""
     if len(controllers) > len(texts):
@@ -268,7 +268,7 @@ def _sources(
         )
     own = [[f'controller.name="{name}"'] for name in controllers] or [[]]
     sources = [
-        Path(text) if Path(text).is_dir() else load_request(text, [*settings, *more], as_is=as_is)
+        Path(text) if text and Path(text).is_dir() else load_request(text, [*settings, *more], as_is=as_is)
         for text, more in zip(texts, own * len(texts), strict=False)
     ]
     walks = [source for source in sources if isinstance(source, Request)]
