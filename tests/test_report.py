@@ -188,7 +188,7 @@ def test_numbers_are_written_for_people(value, text):
 
 
 @pytest.mark.parametrize(
-    ("limit", "text"), [(2.5, "2.5"), (0.0, "0"), (1e-6, "1·10⁻⁶"), (2.5e-9, "2.5·10⁻⁹")]
+    ("limit", "text"), [(2.5, "2.5"), (0.0, "0"), (1e-6, "1·10⁻⁶"), (2.5e-9, "2.5·10⁻⁹"), (1.647293, "1.647")]
 )
 def test_limits_are_written_as_they_were_set(limit, text):
     assert limit_with_unit(limit, "1") == text

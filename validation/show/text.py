@@ -95,9 +95,9 @@ def with_unit(value: Any, unit: str, digits: int = 3) -> str:
 
 
 def limit_with_unit(limit: float, unit: str) -> str:
-    """A tolerance as it was set, without trailing zeros, and its unit."""
-    plain = limit == 0.0 or 1e-3 <= limit < 1e5
-    return with_unit(f"{limit:.6g}" if plain else number(limit, 2).replace(".0·", "·"), unit)
+    """A tolerance with four digits at most, without trailing zeros, and its unit."""
+    plain = limit == 0.0 or 1e-3 <= limit < 1e4
+    return with_unit(f"{limit:.4g}" if plain else number(limit, 2).replace(".0·", "·"), unit)
 
 
 def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
