@@ -36,7 +36,6 @@ _DROPPED = {
     ),
     "springs or dampers that are not linear": ("jnt_stiffnesspoly", "dof_dampingpoly"),
     "dampers of motors": ("actuator_damping", "actuator_dampingpoly"),
-    "closed loops or coupled joints (equality)": ("eq_active0",),
     "segments without their weight (gravcomp)": ("body_gravcomp",),
 }  # fmt: skip
 """Passive forces that no joint has, and the fields of a model that have them."""
@@ -107,6 +106,10 @@ class Tree:
         for what, names in _DROPPED.items():
             if any(getattr(model, name).any() for name in names):
                 raise InputError(f"the model has {what}, which a body cannot have; remove them from it.")
+        if any(self._couples(number) for number in np.flatnonzero(model.eq_active0).tolist()):
+            raise InputError(
+                "the model has closed loops or coupled joints; lock these joints or remove them."
+            )
         self.speeds, self.efforts = speeds, _motor_limits(model)
         self.root = self.body(file.root, "root")
         self.feet = [self.body(name, "foot") for name in file.sided(file.foot)]
@@ -129,6 +132,15 @@ class Tree:
         for table_name in ("neutral", "rest"):
             for name in getattr(file, table_name):
                 self.joint(name, table_name)
+
+    def _couples(self, number: int) -> bool:
+        """Whether an equality couples joints that move."""
+        model = self.model
+        if model.eq_type[number] != mujoco.mjtEq.mjEQ_JOINT:
+            return True
+        ends = [int(end) for end in (model.eq_obj1id[number], model.eq_obj2id[number]) if end >= 0]
+        lock = dict.fromkeys(self.file.lock, 1.0)
+        return not all(by_pattern(lock, model.joint(end).name, 0.0) for end in ends)
 
     def _check_tables(self) -> None:
         """Refuse feet that hang elsewhere, and patterns that match nothing."""

@@ -119,6 +119,17 @@ def test_passive_forces_of_no_joint_are_refused(
         load(write(tmp_path, toml=text))
 
 
+def test_a_coupled_joint_that_is_locked_is_no_trouble(tmp_path: Path) -> None:
+    neck = f'<link name="skull">{INERTIA.format(1.0)}</link>' + HINGE.format(
+        "neck", "chest", "skull", "0 0 0.45"
+    )
+    urdf = URDF.replace("</robot>", neck.replace("<limit", '<mimic joint="waist_yaw"/><limit') + "</robot>")
+    with pytest.raises(InputError, match="coupled joints; lock these joints"):
+        load(write(tmp_path, urdf))
+    locked = TOML.replace("sole =", 'lock = ["neck", "waist_yaw"]\nsole =')
+    assert "neck" not in dict(load(write(tmp_path, urdf, locked)).description.torque_limits)
+
+
 def test_a_file_that_is_no_description_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a model; give its description"):
         load(EXAMPLES / "biped.urdf")
