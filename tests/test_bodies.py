@@ -18,7 +18,7 @@ from models.source import known_bodies, read_body_file
 from validation.run.body_check import check as check_body
 from validation.run.walk import walk
 from validation.store.saved import load_description
-from validation.study.sweep.design import dump_sweep, parse_sweep
+from validation.study.sweep.design import dump_sweep, load_sweep, parse_sweep
 from validation.trial.plan import load_request, make_body, own_gait, tune_walk
 
 ROOT = Path(__file__).parents[1]
@@ -114,6 +114,14 @@ def test_a_sweep_of_another_body_walks_its_gait() -> None:
     assert parse_sweep(dump_sweep(definition)) == definition
     with pytest.raises(InputError, match=r"body\.source cannot be varied"):
         parse_sweep('vary = [{method = "list", body.source = ["human", "suite-humanoid"]}]')
+
+
+def test_a_sweep_finds_the_body_beside_its_file(tmp_path: Path) -> None:
+    for name in ("biped.toml", "biped.urdf"):
+        (tmp_path / name).write_text(BIPED.with_name(name).read_text("utf-8"), "utf-8")
+    sweep = tmp_path / "sweep.toml"
+    sweep.write_text('set."body.source" = "biped.toml"\n[[vary]]\nmethod = "list"\ngait.c_y = [0.8]', "utf-8")
+    assert load_sweep(sweep).base.body.source == str(tmp_path / "biped.toml")
 
 
 def check(trial) -> None:

@@ -334,7 +334,7 @@ def load_sweep(path: str | Path) -> SweepDefinition:
     """Read a sweep's definition.
 
     Args:
-        path: TOML file; a gait file is searched in the same folder.
+        path: TOML file; files of a gait, body or plan are searched in the same folder.
 
     Raises:
         InputError: no such file, no valid TOML, or no valid sweep.
@@ -376,6 +376,7 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
         load_instrument(head["instrument"])
     with _place("[set]"):
         fixed = {key: key_info(key).convert(value) for key, value in _flat(table.get("set", {})).items()}
+    fixed |= {key: _beside(folder, str(fixed[key])) for key in (BODY_KEY, PLANNER_KEY) if key in fixed}
     if "base" in table:
         base = RunParameters(**table["base"])
     else:
@@ -408,9 +409,7 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
 
 def _base(folder: Path, gait: Any, body: Any) -> RunParameters:
     """Parameters before those of the sweep: of a gait, or of the own gait of a body."""
-    if gait is None and body != HUMAN:
-        return own_gait(load_run(None).replace({BODY_KEY: body}))
-    run = load_run(_beside(folder, str(gait or "normal")))
+    run = load_run(None if gait is None and body != HUMAN else _beside(folder, str(gait or "normal")))
     return own_gait(run if body == HUMAN else run.replace({BODY_KEY: body}))
 
 
