@@ -70,6 +70,10 @@ def test_a_bodily_refusal_names_value_limit_and_way_out(gait, foot, reason, valu
     assert way_out in refusal.way_out
 
 
+def test_a_step_too_short_to_roll_is_not_told_to_roll_more():
+    assert refused(GaitParameters(step_length=0.2), ROLL).way_out.startswith("lengthen gait.step_length")
+
+
 def test_a_refusal_names_the_way_out_of_the_next_one_too():
     refusal = refused(flat(a_s=1.4, com_height=0.95), FLAT)
     assert refusal.reason == "zmp_leaves_sole"

@@ -177,10 +177,10 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
         reached = round(float(sample.zmp[0, 0] - sample.left_placement[0, 0]), 6) + 0.0
         reason = "heel_rises_before_zmp_reaches_ball"
         what = "the heel rises before the ZMP has reached the ball: its distance from the reference point"
-        less = (
-            f"lower gait.a_s to {l_s / sole.ball_x:.4g}, lengthen gait.step_length, lower "
-            "foot.heel_rise_lead, or take foot.schedule = flat"
-        )
+        roll = (
+            f"lower gait.a_s to {l_s / sole.ball_x:.4g}, " if l_s > sole.ball_x else ""
+        )  # else it is no pendulum
+        less = f"{roll}lengthen gait.step_length, lower foot.heel_rise_lead, or take foot.schedule = flat"
         yield Limit(what, "m", sole.ball_x, AT_LEAST, reason, less, ROLL_TOLERANCE), reached
 
     reach = description.leg_length * (1.0 + LEG_ALLOWANCE)
