@@ -125,6 +125,7 @@ def test_tsid_that_cannot_walk_says_why(with_tsid, monkeypatch):
     [
         (lambda output: output._replace(torque=output.torque * np.nan), "torque of .* is nan"),
         (lambda output: output._replace(torque=output.torque + np.inf), "torque of .* is inf"),
+        (lambda output: output._replace(rate=output.torque * np.nan), "rate of .* is nan"),
         (lambda output: output._replace(torque=output.torque[:3]), r"torque of shape \(3,\), not \(34,\)"),
     ],
 )

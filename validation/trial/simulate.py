@@ -333,14 +333,15 @@ class ClosedLoop:
         """Output of a user's controller, if it can be applied."""
         if not isinstance(output, ControlOutput):
             raise TypeError(f"it returned a value of type {type(output).__name__}, not a ControlOutput")
-        torque, rate = np.asarray(output.torque, dtype=np.float64), output.rate
-        if torque.shape != self.torque.shape:
-            raise ValueError(f"torque of shape {torque.shape}, not {self.torque.shape}")
-        if rate is not None and np.shape(rate) != self.torque.shape:
-            raise ValueError(f"rate of shape {np.shape(rate)}, not {self.torque.shape}")
-        if (bad := ~np.isfinite(torque)).any():
-            worst = int(np.argmax(bad))
-            raise ValueError(f"torque of {self.physics.robot.joint_names[worst]} is {torque[worst]}")
+        torque = np.asarray(output.torque, dtype=np.float64)
+        for what, values in (("torque", torque), ("rate", output.rate)):
+            if values is None:
+                continue
+            if np.shape(values) != self.torque.shape:
+                raise ValueError(f"{what} of shape {np.shape(values)}, not {self.torque.shape}")
+            if (bad := ~np.isfinite(values)).any():
+                worst = int(np.argmax(bad))
+                raise ValueError(f"{what} of {self.physics.robot.joint_names[worst]} is {values[worst]}")
         limit = self.physics.robot.torque_limit
         return output._replace(torque=np.clip(torque, -limit, limit))  # as the motors do
 
