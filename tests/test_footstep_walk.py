@@ -162,6 +162,11 @@ def test_a_landing_that_leaves_the_time_is_waited_for_on_both_feet():
         (8, {"x": 4.5}, r"footstep 9: when the right foot lands, its leg"),
         (8, {"y": 0.3}, r"footstep 9: the right foot is .* m aside"),
         (8, {"time": 5.0}, r"footstep 9 is reached at 5 s, but its swing begins at 7\.353 s"),
+        (
+            9,
+            {"time": 1e6},
+            r"footstep 10 is reached at 1e\+06 s, so that its swing takes 1e\+06 s",
+        ),
         (8, {"foot": "left"}, r"footsteps 8 and 9 are both of the left foot"),
     ],
 )

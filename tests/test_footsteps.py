@@ -290,6 +290,7 @@ def test_a_file_of_footsteps(tmp_path, ampm):
     ("text", "words"),
     [
         ("foot,x,y\n", "lacks heading"),
+        ("foot,x,y,heading\n", "holds no footsteps"),
         ("foot,x,y,heading,u\n", "unknown column 'u'"),
         ("foot,x,y,heading\nmiddle,0,0,0\n", "line 2: foot = 'middle' must be left or right"),
         ("foot,x,y,heading\nleft,0,0,0\nright,0,here,0\n", "line 3: y = 'here' is no finite number"),

@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from ampm.description import BodyDescription
+from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.blend import BlendLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
@@ -22,6 +23,8 @@ from ampm.planner.routes import footsteps_of
 from ampm.planner.support import StepPlan
 from ampm.planner.swings import plan_swings
 
+LONGEST = 2.0
+"""Time by which a swing may be longer than the gait's [s]; on one foot a COM out of place falls within it."""
 Moved = TypeVar("Moved", Phase, CentroidalPhase)
 
 REST = 2.0
@@ -67,7 +70,7 @@ def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[i
         First footstep of each part, the one after its last, and when it begins [s].
 
     Raises:
-        InputError: a landing leaves no time to swing.
+        InputError: a landing leaves no time to swing, or a swing takes much longer than the gait's.
     """
     constants = plan_gait(run.gait.model_copy(update={"steps": 1}), run.body.mass).constants
     single, double = constants.single_support_duration, constants.double_support_duration
@@ -81,6 +84,11 @@ def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[i
         elif first + 4 <= number <= len(landings) - 2 and spare >= 2.0 * SETTLING - double:
             parts.append((first, number, begin))
             first, begin = number - 2, landing - SETTLING - single
+        elif spare > LONGEST:
+            raise InputError(
+                f"footstep {number + 1} is reached at {landing:g} s, so that its swing takes "
+                f"{landing - lifted:.4g} s; give a time of at most {lifted + single + LONGEST:.4g} s."
+            )
         lifted = landing + double
     return [*parts, (first, len(landings), begin)]
 

@@ -313,6 +313,8 @@ def read_footsteps(path: Path) -> tuple[list[Footstep], list[float | None]]:
         raise InputError(
             f"{path} {faults[0]}; its header must be {','.join(COLUMNS)}, with commas; ,z,time may follow."
         )
+    if not rows:
+        raise InputError(f"{path} holds no footsteps; a walk takes at least 4.")
     footsteps: list[Footstep] = []
     times: list[float | None] = []
     for line, row in rows:
