@@ -115,7 +115,7 @@ def check_walk(plan: StepPlan, posture: ConstantPosture, run: RunParameters, rob
             value=float(walk.gap[k]), limit=CLEARANCE + _NEARER, unit="m",
             way_out=("raise body.arm_abduction, or " if robot.description.spread else "")
             + "shorten or narrow the steps about it" if arms
-            else "turn the toes out, by 0.1 rad for example, or put the feet further apart",
+            else "turn the toes out, by 0.1 rad for example, put the feet further apart, or turn less",
         )  # fmt: skip
     fastest = np.full(robot.nu, math.inf)
     for name, speed in robot.description.speed_limits:
@@ -190,7 +190,7 @@ def _check_ranges(plan: StepPlan, posture: ConstantPosture, run: RunParameters, 
             f"footstep {row // _INSTANTS + 3}: {robot.joint_names[joint]} would be "
             f"{beyond[row, joint]:.2g} rad beyond its range at {times[row]:.3f} s, more than {_BEYOND:g} rad",
             reason="joint_limits", value=float(beyond[row, joint]), limit=_BEYOND, unit="rad",
-            way_out="shorten the steps about it, or put the feet nearer to each other",
+            way_out="shorten the steps about it, put the feet nearer to each other, or raise gait.com_height",
         )  # fmt: skip
 
 
