@@ -225,9 +225,23 @@ def test_rows_that_are_no_footsteps(row, words):
         ampm.load_run("normal", footsteps=[row])
 
 
-def test_objects_that_are_no_footsteps():
-    with pytest.raises(InputError, match="footstep 1, 5, is none"):
-        routes.as_rows([5])  # type: ignore[list-item]
+@pytest.mark.parametrize(
+    "step",
+    [5, {"foot": "left"}, Footstep("left", (0.0, 0.1)), Footstep("left", (0.0, "a", 0.0)), np.zeros(3)],  # type: ignore[arg-type]
+)
+def test_objects_that_are_no_footsteps(step):
+    with pytest.raises(InputError, match=r"footstep 1, .* is none; give ampm\.Footstep"):
+        routes.as_rows([step])
+    with pytest.raises(InputError, match=r"footstep 1, .* is none"):
+        LiveWalk.of(over(WALKS["straight"]), BODY).changed(1.0, [step, step])
+
+
+def test_no_footsteps_are_no_walk():
+    with pytest.raises(InputError, match="footsteps holds none"):
+        val.walk(RUN, footsteps=[])
+    for no_walk in (lambda: routes.straight(0, 0.4, WIDTH), lambda: routes.arc(4, 0.3, 0.0, WIDTH)):
+        with pytest.raises(InputError, match=r"no steps|a radius other than 0 m"):
+            no_walk()
 
 
 # --------------------------------------------------------------------------------------------------- trials

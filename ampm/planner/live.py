@@ -125,6 +125,7 @@ class LiveWalk(Brief):
             InputError: the time is negative, no number, or too late; or the footsteps do not go on.
             BodilyRefusal: the landing would have to move too far, or feet would cross.
         """
+        as_rows(footsteps)  # refuses what is none
         k = self._swing(at)
         if self.ends_before(at):
             raise InputError(f"a change at {at:g} s comes when the walk has ended; ask earlier.", value=at)

@@ -45,6 +45,8 @@ def route(
         first: foot that swings first.
         toe_out: angle by which either foot is turned out [rad].
     """
+    if not frames:
+        raise InputError("a route of no steps is no walk; give 2 steps or more.")
     other: Side = "left" if first == "right" else "right"
     feet = [first, other, *([first, other] * len(frames))]
     visited = [frames[0], frames[0], *frames[1:], frames[-1]]
@@ -92,6 +94,8 @@ def arc(
     steps: int, length: float, radius: float, width: float, *, toe_out: float = TOE_OUT
 ) -> list[Footstep]:
     """Equal steps along a circle, to the left; with a negative radius [m] to the right."""
+    if not radius:
+        raise InputError("an arc has a radius other than 0 m; use turn for a turn in place.")
     turns = [k * length / radius for k in range(steps)]
     frames = [(radius * math.sin(turn), radius * (1.0 - math.cos(turn)), turn) for turn in turns]
     return route(frames, width, "left" if radius > 0.0 else "right", toe_out=toe_out)
@@ -269,12 +273,14 @@ def as_rows(
     """
     rows = []
     for number, step in enumerate(footsteps, start=1):
-        if not isinstance(step, Footstep):
-            raise InputError(f"footstep {number}, {step!r}, is none; give ampm.Footstep(foot, (x, y, 0.0)).")
-        x, y, z = step.position
+        try:
+            foot, (x, y, z), heading = step.foot, map(float, step.position), float(step.heading)
+        except (AttributeError, TypeError, ValueError):
+            wanted = "give ampm.Footstep(foot, (x, y, 0.0), heading)."
+            raise InputError(f"footstep {number}, {str(step)[:80]}, is none; {wanted}") from None
         time = None if landings is None else landings[number - 1]
-        rows.append({"foot": step.foot, "x": float(x), "y": float(y), "heading": float(step.heading)})
-        rows[-1] |= ({"z": float(z)} if z else {}) | ({} if time is None else {"time": float(time)})
+        rows.append({"foot": foot, "x": x, "y": y, "heading": heading})
+        rows[-1] |= ({"z": z} if z else {}) | ({} if time is None else {"time": float(time)})
     return rows
 
 

@@ -49,7 +49,7 @@ def walk(
     controller: ControllerFactory | str | None = None,
     planner: Planner[WalkRequest] | str | None = None,
     disturbances: Sequence[Disturbance] = (),
-    footsteps: Sequence[Footstep] = (),
+    footsteps: Sequence[Footstep] | None = None,
     profile: Profile | str | None = None,
     uncertainty: Uncertainty | None = None,
     name: str | None = None,
@@ -89,7 +89,9 @@ def walk(
             raise InputError(f"{value!r} is no {wanted}; correct it.")
     request = load_request(run if isinstance(run, RunParameters) else str(run))
     request = replace(request, name=name or request.name)
-    if footsteps:
+    if footsteps is not None:
+        if not len(footsteps):
+            raise InputError("footsteps holds none; leave it out to walk the gait's own, or give at least 4.")
         request = replace(request, run=request.run.replace({}, footsteps=as_rows(footsteps)))
     factory = (
         controller if callable(controller) else find_controller(controller or request.run.controller.name)
