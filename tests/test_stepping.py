@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from ampm.compiled import records
+from ampm.control.records import FOOT, POINT
 from ampm.control.sole import ACROSS, nearest, share_axis
 from ampm.control.stepping import Curves, dcm_ahead, plan_step, quintic_tick, ramp_share, step_change
-from ampm.control.walker import WALKER, Sensed, lifted
+from ampm.control.walker import WALKER, Sensed, feel, lifted, step_up
 from ampm.planner import routes
 from tests.records import first_difference
 from validation.run.walk import walk_planned
@@ -258,6 +259,30 @@ def test_masses_that_differ_from_the_models_are_found_from_the_soles_forces(segm
     assert trial.record.outcome.completed
     assert trial.metrics["zmp_x_rmse"].value < 0.004
     assert trial.metrics["zmp_y_rmse"].value < 0.001
+
+
+@pytest.mark.parametrize(
+    ("tilt", "lands", "tolerance"), [(0.0, True, 1e-3), (0.3, True, 1e-6), (0.6, False, 1e-6)]
+)
+def test_a_foot_that_is_tilted_tells_the_floors_height_by_its_points_and_lands_only_near_level(
+    tilt, lands, tolerance
+):
+    com, floor, tip = np.array([0.0, 0.0, 0.87]), 0.02, 0.12
+    feet, points, walker = records(2, FOOT), records(2, POINT), records(1, WALKER)
+    feet["pose"] = np.eye(3)
+    c, s = math.cos(tilt), math.sin(tilt)  # toes down, the tip on a floor that is 20 mm higher than planned
+    feet["pose"][1] = [[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]
+    feet["place"][1] = [0.1, -0.1, floor + s * tip - com[2]]
+    points["foot"] = 0, 1
+    points["arm"][1] = [0.1 + c * tip, -0.1, floor - com[2]]
+    touching = np.array([False, True])
+    body = Sensed(feet, points, touching, com, np.zeros(0), 60.0, OMEGA, 9.81, 0.002, 1.0, 0.08)
+    feel(walker[0], body)
+    assert (walker["touches"][0, 1] > 0) == lands
+    points["touching"] = touching
+    planned = np.zeros(27)
+    planned[9:18] = np.eye(3).ravel()
+    assert step_up(body, 1, planned, 0.0) == pytest.approx(floor, abs=tolerance)
 
 
 def test_a_com_that_sinks_for_lack_of_force_is_brought_back_to_its_height():

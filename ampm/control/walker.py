@@ -33,6 +33,10 @@ LEVEL = 0.005
 """Slope of the floor that is taken for none: a sole under load is not exactly level [1]."""
 FREEZE = 0.05
 """Time before landing from which the step is not changed any more [s]."""
+TIPPED = 0.9
+"""Cosine of a foot's tilt below which its touch is no landing: a foot that was hit scuffs [1]."""
+AS_PLANNED = 0.993
+"""Cosine of the angle between a foot and its plan below which only its points tell the floor's height [1]."""
 EARLY = 0.045
 """A touch so long before its time begins the double support [s]."""
 SWUNG = 0.6
@@ -139,7 +143,7 @@ def heading_of(rotation: Array) -> tuple[float, float]:
 
 @compiled
 def feel(w: Any, body: Sensed) -> None:
-    """Count the ticks for which every foot has touched, and note where its points did."""
+    """Count the ticks for which every foot has stood, and note where its points touched."""
     for i in range(len(body.points)):
         if body.touching[i] and not body.points[i].touching:
             body.points[i].floor = body.com[2] + body.points[i].arm[2]
@@ -147,6 +151,7 @@ def feel(w: Any, body: Sensed) -> None:
         touched = False
         for i in range(len(body.points)):
             touched = touched or (body.points[i].foot == foot and body.touching[i])
+        touched = touched and body.feet[foot].pose[2, 2] >= TIPPED
         w.touches[foot] = w.touches[foot] + 1 if touched else 0
     w.stood += body.tick
 
@@ -177,6 +182,28 @@ def floor_under(body: Sensed, foot: int) -> tuple[float, float, float]:
         return height - SINK + deepest, slope[0], slope[1]
     dzdx, dzdy = (yy * xz - xy * yz) / size, (xx * yz - xy * xz) / size
     return z - dzdx * x - dzdy * y, dzdx, dzdy
+
+
+@compiled
+def step_up(body: Sensed, foot: int, planned: Array, floor: float) -> float:
+    """How much higher than planned the floor is under a foot that touches [m].
+
+    Args:
+        body: of this tick.
+        foot: 0 or 1.
+        planned: its reference, shape (27,).
+        floor: height of the reference point as the phase ends [m].
+    """
+    pose, agreement = body.feet[foot].pose, 0.0
+    for axis in range(3):
+        agreement += pose[axis, 2] * planned[11 + 3 * axis]
+    if agreement >= AS_PLANNED:
+        return floor_under(body, foot)[0] - planned[2]
+    count, height = 0, 0.0
+    for i in range(len(body.points)):
+        if body.points[i].foot == foot and body.touching[i]:
+            count, height = count + 1, height + body.points[i].floor
+    return height / count - floor
 
 
 @compiled
@@ -351,7 +378,7 @@ def advance(
         _swing(w, body, curves, table, at, part, cos, sin, slope, row.centre, reference)
     else:
         moved = clip(w.clock / w.duration, 0.0, 1.0)
-        _transfer(w, body, curves, at, moved, cos, sin, row, reference)
+        _transfer(w, body, curves, at, moved, cos, sin, table.feet[last, 1 - w.stance, 2], row, reference)
     floor = _centre(w, body, curves, i, part, moved, slope, reference, row)
     _feet(w, slope, row)
     rate = 0.0 if w.waited > 0.0 else w.rate
@@ -407,8 +434,8 @@ def _swing(
 
 @compiled
 def _transfer(
-    w: Any, body: Sensed, curves: Curves, at: float, moved: float, cos: float, sin: float, row: Rows,
-    reference: Array,
+    w: Any, body: Sensed, curves: Curves, at: float, moved: float, cos: float, sin: float, floor: float,
+    row: Rows, reference: Array,
 ) -> None:  # fmt: skip
     """Double support: the shift of the foot that has landed, the DCM's reference, and the clock's rate."""
     landed = 1 - w.stance
@@ -416,7 +443,7 @@ def _transfer(
     if w.touches[landed] > 0 and w.waited == 0.0:
         for axis in range(2):
             new[axis] = body.com[axis] + body.feet[landed].place[axis] - row.feet[landed, axis]
-        new[2] = floor_under(body, landed)[0] - row.feet[landed, 2]
+        new[2] = step_up(body, landed, row.feet[landed], floor)
     x = body.omega * max((w.duration - w.clock) * w.factor, 1e-4)
     dcm_ahead(curves.r, curves.xi[-1], at, x, reference)
     for axis in range(2):
