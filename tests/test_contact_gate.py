@@ -139,3 +139,11 @@ def test_after_lift_off_a_group_must_touch_again(robot, gate):
     assert gate.limits() == [0.0, 0.0, 0.0]
     gate.update(ContactState(ALL, ALL, NEVER), both)
     assert gate.limits() == pytest.approx([RATE, RATE, RATE])
+
+
+def test_tips_hold_the_body_before_the_ball_touches_only_where_nothing_else_does(robot, gate):
+    due = np.array([[True] * 3, [False] * 3])
+    gate.update(ContactState(ALL, ALL, NEVER), touch(robot, left=(TIP,), right=(0, 1, 2)))
+    assert gate.limits()[TIP] == 0.0
+    gate.update(ContactState(due, due, NEVER), touch(robot, left=(TIP,)))
+    assert gate.limits() == [0.0, 0.0, 1.0]

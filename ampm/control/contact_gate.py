@@ -3,7 +3,8 @@
 On the plan's clock alone the controller would load points that are still tenths of a millimetre above the
 floor, and the ZMP would jump by centimetres. A line (the heel, ball or tip points) opens when one of its
 points touches and stays open until its planned lift-off: a foot that stands on one point of a line is turned
-back by the planned force of the other point, and would be turned over without it.
+back by the planned force of the other point, and would be turned over without it. Tips open after the ball,
+unless they alone hold the body.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ def update_gate(
     for i in range(len(points)):
         if points[i].touching:
             lines[points[i].foot, points[i].line].touching = True
-    landing = False
+    landing = supported = False
     for foot in range(len(lines)):
         for group in range(3):
             line = lines[foot, group]
@@ -73,8 +74,13 @@ def update_gate(
             line.off = 0 if line.touching else line.off + 1
             if strict and group == TIP and line.off > OFF and until_lift[foot, group] > ramp:
                 line.limit = 0.0
+            supported = supported or line.limit > 0.0
             if line.opening < 1.0 and (line.touching or line.opening > 0.0):
                 landing = True
+    for foot in range(len(lines)):
+        line = lines[foot, TIP]
+        if not supported and line.due and line.touching:  # nothing else holds the body
+            line.touched, line.opening, line.limit = True, 1.0, 1.0
     for i in range(len(points)):
         line = lines[points[i].foot, points[i].line]
         points[i].opening, points[i].limit = line.opening, line.limit
