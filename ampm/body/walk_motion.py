@@ -40,8 +40,8 @@ _BEYOND = 0.05
 _LONG, _ANKLE, _LACK = 0.15, 0.04, 0.022
 """Time over which an ankle's sideward angle beyond its range is averaged [s], and the largest mean [rad]: no
 pelvis that tilts makes up for it. The largest integral over this time of the share beyond 1 of a torque of
-trunk or arms [s]. Shares of both limits add up: of 240 walks of the G1, 12 had more than 1; of these 2 fell
-and in 9 arms came into legs."""
+trunk or arms [s]. Shares of both limits add up. Chosen on random walks of the G1: most of those with more
+than 1 fell, or their arms came into their legs."""
 _WAYS_OUT = {
     "hip": "shorten or narrow the steps about it, lower gait.c_y, or raise gait.switching_velocity",
     "ankle": "shorten the steps about it, or raise gait.a_s",
