@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from ampm.compiled import records
+from ampm.control.floor import Sensed, feel, lifted, step_up
 from ampm.control.records import FOOT, POINT
 from ampm.control.sole import ACROSS, nearest, share_axis
 from ampm.control.stepping import Curves, dcm_ahead, plan_step, quintic_tick, ramp_share, step_change
-from ampm.control.walker import WALKER, Sensed, feel, lifted, step_up
+from ampm.control.walker import WALKER
 from ampm.planner import routes
 from tests.records import first_difference
 from validation.run.walk import walk_planned

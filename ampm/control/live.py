@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ampm.compiled import bound, records
+from ampm.control.floor import SINK, Sensed
 from ampm.control.stepping import Curves
-from ampm.control.walker import OFF_HEIGHT, SINK, WALKER, Rows, Sensed, advance, departs, pass_time
+from ampm.control.walker import OFF_HEIGHT, WALKER, Rows, advance, departs, pass_time
 from ampm.walk import ContactState, FeetState, PostureState, Reference
 
 if TYPE_CHECKING:
