@@ -1,4 +1,4 @@
-"""Walk the comparisons of docs/continuity.md again; rewrite its picture and data/continuity.csv.
+"""Walk the comparisons of docs/paper.md on continuity again; rewrite its picture and data/continuity.csv.
 
     python docs/continuity.py
 Four times ``ampm compare`` with eight walks in all: about two minutes.
@@ -16,9 +16,9 @@ from validation.cli.console import Narrator
 from validation.study.compare.pair import Pair, compare_pair
 from validation.study.compare.report import draw_file, facts, shown
 
-PAGE = Path(__file__).with_suffix(".md")
-PICTURE = PAGE.parent / "images" / "continuity.png"
-DATA = PAGE.parent / "data" / "continuity.csv"
+HERE = Path(__file__).parent
+PICTURE = HERE / "images" / "continuity.png"
+DATA = HERE / "data" / "continuity.csv"
 FASTER = "gait.switching_velocity=1.0808"
 """The plain pendulum slows down more over the foot: this v0 gives it the normal gait's mean speed."""
 RESTING = "gait.a_s=inf"

@@ -1,4 +1,4 @@
-"""Walk the studies of docs/robustness.md again; rewrite its tables, its picture and two files in data.
+"""Walk the disturbances of docs/footsteps.md again; rewrite their tables, their picture and two files in data.
 
     python docs/robustness.py [--replicas N]
 
@@ -22,7 +22,7 @@ from validation.study.robustness.result import Robustness
 from validation.study.robustness.run import robustness
 from validation.study.robustness.text import PUSH_HEADER, other_rows, push_rows
 
-PAGE = Path(__file__).with_suffix(".md")
+PAGE = Path(__file__).with_name("footsteps.md")
 DATA = PAGE.parent / "data" / "robustness.csv"
 KEYS = DATA.with_name("disturbances.csv")
 PICTURE = PAGE.parent / "images" / "robustness.png"
