@@ -296,6 +296,9 @@ def test_console_script():
         assert command in answer.stdout
     assert "heading [m, rad]" in " ".join(script("plan", "--help").stdout.replace("│", " ").split())
     assert "Missing command" in script("body").stderr
+    answer = script("validate", "--help", env={**os.environ, "COLUMNS": "200"})
+    assert "[OPTIONS] [GAIT]..." in answer.stdout
+    assert "whether a body with real mass distribution" in answer.stdout  # lines of a paragraph are joined
     assert script("--version").stdout.strip() == f"ampm {__version__}"
 
 

@@ -34,6 +34,10 @@ app = typer.Typer(
     rich_markup_mode="rich",
 )
 for group in (gaits, validate, view, body, studies, survival):
+    for command in group.app.registered_commands:
+        # Typer joins the lines of a docstring's first paragraph only.
+        paragraphs = str(command.callback.__doc__).split("\n\n")
+        command.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
     app.add_typer(group.app)
 
 

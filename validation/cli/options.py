@@ -42,11 +42,11 @@ def option(name: str, help: str, metavar: str | None = None) -> Any:
 _PRESETS = ", ".join(preset_names())
 
 Gait = Annotated[
-    str | None, typer.Argument(help=f"Preset ({_PRESETS}) or TOML file; normal if none.", metavar="[GAIT]")
+    str | None, typer.Argument(help=f"Preset ({_PRESETS}) or TOML file; normal if none.", metavar="GAIT")
 ]
 Gaits = Annotated[
     list[str] | None,
-    typer.Argument(help=f"Presets ({_PRESETS}) or TOML files; normal if none.", metavar="[GAIT]..."),
+    typer.Argument(help=f"Presets ({_PRESETS}) or TOML files; normal if none.", metavar="GAIT"),
 ]
 RunFolder = Annotated[Path, typer.Argument(help="Folder of a run.", metavar="DIR")]
 Settings = Annotated[

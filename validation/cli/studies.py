@@ -230,11 +230,11 @@ def diff(
 def compare(
     a: Annotated[
         str | None,
-        typer.Argument(help="Preset, TOML file, or run's folder; normal if none.", metavar="[A]"),
+        typer.Argument(help="Preset, TOML file, or run's folder; normal if none.", metavar="A"),
     ] = None,
     b: Annotated[
         str | None,
-        typer.Argument(help="Likewise; if none, ipm, or A with two controllers.", metavar="[B]"),
+        typer.Argument(help="Likewise; if none, ipm, or A with two controllers.", metavar="B"),
     ] = None,
     settings: Settings = None,
     as_is: AsIs = False,

@@ -41,7 +41,7 @@ class Source(NamedTuple):
 @app.command()
 def view(
     targets: Annotated[
-        list[Path], typer.Argument(help="Folders of runs, recordings, or a sweep.", metavar="DIR|FILE.rrd...")
+        list[Path], typer.Argument(help="Folders of runs, recordings, or a sweep.", metavar="DIR|FILE.rrd")
     ],
     runs: Annotated[
         str | None, option("--runs", "Runs of a sweep; by default the worst one and the median.", "3,17")
