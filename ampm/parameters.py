@@ -449,7 +449,7 @@ OPEN_KEYS = (
     "foot.heel_rise_lead", "foot.swing_height", "foot.swing_lag", "controller.swing_stiffness",
     "controller.swing_damping",
 )  # fmt: skip
-"""What a gait may leave open, to be found for the rest: all others say what the gait is about."""
+"""What a gait may leave open, to be found for the rest: all others define the gait."""
 
 SECTIONS: Mapping[str, type[Section]] = {
     name: type(section) for name, section in RunParameters() if isinstance(section, Section)

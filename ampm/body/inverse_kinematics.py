@@ -111,7 +111,7 @@ class Unreachable(Exception):
 
     Attributes:
         time: of the step [s].
-        what: clause that says what cannot be done at that time.
+        what: clause on what cannot be done at that time.
         value: by how much, or how far, in ``unit``.
         limit: what it should have been at most or at least.
         unit: of both.
@@ -174,7 +174,7 @@ class InverseKinematics:
         self._instant = Instant(*system, np.zeros(len(rows)), np.zeros(robot.nv), np.zeros(m), errors)
 
     def spread_arms(self, run: RunParameters) -> None:
-        """Spread the arms' rest posture as a run says."""
+        """Spread the arms' rest posture by a run's abduction."""
         spread = run.body.arm_abduction + run.body.arm_abduction_roll * (1.0 - run.gait.c_y) ** 2
         for joint, sign in self.robot.description.spread:
             self.rest[self.robot.velocity_indices((joint,)) - 6] = sign * min(spread, WIDEST)

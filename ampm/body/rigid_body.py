@@ -386,7 +386,7 @@ def passive_torques(passive: Array, q: Array, v: Array, direction: Array, torque
             [N m] of the hinges, shape (nv - 6, 4).
         q: shape (nq,).
         v: shape (nv,).
-        direction: velocity that tells the direction of dry friction, shape (nv,).
+        direction: velocity with the direction of dry friction, shape (nv,).
         torque: written, shape (nv - 6,) [N m].
     """
     for j in range(len(passive)):

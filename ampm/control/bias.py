@@ -1,6 +1,6 @@
 """Torques that act on a foot's joints and are not commanded: a motor's bias.
 
-Beyond a joint whose links touch nothing, the measured acceleration tells the torque that has acted. Its
+Beyond a joint whose links touch nothing, the measured acceleration gives the torque that has acted. Its
 difference from the commanded one, as a line over the joint's rate, has its value at rate zero taken off the
 commands that follow; the rest is damping, which a tick cannot take off a toe of so little inertia. A foot
 that stands keeps what was found as it swung.

@@ -1,9 +1,9 @@
 """Masses of the links, from the soles' forces.
 
-At every tick the motion of a link tells which share of the vertical force, and of its moment about the centre
-of pressure, it needs. What the soles sense beyond the model's sum is laid to errors of the masses, each
-link's inertia with it, by recursive least squares; both sides pass the same low pass. Links that the soles
-cannot tell apart share what is found.
+The motion of a link gives the share of the vertical force, and of its moment about the centre of pressure,
+that it needs at a tick. What the soles sense beyond the sum of the model is attributed to errors of the
+masses, each with the inertia of its link, by recursive least squares; both sides pass the same low pass.
+Links that the soles cannot distinguish share what is found.
 """
 
 from __future__ import annotations

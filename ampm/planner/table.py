@@ -119,7 +119,7 @@ def table_plan(table: Mapping[str, Any], *, mass: float, com_height: float) -> C
 def _evened(contacts: Contacts, time: Array, forward: Array) -> Contacts:
     """The contacts at equal times, if each begins within a row of them, else as they are.
 
-    The COM's way tells the time of a step better than the rows at which the support changes.
+    The COM's way gives the time of a step better than the rows at which the support changes.
     """
     number = np.arange(contacts.steps)
     if len(contacts.phases) != 2 * len(number) or len(number) < 2 or (np.diff(forward) <= 0.0).any():

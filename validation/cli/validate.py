@@ -105,7 +105,7 @@ def validate(
     and at what effort.
 
     Where a preset's gait or body is changed, what it leaves open (heights, timing, angles of the feet) is
-    found for the change, and said; what is given stays.
+    found for the change, and printed; what is given stays.
     """
     from ampm.run_file import changes
     from validation.judge import profiles

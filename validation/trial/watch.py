@@ -126,7 +126,7 @@ def look(
 
 
 class Stance(NamedTuple):
-    """What tells whether a body stands: measured and planned.
+    """Quantities that decide whether a body stands: measured and planned.
 
     Attributes:
         com: shape (3,) [m].

@@ -120,7 +120,7 @@ def sweep(
         found = read_sweep(out)
         summary = found.summary(time.monotonic() - start)
         if summary["environments"] > 1:
-            progress.say("ampm: the table mixes rows of different code; environment_code tells them apart")
+            progress.say("ampm: the table mixes rows of different code; environment_code has which")
         store.write_text(SUMMARY, dump_json(summary) + "\n")
         with progress.stage("report"):
             from validation.study.sweep.report import write_sweep_report  # loads Vega's JavaScript engine
