@@ -52,7 +52,7 @@ def start(file: Path, out: Path, *extra: str, **options: Any) -> subprocess.Pope
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
     """Exit status and stderr."""
-    _, error = process.communicate(timeout=240)
+    _, error = process.communicate(timeout=600)
     return process.returncode, error
 
 
