@@ -13,6 +13,7 @@ from ampm.control.hold import LARGEST_CHANGE, update_rate
 from ampm.control.records import LINE
 from ampm.run_file import load_run
 from ampm.walk import ControlOutput, Touch
+from validation.judge.metrics import METRICS
 from validation.run.walk import walk
 
 LIMIT = np.array([100.0, 50.0])
@@ -117,6 +118,20 @@ def test_between_ticks_a_slope_halves_the_error():
     assert (np.array(errors(carried_on)) < 0.6 * np.array(errors(held))).all()
     one = [walk(short(0.002, 2, hold=hold)).record.q[300] for hold in ("zero-order", "first-order")]
     np.testing.assert_array_equal(one[0], one[1])
+
+
+@pytest.mark.parametrize(("gait", "largest"), [("normal", 0.01), ("momentum", 0.002)])
+def test_half_the_step_changes_errors_by_a_tenth_and_the_largest_by_its_instants_alone(gait, largest):
+    """Errors grow until the next tick, so the finer step, whose last instant is later, finds larger ones."""
+    coarse, fine = (walk(short(step, 6, gait)) for step in (0.0005, 0.00025))
+    means = [it for it in METRICS.values() if it.tolerances and it.kind == "walk" and it.nature == "mean"]
+    both = [[trial.metrics[it.name].value for it in means] for trial in (coarse, fine)]
+    np.testing.assert_allclose(*both, rtol=0.1)
+    found = []
+    for trial, every in ((coarse, 1), (fine, 2)):
+        error = (trial.comparison.measured.zmp - trial.comparison.sample.zmp)[::every, 0]
+        found.append(np.abs(error[trial.comparison.inside[::every]]).max())
+    assert found[0] == pytest.approx(found[1], rel=largest)
 
 
 def poor(delay, noise):
