@@ -55,6 +55,7 @@ def test_a_trial_in_memory(trial):
     error = trial.measured.zmp - trial.plan.sample(trial.measured.time).zmp
     assert error.shape == (trial.record.steps, 2)
     assert trial.comparison.record is trial.record
+    assert trial.run.gait.steps == RUN["gait"]["steps"]
     assert trial.timing.keys() >= {"planning", "simulation", "measurement", "real_time_factor"}
     assert trial.summary["gait"] == "pushed"
 

@@ -35,6 +35,7 @@ from validation.trial.record import SimulationRecord
 from validation.trial.scene import disturbed_model
 
 if TYPE_CHECKING:
+    from ampm.parameters import RunParameters
     from ampm.walk import WalkPlan
     from validation.judge.compare import Comparison
     from validation.judge.metrics import MetricValue
@@ -77,6 +78,11 @@ class Trial:
     def plan(self) -> WalkPlan:
         """That was walked."""
         return self.planned.plan
+
+    @property
+    def run(self) -> RunParameters:
+        """Parameters, with the values that were found."""
+        return self.planned.run
 
     @property
     def measured(self) -> MeasuredGait:
