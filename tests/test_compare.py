@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -13,9 +15,10 @@ from tests.walk import MASS, perfect_walk, with_state
 from validation.judge.compare import PARTS, RUN, SIGNALS, compare, statistics_table
 from validation.judge.metrics import evaluate
 from validation.judge.signals import signals_table
-from validation.store.signals import COLUMNS, column_of, load_signals, save_signals
+from validation.store.signals import COLUMNS, SignalColumn, column_of, load_signals, save_signals
 
 WEIGHT = MASS * 9.81
+DOCS = Path(__file__).parents[1] / "docs" / "data" / "signals.csv"
 
 
 @pytest.fixture(scope="module")
@@ -251,6 +254,8 @@ def test_signals_are_read_back_with_units_and_frames(walk, tmp_path):
     plan, record, measured = walk
     table = signals_table(compare(*walk))
     assert {column_of(name) for name in table.column_names} == set(COLUMNS)
+    with DOCS.open(encoding="utf-8", newline="") as file:
+        assert tuple(SignalColumn(**row) for row in csv.DictReader(file)) == COLUMNS
     assert table.column("plan_angular_momentum_z").null_count == record.steps
     save_signals(table, tmp_path / "signals.parquet")
     schema = pq.read_schema(tmp_path / "signals.parquet")
