@@ -240,6 +240,13 @@ def test_a_sweep_tunes_its_runs():
     assert row["gait.a_s"] < 2.0  # the default's 2.63 is for long steps
 
 
+def test_a_good_walk_with_a_fast_swing_does_not_fail_by_the_instrument():
+    settings = ("gait.step_length=0.425", "gait.switching_velocity=1.37", "body.height=1.61", "gait.steps=2")
+    walked = walk_planned(plan_walk(Request("test", load_run("normal", settings))))
+    assert walked.metrics["zmp_agreement_relative"].value > 0.25
+    assert walked.verdict.passed, walked.verdict.reason
+
+
 # ------------------------------------------------------------------ commands
 
 

@@ -82,7 +82,7 @@ def test_forces_are_judged_in_newton_as_share_of_the_weight(walk):
     [
         (2, (0.0, 0.0), ["failed_qp"]),
         (1, (0.0, 0.0), []),  # solved, in its second form
-        (0, (0.001, 0.001), ["zmp_agreement_relative"]),
+        (0, (0.002, 0.001), ["zmp_agreement_relative"]),
     ],
 )
 def test_one_unsolved_qp_or_two_disagreeing_measurements_fail_the_run(walk, status, instrument, failed):
