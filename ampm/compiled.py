@@ -15,11 +15,15 @@ import os
 import time
 from functools import cache, partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numba
 import numpy as np
+from numba import extending, types
 from numba.core import config, event
+from numba.core.imputils import lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate
 from platformdirs import user_cache_path
 
 if TYPE_CHECKING:
@@ -76,6 +80,70 @@ def bound(function: Any, fixed: Sequence[Any], *example: Any) -> Any:
     if not config.DISABLE_JIT:
         function = function.compile(tuple(map(numba.typeof, (*fixed, *example))))
     return partial(function, *fixed)
+
+
+class Bundle(SimpleNamespace):
+    """Arrays and numbers that a compiled function gets as one argument and reads as its attributes.
+
+    As arguments of their own they would be unpacked at every call, 70 ns each. A compiled function reads
+    their headers where they are kept here, so the arrays must not be replaced, nor the numbers changed.
+    """
+
+    def __init__(self, **parts: Any) -> None:
+        super().__init__(**parts)
+        self._headers = np.array([word for part in parts.values() for word in _header(part)], dtype=np.int64)
+        self.address = self._headers.__array_interface__["data"][0]
+        self.type = BundleType(tuple((name, numba.typeof(part)) for name, part in parts.items()))
+
+
+def _header(part: Any) -> list[int]:
+    """What numba knows of an array, or the bits of a number."""
+    if not isinstance(part, np.ndarray):
+        kind = np.float64 if isinstance(part, float) else np.int64
+        return [int(np.array(part, dtype=kind).view(np.int64))]
+    place = part.__array_interface__["data"][0]
+    return [0, 0, part.size, part.itemsize, place, *part.shape, *part.strides]
+
+
+class BundleType(types.Type):  # type: ignore[misc]
+    """Names and types of a bundle's parts."""
+
+    key: tuple[tuple[str, Any], ...] = ()
+
+    def __init__(self, parts: tuple[tuple[str, Any], ...]) -> None:
+        self.key, self.parts, offset = parts, {}, 0
+        for name, kind in parts:
+            self.parts[name] = kind, offset
+            offset += 5 + 2 * kind.ndim if isinstance(kind, types.Array) else 1
+        super().__init__(f"Bundle({hashlib.sha256(repr(parts).encode()).hexdigest()[:16]})")
+
+
+extending.register_model(BundleType)(extending.models.OpaqueModel)
+extending.typeof_impl.register(Bundle)(lambda bundle, _: bundle.type)
+
+
+@extending.infer_getattr
+class _Part(AttributeTemplate):  # type: ignore[misc]
+    key = BundleType
+
+    def generic_resolve(self, bundle: BundleType, name: str) -> Any:
+        return bundle.parts[name][0] if name in bundle.parts else None
+
+
+@lower_getattr_generic(BundleType)
+def _part(context: Any, builder: Any, bundle: BundleType, value: Any, name: str) -> Any:
+    kind, offset = bundle.parts[name]
+    place = builder.gep(value, [context.get_constant(types.intp, 8 * offset)])
+    place = builder.bitcast(place, context.get_data_type(kind).as_pointer())
+    return context.unpack_value(builder, kind, place)
+
+
+@extending.unbox(BundleType)
+def _address(_: Any, bundle: Any, context: Any) -> Any:
+    address = context.pyapi.object_getattr_string(bundle, "address")
+    place = context.pyapi.long_as_voidptr(address)
+    context.pyapi.decref(address)
+    return extending.NativeValue(place)
 
 
 def records(shape: int | tuple[int, ...], fields: Sequence[Any]) -> Any:

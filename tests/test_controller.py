@@ -271,7 +271,7 @@ def test_torque_map_is_affine_and_exact():
     for _ in range(3):
         alpha, phi = rng.normal(size=40), rng.normal(size=18)
         it._motion[ALPHA] = it.robot.gravity * alpha
-        torques(*(*it._torques, phi, direct, force))
+        torques(it._own, phi, direct, force)
         np.testing.assert_allclose(
             torque_map @ np.concatenate([alpha, phi]) + bias, direct, rtol=0.0, atol=1e-9
         )

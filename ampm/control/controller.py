@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
-from ampm.compiled import bound, records
+from ampm.compiled import Bundle, bound, records
 from ampm.control.bias import sense_bias
 from ampm.control.forces import ANGULAR, share_forces, without_closed
 from ampm.control.limited_qp import LimitedForm, acceleration_bounds
@@ -99,7 +99,7 @@ class TrackingController:
         )
         self.limited = LimitedForm(solver.qp, limit_settings, weights, rows, qp)
         self._phi, self._wrench = np.zeros((2, qp.forces)), np.zeros((6, qp.forces))
-        self._scaled, self._system = np.zeros((robot.nv, rows)), np.zeros((rows, rows + 7))
+        self._scaled = np.zeros((robot.nv, rows))
         count = len(self._points)
         self._sensed, self._touching = np.zeros(count), np.zeros(count, dtype=bool)
         self._first, self._command = True, np.zeros(11)
@@ -114,37 +114,22 @@ class TrackingController:
         )  # fmt: skip
         self._forces = np.zeros(qp.forces)
         self._tree = body.tree.copy()  # a stabiliser may find other masses
-        own = self._tree, body.link, self._feet
-        self._observe = bound(
-            observe,
-            (
-                *own, self._points, self._q, self._motion, self._tasks, body.columns, self._com,
-                self._reference[_POSTURE_A],
-            ),
-            0.0, True,
+        parts = "centre feet_values planned due until_lift posture_q posture_v posture_a posture_trunk"
+        self._own = Bundle(
+            tree=self._tree, link=body.link, feet=self._feet, trunk=body.trunk, points=self._points,
+            lines=self._lines, gains=self._gains, gravity=robot.gravity, armature=body.armature,
+            root_weight=self._root_weight, passive=robot.passive, q=self._q, motion=self._motion,
+            tasks=self._tasks, hinges=self._hinges, columns=body.columns, com=self._com, share=self._share,
+            scaled=self._scaled, system=np.zeros((rows, rows + 7)), phi=self._phi, wrench=self._wrench,
+            forces=self._forces, P=qp.P, gradient=qp.q, A=qp.A, lower=qp.lower, upper=qp.upper,
+            command=self._command, past=tilts[0], memory=tilts[1], extrapolates=self._extrapolates,
+            sensed=self._sensed, touching=self._touching,
+            **dict(zip(parts.split(), self._reference, strict=True)),
         )  # fmt: skip
-        self._prepare = bound(
-            prepare,
-            (
-                *own[1:], body.trunk, self._points, self._lines, self._gains, robot.gravity,
-                self._root_weight, robot.passive, self._q, self._motion, self._tasks, body.columns,
-                self._com, self._share, self._scaled, self._system, self._phi, self._wrench, qp.P, qp.q, qp.A,
-                qp.lower, qp.upper, self._command, *tilts, gains.hold == "first-order", self._sensed,
-                self._touching, *self._reference,
-            ),
-            0.0, True, 0.0, 0.0,
-        )  # fmt: skip
-        self._torques = *own, self._points, robot.gravity, body.armature, self._motion
-        self._keeps = self._lines, self._gains, self._motion, self._hinges, self._phi
-        self._respond = bound(
-            respond,
-            (
-                *own, self._points, self._lines, self._gains, robot.gravity, body.armature,
-                self._root_weight, self._q, self._motion, self._hinges, self._scaled, self._system,
-                self._wrench, self._phi, self._forces,
-            ),
-            True, True, np.zeros(robot.nu), np.zeros((count, 3)),
-        )  # fmt: skip
+        own, output = (self._own,), (np.zeros(robot.nu), np.zeros((count, 3)))
+        self._observe = bound(observe, own, 0.0, True)
+        self._prepare = bound(prepare, own, 0.0, True, 0.0, 0.0)
+        self._respond = bound(respond, own, True, True, *output)
 
     @property
     def acceleration(self) -> Array | None:
@@ -243,8 +228,8 @@ class TrackingController:
             nv = self.robot.nv
             self._motion[ALPHA] = self.robot.gravity * limited.x[:nv]
             forces = limited.x[nv : nv + self.condensed.forces]
-            torques(*self._torques, forces, torque, point_force)
-        keep(*self._keeps, forces, still, self._first, torque)
+            torques(self._own, forces, torque, point_force)
+        keep(self._own, forces, still, self._first, torque)
         return _both(solution, limited), max(status, LIMITED if limited.solved else UNSOLVED)
 
     def _hold_last_command(self, still: bool, torque: Array, point_force: Array) -> QPSolution:
@@ -252,10 +237,10 @@ class TrackingController:
         self._motion[ALPHA] = self._motion[LAST]
         share_forces(len(self._feet), self._points, self.phi, False)
         forces = without_closed(len(self._feet), self._points, self.phi)
-        torques(*self._torques, forces, torque, point_force)
+        torques(self._own, forces, torque, point_force)
         if not np.isfinite(torque).all():
             torque[:] = 0.0
-        keep(*self._keeps, forces, still, self._first, torque)
+        keep(self._own, forces, still, self._first, torque)
         return QPSolution(forces, QPStatus.UNSOLVED, math.inf, 0, 0.0)
 
     def _torque_map(self) -> tuple[Array, Array]:
@@ -266,7 +251,7 @@ class TrackingController:
             by_unknown, np.eye(nv + count + 1), strict=True
         ):  # the last one is none of them
             self._motion[ALPHA] = self.robot.gravity * unit[:nv]
-            torques(*self._torques, unit[nv:-1], column, point_force)
+            torques(self._own, unit[nv:-1], column, point_force)
         self._motion[:] = kept
         return (by_unknown[:-1] - by_unknown[-1]).T, by_unknown[-1]
 

@@ -1,6 +1,6 @@
 """One control tick as compiled functions: :func:`prepare` before the QP, :func:`respond` after it.
 
-:class:`ampm.control.controller.TrackingController` owns the arrays and calls them.
+:class:`ampm.control.controller.TrackingController` owns the arrays, ``own``, and calls them.
 """
 
 from __future__ import annotations
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
 
 V, NOW, LAST, STILL, POSTURE, ALPHA, PASSIVE, MISSING = range(8)
 """Rows of ``motion``, shape (8, nv): measured velocity, the same at the instant of q, the last tick's
@@ -49,25 +48,14 @@ LIMIT, LOW, HIGH, TORQUE, RATE = range(5)
 
 
 @compiled
-def observe(
-    tree: Any,
-    link: Any,
-    feet: Any,
-    points: Any,
-    q: Array,
-    motion: Array,
-    tasks: Array,
-    columns: Array,
-    com: Array,
-    posture_a: Array,
-    lag: float,
-    first: bool,
-) -> None:
+def observe(own: Any, lag: float, first: bool) -> None:
     """The body of this tick: places, task Jacobian and rates."""
+    tree, link, feet, points, q, motion = own.tree, own.link, own.feet, own.points, own.q, own.motion
+    tasks, columns, com = own.tasks, own.columns, own.com
     v, now, last, still = motion[V], motion[NOW], motion[LAST], motion[STILL]
     rates, drift = tasks[RATES], tasks[DRIFT]
     if first:
-        last[:] = posture_a
+        last[:] = own.posture_a
     for j in range(len(v)):
         now[j] = v[j] + lag * last[j]
     place_body(tree, link, feet, q, columns)
@@ -86,86 +74,47 @@ def observe(
 
 
 @compiled
-def prepare(
-    link: Any,
-    feet: Any,
-    trunk: Any,
-    points: Any,
-    lines: Any,
-    gains: Any,
-    gravity: float,
-    root_weight: Array,
-    passive: Array,
-    q: Array,
-    motion: Array,
-    tasks: Array,
-    columns: Array,
-    com_place: Array,
-    share: Array,
-    scaled: Array,
-    system: Array,
-    phi: Array,
-    wrench: Array,
-    P: Array,
-    gradient: Array,
-    A: Array,
-    lower: Array,
-    upper: Array,
-    command: Array,
-    past: Array,
-    memory: Array,
-    extrapolates: bool,
-    sensed: Array,
-    touching: Flags,
-    centre: Array,
-    feet_values: Array,
-    planned: Flags,
-    due: Flags,
-    until_lift: Array,
-    posture_q: Array,
-    posture_v: Array,
-    posture_a: Array,
-    posture_trunk: Array,
-    age: float,
-    first: bool,
-    right_load: float,
-    tilt_window: float,
-) -> bool:
+def prepare(own: Any, age: float, first: bool, right_load: float, tilt_window: float) -> bool:
     """One tick from the body to the QP, which it fills in; false if that has no solution or no finite one."""
+    link, feet, points, lines, gains = own.link, own.feet, own.points, own.lines, own.gains
+    gravity, root_weight, q, motion, tasks = own.gravity, own.root_weight, own.q, own.motion, own.tasks
+    columns, share, scaled, system, phi = own.columns, own.share, own.scaled, own.system, own.phi
+    wrench, command, posture_trunk = own.wrench, own.command, own.posture_trunk
     v, now, posture = motion[V], motion[NOW], motion[POSTURE]
     rates, drift, wanted, softness = tasks[RATES], tasks[DRIFT], tasks[WANTED], tasks[SOFTNESS]
     for i in range(len(points)):
-        points[i].sensed, points[i].touching = sensed[i], touching[i]
-    passive_torques(passive, q, v, posture_v, motion[PASSIVE, 6:])
+        points[i].sensed, points[i].touching = own.sensed[i], own.touching[i]
+    passive_torques(own.passive, q, v, own.posture_v, motion[PASSIVE, 6:])
     motion[PASSIVE] -= motion[MISSING]
-    mass, com = link[0].mass, vector(com_place)
+    mass, com = link[0].mass, vector(own.com)
 
     # What is wanted.
     pose = np.empty((3, 3))
-    multiply(link[trunk[0].joint].turn, trunk[0].turn, pose)
+    multiply(link[own.trunk[0].joint].turn, own.trunk[0].turn, pose)
     tilt = rotation_error(posture_trunk, pose)
-    tilt = fed_back_tilt(gains, tilt, posture_trunk, tilt_window, past, memory)
-    command_wrench(gains, mass, gravity, centre, tilt, com, rates, command)
+    tilt = fed_back_tilt(gains, tilt, posture_trunk, tilt_window, own.past, own.memory)
+    command_wrench(gains, mass, gravity, own.centre, tilt, com, rates, command)
     gain = gains[0]
     rate = 1.0 / (gain.frequency * gain.contact_ramp)
     steps = share[0] != 0.0 or share[1] != 0.0
     strict = steps and share[5] == 0.0
-    landing = update_gate(planned, due, until_lift, rate, gain.contact_ramp, first, strict, points, lines)
+    contacts = own.planned, own.due, own.until_lift
+    landing = update_gate(*contacts, rate, gain.contact_ramp, first, strict, points, lines)
     if steps:
-        share_sole(gravity, share, centre, com_place, points, command, mass)
+        share_sole(gravity, share, own.centre, own.com, points, command, mass)
     put(wanted[0:3], (0.0, 0.0, -gravity))  # the momentum rate without contact forces; the QP adds them
     wanted[3:6] = 0.0
     softness[:] = 0.0
     per_foot = len(points) // len(feet)
     for i in range(len(feet)):
-        foot, own, rows = feet[i], points[per_foot * i : per_foot * (i + 1)], slice(6 + 6 * i, 12 + 6 * i)
-        task = feet_values[i], rates[rows], wanted[rows]
-        soft = foot_task(gains, foot, lines[i], own, com, *task)
+        foot, held, rows = feet[i], points[per_foot * i : per_foot * (i + 1)], slice(6 + 6 * i, 12 + 6 * i)
+        task = own.feet_values[i], rates[rows], wanted[rows]
+        soft = foot_task(gains, foot, lines[i], held, com, *task)
         softness[rows] = HURRIED if soft == SWING and share[5] > 0.0 else soft
         if foot.toe_row >= 0:
             state = q[foot.toe + 1], rates[foot.toe_row]
-            wanted[foot.toe_row] = toe_task(gains, feet_values[i], *state)
-    posture_task(gains, q, now, posture_q, posture_v, posture_a, posture)
+            wanted[foot.toe_row] = toe_task(gains, own.feet_values[i], *state)
+    posture_task(gains, q, now, own.posture_q, own.posture_v, own.posture_a, posture)
 
     # In units of the QP.
     for j in range(len(v)):
@@ -183,39 +132,19 @@ def prepare(
     for e in range(6):
         momentum[e] = tasks[SCALE, e] * command[e] / weight
     if landing:
-        since = 1.0 - age * gain.frequency if extrapolates else 0.0
+        since = 1.0 - age * gain.frequency if own.extrapolates else 0.0
         land(gain, len(feet), points, weight, phi, since, wrench, momentum)
     yaw = system[L_Z, len(drift) + L_Z], system[L_Z, len(drift) + 6]
-    qp = P, gradient, A, lower, upper
+    qp = own.P, own.gradient, own.A, own.lower, own.upper
     fill_qp(len(feet), points, wrench, momentum, right_load, *yaw, gain.friction, *qp)
     return True
 
 
 @compiled
-def respond(
-    tree: Any,
-    link: Any,
-    feet: Any,
-    points: Any,
-    lines: Any,
-    gains: Any,
-    gravity: float,
-    armature: Array,
-    root_weight: Array,
-    q: Array,
-    motion: Array,
-    hinges: Array,
-    scaled: Array,
-    system: Array,
-    wrench: Array,
-    phi: Array,
-    forces: Array,
-    still: bool,
-    first: bool,
-    torque: Array,
-    point_force: Array,
-) -> bool:
+def respond(own: Any, still: bool, first: bool, torque: Array, point_force: Array) -> bool:
     """Accelerations and torques of the forces found; false, with nothing kept, if they break a limit."""
+    gravity, root_weight, motion, hinges = own.gravity, own.root_weight, own.motion, own.hinges
+    scaled, system, wrench, forces = own.scaled, own.system, own.wrench, own.forces
     rows, posture, alpha = len(system), motion[POSTURE], motion[ALPHA]
     total = np.empty(rows)  # per task, what the net wrench and the tasks themselves add
     net = np.empty(6)
@@ -232,52 +161,33 @@ def respond(
         for e in range(rows):
             pull += scaled[j, e] * total[e]
         alpha[j] = gravity * pull / root_weight[j]
-    body = tree, link, feet, points, gravity, armature, motion
-    torques(*body, forces, torque, point_force)
+    torques(own, forces, torque, point_force)
     limits = hinges[LIMIT], hinges[LOW], hinges[HIGH]
-    if limit_broken(q, motion[V], alpha, torque, *limits):
+    if limit_broken(own.q, motion[V], alpha, torque, *limits):
         return False
-    keep(lines, gains, motion, hinges, phi, forces, still, first, torque)
+    keep(own, forces, still, first, torque)
     return True
 
 
 @compiled
-def torques(
-    tree: Any,
-    link: Any,
-    feet: Any,
-    points: Any,
-    gravity: float,
-    armature: Array,
-    motion: Array,
-    forces: Array,
-    torque: Array,
-    point_force: Array,
-) -> None:
+def torques(own: Any, forces: Array, torque: Array, point_force: Array) -> None:
     """Joint torques of accelerations and force unknowns [m g], and the forces at the points [N]."""
-    point_forces(len(feet), points, forces, link[0].mass * gravity, point_force)
-    joint_torques(tree, armature, link, motion[V], motion[ALPHA], gravity, points, point_force, torque)
+    link, points, motion, gravity = own.link, own.points, own.motion, own.gravity
+    point_forces(len(own.feet), points, forces, link[0].mass * gravity, point_force)
+    moved = motion[V], motion[ALPHA], gravity
+    joint_torques(own.tree, own.armature, link, *moved, points, point_force, torque)
     for j in range(len(torque)):
         torque[j] += motion[PASSIVE, 6 + j]
 
 
 @compiled
-def keep(
-    lines: Any,
-    gains: Any,
-    motion: Array,
-    hinges: Array,
-    phi: Array,
-    forces: Array,
-    still: bool,
-    first: bool,
-    torque: Array,
-) -> None:
+def keep(own: Any, forces: Array, still: bool, first: bool, torque: Array) -> None:
     """Clip the torques to the motors' limits, give them their rates, and keep what the next tick needs."""
+    hinges, phi, motion = own.hinges, own.phi, own.motion
     for j in range(len(torque)):
         torque[j] = min(max(torque[j], -hinges[LIMIT, j]), hinges[LIMIT, j])
     last = hinges[TORQUE]
-    update_rate(torque, last, hinges[LIMIT], gains[0].frequency, lines, still or first, hinges[RATE])
+    update_rate(torque, last, hinges[LIMIT], own.gains[0].frequency, own.lines, still or first, hinges[RATE])
     last[:] = torque
     for k in range(len(forces)):
         if not first:

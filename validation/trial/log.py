@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ampm.compiled import bound, compiled
+from ampm.compiled import Bundle, bound, compiled
 from ampm.vectors import put, vector
 from validation.trial import spill
 from validation.trial.record import INTEGERS, SHAPES, restart_steps, shape_of, support_height
@@ -37,18 +37,9 @@ def _contact_views(data: mujoco.MjData) -> list[NDArray[Any]]:
 
 
 @compiled
-def read_touch(
-    geom: NDArray[np.int32], of_geom: NDArray[np.intp], touching: NDArray[np.bool_], contacts: int
-) -> None:
-    """Read which sole points are in contact.
-
-    Args:
-        geom: both geoms of the contacts. MuJoCo sorts them by type: a floor that is a plane comes first, a
-            box last.
-        of_geom: sole point of every geom, -1 for none.
-        touching: by sole point; written.
-        contacts: how many there are.
-    """
+def read_touch(own: Any, contacts: int) -> None:
+    """Read which sole points are in contact; ``own`` as in :func:`keep_step`, ``contacts`` there are."""
+    geom, of_geom, touching = own.geom, own.of_geom, own.touching
     touching[:] = False
     for i in range(contacts):
         point = max(of_geom[geom[i, 0]], of_geom[geom[i, 1]])
@@ -57,99 +48,42 @@ def read_touch(
 
 
 @compiled
-def copy_places(
-    k: int, site_place: Array, site_rotation: Array, sites: NDArray[np.intp], places: Array, rotation: Array
-) -> None:
-    """Copy places of sole points and soles.
-
-    Args:
-        k: step, whose rows are written.
-        site_place: of all sites [m].
-        site_rotation: of all sites, nine numbers each.
-        sites: numbers of those of sole points and, last, of the two soles.
-        places: of the sites by step [m].
-        rotation: of the soles by step.
-    """
-    for i in range(len(sites)):
-        put(places[k, i], vector(site_place[sites[i]]))  # a row copied as an array takes ten times as long
+def copy_places(own: Any, k: int) -> None:
+    """Copy places of sole points and soles; arguments as in :func:`keep_step`."""
+    sites, site_rotation, rotation = own.sites, own.site_rotation, own.rotation
+    for i in range(len(sites)):  # a row copied as an array takes ten times as long
+        put(own.places[k, i], vector(own.site_place[sites[i]]))
     for i in range(2):
         for j in range(9):
             rotation[k, i, j] = site_rotation[sites[len(sites) - 2 + i], j]
 
 
 @compiled
-def keep_step(
-    geom: NDArray[np.int32],
-    of_geom: NDArray[np.intp],
-    address: NDArray[np.int32],
-    frame: Array,
-    place: Array,
-    distance: Array,
-    point_force: Array,
-    point_penetration: Array,
-    point_position: Array,
-    normal_force: Array,
-    sensordata: Array,
-    read: NDArray[np.intp],
-    readings: Array,
-    ctrl: Array,
-    torque: Array,
-    qpos: Array,
-    q: Array,
-    qvel: Array,
-    qd: Array,
-    qacc_warmstart: Array,
-    warmstart: Array,
-    every: int,
-    site_place: Array,
-    site_rotation: Array,
-    sites: NDArray[np.intp],
-    places: Array,
-    rotation: Array,
-    k: int,
-    contacts: int,
-    efc_force: Array,
-) -> None:
+def keep_step(own: Any, k: int, contacts: int, efc_force: Array) -> None:
     """Copy contacts, places, sensors and torques of step k, and the state after it.
 
     Args:
-        geom: of the contacts, see :func:`read_touch`.
-        of_geom: see :func:`read_touch`; a sole point is a sphere, with one contact at most.
-        address: of the contacts' first force, along the normal; two along the tangents follow. -1: none.
-        frame: of the contacts: normal and tangents, nine numbers each.
-        place: of the contacts [m].
-        distance: of the geoms, negative where they overlap [m].
-        point_force: by step and sole point [N].
-        point_penetration: by step and sole point [m].
-        point_position: by step and sole point [m].
-        normal_force: by sole point [N].
-        sensordata: of the simulation.
-        read: numbers of the readings that are kept.
-        readings: by step.
-        ctrl: of the simulation [N m].
-        torque: by step [N m].
-        qpos: of the simulation.
-        q: by instant.
-        qvel: of the simulation.
-        qd: by instant.
-        qacc_warmstart: of the simulation.
-        warmstart: by restart.
-        every: steps from one restart to the next.
-        site_place: see :func:`copy_places`, as all that follows.
-        site_rotation: of all sites.
-        sites: numbers of those that are kept.
-        places: by step.
-        rotation: by step.
+        own: arrays of the simulation, and of the log by step, under the names of a record. Others:
+            ``geom``, both geoms of the contacts: MuJoCo sorts them by type, a floor that is a plane comes
+            first, a box last; ``of_geom``, sole point of every geom, -1 for none: a sphere, with one contact
+            at most; ``address`` of the contacts' first force, along the normal, -1 for none: two along the
+            tangents follow; ``frame`` of the contacts, normal and tangents; ``place`` [m]; ``distance``,
+            negative where they overlap [m]; ``normal_force`` [N] and ``touching`` by sole point; ``read``,
+            the numbers of the ``readings`` that are kept; ``every``, steps from one restart to the next;
+            ``sites`` of sole points and, last, of the two soles; their ``places`` and ``rotation``.
         k: step.
         contacts: how many there are.
         efc_force: forces of all constraints.
     """
-    copy_places(k, site_place, site_rotation, sites, places, rotation)
+    copy_places(own, k)
+    of_geom, geom, address, frame = own.of_geom, own.geom, own.address, own.frame
+    point_force, point_position, places = own.point_force, own.point_position, own.places
+    normal_force, distance, read = own.normal_force, own.distance, own.read
     for p in range(len(normal_force)):
         put(point_position[k, p], vector(places[k, p]))
     for i in range(len(read)):
-        readings[k, i] = sensordata[read[i]]
-    torque[k] = ctrl
+        own.readings[k, i] = own.sensordata[read[i]]
+    own.torque[k] = own.ctrl
     normal_force[:] = 0.0
     for i in range(contacts):
         p, first = max(of_geom[geom[i, 0]], of_geom[geom[i, 1]]), address[i]
@@ -162,14 +96,14 @@ def keep_step(
                     + efc_force[first + 2] * frame[i, 6 + axis]
                 )
                 if distance[i] < 0.0:
-                    point_position[k, p, axis] = place[i, axis]
-            point_penetration[k, p] = -distance[i]
+                    point_position[k, p, axis] = own.place[i, axis]
+            own.point_penetration[k, p] = -distance[i]
             normal_force[p] = efc_force[first]
-    q[k + 1] = qpos
-    qd[k + 1] = qvel
-    following, left = divmod(k + 1, every)
-    if left == 0 and following < len(warmstart):
-        warmstart[following] = qacc_warmstart
+    own.q[k + 1] = own.qpos
+    own.qd[k + 1] = own.qvel
+    following, left = divmod(k + 1, own.every)
+    if left == 0 and following < len(own.warmstart):
+        own.warmstart[following] = own.qacc_warmstart
 
 
 class SolePoints:
@@ -245,19 +179,21 @@ class RunLog:
         self.external: dict[str, Array] = {}
         self._make_sensors(model, steps)
         # All that is read and written at every step, as views that are taken once.
-        geom, *contacts = _contact_views(data)
-        self.touching, self.normal_force = (
-            np.zeros(len(points.names), dtype=bool),
-            np.zeros(len(points.names)),
-        )
-        self._read_touch = bound(read_touch, (geom, points.of_geom, self.touching), 0)
-        self._places: Any = data.site_xpos, data.site_xmat, self.sites, self.places, self.rotation
-        kept: Any = (
-            geom, points.of_geom, *contacts, self.point_force, self.point_penetration, self.point_position,
-            self.normal_force, data.sensordata, self.read, self.readings, data.ctrl, self.torque, data.qpos,
-            self.q, data.qvel, self.qd, data.qacc_warmstart, self.warmstart, self.every, *self._places,
+        geom, address, frame, place, distance = _contact_views(data)
+        self.touching = np.zeros(len(points.names), dtype=bool)
+        self.normal_force = np.zeros(len(points.names))
+        self._own = Bundle(
+            geom=geom, address=address, frame=frame, place=place, distance=distance, of_geom=points.of_geom,
+            point_force=self.point_force, point_penetration=self.point_penetration,
+            point_position=self.point_position, normal_force=self.normal_force, touching=self.touching,
+            sensordata=data.sensordata, read=self.read, readings=self.readings, ctrl=data.ctrl,
+            torque=self.torque, qpos=data.qpos, q=self.q, qvel=data.qvel, qd=self.qd,
+            qacc_warmstart=data.qacc_warmstart, warmstart=self.warmstart, every=self.every,
+            site_place=data.site_xpos, site_rotation=data.site_xmat, sites=self.sites, places=self.places,
+            rotation=self.rotation,
         )  # fmt: skip
-        self._keep_step = bound(keep_step, kept, 0, 0, data.efc_force)
+        self._read_touch = bound(read_touch, (self._own,), 0)
+        self._keep_step = bound(keep_step, (self._own,), 0, 0, data.efc_force)
 
     def _make_sensors(self, model: mujoco.MjModel, steps: int) -> None:
         """Arrays for readings; those of a joint's position or rate are views of the states."""
@@ -353,7 +289,7 @@ class RunLog:
         data.xfrc_applied[:], data.qacc_warmstart[:] = 0.0, 0.0
         data.ctrl[:] = self.torque[done - 1] if done else 0.0
         mujoco.mj_forward(self.model, data)
-        copy_places(done, *self._places)
+        copy_places(self._own, done)
         data.sensordata.take(self.read, out=self.readings[done], mode="clip")
         for part in spill.blocks(done + 1):
             self._complete(part.start, min(part.stop, done), part.stop)
