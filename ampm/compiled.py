@@ -92,8 +92,8 @@ class Bundle(SimpleNamespace):
     def __init__(self, **parts: Any) -> None:
         super().__init__(**parts)
         self._headers = np.array([word for part in parts.values() for word in _header(part)], dtype=np.int64)
-        self.address = self._headers.__array_interface__["data"][0]
-        self.type = BundleType(tuple((name, numba.typeof(part)) for name, part in parts.items()))
+        self._address = self._headers.__array_interface__["data"][0]
+        self._type = BundleType(tuple((name, numba.typeof(part)) for name, part in parts.items()))
 
 
 def _header(part: Any) -> list[int]:
@@ -105,7 +105,7 @@ def _header(part: Any) -> list[int]:
     return [0, 0, part.size, part.itemsize, place, *part.shape, *part.strides]
 
 
-class BundleType(types.Type):  # type: ignore[misc]
+class BundleType(types.Type):
     """Names and types of a bundle's parts."""
 
     key: tuple[tuple[str, Any], ...] = ()
@@ -119,11 +119,11 @@ class BundleType(types.Type):  # type: ignore[misc]
 
 
 extending.register_model(BundleType)(extending.models.OpaqueModel)
-extending.typeof_impl.register(Bundle)(lambda bundle, _: bundle.type)
+extending.typeof_impl.register(Bundle)(lambda bundle, _: bundle._type)
 
 
 @extending.infer_getattr
-class _Part(AttributeTemplate):  # type: ignore[misc]
+class _Part(AttributeTemplate):
     key = BundleType
 
     def generic_resolve(self, bundle: BundleType, name: str) -> Any:
@@ -140,7 +140,7 @@ def _part(context: Any, builder: Any, bundle: BundleType, value: Any, name: str)
 
 @extending.unbox(BundleType)
 def _address(_: Any, bundle: Any, context: Any) -> Any:
-    address = context.pyapi.object_getattr_string(bundle, "address")
+    address = context.pyapi.object_getattr_string(bundle, "_address")
     place = context.pyapi.long_as_voidptr(address)
     context.pyapi.decref(address)
     return extending.NativeValue(place)

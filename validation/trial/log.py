@@ -13,6 +13,7 @@ from ampm.compiled import Bundle, bound, compiled
 from ampm.vectors import put, vector
 from validation.trial import spill
 from validation.trial.record import INTEGERS, SHAPES, restart_steps, shape_of, support_height
+from validation.trial.watch import zmp_gap
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -106,6 +107,26 @@ def keep_step(own: Any, k: int, contacts: int, efc_force: Array) -> None:
         own.warmstart[following] = own.qacc_warmstart
 
 
+@compiled
+def keep_command(
+    own: Any, k: int, com: Array, zmp: Array, force: Array, momentum: Array, rate: Array
+) -> None:
+    """Copy the command of the tick at step k; ``own`` as in :func:`keep_step`."""
+    for i in range(k, min(k + own.substeps, len(own.torque))):
+        put(own.command_com[i], vector(com))
+        own.command_zmp[i, 0], own.command_zmp[i, 1] = zmp[0], zmp[1]
+        put(own.command_force[i], vector(force))
+        put(own.command_angular_momentum[i], vector(momentum))
+    for j in range(own.torque_rate.shape[1]):
+        own.torque_rate[k // own.substeps, j] = rate[j]
+
+
+@compiled
+def gap_of(own: Any, k: int) -> float:
+    """See :meth:`RunLog.zmp_gap`."""
+    return zmp_gap(own.normal_force, own.point_position[k], own.command_zmp[k])
+
+
 class SolePoints:
     """Sole points and soles in a compiled model.
 
@@ -190,10 +211,16 @@ class RunLog:
             torque=self.torque, qpos=data.qpos, q=self.q, qvel=data.qvel, qd=self.qd,
             qacc_warmstart=data.qacc_warmstart, warmstart=self.warmstart, every=self.every,
             site_place=data.site_xpos, site_rotation=data.site_xmat, sites=self.sites, places=self.places,
-            rotation=self.rotation,
+            rotation=self.rotation, substeps=substeps, torque_rate=self.torque_rate,
+            command_com=self.command_com, command_zmp=self.command_zmp, command_force=self.command_force,
+            command_angular_momentum=self.command_angular_momentum,
         )  # fmt: skip
         self._read_touch = bound(read_touch, (self._own,), 0)
         self._keep_step = bound(keep_step, (self._own,), 0, 0, data.efc_force)
+        self._unknown = np.full(max(model.nu, 3), np.nan)
+        row = np.zeros(2)[::2]  # any step from number to number
+        self._keep_command = bound(keep_command, (self._own,), 0, *[row] * 5)
+        self._zmp_gap = bound(gap_of, (self._own,), 0)
 
     def _make_sensors(self, model: mujoco.MjModel, steps: int) -> None:
         """Arrays for readings; those of a joint's position or rate are views of the states."""
@@ -248,7 +275,7 @@ class RunLog:
             spill.release()
 
     def keep_command(self, k: int, output: ControlOutput, reference: Reference) -> None:
-        """Copy the command of the tick at step k; it is valid until the next one.
+        """Copy the command of the tick at step k; it is valid until the next one. Its arrays are float64.
 
         A controller's ZMP is on z = 0; kept is that on the plane of the last step's contacts.
         """
@@ -257,16 +284,16 @@ class RunLog:
             height = self.point_position[max(k - 1, 0), :, 2]
             floor = support_height(self.metadata, height, self.normal_force)
             zmp = None if force is None else np.asarray(zmp) + floor * np.asarray(force[:2]) / force[2]
-        steps = slice(k, k + self.substeps)
-        self.command_com[steps] = reference.centre[0]
-        self.command_zmp[steps] = np.nan if zmp is None else zmp
-        self.command_force[steps] = np.nan if force is None else force
-        momentum = output.angular_momentum
-        self.command_angular_momentum[steps] = np.nan if momentum is None else momentum
+        parts = zmp, output.force, output.angular_momentum, output.rate
+        known = [self._unknown if part is None else part for part in parts]
+        self._keep_command(k, np.asarray(reference.centre[0], np.float64), *known)
         tick = k // self.substeps
-        self.torque_rate[tick] = np.nan if output.rate is None else output.rate
         self.qp_status[tick], self.qp_residual[tick] = output.status, output.residual
         self.qp_iterations[tick], self.qp_time[tick] = output.iterations, output.seconds
+
+    def zmp_gap(self, k: int) -> float:
+        """Distance of the ZMP of the step before k from the commanded one [m]."""
+        return float(self._zmp_gap(k - 1))
 
     def keep_pushes(self, k: int, pushes: Mapping[str, Array]) -> None:
         """Copy force, moment and point of every segment that is pushed in step k, shape (9,)."""

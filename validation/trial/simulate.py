@@ -11,12 +11,12 @@ import contextlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 
-from ampm.compiled import bound, compiled
+from ampm.compiled import Bundle, bound, compiled
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import steps_per_tick
@@ -35,7 +35,7 @@ from validation.trial.restart import carry_on, quiet_mujoco
 from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
 from validation.trial.users import UsersCode
-from validation.trial.watch import End, Stance, Watch, zmp_gap
+from validation.trial.watch import End, Stance, Watch
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -109,6 +109,16 @@ def convert_state(qpos: Array, qvel: Array, root_rotation: Array, q: Array, v: A
     q[3], q[4], q[5], q[6] = qpos[4], qpos[5], qpos[6], qpos[3]
     v[:] = qvel
     put(v[0:3], turned(root_rotation.T, vector(qvel[0:3])))
+
+
+@compiled
+def apply(own: Any, torque: Array, rate: Array, centre: Array, trunk: Array, feet: Array) -> None:
+    """Let the torque of a tick act, and take over the planned COM, trunk axis and soles."""
+    for j in range(len(torque)):
+        own.ctrl[j], own.torque[j], own.rate[j] = torque[j], torque[j], rate[j]
+    for axis in range(3):
+        own.planned[0, axis], own.planned[1, axis] = centre[0, axis], trunk[axis, 2]
+        own.planned[2, axis], own.planned[3, axis] = feet[0, axis], feet[1, axis]
 
 
 def simulate(
@@ -241,8 +251,11 @@ class ClosedLoop:
         self.log = RunLog(total, physics.model, physics.data, physics.points, physics.substeps)
         self.log.start(physics.data)
         self.watch = Watch(run.controller.unsolved_limit, physics.robot.description.scale)
-        measured, planned = (physics.com, physics.trunk, physics.soles), (*np.zeros((2, 3)), np.zeros((2, 3)))
-        self.stance = Stance(*measured, *planned)
+        planned = np.zeros((4, 3))  # COM, trunk and soles
+        self.stance = Stance(physics.com, physics.trunk, physics.soles, planned[0], planned[1], planned[2:])
+        acts = Bundle(torque=self.torque, rate=self.rate, ctrl=physics.data.ctrl, planned=planned)
+        self.no_rate, table = np.full(len(limit), np.nan), np.zeros((4, 4))[::2, ::2]  # any steps
+        self.apply = bound(apply, (acts,), limit, limit, *[table] * 3)
         self.warnings = physics.data.warning.number[_BAD_STATE]  # a view
 
     def run(self) -> SimulationRecord:
@@ -315,16 +328,14 @@ class ClosedLoop:
                 output = self._checked(output)
             reference = reference if output.reference is None else output.reference
             self.log.keep_command(k, output, reference)
-        physics.data.ctrl[:] = self.torque[:] = output.torque
-        self.rate[:] = np.nan if output.rate is None else output.rate
-        self.stance.planned_com[:] = reference.centre[0]
-        self.stance.planned_trunk[:] = reference.posture.trunk[:, 2]
-        self.stance.planned_soles[:] = reference.feet.position
+        rate = self.no_rate if output.rate is None else output.rate
+        planned = reference.centre, reference.posture.trunk, reference.feet.values
+        self.apply(output.torque, rate, *(np.asarray(part, np.float64) for part in planned))
         return self.watch.check(
             time,
             self.stance,
             output.status,
-            gap=zmp_gap(self.log.normal_force, self.log.point_position[k - 1], self.log.command_zmp[k - 1]),
+            gap=self.log.zmp_gap(k),
             residual=output.residual,
             limit=self._worst_joint(output) if output.status == LIMITED else "",
         )
@@ -343,7 +354,12 @@ class ClosedLoop:
                 worst = int(np.argmax(bad))
                 raise ValueError(f"{what} of {self.physics.robot.joint_names[worst]} is {values[worst]}")
         limit = self.physics.robot.torque_limit
-        return output._replace(torque=np.clip(torque, -limit, limit))  # as the motors do
+        known: dict[str, Any] = {"torque": np.clip(torque, -limit, limit)}  # as the motors do
+        for name, size in (("force", 3), ("zmp", 2), ("angular_momentum", 3), ("rate", len(limit))):
+            if (value := getattr(output, name)) is not None:
+                known[name] = np.empty(size)
+                known[name][:] = value
+        return output._replace(**known)
 
     def _worst_joint(self, output: ControlOutput) -> str:
         """The joint closest to its torque limit."""
