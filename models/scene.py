@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -40,8 +42,13 @@ class BodyModel:
     description: BodyDescription
 
     def compile(self) -> mujoco.MjModel:
-        """Return the compiled MuJoCo model."""
-        return mujoco.MjModel.from_xml_string(self.xml)
+        """Return the compiled MuJoCo model; every call a copy of its own."""
+        return copy.copy(_compiled(self.xml))
+
+
+@lru_cache(maxsize=4)
+def _compiled(xml: str) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(xml)
 
 
 def new_scene(name: str, height: float, contact: ContactParameters, simulation: SimulationParameters) -> Any:

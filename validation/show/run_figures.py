@@ -354,6 +354,8 @@ class RunFigures:
         if np.isfinite(finite).any():
             lower.plot(*decimate(record.tick_time, finite), color=PLAN, linewidth=0.7)
             lower.set_yscale("log")
+            lower.yaxis.set_major_formatter("{x:g}")  # powers of ten take longer than the rest of a figure
+            lower.yaxis.set_minor_formatter("")
         for status, color, label in ((1, COMMAND, "limits active"), (2, BAD, "unsolved")):
             rows = record.qp_status == status
             if rows.any():

@@ -53,17 +53,18 @@ class Shapes:
         shapes = np.flatnonzero(own & ~touches)
         pairs = shapes[np.stack(np.triu_indices(len(shapes), 1))]
         segments = model.geom_bodyid[pairs]
-        joined = np.array([self._joined(*pair) or self._joined(*pair[::-1]) for pair in segments.T.tolist()])
-        joined = joined.astype(bool)
         limbs, legs = limb[segments], leg[segments]
-        exempt = joined | (limbs[0] == limbs[1]) | (legs.any(axis=0) & (limbs == TRUNK).any(axis=0))
+        exempt = (limbs[0] == limbs[1]) | (legs.any(axis=0) & (limbs == TRUNK).any(axis=0))
         if only_legs:
             exempt |= ~legs.all(axis=0)
+        pairs, segments = pairs[:, ~exempt], segments[:, ~exempt]
         apart = [
-            mujoco.mj_geomDistance(model, self._data, *pair, REACH, None) >= 0.0
-            for pair in pairs[:, ~exempt].T.tolist()
+            not self._joined(a, b)
+            and not self._joined(b, a)
+            and mujoco.mj_geomDistance(model, self._data, *pair, REACH, None) >= 0.0
+            for pair, (a, b) in zip(pairs.T.tolist(), segments.T.tolist(), strict=True)
         ]
-        self._pairs = pairs[:, ~exempt][:, np.array(apart, dtype=bool)]
+        self._pairs = pairs[:, np.array(apart, dtype=bool)]
         self._radii = model.geom_rbound[self._pairs].sum(axis=0)
         kept = [getattr(model, f"geom_{name}")[shapes] for name in ("bodyid", "type", "size", "pos", "quat")]
         self.digest = hashlib.sha256(b"".join(array.tobytes() for array in kept)).hexdigest()
