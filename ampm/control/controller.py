@@ -176,17 +176,18 @@ class TrackingController:
         """
         first, still = self._first, bool(reference.jumps)
         self._motion[V] = state.v
-        self._sensed[:], self._touching[:] = touch.normal_force, touch.contact
+        self._sensed[...], self._touching[...] = touch.normal_force, touch.contact  # faster than [:]
         if self._live is not None:
             self._sense_bias(float(touch.age), first)
-        self._q[:] = state.q
-        self._reference[_POSTURE_A][:] = reference.posture.acceleration
+        self._q[...] = state.q
+        if first:
+            self._reference[_POSTURE_A][...] = reference.posture.acceleration
         self._observe(float(state.velocity_lag), first)
         if self._live is not None:
             reference = self._live.reference(state.time, reference)
         given = reference.centre, reference.feet.values, *reference.contacts, *reference.posture[:4]
         for own, array in zip(self._reference, given, strict=True):
-            own[:] = array
+            own[...] = array
         torque, point_force = np.empty(self.robot.nu), np.empty((len(self._points), 3))
         if self._prepare(
             float(touch.age), first, float(reference.right_load), float(reference.posture.tilt_window)
@@ -220,7 +221,7 @@ class TrackingController:
             solution.status == QPStatus.INFEASIBLE or not np.isfinite(solution.x).all()
         ):  # otherwise the last iterate; the accelerations follow the dynamics in any case
             forces = without_closed(len(self._feet), self._points, self.phi)
-        self._forces[:] = forces
+        self._forces[...] = forces
         if self._respond(still, self._first, torque, point_force):
             return solution, status
         limited = self._solve_limited()
