@@ -85,8 +85,8 @@ def bound(function: Any, fixed: Sequence[Any], *example: Any) -> Any:
 class Bundle(SimpleNamespace):
     """Arrays and numbers that a compiled function gets as one argument and reads as its attributes.
 
-    As arguments of their own they would be unpacked at every call, 70 ns each. A compiled function reads
-    their headers where they are kept here, so the arrays must not be replaced, nor the numbers changed.
+    As arguments of their own they would be unpacked at every call, 70 ns each. Compiled functions read their
+    headers where they are kept here, so the arrays must not be replaced, nor the numbers changed.
     """
 
     def __init__(self, **parts: Any) -> None:
@@ -95,9 +95,13 @@ class Bundle(SimpleNamespace):
         self._address = self._headers.__array_interface__["data"][0]
         self._type = BundleType(tuple((name, numba.typeof(part)) for name, part in parts.items()))
 
+    def __reduce__(self) -> Any:
+        """A copy would read the arrays at the addresses of the first."""
+        raise TypeError("a bundle has the addresses of its arrays and cannot be copied")
+
 
 def _header(part: Any) -> list[int]:
-    """What numba knows of an array, or the bits of a number."""
+    """What numba knows of an array, in its ``ArrayModel``'s order, without owners; or the bits of a number."""
     if not isinstance(part, np.ndarray):
         kind = np.float64 if isinstance(part, float) else np.int64
         return [int(np.array(part, dtype=kind).view(np.int64))]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import subprocess
 import sys
@@ -75,6 +76,23 @@ def test_plain_python_gives_the_same_torques(tmp_path):
     here, there = (np.load(tmp_path / f"{name}.npy") for name in ("compiled", "plain"))
     assert len(here) >= 20
     np.testing.assert_allclose(there, here, atol=1e-6)
+
+
+def test_a_bundle_hands_over_its_parts_under_their_names():
+    @compiled.compiled
+    def use(own, more):
+        for i in range(len(own.rows)):
+            own.rows[i].place[1] = own.grid[i, 0]
+        own.grid[1, 0] = own.scale * own.count + more
+        return own.on
+
+    rows, grid = compiled.records(2, [("name", np.int64), ("place", np.float64, (3,))]), np.ones((2, 4))
+    own = compiled.Bundle(rows=rows, grid=grid[:, ::2], scale=0.5, count=3, on=True)
+    assert compiled.bound(use, (own,), 1.0)(2.0) is True
+    assert grid.tolist() == [[1.0] * 4, [3.5, 1.0, 1.0, 1.0]]
+    assert rows["place"][:, 1].tolist() == [1.0, 1.0]
+    with pytest.raises(TypeError, match="address"):
+        copy.copy(own)
 
 
 def test_other_sources_are_compiled_anew(tmp_path, monkeypatch):
