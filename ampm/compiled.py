@@ -101,7 +101,7 @@ class Bundle(SimpleNamespace):
 
 
 def _header(part: Any) -> list[int]:
-    """What numba knows of an array, in its ``ArrayModel``'s order, without owners; or the bits of a number."""
+    """What numba knows of an array, in the order of its ``ArrayModel``, or the bits of a number."""
     if not isinstance(part, np.ndarray):
         kind = np.float64 if isinstance(part, float) else np.int64
         return [int(np.array(part, dtype=kind).view(np.int64))]
