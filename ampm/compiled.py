@@ -90,10 +90,14 @@ class Bundle(SimpleNamespace):
     """
 
     def __init__(self, **parts: Any) -> None:
-        super().__init__(**parts)
-        self._headers = np.array([word for part in parts.values() for word in _header(part)], dtype=np.int64)
-        self._address = self._headers.__array_interface__["data"][0]
-        self._type = BundleType(tuple((name, numba.typeof(part)) for name, part in parts.items()))
+        headers = np.array([word for part in parts.values() for word in _header(part)], dtype=np.int64)
+        kind = BundleType(tuple((name, numba.typeof(part)) for name, part in parts.items()))
+        place = headers.__array_interface__["data"][0]
+        self.__dict__.update(parts, _headers=headers, _address=place, _type=kind)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """The headers would stay those of the first."""
+        raise AttributeError(f"{name} is part of a bundle and cannot be replaced")
 
     def __reduce__(self) -> Any:
         """A copy would read the arrays at the addresses of the first."""

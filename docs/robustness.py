@@ -1,4 +1,4 @@
-"""Walk the disturbances of docs/footsteps.md again; rewrite their tables, their picture and two files in data.
+"""Walk the disturbances of docs/footsteps.md again; rewrite tables, picture and two files in data.
 
     python docs/robustness.py [--replicas N]
 

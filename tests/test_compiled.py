@@ -93,6 +93,8 @@ def test_a_bundle_hands_over_its_parts_under_their_names():
     assert rows["place"][:, 1].tolist() == [1.0, 1.0]
     with pytest.raises(TypeError, match="address"):
         copy.copy(own)
+    with pytest.raises(AttributeError, match="replaced"):
+        own.grid = grid
 
 
 def test_other_sources_are_compiled_anew(tmp_path, monkeypatch):
