@@ -292,6 +292,7 @@ class WalkPlan(StepPlan):
         around = np.unique(np.clip(around, min(time, 0.0), max(time, self.duration)))
         reference = self.table(around, timing)[int(np.searchsorted(around, time))]
         until = np.stack([path.until_lift(time) for path in (self.feet.left, self.feet.right)])
+        until.setflags(write=False)
         return reference._replace(contacts=reference.contacts._replace(until_lift=until))
 
     def _jump_near(self, times: Array, period: float) -> Flags:

@@ -68,6 +68,8 @@ def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path):
     assert saved.summary["disturbances"] == [repr(PUSH)]
     assert saved.summary["metrics"].keys() <= trial.metrics.keys()
     np.testing.assert_array_equal(saved.record.torque, trial.record.torque)
+    shared = [saved.record.torque_limit, saved.record.point_foot, *saved.signals.columns.values()]
+    assert not any(array.flags.writeable for array in shared)
     assert val.replay(folder).identical
     assert trial.report() == folder / "report.html"
 
@@ -75,6 +77,14 @@ def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path):
     settings = [f"--set={s}.{k}={v}" for s, table in RUN.items() for k, v in table.items()]
     call(["validate", "normal", *settings, "--push", "chest,20,0,0,0.5,0.1", "--out", str(out)])
     np.testing.assert_array_equal(val.load(out).record.torque, trial.record.torque)
+
+
+def test_users_code_cannot_change_arrays_of_body_plan_and_comparison(trial):
+    robot, comparison = trial.planned.body.robot, trial.comparison
+    arrays = [robot.torque_limit, robot.lower, robot.upper, robot.point_foot, *robot.leg_joints]
+    arrays += [*comparison.rows.values(), comparison.momentum_z]
+    arrays += [trial.plan.jump_times, trial.plan.at(0.3).contacts.until_lift]
+    assert not any(array.flags.writeable for array in arrays)
 
 
 def test_a_trial_that_was_not_saved_has_its_report(trial):

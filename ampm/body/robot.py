@@ -84,6 +84,8 @@ class Robot:
         shapes: of the body; the model's owner knows them.
 
     Attributes:
+        lower, upper: joint limits, shape (nu,) [rad].
+        torque_limit: largest torque of every hinge, shape (nu,) [N m].
         passive: damping, stiffness, angle of the spring and dry friction of the hinges, shape (nu, 4).
 
     Raises:
@@ -117,6 +119,13 @@ class Robot:
         for item in description.passive:
             own = item.damping, item.stiffness, item.spring, item.friction
             self.passive[self.velocity_indices((item.joint,)) - 6] = own
+        limits = model.lowerPositionLimit[7:], model.upperPositionLimit[7:], model.effortLimit[6:]
+        self.lower, self.upper, self.torque_limit = map(np.array, limits)
+        for name, value in vars(self).items():
+            # Compiled functions take the terms of the hinges as they are.
+            for array in value if isinstance(value, tuple) else (value,):
+                if isinstance(array, np.ndarray) and name != "passive":
+                    array.setflags(write=False)
 
     # ------------------------------------------------------------------ names
 
@@ -164,21 +173,6 @@ class Robot:
     def joint_names(self) -> tuple[str, ...]:
         """Hinges in velocity order."""
         return tuple(self.model.names[2:])
-
-    @property
-    def lower(self) -> Array:
-        """Lower joint limits, shape (nu,) [rad]."""
-        return np.asarray(self.model.lowerPositionLimit[7:])
-
-    @property
-    def upper(self) -> Array:
-        """Upper joint limits, shape (nu,) [rad]."""
-        return np.asarray(self.model.upperPositionLimit[7:])
-
-    @property
-    def torque_limit(self) -> Array:
-        """Largest torque of every hinge, shape (nu,) [N m]."""
-        return np.asarray(self.model.effortLimit[6:])
 
     # ----------------------------------------------------------------- mirror
 

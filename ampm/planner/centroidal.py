@@ -369,7 +369,9 @@ class CentroidalPlan(Brief):
     def jump_times(self) -> Array:
         """Switches at which acceleration, ZMP or moment jump by more than :data:`JUMP`, shape (J,) [s]."""
         jumps = np.stack([self._switch_jumps[name] for name in ("acceleration", "zmp", "moment")])
-        return self._starts[1:][(jumps > JUMP).any(axis=0)]
+        times = self._starts[1:][(jumps > JUMP).any(axis=0)]
+        times.setflags(write=False)
+        return times
 
     @cached_property
     def _switch_jumps(self) -> dict[str, Array]:

@@ -241,6 +241,8 @@ def compare(
         "measured_double_support": run & (feet == 2),
         "measured_flight": run & (feet == 0),
     }
+    for array in (momentum_z, *rows.values()):
+        array.setflags(write=False)
     height, mass = plan.com_height, measured.mass
     scales = {
         "body_weight": measured.weight,

@@ -430,6 +430,7 @@ def _constants(header: Mapping[str, Any]) -> dict[str, Any]:
         value = header[name]
         if name in SHAPES:
             found[name] = np.array(value, dtype=INTEGERS.get(name, np.float64))
+            found[name].setflags(write=False)
         elif name in ("mass", "gravity", "time_step", "friction"):
             found[name] = math.nan if value is None else float(value)
         else:

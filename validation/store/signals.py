@@ -144,4 +144,5 @@ def load_signals(path: str | Path) -> Signals:
             raise InputError(
                 f"{path} is damaged: column {field.name!r} holds {field.type} values; run the gait again."
             )
+        arrays[field.name].setflags(write=False)
     return Signals(arrays)
