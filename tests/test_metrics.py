@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from dataclasses import replace
 
 import pyarrow.parquet as pq
@@ -102,18 +103,20 @@ def test_comparison(drop, tmp_path, capsys):
 
 def test_one_that_fails_names_itself_and_one_without_an_instant_is_not_measured(drop):
     assert math.isnan(named(verdict_of(compared(perfect_walk(count=40)), DEFAULT), drop.name).value)
-    register(replace(drop, name="broken", compute=lambda walk: walk.nonsense))
-    try:
-        with pytest.raises(InputError, match="broken"):
-            evaluate(compared(perfect_walk()))
-    finally:
-        unregister("broken")
+    for change in ({"compute": lambda walk: walk.nonsense}, {"compute": sys.exit}, {"scales": ("none",)}):
+        register(replace(drop, name="broken", **change))
+        try:
+            with pytest.raises(InputError, match="broken"):
+                evaluate(compared(perfect_walk()))
+        finally:
+            unregister("broken")
 
 
 @pytest.mark.parametrize(
     ("change", "why"),
-    [({}, "exists"), ({"name": "a b"}, "identifier"), ({"name": "new", "reason": ""}, "reason")],
-)
+    [({}, "exists"), ({"name": "a b"}, "identifier"), ({"name": "new", "reason": ""}, "reason"),
+     *(({"tolerances": {"default": limit}}, "give a number") for limit in (math.nan, "0.01"))],
+)  # fmt: skip
 def test_one_that_cannot_be_is_refused(drop, change, why):
     with pytest.raises(InputError, match=why):
         register(replace(drop, **change))

@@ -26,6 +26,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from numbers import Real
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -91,10 +92,13 @@ class Metric:
     section: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse an unknown kind or nature."""
+        """Refuse an unknown kind or nature, and a tolerance that is no number."""
         for value, known in ((self.kind, _KINDS), (self.nature, _NATURES)):
             if value not in known:
                 raise InputError(f"metric '{self.name}' is no {value!r}; take one of {', '.join(known)}.")
+        for limit in self.tolerances.values():
+            if not isinstance(limit, Real) or math.isnan(limit):
+                raise InputError(f"metric '{self.name}' has the tolerance {limit!r}; give a number.")
 
     @property
     def column(self) -> str:
@@ -186,6 +190,10 @@ def evaluate(walk: Comparison, metrics: Iterable[Metric] | None = None) -> dict[
         value = _compute(metric, walk)
         if value is None:
             continue
+        if unknown := set(metric.scales) - walk.scales.keys():
+            raise InputError(
+                f"metric '{metric.name}' has no scale {', '.join(unknown)}; take of {', '.join(walk.scales)}."
+            )
         start = _compute(metric, first) if metric.by_window else None
         found[metric.name] = MetricValue(
             value=value,
@@ -208,7 +216,7 @@ def _compute(metric: Metric, walk: Comparison) -> float | None:
     try:
         value = metric.compute(walk)
         return None if value is None else float(value)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         if not own:
             raise
         raise InputError(
