@@ -141,9 +141,14 @@ class TablePlanner:
     Args:
         table: columns by name, shape (N,) each.
         name: for reports.
+
+    Raises:
+        InputError: the table is the name of a file.
     """
 
     def __init__(self, table: Mapping[str, Any], name: str = "table") -> None:
+        if isinstance(table, str | Path):
+            raise InputError("TablePlanner takes columns, not a file; pass a file to val.walk(planner=).")
         self.table, self.name = table, name
 
     def plan(self, request: WalkRequest, begin: Boundary | None = None) -> WalkPlan:

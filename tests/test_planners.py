@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from ampm.exceptions import InputError
-from ampm.planners import AmpmPeriodic, PeriodicWalk, WalkRequest
+from ampm.planners import AmpmPeriodic, PeriodicWalk, TablePlanner, WalkRequest
 from tests.solved import COARSE, motion_of, walk_of
 from tests.test_disturbances import example
 from tests.test_motion import same
@@ -65,6 +65,16 @@ def test_a_swaying_posture_is_near_the_periodic_motion(request_of_walk):
     assert np.corrcoef(pitch)[0, 1] > 0.95
     sway = sway.posture.sway
     np.testing.assert_allclose(sway[0], sway[-1], rtol=0.0, atol=1e-9)  # it repeats
+
+
+def test_a_sway_of_one_step_is_refused():
+    with pytest.raises(InputError, match=r"gait\.steps of at least 2"):
+        plan_walk(load_request("normal", ["gait.steps=1"]), planner=UprightWalk())
+
+
+def test_a_table_planner_takes_columns():
+    with pytest.raises(InputError, match="columns, not a file"):
+        TablePlanner("plan.csv")
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.body.return_map import standing
 from ampm.body.robot import Robot
 from ampm.body.step_reference import step_reference
+from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan
 from ampm.walk import PostureState
@@ -45,11 +46,14 @@ class SwayingPosture(ConstantPosture):
         angular_momentum_y_offset: constant of L_y [N m s].
 
     Raises:
+        InputError: the plan has one step.
         BodilyRefusal: the body cannot take the plan's first instant.
     """
 
     def __init__(self, plan: StepPlan, run: RunParameters, robot: Robot) -> None:
         super().__init__(plan, run, robot)
+        if plan.duration < self.window:
+            raise InputError("the trunk's sway is that of two steps; give gait.steps of at least 2.")
         self._times = self.window * np.arange(NODES + 1) / NODES
         ik, reference = InverseKinematics(robot, run), step_reference(plan, self._times)
         still, upright = np.zeros(robot.nv), [standing(ik, reference)]
