@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -126,6 +127,22 @@ class Broken:
         raise KeyError("gusts")
 
 
+class Slack(AmpmPeriodic):
+    """A planner whose posture gives what is no state of the body."""
+
+    def __init__(self, change):
+        self.change = change
+
+    def plan(self, request, begin=None):
+        plan = super().plan(request)
+        sample = plan.posture.sample
+        posture = SimpleNamespace(
+            angular_momentum_y_offset=plan.posture.angular_momentum_y_offset,
+            sample=lambda times: self.change(sample(times)),
+        )
+        return replace(plan, posture=posture)
+
+
 class Short(Broken):
     """Its torque would be spread over all joints."""
 
@@ -141,16 +158,27 @@ class Short(Broken):
         ({"controller": lambda: None}, "failed .TypeError"),
         ({"planner": Broken()}, "planner Broken failed .*int"),
         ({"disturbances": [Broken()]}, "disturbance Broken failed .KeyError: 'gusts'"),
-        ({"disturbances": PUSH}, "Push.* is no disturbances="),
+        ({"disturbances": PUSH}, "Push.* cannot be the disturbances; give a list"),
         ({"controller": "x"}, "controller.name 'x' is none of ampm, joint-pd; .* MODULE:CLASS"),
-        ({"controller": 3}, "3 is no controller="),
-        ({"planner": object}, "is no planner="),
+        ({"controller": 3}, "3 cannot be the controller; give a class"),
+        ({"planner": object}, "cannot be the planner; give an object"),
+        ({"planner": Slack(lambda state: None)}, "planner Slack failed .AttributeError"),
+        (
+            {"planner": Slack(lambda state: state._replace(q=state.q[:, :5]))},
+            "'q' of its posture at 0 s must be",
+        ),
+        ({"planner": Slack(lambda state: state._replace(v=np.nan * state.v))}, "'v' of its posture at 0 s"),
     ],
 )
 def test_errors_of_a_users_own_classes_are_one_sentence(options, words):
     with pytest.raises(InputError, match=words) as caught:
         val.walk(ampm.load_run("normal", **RUN), **options)
     assert str(caught.value).count("\n") == 0
+
+
+def test_a_push_at_a_time_that_is_no_number_is_refused():
+    with pytest.raises(InputError, match="at 2 s for 1 s is none"):
+        val.Push("chest", (1.0, 0.0, 0.0), at="2", duration=1)  # type: ignore[arg-type]
 
 
 def test_a_name_or_one_setting_is_enough():

@@ -80,13 +80,13 @@ def walk(
         (
             controller,
             controller is None or isinstance(controller, str) or callable(controller),
-            "controller=, a class for example",
+            "controller; give a class or function that makes one, or a name",
         ),
-        (planner, not isinstance(planner, type), "planner=, an object, not its class"),
-        (disturbances, isinstance(disturbances, list | tuple), "disturbances=, a list of them"),
+        (planner, not isinstance(planner, type), "planner; give an object of this class"),
+        (disturbances, isinstance(disturbances, list | tuple), "disturbances; give a list of them"),
     ):
         if not good:
-            raise InputError(f"{value!r} is no {wanted}; correct it.")
+            raise InputError(f"{value!r} cannot be the {wanted}.")
     request = load_request(run if isinstance(run, RunParameters) else str(run))
     request = replace(request, name=name or request.name)
     if footsteps is not None:

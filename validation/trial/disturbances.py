@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, Protocol
 
 import mujoco
@@ -133,7 +134,8 @@ class Push:
         """Refuse invalid values."""
         if np.shape(self.force) != (3,) or not np.isfinite(self.force).all():
             raise InputError(f"a push of force {self.force} needs three finite numbers [N].")
-        if not (math.isfinite(self.at) and self.at >= 0.0 and self.duration > 0.0):
+        numbers = isinstance(self.at, Real) and isinstance(self.duration, Real)
+        if not (numbers and math.isfinite(self.at) and self.at >= 0.0 and self.duration > 0.0):
             raise InputError(
                 f"a push at {self.at} s for {self.duration} s is none; begin at 0 or later, and last above 0."
             )

@@ -5,6 +5,7 @@ Every trial plans its gait here.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -335,7 +336,18 @@ def plan_walk(
             plan = planner.plan(wanted)
             if not isinstance(plan, WalkPlan):
                 raise TypeError(f"it made a {type(plan).__name__}, not a WalkPlan")
+            if not own:
+                _check_posture(plan, body.robot)
     return PlannedWalk(request, plan, body, name)
+
+
+def _check_posture(plan: WalkPlan, robot: Robot) -> None:
+    """Refuse a posture whose first state is none of the body."""
+    state = plan.at(0.0).posture
+    for name, size in (("q", robot.nq), ("v", robot.nv), ("acceleration", robot.nv)):
+        values = list(getattr(state, name))
+        if len(values) != size or not all(map(math.isfinite, values)):
+            raise ValueError(f"'{name}' of its posture at 0 s must be {size} finite numbers")
 
 
 def tune_walk(request: Request, progress: Progress | None = None) -> tuple[PlannedWalk, Tuned]:
