@@ -60,7 +60,7 @@ def sweep(
     retry: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> SweepTable:
-    """Walk many runs; ``sweep("slopes.toml").table.to_pandas()`` gives one row per run.
+    """Walk many runs; ``sweep("slopes.toml").table.to_pandas()``, with the extra pandas, gives a row per run.
 
     Args:
         definition: TOML file, or a loaded definition.
