@@ -69,7 +69,7 @@ def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path):
     assert saved.summary["disturbances"] == [repr(PUSH)]
     assert saved.summary["metrics"].keys() <= trial.metrics.keys()
     np.testing.assert_array_equal(saved.record.torque, trial.record.torque)
-    shared = [saved.record.torque_limit, saved.record.point_foot, *saved.signals.columns.values()]
+    shared: list[np.ndarray] = [saved.record.torque_limit, saved.record.point_foot, *saved.signals.columns.values()]
     assert not any(array.flags.writeable for array in shared)
     assert val.replay(folder).identical
     assert trial.report() == folder / "report.html"
@@ -136,7 +136,7 @@ class Slack(AmpmPeriodic):
     def plan(self, request, begin=None):
         plan = super().plan(request)
         sample = plan.posture.sample
-        posture = SimpleNamespace(
+        posture: Any = SimpleNamespace(
             angular_momentum_y_offset=plan.posture.angular_momentum_y_offset,
             sample=lambda times: self.change(sample(times)),
         )

@@ -125,8 +125,8 @@ def test_half_the_step_changes_errors_by_a_tenth_and_the_largest_by_its_instants
     """Errors grow until the next tick, so the finer step, whose last instant is later, finds larger ones."""
     coarse, fine = (walk(short(step, 6, gait)) for step in (0.0005, 0.00025))
     means = [it for it in METRICS.values() if it.tolerances and it.kind == "walk" and it.nature == "mean"]
-    both = [[trial.metrics[it.name].value for it in means] for trial in (coarse, fine)]
-    np.testing.assert_allclose(*both, rtol=0.1)
+    before, after = ([trial.metrics[it.name].value for it in means] for trial in (coarse, fine))
+    np.testing.assert_allclose(before, after, rtol=0.1)
     found = []
     for trial, every in ((coarse, 1), (fine, 2)):
         error = (trial.comparison.measured.zmp - trial.comparison.sample.zmp)[::every, 0]
