@@ -69,7 +69,7 @@ def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path):
     assert saved.summary["disturbances"] == [repr(PUSH)]
     assert saved.summary["metrics"].keys() <= trial.metrics.keys()
     np.testing.assert_array_equal(saved.record.torque, trial.record.torque)
-    shared: list[np.ndarray] = [saved.record.torque_limit, saved.record.point_foot, *saved.signals.columns.values()]
+    shared: list[Any] = [saved.record.torque_limit, saved.record.point_foot, *saved.signals.columns.values()]
     assert not any(array.flags.writeable for array in shared)
     assert val.replay(folder).identical
     assert trial.report() == folder / "report.html"
