@@ -121,6 +121,7 @@ def compare_solvers(install: bool, progress: Progress) -> Section:
 
 def compare_plans(install: bool, progress: Progress) -> Section:
     """Plans of COM and ZMP, with the feet; each is made here."""
+    # Imported here: each task loads only what it needs.
     from benchmarks.peers.plans import STEPS, plans
 
     with progress.stage("plans"):
@@ -135,6 +136,7 @@ def compare_plans(install: bool, progress: Progress) -> Section:
 
 def compare_kinematics(install: bool, progress: Progress) -> Section:
     """Differential inverse kinematics of one body along one plan."""
+    # Imported here: each task loads only what it needs.
     from ampm.body.step_reference import step_grid, step_reference
     from benchmarks.peers.body import errors, references
     from benchmarks.peers.track import FOLLOWERS
@@ -175,6 +177,7 @@ def compare_kinematics(install: bool, progress: Progress) -> Section:
 
 def compare_dynamics(install: bool, progress: Progress) -> Section:
     """Inverse dynamics of the recorded ticks of a walk."""
+    # Imported here: each task loads only what it needs.
     from benchmarks.peers.dynamics import command_errors, record
     from benchmarks.peers.torques import LIBRARIES
 
