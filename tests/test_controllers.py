@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib import import_module
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -129,14 +130,17 @@ def test_tsid_that_cannot_walk_says_why(with_tsid, monkeypatch):
         (lambda output: output._replace(torque=output.torque[:3]), r"torque of shape \(3,\), not \(34,\)"),
     ],
 )
-def test_torques_that_cannot_be_applied_are_refused(spoil, words):
+def test_torques_that_cannot_be_applied_end_the_walk_and_keep_its_record(spoil, words):
     class Spoilt(JointPD):
         def update(self, state, touch, reference):
             output = super().update(state, touch, reference)
             return output if state.time < 0.01 else spoil(output)
 
-    with pytest.raises(InputError, match=f"controller .*Spoilt failed .*{words}"):
-        val.walk(ampm.load_run("normal", **QUICK), controller=Spoilt)
+    trial = val.walk(ampm.load_run("normal", **QUICK), controller=Spoilt)
+    assert trial.record.outcome.name == "crashed"
+    assert re.search(f"controller .*Spoilt failed .*{words}", trial.record.outcome.cause)
+    assert trial.record.steps == 5
+    assert not trial.verdict.passed
 
 
 def test_a_motor_gives_no_more_than_its_limit():

@@ -7,6 +7,7 @@ that needs them, so that ``ampm --help`` and ``ampm plan`` start fast.
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 import traceback
@@ -71,6 +72,9 @@ def call(arguments: Sequence[str]) -> int:
     debug = "--debug" in arguments
     arguments = [argument for argument in arguments if argument != "--debug"]
     command = typer.main.get_command(app)
+    if debug:
+        logging.basicConfig()
+        logging.getLogger("ampm").setLevel(logging.DEBUG)
     try:
         with command.make_context("ampm", list(arguments)) as context:
             status = int(command.invoke(context) or 0)

@@ -31,7 +31,7 @@ Summary = Mapping[str, Any]
 _SHARES = ("margin_torque", "margin_saturated")
 """Metrics that are shown as percentages."""
 
-_LOST = (OutcomeName.FELL, OutcomeName.DIVERGED, OutcomeName.INFEASIBLE)
+_LOST = (OutcomeName.FELL, OutcomeName.DIVERGED, OutcomeName.INFEASIBLE, OutcomeName.CRASHED)
 """Outcomes that always fail."""
 
 _WINDOWS = {

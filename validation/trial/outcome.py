@@ -15,6 +15,7 @@ class OutcomeName(StrEnum):
     FELL = "fell"
     DIVERGED = "diverged"
     INFEASIBLE = "infeasible"
+    CRASHED = "crashed"
     INTERRUPTED = "interrupted"
 
     @property
@@ -25,6 +26,7 @@ class OutcomeName(StrEnum):
             OutcomeName.FELL: "The body fell.",
             OutcomeName.DIVERGED: "The numbers of the simulation diverged.",
             OutcomeName.INFEASIBLE: "The controller's QP stayed unsolved.",
+            OutcomeName.CRASHED: "A controller or disturbance raised an error.",
             OutcomeName.INTERRUPTED: "The run was stopped from outside.",
         }[self]
 
