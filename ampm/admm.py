@@ -14,7 +14,7 @@ Tests, tolerances and adaptation are OSQP's, so the iterates are the same but fo
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,43 +36,23 @@ _CERTIFICATE, _TINY, _INFINITY = 1e-4, 1e-30, 1e26
 
 @compiled
 def solve(
-    P: Array,
-    q: Array,
-    A: Array,
-    lower: Array,
-    upper: Array,
-    tolerance: float,
-    max_iterations: int,
-    rho: float,
-    adaptive: bool,
-    alpha: float,
-    check_every: int,
-    slack_rows: NDArray[np.intp],
-    x: Array,
-    z: Array,
-    y: Array,
-    answer: Array,
+    own: Any, P: Array, q: Array, A: Array, lower: Array, upper: Array, answer: Array
 ) -> tuple[int, float, int]:
     """Minimise ``1/2 x'Px + q'x`` subject to ``lower <= A x <= upper``.
 
     An answer that is not finite or does not exist leaves no trace: the next solve starts at zero.
 
     Args:
+        own: of :class:`ampm.qp.AdmmBackend`: ``tolerance``, absolute and relative; ``max_iterations``;
+            ``rho``, the penalty, and whether it adapts; ``alpha``, over-relaxation; ``check_every``,
+            iterations between two tests; ``slack_rows``, rows of the slacks, the last unknowns. Where to
+            start, overwritten by where to start next: ``x``, shape (n,), ``z``, of ``A x``, and ``y``, of
+            the multipliers, shapes (m,).
         P: symmetric, positive semidefinite, shape (n, n).
         q: shape (n,).
         A: shape (m, n).
         lower: shape (m,), may be ``-inf``.
         upper: shape (m,), may be ``inf``.
-        tolerance: absolute and relative.
-        max_iterations: at most.
-        rho: penalty.
-        adaptive: whether the penalty adapts.
-        alpha: over-relaxation.
-        check_every: iterations between two tests.
-        slack_rows: rows of the slacks, the last unknowns.
-        x: where to start; overwritten by where to start next, shape (n,).
-        z: the same of ``A x``, shape (m,).
-        y: the same of the multipliers, shape (m,).
         answer: written, shape (n,).
 
     Returns:
@@ -82,44 +62,29 @@ def solve(
         if lower[i] > upper[i]:
             answer[:] = math.nan
             return INFEASIBLE, (lower - upper).max(), 0
-    settings = tolerance, max_iterations, rho, adaptive, alpha, check_every
-    end, residual, iterations = iterate(P, q, A, lower, upper, *settings, slack_rows, x, z, y)
-    answer[:] = x
+    end, residual, iterations = iterate(own, P, q, A, lower, upper)
+    answer[:] = own.x
     if not np.isfinite(answer).all():
         end, residual = REFUSED if end == REFUSED else UNSOLVED, math.inf
     if end == INFEASIBLE or residual == math.inf:
-        x[:], z[:], y[:] = 0.0, 0.0, 0.0
+        own.x[:], own.z[:], own.y[:] = 0.0, 0.0, 0.0
     return end, residual, iterations
 
 
 @compiled
-def iterate(
-    P: Array,
-    q: Array,
-    A: Array,
-    lower: Array,
-    upper: Array,
-    tolerance: float,
-    max_iterations: int,
-    rho: float,
-    adaptive: bool,
-    alpha: float,
-    check_every: int,
-    slack_rows: NDArray[np.intp],
-    x: Array,
-    z: Array,
-    y: Array,
-) -> tuple[int, float, int]:
+def iterate(own: Any, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> tuple[int, float, int]:
     """The iteration itself, see :func:`solve`; x, z, y are the last iterates."""
+    x, z, y, rho, slack_rows = own.x, own.z, own.y, own.rho, own.slack_rows
     n, m, free = len(q), len(z), len(q) - len(slack_rows)
     penalty, inverse, columns = np.empty(m), np.empty((free, free)), A.T.copy()
-    own = np.empty(n - free)  # of the slacks: their diagonal of the matrix
-    if not factor(P, A, lower, upper, rho, slack_rows, penalty, own, inverse):
+    diagonal = np.empty(n - free)  # of the slacks, in the matrix
+    if not factor(P, A, lower, upper, rho, slack_rows, penalty, diagonal, inverse):
         return REFUSED, math.inf, 0
+    alpha, tolerance = own.alpha, own.tolerance
     right, Ax, Px, Aty = np.empty(n), np.empty(m), np.empty(n), np.empty(n)
     pull, x_step, y_step, primal = np.empty(m), np.empty(n), np.empty(m), math.inf
     guess = np.empty(n)
-    for iteration in range(1, max_iterations + 1):
+    for iteration in range(1, own.max_iterations + 1):
         for i in range(m):
             pull[i] = penalty[i] * z[i] - y[i]
         combine(A, pull, right)
@@ -127,14 +92,14 @@ def iterate(
             right[j] += _SIGMA * x[j] - q[j]
         for s in range(n - free):
             row = A[slack_rows[s]]
-            w = penalty[slack_rows[s]] * row[free + s] / own[s] * right[free + s]
+            w = penalty[slack_rows[s]] * row[free + s] / diagonal[s] * right[free + s]
             for j in range(free):
                 right[j] -= w * row[j]
         combine(inverse, right[:free], guess[:free])
         combine(columns[:free], guess[:free], Ax)
         for s in range(n - free):
             i, scale = slack_rows[s], A[slack_rows[s], free + s]
-            guess[free + s] = (right[free + s] - penalty[i] * scale * Ax[i]) / own[s]
+            guess[free + s] = (right[free + s] - penalty[i] * scale * Ax[i]) / diagonal[s]
             Ax[i] += scale * guess[free + s]
         for j in range(n):
             x_step[j] = alpha * (guess[j] - x[j])
@@ -144,8 +109,8 @@ def iterate(
             z[i] = min(max(relaxed + y[i] / penalty[i], lower[i]), upper[i])
             y_step[i] = penalty[i] * (relaxed - z[i])
             y[i] += y_step[i]
-        tests, adapts = iteration % check_every == 0, adaptive and iteration % _ADAPT_EVERY == 0
-        if not (tests or adapts or iteration == max_iterations):
+        tests, adapts = iteration % own.check_every == 0, own.adaptive and iteration % _ADAPT_EVERY == 0
+        if not (tests or adapts or iteration == own.max_iterations):
             continue
         combine(columns, x, Ax)
         combine(P, x, Px)
@@ -156,7 +121,7 @@ def iterate(
         for j in range(n):
             dual = larger(dual, abs(Px[j] + q[j] + Aty[j]))
         row_size, cost_size = max(size(Ax), size(z)), max(size(Px), size(Aty), size(q))
-        if tests or iteration == max_iterations:
+        if tests or iteration == own.max_iterations:
             feasible = primal < tolerance + tolerance * row_size
             if feasible and dual < tolerance + tolerance * cost_size:
                 return SOLVED, primal, iteration
@@ -169,8 +134,8 @@ def iterate(
             better = min(max(rho * math.sqrt(ratio), _RHO_LEAST), _RHO_MOST)
             if better > _ADAPT_FACTOR * rho or better < rho / _ADAPT_FACTOR:
                 rho = better
-                factor(P, A, lower, upper, rho, slack_rows, penalty, own, inverse)
-    return UNSOLVED, primal, max_iterations
+                factor(P, A, lower, upper, rho, slack_rows, penalty, diagonal, inverse)
+    return UNSOLVED, primal, own.max_iterations
 
 
 @compiled
@@ -211,12 +176,13 @@ def factor(
     rho: float,
     slack_rows: NDArray[np.intp],
     penalty: Array,
-    own: Array,
+    diagonal: Array,
     inverse: Array,
 ) -> bool:
     """Penalties of the rows, and the inverse of ``P + sigma 1 + A' R A``; whether there is one.
 
-    With the slack s of a row eliminated, whose entry is c, the row counts with ``r - (r c)^2 / own``.
+    With the slack of a row eliminated, whose entry is c and whose diagonal is d, the row counts with
+    ``r - (r c)^2 / d``.
     """
     free = len(inverse)
     for i in range(len(lower)):
@@ -229,8 +195,8 @@ def factor(
     left = penalty.copy()
     for s in range(len(slack_rows)):
         i, j = slack_rows[s], free + s
-        own[s] = P[j, j] + _SIGMA + penalty[i] * A[i, j] ** 2
-        left[i] -= (penalty[i] * A[i, j]) ** 2 / own[s]
+        diagonal[s] = P[j, j] + _SIGMA + penalty[i] * A[i, j] ** 2
+        left[i] -= (penalty[i] * A[i, j]) ** 2 / diagonal[s]
     for j in range(free):
         for k in range(free):
             inverse[j, k] = P[j, k]
@@ -258,7 +224,7 @@ def invert(matrix: Array) -> bool:
         for r in range(n):
             row = matrix[r]
             w = row[c]
-            if r != c and w != 0.0:
+            if r != c:  # to look for zeros would take longer
                 row[c] = 0.0
                 for k in range(n):
                     row[k] -= w * top[k]

@@ -82,6 +82,31 @@ def bound(function: Any, fixed: Sequence[Any], *example: Any) -> Any:
     return partial(function, *fixed)
 
 
+def clock() -> float:
+    """``time.perf_counter``, which compiled functions can call, too [s]."""
+    return time.perf_counter()
+
+
+_read_clock = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.voidptr))
+_CLOCK = int(time.CLOCK_MONOTONIC)
+
+
+@extending.overload(clock)
+def _clock() -> Any:
+    def seconds() -> float:
+        now = np.empty(2, np.int64)
+        _read_clock(_CLOCK, now.ctypes)
+        return float(now[0] + 1e-9 * now[1])
+
+    return seconds
+
+
+def strided(shape: int | tuple[int, ...], kind: Any = np.float64) -> Any:
+    """Example for :func:`bound` of an array with any steps in memory."""
+    sizes = 2 * np.atleast_1d(shape)
+    return np.zeros(sizes, kind)[(slice(None, None, 2),) * len(sizes)]
+
+
 class Bundle(SimpleNamespace):
     """Arrays and numbers that a compiled function gets as one argument and reads as its attributes.
 

@@ -19,7 +19,7 @@ import osqp
 import scipy.sparse as sparse
 
 from ampm import admm
-from ampm.compiled import compiled
+from ampm.compiled import Bundle, bound, compiled
 from ampm.exceptions import InputError, SolverError
 
 if TYPE_CHECKING:
@@ -46,12 +46,13 @@ _OSQP_STATUS = {
 }
 """All others are certificates of infeasibility."""
 
-_ADMM_STATUS = {
+ADMM_STATUS = {
     admm.SOLVED: QPStatus.SOLVED,
     admm.UNSOLVED: QPStatus.UNSOLVED,
     admm.INFEASIBLE: QPStatus.INFEASIBLE,
     admm.REFUSED: QPStatus.UNSOLVED,
 }
+"""Status by how :func:`ampm.admm.solve` ended."""
 
 _INTERRUPTED = int(osqp.SolverStatus.OSQP_SIGINT)
 _INFINITY = 1e30  # OSQP's infinity
@@ -279,15 +280,19 @@ class AdmmBackend:
 
     def __init__(self, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings) -> None:
         s, (rows, size) = settings, A_mask.shape
-        self._settings = s.tolerance, s.max_iterations, s.rho, s.adaptive_rho, s.alpha, s.check_every
         slack_rows: list[int] = []
         for j in reversed(range(size)):  # the last unknowns, as long as each has a cost and a row of its own
             (mine,) = np.nonzero(A_mask[:, j])
             if len(mine) != 1 or mine[0] in slack_rows or P_mask[j].sum() != 1:
                 break
             slack_rows.insert(0, int(mine[0]))
-        self._slack_rows = np.array(slack_rows, dtype=np.intp)
-        self._start = np.zeros(size), np.zeros(rows), np.zeros(rows)
+        self.own = Bundle(
+            tolerance=s.tolerance, max_iterations=s.max_iterations, rho=s.rho, adaptive=s.adaptive_rho,
+            alpha=s.alpha, check_every=s.check_every, slack_rows=np.array(slack_rows, dtype=np.intp),
+            x=np.zeros(size), z=np.zeros(rows), y=np.zeros(rows),
+        )  # fmt: skip
+        problem = np.zeros((size, size)), np.zeros(size), np.zeros((rows, size)), *np.zeros((2, rows))
+        self._solve = bound(admm.solve, (self.own,), *problem, np.zeros(size))
 
     def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
         """See :class:`QPBackend`; warm-started from the last answer.
@@ -297,12 +302,12 @@ class AdmmBackend:
         """
         start = time.perf_counter()
         x = np.empty(len(q))
-        state = self._slack_rows, *self._start, x
-        status, residual, iterations = admm.solve(P, q, A, lower, upper, *(*self._settings, *state))
+        problem = [np.ascontiguousarray(part, np.float64) for part in (P, q, A, lower, upper)]
+        status, residual, iterations = self._solve(*problem, x)
         if status == admm.REFUSED and np.isfinite(P).all() and np.isfinite(A).all():
             raise SolverError("the problem cannot be solved; is its cost convex?")
         seconds = time.perf_counter() - start
-        return QPSolution(x, _ADMM_STATUS[status], residual, iterations, seconds)
+        return QPSolution(x, ADMM_STATUS[status], residual, iterations, seconds)
 
 
 class DaqpBackend:

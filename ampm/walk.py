@@ -231,7 +231,8 @@ class ReferenceTable(Sequence[Reference]):
     def __iter__(self) -> Iterator[Reference]:
         """The references one after another, several times faster than by index."""
         new = tuple.__new__  # a named tuple's own constructor costs more than the rest
-        *plain, feet, contacts, posture = self.rows
+        time, centre, right_load, jumps, feet, contacts, posture = self.rows
+        plain = time.tolist(), centre, right_load.tolist(), jumps.tolist()
         nested = [
             map(partial(new, type(part)), zip(*part, strict=True)) for part in (feet, contacts, posture)
         ]

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import time
 import timeit
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -82,54 +80,3 @@ def least(rounds: Sequence[Samples]) -> np.ndarray:
     itself.
     """
     return np.min(np.stack([np.asarray(spans, dtype=np.float64) for spans in rounds]), axis=0)
-
-
-class Stopwatch:
-    """Splits the time of a repeated call into parts, by timing methods of the objects that take part in it.
-
-    A part's time is exclusive: what a timed method spends in another timed method counts for the other. The
-    methods are wrapped on the objects themselves, get the same arguments and give the same results.
-    """
-
-    def __init__(self) -> None:
-        self.rounds: dict[str, list[float]] = {}
-        self._current: dict[str, float] = {}
-        self._inner: list[float] = []
-
-    def time(self, part: str, owner: object, *methods: str) -> None:
-        """Count methods of an object as one part.
-
-        Args:
-            part: name of the part; several calls may add to the same.
-            owner: the object.
-            methods: names of its methods.
-
-        Raises:
-            AttributeError: it has no such method: the benchmark has to follow the code.
-        """
-        self.rounds.setdefault(part, [])
-        self._current.setdefault(part, 0.0)
-        for name in methods:
-            setattr(owner, name, self._timed(part, getattr(owner, name)))
-
-    def _timed(self, part: str, method: Callable[..., Any]) -> Callable[..., Any]:
-        current, inner, clock = self._current, self._inner, time.perf_counter
-
-        def timed(*arguments: Any, **named: Any) -> Any:
-            inner.append(0.0)
-            start = clock()
-            try:
-                return method(*arguments, **named)
-            finally:
-                span = clock() - start
-                current[part] += span - inner.pop()
-                if inner:
-                    inner[-1] += span
-
-        return timed
-
-    def end_round(self) -> None:
-        """Keep what the parts took since the last round."""
-        for part, spans in self.rounds.items():
-            spans.append(self._current[part])
-            self._current[part] = 0.0

@@ -105,7 +105,7 @@ def run_benchmarks(
     }
     whole = periodic_walk(plan, motion, body.robot)
     for solver, item in requests.items():
-        with progress.stage(f"{2 * walks} walks with {solver.upper()}", "steps") as stage:
+        with progress.stage(f"{walks} walks with {solver.upper()}", "steps") as stage:
             ending, lines = time_walk(whole, item.run, body.model, walks, stage.advance)
         sections[f"walk with {solver.upper()}, {ending}"] = lines
     with progress.stage(f"{walks} trials with their recording"):

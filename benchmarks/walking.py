@@ -14,36 +14,33 @@ from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
 from ampm.parameters import RunParameters, steps_per_tick
 from ampm.walk import LIMITED, UNSOLVED, ControlOutput, WalkPlan
-from benchmarks.clock import Line, Stopwatch, least
+from benchmarks.clock import Line, least
 from models.scene import BodyModel
 from validation.trial.outcome import OutcomeName
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
 
-PARTS = ("all but the QP", "solve")
-"""Parts of a control tick, in its order; ``docs/benchmarks.md`` says what they hold."""
-
 
 def time_walk(
     plan: WalkPlan, run: RunParameters, body: BodyModel, walks: int, progress: Callable[[int, int], None]
 ) -> tuple[str, list[Line]]:
-    """Walk without timers, walk again with the parts timed, step the physics alone; each several times.
+    """Walk, and step the physics alone; each several times.
 
     Returns:
         How the walk went; its times, of every tick the least of several equal walks.
     """
     whole: list[float] = []
-    plain, timed = ([_Ticks(parts) for _ in range(walks)] for parts in (False, True))
+    ticks = [_Ticks() for _ in range(walks)]
     records: list[SimulationRecord] = []
-    for ticks in (*plain, *timed):
+    for one in ticks:
         start = time.perf_counter()
-        records.append(simulate(plan, run, body, controller=ticks.controller, progress=progress))
+        records.append(simulate(plan, run, body, controller=one.controller, progress=progress))
         whole.append(time.perf_counter() - start)
         if records[-1].outcome.name == OutcomeName.INTERRUPTED:  # Ctrl-C raises no exception there
             raise KeyboardInterrupt
     first, period = records[0], 1.0 / run.controller.frequency
     alone = [time_physics(first, run, body) for _ in range(walks)]
-    between = [np.diff(ticks.starts) for ticks in plain]
+    between = [np.diff(one.starts) for one in ticks]
     loops, physics = least(between), least([spans for spans, _ in alone])
     loop = float(np.median(loops))
     unsolved, limited = (int(np.count_nonzero(first.qp_status == status)) for status in (UNSOLVED, LIMITED))
@@ -55,18 +52,18 @@ def time_walk(
         f"{limited} ticks at a torque or joint limit": limited,
         "NOT the same walk each time": not (same and all(same_states for _, same_states in alone)),
     }
-    parts = {part: least([ticks.watch.rounds[part] for ticks in timed]) for part in PARTS}
+    spans, solves = [one.spans for one in ticks], [record.qp_time for record in records]
     in_loop = {
         "closed loop, one control period": loops,
-        "control tick": least([ticks.spans for ticks in plain]),
-        **{f"control tick, {part}": spans for part, spans in parts.items()},
-        "QP: update and solve": least([record.qp_time for record in records[:walks]]),
+        "control tick": least(spans),
+        "control tick, all but the QP": least([np.subtract(*of) for of in zip(spans, solves, strict=True)]),
+        "QP: update and solve": least(solves),
         "physics alone, one control period": physics,
     }
     simulated = float(first.time[-1] - first.time[0])
     speeds = {
         "closed loop, times real time": max(period * spans.size / spans.sum() for spans in between),
-        "the same with set-up and record": simulated / min(whole[:walks]),
+        "the same with set-up and record": simulated / min(whole),
         "the same undisturbed": period * loops.size / loops.sum(),
         "physics alone, times real time": period * physics.size / physics.sum(),
     }
@@ -102,20 +99,15 @@ def time_physics(
 
 
 class _Ticks:
-    """Makes a controller that records when it is called and how long it takes, with or without its parts."""
+    """Makes a controller that records when it is called and how long it takes."""
 
-    def __init__(self, parts: bool) -> None:
-        self.parts, self.watch = parts, Stopwatch()
+    def __init__(self) -> None:
         self.starts: list[float] = []
         self.spans: list[float] = []
 
     def controller(self, robot: Robot, run: RunParameters) -> TrackingController:
         """A controller that is timed."""
         controller = TrackingController(robot, run)
-        if self.parts:
-            self.watch.time("all but the QP", controller, "update")
-            self.watch.time("solve", controller.condensed, "solve")
-            self.watch.time("solve", controller, "_solve_limited")
         update, clock = controller.update, time.perf_counter
 
         def timed(*state: Any) -> ControlOutput:
@@ -123,7 +115,6 @@ class _Ticks:
             output = update(*state)
             self.spans.append(clock() - start)
             self.starts.append(start)
-            self.watch.end_round()
             return output
 
         setattr(controller, "update", timed)  # noqa: B010  # which a type checker would not let pass otherwise

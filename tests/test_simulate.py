@@ -22,7 +22,6 @@ from validation.measure.measure import measure
 from validation.run.replay import step_again
 from validation.trial import simulate as simulation
 from validation.trial.bridge import to_pinocchio
-from validation.trial.log import RunLog
 from validation.trial.outcome import OutcomeName
 
 STEPS = 2
@@ -339,19 +338,36 @@ def check_interrupted(record, steps, tmp_path):
 )
 def test_an_interrupt_keeps_whole_steps(monkeypatch, spoil, tmp_path, where, at):
     """OSQP catches the signal itself, and its backend raises ``KeyboardInterrupt`` afterwards."""
-    keep, progress = RunLog.keep, None
+    step, progress, taken = mujoco.mj_step2, None, []
     at = plain().steps if at is None else at  # the very end
 
-    def stop_late(self, k, data):
-        return interrupt() if k == at else keep(self, k, data)
+    def stop_late(*state):
+        step(*state)
+        taken.append(state)
+        if len(taken) == at + 1:
+            interrupt()
 
     if where == "within a solve":
         spoil(interrupt, [at])
     elif where == "between steps":
         progress = lambda done, _: interrupt() if done == at else None  # noqa: E731
     else:
-        monkeypatch.setattr(RunLog, "keep", stop_late)
+        monkeypatch.setattr(mujoco, "mj_step2", stop_late)
     check_interrupted(walk(progress=progress), at, tmp_path)
+
+
+def test_a_tick_is_the_same_in_one_call_and_in_parts():
+    """Also where the QP is not solved, and where its answer breaks a limit."""
+
+    def in_parts(robot, run):
+        controller = TrackingController(robot, run)
+        controller._whole = None
+        return controller
+
+    settings = "solver.max_iterations=60", "solver.tolerance=3e-4"
+    one, other = (walk(*settings, body=weaker(0.8), controller=it) for it in (None, in_parts))
+    assert {UNSOLVED, LIMITED, SOLVED} <= set(one.qp_status.tolist())
+    assert first_difference(one, other) is None
 
 
 def test_a_fall_between_control_ticks_is_noticed():

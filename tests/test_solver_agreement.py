@@ -44,8 +44,8 @@ def compared(gait: str | None, source: str = "human") -> np.ndarray:
         form, solver = controller.condensed, run.solver
         settings = QPSettings(tolerance=solver.tolerance, max_iterations=solver.max_iterations)
         other = make_backend("admm", form.P_mask(), form.A_mask(), settings)
-        form._backend = Both(form._backend, other)
-        both.append(form._backend)
+        form.backend = Both(form.backend, other)
+        both.append(form.backend)
         return controller
 
     record = simulate(planned.plan, planned.run, planned.body.model, controller=factory)

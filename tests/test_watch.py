@@ -9,7 +9,7 @@ import pytest
 
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.trial.outcome import OutcomeName
-from validation.trial.watch import BLOW_UP, CALM, FALL_TIME, Stance, Watch, zmp_gap
+from validation.trial.watch import BLOW_UP, CALM, FALL_TIME, Stance, Watch, stands, zmp_gap
 
 PERIOD = 0.002
 PLANNED = (0.0, 0.0, 0.88)
@@ -117,14 +117,19 @@ def test_a_body_that_stepped_off_the_plan_and_stands_has_not_fallen():
     assert "0.48 m over the soles" in end.cause
 
 
-def test_a_fall_between_two_ticks_is_seen_at_once():
-    watch, planned = Watch(0.05), (np.array(PLANNED), np.array(UP), SOLES)
-    assert watch.check_between_ticks(0.0005, Stance(np.array(PLANNED), np.array(UP), SOLES, *planned)) is None
-    down = Stance(np.array(PLANNED), np.array(leaning(61.0)), SOLES, *planned)
-    end = watch.check_between_ticks(0.001, down)
-    assert end is not None
-    assert end.name == OutcomeName.FELL
-    assert "61 degrees" in end.cause
+def test_what_is_looked_at_between_two_ticks_is_a_fall_for_the_watch_too():
+    planned = np.array(PLANNED), np.array(UP), SOLES
+    for trunk, fallen in (
+        (UP, False),
+        (leaning(59.0), False),
+        (leaning(61.0), True),
+        ((math.nan,) * 3, True),
+    ):
+        stance = Stance(np.array(PLANNED), np.array(trunk), SOLES, *planned)
+        assert stands(*stance, 1.0) != fallen
+        assert (Watch(0.05).check(0.001, stance, SOLVED) is None) != fallen
+    low = Stance(np.array(PLANNED) - [0.0, 0.0, 0.3], *stance[1:])
+    assert not stands(*low, 1.0)
 
 
 def test_a_saturated_zmp_is_the_first_cause_before_the_lean_that_it_brings():

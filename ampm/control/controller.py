@@ -9,12 +9,13 @@ The controller is independent of the simulator.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ampm import admm
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
-from ampm.compiled import Bundle, bound, records
+from ampm.compiled import Bundle, bound, records, strided
 from ampm.control.bias import sense_bias
 from ampm.control.forces import ANGULAR, share_forces, without_closed
 from ampm.control.limited_qp import LimitedForm, acceleration_bounds
@@ -23,11 +24,13 @@ from ampm.control.masses import scale_of
 from ampm.control.records import LINE, PHI, feet_of, gains_of, points_of
 from ampm.control.tick import (
     ALPHA,
+    DONE,
     HIGH,
     LAST,
     LIMIT,
     LOW,
     MISSING,
+    NO_QP,
     PASSIVE,
     POSTURE,
     RATE,
@@ -41,10 +44,11 @@ from ampm.control.tick import (
     prepare,
     respond,
     torques,
+    whole,
 )
 from ampm.control.trunk import LONGEST
 from ampm.control.wrench_qp import CondensedForm
-from ampm.qp import QPSettings, QPSolution, QPStatus
+from ampm.qp import ADMM_STATUS, AdmmBackend, QPSettings, QPSolution, QPStatus
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput
 
 if TYPE_CHECKING:
@@ -57,7 +61,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]
 
-_POSTURE_A = 7  # among the arrays of a reference
 _END_SOFTNESS = 1e-2  # of the task of a toe that is at the end of its range
 
 
@@ -112,7 +115,7 @@ class TrackingController:
             np.zeros((5, 3)), np.zeros((len(self._feet), 27)), *flags, lines,
             np.zeros(robot.nq), *np.zeros((2, robot.nv)), np.zeros((3, 3)),
         )  # fmt: skip
-        self._forces = np.zeros(qp.forces)
+        self._forces, self._answer = np.zeros(qp.forces), np.zeros(len(qp.q))
         self._tree = body.tree.copy()  # a stabiliser may find other masses
         parts = "centre feet_values planned due until_lift posture_q posture_v posture_a posture_trunk"
         self._own = Bundle(
@@ -122,14 +125,20 @@ class TrackingController:
             tasks=self._tasks, hinges=self._hinges, columns=body.columns, com=self._com, share=self._share,
             scaled=self._scaled, system=np.zeros((rows, rows + 7)), phi=self._phi, wrench=self._wrench,
             forces=self._forces, P=qp.P, gradient=qp.q, A=qp.A, lower=qp.lower, upper=qp.upper,
-            command=self._command, past=tilts[0], memory=tilts[1], extrapolates=self._extrapolates,
-            sensed=self._sensed, touching=self._touching,
+            answer=self._answer, command=self._command, past=tilts[0], memory=tilts[1],
+            extrapolates=self._extrapolates, sensed=self._sensed, touching=self._touching,
             **dict(zip(parts.split(), self._reference, strict=True)),
         )  # fmt: skip
         own, output = (self._own,), (np.zeros(robot.nu), np.zeros((count, 3)))
-        self._observe = bound(observe, own, 0.0, True)
-        self._prepare = bound(prepare, own, 0.0, True, 0.0, 0.0)
+        measured = strided(robot.nq), strided(robot.nv), strided(count), strided(count, np.bool_)
+        self._observe = bound(observe, own, *measured, 0.0, True)
+        given = *(strided(part.shape, part.dtype) for part in self._reference), 0.0, True, 0.0, 0.0
+        self._prepare = bound(prepare, own, *given)
         self._respond = bound(respond, own, True, True, *output)
+        if isinstance(qp.backend, AdmmBackend):
+            self._whole = bound(whole, (self._own, qp.backend.own), True, *output, *given)
+        else:
+            self._whole = None
 
     @property
     def acceleration(self) -> Array | None:
@@ -175,26 +184,21 @@ class TrackingController:
             reference: what is planned at this instant.
         """
         first, still = self._first, bool(reference.jumps)
-        self._motion[V] = state.v
-        self._sensed[...], self._touching[...] = touch.normal_force, touch.contact  # faster than [:]
-        if self._live is not None:
-            self._sense_bias(float(touch.age), first)
-        self._q[...] = state.q
         if first:
-            self._reference[_POSTURE_A][...] = reference.posture.acceleration
-        self._observe(float(state.velocity_lag), first)
+            self._motion[LAST] = reference.posture.acceleration
+        if self._live is not None:
+            self._motion[V], self._sensed[:] = state.v, touch.normal_force
+            self._sense_bias(float(touch.age), first)
+        measured = np.asarray(state.q, np.float64), np.asarray(state.v, np.float64)
+        sensed = np.asarray(touch.normal_force, np.float64), np.asarray(touch.contact, np.bool_)
+        self._observe(*measured, *sensed, state.velocity_lag, first)
         if self._live is not None:
             reference = self._live.reference(state.time, reference)
-        given = reference.centre, reference.feet.values, *reference.contacts, *reference.posture[:4]
-        for own, array in zip(self._reference, given, strict=True):
-            own[...] = array
+        body = reference.posture
+        given = reference.centre, reference.feet.values, *reference.contacts, *body[:4]
+        now = touch.age, first, reference.right_load, body.tilt_window
         torque, point_force = np.empty(self.robot.nu), np.empty((len(self._points), 3))
-        if self._prepare(
-            float(touch.age), first, float(reference.right_load), float(reference.posture.tilt_window)
-        ):
-            solution, status = self._solve(still, torque, point_force)
-        else:
-            solution, status = self._hold_last_command(still, torque, point_force), UNSOLVED
+        solution, status = self._solve(still, torque, point_force, *given, *now)
         self._first = False
         command = self._command.copy()
         return ControlOutput(
@@ -213,9 +217,21 @@ class TrackingController:
 
     # ------------------------------------------------------------------ parts
 
-    def _solve(self, still: bool, torque: Array, point_force: Array) -> tuple[QPSolution, int]:
+    def _solve(self, still: bool, torque: Array, point_force: Array, *given: Any) -> tuple[QPSolution, int]:
         """Forces, accelerations and torques of the QP, or of that with limits; solution and status."""
-        solution = self.condensed.solve()
+        if self._whole is not None:
+            end, qp_end, *answer = self._whole(still, torque, point_force, *given)
+            if end == DONE:
+                return QPSolution(self._answer, QPStatus.SOLVED, *answer), SOLVED
+            prepared = end != NO_QP
+        else:
+            prepared = self._prepare(*given)
+        if not prepared:
+            return self._hold_last_command(still, torque, point_force), UNSOLVED
+        if self._whole is None or qp_end == admm.REFUSED:  # which raises the error
+            solution = self.condensed.solve()
+        else:
+            solution = QPSolution(self._answer, ADMM_STATUS[qp_end], *answer)
         status, forces = SOLVED if solution.solved else UNSOLVED, solution.x[: self.condensed.forces]
         if not solution.solved and (
             solution.status == QPStatus.INFEASIBLE or not np.isfinite(solution.x).all()

@@ -1,4 +1,5 @@
-"""One control tick as compiled functions: :func:`prepare` before the QP, :func:`respond` after it.
+"""One control tick as compiled functions: :func:`prepare` before the QP, :func:`respond` after it; with the
+compiled QP solver all in one, :func:`whole`.
 
 :class:`ampm.control.controller.TrackingController` owns the arrays, ``own``, and calls them.
 """
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ampm import admm
 from ampm.body.rigid_body import (
     joint_torques,
     passive_torques,
@@ -16,7 +18,7 @@ from ampm.body.rigid_body import (
     place_of,
     task_drift,
 )
-from ampm.compiled import compiled
+from ampm.compiled import clock, compiled
 from ampm.control.contact_gate import land, update_gate
 from ampm.control.forces import point_forces, share_forces, wrench_map
 from ampm.control.hold import update_rate
@@ -47,15 +49,22 @@ LIMIT, LOW, HIGH, TORQUE, RATE = range(5)
 """Rows of ``hinges``, shape (5, nu): torque limit [N m], range [rad], last torque [N m], its rate [N m/s]."""
 
 
+DONE, NO_QP, NOT_SOLVED, NOT_WITHIN = range(4)
+"""How a whole tick ended: with torques; its QP has no solution or no finite one; the QP was not solved; its
+answer breaks a limit."""
+
+
 @compiled
-def observe(own: Any, lag: float, first: bool) -> None:
+def observe(
+    own: Any, measured_q: Array, measured_v: Array, force: Array, contact: Any, lag: float, first: bool
+) -> None:
     """The body of this tick: places, task Jacobian and rates."""
     tree, link, feet, points, q, motion = own.tree, own.link, own.feet, own.points, own.q, own.motion
     tasks, columns, com = own.tasks, own.columns, own.com
     v, now, last, still = motion[V], motion[NOW], motion[LAST], motion[STILL]
     rates, drift = tasks[RATES], tasks[DRIFT]
-    if first:
-        last[:] = own.posture_a
+    q[:], v[:] = measured_q, measured_v
+    own.sensed[:], own.touching[:] = force, contact
     for j in range(len(v)):
         now[j] = v[j] + lag * last[j]
     place_body(tree, link, feet, q, columns)
@@ -74,8 +83,26 @@ def observe(own: Any, lag: float, first: bool) -> None:
 
 
 @compiled
-def prepare(own: Any, age: float, first: bool, right_load: float, tilt_window: float) -> bool:
+def prepare(
+    own: Any,
+    centre: Array,
+    feet_values: Array,
+    planned: Any,
+    due: Any,
+    until_lift: Array,
+    posture_q: Array,
+    posture_v: Array,
+    posture_a: Array,
+    trunk: Array,
+    age: float,
+    first: bool,
+    right_load: float,
+    tilt_window: float,
+) -> bool:
     """One tick from the body to the QP, which it fills in; false if that has no solution or no finite one."""
+    own.centre[:], own.feet_values[:], own.until_lift[:] = centre, feet_values, until_lift
+    own.planned[:], own.due[:], own.posture_trunk[:] = planned, due, trunk
+    own.posture_q[:], own.posture_v[:], own.posture_a[:] = posture_q, posture_v, posture_a
     link, feet, points, lines, gains = own.link, own.feet, own.points, own.lines, own.gains
     gravity, root_weight, q, motion, tasks = own.gravity, own.root_weight, own.q, own.motion, own.tasks
     columns, share, scaled, system, phi = own.columns, own.share, own.scaled, own.system, own.phi
@@ -138,6 +165,47 @@ def prepare(own: Any, age: float, first: bool, right_load: float, tilt_window: f
     qp = own.P, own.gradient, own.A, own.lower, own.upper
     fill_qp(len(feet), points, wrench, momentum, right_load, *yaw, gain.friction, *qp)
     return True
+
+
+@compiled
+def whole(
+    own: Any,
+    qp: Any,
+    still: bool,
+    torque: Array,
+    point_force: Array,
+    centre: Array,
+    feet_values: Array,
+    planned: Any,
+    due: Any,
+    until_lift: Array,
+    posture_q: Array,
+    posture_v: Array,
+    posture_a: Array,
+    trunk: Array,
+    age: float,
+    first: bool,
+    right_load: float,
+    tilt_window: float,
+) -> tuple[int, int, float, int, float]:
+    """:func:`prepare`, the QP by :func:`ampm.admm.solve` with ``qp``, and :func:`respond`.
+
+    Returns:
+        How the tick ended; of the QP how it ended, the residual, the iterations and the time [s].
+    """
+    posture = posture_q, posture_v, posture_a, trunk
+    now = age, first, right_load, tilt_window
+    if not prepare(own, centre, feet_values, planned, due, until_lift, *posture, *now):
+        return NO_QP, admm.UNSOLVED, np.inf, 0, 0.0
+    start = clock()
+    problem = own.P, own.gradient, own.A, own.lower, own.upper
+    status, residual, iterations = admm.solve(qp, *problem, own.answer)
+    seconds, solution = clock() - start, (status, residual, iterations)
+    if status != admm.SOLVED:
+        return NOT_SOLVED, *solution, seconds
+    own.forces[:] = own.answer[: len(own.forces)]
+    within = respond(own, still, first, torque, point_force)
+    return DONE if within else NOT_WITHIN, *solution, seconds
 
 
 @compiled

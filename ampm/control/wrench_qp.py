@@ -194,7 +194,7 @@ class CondensedForm:
             self.A[cone, by_foot[foot, per_foot:]] = _CONE
         self.A[rows - lines.size + np.arange(lines.size), self.normals] = 1.0
         self.lower[-lines.size :] = 0.0
-        self._backend: QPBackend = make_backend(backend, self.P_mask(), self.A_mask(), settings)
+        self.backend: QPBackend = make_backend(backend, self.P_mask(), self.A_mask(), settings)
 
     def P_mask(self) -> NDArray[np.bool_]:
         """Where the cost matrix may ever be other than zero."""
@@ -213,4 +213,4 @@ class CondensedForm:
 
     def solve(self) -> QPSolution:
         """Solve what :func:`fill_qp` filled in: first the forces, then six slacks."""
-        return self._backend.solve(self.P, self.q, self.A, self.lower, self.upper)
+        return self.backend.solve(self.P, self.q, self.A, self.lower, self.upper)

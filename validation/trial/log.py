@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -18,7 +18,7 @@ from validation.trial.watch import zmp_gap
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ampm.walk import ControlOutput, Reference
+    from ampm.walk import ControlOutput
 
     Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def _contact_views(data: mujoco.MjData) -> list[NDArray[Any]]:
 
 @compiled
 def read_touch(own: Any, contacts: int) -> None:
-    """Read which sole points are in contact; ``own`` as in :func:`keep_step`, ``contacts`` there are."""
+    """Read which sole points are in contact, after ``mj_step1``; arguments as in :func:`keep_step`."""
     geom, of_geom, touching = own.geom, own.of_geom, own.touching
     touching[:] = False
     for i in range(contacts):
@@ -109,22 +109,26 @@ def keep_step(own: Any, k: int, contacts: int, efc_force: Array) -> None:
 
 @compiled
 def keep_command(
-    own: Any, k: int, com: Array, zmp: Array, force: Array, momentum: Array, rate: Array
-) -> None:
+    own: Any, k: int, com: Array, rate: Array, zmp: Array, force: Array, momentum: Array, status: int,
+    residual: float, iterations: int, seconds: float,
+) -> None:  # fmt: skip
     """Copy the command of the tick at step k; ``own`` as in :func:`keep_step`."""
     for i in range(k, min(k + own.substeps, len(own.torque))):
         put(own.command_com[i], vector(com))
         own.command_zmp[i, 0], own.command_zmp[i, 1] = zmp[0], zmp[1]
         put(own.command_force[i], vector(force))
         put(own.command_angular_momentum[i], vector(momentum))
+    tick = k // own.substeps
     for j in range(own.torque_rate.shape[1]):
-        own.torque_rate[k // own.substeps, j] = rate[j]
+        own.torque_rate[tick, j] = rate[j]
+    own.qp_status[tick], own.qp_residual[tick] = status, residual
+    own.qp_iterations[tick], own.qp_time[tick] = iterations, seconds
 
 
 @compiled
 def gap_of(own: Any, k: int) -> float:
-    """See :meth:`RunLog.zmp_gap`."""
-    return zmp_gap(own.normal_force, own.point_position[k], own.command_zmp[k])
+    """Distance of the ZMP of the step before k from the commanded one [m]; see :func:`keep_step`."""
+    return zmp_gap(own.normal_force, own.point_position[k - 1], own.command_zmp[k - 1])
 
 
 class SolePoints:
@@ -203,7 +207,7 @@ class RunLog:
         geom, address, frame, place, distance = _contact_views(data)
         self.touching = np.zeros(len(points.names), dtype=bool)
         self.normal_force = np.zeros(len(points.names))
-        self._own = Bundle(
+        self.own = Bundle(
             geom=geom, address=address, frame=frame, place=place, distance=distance, of_geom=points.of_geom,
             point_force=self.point_force, point_penetration=self.point_penetration,
             point_position=self.point_position, normal_force=self.normal_force, touching=self.touching,
@@ -213,14 +217,11 @@ class RunLog:
             site_place=data.site_xpos, site_rotation=data.site_xmat, sites=self.sites, places=self.places,
             rotation=self.rotation, substeps=substeps, torque_rate=self.torque_rate,
             command_com=self.command_com, command_zmp=self.command_zmp, command_force=self.command_force,
-            command_angular_momentum=self.command_angular_momentum,
+            command_angular_momentum=self.command_angular_momentum, qp_status=self.qp_status,
+            qp_residual=self.qp_residual, qp_iterations=self.qp_iterations, qp_time=self.qp_time,
         )  # fmt: skip
-        self._read_touch = bound(read_touch, (self._own,), 0)
-        self._keep_step = bound(keep_step, (self._own,), 0, 0, data.efc_force)
+        self._keep_step = bound(keep_step, (self.own,), 0, 0, data.efc_force)
         self._unknown = np.full(max(model.nu, 3), np.nan)
-        row = np.zeros(2)[::2]  # any step from number to number
-        self._keep_command = bound(keep_command, (self._own,), 0, *[row] * 5)
-        self._zmp_gap = bound(gap_of, (self._own,), 0)
 
     def _make_sensors(self, model: mujoco.MjModel, steps: int) -> None:
         """Arrays for readings; those of a joint's position or rate are views of the states."""
@@ -259,10 +260,6 @@ class RunLog:
         xyzw = Rotation.from_matrix(turns, assume_valid=True).as_quat()
         self.foot_rotation[instants] = xyzw.reshape(-1, 2, 4)[..., [3, 0, 1, 2]]
 
-    def sense(self, data: mujoco.MjData) -> None:
-        """Read which sole points touch, after ``mj_step1``."""
-        self._read_touch(data.ncon)
-
     def keep(self, k: int, data: mujoco.MjData) -> None:
         """Copy contacts, places, sensors and torques of step k, and the state from which the next one starts.
 
@@ -274,26 +271,17 @@ class RunLog:
         if k % spill.ROWS == 0:
             spill.release()
 
-    def keep_command(self, k: int, output: ControlOutput, reference: Reference) -> None:
-        """Copy the command of the tick at step k; it is valid until the next one. Its arrays are float64.
+    def command(self, k: int, output: ControlOutput) -> Iterable[Array]:
+        """Rate, ZMP, force and angular momentum of the tick at step k, NaN where there is none.
 
-        A controller's ZMP is on z = 0; kept is that on the plane of the last step's contacts.
+        A controller's ZMP is on z = 0; this is that on the plane of the last step's contacts.
         """
-        zmp, force = output.zmp, output.force
+        rate, zmp, force, momentum = output.rate, output.zmp, output.force, output.angular_momentum
         if self.metadata and zmp is not None:
             height = self.point_position[max(k - 1, 0), :, 2]
             floor = support_height(self.metadata, height, self.normal_force)
             zmp = None if force is None else np.asarray(zmp) + floor * np.asarray(force[:2]) / force[2]
-        parts = zmp, output.force, output.angular_momentum, output.rate
-        known = [self._unknown if part is None else part for part in parts]
-        self._keep_command(k, np.asarray(reference.centre[0], np.float64), *known)
-        tick = k // self.substeps
-        self.qp_status[tick], self.qp_residual[tick] = output.status, output.residual
-        self.qp_iterations[tick], self.qp_time[tick] = output.iterations, output.seconds
-
-    def zmp_gap(self, k: int) -> float:
-        """Distance of the ZMP of the step before k from the commanded one [m]."""
-        return float(self._zmp_gap(k - 1))
+        return [self._unknown if part is None else part for part in (rate, zmp, force, momentum)]
 
     def keep_pushes(self, k: int, pushes: Mapping[str, Array]) -> None:
         """Copy force, moment and point of every segment that is pushed in step k, shape (9,)."""
@@ -316,7 +304,7 @@ class RunLog:
         data.xfrc_applied[:], data.qacc_warmstart[:] = 0.0, 0.0
         data.ctrl[:] = self.torque[done - 1] if done else 0.0
         mujoco.mj_forward(self.model, data)
-        copy_places(self._own, done)
+        copy_places(self.own, done)
         data.sensordata.take(self.read, out=self.readings[done], mode="clip")
         for part in spill.blocks(done + 1):
             self._complete(part.start, min(part.stop, done), part.stop)

@@ -8,6 +8,7 @@ motion.
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -16,26 +17,27 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from ampm.compiled import Bundle, bound, compiled
+from ampm.compiled import Bundle, bound, compiled, strided
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import steps_per_tick
 from ampm.planner.heights import uneven
 from ampm.vectors import put, turned, vector
-from ampm.walk import LIMITED, ControlOutput, State, Timing, Touch
+from ampm.walk import LIMITED, SOLVED, ControlOutput, State, Timing, Touch
+from validation.trial import spill
 from validation.trial.bridge import to_mujoco
 from validation.trial.controllers import find_controller, name_of
 from validation.trial.disturbances import Disturbance, Plant, Push, pushes_of
 from validation.trial.faults import FaultyController, behind_faults, started
-from validation.trial.log import RunLog, SolePoints
+from validation.trial.log import RunLog, SolePoints, gap_of, keep_command, keep_step, read_touch
 from validation.trial.origin import moved_references
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import FLOOR, SimulationRecord
 from validation.trial.restart import carry_on, quiet_mujoco
 from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
-from validation.trial.users import UsersCode
-from validation.trial.watch import End, Stance, Watch
+from validation.trial.users import UsersCode, UsersError
+from validation.trial.watch import End, Stance, Watch, stands
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -78,8 +80,7 @@ class Physics:
         # Views of MuJoCo's own memory.
         root = self.model.body(description.root_segment).id
         rotations = self.data.xmat.reshape(-1, 3, 3)
-        state = self.data.qpos, self.data.qvel, rotations[root], self.q, self.v
-        self._convert = bound(convert_state, state)
+        self.root_rotation = rotations[root]
         self.com = self.data.subtree_com[root]
         self.trunk = self._axes(description.trunk_frame)[:, 2]  # its long axis
         sites = self.points.sites[-2:]
@@ -96,29 +97,64 @@ class Physics:
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = to_mujoco(q, v)
 
-    def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """State in Pinocchio's coordinates after ``mj_step1``; the next call overwrites the arrays."""
-        self._convert()
-        return self.q, self.v
-
 
 @compiled
-def convert_state(qpos: Array, qvel: Array, root_rotation: Array, q: Array, v: Array) -> None:
-    """A state of MuJoCo in Pinocchio's coordinates, with the root's rotation to world, shape (3, 3)."""
+def sense(own: Any, log: Any, contacts: int) -> None:
+    """Read which sole points touch, and the state in Pinocchio's coordinates, after ``mj_step1``.
+
+    Args:
+        own: see :attr:`ClosedLoop.own`.
+        log: see :func:`validation.trial.log.keep_step`.
+        contacts: how many there are.
+    """
+    read_touch(log, contacts)
+    qpos, qvel, q, v = own.qpos, own.qvel, own.q, own.v
     q[:] = qpos
     q[3], q[4], q[5], q[6] = qpos[4], qpos[5], qpos[6], qpos[3]
     v[:] = qvel
-    put(v[0:3], turned(root_rotation.T, vector(qvel[0:3])))
+    put(v[0:3], turned(own.root_rotation.T, vector(qvel[0:3])))
 
 
 @compiled
-def apply(own: Any, torque: Array, rate: Array, centre: Array, trunk: Array, feet: Array) -> None:
-    """Let the torque of a tick act, and take over the planned COM, trunk axis and soles."""
+def act(
+    own: Any, log: Any, k: int, centre: Array, trunk: Array, feet: Array, torque: Array, rate: Array,
+    zmp: Array, force: Array, momentum: Array, status: int, residual: float, iterations: int, seconds: float,
+) -> float:  # fmt: skip
+    """Let the torque of a tick act, keep its command, and take over the planned COM, trunk axis and soles.
+
+    Returns:
+        Distance of the ZMP of the step before from the commanded one [m].
+    """
+    solution = status, residual, iterations, seconds
+    keep_command(log, k, centre[0], rate, zmp, force, momentum, *solution)
     for j in range(len(torque)):
         own.ctrl[j], own.torque[j], own.rate[j] = torque[j], torque[j], rate[j]
     for axis in range(3):
         own.planned[0, axis], own.planned[1, axis] = centre[0, axis], trunk[axis, 2]
         own.planned[2, axis], own.planned[3, axis] = feet[0, axis], feet[1, axis]
+    return gap_of(log, k)
+
+
+@compiled
+def finish(own: Any, log: Any, k: int, contacts: int, efc_force: Array) -> bool:
+    """Keep a step, and let the torque go on if no tick follows; whether the body stands and MuJoCo goes on.
+
+    Args:
+        own: see :attr:`ClosedLoop.own`.
+        log: see :func:`validation.trial.log.keep_step`.
+        k: step.
+        contacts: how many there are.
+        efc_force: forces of all constraints.
+    """
+    keep_step(log, k, contacts, efc_force)
+    since = (k + 1) % log.substeps
+    if since:
+        carry_on(own.torque, own.rate, own.limit, own.ctrl, since * own.time_step)
+    planned = own.planned[0], own.planned[1], own.planned[2:]
+    going = k % log.substeps == 0 or stands(own.com, own.trunk, own.soles, *planned, own.scale)
+    for warning in own.warnings:  # MuJoCo has reset the state instead of stepping it
+        going = going and warning == 0
+    return going
 
 
 def simulate(
@@ -146,7 +182,8 @@ def simulate(
         The record up to the end of the run, whatever the outcome; an interrupt ends the run, not the record.
 
     Raises:
-        InputError: control period and time step do not fit, more steps than planned, or a user's class fails.
+        InputError: control period and time step do not fit, more steps than planned, or a user's class fails
+            at once.
     """
     planned = plan.contacts.steps
     steps = planned if steps is None else steps
@@ -243,23 +280,34 @@ class ClosedLoop:
         self.plant.segment(run.disturbance.push_segment)  # refused also without a force
         self.physics, self.controller, self.references = physics, controller, iter(references)
         behind = controller.controller if isinstance(controller, FaultyController) else controller
-        self.own = type(behind) is TrackingController
-        self.users_code = contextlib.nullcontext() if self.own else UsersCode("controller", behind)
-        self.torque, self.rate, limit = *np.zeros((2, physics.robot.nu)), physics.robot.torque_limit.copy()
-        self.carry_on = bound(carry_on, (self.torque, self.rate, limit, physics.data.ctrl), 0.0)
+        self.is_ours = type(behind) is TrackingController
+        self.users_code = contextlib.nullcontext() if self.is_ours else UsersCode("controller", behind)
         self.step_ends, self.total, self.progress = step_ends, total, progress
         self.log = RunLog(total, physics.model, physics.data, physics.points, physics.substeps)
         self.log.start(physics.data)
-        self.watch = Watch(run.controller.unsolved_limit, physics.robot.description.scale)
+        scale, data = physics.robot.description.scale, physics.data
+        self.watch = Watch(run.controller.unsolved_limit, scale)
+        self.warnings = data.warning.number[_BAD_STATE]  # a view
+        (torque, rate), limit = np.zeros((2, physics.robot.nu)), physics.robot.torque_limit.copy()
         planned = np.zeros((4, 3))  # COM, trunk and soles
         self.stance = Stance(physics.com, physics.trunk, physics.soles, planned[0], planned[1], planned[2:])
-        acts = Bundle(torque=self.torque, rate=self.rate, ctrl=physics.data.ctrl, planned=planned)
-        self.no_rate, table = np.full(len(limit), np.nan), np.zeros((4, 4))[::2, ::2]  # any steps
-        self.apply = bound(apply, (acts,), limit, limit, *[table] * 3)
-        self.warnings = physics.data.warning.number[_BAD_STATE]  # a view
+        self.own = Bundle(
+            torque=torque, rate=rate, limit=limit, ctrl=data.ctrl, planned=planned, com=physics.com,
+            trunk=physics.trunk, soles=physics.soles, scale=scale, warnings=self.warnings,
+            time_step=physics.time_step, qpos=data.qpos, qvel=data.qvel, q=physics.q, v=physics.v,
+            root_rotation=physics.root_rotation,
+        )  # fmt: skip
+        own, row, table = (self.own, self.log.own), strided(1), strided((2, 2))
+        self.sense = bound(sense, own, 0)
+        self.act = bound(act, own, 0, *[table] * 3, *[row] * 5, 0, 0.0, 0, 0.0)
+        self.finish = bound(finish, own, 0, 0, data.efc_force)
 
     def run(self) -> SimulationRecord:
-        """Step to the end of the run; an interrupt ends the run, and the record is kept."""
+        """Step to the end of the run; an interrupt or a user's error ends it, and the record is kept.
+
+        Raises:
+            UsersError: the class fails in the first step.
+        """
         done, end = 0, None
         try:
             with quiet_mujoco():
@@ -267,17 +315,20 @@ class ClosedLoop:
                     if self.progress is not None and k % _PROGRESS_STEPS == 0:
                         self.progress(k, self.total)
                     end = self._step(k)
-                    if any(self.warnings.tolist()):  # MuJoCo has reset the state instead of stepping it
-                        end = self.watch.blown_up(k * self.physics.time_step)
+                    if end is not None:
+                        done = k + (not self.warnings.any())
                         break
                     done = k + 1
-                    if end is not None:
-                        break
             if self.progress is not None:
                 self.progress(done, self.total)
         except SolverError as error:
             refused = done * self.physics.time_step
             end = End(OutcomeName.INFEASIBLE, f"the solver refused the QP at {refused:.3f} s: {error}")
+        except UsersError as error:
+            if not done:  # nothing is lost
+                raise
+            logging.getLogger("ampm").debug("The walk ends.", exc_info=True)
+            end = End(OutcomeName.CRASHED, str(error))
         except KeyboardInterrupt:
             end = End(OutcomeName.INTERRUPTED, "the run was interrupted by the user")
         time = done * self.physics.time_step
@@ -291,8 +342,6 @@ class ClosedLoop:
         """One step of the physics, with a control tick where one is due."""
         physics, end = self.physics, None
         model, data, time, since = physics.model, physics.data, k * physics.time_step, k % physics.substeps
-        if since:
-            self.carry_on(since * physics.time_step)
         if since and not self.disturbances:
             mujoco.mj_step(model, data)
         else:
@@ -302,10 +351,13 @@ class ClosedLoop:
             if not since:
                 end = self._tick(k, time)
             mujoco.mj_step2(model, data)
-        self.log.keep(k, data)
-        if since:
-            end = self.watch.check_between_ticks(time, self.stance)
-        return end
+        if k % spill.ROWS == 0:
+            spill.release()
+        if self.finish(k, data.ncon, data.efc_force):
+            return end
+        if self.warnings.any():
+            return self.watch.blown_up(time)
+        return self.watch.check(time, self.stance, SOLVED)
 
     def _disturb(self, k: int, time: float) -> None:
         """Push the body during step k."""
@@ -318,27 +370,22 @@ class ClosedLoop:
     def _tick(self, k: int, time: float) -> End | None:
         """One control tick; whether the walk is over."""
         physics = self.physics
-        self.log.sense(physics.data)
+        self.sense(physics.data.ncon)
         reference = next(self.references)
-        state = State(time, *physics.state(), 0.5 * physics.time_step)
+        state = State(time, physics.q, physics.v, 0.5 * physics.time_step)
         touch = Touch(self.log.touching.copy(), self.log.normal_force.copy(), physics.time_step)
         with self.users_code:
             output = self.controller.update(state, touch, reference)
-            if not self.own:
+            if not self.is_ours:
                 output = self._checked(output)
             reference = reference if output.reference is None else output.reference
-            self.log.keep_command(k, output, reference)
-        rate = self.no_rate if output.rate is None else output.rate
+            command = self.log.command(k, output)
         planned = reference.centre, reference.posture.trunk, reference.feet.values
-        self.apply(output.torque, rate, *(np.asarray(part, np.float64) for part in planned))
-        return self.watch.check(
-            time,
-            self.stance,
-            output.status,
-            gap=self.log.zmp_gap(k),
-            residual=output.residual,
-            limit=self._worst_joint(output) if output.status == LIMITED else "",
-        )
+        status, residual = output.status, output.residual
+        solution = status, residual, output.iterations, output.seconds
+        gap = self.act(k, *planned, output.torque, *command, *solution)
+        limit = self._worst_joint(output) if status == LIMITED else ""
+        return self.watch.check(time, self.stance, status, gap=gap, residual=residual, limit=limit)
 
     def _checked(self, output: ControlOutput) -> ControlOutput:
         """Output of a user's controller, if it can be applied."""
@@ -348,8 +395,8 @@ class ClosedLoop:
         for what, values in (("torque", torque), ("rate", output.rate)):
             if values is None:
                 continue
-            if np.shape(values) != self.torque.shape:
-                raise ValueError(f"{what} of shape {np.shape(values)}, not {self.torque.shape}")
+            if np.shape(values) != self.own.torque.shape:
+                raise ValueError(f"{what} of shape {np.shape(values)}, not {self.own.torque.shape}")
             if (bad := ~np.isfinite(values)).any():
                 worst = int(np.argmax(bad))
                 raise ValueError(f"{what} of {self.physics.robot.joint_names[worst]} is {values[worst]}")
@@ -359,6 +406,8 @@ class ClosedLoop:
             if (value := getattr(output, name)) is not None:
                 known[name] = np.empty(size)
                 known[name][:] = value
+        known |= {"status": int(output.status), "residual": float(output.residual)}
+        known |= {"iterations": int(output.iterations), "seconds": float(output.seconds)}
         return output._replace(**known)
 
     def _worst_joint(self, output: ControlOutput) -> str:

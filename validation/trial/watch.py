@@ -97,6 +97,17 @@ def posture(
 
 
 @compiled
+def stands(
+    com: Array, trunk: Array, soles: Array, planned: Array, planned_trunk: Array, planned_soles: Array,
+    scale: float,
+) -> bool:  # fmt: skip
+    """Whether a body of such a size has not fallen; arguments as in :func:`posture`."""
+    height, apart, upright = posture(com, trunk, soles, planned, planned_trunk, planned_soles)
+    # Not so where a number is none.
+    return abs(height - 1.0) <= FALL_SHARE and apart <= scale * FALL_DISTANCE and upright >= _FALL_COSINE
+
+
+@compiled
 def zmp_gap(force: Array, place: Array, command: Array) -> float:
     """Distance of the ZMP from the commanded one; 0 where there is no force or no command [m].
 
@@ -187,7 +198,6 @@ class Watch:
         if stance is not self._stance:
             com, trunk, _, planned, planned_trunk, _ = self._stance = stance
             self._look = bound(look, (com, trunk, planned, planned_trunk, self._last_com, self._off))
-            self._posture = bound(posture, stance)
 
     def check(
         self,
@@ -249,18 +259,6 @@ class Watch:
         if fallen := stance.fallen(self._scale):
             return self._end(OutcomeName.FELL, f"{fallen} {at}")
         return self._check_unsolved(time, status, distance <= self._off and lean <= FIRST_TILT)
-
-    def check_between_ticks(self, time: float, stance: Stance) -> End | None:
-        """Whether the body has fallen at a step without a tick; arguments as in :meth:`check`."""
-        self._bind(stance)
-        height, apart, upright = self._posture()
-        if (
-            abs(height - 1.0) <= FALL_SHARE
-            and apart <= self._scale * FALL_DISTANCE
-            and upright >= _FALL_COSINE
-        ):
-            return None
-        return self.check(time, stance, SOLVED)
 
     def blown_up(self, time: float) -> End:
         """The end of a walk whose accelerations the simulator refused to integrate."""
