@@ -321,13 +321,12 @@ class WalkPlan(StepPlan):
             middle = np.minimum(times + delay, self.duration)
             held, held_feet = self.sample(middle), self.feet.sample(middle)
             held_body = self.posture.sample(middle)
-        contact = _both(feet, "contact")
+        contact = self.feet.contact(times)
         until_lift = self.feet.until_lift(times, contact)
 
         def within(span: float) -> Flags:
             """Contact now or at the end of a time span."""
-            ahead = self.feet.sample(np.minimum(times + span, self.feet.duration)) if span else feet
-            return contact | _both(ahead, "contact")
+            return contact | self.feet.contact(np.minimum(times + span, self.feet.duration))
 
         return ReferenceTable(
             Reference(

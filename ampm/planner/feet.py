@@ -91,6 +91,11 @@ class FootPath:
         for value in vars(self).values():
             value.setflags(write=False)
 
+    def segments(self, times: Array) -> NDArray[np.intp]:
+        """Segment at every time, shape (N,)."""
+        last = np.searchsorted(self.start, times + 1e-12, side="right") - 1
+        return np.asarray(last.clip(0, len(self.start) - 1))
+
     def until_lift(self, time: float) -> Array:
         """Time from an instant to the end of every group's present contact, or next one, shape (3,) [s]."""
         lifts = self.contact[:-1] & ~self.contact[1:] & (self.start[1:, None] > time)
@@ -119,6 +124,10 @@ class FeetPlan(Brief):
                 "give times within it or plan more steps"
             )
         return _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
+
+    def contact(self, times: Array) -> NDArray[np.bool_]:
+        """Groups of both feet in contact at times (T,) [s], shape (T, 2, 3)."""
+        return np.stack([path.contact[path.segments(times)] for path in (self.left, self.right)], axis=1)
 
     def until_lift(self, times: Array, contact: NDArray[np.bool_]) -> Array:
         """Time from each tick to the end of the present contact, or of the next one, counted in whole ticks.
@@ -189,7 +198,7 @@ def _evaluate(coefficients: Array, t: Array) -> tuple[Array, Array, Array]:
 
 
 def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
-    index = np.clip(np.searchsorted(path.start, t + 1e-12, side="right") - 1, 0, len(path.start) - 1)
+    index = path.segments(t)
     local = t - path.start[index]
     pivot, pivot_velocity, pivot_acceleration = _evaluate(path.path[index], local[:, None])
     pitch, pitch_velocity, pitch_acceleration = _evaluate(path.pitch[index], local)
