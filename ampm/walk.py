@@ -302,6 +302,10 @@ class WalkPlan(StepPlan):
             return np.zeros(len(times), dtype=bool)
         return np.asarray((np.abs(times[:, None] - self.jump_times) < period).any(axis=1))
 
+    def _postures(self, times: Array) -> PostureState:
+        """States at times (T,) [s], as compiled functions take them."""
+        return PostureState(*(np.asarray(part, np.float64) for part in self.posture.sample(times)))
+
     def table(self, times: ArrayLike, timing: Timing = SHARP) -> ReferenceTable:
         """References at the ticks of a controller, ascending, shape (T,) [s].
 
@@ -311,7 +315,7 @@ class WalkPlan(StepPlan):
             InputError: a time lies outside the plan.
         """
         times = np.array(times, dtype=np.float64)
-        sample, feet, body = self.sample(times), self.feet.sample(times), self.posture.sample(times)
+        sample, feet, body = self.sample(times), self.feet.sample(times), self._postures(times)
         momentum_z = body.angular_momentum_z
         yaw_moment = np.gradient(momentum_z, times) if len(times) > 1 else np.zeros(len(times))
         held, held_feet, held_body = sample, feet, body
@@ -320,7 +324,7 @@ class WalkPlan(StepPlan):
             delay = 0.5 * timing.hold * (jumps if timing.slope else 1.0)
             middle = np.minimum(times + delay, self.duration)
             held, held_feet = self.sample(middle), self.feet.sample(middle)
-            held_body = self.posture.sample(middle)
+            held_body = self._postures(middle)
         contact = self.feet.contact(times)
         until_lift = self.feet.until_lift(times, contact)
 

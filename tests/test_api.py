@@ -162,7 +162,7 @@ class Short(Broken):
         ({"controller": "x"}, "controller.name 'x' is none of ampm, joint-pd; .* MODULE:CLASS"),
         ({"controller": 3}, "3 cannot be the controller; give a class"),
         ({"planner": object}, "cannot be the planner; give an object"),
-        ({"planner": Slack(lambda state: None)}, "planner Slack failed .AttributeError"),
+        ({"planner": Slack(lambda state: None)}, "planner Slack failed .TypeError"),
         (
             {"planner": Slack(lambda state: state._replace(q=state.q[:, :5]))},
             "'q' of its posture at 0 s must be",

@@ -143,6 +143,20 @@ def test_torques_that_cannot_be_applied_end_the_walk_and_keep_its_record(spoil, 
     assert not trial.verdict.passed
 
 
+def test_a_reference_that_a_controller_followed_may_be_of_lists_but_of_the_right_shape():
+    class Lists(TrackingController):
+        def update(self, state, touch, reference):
+            output = super().update(state, touch, reference)
+            centre = reference.centre.tolist() if state.time < 0.01 else [1.0, 2.0]
+            return output._replace(reference=reference._replace(centre=centre))
+
+    run = ampm.load_run("normal", **QUICK)
+    record, plain = val.walk(run, controller=Lists).record, val.walk(run).record
+    assert record.outcome.name == "crashed"
+    assert "controller Lists failed (ValueError" in record.outcome.cause
+    np.testing.assert_array_equal(record.command_com, plain.command_com[: record.steps])
+
+
 def test_a_motor_gives_no_more_than_its_limit():
     class Strong(JointPD):
         def update(self, state, touch, reference):

@@ -281,7 +281,7 @@ class ClosedLoop:
         self.physics, self.controller, self.references = physics, controller, iter(references)
         behind = controller.controller if isinstance(controller, FaultyController) else controller
         self.is_ours = type(behind) is TrackingController
-        self.users_code = contextlib.nullcontext() if self.is_ours else UsersCode("controller", behind)
+        self.users_code = UsersCode("controller", behind)
         self.step_ends, self.total, self.progress = step_ends, total, progress
         self.log = RunLog(total, physics.model, physics.data, physics.points, physics.substeps)
         self.log.start(physics.data)
@@ -374,12 +374,13 @@ class ClosedLoop:
         reference = next(self.references)
         state = State(time, physics.q, physics.v, 0.5 * physics.time_step)
         touch = Touch(self.log.touching.copy(), self.log.normal_force.copy(), physics.time_step)
-        with self.users_code:
+        if self.is_ours:
             output = self.controller.update(state, touch, reference)
-            if not self.is_ours:
-                output = self._checked(output)
-            reference = reference if output.reference is None else output.reference
-            command = self.log.command(k, output)
+        else:
+            with self.users_code:
+                output = self._checked(self.controller.update(state, touch, reference))
+        reference = reference if output.reference is None else output.reference
+        command = self.log.command(k, output)
         planned = reference.centre, reference.posture.trunk, reference.feet.values
         status, residual = output.status, output.residual
         solution = status, residual, output.iterations, output.seconds
@@ -406,6 +407,12 @@ class ClosedLoop:
             if (value := getattr(output, name)) is not None:
                 known[name] = np.empty(size)
                 known[name][:] = value
+        if (own := output.reference) is not None:
+            parts = np.empty((5, 3)), np.empty((3, 3)), np.empty((2, 27))
+            for part, value in zip(parts, (own.centre, own.posture.trunk, own.feet.values), strict=True):
+                part[:] = value
+            posture, feet = own.posture._replace(trunk=parts[1]), own.feet._replace(values=parts[2])
+            known["reference"] = own._replace(centre=parts[0], posture=posture, feet=feet)
         known |= {"status": int(output.status), "residual": float(output.residual)}
         known |= {"iterations": int(output.iterations), "seconds": float(output.seconds)}
         return output._replace(**known)
