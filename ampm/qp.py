@@ -324,7 +324,7 @@ class DaqpBackend:
         except ImportError as error:
             raise InputError(
                 "solver.qp = daqp needs the package daqp, which is not installed; "
-                "install it with 'pip install -e .[daqp]' in the checkout or use solver.qp = osqp"
+                "install it with 'pip install -e .[daqp]' in the checkout or use solver.qp = osqp."
             ) from error
         self._daqp = daqp
         self._sense = np.zeros(rows, dtype=np.int32)
@@ -363,4 +363,4 @@ def make_backend(
         return AdmmBackend(P_mask, A_mask, settings)
     if name == "daqp":
         return DaqpBackend(A_mask.shape[1], A_mask.shape[0])
-    raise InputError(f"there is no QP solver {name!r}; choose one of {', '.join(BACKENDS)}")
+    raise InputError(f"there is no QP solver {name!r}; choose one of {', '.join(BACKENDS)}.")

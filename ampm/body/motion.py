@@ -146,7 +146,7 @@ class WholeBodyMotion(Brief):
         """
         t = np.atleast_1d(np.asarray(times, dtype=np.float64))
         if t.size and t.min() < -1e-9:
-            raise InputError(f"time {t.min():g} s lies before the motion's start at 0 s; give later times")
+            raise InputError(f"time {t.min():g} s lies before the motion's start at 0 s; give later times.")
         step = np.maximum(np.floor(t / self.step_duration + 1e-9), 0.0)
         local = np.clip(t - step * self.step_duration, 0.0, self.step_duration)
         index = np.clip(np.searchsorted(self.time, local + 1e-12, side="right") - 1, 0, len(self.time) - 2)

@@ -105,7 +105,7 @@ def tree_of(model: pin.Model) -> Records:
         if axis is None or (i == 0 and source.shortname() != "JointModelFreeFlyer"):
             raise InputError(
                 f"joint {model.names[i + 1]!r} is a {source.shortname()}; the body needs a free root, and "
-                "hinges only"
+                "hinges only."
             )
         placement = model.jointPlacements[i + 1]
         tree["parent"][i], tree["axis"][i] = model.parents[i + 1] - 1, axis

@@ -132,7 +132,7 @@ class Robot:
     def _frame(self, name: str) -> int:
         if not self.model.existFrame(name):
             raise InputError(
-                f"the model has no frame {name!r}, which the body's description names; add it or rename"
+                f"the model has no frame {name!r}, which the body's description names; add it or rename."
             )
         return int(self.model.getFrameId(name))
 
@@ -142,7 +142,7 @@ class Robot:
         for name in joints:
             if not self.model.existJointName(name):
                 raise InputError(
-                    f"the model has no joint {name!r}, which the body's description names; rename it"
+                    f"the model has no joint {name!r}, which the body's description names; rename it."
                 )
             indices.append(self.model.joints[self.model.getJointId(name)].idx_v)
         return np.array(indices, dtype=np.intp)

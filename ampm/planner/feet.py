@@ -121,7 +121,7 @@ class FeetPlan(Brief):
         if t.size and not (t.min() >= -1e-9 and t.max() <= self.duration + 1e-9):
             raise InputError(
                 f"time {t.min():g} ... {t.max():g} s lies outside the plan's 0 ... {self.duration:g} s; "
-                "give times within it or plan more steps"
+                "give times within it or plan more steps."
             )
         return _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
 

@@ -85,7 +85,7 @@ class Plant:
         body = self.segment(segment)
         wrench = np.concatenate([np.reshape(force, 3), np.reshape(moment, 3)]).astype(np.float64)
         if not np.isfinite(wrench).all():
-            raise InputError(f"a push of {wrench} on {segment} is not finite; give finite numbers")
+            raise InputError(f"a push of {wrench} on {segment} is not finite; give finite numbers.")
         if segment == "com":  # acts on the root, with the moment of the same force at the centre of mass
             wrench[3:] += np.cross(self.position("com") - self._data.xipos[body], wrench[:3])
         self._data.xfrc_applied[body] += wrench

@@ -52,7 +52,7 @@ class Outcome:
             object.__setattr__(self, "name", OutcomeName(self.name))
         except ValueError:
             known = ", ".join(OutcomeName)
-            raise InputError(f"outcome '{self.name}' is unknown; use one of {known}") from None
+            raise InputError(f"outcome '{self.name}' is unknown; use one of {known}.") from None
 
     @property
     def summary(self) -> str:

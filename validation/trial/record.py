@@ -159,9 +159,9 @@ class SimulationRecord:
     def __post_init__(self) -> None:
         time, q, qd = (np.asarray(value) for value in (self.time, self.q, self.qd))
         if time.ndim != 1 or time.size == 0:
-            raise InputError("a record needs at least the instant at which it starts: time has no entry")
+            raise InputError("a record needs at least the instant at which it starts: time has no entry.")
         if q.ndim != 2 or qd.ndim != 2:
-            raise InputError("q and qd must be two-dimensional: one row per instant")
+            raise InputError("q and qd must be two-dimensional: one row per instant.")
         sizes = {
             "K+1": time.size, "K": time.size - 1, "nq": q.shape[1], "nv": qd.shape[1],
             "P": len(self.point_foot), "F": 2, "T": len(self.tick_time), "nu": len(self.joint_names),
@@ -173,7 +173,7 @@ class SimulationRecord:
                 given = np.zeros(shape)
             value = _frozen(given, INTEGERS.get(name, np.float64))
             if value.shape != shape:
-                raise InputError(f"record: {name} has shape {value.shape}, expected {symbols} = {shape}")
+                raise InputError(f"record: {name} has shape {value.shape}, expected {symbols} = {shape}.")
             object.__setattr__(self, name, value)
         sensors = {}
         for name, given in self.sensors.items():
@@ -181,7 +181,7 @@ class SimulationRecord:
             value = value.reshape(-1, 1) if value.ndim == 1 else value
             if value.ndim != 2 or len(value) != time.size:
                 raise InputError(
-                    f"record: sensor '{name}' has shape {value.shape}, expected ({time.size}, d)"
+                    f"record: sensor '{name}' has shape {value.shape}, expected ({time.size}, d)."
                 )
             sensors[name] = value
         object.__setattr__(self, "sensors", MappingProxyType(sensors))

@@ -190,7 +190,7 @@ def simulate(
     if not 1 <= steps <= planned:
         raise InputError(
             f"{steps} steps were requested, but the plan has {planned}; "
-            f"take 1 ... {planned} or raise gait.steps"
+            f"take 1 ... {planned} or raise gait.steps."
         )
     scene = disturbed_model(body, run, plan.contacts)
     physics = Physics(scene, run)
