@@ -210,16 +210,6 @@ def test_condensed_answer_is_that_of_the_whole_problem(time):
     )
 
 
-@pytest.mark.parametrize("time", INSTANTS)
-@pytest.mark.parametrize("solver", ["osqp", "admm"])
-def test_others_find_what_daqp_finds(time, solver):
-    one, other = tick(time, shift=0.003)[-1], tick(time, shift=0.003, solver=solver)[-1]
-    assert other.status == SOLVED
-    np.testing.assert_allclose(other.force, one.force, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(other.point_force.sum(axis=0), one.point_force.sum(axis=0), atol=0.2)
-    np.testing.assert_allclose(other.torque, one.torque, atol=1.0)
-
-
 def test_feedback_pushes_back():
     """A COM ahead of the plan is pulled back, and the ZMP asked for moves ahead of it."""
     on_plan = tick(0.3)[-1]

@@ -115,6 +115,7 @@ def test_one_that_fails_names_itself_and_one_without_an_instant_is_not_measured(
 @pytest.mark.parametrize(
     ("change", "why"),
     [({}, "exists"), ({"name": "a b"}, "identifier"), ({"name": "new", "reason": ""}, "reason"),
+     ({"kind": "foo"}, "instrument"),
      *(({"tolerances": {"default": limit}}, "give a number") for limit in (math.nan, "0.01"))],
 )  # fmt: skip
 def test_one_that_cannot_be_is_refused(drop, change, why):

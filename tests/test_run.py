@@ -49,11 +49,6 @@ def test_a_trial_fills_its_folder_and_prints_its_summary_alone(walked):
     assert load_run(out / "run.toml").gait.steps == STEPS
 
 
-def test_replay_is_identical(walked, capsys):
-    assert call(["replay", str(walked[0])]) == Status.PASS
-    assert capsys.readouterr().out.startswith("identical")
-
-
 @pytest.mark.parametrize("torque", [lambda old: old + 1e-9, lambda _: 1e30])
 def test_replay_stops_at_the_first_difference_and_is_quiet(walked, tmp_path, capfd, monkeypatch, torque):
     """Also where the physics blows up."""
