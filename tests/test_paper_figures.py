@@ -22,7 +22,7 @@ from validation.paper.figures.accelerations import com_accelerations, joint_acce
 from validation.paper.figures.bodies import numbers, pose, trunk
 from validation.paper.figures.canvas import SPREAD, save, style
 from validation.paper.figures.foot_roll import joint_jumps
-from validation.paper.figures.walks import Walk, Walks, of_motion
+from validation.paper.figures.walks import Walk, Walks
 from validation.run.walk import walk_planned
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.plan import load_request, plan_walk
@@ -144,14 +144,6 @@ def test_motion_has_the_plans_com_force_zmp_and_momentum(walk):
     assert np.sqrt((simulated**2).mean()) < walk.limit("zmp_x_rmse")
     assert walk.limit("zmp_x_rmse") == pytest.approx(2.5e-3)
     assert walk.limit("force_x_rmse") == pytest.approx(0.008 * 60.0 * 9.81, rel=1e-3)
-
-
-def test_zmp_of_a_body_that_stands_still_is_under_its_com(walk):
-    sample = walk.motion.sample([0.3], walk.robot)
-    still = sample._replace(v=0.0 * sample.v, acceleration=0.0 * sample.acceleration)
-    found = of_motion(still, walk.robot, walk.plan)
-    np.testing.assert_allclose(found.zmp, found.com[:, :2], rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(found.force[0], [0, 0, walk.plan.mass * walk.plan.gravity], atol=1e-6)
 
 
 def words_of(figure: Figure) -> str:
