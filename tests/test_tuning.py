@@ -260,10 +260,6 @@ def test_tune_writes_a_run_that_reads_back(ampm, tmp_path):
     run = load_run(path)
     assert run.model_dump() == answer["parameters"]
     assert path.read_text().startswith("# normal")
-    status, out, _ = ampm("tune", "normal")
-    assert status == Status.PASS
-    assert "gait.com_height" in out
-    assert "at least" in out  # the limit that is nearest
     for arguments, words in ((("normal", "--out", path), "--force"), ((path,), "nothing to find")):
         status, _, err = ampm("tune", *arguments)
         assert status == Status.REFUSED

@@ -12,8 +12,9 @@ from ampm.body.robot import Gaps
 from ampm.description import SoleGeometry
 from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
-from ampm.walk import PostureState, WalkPlan
+from ampm.walk import UNSOLVED, PostureState, WalkPlan
 from validation.measure.measure import MeasuredGait, SelfChecks, StandingCheck, zmp_from_momentum
+from validation.run.trial import Trial
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import SimulationRecord, restart_steps
 
@@ -157,6 +158,14 @@ def with_state(plan, measured, com_shift=0.0, force_shift=0.0, moment_shift=0.0,
         zmp_momentum=zmp,
         zmp=zmp + instrument,
     )
+
+
+def assert_follows(trial: Trial, limit: float) -> None:
+    """Completed, every QP solved, within a limit of the RMS error of the ZMP [m]."""
+    assert trial.record.outcome.completed, trial.record.outcome.cause
+    assert not (trial.record.qp_status == UNSOLVED).any()
+    error = trial.measured.zmp - trial.comparison.sample.zmp
+    assert np.sqrt((error**2).mean(axis=0)).max() < limit
 
 
 def without_point(record: SimulationRecord, index: int | None = None) -> SimulationRecord:
