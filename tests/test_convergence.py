@@ -34,9 +34,6 @@ from validation.trial.plan import load_request
 
 COARSE = ["simulation.time_step=0.002"]
 """The finest of four levels is then not too slow."""
-SLOW = [
-    w for key in ("step_length=0.75", "switching_velocity=0.2", "c_s=1.8") for w in ("--set", f"gait.{key}")
-]
 
 # --------------------------------------------------------------------------------- studies
 
@@ -291,26 +288,6 @@ def summary_with(known):
 
 
 # --------------------------------------------------------------------------- command line, and a real study
-
-
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        (["normal", *SLOW], "too slow"),
-        (["normal", "--steps", "1"], "walk 2 at least"),
-        (["normal", "--levels", "2"], "choose 3"),
-        (["normal", "--levels", "7"], "choose 3"),
-        (["normal", "--study", "steps"], "use one of time_step"),
-        (["normal", "--workers", "0"], "at least one process"),
-        (["normal", "--profile", "lenient"], "use one of default"),
-        (["normal", "--set", "simulation.time_step=0.0015"], "must be a whole number"),
-    ],
-)
-def test_bad_input_is_one_sentence_and_status_2(arguments, why, capsys):
-    assert call(["convergence", *arguments]) == Status.REFUSED
-    error = capsys.readouterr().err
-    assert why in error
-    assert error.count("\n") == 1
 
 
 def test_folders_that_cannot_be_written_or_read_are_refused_before_anything_walks(folder, tmp_path, capsys):

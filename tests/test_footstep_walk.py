@@ -310,18 +310,6 @@ def test_posture_follows_the_heading_of_the_feet():
         ampm.AmpmFootsteps().plan(None, begin=walk)  # type: ignore[arg-type]
 
 
-def test_what_says_nothing_of_footsteps_is_refused_beside_them(tmp_path, ampm):
-    path = tmp_path / "walk.csv"
-    path.write_text(SHORT, encoding="utf-8")
-    for options, words in (
-        (["--planner", "dcm"], "the planner dcm does not plan footsteps"),
-        (["--steps", "4"], "--steps counts the steps of a periodic gait"),
-    ):
-        answer = ampm("validate", "normal", "--footsteps", path, *options, "--out", tmp_path / "run")
-        assert answer.status == 2
-        assert words in answer.err
-
-
 # ---------------------------------------------------------------------------------------------------- stops
 
 

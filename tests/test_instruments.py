@@ -343,20 +343,6 @@ def test_command_prints_json_and_writes_its_files(run_dir, tmp_path, capsys):
     assert call([*arguments]) == Status.REFUSED  # the file exists
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["instrument", "{}"], "run.toml"),
-        (["instrument", "{}", "--instrument", "imuu"], "did you mean 'imu'"),
-        (["validate", "normal", "--instrument", "imuu", "--out", "{}/run"], "did you mean 'imu'"),
-    ],
-)
-def test_commands_refuse_what_is_no_run_and_no_instrument(arguments, words, tmp_path, capsys):
-    assert call([item.format(tmp_path) for item in arguments]) == Status.REFUSED
-    assert words in capsys.readouterr().err
-    assert not (tmp_path / "run").exists()
-
-
 def test_a_trial_with_an_instrument_keeps_and_shows_it(run_of, tmp_path, capsys):
     out = tmp_path / "run"
     arguments = ["validate", "normal", "--steps", "2", "--instrument", "force-plate", "--out", str(out)]

@@ -206,5 +206,3 @@ def test_the_command_and_the_api_walk_the_same(capsys):
     assert call(["tour", "normal", *arguments]) == 0
     title = "Tour of normal, simulation.time_step 0.002, body human, controller ampm (fixed), arms at random"
     assert title in capsys.readouterr().out
-    assert call(["tour", "normal", "--seeds", "0"]) == 2
-    assert "--seeds 0: give a number of at least 1" in capsys.readouterr().err

@@ -266,20 +266,6 @@ def test_tune_writes_a_run_that_reads_back(ampm, tmp_path):
         assert words in err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("--out", "gait.txt"), ".toml"),
-        (("ipm",), "gait.model = 'ipm' cannot be tuned"),
-        (("--set", "gait.c_y=-1"), "gait.c_y = -1 must be greater than 0"),
-    ],
-)
-def test_what_cannot_be_tuned_is_refused_before_the_search(ampm, arguments, words):
-    status, _, err = ampm("tune", *arguments)
-    assert status == Status.REFUSED
-    assert words in err
-
-
 def test_validate_finds_what_is_left_open(ampm, tmp_path):
     def validate(*settings):
         words = [word for setting in settings for word in ("--set", setting)]
