@@ -76,14 +76,6 @@ def same(one: FootSample, other: FootSample, names: str, tolerance: float):
         np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=tolerance, err_msg=name)
 
 
-def rests(sample: FootSample, x: float):
-    """The point at ``x`` of the foot has no velocity and no acceleration, its foot turns evenly."""
-    _, velocity, acceleration = point_motion(sample, x)
-    np.testing.assert_allclose(velocity, 0.0, rtol=0.0, atol=1e-10)
-    np.testing.assert_allclose(acceleration, 0.0, atol=1e-8)
-    np.testing.assert_allclose(sample.pitch_acceleration, 0.0, atol=1e-8)
-
-
 @pytest.mark.parametrize(
     "foot", [*SCHEDULES.values(), *PAPER.values()], ids=[*SCHEDULES, *map("paper-{}".format, PAPER)]
 )
@@ -111,16 +103,6 @@ def test_paths_are_c2_over_every_key_frame(plan):
         same(before, after, "position pitch toe sole_points", 1e-9)
         same(before, after, "velocity pitch_velocity toe_velocity", 1e-8)
         same(before, after, "acceleration pitch_acceleration toe_acceleration", 1e-6)
-
-
-def test_swing_begins_and_ends_without_acceleration(plan):
-    """E17: the foot leaves and lands at rest, or already turning about the point that stays."""
-    single, step = plan.constants.single_support_duration, plan.constants.step_duration
-    lift = step * np.arange(1, STEPS, 2)  # the left foot swings in odd steps
-    left = plan.feet.sample(lift)[0]
-    rests(left, SOLE.ball_x)
-    np.testing.assert_allclose(left.toe_acceleration, 0.0, atol=1e-8)
-    rests(plan.feet.sample(lift + single)[0], SOLE.heel_x)
 
 
 def test_points_in_contact_rest_on_the_floor(plan):
@@ -173,15 +155,6 @@ def test_feet_stand_on_their_placements_and_unequal_ones_need_no_other_code(sche
         foot = feet.sample((k + 0.3) * plan.constants.step_duration)[0 if step.foot == "left" else 1]
         np.testing.assert_allclose(foot.position[0], step.position, rtol=0.0, atol=1e-12)
         assert foot.pitch[0] == foot.toe[0] == 0.0
-
-
-def test_right_foot_is_the_left_foot_mirrored_one_step_later(plan):
-    times = np.linspace(0.0, plan.duration - plan.constants.step_duration - 1e-6, 500)
-    left, _ = plan.feet.sample(times)
-    _, right = plan.feet.sample(times + plan.constants.step_duration)
-    mirrored = left.position * [1, -1, 1] + [plan.contacts.step_length, 0, 0]
-    np.testing.assert_allclose(right.position, mirrored, rtol=0.0, atol=1e-9)
-    same(right, left, "pitch toe", 1e-9)
 
 
 def test_swing_lag_holds_the_foot_back_at_mid_swing_only():
