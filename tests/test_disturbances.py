@@ -53,16 +53,10 @@ def test_a_push_is_recorded_where_and_when_it_acts(tmp_path):
     assert not record.external_moment.any()
     assert (np.abs(record.external_position[pushed, 0] - record.com[:-1][pushed]) < 0.5).all()
     assert record.metadata["disturbances"] == str(SHOVE)
+    assert (walk().external_segments, dict(walk().metadata)) == ((), {})
     gained = (record.com - walk().com)[record.time.searchsorted(0.8)]
     assert gained[1] > 1e-3
     assert first_difference(record, stored(record, body_of().xml, tmp_path)) is None
-
-
-def test_a_pushed_walk_replays_to_the_bit_and_only_with_its_push():
-    record = walk(SHOVE)
-    assert step_again(body_of().compile(), record).identical
-    assert walk().external_segments == ()
-    assert not walk().metadata
 
 
 def test_the_zmp_from_momentum_rates_takes_pushes_into_account():

@@ -290,9 +290,6 @@ def test_as_is_keeps_the_values_of_the_preset(ampm):
     assert status == Status.PASS
     assert "found" not in err
     assert json.loads(out)["parameters"]["gait"]["a_s"] == load_run("normal").gait.a_s
-    status, _, err = ampm("plan", "--set", "gait.step_length=0.5", "--as-is")
-    assert status == Status.REFUSED
-    assert "leave out --as-is" in err
 
 
 def test_a_change_that_keeps_every_limit_with_room_to_spare_changes_nothing_else():
