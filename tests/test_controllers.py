@@ -81,14 +81,6 @@ def test_status_or_time_tells_of_a_qp(told, limited):
     assert trial.summary["solver"]["solved_with_limits"] == limited * trial.summary["solver"]["ticks"]
 
 
-def test_the_template_walks_until_it_falls(monkeypatch):
-    monkeypatch.syspath_prepend(EXAMPLES)
-    assert len((EXAMPLES / "controller_template.py").read_text(encoding="utf-8").splitlines()) <= 30
-    trial = val.walk(ampm.load_run("normal", **QUICK), controller="controller_template:MyController")
-    assert trial.record.outcome.name == "fell"
-    assert trial.record.outcome.time > 0.2
-
-
 @pytest.fixture
 def with_tsid(monkeypatch):
     """The example's module."""

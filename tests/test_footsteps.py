@@ -220,22 +220,6 @@ def test_any_steps_are_walked_or_refused_by_name(steps, gait, timed):
         np.testing.assert_allclose(reached, landings[2:], rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("gait", GAITS)
-def test_a_walk_is_the_same_wherever_it_begins(gait):
-    footsteps, angle, shift = WALKS["stones"], 2.1, (3.0, -4.0)
-    here, there = plan(footsteps, gait), plan(turned(footsteps, angle, shift), gait)
-    times = np.linspace(0.0, here.duration, 300)
-    one, other = here.sample(times), there.sample(times)
-    c, s = math.cos(angle), math.sin(angle)
-    turn = np.array([[c, -s], [s, c]])
-    for name in ("com_velocity", "com_acceleration", "moment", "angular_momentum"):
-        np.testing.assert_allclose(
-            getattr(one, name)[:, :2] @ turn.T, getattr(other, name)[:, :2], rtol=0.0, atol=1e-9
-        )
-    np.testing.assert_allclose(one.zmp @ turn.T + shift, other.zmp, rtol=0.0, atol=1e-10)
-    np.testing.assert_allclose(one.right_load, other.right_load, rtol=0.0, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [

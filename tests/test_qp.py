@@ -57,18 +57,6 @@ def test_known_solutions(name):
         assert solution.seconds > 0.0
 
 
-def test_one_workspace_serves_all_problems_of_a_pattern():
-    solver = backend("osqp")
-    first = None
-    for seed in range(6):
-        P, q, A, lower, upper, x = problem(seed)
-        if seed % 2:  # a contact that opens: bounds that are none become an equality and go back
-            lower[-1] = upper[-1] = A[-1] @ x
-        np.testing.assert_allclose(solver.solve(P, q, A, lower, upper).x, x, atol=1e-6)
-        first = first or solver._solver
-        assert solver._solver is first
-
-
 @pytest.mark.parametrize("tolerance", [3e-4, 1e-9])
 @pytest.mark.parametrize(("rho", "adaptive"), [(1.0, False), (1.0, True), (1e-3, True)])
 def test_our_iteration_is_osqps(tolerance, rho, adaptive):

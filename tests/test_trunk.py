@@ -42,13 +42,6 @@ def test_a_swing_of_one_period_is_no_tilt_and_its_mean_is():
     np.testing.assert_allclose(got, [0.02, -0.01, 0.0], rtol=0.0, atol=1e-12)
 
 
-def test_the_time_before_counts_as_upright():
-    feedback = Feedback(integral=0.0)
-    np.testing.assert_allclose(
-        feedback((0.1, 0.0, 0.0), 1.0), [0.1 / FREQUENCY, 0.0, 0.0], rtol=0.0, atol=1e-15
-    )
-
-
 def test_the_integral_of_the_mean_is_added_and_closes_with_the_window():
     feedback, window, tilt = Feedback(), 0.5, 0.04
     ticks = round(window * FREQUENCY)
