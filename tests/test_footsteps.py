@@ -12,10 +12,8 @@ from ampm.exceptions import BodilyRefusal, InputError
 from ampm.geometry import polygon_margin
 from ampm.linear import factorise_band, solve_band
 from ampm.planner import routes
-from ampm.planner.blend import BlendLaw
 from ampm.planner.contacts import Footstep, footprint
 from ampm.planner.footsteps import LARGEST_TILT, MARGIN, plan_footsteps, solve_walk, trunk_tilt
-from ampm.planner.rest_to_rest import solve
 from validation.trial.plan import make_body
 
 BODY = make_body(ampm.load_run("normal")).model.description
@@ -70,21 +68,6 @@ def test_band_solution_is_that_of_the_whole_matrix():
     np.testing.assert_allclose(right, wanted, rtol=1e-8, atol=1e-10)
 
 
-@pytest.mark.parametrize("rate", [0.0, 9.0])
-def test_a_blend_obeys_the_equation_of_motion(rate):
-    law = BlendLaw(3.4, rate, 0.25, 0.1, -0.3, (0.05, 0.2), (0.01, -0.02))
-    t, h = np.linspace(0.01, 0.24, 24), 1e-5
-    before, now, after = (law.evaluate(time) for time in (t - h, t, t + h))
-    np.testing.assert_allclose((after.position - before.position) / (2 * h), now.velocity, atol=1e-8)
-    np.testing.assert_allclose((after.velocity - before.velocity) / (2 * h), now.acceleration, atol=1e-7)
-    gained = (after.moment_arm_integral - before.moment_arm_integral) / (2 * h)
-    np.testing.assert_allclose(gained, now.moment_arm, atol=1e-8)
-    # the force line meets the COM's height at zmp - moment arm
-    np.testing.assert_allclose(
-        now.acceleration, 3.4**2 * (now.position - now.zmp + now.moment_arm), rtol=0.0, atol=1e-12
-    )
-
-
 @pytest.mark.parametrize(("gait", "steps"), [("normal", 45), ("momentum", 161)])
 def test_the_middle_of_a_long_walk_is_the_closed_form_of_the_paper(gait, steps):
     run = GAITS[gait]
@@ -100,37 +83,6 @@ def test_the_middle_of_a_long_walk_is_the_closed_form_of_the_paper(gait, steps):
     np.testing.assert_allclose(there.com[:, 1], here.com[:, 1], rtol=0.0, atol=1e-12)
     for name in ("com_velocity", "com_acceleration", "moment", "angular_momentum"):
         np.testing.assert_allclose(getattr(there, name), getattr(here, name), rtol=0.0, atol=1e-11)
-
-
-@pytest.mark.parametrize(("gait", "steps"), [("normal", 45), ("momentum", 161)])
-def test_a_walk_begun_on_the_papers_state_is_the_closed_form_of_the_paper(gait, steps):
-    run = GAITS[gait]
-    walk = solve_walk(routes.straight(steps, run.gait.step_length, run.gait.step_width), run.gait, BODY)
-    paper = ampm.plan(run)
-    constants, weight = paper.constants, paper.weight
-
-    def arm(momentum):  # J of L, in world
-        return np.stack([-momentum[..., 1], momentum[..., 0]], axis=-1) / weight
-
-    # The integral of J over the second half of a double support is Theta at the begin of the next support, on
-    # the other side.
-    node, share = np.polynomial.legendre.leggauss(20)
-    half = 0.25 * constants.double_support_duration
-    middle = constants.single_support_duration + 2.0 * half
-    theta = half * share @ arm(paper.sample(middle + half * (node + 1.0)).angular_momentum)
-    at = paper.sample([0.0])
-    begin = np.stack(
-        [at.com[0, :2], at.com_velocity[0, :2], arm(at.angular_momentum[0]), theta * [1.0, -1.0], np.zeros(2)]
-    )
-    begun = walk.problem._replace(begin=begin, ends=np.stack([np.zeros(2), walk.problem.ends[1]]))
-    solved = solve(walk.supports, begun, walk.solved.inverse_a)
-    assert np.abs(solved.nodes[0, 0]).max() < 1e-11  # no velocity is lacking
-    starts = constants.step_duration * np.arange(15)
-    here = paper.sample(starts)
-    np.testing.assert_allclose(solved.state[:15, 0], here.com[:, :2], rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(solved.state[:15, 1], here.com_velocity[:, :2], rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(solved.state[:15, 2], arm(here.angular_momentum), rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(solved.state[:15, 4], 0.0, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("gait", GAITS)
