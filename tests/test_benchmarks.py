@@ -98,6 +98,7 @@ def test_the_command_line_writes_json(result, tmp_path, monkeypatch, capsys, to)
         (["--qp", "magic"], "magic"),
         (["--set", "gait.stride=1"], "stride"),
         (["sweep", "--runs", "4"], "at least 32"),
+        (["peers", "--only", "chess"], "chess"),
     ],
 )
 def test_bad_requests_are_refused_in_one_sentence(capsys, options, said):

@@ -29,13 +29,6 @@ def check(gait, foot):
     check_body(plan_steps(gait, 60.0, foot, SOLE), BODY)
 
 
-def refused(gait, foot):
-    with pytest.raises(BodilyRefusal) as caught:
-        check(gait, foot)
-    assert caught.value.way_out in str(caught.value)
-    return caught.value
-
-
 # The way out of a long roll, a_s = 1.477 or more, is one.
 @pytest.mark.parametrize("change", [{}, {"steps": 1}, {"a_s": 1.48}])
 def test_an_easy_gait_passes(change):
@@ -47,6 +40,15 @@ def test_an_easy_gait_passes(change):
     [
         (flat(step_width=0.07), FLAT, "soles_overlap", 0.07, 0.08, "raise gait.step_width to 0.08 m"),
         (flat(a_s=1.4), FLAT, "zmp_leaves_sole", 0.158 / 1.4, 0.107, "raise gait.a_s to 1.477"),
+        # The way out of the next refusal, too.
+        (
+            flat(a_s=1.4, com_height=0.95),
+            FLAT,
+            "zmp_leaves_sole",
+            0.158 / 1.4,
+            0.107,
+            "lower gait.com_height",
+        ),
         (flat(com_height=0.95), FLAT, "leg_too_short", 0.87724, 0.8517, "lower gait.com_height"),
         (GaitParameters(a_s=5.0), ROLL, RISE, 0.0474, 0.083, "lower gait.a_s to 2.855"),
         (GaitParameters(), FootParameters(heel_rise_lead=0.05), RISE, 0.07184, 0.083, "foot.heel_rise_lead"),
@@ -71,19 +73,16 @@ def test_an_easy_gait_passes(change):
     ],
 )
 def test_a_bodily_refusal_names_value_limit_and_way_out(gait, foot, reason, value, limit, way_out):
-    refusal = refused(gait, foot)
+    with pytest.raises(BodilyRefusal) as caught:
+        check(gait, foot)
+    refusal = caught.value
+    assert refusal.way_out in str(refusal)
+    assert str(refusal).count("raise gait.a_s") <= 1
     assert refusal.reason == reason
     assert refusal.value == pytest.approx(value, rel=1e-3)
     assert refusal.limit == pytest.approx(limit)
     assert f"{refusal.value:.4g} m" in str(refusal)
     assert way_out in refusal.way_out
-
-
-def test_a_refusal_names_the_way_out_of_the_next_one_too():
-    refusal = refused(flat(a_s=1.4, com_height=0.95), FLAT)
-    assert refusal.reason == "zmp_leaves_sole"
-    assert "lower gait.com_height" in refusal.way_out
-    assert str(refusal).count("raise gait.a_s") == 1
 
 
 @pytest.mark.parametrize(

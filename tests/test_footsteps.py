@@ -173,31 +173,27 @@ def test_any_steps_are_walked_or_refused_by_name(steps, gait, timed):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("error", "change", "words"),
     [
-        (lambda steps: steps[:3], "at least 4 footsteps, not 3"),
-        (lambda steps: [*steps[:3], *steps[4:]], "footsteps 3 and 4 are both of the right foot"),
-        (lambda steps: [*steps[:-1], steps[-1]._replace(heading=math.nan)], "no finite number"),
+        (InputError, lambda steps: steps[:3], "at least 4 footsteps, not 3"),
+        (InputError, lambda steps: [*steps[:3], *steps[4:]], "footsteps 3 and 4 are both of the right foot"),
+        (InputError, lambda steps: moved(steps, -1, heading=math.nan), "no finite number"),
+        (BodilyRefusal, lambda steps: moved(steps, 4, position=(1.2, 0.15, 0.0)),
+         r"footstep 5: the right foot is -0\.06 m aside .* two soles take, 0\.09 m"),
+        (BodilyRefusal, lambda steps: moved(steps, 5, position=(2.9, 0.09, 0.0)),
+         r"footstep 6: when the left foot lands, .* 0\.8\d+ m long, and is 0\.8\d+ m"),
+        (BodilyRefusal, lambda steps: moved(steps, -1, position=(5.4, 1.2, 0.0)),
+         r"footstep 12: when the left foot lands"),
     ],
-)
-def test_a_list_that_is_no_walk(change, words):
-    with pytest.raises(InputError, match=words):
+)  # fmt: skip
+def test_a_list_that_is_no_walk(error, change, words):
+    with pytest.raises(error, match=words):
         plan(change(WALKS["straight"]))
 
 
-@pytest.mark.parametrize(
-    ("number", "place", "words"),
-    [
-        (4, (1.2, 0.15, 0.0), r"footstep 5: the right foot is -0\.06 m aside .* two soles take, 0\.09 m"),
-        (5, (2.9, 0.09, 0.0), r"footstep 6: when the left foot lands, .* 0\.8\d+ m long, and is 0\.8\d+ m"),
-        (-1, (5.4, 1.2, 0.0), r"footstep 12: when the left foot lands"),
-    ],
-)
-def test_steps_that_cannot_be_walked(number, place, words):
-    footsteps = list(WALKS["straight"])
-    footsteps[number] = footsteps[number]._replace(position=place)
-    with pytest.raises(BodilyRefusal, match=words):
-        plan(footsteps)
+def moved(steps, number, **change):
+    """The footsteps, one of them changed."""
+    return [step._replace(**change) if step is steps[number] else step for step in steps]
 
 
 FILE = """foot, x, y, heading, time

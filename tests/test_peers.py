@@ -105,11 +105,6 @@ def test_the_faster_ones_are_named_with_the_reason():
     assert compare.Section("work", (other, ours), "").remark() == "work: faster than ours are ours (p99). "
 
 
-def test_an_unknown_task_is_refused(capsys):
-    assert cli.main(["peers", "--only", "chess"]) == Status.REFUSED
-    assert "chess" in capsys.readouterr().err
-
-
 def test_the_bodys_description_for_others_is_the_same_body():
     walk = plan_walk(load_request("normal", ["gait.steps=2"]))
     robot, given = walk.body.robot, body.references(walk, 0.05)
