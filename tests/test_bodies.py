@@ -15,6 +15,7 @@ from ampm.body.feasibility import joint_groups
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import BodyParameters, RunParameters
 from models.source import known_bodies, read_body_file
+from tests.test_body_files import TOML, URDF, write
 from validation.run.body_check import check as check_body
 from validation.run.walk import walk
 from validation.store.saved import load_description
@@ -117,8 +118,7 @@ def test_a_sweep_of_another_body_walks_its_gait() -> None:
 
 
 def test_a_sweep_finds_the_body_beside_its_file(tmp_path: Path) -> None:
-    for name in ("biped.toml", "biped.urdf"):
-        (tmp_path / name).write_text(BIPED.with_name(name).read_text("utf-8"), "utf-8")
+    write(tmp_path)
     sweep = tmp_path / "sweep.toml"
     sweep.write_text('set."body.source" = "biped.toml"\n[[vary]]\nmethod = "list"\ngait.c_y = [0.8]', "utf-8")
     assert load_sweep(sweep).base.body.source == str(tmp_path / "biped.toml")
@@ -216,9 +216,8 @@ def test_check_of_a_body_that_walks_and_of_one_that_cannot(ampm) -> None:
     ],
 )
 def test_feet_that_do_not_fit_their_soles_are_noted(old: str, new: str, said: str, tmp_path: Path) -> None:
-    text = BIPED.read_text("utf-8").replace('"biped.urdf"', f'"{BIPED.with_name("biped.urdf")}"')
-    (tmp_path / "biped.toml").write_text(text.replace(old, new), "utf-8")
-    assert said in " ".join(check_body(str(tmp_path / "biped.toml")).notes)
+    path = write(tmp_path, toml=TOML.replace(old, new))
+    assert said in " ".join(check_body(str(path)).notes)
 
 
 def test_check_predicts_the_torques_of_the_walk() -> None:
@@ -235,9 +234,7 @@ def test_check_predicts_the_torques_of_the_walk() -> None:
 
 
 def test_speed_limits_refuse_a_gait(tmp_path: Path) -> None:
-    text = BIPED.with_name("biped.urdf").read_text(encoding="utf-8")
-    (tmp_path / "biped.urdf").write_text(text.replace('velocity="14"', 'velocity="1"'), "utf-8")
-    (tmp_path / "biped.toml").write_text(BIPED.read_text("utf-8"), "utf-8")
-    settings = [f"body.source='{tmp_path / 'biped.toml'}'", "foot.schedule=flat", "gait.step_length=0.35"]
+    path = write(tmp_path, URDF.replace('velocity="14"', 'velocity="1"'))
+    settings = [f"body.source='{path}'", "foot.schedule=flat", "gait.step_length=0.35"]
     with pytest.raises(RefusedGait, match="speed limit"):
         tune_walk(load_request(None, settings))
