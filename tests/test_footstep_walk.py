@@ -194,13 +194,40 @@ def test_a_walk_stops_and_goes_on():
     assert trial.verdict.passed
 
 
-def test_other_swings_are_refused():
-    paper = RUN.replace({"foot.swing": "paper"})
-    with pytest.raises(InputError, match=r"foot\.swing = quintic, not paper"):
-        plan(WALKS["straight"], paper)
-    for lead in (0.9, -0.9):
-        with pytest.raises(InputError, match="lets the heel rise before the foot stands alone, or after"):
-            plan(WALKS["straight"], RUN.replace({"foot.heel_rise_lead": lead}))
+def row(**keys):
+    return ampm.load_run("normal", footsteps=[{"foot": "left", "x": 0.0, **keys}])
+
+
+def live():
+    return LiveWalk.of(over(WALKS["straight"]), BODY)
+
+
+NONE: list[Any] = [
+    5, {"foot": "left"}, Footstep("left", (0.0, 0.1)), Footstep("left", (0.0, "a", 0.0)), np.zeros(3),  # type: ignore[arg-type]
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda: plan(WALKS["straight"], RUN.replace({"foot.swing": "paper"})), "swing = quintic, not paper"),
+        *((lambda lead=lead: plan(WALKS["straight"], RUN.replace({"foot.heel_rise_lead": lead})),
+           "lets the heel rise before the foot stands alone, or after") for lead in (0.9, -0.9)),
+        (lambda: row(foot="lefty", y=0.0), r"footsteps.* = 'lefty' must be one of"),
+        (lambda: row(), r"footsteps\.y is missing"),
+        (lambda: row(x="a", y=0.0), r"footsteps\.x = 'a' must be a number"),
+        (lambda: row(y=0.0, height=1.0), "unknown key"),
+        *((lambda step=step: routes.as_rows([step]), r"footstep 1, .* is none; give ampm\.Footstep")
+          for step in NONE),
+        *((lambda step=step: live().changed(1.0, [step, step]), r"footstep 1, .* is none") for step in NONE),
+        (lambda: val.walk(RUN, footsteps=[]), "footsteps holds none"),
+        (lambda: routes.straight(0, 0.4, WIDTH), "no steps"),
+        (lambda: routes.arc(4, 0.3, 0.0, WIDTH), "a radius other than 0 m"),
+    ],
+)  # fmt: skip
+def test_what_are_no_footsteps_or_no_swings_is_refused(wrong, words):
+    with pytest.raises(InputError, match=words):
+        wrong()
 
 
 # ------------------------------------------------------------------------------------------------ run files
@@ -216,39 +243,6 @@ def test_footsteps_are_kept_in_the_run_file(tmp_path):
     assert "footsteps" not in ampm.dump_run(RUN)
     assert again.as_is().footsteps == run.footsteps
     assert again.replace({"gait.c_s": 1.1}).footsteps == run.footsteps
-
-
-@pytest.mark.parametrize(
-    ("row", "words"),
-    [
-        ({"foot": "lefty", "x": 0.0, "y": 0.0}, r"footsteps.* = 'lefty' must be one of"),
-        ({"foot": "left", "x": 0.0}, r"footsteps\.y is missing"),
-        ({"foot": "left", "x": "a", "y": 0.0}, r"footsteps\.x = 'a' must be a number"),
-        ({"foot": "left", "x": 0.0, "y": 0.0, "height": 1.0}, "unknown key"),
-    ],
-)
-def test_rows_that_are_no_footsteps(row, words):
-    with pytest.raises(InputError, match=words):
-        ampm.load_run("normal", footsteps=[row])
-
-
-@pytest.mark.parametrize(
-    "step",
-    [5, {"foot": "left"}, Footstep("left", (0.0, 0.1)), Footstep("left", (0.0, "a", 0.0)), np.zeros(3)],  # type: ignore[arg-type]
-)
-def test_objects_that_are_no_footsteps(step):
-    with pytest.raises(InputError, match=r"footstep 1, .* is none; give ampm\.Footstep"):
-        routes.as_rows([step])
-    with pytest.raises(InputError, match=r"footstep 1, .* is none"):
-        LiveWalk.of(over(WALKS["straight"]), BODY).changed(1.0, [step, step])
-
-
-def test_no_footsteps_are_no_walk():
-    with pytest.raises(InputError, match="footsteps holds none"):
-        val.walk(RUN, footsteps=[])
-    for no_walk in (lambda: routes.straight(0, 0.4, WIDTH), lambda: routes.arc(4, 0.3, 0.0, WIDTH)):
-        with pytest.raises(InputError, match=r"no steps|a radius other than 0 m"):
-            no_walk()
 
 
 # --------------------------------------------------------------------------------------------------- trials
