@@ -98,6 +98,15 @@ def test_limits_that_leave_no_way_are_unreachable(solved):
     assert np.isfinite(caught.value.value)
 
 
+def test_closed_form_is_the_qps_minimiser_where_no_limit_binds(solved):
+    ik, reference, motion = solved
+    start = motion.q[0], motion.v[0], motion.report.angular_momentum_y_offset
+    exact = ik.integrate(reference, *start)
+    draft = ik.integrate(reference, *start, draft=True)
+    np.testing.assert_allclose(draft.acceleration, exact.acceleration, atol=1e-7)
+    np.testing.assert_allclose(draft.q, exact.q, rtol=0.0, atol=1e-10)
+
+
 def test_cost_is_strictly_convex_where_the_printed_one_is_not(solved):
     """E18: the printed cost weighs loins and chest; more directions than these are free."""
     ik, reference, motion = solved
