@@ -11,18 +11,12 @@ from models.scene import BodyModel
 from models.source import body_path, read_body_file
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from ampm.parameters import BodyParameters, ContactParameters, SimulationParameters
     from models.tree import Findings
 
 
 def build_body(
-    body: BodyParameters,
-    contact: ContactParameters,
-    simulation: SimulationParameters,
-    *,
-    cache: Path | None = None,
+    body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters
 ) -> BodyModel:
     """Build the body that ``body.source`` names; see :func:`models.human.build`.
 
@@ -30,7 +24,7 @@ def build_body(
         InputError: there is no such body, or its description or source is not usable.
     """
     if body.source == HUMAN:
-        return human.build(body, contact, simulation, cache=cache)
+        return human.build(body, contact, simulation)
     return load(body, contact, simulation)[0]
 
 

@@ -1,28 +1,23 @@
 """The 40-dof human of the paper: 17 segments, 34 hinges and a free root, for any stature and mass.
 
-The model is written with PyMJCF from the tables in :mod:`models.anthropometry`. Every segment has an explicit
+The model is written from the tables in :mod:`models.anthropometry`. Every segment has an explicit
 inertial; visual geometry has neither mass nor contact. Only the twelve points under the soles have contact,
 and only with the floor.
 """
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
-import os
 from dataclasses import dataclass, replace
-from importlib import metadata
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from ampm.description import BodyDescription, LegDescription, SoleGeometry
 from models import anthropometry as table
 from models.scene import (
     GRAVITY,
     BodyModel,
+    add,
     add_motors,
     add_root,
     add_segment,
@@ -34,6 +29,8 @@ from models.scene import (
 )
 
 if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
     from numpy.typing import NDArray
 
     from ampm.parameters import BodyParameters, ContactParameters, SimulationParameters
@@ -137,33 +134,33 @@ class _Builder:
         trunk = sum(row.length for row in rows)
         self.trunk_scale = (1.0 - table.HIP_HEIGHT) / trunk * self.height
 
-    def _body(self, parent: Any, name: str, pos: Vector, inertial: _Inertial) -> Any:
-        return add_segment(parent, name, pos, inertial.mass, inertial.com, inertial.inertia)
+    def _body(self, on: Element, name: str, pos: Vector, inertial: _Inertial) -> Element:
+        return add_segment(on, name, pos, inertial.mass, inertial.com, inertial.inertia)
 
     def _segment(
-        self, parent: Any, name: str, pos: Vector, row: table.Segment, length: float, *, upward: bool = False
-    ) -> Any:
+        self, on: Element, name: str, pos: Vector, row: table.Segment, length: float, *, upward: bool = False
+    ) -> Element:
         """Add a segment of one table row; rows run downward, the frames of the trunk are at the lower end."""
-        return self._body(parent, name, pos, self._inertial(row, length, upward=upward))
+        return self._body(on, name, pos, self._inertial(row, length, upward=upward))
 
     def _inertial(self, row: table.Segment, length: float, *, upward: bool = False) -> _Inertial:
         com = (1 - row.com) * length if upward else -row.com * length
         return _inertial(row, self.table_mass, length, (0, 0, com))
 
-    def _hinges(self, body: Any, prefix: str, kinds: tuple[str, ...]) -> tuple[str, ...]:
+    def _hinges(self, body: Element, prefix: str, kinds: tuple[str, ...]) -> tuple[str, ...]:
         names = tuple(f"{prefix}_{kind}" for kind in kinds)
         for name, kind in zip(names, kinds, strict=True):
-            body.add("joint", name=name, type="hinge", axis=_AXES[kind], range=_joint(name)[0])
+            add(body, "joint", name=name, type="hinge", axis=_AXES[kind], range=_joint(name)[0])
         return names
 
-    def _capsule(self, body: Any, start: Vector, end: Vector, radius: float, rgba: Colour) -> None:
-        body.add("geom", type="capsule", fromto=(*start, *end), size=(radius,), rgba=rgba)
+    def _capsule(self, body: Element, start: Vector, end: Vector, radius: float, rgba: Colour) -> None:
+        add(body, "geom", type="capsule", fromto=(*start, *end), size=radius, rgba=rgba)
 
-    def _limb(self, body: Any, length: float, radius: float, rgba: Colour) -> None:
+    def _limb(self, body: Element, length: float, radius: float, rgba: Colour) -> None:
         self._capsule(body, (0, 0, 0), (0, 0, -length), radius, rgba)
 
-    def _ellipsoid(self, body: Any, pos: Any, size: Vector, rgba: Colour) -> None:
-        body.add("geom", type="ellipsoid", pos=pos, size=size, rgba=rgba)
+    def _ellipsoid(self, body: Element, pos: Any, size: Vector, rgba: Colour) -> None:
+        add(body, "geom", type="ellipsoid", pos=pos, size=size, rgba=rgba)
 
     def build(self) -> BodyModel:
         waist, chest = self._trunk()
@@ -204,7 +201,8 @@ class _Builder:
         lower, middle = table.LOWER_TRUNK.length * scale, table.MIDDLE_TRUNK.length * scale
         upper, head = table.UPPER_TRUNK.length * scale, table.HEAD.length * scale
         hips = (0, 0, table.HIP_HEIGHT * h)
-        pelvis = self._segment(self.root.worldbody, "pelvis", hips, table.LOWER_TRUNK, lower, upward=True)
+        world = next(self.root.iter("worldbody"))
+        pelvis = self._segment(world, "pelvis", hips, table.LOWER_TRUNK, lower, upward=True)
         add_root(pelvis)
         self._ellipsoid(pelvis, (0, 0, 0.035 * h), (0.068 * h, 0.099 * h, 0.062 * h), _TROUSERS)
 
@@ -226,7 +224,7 @@ class _Builder:
         )
         nose = (0.064 * h, 0, upper + 0.46 * head)
         self._ellipsoid(thorax, nose, (0.010 * h, 0.007 * h, 0.013 * h), _SKIN)
-        thorax.add("site", name="imu", pos=(0, 0, 0.5 * upper))
+        add(thorax, "site", name="imu", pos=(0, 0, 0.5 * upper))
         self.pelvis, self.thorax, self.shoulder_z = pelvis, thorax, shoulder_z
         return waist, chest
 
@@ -256,12 +254,12 @@ class _Builder:
         foot_inertial = foot_inertial.seen_from(to_ankle)
         foot = self._body(shank, f"{side}_foot", (0, 0, -shank_length), foot_inertial)
         ankle = self._hinges(foot, f"{side}_ankle", ("pitch", "roll"))
-        foot.add("site", name=f"{side}_sole", pos=-to_ankle)
+        add(foot, "site", name=f"{side}_sole", pos=-to_ankle)
         back, front = sole.heel_x - 0.004 * h, sole.ball_x
         thickness = table.TOE_THICKNESS * h
         pos = np.array([0.5 * (back + front), 0, 0.5 * thickness + 0.001]) - to_ankle
         size = (0.5 * (front - back), 0.9 * sole.ball_half_width, 0.5 * thickness)
-        foot.add("geom", type="box", pos=pos, size=size, rgba=_SHOE)
+        add(foot, "geom", type="box", pos=pos, size=size, rgba=_SHOE)
         pos = np.array([0.35 * front + 0.65 * back, 0, 0.55 * sole.ankle_height]) - to_ankle
         size = (0.46 * (front - back), 0.8 * sole.ball_half_width, 0.46 * sole.ankle_height)
         self._ellipsoid(foot, pos, size, _SHOE)
@@ -269,11 +267,11 @@ class _Builder:
         to_toe = np.array([sole.ball_x, 0.0, 0.0])
         toe = self._body(foot, f"{side}_toe", tuple(to_toe - to_ankle), toe_inertial.seen_from(to_toe))
         (toe_joint,) = self._hinges(toe, f"{side}_toe", ("pitch",))
-        toe.add("site", name=f"{side}_toe_axis")
+        add(toe, "site", name=f"{side}_toe_axis")
         length = sole.tip_x - sole.ball_x + 0.003 * h
         size = (0.5 * length, 0.9 * sole.ball_half_width, 0.5 * thickness)
         pos = (0.5 * length, 0, 0.5 * thickness + 0.001)
-        toe.add("geom", type="box", pos=pos, size=size, rgba=_TOE_CAP)
+        add(toe, "geom", type="box", pos=pos, size=size, rgba=_TOE_CAP)
 
         points = add_sole_points(side, sole, [(foot, -to_ankle), (foot, -to_ankle), (toe, -to_toe)])
         return LegDescription(
@@ -342,42 +340,16 @@ def _mirrored(joint: str) -> tuple[str, str, float]:
     return (joint, image, 1.0 if joint.endswith("pitch") else -1.0)
 
 
-def build(
-    body: BodyParameters,
-    contact: ContactParameters,
-    simulation: SimulationParameters,
-    *,
-    cache: Path | None = None,
-) -> BodyModel:
+def build(body: BodyParameters, contact: ContactParameters, simulation: SimulationParameters) -> BodyModel:
     """Build the human for a stature, a mass, a floor and a time step.
 
     Args:
         body: ``height`` [m] and ``mass`` [kg].
         contact: stiffness and friction of the soles on the floor.
         simulation: ``time_step`` [s] and ``integrator``.
-        cache: folder that keeps built bodies by their inputs; None keeps nothing.
 
     Returns:
         MJCF text and description. At ``q = 0`` the body stands upright with hanging arms, its hips at x = 0
         and its soles on the floor.
     """
-    if cache is None:
-        return _Builder(body, contact, simulation).build()
-    digest = hashlib.sha256(repr((body, contact, simulation, metadata.version("dm_control"))).encode())
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
-    key = digest.hexdigest()[:24]
-    kept = cache / f"body-{key}.json"
-    adapter = TypeAdapter(tuple[str, BodyModel])
-    # A file that is not there, is damaged or of another body is written again; where none can be written the
-    # body is built.
-    with contextlib.suppress(OSError, ValueError):
-        own, model = adapter.validate_json(kept.read_bytes())
-        if own == key:
-            return model
-    model = _Builder(body, contact, simulation).build()
-    with contextlib.suppress(OSError):
-        partial = kept.with_suffix(f".{os.getpid()}")
-        partial.write_bytes(adapter.dump_json((key, model)))
-        partial.replace(kept)  # renamed, so that readers see whole files only
-    return model
+    return _Builder(body, contact, simulation).build()

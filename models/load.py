@@ -18,6 +18,7 @@ from ampm.exceptions import InputError
 from models import anthropometry as table
 from models.scene import (
     BodyModel,
+    add,
     add_motors,
     add_root,
     add_segment,
@@ -33,6 +34,7 @@ from models.tree import Findings, Segment, Tree
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
+    from xml.etree.ElementTree import Element
 
     from numpy.typing import NDArray
 
@@ -245,20 +247,20 @@ class _Writer:
         height = com_height / (table.HIP_HEIGHT + table.COM_OVER_HIP)
         root = new_scene("body", height, contact, simulation)
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
-        root.option.flag.eulerdamp = "disable"
-        bodies: list[Any] = []
+        add(next(root.iter("option")), "flag", eulerdamp="disable")
+        bodies: list[Element] = []
         for i, segment in enumerate(tree.segments):
-            parent = bodies[segment.parent] if i else root.worldbody
-            bodies.append(self._segment(parent, i, -floor))
+            parent = bodies[segment.parent] if i else next(root.iter("worldbody"))
+            bodies.append(self._segment(next(root.iter("asset")), parent, i, -floor))
         turn = _quaternion(self.turn[self.trunk].T)
-        bodies[self.trunk].add("site", name=_TRUNK_FRAME, quat=turn)
-        bodies[self.trunk].add("site", name="imu", pos=tree.segments[self.trunk].com, quat=turn)
+        add(bodies[self.trunk], "site", name=_TRUNK_FRAME, quat=turn)
+        add(bodies[self.trunk], "site", name="imu", pos=tree.segments[self.trunk].com, quat=turn)
         legs: list[LegDescription] = []
         for side, number, sign in zip(_SIDES, self.feet, (1.0, -1.0), strict=True):
             to_foot = self.turn[number].T
             origin = to_foot @ np.array([outline.reference, sign * outline.middle, outline.bottom])
             quat = _quaternion(to_foot)
-            bodies[number].add("site", name=f"{side}_sole", pos=origin, quat=quat)
+            add(bodies[number], "site", name=f"{side}_sole", pos=origin, quat=quat)
             points = add_sole_points(side, sole, [(bodies[number], origin)] * 2, quat)
             legs.append(self._leg(len(legs), points))
         order = joint_order(root)
@@ -337,8 +339,8 @@ class _Writer:
             if names:
                 raise InputError(f"the body has {what}: {', '.join(names)}; {way_out}.")
 
-    def _segment(self, parent: Any, i: int, height: float) -> Any:
-        """Write one segment; the root at a height [m]."""
+    def _segment(self, asset: Element, parent: Element, i: int, height: float) -> Element:
+        """Write one segment, and its meshes as assets; the root at a height [m]."""
         segment, base = self.tree.segments[i], self.tree.segments[max(self.tree.segments[i].parent, 0)]
         place = segment.place - base.place if i else np.array([0.0, 0.0, height])
         body = add_segment(parent, self.names[i], place, segment.mass, segment.com, segment.inertia)
@@ -350,16 +352,16 @@ class _Writer:
                 values = {}
             if hinge.stiffness:
                 values |= {"stiffness": hinge.stiffness, "springref": hinge.spring}
-            body.add(
-                "joint", name=hinge.name, type="hinge", pos=hinge.anchor, axis=hinge.axis,
+            add(
+                body, "joint", name=hinge.name, type="hinge", pos=hinge.anchor, axis=hinge.axis,
                 armature=hinge.armature, damping=hinge.damping, frictionloss=hinge.friction, **values,
             )  # fmt: skip
         for number, shape in enumerate(segment.shapes or [_inertial_shape(segment)]):
             values = dict(shape)
             if "vertex" in shape:
                 values["mesh"] = f"{self.names[i]}_{number}"
-                body.root.asset.add("mesh", name=values["mesh"], vertex=values.pop("vertex").ravel())
-            body.add("geom", rgba=_COLOUR, **values)
+                add(asset, "mesh", name=values["mesh"], vertex=values.pop("vertex").ravel())
+            add(body, "geom", rgba=_COLOUR, **values)
         return body
 
     def _rest(self) -> tuple[tuple[str, float], ...]:

@@ -326,14 +326,14 @@ def test_a_refusal_of_the_body_still_has_the_plan():
 
 
 def test_the_cache_keeps_the_newest(tmp_path, monkeypatch):
-    names = ["motion-a.npz", "motion-b.npz", "body-a.json", "body-b.json"]
+    names = ["motion-a.npz", "motion-b.npz", "other.json"]
     for age, name in enumerate(names):
         (tmp_path / name).touch()
         os.utime(tmp_path / name, (age, age))
     monkeypatch.setattr("validation.trial.plan.motion_cache", lambda: tmp_path)
     monkeypatch.setattr(task, "KEPT", 1)
     task._trim_cache()
-    assert {path.name for path in tmp_path.iterdir()} == {"motion-b.npz", "body-b.json"}
+    assert {path.name for path in tmp_path.iterdir()} == {"motion-b.npz", "other.json"}
 
 
 def test_words_for_errors_name_no_place():

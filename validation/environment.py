@@ -27,17 +27,19 @@ from dm_env import specs
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters, steps_per_tick
 from ampm.walk import Reference, State, Timing, Touch
-from models._pymjcf import without_display
 from validation.judge.metrics import METRICS
 from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.profiles import profile as named_profile
+from validation.store.machine import set_variables
 from validation.trial.bridge import to_mujoco, to_pinocchio
 from validation.trial.plan import PlannedWalk, plan_walk, request_of
 from validation.trial.policy import observe
 from validation.trial.simulate import quiet_mujoco
 from validation.trial.watch import Stance
 
-with without_display():
+# dm_control looks for an OpenGL context when it is imported, and warns or fails where there is none. MuJoCo
+# has read the variable at its own import and keeps the caller's choice.
+with set_variables({"MUJOCO_GL": "disable"}):
     from dm_control.mujoco import engine
     from dm_control.rl import control
     from dm_control.utils import rewards

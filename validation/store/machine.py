@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
@@ -42,6 +42,22 @@ def hidden_main() -> Iterator[None]:
         yield
     finally:
         main.__dict__.update(before)
+
+
+@contextmanager
+def set_variables(variables: Mapping[str, str]) -> Iterator[None]:
+    """Set environment variables while the body of the ``with`` runs.
+
+    Processes inherit them before they load any library. A nanny's own setting yields to a variable that the
+    shell has set, or comes when numpy is loaded already.
+    """
+    before = dict(os.environ)
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
 
 
 def memory_peak() -> float | None:

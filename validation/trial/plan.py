@@ -266,7 +266,7 @@ def make_body(run: RunParameters) -> Body:
     from models.build import build_body
     from validation.trial.shapes import Shapes, make_robot
 
-    model = build_body(run.body, run.contact, run.simulation, cache=motion_cache())
+    model = build_body(run.body, run.contact, run.simulation)
     compiled = model.compile()
     shapes = Shapes(compiled)
     return Body(model, make_robot(compiled, model.description, shapes), shapes)
@@ -408,7 +408,7 @@ def _found(run: RunParameters, tuned: Tuned, changed: Mapping[str, Any]) -> str:
 
 
 def motion_cache() -> Path | None:
-    """Folder of solved motions and built bodies, in the user's cache; None if it cannot be written."""
+    """Folder of solved motions in the user's cache; None if it cannot be written."""
     folder = platformdirs.user_cache_path("ampm") / "motions"
     try:
         folder.mkdir(parents=True, exist_ok=True)

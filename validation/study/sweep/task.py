@@ -43,7 +43,7 @@ Result = tuple[Row, str]
 """Row of a run, and the traceback if it crashed, else an empty text."""
 
 KEPT = 1500
-"""Largest number of solved motions, and of bodies, in the user's cache: a sweep could fill the disk."""
+"""Largest number of solved motions in the user's cache: a sweep could fill the disk."""
 _TRIM_EVERY = 100  # runs of a sweep
 
 _DRAW = "import sys, pathlib, validation.run.trial as run; run.draw_run(pathlib.Path(sys.argv[1]))"
@@ -253,14 +253,13 @@ def _guard(seconds: float | None) -> Iterator[None]:
 
 
 def _trim_cache() -> None:
-    """Remove the oldest solved motions and bodies of the user's cache."""
+    """Remove the oldest solved motions of the user's cache."""
     from validation.trial.plan import motion_cache  # loaded by a worker that has walked
 
     folder = motion_cache()
     if folder is None:
         return
-    for pattern in ("motion-*.npz", "body-*.json"):
-        with suppress(OSError):  # another worker was first
-            found = sorted((path.stat().st_mtime, path) for path in folder.glob(pattern))
-            for _, path in found[:-KEPT]:
-                path.unlink(missing_ok=True)
+    with suppress(OSError):  # another worker was first
+        found = sorted((path.stat().st_mtime, path) for path in folder.glob("motion-*.npz"))
+        for _, path in found[:-KEPT]:
+            path.unlink(missing_ok=True)

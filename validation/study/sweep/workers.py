@@ -13,7 +13,7 @@ import signal
 import tempfile
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -27,7 +27,7 @@ from distributed.scheduler import KilledWorker
 
 from ampm.exceptions import InputError
 from validation.judge.metrics import dump_added, load_added
-from validation.store.machine import THREAD_VARIABLES, cores, hidden_main
+from validation.store.machine import THREAD_VARIABLES, cores, hidden_main, set_variables
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import WORKER_DIED, one_line
 from validation.study.sweep.task import Result, Task, walk_task
@@ -253,7 +253,7 @@ def local_pool(workers: int) -> Iterator[WorkerPool]:
     with (
         tempfile.TemporaryDirectory(prefix="ampm-sweep-") as scratch,
         dask.config.set(_SETTINGS),
-        environment(ONE_THREAD),  # to the end: a worker that dies is started again
+        set_variables(ONE_THREAD),  # to the end: a worker that dies is started again
         hidden_main(),
     ):
         # Ctrl-C reaches every process of a terminal, but workers must finish their runs: threads and
@@ -337,22 +337,6 @@ def blas_threads() -> int:
         if value.isdecimal() and int(value):
             return int(value)
     return cores()
-
-
-@contextmanager
-def environment(variables: Mapping[str, str]) -> Iterator[None]:
-    """Set variables of this process while the body of the ``with`` runs.
-
-    Processes inherit them before they load any library. A nanny's own setting yields to a variable that the
-    shell has set, or comes when numpy is loaded already.
-    """
-    before = dict(os.environ)
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        os.environ.clear()
-        os.environ.update(before)
 
 
 def _close(opened: Client | LocalCluster) -> None:
