@@ -24,9 +24,10 @@ import numpy as np
 from ampm.exceptions import InputError
 from validation.progress import Progress
 from validation.store.environment import describe_environment
+from validation.store.machine import set_variables
 from validation.study.sweep.design import SweepDefinition, parse_sweep
 from validation.study.sweep.run import sweep
-from validation.study.sweep.workers import ONE_THREAD, environment
+from validation.study.sweep.workers import ONE_THREAD
 from validation.trial.plan import Request, plan_walk
 
 RATIO, OVERHEAD, MEMORY = 1.85, 0.03, 500.0
@@ -115,7 +116,7 @@ def rows(timing: Mapping[str, Any]) -> list[tuple[str, str, str]]:
 def bare_runs(lists: Sequence[Sequence[Request]]) -> float:
     """Mean time of a run, each list in a process of its own, at the same time [s]."""
     with (
-        environment(ONE_THREAD),
+        set_variables(ONE_THREAD),
         ProcessPoolExecutor(len(lists), mp_context=multiprocessing.get_context("spawn")) as pool,
     ):
         list(pool.map(_walk_all, [requests[:1] for requests in lists]))  # imports and caches

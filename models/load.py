@@ -36,11 +36,9 @@ if TYPE_CHECKING:
     from pathlib import Path
     from xml.etree.ElementTree import Element
 
-    from numpy.typing import NDArray
-
+    from ampm.geometry import Array
     from ampm.parameters import ContactParameters, SimulationParameters
 
-    Array = NDArray[np.float64]
 
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
 _THIN = 0.005  # least half axis of a segment's shape [m]

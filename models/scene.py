@@ -16,11 +16,9 @@ import numpy as np
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription, SoleGeometry
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from ampm.geometry import Array
     from ampm.parameters import ContactParameters, SimulationParameters
 
-    Array = NDArray[np.float64]
 
 GRAVITY = 9.81
 """Gravity [m/s^2], as in the paper."""

@@ -21,7 +21,8 @@ from models.source import DRAWN, BodyFile, by_pattern
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from ampm.geometry import Array
+
 
 _MIRROR = np.array([1.0, -1.0, 1.0])  # of a vector; of an axis of rotation with the opposite sign
 _ALIKE = 0.02  # largest difference of mirrored places over the body's height, and of masses [1]

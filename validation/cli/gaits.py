@@ -108,9 +108,8 @@ def plan(
     if plot is not None:
         from validation.show.plan import plot_plan
 
-        with output_file(plot) as work:
-            title = f"plan of {request.title}" + ("" if footsteps is None else f" over {footsteps.name}")
-            plot_plan(planned, work, title=title, sole=sole)
+        title = f"plan of {request.title}" + ("" if footsteps is None else f" over {footsteps.name}")
+        plot_plan(planned, plot, title=title, sole=sole)
     answer(
         planned,
         lambda planned: describe_plan(request, planned, walk),

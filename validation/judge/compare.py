@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.description import BodyDescription
+    from ampm.geometry import Array
     from ampm.planner.centroidal import PlanSample
     from ampm.walk import WalkPlan
     from validation.measure.measure import MeasuredGait, StandingCheck
     from validation.trial.record import SimulationRecord
     from validation.trial.shapes import Shapes
 
-    Array = NDArray[np.float64]
     Rows = NDArray[np.bool_]
 
 RUN = "run"

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from ampm.body.robot import Gaps
     from ampm.description import BodyDescription
+    from ampm.geometry import Array
     from ampm.planner.centroidal import PlanSample
     from ampm.walk import WalkPlan
     from validation.measure.measure import MeasuredGait
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from validation.trial.record import SimulationRecord
     from validation.trial.shapes import Shapes
 
-    Array = NDArray[np.float64]
     Rows = NDArray[np.bool_]
 
 LOADED = 0.05

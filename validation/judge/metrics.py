@@ -41,12 +41,10 @@ from validation.judge.compare import FIRST_STEP, SIGNALS
 from validation.judge.sizes import BODY_WEIGHT, LIMIT_UNITS, share_of_default
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from ampm.geometry import Array
     from validation.judge.compare import Comparison
     from validation.trial.record import SimulationRecord
 
-    Array = NDArray[np.float64]
 
 _KINDS, _NATURES = ("walk", "instrument", "cost"), ("mean", "extreme", "count")
 

@@ -11,11 +11,8 @@ from validation.judge.compare import PARTS
 from validation.trial.record import restart_steps
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from ampm.geometry import Array
     from validation.judge.compare import Comparison
-
-    Array = NDArray[np.float64]
 
 
 ALL = slice(None)

@@ -25,9 +25,9 @@ from validation.trial.spill import blocks
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ampm.geometry import Array
     from validation.trial.record import SimulationRecord
 
-    Array = NDArray[np.float64]
     ToPinocchio = Callable[[Array, Array], tuple[Array, Array]]
 
 LEAST_SUPPORT = 0.01

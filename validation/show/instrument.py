@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from matplotlib.figure import Figure
 
 from validation.measure.instruments.names import CAUSES, RUN, WINDOWS
 from validation.show import style
-from validation.store.folders import output_file
 
 if TYPE_CHECKING:
     from validation.measure.instruments.observe import Observation
@@ -81,22 +79,10 @@ def _row(label: str, item: Mapping[str, Any]) -> Row:
     return label, x, y, most_x, most_y
 
 
-def draw(observed: Observation, path: Path) -> None:
-    """Draw true and instrument's ZMP over the middle of the walk, the error, and its causes.
-
-    Args:
-        observed: what is drawn.
-        path: image file; the suffix chooses the format. An existing one is replaced.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    with output_file(path) as work, style.file_style():
-        _overview(observed).savefig(work, dpi=130)
-
-
-def _overview(observed: Observation) -> Figure:
-    figure = Figure(figsize=(9.0, 7.2), layout="constrained")
+@style.into_file
+def draw(observed: Observation) -> Figure:
+    """Draw true and instrument's ZMP over the middle of the walk, the error, and its causes."""
+    figure = Figure(figsize=(9.0, 7.2), dpi=130, layout="constrained")
     axes = figure.subplots(3, 2, height_ratios=[3, 2, 2])
     time = observed.time
     middle = 0.5 * (time[0] + time[-1]) if len(time) else 0.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +11,7 @@ from matplotlib.patches import Polygon
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
-from validation.show.style import file_style, legend
+from validation.show.style import into_file, legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,17 +32,14 @@ _COLORS = {
 }
 
 
-def plot_plan(plan: CentroidalPlan, path: Path, *, title: str, sole: SoleGeometry | None = None) -> None:
+@into_file
+def plot_plan(plan: CentroidalPlan, *, title: str, sole: SoleGeometry | None = None) -> Figure:
     """Draw a plan: COM, ZMP, ground force, moment and angular momentum over time, and the top view.
 
     Args:
         plan: without a sole only its first steps are drawn, as the others repeat them.
-        path: image file; the suffix chooses the format.
         title: heading, usually the gait's name.
         sole: outline of the soles, of a walk over footsteps: all of it is drawn.
-
-    Raises:
-        OSError: the file cannot be written.
     """
     shown = _SHOWN_STEPS * plan.constants.step_duration if sole is None else plan.duration
     duration = min(plan.duration, shown)
@@ -64,30 +60,29 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str, sole: SoleGeometr
         curves["planned ZMP margin to\nthe planned support [mm]"] = {}
     else:
         curves["mean heading of\nboth feet [rad]"] = {"z": sample.heading}
-    with file_style():
-        # Made without pyplot: no global state, no display, safe in any thread.
-        figure = Figure(figsize=(14, 13), layout="constrained")
-        figure.suptitle(title)
-        grid = figure.add_gridspec(5, 2, height_ratios=[1, 1, 1, 1, 1.3])
-        for cell, (label, lines) in enumerate(curves.items()):
-            axis = figure.add_subplot(grid[cell // 2, cell % 2])
-            for name, values in lines.items():
-                axis.plot(times, values, color=_COLORS[name], label=name)
-            if lines and max(np.abs(values).max() for values in lines.values()) < _ROUNDING:
-                axis.set_ylim(-1.0, 1.0)
-            if isinstance(plan, StepPlan) and not lines:
-                axis.plot(times, 1000 * plan.zmp_margin(times), color=_COLORS["ZMP"])
-                axis.axhline(0, color="k", lw=0.8)
-            elif not lines:
-                axis.text(0.5, 0.5, "no body, no soles", transform=axis.transAxes, ha="center", va="center")
-            for phase in plan.contacts.phases:
-                if phase.kind == "double_support" and phase.start < duration:
-                    end = min(phase.start + phase.duration, duration)
-                    axis.axvspan(phase.start, end, color="0.92", zorder=0, lw=0)
-            axis.set(xlabel="time [s]", ylabel=label, xlim=(0, duration))
-            legend(axis)
-        _draw_top(figure.add_subplot(grid[4, :]), plan, sample, sole)
-        figure.savefig(path, dpi=110)
+    # Made without pyplot: no global state, no display, safe in any thread.
+    figure = Figure(figsize=(14, 13), dpi=110, layout="constrained")
+    figure.suptitle(title)
+    grid = figure.add_gridspec(5, 2, height_ratios=[1, 1, 1, 1, 1.3])
+    for cell, (label, lines) in enumerate(curves.items()):
+        axis = figure.add_subplot(grid[cell // 2, cell % 2])
+        for name, values in lines.items():
+            axis.plot(times, values, color=_COLORS[name], label=name)
+        if lines and max(np.abs(values).max() for values in lines.values()) < _ROUNDING:
+            axis.set_ylim(-1.0, 1.0)
+        if isinstance(plan, StepPlan) and not lines:
+            axis.plot(times, 1000 * plan.zmp_margin(times), color=_COLORS["ZMP"])
+            axis.axhline(0, color="k", lw=0.8)
+        elif not lines:
+            axis.text(0.5, 0.5, "no body, no soles", transform=axis.transAxes, ha="center", va="center")
+        for phase in plan.contacts.phases:
+            if phase.kind == "double_support" and phase.start < duration:
+                end = min(phase.start + phase.duration, duration)
+                axis.axvspan(phase.start, end, color="0.92", zorder=0, lw=0)
+        axis.set(xlabel="time [s]", ylabel=label, xlim=(0, duration))
+        legend(axis)
+    _draw_top(figure.add_subplot(grid[4, :]), plan, sample, sole)
+    return figure
 
 
 def _draw_top(axis: Axes, plan: CentroidalPlan, sample: PlanSample, sole: SoleGeometry | None) -> None:

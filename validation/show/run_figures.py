@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ampm.body.feasibility import CLEARANCE
 from ampm.description import SOLE_POINT_GROUPS
+from ampm.geometry import Array
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.judge.compare import PARTS as CAUSES
@@ -43,8 +44,6 @@ from validation.store.folders import INSTRUMENT_FILE
 from validation.store.saved import SavedRun
 from validation.store.signals import Signals
 from validation.trial.shapes import REACH, Shapes
-
-Array = NDArray[np.float64]
 
 _DASHED = (0, (4, 3))
 _FEET = {"left": LEFT, "right": RIGHT}

@@ -5,10 +5,12 @@ from __future__ import annotations
 import gc
 import io
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import wraps
 from html import escape
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
 import matplotlib as mpl
 import numpy as np
@@ -16,9 +18,12 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ampm.geometry import Array
+from validation.store.folders import output_file
+
+Drawn = TypeVar("Drawn")
+More = ParamSpec("More")
 
 
 def figure_style(ink: str, faint: str, grid: str) -> dict[str, Any]:
@@ -114,6 +119,27 @@ def file_style() -> Any:
     """Context in which figures for picture files are drawn and written."""
     settings: Any = figure_style("#1b1e24", "#5b6270", "#dfe3ea")
     return mpl.rc_context(settings)
+
+
+def into_file(
+    make: Callable[Concatenate[Drawn, More], Figure],
+) -> Callable[Concatenate[Drawn, Path, More], None]:
+    """A function that draws something as a figure, turned into one that draws it into a file.
+
+    It takes the path after what is drawn; the suffix chooses the format. An existing file is replaced.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+
+    @wraps(make)
+    def draw(drawn: Drawn, path: Path, *more: More.args, **named: More.kwargs) -> None:
+        with output_file(path) as work, file_style():
+            # Without date and version equal figures give equal files.
+            metadata = {"Date": None, "Creator": None} if path.suffix == ".svg" else None
+            make(drawn, *more, **named).savefig(work, metadata=metadata)
+
+    return draw
 
 
 def new_figure(

@@ -32,7 +32,8 @@ from validation.trial.spill import blocks
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from ampm.geometry import Array
+
 
 JOINTS_FILE = "joints.parquet"
 TICKS_FILE = "ticks.parquet"

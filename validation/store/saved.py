@@ -31,7 +31,6 @@ from validation.store.record import StoredRecord
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
 from validation.trial.plan import gait_title
 
-Array = NDArray[np.float64]
 _DESCRIPTION = TypeAdapter(BodyDescription)
 
 RUN_FILE = "run.toml"

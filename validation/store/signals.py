@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from validation.store.record import read_table, write_table
-
-Array = NDArray[np.float64]
 
 SIGNALS_FILE = "signals.parquet"
 

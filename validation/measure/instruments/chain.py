@@ -13,12 +13,10 @@ from functools import cached_property
 from hashlib import sha256
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt, sosfilt_zi
 
+from ampm.geometry import Array
 from validation.measure.instruments.model import Acquisition, Channel
-
-Array = NDArray[np.float64]
 
 NOISE, BIAS, CROSS_TALK = "noise", "bias", "cross_talk"
 FILTER, SAMPLING, DELAY = "filter", "sampling", "delay"

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.description import BodyDescription
+    from ampm.geometry import Array
     from validation.trial.plan import PlannedWalk
     from validation.trial.record import SimulationRecord
 
-    Array = NDArray[np.float64]
     Windows = Mapping[str, "ErrorStatistics"]
     Body = Callable[[], tuple[mujoco.MjModel, BodyDescription]]
 

@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.description import BodyDescription, LegDescription
+    from ampm.geometry import Array
     from validation.trial.record import SimulationRecord
 
-    Array = NDArray[np.float64]
     Body = Callable[[], tuple[mujoco.MjModel, BodyDescription]]
 
 KINEMATICS, TILT = "kinematics", "tilt"

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.body.orbit import COARSE_STEP
 from ampm.body.return_map import standing
 from ampm.body.step_reference import step_grid, step_reference
+from ampm.geometry import Array
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ampm.planner.feet import FeetPlan, FootSample
     from validation.trial.plan import PlannedWalk
 
-Array = NDArray[np.float64]
 
 _DIFFERENCE = 1e-5  # half width of central differences [s]
 _PROPORTIONAL, _INTEGRAL = 2.0, 0.5  # gains from the trunk's mean pitch to the constant of L_y [N m s/rad]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from validation.paper.figures.canvas import (
     MEASURED,
     band_legend,
@@ -17,8 +17,6 @@ from validation.paper.figures.canvas import (
     shade,
 )
 from validation.paper.figures.walks import Numbers, Walk, Walks, agreement, less_plan
-
-Array = NDArray[np.float64]
 
 SMOOTHING = 0.01
 """Interval over which differences of recorded joint velocities are taken for the dark curve [s]."""

@@ -10,9 +10,9 @@ import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from numpy.typing import NDArray
 
 from ampm.body.robot import Robot
+from ampm.geometry import Array
 from validation.paper.figures.canvas import (
     FAINT,
     FORCE,
@@ -35,8 +35,6 @@ from validation.paper.figures.canvas import (
 )
 from validation.paper.figures.walks import Numbers, Walk, Walks, less_plan, of_motion
 from validation.trial.plan import PlannedWalk
-
-Array = NDArray[np.float64]
 
 SIDE, FRONT = (0, 2), (1, 2)
 """Views: world axes drawn to the right and upwards. The side view is from the body's right, the front view

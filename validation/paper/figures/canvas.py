@@ -12,12 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from validation.show.style import figure_style, legend
 from validation.store.folders import output_file
 
-Array = NDArray[np.float64]
 Line = Any
 """A line style of matplotlib."""
 

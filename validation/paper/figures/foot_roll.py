@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ampm.body.motion import WholeBodyMotion
 from ampm.body.robot import Robot
+from ampm.geometry import Array
 from ampm.planner.feet import FootSample
 from validation.paper.figures.accelerations import joint_accelerations
 from validation.paper.figures.canvas import (
@@ -32,8 +32,6 @@ from validation.paper.figures.canvas import (
     zero_line,
 )
 from validation.paper.figures.walks import Walk, Walks
-
-Array = NDArray[np.float64]
 
 GRIDS = (0.004, 0.002, 0.001)
 """Largest steps of the inverse kinematics' grid that are compared [s]."""

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ampm.exceptions import AmpmError
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.periodic import plan_gait
@@ -33,8 +33,6 @@ from validation.paper.figures.canvas import (
     zero_line,
 )
 from validation.paper.figures.walks import Walk, Walks
-
-Array = NDArray[np.float64]
 
 GAITS: Mapping[str, tuple[str, ...]] = {
     "normal": ("normal",),

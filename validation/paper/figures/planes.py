@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from validation.paper.figures.canvas import (
     DASHED,
     FAINT,
@@ -28,8 +28,6 @@ from validation.paper.figures.canvas import (
     inches,
 )
 from validation.paper.figures.walks import Numbers, Walk, Walks, less_plan
-
-Array = NDArray[np.float64]
 
 _WEIGHT_LENGTH = 0.62
 """Length at which a force of one body weight is drawn [m]."""

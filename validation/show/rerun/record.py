@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from ampm.body.feasibility import CLEARANCE
 from ampm.body.robot import Gaps
-from ampm.geometry import convex_hull
+from ampm.geometry import Array, convex_hull
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.show.rerun.meshes import mesh_of
@@ -52,8 +52,6 @@ from validation.store.saved import SavedRun, load_saved_run, run_events
 from validation.store.signals import Signals
 from validation.trial.record import support_height
 from validation.trial.shapes import Shapes
-
-Array = NDArray[np.float64]
 
 PICTURE_RATE = 100.0
 """Pictures of the body per second [Hz]."""

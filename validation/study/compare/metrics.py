@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from validation.judge.metrics import METRICS, display_unit, rms
 from validation.judge.sizes import BODY_WEIGHT, DEFAULT_BODY, limit_in_si
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from validation.store.signals import Signals
     from validation.trial.record import SimulationRecord
 
-Array = NDArray[np.float64]
 
 WINDOW = 0.05
 """Half-width of the window about a switch [s]."""

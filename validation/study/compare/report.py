@@ -8,16 +8,14 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from validation.show import style
 from validation.show.page import render_page
 from validation.show.text import format_number, format_value
 from validation.store.folders import output_file
 from validation.store.json import write_json
 from validation.study.compare.pair import EVEN, NUMBERS, PICTURE, REPORT, Pair, Row, Side
-
-Array = NDArray[np.float64]
 
 REACH = 0.1
 """Time that the pictures show on either side of a switch [s]."""
@@ -134,8 +132,7 @@ def write_pair(pair: Pair, out: Path) -> None:
     """Write report, numbers and picture into a folder."""
     with output_file(out / NUMBERS) as work:
         write_json(work, pair.as_dict())
-    with output_file(out / PICTURE) as work:
-        draw_file(pair, work)
+    draw_file(pair, out / PICTURE)
     with output_file(out / REPORT) as work:
         work.write_text(render(pair), encoding="utf-8")
 
@@ -164,13 +161,13 @@ def render(pair: Pair) -> str:
     )
 
 
-def draw_file(pair: Pair, path: Path) -> None:
-    """Save the picture of the switches; the suffix chooses the format."""
-    with style.file_style():
-        figure = draw_switches(pair, _FILE)
-        figure.patch.set(alpha=1.0, facecolor="white")
-        metadata = {"Date": None, "Creator": None} if path.suffix == ".svg" else None
-        figure.savefig(path, dpi=110, metadata=metadata)
+@style.into_file
+def draw_file(pair: Pair) -> Figure:
+    """Draw the switches on white."""
+    figure = draw_switches(pair, _FILE)
+    figure.set_dpi(110)
+    figure.patch.set(alpha=1.0, facecolor="white")
+    return figure
 
 
 def draw_switches(pair: Pair, colours: tuple[str, str, str]) -> Figure:

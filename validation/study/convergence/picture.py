@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
@@ -11,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from validation.show.style import figure_style
+from validation.show.style import into_file
 from validation.study.convergence.result import Convergence, MetricStudy
 from validation.study.convergence.studies import Study
 
@@ -28,14 +27,12 @@ _STYLES = {
 }
 
 
-def draw(result: Convergence, path: Path) -> None:
-    """Draw all studies into a file; the suffix chooses the format.
+@into_file
+def draw(result: Convergence) -> Figure:
+    """Draw all studies.
 
     Solid, filled: in the asymptotic range, the distance to the extrapolated value. Dashed, hollow: no
     asymptotic range, the change to the next finer level. Squares: a model parameter, no convergence.
-
-    Raises:
-        OSError: the file cannot be written.
     """
     drawn = [
         item
@@ -43,23 +40,22 @@ def draw(result: Convergence, path: Path) -> None:
         if item.tolerance is not None and not item.exact and item.name not in _LEFT_OUT
     ]
     rows = -(-(len(result.studies) + 1) // 2)  # one cell is the legend's
-    with mpl.rc_context(figure_style("black", "0.4", "0.9")):  # type: ignore[arg-type]
-        # Figures are made without pyplot: no global state, no display, safe in any thread.
-        figure = Figure(figsize=(12.4, 4.1 * rows + 0.5), layout="constrained")
-        steps = result.request.run.gait.steps
-        figure.suptitle(f"{result.request.title}: what the numbers depend on, {steps} steps a level")
-        grid = list(figure.subplots(rows, 2, squeeze=False).flat)
-        for axes, study in zip(grid, result.studies, strict=False):
-            _draw_study(axes, study, drawn)
-        legend = grid[len(result.studies)]
-        for style, label in _STYLES.items():
-            legend.plot([], [], style, color="0.3", mfc="none" if style == "o--" else "0.3", label=label)
-        for number, item in enumerate(drawn):
-            legend.plot([], [], color=_colour(number), label=item.name)
-        legend.legend(loc="center", ncols=2, labelspacing=0.8)
-        for axes in grid[len(result.studies) :]:
-            axes.set_axis_off()
-        figure.savefig(path, dpi=110, metadata={"Date": None} if path.suffix == ".svg" else None)
+    # Figures are made without pyplot: no global state, no display, safe in any thread.
+    figure = Figure(figsize=(12.4, 4.1 * rows + 0.5), dpi=110, layout="constrained")
+    steps = result.request.run.gait.steps
+    figure.suptitle(f"{result.request.title}: what the numbers depend on, {steps} steps a level")
+    grid = list(figure.subplots(rows, 2, squeeze=False).flat)
+    for axes, study in zip(grid, result.studies, strict=False):
+        _draw_study(axes, study, drawn)
+    legend = grid[len(result.studies)]
+    for style, label in _STYLES.items():
+        legend.plot([], [], style, color="0.3", mfc="none" if style == "o--" else "0.3", label=label)
+    for number, item in enumerate(drawn):
+        legend.plot([], [], color=_colour(number), label=item.name)
+    legend.legend(loc="center", ncols=2, labelspacing=0.8)
+    for axes in grid[len(result.studies) :]:
+        axes.set_axis_off()
+    return figure
 
 
 def _draw_study(axes: Axes, study: Study, items: Sequence[MetricStudy]) -> None:

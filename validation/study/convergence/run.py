@@ -86,7 +86,6 @@ def write(result: Convergence, out: Path) -> None:
     with output_file(out / MARKDOWN) as path:
         path.write_text(markdown(result), encoding="utf-8")
     for name in PICTURES:
-        with output_file(out / name) as path:
-            draw(result, path)
+        draw(result, out / name)
     with output_file(out / FILE) as path:
         write_json(path, result.as_dict())

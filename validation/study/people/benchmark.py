@@ -10,17 +10,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.parameters import GRAVITY
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 STRIDES = 3
 """Times that the mean stride is repeated: two whole strides lie between the instants that bound them."""

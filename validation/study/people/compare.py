@@ -7,12 +7,13 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ampm.brief import Brief
 from ampm.exceptions import AmpmError, InputError
+from ampm.geometry import Array
 from ampm.parameters import GRAVITY
 from ampm.planner.periodic import plan_gait
 from ampm.run_file import load_run
@@ -24,11 +25,6 @@ from validation.store.tables import write_columns
 from validation.study.people.benchmark import read_benchmark
 from validation.study.people.walking import PHASES, Strides, Walking, of_run, of_table
 from validation.trial.columns import SUFFIXES, read_columns
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 PERSON, SIMULATION, PLAN = "person", "simulation", "plan"
 PAIRS = ((SIMULATION, PLAN), (PERSON, PLAN), (PERSON, SIMULATION))

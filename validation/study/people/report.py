@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,7 +11,6 @@ from validation.judge.compare import SIGNALS
 from validation.judge.metrics import display_unit
 from validation.show import style
 from validation.show.text import format_number
-from validation.store.folders import output_file
 from validation.study.people.compare import PAIRS, PERSON, PLAN, SIMULATION, Difference, People
 from validation.study.people.walking import PHASES
 
@@ -79,26 +77,13 @@ def label_of(name: str) -> str:
     return f"left foot's force {name[-1]}"
 
 
-def draw(found: People, path: Path) -> None:
-    """Draw the mean strides with the person's standard deviation.
-
-    Args:
-        found: what is drawn.
-        path: image file; the suffix chooses the format. An existing one is replaced.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    with output_file(path) as work, style.file_style():
-        _overview(found).savefig(work, dpi=130)
-
-
-def _overview(found: People) -> Figure:
-    """One panel for every signal that the person has, over the stride."""
+@style.into_file
+def draw(found: People) -> Figure:
+    """Draw the mean strides with the person's standard deviation, a panel for every signal that it has."""
     curves = found.curves
     panels = [name for row in _PANELS for name in row if name in curves[PERSON]]
     rows = -(-len(panels) // 3)
-    figure = Figure(figsize=(10.0, 2.3 * rows + 0.5), layout="constrained")
+    figure = Figure(figsize=(10.0, 2.3 * rows + 0.5), dpi=130, layout="constrained")
     axes = np.atleast_1d(figure.subplots(rows, 3, sharex=True)).ravel()
     percent = 100.0 * np.arange(PHASES) / PHASES
     for axis, name in zip(axes, panels, strict=False):

@@ -29,11 +29,9 @@ from ampm.parameters import GRAVITY
 from validation.judge.margins import LOADED
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from ampm.geometry import Array
     from validation.store.saved import SavedRun
 
-    Array = NDArray[np.float64]
 
 PHASES = 200
 """Instants of the mean stride."""

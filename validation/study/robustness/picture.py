@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 
 from ampm.planner.capture import PUSH_PHASES
-from validation.show.style import file_style
+from validation.show.style import into_file
 from validation.study.robustness.result import CellResult, Robustness
 from validation.study.robustness.text import PHASE_NAMES, title
 
@@ -18,29 +17,23 @@ _ANGLES = {"forward": 90.0, "wider": 180.0, "backward": 270.0, "narrower": 0.0}
 _INCH = 2.9  # of one plot
 
 
-def draw(found: Robustness, path: Path) -> None:
-    """Draw all pushes into a file, a plot for each height and phase; the suffix chooses the format.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+@into_file
+def draw(found: Robustness) -> Figure:
+    """Draw all pushes, a plot for each height and phase."""
     heights = list(dict.fromkeys(item.cell.height for item in found.pushes))
     phases = [phase for phase in PUSH_PHASES if any(item.cell.phase == phase for item in found.pushes)]
     outer = max([item.bound or item.survived or 0.0 for item in found.pushes] + [0.1])
-    with file_style():
-        size = _INCH * len(phases), (_INCH + 0.4) * len(heights) + 0.4
-        figure = Figure(figsize=size, layout="constrained")
-        figure.suptitle(f"{title(found)}; velocity change of a push of 0.1 s [m/s]", fontsize=9)
-        plots = figure.subplots(len(heights), len(phases), squeeze=False, subplot_kw={"projection": "polar"})
-        for row, height in zip(plots, heights, strict=True):
-            for axes, phase in zip(row, phases, strict=True):
-                items = [
-                    item for item in found.pushes if (item.cell.height, item.cell.phase) == (height, phase)
-                ]
-                _plot(axes, items, outer)
-                axes.set_title(f"{height}: {PHASE_NAMES[phase]}", fontsize=8, loc="center", y=1.12)
-        plots[0, 0].legend(loc="lower left", bbox_to_anchor=(-0.25, -0.3))
-        figure.savefig(path, dpi=110, metadata={"Date": None} if path.suffix == ".svg" else None)
+    size = _INCH * len(phases), (_INCH + 0.4) * len(heights) + 0.4
+    figure = Figure(figsize=size, dpi=110, layout="constrained")
+    figure.suptitle(f"{title(found)}; velocity change of a push of 0.1 s [m/s]", fontsize=9)
+    plots = figure.subplots(len(heights), len(phases), squeeze=False, subplot_kw={"projection": "polar"})
+    for row, height in zip(plots, heights, strict=True):
+        for axes, phase in zip(row, phases, strict=True):
+            items = [item for item in found.pushes if (item.cell.height, item.cell.phase) == (height, phase)]
+            _plot(axes, items, outer)
+            axes.set_title(f"{height}: {PHASE_NAMES[phase]}", fontsize=8, loc="center", y=1.12)
+    plots[0, 0].legend(loc="lower left", bbox_to_anchor=(-0.25, -0.3))
+    return figure
 
 
 def _plot(axes: Any, items: list[CellResult], outer: float) -> None:

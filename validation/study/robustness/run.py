@@ -40,12 +40,9 @@ from validation.study.robustness.walks import (
 from validation.trial.plan import load_request, plan_walk
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from ampm.geometry import Array
     from validation.trial.plan import PlannedWalk
 
-    Array = NDArray[np.float64]
 
 RESULT, JOURNAL = "robustness.json", "levels.jsonl"
 MARKDOWN = "robustness.md"
@@ -208,7 +205,6 @@ def write(found: Robustness, out: Path) -> None:
         path.write_text(markdown(found), encoding="utf-8")
     if found.pushes:
         for name in PICTURES:
-            with output_file(out / name, force=True) as path:
-                draw(found, path)
+            draw(found, out / name)
     with output_file(out / RESULT, force=True) as path:
         write_json(path, found.as_dict())

@@ -22,10 +22,10 @@ from scipy.stats import false_discovery_control, wilcoxon
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from validation.judge.uncertainty import Uncertainty, load_uncertainty
 from validation.study.sweep.table import METRIC, STATES, State, SweepTable, read_sweep
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Runs = tuple[SweepTable, Rows]

@@ -5,22 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.text import Text
 
+from ampm.geometry import Array
 from validation.judge.metrics import display_unit, metric_label
 from validation.show.page import render_page
 from validation.show.text import BODY_WEIGHT, format_number, format_value, print_line, print_table
 from validation.store.folders import output_file
 from validation.study.sweep.diff import KINDS, MetricChange, SweepDiff
 from validation.study.sweep.table import State, SweepTable
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 _SHOWN, _SHOWN_IN_PAGE = 12, 100
 _COLOURS = {"worse": "red", "better": "green"}

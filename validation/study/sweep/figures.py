@@ -17,10 +17,10 @@ import numpy as np
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from validation.judge.metrics import metric_label
 from validation.study.sweep.table import BROKEN, STATES, State, SweepTable
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Spec = dict[str, Any]

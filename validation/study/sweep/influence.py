@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import false_discovery_control, kruskal, spearmanr
 
-Array = NDArray[np.float64]
+from ampm.geometry import Array
+
 Parameters = Mapping[str, NDArray[Any]]
 """Values by key, each of shape (N,): numbers, or words (a parameter without order)."""
 

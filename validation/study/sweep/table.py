@@ -20,14 +20,13 @@ from numpy.typing import NDArray
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
 from validation.judge.metrics import display_unit
 from validation.judge.profiles import Tolerance
 from validation.judge.sizes import BODY_WEIGHT
 from validation.study.sweep import store
 from validation.study.sweep.schema import MACHINE_FAULTS
-
-Array = NDArray[np.float64]
 
 METRIC = "metric_"
 _SHOWN = 10
