@@ -26,7 +26,7 @@ from benchmarks.clock import least
 from benchmarks.recording import run_alone
 from benchmarks.sweeping import bare_runs
 from validation.progress import Progress
-from validation.show.style import file_style
+from validation.show.style import into_file
 from validation.trial.plan import Request, load_request, plan_walk
 from validation.trial.simulate import simulate
 
@@ -278,17 +278,17 @@ def write_data(rows: Sequence[Row], path: Path) -> None:
         writer.writerows([*row[:2], f"{row.x:g}", row.x_unit, f"{row.y:.4g}", row.y_unit] for row in rows)
 
 
-def draw(rows: Sequence[Row], path: Path) -> None:
+@into_file
+def draw(rows: Sequence[Row]) -> Figure:
     """Draw all panels."""
-    with file_style():
-        figure = Figure(figsize=(9.4, 5.2), layout="constrained")
-        axes = figure.subplots(2, 4).ravel()
-        for axis, (panel, title) in zip(axes, TITLES.items(), strict=False):
-            _draw_panel(axis, [row for row in rows if row.panel == panel], title, log=panel in LOGARITHMIC)
-        for axis, target in ((axes[1], MEMORY), (axes[2], DISK)):
-            axis.axhline(target, color="#888888", linewidth=0.8, linestyle=":")
-        axes[-1].set_visible(False)
-        figure.savefig(path, metadata={"Date": None})
+    figure = Figure(figsize=(9.4, 5.2), layout="constrained")
+    axes = figure.subplots(2, 4).ravel()
+    for axis, (panel, title) in zip(axes, TITLES.items(), strict=False):
+        _draw_panel(axis, [row for row in rows if row.panel == panel], title, log=panel in LOGARITHMIC)
+    for axis, target in ((axes[1], MEMORY), (axes[2], DISK)):
+        axis.axhline(target, color="#888888", linewidth=0.8, linestyle=":")
+    axes[-1].set_visible(False)
+    return figure
 
 
 def _draw_panel(axis: Axes, rows: Sequence[Row], title: str, *, log: bool) -> None:

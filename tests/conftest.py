@@ -40,7 +40,7 @@ def run_of(shared_folder: Path) -> RunOf:
     """
 
     def get(gait: str = "normal", settings: dict[str, object] | None = None, *, steps: int = 8) -> Path:
-        from validation.run.validate import Options, validate
+        from validation.run.validate import validate
         from validation.trial.plan import load_request
 
         changed = {**(settings or {}), "gait.steps": steps}
@@ -51,7 +51,7 @@ def run_of(shared_folder: Path) -> RunOf:
             if not (target / "summary.json").is_file():
                 shutil.rmtree(target, ignore_errors=True)
                 asked = load_request(gait, [f"{key}={value}" for key, value in changed.items()], as_is=True)
-                validate(asked, target, Options(recording=False))
+                validate(asked, target, recording=False)
         return target
 
     return get

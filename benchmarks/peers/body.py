@@ -7,13 +7,12 @@ from xml.etree import ElementTree as xml
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from ampm.body.robot import Robot
 from ampm.description import SOLE_POINT_GROUPS
+from ampm.geometry import Array
 from validation.trial.plan import PlannedWalk
 
-Array = NDArray[np.float64]
 _TIP = SOLE_POINT_GROUPS.index("tip")
 _AXES = {"JointModelRX": "1 0 0", "JointModelRY": "0 1 0", "JointModelRZ": "0 0 1"}
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.text import Text
 
+from ampm.geometry import Array
 from benchmarks.clock import Samples
 from benchmarks.peers.environments import MissingPeer, work
 from benchmarks.peers.qpset import accuracy, load_set
@@ -21,8 +22,6 @@ from validation.progress import Progress
 from validation.show.text import format_duration, print_line, print_table, replace_between
 from validation.store.environment import describe_environment
 from validation.trial.plan import load_request, plan_walk
-
-Array = NDArray[np.float64]
 
 MARK = "what the peers show, written by python -m benchmarks peers --markdown"
 TABLE = DOCUMENT.parent / "data" / "peers.csv"
@@ -48,6 +47,12 @@ class Entry:
     warm: float = float("nan")
     p99: float = float("nan")
     cold: float = float("nan")
+
+    @classmethod
+    def of(cls, name: str, version: str, error: str, seconds: Samples, cold: float = float("nan")) -> Entry:
+        """Sum up the times of a library."""
+        median, p99 = np.percentile(seconds, [50.0, 99.0]).tolist()
+        return cls(name, version, error, median, p99, cold)
 
     def cells(self, ours: float) -> tuple[str, ...]:
         """The row of the table."""
@@ -92,16 +97,26 @@ def compare(tasks: Sequence[str], *, install: bool, progress: Progress) -> list[
     return [TASKS[task](install, progress) for task in tasks]
 
 
-def compare_solvers(install: bool, progress: Progress) -> Section:
-    """QP solvers on the recorded control QPs."""
-    problems, entries = load_set(), []
-    for name in SOLVERS:
-        with progress.stage(f"QPs by {name}"):
+def _measured(
+    what: str, names: Iterable[str], script: str, arrays: dict[str, Any], entries: list[Entry],
+    *, install: bool, progress: Progress,
+) -> Iterator[tuple[str, dict[str, Any]]]:  # fmt: skip
+    """Name and answer of every library that can be measured; the others get an entry with the reason."""
+    for name in names:
+        with progress.stage(f"{what} by {name}"):
             try:
-                found = work("solve.py", name, problems, install=install)
+                found = work(script, name, arrays, install=install)
             except MissingPeer as error:
                 entries.append(Entry(name, "", str(error)))
                 continue
+        yield name, found
+
+
+def compare_solvers(install: bool, progress: Progress) -> Section:
+    """QP solvers on the recorded control QPs."""
+    problems, entries = load_set(), list[Entry]()
+    peers = _measured("QPs", SOLVERS, "solve.py", problems, entries, install=install, progress=progress)
+    for name, found in peers:
         for mode in dict.fromkeys(key.split("/")[0] for key in found if "/" in key):
             cold, warm = (found[f"{mode}/{start}/seconds"] for start in ("cold", "warm"))
             x, y, solved = (found[f"{mode}/warm/{part}"] for part in ("x", "y", "solved"))
@@ -110,8 +125,7 @@ def compare_solvers(install: bool, progress: Progress) -> Section:
             if not solved.all():
                 text += f"; {(~solved).sum()} unsolved"
             title = name if mode == "None" else f"{name}, {float(mode):g}"
-            times = [float(value) for value in (np.median(warm), np.percentile(warm, 99.0), np.median(cold))]
-            entries.append(Entry(title, str(found["version"]), text, *times))
+            entries.append(Entry.of(title, str(found["version"]), text, warm, float(np.median(cold))))
     why = (
         "Their work grows little from a cold start and where contact switches; ADMM takes more iterations "
         "there. A kept DAQP has the shortest tail, and its answers are exact."
@@ -144,13 +158,12 @@ def compare_kinematics(install: bool, progress: Progress) -> Section:
 
     walk = plan_walk(load_request("normal", ["gait.steps=3"]), progress)
     run, robot = walk.run, walk.body.robot
-    entries = []
+    entries: list[Entry] = []
 
     def add(name: str, version: str, seconds: Samples, given: dict[str, Any], q: Array) -> None:
         com, sole, turn = (1e3 * error for error in errors(robot, given, q))
         text = f"COM {com:.1g} mm, soles {sole:.1g} mm and {turn:.1g} mrad"
-        times = float(np.median(seconds)), float(np.percentile(seconds, 99.0))
-        entries.append(Entry(name, version, text, *times))
+        entries.append(Entry.of(name, version, text, seconds))
 
     wanted = step_reference(walk.plan, step_grid(walk.plan, run.solver.ik_time_step))
     own = {"com": wanted.position[:, 0], "place": wanted.position[:, 1:], "turn": wanted.rotation}
@@ -158,14 +171,9 @@ def compare_kinematics(install: bool, progress: Progress) -> Section:
         with progress.stage(f"inverse kinematics by {name}"):
             seconds, step = time_ik(run, robot, walk.plan, walk.motion, draft=draft)
         add(name, "", seconds, own, step.q)
-    given = references(walk, run.solver.ik_time_step)
-    for name in FOLLOWERS:
-        with progress.stage(f"inverse kinematics by {name}"):
-            try:
-                found = work("track.py", name, given, install=install)
-            except MissingPeer as error:
-                entries.append(Entry(name, "", str(error)))
-                continue
+    given, what = references(walk, run.solver.ik_time_step), "inverse kinematics"
+    peers = _measured(what, FOLLOWERS, "track.py", given, entries, install=install, progress=progress)
+    for name, found in peers:
         add(name, str(found["version"]), found["seconds"], given, found["q"])
     why = (
         "It solves for velocities that follow feet, COM and trunk by weights, ours for accelerations under "
@@ -182,22 +190,15 @@ def compare_dynamics(install: bool, progress: Progress) -> Section:
     from benchmarks.peers.torques import LIBRARIES
 
     robot, ticks = record(progress)
-    entries = []
-    for name in ("ours", *LIBRARIES):
-        with progress.stage(f"inverse dynamics by {name}"):
-            try:
-                found = ticks if name == "ours" else work("torques.py", name, ticks, install=install)
-            except MissingPeer as error:
-                entries.append(Entry(name, "", str(error)))
-                continue
+    entries, what = list[Entry](), "inverse dynamics"
+    peers = _measured(what, LIBRARIES, "torques.py", ticks, entries, install=install, progress=progress)
+    for name, found in chain([("ours", ticks)], peers):
         force, zmp = (np.median(error) for error in command_errors(robot, ticks, found["acceleration"]))
         text = f"force {force:.2g} N, ZMP {1e3 * zmp:.2g} mm"
         if name != "ours":
             apart = np.sqrt(np.mean((found["torque"] - ticks["torque"]) ** 2))
             text += f"; torques {apart:.2g} N m from ours"
-        seconds = found["seconds"]
-        times = float(np.median(seconds)), float(np.percentile(seconds, 99.0))
-        entries.append(Entry(name, str(found.get("version", "")), text, *times))
+        entries.append(Entry.of(name, str(found.get("version", "")), text, found["seconds"]))
     return Section(f"inverse dynamics, {len(ticks['q'])} ticks", tuple(entries), "")
 
 

@@ -7,19 +7,17 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
 from ampm.control.tick import LAST
+from ampm.geometry import Array
 from ampm.walk import ControlOutput, PostureState, Reference, State, Touch
 from benchmarks.clock import least
 from benchmarks.peers.body import sole_corners, urdf_of
 from validation.progress import Progress
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
 from validation.trial.simulate import simulate
-
-Array = NDArray[np.float64]
 
 _WALKS = 3
 

@@ -6,16 +6,13 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ampm.geometry import polygon_margin
+from ampm.geometry import Array, polygon_margin
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.planner.zmp_laws import dcm_steps, preview_steps, reference_zmp, step_axes
 from ampm.qp import DaqpBackend
 from benchmarks.clock import repeat
 from validation.trial.plan import load_request, make_body
-
-Array = NDArray[np.float64]
 
 HORIZON, PERIODS = 1.6, (0.1, 0.025)
 """Horizon of the MPC and its sampling, of Herdt et al. and finer [s]."""

@@ -7,18 +7,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
 from ampm.control.forces import ANGULAR
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.qp import QPSolution
 from validation.progress import Progress
 from validation.trial.plan import load_request, plan_walk
 from validation.trial.simulate import simulate
-
-Array = NDArray[np.float64]
 
 FILE = Path(__file__).resolve().parents[1] / "data" / "control_qps.npz"
 GAITS, TICKS = ("normal", "momentum"), 600

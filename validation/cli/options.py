@@ -92,6 +92,19 @@ Footsteps = Annotated[
         "FILE.csv",
     ),
 ]
+Controller = Annotated[
+    str | None,
+    option("--controller", "Short for controller.name: ampm, joint-pd, your own.", "NAME|MODULE:CLASS"),
+]
+OwnProfile = Annotated[
+    str | None,
+    option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P"),
+]
+Scheduler = Annotated[
+    str | None,
+    option("--scheduler", "Run on this dask scheduler: tcp://HOST:8786, or its --scheduler-file.", "ADDRESS"),
+]
+Resume = Annotated[bool, option("--resume", "Go on with what is missing in --out.")]
 Workers = Annotated[int | None, option("--workers", "Processes; one per core by default.", "N")]
 Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")]
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]

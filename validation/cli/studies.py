@@ -21,6 +21,8 @@ from validation.cli.options import (
     Force,
     Gait,
     Json,
+    Resume,
+    Scheduler,
     Settings,
     Status,
     Steps,
@@ -67,13 +69,8 @@ def sweep(
         Path | None, option("--out", "Folder of the sweep; only --dry-run needs none.", "DIR")
     ] = None,
     workers: Workers = None,
-    scheduler: Annotated[
-        str | None,
-        option(
-            "--scheduler", "Run on this dask scheduler: tcp://HOST:8786, or its --scheduler-file.", "ADDRESS"
-        ),
-    ] = None,
-    resume: Annotated[bool, option("--resume", "Go on with what is missing in --out.")] = False,
+    scheduler: Scheduler = None,
+    resume: Resume = False,
     dry_run: Annotated[
         bool, option("--dry-run", "Count runs and refusals; walk one run to measure its time.")
     ] = False,

@@ -12,11 +12,14 @@ import typer
 
 from validation.cli.console import Narrator
 from validation.cli.options import (
-    PROFILES,
     Body,
+    Controller,
     Force,
     Gait,
     Json,
+    OwnProfile,
+    Resume,
+    Scheduler,
     Settings,
     Status,
     Workers,
@@ -33,11 +36,6 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 EPILOG = "Exit status: 0 the study is done, 2 bad input or refused, 130 interrupted: --resume goes on."
-Controller = Annotated[str | None, option("--controller", "Short for controller.name.", "NAME|MODULE:CLASS")]
-Scheduler = Annotated[
-    str | None, option("--scheduler", "Run on this dask scheduler, as 'ampm sweep' does.", "ADDRESS")
-]
-Resume = Annotated[bool, option("--resume", "Go on with what is missing in --out.")]
 
 
 @app.command(epilog=EPILOG)
@@ -54,10 +52,7 @@ def robustness(
     replicas: Annotated[
         int, option("--replicas", "Walks of every value, of which four fifths have to survive.", "N")
     ] = 5,
-    profile: Annotated[
-        str | None,
-        option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P"),
-    ] = None,
+    profile: OwnProfile = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
     out: Annotated[

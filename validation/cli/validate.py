@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,13 +17,14 @@ from ampm.exceptions import InputError, RefusedGait
 from validation.cli.console import Narrator, print_json
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import (
-    PROFILES,
     AsIs,
     Body,
+    Controller,
     Footsteps,
     Force,
     Gaits,
     Json,
+    OwnProfile,
     PlannerName,
     RunFolder,
     Settings,
@@ -59,10 +59,7 @@ def validate(
     as_is: AsIs = False,
     steps: Steps = None,
     body: Body = None,
-    profile: Annotated[
-        str | None,
-        option("--profile", f"Tolerance profile: {PROFILES}; if not given, the preset's own.", "P"),
-    ] = None,
+    profile: OwnProfile = None,
     qp: Annotated[str | None, option("--qp", "Short for solver.qp.", "osqp|admm|daqp")] = None,
     out: Annotated[
         Path | None,
@@ -75,10 +72,7 @@ def validate(
     force: Force = False,
     as_json: Json = False,
     uncertainty: Uncertainty = None,
-    controller: Annotated[
-        str | None,
-        option("--controller", "Short for controller.name: ampm, joint-pd, your own.", "NAME|MODULE:CLASS"),
-    ] = None,
+    controller: Controller = None,
     planner: PlannerName = None,
     footsteps: Footsteps = None,
     push: Annotated[
@@ -129,22 +123,19 @@ def validate(
     for request in requests if known else ():  # before any walks
         if not changes(request.run):
             matching(known, request)
-    options = run.Options(
-        force=force,
-        instrument=None if instrument is None else load_instrument(instrument),
-        disturbances=[parse_push(text) for text in push or ()],
-    )
+    sensors = None if instrument is None else load_instrument(instrument)
+    pushes = [parse_push(text) for text in push or ()]
     targets = run.targets(requests, out, force=force)
     narrator = Narrator()
     answers: list[dict[str, Any]] = []
     statuses = [Status.PASS]
     for request, target, judge in zip(requests, targets, judges, strict=True):
         try:
-            options = replace(options, profile=judge)
-            if known:
-                request = complete(request, narrator)
-                options = replace(options, uncertainty=matching(known, request))
-            summary = run.validate(request, target, options, progress=narrator)
+            request = complete(request, narrator) if known else request
+            summary = run.validate(
+                request, target, judge, force=force, instrument=sensors, disturbances=pushes,
+                uncertainty=matching(known, request) if known else None, progress=narrator,
+            )  # fmt: skip
         except RefusedGait as error:  # the other gaits may still walk
             narrator.say(f"ampm: {request.name}: {explain(error)[1]}")
             answers.append({"gait": request.name, **describe_error(error)})

@@ -10,7 +10,6 @@ import shutil
 import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,35 +28,11 @@ from validation.trial.plan import PlannedWalk, Request, plan_walk
 from validation.trial.record import SimulationRecord
 
 if TYPE_CHECKING:
-    from ampm.planners import WalkRequest
-    from ampm.walk import Planner
     from validation.measure.instruments.model import Instrument
     from validation.trial.disturbances import Disturbance
 
 RUNS = Path("runs")
 """Default folder of runs."""
-
-
-@dataclass(frozen=True)
-class Options:
-    """How a trial is made, judged and kept.
-
-    Attributes:
-        profile: tolerances.
-        force: replace an earlier run in the same folder.
-        recording: write ``recording.rrd`` and ``report.html``; both can be written later from the folder.
-        uncertainty: of the metrics, from a convergence study; None judges the values as they are.
-        instrument: shown beside the simulator's truth, see :mod:`validation.measure.instruments`.
-        planner, disturbances: as :func:`validation.walk` takes them.
-    """
-
-    profile: Profile = DEFAULT
-    force: bool = False
-    recording: bool = True
-    uncertainty: Uncertainty | None = None
-    instrument: Instrument | None = None
-    planner: Planner[WalkRequest] | None = None
-    disturbances: Sequence[Disturbance] = ()
 
 
 def targets(requests: Sequence[Request], out: Path | None, *, force: bool) -> list[Path]:
@@ -85,7 +60,16 @@ def targets(requests: Sequence[Request], out: Path | None, *, force: bool) -> li
 
 
 def validate(
-    request: Request, target: Path, options: Options | None = None, *, progress: Progress | None = None
+    request: Request,
+    target: Path,
+    profile: Profile = DEFAULT,
+    *,
+    force: bool = False,
+    recording: bool = True,
+    uncertainty: Uncertainty | None = None,
+    instrument: Instrument | None = None,
+    disturbances: Sequence[Disturbance] = (),
+    progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Plan, walk, measure and judge one gait, and keep everything in a folder.
 
@@ -95,7 +79,12 @@ def validate(
     Args:
         request: the gait.
         target: the run folder, see :func:`validation.store.folders.run_folder`.
-        options: profile and what to keep.
+        profile: tolerances.
+        force: replace an earlier run in the same folder.
+        recording: write ``recording.rrd`` and ``report.html``; both can be written later from the folder.
+        uncertainty: of the metrics, from a convergence study; None judges the values as they are.
+        instrument: shown beside the simulator's truth, see :mod:`validation.measure.instruments`.
+        disturbances: as :func:`validation.walk` takes them.
         progress: where to report stages.
 
     Returns:
@@ -105,14 +94,14 @@ def validate(
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met; nothing is written.
         OSError: the disk is full; a note says where the record is.
     """
-    options, progress = options or Options(), progress or Progress()
-    check_run_folder(target, force=options.force)
+    progress = progress or Progress()
+    check_run_folder(target, force=force)
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
-        planned = plan_walk(request, progress, planner=options.planner)
+        planned = plan_walk(request, progress)
     environment = describe_environment()
     late: BaseException | None = None
-    with run_folder(target, force=options.force) as folder:
+    with run_folder(target, force=force) as folder:
         write_inputs(folder, planned, environment)
 
         def keep(record: SimulationRecord) -> None:
@@ -125,18 +114,18 @@ def validate(
         try:
             trial = walk_planned(
                 planned,
-                options.profile,
-                disturbances=options.disturbances,
-                uncertainty=options.uncertainty,
+                profile,
+                disturbances=disturbances,
+                uncertainty=uncertainty,
                 progress=progress,
                 seconds=seconds,
                 keep=keep,
             )
-            summary = write_results(folder, trial, environment, options.instrument)
+            summary = write_results(folder, trial, environment, instrument)
             del trial  # drawing needs the memory
         finally:
             interruption.holding = False
-        if options.recording and not interruption.pending:
+        if recording and not interruption.pending:
             try:  # a failure here must not lose the run's folder
                 draw_run(folder, request.name, progress)
                 interruption.check()

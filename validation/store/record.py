@@ -246,18 +246,6 @@ class StoredRecord:
     sole_sites: tuple[str, ...]
     external_segments: tuple[str, ...]
     metadata: Mapping[str, str]
-    # Read when used.
-    q: Array
-    qd: Array
-    warmstart: Array
-    tick_torque: Array
-    torque_rate: Array
-    qp_status: NDArray[np.int8]
-    qp_residual: Array
-    qp_iterations: NDArray[np.int32]
-    qp_time: Array
-    external_force: Array
-    external_moment: Array
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory

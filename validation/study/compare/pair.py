@@ -29,7 +29,7 @@ from ampm.planner.support import StepPlan, plan_steps
 from ampm.run_file import load_run
 from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching
 from validation.progress import Progress
-from validation.run.validate import Options, validate
+from validation.run.validate import validate
 from validation.store.folders import check_run_folder, check_target
 from validation.store.identity import parameter_values
 from validation.store.json import json_ready
@@ -250,8 +250,9 @@ def compare_pair(
         sides = []
         for label, source in sources.items():
             if isinstance(source, Request):
-                options, folder = Options(force=force, recording=out is not None), Path(place) / label
-                if validate(source, folder, options, progress=stages)["outcome"] == "interrupted":
+                folder, kept = Path(place) / label, out is not None
+                summary = validate(source, folder, force=force, recording=kept, progress=stages)
+                if summary["outcome"] == "interrupted":
                     raise KeyboardInterrupt  # the other one is not needed either
                 source = folder
             sides.append(load_side(label, source, stages))
