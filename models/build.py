@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from ampm.parameters import HUMAN
+from ampm.parameters import HUMAN, BodyParameters, ContactParameters, SimulationParameters
 from models import human
 from models.load import load_body
 from models.scene import BodyModel
 from models.source import body_path, read_body_file
-
-if TYPE_CHECKING:
-    from ampm.parameters import BodyParameters, ContactParameters, SimulationParameters
-    from models.tree import Findings
+from models.tree import Findings
 
 
 def build_body(

@@ -8,11 +8,14 @@ and only with the floor.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.description import BodyDescription, LegDescription, SoleGeometry
+from ampm.parameters import BodyParameters, ContactParameters, SimulationParameters
 from models import anthropometry as table
 from models.scene import (
     GRAVITY,
@@ -27,13 +30,6 @@ from models.scene import (
     new_scene,
     to_xml,
 )
-
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
-
-    from numpy.typing import NDArray
-
-    from ampm.parameters import BodyParameters, ContactParameters, SimulationParameters
 
 SIDES = ("left", "right")
 

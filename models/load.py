@@ -7,14 +7,19 @@ of the world, x where the feet point.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
 
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription, LegDescription, Passive, SoleGeometry
 from ampm.exceptions import InputError
+from ampm.geometry import Array
+from ampm.parameters import ContactParameters, SimulationParameters
 from models import anthropometry as table
 from models.scene import (
     BodyModel,
@@ -30,15 +35,6 @@ from models.scene import (
 )
 from models.source import BodyFile, compiled_source, source_path
 from models.tree import Findings, Segment, Tree
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-    from xml.etree.ElementTree import Element
-
-    from ampm.geometry import Array
-    from ampm.parameters import ContactParameters, SimulationParameters
-
 
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
 _THIN = 0.005  # least half axis of a segment's shape [m]

@@ -7,18 +7,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.etree.ElementTree import Element, SubElement, fromstring, indent, tostring
 
 import mujoco
 import numpy as np
 
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription, SoleGeometry
-
-if TYPE_CHECKING:
-    from ampm.geometry import Array
-    from ampm.parameters import ContactParameters, SimulationParameters
-
+from ampm.geometry import Array
+from ampm.parameters import ContactParameters, SimulationParameters
 
 GRAVITY = 9.81
 """Gravity [m/s^2], as in the paper."""

@@ -10,19 +10,15 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from models.source import DRAWN, BodyFile, by_pattern
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.geometry import Array
-
 
 _MIRROR = np.array([1.0, -1.0, 1.0])  # of a vector; of an axis of rotation with the opposite sign
 _ALIKE = 0.02  # largest difference of mirrored places over the body's height, and of masses [1]

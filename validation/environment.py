@@ -16,13 +16,14 @@ import math
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import dm_env
 import mujoco
 import numpy as np
 import pinocchio as pin
 from dm_env import specs
+from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters, steps_per_tick
@@ -44,10 +45,7 @@ with set_variables({"MUJOCO_GL": "disable"}):
     from dm_control.rl import control
     from dm_control.utils import rewards
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 REWARDED = ("zmp_x", "zmp_y", "angular_momentum_x", "angular_momentum_y")
 """Signals whose errors make the reward."""

@@ -34,7 +34,7 @@ from validation.cli.options import (
     with_short,
 )  # fmt: skip
 from validation.show.text import format_duration, judged, print_line, print_table, print_verdict
-from validation.store.folders import output_file
+from validation.store.folders import check_output_file, output_file
 from validation.store.machine import cores
 
 if TYPE_CHECKING:
@@ -209,7 +209,6 @@ def diff(
     Runs are matched by their parameters, whatever the revision. A difference below the noise is none: runs
     repeat to the bit on one machine, so the noise is that of floating point, or of a convergence study.
     """
-    from validation.store.folders import check_output_file
     from validation.study.sweep import diff_text
     from validation.study.sweep.diff import compare_sweeps
 

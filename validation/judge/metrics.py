@@ -29,22 +29,18 @@ from functools import partial
 from numbers import Real
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import Any, Literal, overload
 
 import cloudpickle
 import numpy as np
 
 from ampm.body.feasibility import CLEARANCE
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.walk import UNSOLVED
-from validation.judge.compare import FIRST_STEP, SIGNALS
+from validation.judge.compare import FIRST_STEP, SIGNALS, Comparison
 from validation.judge.sizes import BODY_WEIGHT, LIMIT_UNITS, share_of_default
-
-if TYPE_CHECKING:
-    from ampm.geometry import Array
-    from validation.judge.compare import Comparison
-    from validation.trial.record import SimulationRecord
-
+from validation.trial.record import SimulationRecord
 
 _KINDS, _NATURES = ("walk", "instrument", "cost"), ("mean", "extreme", "count")
 

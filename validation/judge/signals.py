@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pyarrow as pa
 
-from validation.judge.compare import PARTS
+from ampm.geometry import Array
+from validation.judge.compare import PARTS, Comparison
 from validation.trial.record import restart_steps
-
-if TYPE_CHECKING:
-    from ampm.geometry import Array
-    from validation.judge.compare import Comparison
-
 
 ALL = slice(None)
 MOST_ROWS = 70_000

@@ -6,21 +6,18 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ampm.brief import Brief
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.judge.compare import Comparison, statistics_table
-from validation.judge.metrics import METRICS, display_unit, has_qp
+from validation.judge.metrics import METRICS, MetricValue, display_unit, has_qp
 from validation.judge.profiles import Profile, Tolerance
+from validation.judge.uncertainty import Uncertainty
 from validation.store.json import json_ready
-
-if TYPE_CHECKING:
-    from validation.judge.metrics import MetricValue
-    from validation.judge.uncertainty import Uncertainty
-    from validation.trial.record import SimulationRecord
+from validation.trial.record import SimulationRecord
 
 
 class VerdictName(StrEnum):

@@ -10,25 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from ampm.arithmetic import cos, sin
 from ampm.brief import Brief
 from ampm.exceptions import InputError
-from ampm.geometry import polygon_margin
-from validation.trial.record import support_height
+from ampm.geometry import Array, polygon_margin
+from validation.trial.record import SimulationRecord, support_height
 from validation.trial.spill import blocks
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.geometry import Array
-    from validation.trial.record import SimulationRecord
-
-    ToPinocchio = Callable[[Array, Array], tuple[Array, Array]]
+ToPinocchio = Callable[[Array, Array], tuple[Array, Array]]
 
 LEAST_SUPPORT = 0.01
 """Share of body weight below which there is no ZMP: the quotient of two vanishing numbers is meaningless."""

@@ -8,31 +8,26 @@ run's: the speed of coming to rest does not matter.
 from __future__ import annotations
 
 from itertools import repeat
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.return_map import standing
 from ampm.body.robot import Robot
 from ampm.body.step_reference import StepReference
 from ampm.control.controller import TrackingController
+from ampm.description import BodyDescription
 from ampm.exceptions import BodilyRefusal
-from ampm.parameters import ControllerParameters
+from ampm.parameters import ControllerParameters, RunParameters
 from ampm.planner.feet import TIP
 from ampm.walk import ContactState, FeetState, PostureState, Reference
+from models.scene import BodyModel
 from validation.measure.measure import StandingCheck, measure, standing_check
 from validation.trial.bridge import to_pinocchio
 from validation.trial.outcome import OutcomeName
+from validation.trial.record import SimulationRecord
 from validation.trial.simulate import ClosedLoop, Physics
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.description import BodyDescription
-    from ampm.parameters import RunParameters
-    from models.scene import BodyModel
-    from validation.trial.record import SimulationRecord
 
 DURATION = 2.0
 """How long the body stands [s]."""

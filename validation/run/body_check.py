@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
 import pinocchio as pin
 
 from ampm.body.feasibility import joint_groups
+from ampm.body.robot import Robot
 from ampm.exceptions import RefusedGait
 from ampm.parameters import GRAVITY, HUMAN, BodyParameters, RunParameters
 from ampm.tune.gait_limits import step_torques
@@ -20,11 +21,7 @@ from models.build import load
 from models.tree import Findings
 from validation.progress import Progress
 from validation.trial.bridge import pinocchio_model, to_mujoco
-from validation.trial.plan import load_request, make_body, tune_walk
-
-if TYPE_CHECKING:
-    from ampm.body.robot import Robot
-    from validation.trial.plan import PlannedWalk
+from validation.trial.plan import PlannedWalk, load_request, make_body, tune_walk
 
 _BENT = 0.6  # flexion of the knees at which the legs are judged [rad]
 _GROWTH, _MOST_GROWTH = 1.2, 3.0  # of step or speed from try to try, and at most [1]

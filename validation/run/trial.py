@@ -9,11 +9,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from ampm.parameters import RunParameters
 from ampm.run_file import dump_run
+from ampm.walk import WalkPlan
+from validation.judge.compare import Comparison
+from validation.judge.metrics import MetricValue
 from validation.judge.signals import kept_rows, signals_table
-from validation.judge.verdict import build_summary
+from validation.judge.uncertainty import Uncertainty
+from validation.judge.verdict import Verdict, build_summary
+from validation.measure.instruments.model import Instrument
+from validation.measure.measure import MeasuredGait
 from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.store.folders import INSTRUMENT_FILE, run_folder
@@ -33,16 +40,6 @@ from validation.store.signals import SIGNALS_FILE, save_signals
 from validation.trial.plan import PlannedWalk
 from validation.trial.record import SimulationRecord
 from validation.trial.scene import disturbed_model
-
-if TYPE_CHECKING:
-    from ampm.parameters import RunParameters
-    from ampm.walk import WalkPlan
-    from validation.judge.compare import Comparison
-    from validation.judge.metrics import MetricValue
-    from validation.judge.uncertainty import Uncertainty
-    from validation.judge.verdict import Verdict
-    from validation.measure.instruments.model import Instrument
-    from validation.measure.measure import MeasuredGait
 
 
 @dataclass(frozen=True)

@@ -12,24 +12,22 @@ from collections.abc import Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ampm.exceptions import InputError
 from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.uncertainty import Uncertainty
+from validation.measure.instruments.model import Instrument
 from validation.progress import Progress, interruption
 from validation.run.trial import draw_run, write_inputs, write_results
 from validation.run.walk import timed, walk_planned
 from validation.store.environment import describe_environment
 from validation.store.folders import check_run_folder, run_folder
 from validation.store.record import save_record
+from validation.trial.disturbances import Disturbance
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import PlannedWalk, Request, plan_walk
 from validation.trial.record import SimulationRecord
-
-if TYPE_CHECKING:
-    from validation.measure.instruments.model import Instrument
-    from validation.trial.disturbances import Disturbance
 
 RUNS = Path("runs")
 """Default folder of runs."""

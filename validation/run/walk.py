@@ -8,19 +8,23 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ampm.body.orbit import solve_motion
 from ampm.compiled import compilation, folder
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
+from ampm.planner.contacts import Footstep
 from ampm.planner.routes import as_rows
 from ampm.planner.support import plan_steps
+from ampm.planners import WalkRequest
 from ampm.run_file import load_run
+from ampm.walk import ControllerFactory, Planner
 from validation.judge import profiles
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
 from validation.judge.profiles import DEFAULT, Profile
+from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import judge
 from validation.measure.measure import measure
 from validation.measure.standing import weigh
@@ -28,19 +32,13 @@ from validation.progress import Progress, interruption
 from validation.run.trial import Trial
 from validation.trial.bridge import pinocchio_model, to_pinocchio
 from validation.trial.controllers import find_controller, name_of
+from validation.trial.disturbances import Disturbance
 from validation.trial.origin import moved_record
 from validation.trial.plan import PlannedWalk, load_request, make_body, plan_walk
 from validation.trial.planners import check_planner
 from validation.trial.record import SimulationRecord
 from validation.trial.scene import disturbed_model
 from validation.trial.simulate import simulate
-
-if TYPE_CHECKING:
-    from ampm.planner.contacts import Footstep
-    from ampm.planners import WalkRequest
-    from ampm.walk import ControllerFactory, Planner
-    from validation.judge.uncertainty import Uncertainty
-    from validation.trial.disturbances import Disturbance
 
 
 def walk(

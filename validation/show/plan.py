@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from ampm.planner.centroidal import CentroidalPlan
+from ampm.description import SoleGeometry
+from ampm.planner.centroidal import CentroidalPlan, PlanSample
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.show.style import into_file, legend
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from ampm.description import SoleGeometry
-    from ampm.planner.centroidal import PlanSample
 
 _SHOWN_STEPS = 4  # a periodic gait repeats itself every two
 _POINTS = 1200

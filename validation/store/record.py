@@ -15,25 +15,21 @@ from dataclasses import fields
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from validation.store.json import json_ready
 from validation.trial.outcome import Outcome
 from validation.trial.record import INTEGERS, SHAPES, SimulationRecord, restart_steps
 from validation.trial.restart import Restart
 from validation.trial.spill import blocks
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.geometry import Array
-
 
 JOINTS_FILE = "joints.parquet"
 TICKS_FILE = "ticks.parquet"

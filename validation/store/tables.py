@@ -6,18 +6,16 @@ import csv
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.description import SOLE_POINT_GROUPS
 from ampm.exceptions import InputError
 from ampm.planner.centroidal import CentroidalPlan, phase_of
 from ampm.planner.support import StepPlan
 from validation.trial.columns import check_suffix
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 MOST_SAMPLES = 5_000_000
 """Samples of one table at most: about 2 GB of memory."""

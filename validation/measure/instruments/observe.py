@@ -7,31 +7,29 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.brief import Brief
+from ampm.description import BodyDescription
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.run_file import load_run
 from validation.measure.instruments.chain import BIAS, FILTER
 from validation.measure.instruments.model import Instrument, load_instrument
 from validation.measure.instruments.names import CAUSES, INSTRUMENT_COLUMNS, METHOD, RUN, STATISTICS, WINDOWS
 from validation.measure.instruments.rigs import RIGS, Rig, usable_rows
 from validation.store.identity import parameter_values, run_key
+from validation.store.record import load_record
 from validation.store.saved import BODY_FILE, SUMMARY_FILE, check_files, load_description
+from validation.trial.plan import PlannedWalk
+from validation.trial.record import SimulationRecord
 
-if TYPE_CHECKING:
-    import mujoco
-    from numpy.typing import NDArray
-
-    from ampm.description import BodyDescription
-    from ampm.geometry import Array
-    from validation.trial.plan import PlannedWalk
-    from validation.trial.record import SimulationRecord
-
-    Windows = Mapping[str, "ErrorStatistics"]
-    Body = Callable[[], tuple[mujoco.MjModel, BodyDescription]]
+Windows = Mapping[str, "ErrorStatistics"]
+Body = Callable[[], tuple[mujoco.MjModel, BodyDescription]]
 
 
 @dataclass(frozen=True)
@@ -162,11 +160,6 @@ def observe_folder(directory: Path | str, instrument: Instrument) -> Observation
     if (directory / SUMMARY_FILE).is_file():  # a walk that was broken off has none
         check_files(directory)
     run = load_run(directory / "run.toml", ())
-
-    # Imported here: simulator and body are slow to load.
-    import mujoco
-
-    from validation.store.record import load_record
 
     def body() -> tuple[mujoco.MjModel, BodyDescription]:
         xml = (directory / "model.xml").read_text(encoding="utf-8")

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ampm.description import BodyDescription, LegDescription
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from validation.measure.instruments.chain import Chain, random_stream
 from validation.measure.instruments.model import (
     Acquisition,
@@ -30,16 +33,9 @@ from validation.measure.measure import (
     foot_wrenches,
 )
 from validation.trial.bridge import pinocchio_model, to_pinocchio
-from validation.trial.record import FEET, support_height
+from validation.trial.record import FEET, SimulationRecord, support_height
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from ampm.description import BodyDescription, LegDescription
-    from ampm.geometry import Array
-    from validation.trial.record import SimulationRecord
-
-    Body = Callable[[], tuple[mujoco.MjModel, BodyDescription]]
+Body = Callable[[], tuple[mujoco.MjModel, BodyDescription]]
 
 KINEMATICS, TILT = "kinematics", "tilt"
 _WRENCH = {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -15,13 +14,10 @@ from ampm.body.orbit import COARSE_STEP
 from ampm.body.return_map import standing
 from ampm.body.step_reference import step_grid, step_reference
 from ampm.geometry import Array
+from ampm.planner.feet import FeetPlan, FootSample
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
-
-if TYPE_CHECKING:
-    from ampm.planner.feet import FeetPlan, FootSample
-    from validation.trial.plan import PlannedWalk
-
+from validation.trial.plan import PlannedWalk
 
 _DIFFERENCE = 1e-5  # half width of central differences [s]
 _PROPORTIONAL, _INTEGRAL = 2.0, 0.5  # gains from the trunk's mean pitch to the constant of L_y [N m s/rad]

@@ -8,20 +8,16 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ampm.parameters import GaitParameters
-from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.centroidal import CentroidalPlan, PlanSample
 from ampm.planner.periodic import plan_gait
 from validation.paper.audit.body import BodyEvidence
+from validation.trial.outcome import Outcome
 from validation.trial.plan import load_request, plan_walk
 from validation.trial.simulate import simulate
-
-if TYPE_CHECKING:
-    from ampm.planner.centroidal import PlanSample
-    from validation.trial.outcome import Outcome
 
 SAMPLES_PER_STEP = 2001
 COARSE = 0.004

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import sympy as sp
 
 from validation.paper.audit.case import Case
 from validation.paper.audit.mechanics import H, acceleration_towards, g, m, moment_y
 from validation.paper.audit.rows import Rows
 from validation.paper.audit.section_2_3 import SWITCH, cubic_jump
-
-if TYPE_CHECKING:
-    pass
 
 x, a, c = sp.symbols("x a c", real=True)
 C_Y = (0.1, 0.4, 0.7, 1.0)

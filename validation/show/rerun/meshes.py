@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+import mujoco
 import numpy as np
 import rerun as rr
-
-if TYPE_CHECKING:
-    import mujoco
 
 
 def mesh_of(model: mujoco.MjModel, mesh: int, color: tuple[int, int, int, int]) -> rr.Mesh3D:

@@ -8,20 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ampm.geometry import Array
+from ampm.planner.support import StepPlan
 from validation.judge.metrics import METRICS, display_unit, rms
 from validation.judge.sizes import BODY_WEIGHT, DEFAULT_BODY, limit_in_si
-
-if TYPE_CHECKING:
-    from ampm.planner.support import StepPlan
-    from validation.store.record import StoredRecord
-    from validation.store.signals import Signals
-    from validation.trial.record import SimulationRecord
-
+from validation.store.record import StoredRecord
+from validation.store.signals import Signals
+from validation.trial.record import SimulationRecord
 
 WINDOW = 0.05
 """Half-width of the window about a switch [s]."""

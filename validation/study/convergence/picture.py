@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from validation.show.style import into_file
 from validation.study.convergence.result import Convergence, MetricStudy
 from validation.study.convergence.studies import Study
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _LEAST = 1e-9  # relative change below which it is rounding
 _LEFT_OUT = ("com_agreement_maximum", "angular_momentum_agreement_maximum", "standing_weight_error")

@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from ampm.exceptions import AmpmError, InputError, RefusedGait
 from ampm.parameters import RunParameters
-from validation.judge.compare import RUN
+from validation.judge.compare import RUN, Comparison
 from validation.judge.metrics import METRICS, evaluate
 from validation.judge.signals import signals_table
 from validation.progress import Progress
@@ -18,9 +18,6 @@ from validation.store.signals import Signals
 from validation.study.compare.metrics import SWITCH, switch_values
 from validation.study.resumable import work_off
 from validation.trial.plan import Request
-
-if TYPE_CHECKING:
-    from validation.judge.compare import Comparison
 
 _PHASE_SIGNALS = {"zmp_x": "m", "zmp_y": "m", "force_x": "N", "force_y": "N", "force_z": "N"}
 _PHASES = ("single_support", "double_support")
@@ -93,7 +90,7 @@ class LevelResult:
 
 def walk_level(run: RunParameters, name: str) -> LevelResult:
     """Plan and walk one level; runs in a worker and returns numbers only."""
-    from validation.run.walk import walk_planned  # imported in functions: loads simulator and Pinocchio
+    from validation.run.walk import walk_planned  # imported here: loads the simulator
     from validation.trial.plan import plan_walk
 
     start = time.perf_counter()

@@ -20,18 +20,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.parameters import GRAVITY
 from validation.judge.margins import LOADED
-
-if TYPE_CHECKING:
-    from ampm.geometry import Array
-    from validation.store.saved import SavedRun
-
+from validation.store.saved import SavedRun
 
 PHASES = 200
 """Instants of the mean stride."""

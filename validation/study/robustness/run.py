@@ -6,8 +6,8 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.capture import Reach, largest_velocity_change, push_instant
 from ampm.run_file import dump_run
@@ -37,12 +37,7 @@ from validation.study.robustness.walks import (
     from_row,
     walk_level,
 )  # fmt: skip
-from validation.trial.plan import load_request, plan_walk
-
-if TYPE_CHECKING:
-    from ampm.geometry import Array
-    from validation.trial.plan import PlannedWalk
-
+from validation.trial.plan import PlannedWalk, load_request, plan_walk
 
 RESULT, JOURNAL = "robustness.json", "levels.jsonl"
 MARKDOWN = "robustness.md"

@@ -14,10 +14,11 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import tomli_w
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ampm.arithmetic import exp
@@ -32,10 +33,7 @@ from validation.trial.controllers import CONTROLLERS, find_controller
 from validation.trial.plan import own_gait
 from validation.trial.planners import check_planner
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Column = NDArray[Any]
+Column = NDArray[Any]
 
 Value = float | int | str
 """A value of a key."""

@@ -9,22 +9,22 @@ import time
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ampm.body.feasibility import check_body
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import RELATIONS, RunParameters, steps_per_tick
 from ampm.planner import rules
 from ampm.planner.gaits import Gaits
 from ampm.planner.periodic import plan_gait
+from ampm.planner.support import plan_steps
 from ampm.run_file import key_info
 from validation.progress import Progress
 from validation.study.sweep.design import STEPS_KEY, SweepDefinition
 from validation.study.sweep.task import Task, keep_run
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 REASONS = (*rules.REASONS, "bad_parameter")
 """Results of :func:`screen` for a run; its numbers are indices into this."""
@@ -218,10 +218,7 @@ def refusal(
 
 def _check_body(run: RunParameters) -> None:
     """Check control period, soles and legs, as planning does before it solves the motion."""
-    # Imported here: the simulator takes a second to load.
-    from ampm.body.feasibility import check_body
-    from ampm.planner.support import plan_steps
-    from models.build import build_body
+    from models.build import build_body  # imported here: loads the simulator
 
     steps_per_tick(run.controller.frequency, run.simulation.time_step)
     description = build_body(run.body, run.contact, run.simulation).description
