@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.body.feasibility import check_body
 from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory
@@ -17,6 +16,7 @@ from ampm.body.motion import WholeBodyMotion
 from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
 from ampm.body.step_reference import step_grid, step_reference
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.planner.support import StepPlan, plan_steps
@@ -147,6 +147,6 @@ class _TimedKinematics(InverseKinematics):
 
     times: list[float]
 
-    def _minimise(self, *arguments: Any) -> NDArray[np.float64]:
+    def _minimise(self, *arguments: Any) -> Array:
         self.times.append(time.perf_counter())
         return super()._minimise(*arguments)

@@ -8,10 +8,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
+from ampm.geometry import Array
 from ampm.parameters import RunParameters, steps_per_tick
 from ampm.walk import LIMITED, UNSOLVED, ControlOutput, WalkPlan
 from benchmarks.clock import Line, least
@@ -74,9 +74,7 @@ def time_walk(
     ]
 
 
-def time_physics(
-    record: SimulationRecord, run: RunParameters, body: BodyModel
-) -> tuple[NDArray[np.float64], bool]:
+def time_physics(record: SimulationRecord, run: RunParameters, body: BodyModel) -> tuple[Array, bool]:
     """Step the physics again with the recorded torques.
 
     Returns:

@@ -12,9 +12,9 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.description import BodyDescription, LegDescription, SoleGeometry
+from ampm.geometry import Array
 from ampm.parameters import BodyParameters, ContactParameters, SimulationParameters
 from models import anthropometry as table
 from models.scene import (
@@ -54,10 +54,10 @@ class _Inertial:
     """Mass [kg], centre of mass in the segment's frame (3,) [m], inertia about it (3, 3) [kg m^2]."""
 
     mass: float
-    com: NDArray[np.float64]
-    inertia: NDArray[np.float64]
+    com: Array
+    inertia: Array
 
-    def about(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    def about(self, point: Array) -> Array:
         """Inertia (3, 3) about ``point`` (3,) of the same frame [kg m^2]."""
         r = self.com - point
         return self.inertia + self.mass * ((r * r).sum() * np.eye(3) - np.outer(r, r))
@@ -68,7 +68,7 @@ class _Inertial:
         com = (self.mass * self.com + other.mass * other.com) / mass
         return _Inertial(mass, com, self.about(com) + other.about(com))
 
-    def seen_from(self, point: NDArray[np.float64]) -> _Inertial:
+    def seen_from(self, point: Array) -> _Inertial:
         """The same body in a frame with its origin at ``point`` (3,) [m]."""
         return replace(self, com=self.com - point)
 

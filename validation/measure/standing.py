@@ -10,7 +10,6 @@ from __future__ import annotations
 from itertools import repeat
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.return_map import standing
@@ -19,6 +18,7 @@ from ampm.body.step_reference import StepReference
 from ampm.control.controller import TrackingController
 from ampm.description import BodyDescription
 from ampm.exceptions import BodilyRefusal
+from ampm.geometry import Array
 from ampm.parameters import ControllerParameters, RunParameters
 from ampm.planner.feet import TIP
 from ampm.walk import ContactState, FeetState, PostureState, Reference
@@ -100,7 +100,7 @@ def _duration(description: BodyDescription) -> float:
     return WITH_FRICTION if any(item.friction for item in description.passive) else DURATION
 
 
-def _posture(robot: Robot, run: RunParameters, places: NDArray[np.float64]) -> NDArray[np.float64]:
+def _posture(robot: Robot, run: RunParameters, places: Array) -> Array:
     """Upright configuration with COM and both soles in their places, shape (3, 3) [m]; shape (nq,)."""
     ik, still = InverseKinematics(robot, run), np.zeros((1, robot.task_rows))
     reference = StepReference(

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 import rerun as rr
-from numpy.typing import NDArray
 from rerun.chunk import Chunk, RrdReader
 
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from validation.show.rerun.record import SERIES, open_stream
 from validation.show.rerun.views import (
     ALERT,
@@ -54,7 +54,7 @@ class Part(NamedTuple):
     label: str
     chunks: tuple[Chunk, ...]
 
-    def numbers(self, entity: str, column: str) -> NDArray[np.float64]:
+    def numbers(self, entity: str, column: str) -> Array:
         """All numbers in a column of an entity; empty if it has none."""
         found = [np.zeros(0)]
         for chunk in self.chunks:
@@ -88,7 +88,7 @@ def read_part(path: Path, prefix: str, label: str) -> Part:
 def same_gait(parts: Sequence[Part]) -> bool:
     """Whether all recordings are of one plan: the same footsteps at the same times."""
 
-    def agree(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    def agree(a: Array, b: Array) -> bool:
         count = min(len(a), len(b))  # a walk that ended early has fewer phases
         return bool(np.allclose(a[:count], b[:count], atol=1e-4))
 

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
+
+from ampm.geometry import Array
 
 Color = tuple[int, int, int, int]
 Labels = Mapping[str, str]
@@ -72,7 +73,7 @@ _LABELS = 7
 """Most intervals between two labels of a vertical axis: the viewer leaves out those less than 20 px apart."""
 
 
-def axis_range(values: NDArray[np.float64]) -> tuple[float, float]:
+def axis_range(values: Array) -> tuple[float, float]:
     """Ends of a vertical axis that has labels: multiples of a power of ten, as the viewer labels no others.
 
     Args:

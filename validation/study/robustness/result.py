@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -116,19 +116,8 @@ class Robustness(Brief):
 
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain values; values in the unit beside them."""
-        return dict(
-            json_ready(
-                {
-                    "gait": self.gait,
-                    "body": self.body,
-                    "controller": self.controller,
-                    "replicas": self.replicas,
-                    "needed": needed(self.replicas),
-                    "quick": self.quick,
-                    "cells": [_plain(item) for item in self.cells],
-                }
-            )
-        )
+        cells = [_plain(item) for item in self.cells]
+        return dict(json_ready({**vars(self), "needed": needed(self.replicas), "cells": cells}))
 
 
 def _plain(item: CellResult) -> Mapping[str, Any]:
@@ -152,17 +141,3 @@ def _plain(item: CellResult) -> Mapping[str, Any]:
             for value, result in item.levels
         ],
     }  # fmt: skip
-
-
-def results(
-    cells: Sequence[Cell],
-    done: Mapping[tuple[str, float], LevelResult],
-    replicas: int,
-    bounds: Mapping[str, float],
-) -> tuple[CellResult, ...]:
-    """Results of all cells, from their levels."""
-    found = []
-    for cell in cells:
-        levels = tuple((value, done[cell.name, value]) for value in cell.values if (cell.name, value) in done)
-        found.append(CellResult(cell, levels, replicas, bounds.get(cell.name)))
-    return tuple(found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from ampm.parameters import RunParameters
 from ampm.planner.capture import Reach, largest_velocity_change, push_instant
 from ampm.run_file import dump_run
 from validation.judge import profiles
-from validation.progress import Progress, Stage
+from validation.progress import Progress
 from validation.store.folders import output_file
 from validation.store.identity import code_hash
 from validation.store.json import write_json
@@ -28,7 +28,7 @@ from validation.study.robustness.cells import (
     other_cells,
     push_cells,
 )  # fmt: skip
-from validation.study.robustness.result import Robustness, results
+from validation.study.robustness.result import CellResult, Robustness
 from validation.study.robustness.walks import (
     Level,
     LevelResult,
@@ -98,17 +98,38 @@ def robustness(
     with Journal(path, identity, resume=resume) as journal:
         done = dict(map(from_row, journal.rows))
 
-        def level(cell: Cell, value: float) -> Level:
-            return Level(cell, value, text, request.name, limits.name, replicas)
+        def following(cell: Cell) -> Level | None:
+            """The next value that is not walked yet; None at the end, or after one that was not survived."""
+            for value in cell.values:
+                result = done.get((cell.name, value))
+                if result is None:
+                    return Level(cell, value, text, request.name, limits.name, replicas)
+                if result.walked < needed(replicas):
+                    break
+            return None
 
+        waiting = [item for cell in cells if (item := following(cell)) is not None]
         with progress.stage(f"{request.name}: robustness", "disturbances") as stage:
-            _climb(cells, level, done, journal, stage, runner, workers, scheduler, progress)
+            stage.advance(len(cells) - len(waiting), len(cells))
+
+            def kept(item: Level, result: LevelResult) -> Level | None:
+                done[item.cell.name, item.value] = result
+                journal.keep(as_row(item, result))
+                stage.advance(sum(following(cell) is None for cell in cells), len(cells))
+                return following(item.cell)
+
+            work_off(waiting, runner, kept, workers=workers, scheduler=scheduler, report=progress.say)
+    bounds = _bounds(cells, planned)
+    levels = [[(v, done[cell.name, v]) for v in cell.values if (cell.name, v) in done] for cell in cells]
     found = Robustness(
         gait=request.title,
         body=planned.run.body.source,
         controller=planned.run.controller.name,
         replicas=replicas,
-        cells=results(cells, done, replicas, _bounds(cells, planned)),
+        cells=tuple(
+            CellResult(cell, tuple(tried), replicas, bounds.get(cell.name))
+            for cell, tried in zip(cells, levels, strict=True)
+        ),
         quick=quick,
     )
     if target is not None:
@@ -148,46 +169,6 @@ def _lever(planned: PlannedWalk, q: Array) -> float:
     trunk = model.frames[model.getFrameId(planned.body.model.description.trunk_segment)].parentJoint
     com = pin.centerOfMass(model, data, q)
     return float((data.oMi[trunk] * model.inertias[trunk].lever)[2] - com[2])
-
-
-def _climb(
-    cells: Sequence[Cell],
-    level: Callable[[Cell, float], Level],
-    done: dict[tuple[str, float], LevelResult],
-    journal: Journal,
-    stage: Stage,
-    runner: Runner,
-    workers: int | None,
-    scheduler: str | None,
-    progress: Progress,
-) -> None:
-    """Walk every cell's values upward until one is not survived."""
-
-    def following(cell: Cell) -> Level | None:
-        """The next level of a cell that is not walked yet; None at its end."""
-        for value in cell.values:
-            result = done.get((cell.name, value))
-            if result is None:
-                return level(cell, value)
-            if result.walked < needed(level(cell, value).replicas):
-                break
-        return None
-
-    waiting = [item for cell in cells if (item := following(cell)) is not None]
-    ended = len(cells) - len(waiting)
-    stage.advance(ended, len(cells))
-
-    def kept(item: Level, result: LevelResult) -> Level | None:
-        nonlocal ended
-        done[item.cell.name, item.value] = result
-        journal.keep(as_row(item, result))
-        further = following(item.cell)
-        if further is None:
-            ended += 1
-            stage.advance(ended, len(cells))
-        return further
-
-    work_off(waiting, runner, kept, workers=workers, scheduler=scheduler, report=progress.say)
 
 
 def write(found: Robustness, out: Path) -> None:
