@@ -10,8 +10,6 @@
 An episode begins at a random instant of the plan's first stride, and ends with a fall or with the plan.
 """
 
-from __future__ import annotations
-
 import math
 from collections import OrderedDict
 from collections.abc import Mapping

@@ -6,8 +6,6 @@ checked between stages and at the end. Only the standard library is imported her
 possible.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys
