@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
+_STEPS = 4096  # whose torques are read at once
+
+
 @compiled
 def carry_on(torque: Array, rate: Array, limit: Array, ctrl: Array, since: float) -> None:
     """Let the torque go on with its rate, within the motors' limits.
@@ -102,29 +105,36 @@ class Restart:
         if not len(rows):
             data.qpos[:], data.qvel[:] = inputs.q[0], inputs.qd[0]
             log.start(data)
+        steps, kept = list(self._steps(rows)), 0
         with quiet_mujoco():
-            for i, row in enumerate(rows.tolist()):
-                near = row - row % inputs.every
-                for k in range(self.at if near < self.at <= row else near, row):
-                    self._begin(k)
+            for start in range(0, len(steps), _STEPS):
+                part = steps[start : start + _STEPS]
+                for k, torque in zip(part, inputs.torque_at(part), strict=True):
+                    self._begin(k, torque)
+                    here = k == rows[kept]
+                    if here and kept == 0:
+                        log.start(data)
                     mujoco.mj_step2(self.model, data)
-                self._begin(row)
-                if i == 0:
-                    log.start(data)
-                mujoco.mj_step2(self.model, data)
-                log.keep(i, data)
-                self.at = row + 1
+                    if here:
+                        log.keep(kept, data)
+                        kept += 1
         return log
 
-    def _begin(self, k: int) -> None:
+    def _steps(self, rows: NDArray[np.intp]) -> Iterator[int]:
+        """Steps to take, to these rows from where the data are or from the last restart before."""
+        for row in rows.tolist():
+            near = row - row % self.inputs.every
+            yield from range(self.at if near < self.at <= row else near, row + 1)
+            self.at = row + 1
+
+    def _begin(self, k: int, torque: Array) -> None:
         """First half of a step, from the recorded state if there is one."""
         data, inputs = self.data, self.inputs
         restart, since = divmod(k, inputs.every)
         if since == 0:
             data.qpos[:], data.qvel[:] = inputs.q[restart], inputs.qd[restart]
             data.qacc_warmstart[:] = inputs.warmstart[restart]
-            self.torque = inputs.torque_at(range(k, k + inputs.every))
-        data.ctrl[:] = self.torque[since]
+        data.ctrl[:] = torque
         if self.pushed:
             data.xfrc_applied[self.pushed] = np.hstack([inputs.external_force[k], inputs.external_moment[k]])
         mujoco.mj_step1(self.model, data)
