@@ -135,45 +135,29 @@ class _Pattern:
 
 
 @compiled
-def gather(
-    P: Array,
-    P_places: NDArray[np.intp],
-    A: Array,
-    A_places: NDArray[np.intp],
-    lower: Array,
-    upper: Array,
-    infinity: float,
-    P_values: Array,
-    A_values: Array,
-    low: Array,
-    high: Array,
-) -> bool:
+def gather(own: Any, P: Array, A: Array, lower: Array, upper: Array) -> bool:
     """Take matrices to their values in sparse order, and bounds to finite ones.
 
     Args:
+        own: ``P_places``, ``A_places``, of the values in memory; written: ``P_values``, ``A_values``, and the
+            bounds ``low`` and ``high``.
         P: dense, C-contiguous.
-        P_places: of its values in memory.
         A: dense, C-contiguous.
-        A_places: of its values in memory.
         lower: shape (m,).
         upper: shape (m,).
-        infinity: largest size of a bound.
-        P_values: written.
-        A_values: written.
-        low: written, shape (m,).
-        high: written, shape (m,).
 
     Returns:
         Whether no lower bound is above its upper one.
     """
-    costs, rows = P.reshape(-1), A.reshape(-1)
+    costs, rows, P_values, A_values = P.reshape(-1), A.reshape(-1), own.P_values, own.A_values
+    P_places, A_places, low, high = own.P_places, own.A_places, own.low, own.high
     for i in range(len(P_places)):
         P_values[i] = costs[P_places[i]]
     for i in range(len(A_places)):
         A_values[i] = rows[A_places[i]]
     ordered = True
     for i in range(len(lower)):
-        low[i], high[i] = max(lower[i], -infinity), min(upper[i], infinity)
+        low[i], high[i] = max(lower[i], -_INFINITY), min(upper[i], _INFINITY)
         if lower[i] > upper[i]:
             ordered = False
     return ordered
@@ -190,8 +174,13 @@ class OsqpBackend:
 
     def __init__(self, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings) -> None:
         self._P, self._A = _Pattern(np.triu(P_mask)), _Pattern(A_mask)
-        self._values = np.empty(self._P.gather.size), np.empty(self._A.gather.size)
-        self._bounds = np.empty(len(A_mask)), np.empty(len(A_mask))
+        P_values, A_values = np.empty(self._P.gather.size), np.empty(self._A.gather.size)
+        low, high = np.empty((2, len(A_mask)))
+        self._own = Bundle(
+            P_places=self._P.gather, A_places=self._A.gather, P_values=P_values, A_values=A_values,
+            low=low, high=high,
+        )  # fmt: skip
+        self._gather = bound(gather, (self._own,), np.empty((1, 1)), np.empty((1, 1)), low, high)
         self._settings = settings
         self._solver: Any = None
 
@@ -203,8 +192,8 @@ class OsqpBackend:
             KeyboardInterrupt: the user interrupted the solve.
         """
         start = time.perf_counter()
-        patterns, bounds = (P, self._P.gather, A, self._A.gather), (lower, upper, _INFINITY)
-        if not gather(*patterns, *bounds, *self._values, *self._bounds):
+        problem = [np.ascontiguousarray(part, np.float64) for part in (P, A, lower, upper)]
+        if not self._gather(*problem):
             # OSQP would keep the last bounds and solve with those.
             gap = float((lower - upper).max())
             return QPSolution(
@@ -214,9 +203,9 @@ class OsqpBackend:
         if solver is None:
             solver = self._solver = self._setup(P, q, A, lower, upper)
         else:
-            (low, high), (P_x, A_x) = self._bounds, self._values
-            solver.update_data_vec(q=q, l=low, u=high)
-            solver.update_data_mat(P_x=P_x, P_i=None, A_x=A_x, A_i=None)
+            own = self._own
+            solver.update_data_vec(q=q, l=own.low, u=own.high)
+            solver.update_data_mat(P_x=own.P_values, P_i=None, A_x=own.A_values, A_i=None)
         solver.solve()
         x = np.array(solver.solution.x, dtype=np.float64)
         seconds = time.perf_counter() - start
