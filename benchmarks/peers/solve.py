@@ -66,7 +66,7 @@ class Own(Solver):
         return self.work.solve(*form)
 
     def answer(self, form: Any, found: Any) -> Answer:
-        y = self.work._start[2] if self.backend == "admm" else self.work._solver.solution.y
+        y = self.work.own.y if self.backend == "admm" else self.work._solver.solution.y
         return found.x, y, found.solved
 
 
