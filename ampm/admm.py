@@ -62,6 +62,9 @@ def solve(
         if lower[i] > upper[i]:
             answer[:] = math.nan
             return INFEASIBLE, (lower - upper).max(), 0
+        if not lower[i] <= upper[i]:  # one is no number
+            answer[:] = math.nan
+            return UNSOLVED, math.inf, 0
     end, residual, iterations = iterate(own, P, q, A, lower, upper)
     answer[:] = own.x
     if not np.isfinite(answer).all():

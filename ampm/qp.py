@@ -193,6 +193,7 @@ class OsqpBackend:
         """
         start = time.perf_counter()
         problem = [np.ascontiguousarray(part, np.float64) for part in (P, A, lower, upper)]
+        P, A, lower, upper = problem
         if not self._gather(*problem):
             # OSQP would keep the last bounds and solve with those.
             gap = float((lower - upper).max())

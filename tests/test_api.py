@@ -144,6 +144,15 @@ class Slack(AmpmPeriodic):
         return replace(plan, posture=posture)
 
 
+class Late(Limp):
+    """A controller that fails in mid-walk."""
+
+    def update(self, state, touch, reference):
+        if state.time > 0.05:
+            raise KeyError("late")
+        return super().update(state, touch, reference)
+
+
 class Short(Broken):
     """Its torque would be spread over all joints."""
 

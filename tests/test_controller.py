@@ -312,6 +312,25 @@ def test_dependent_rows_hold_the_last_command(monkeypatch):
     np.testing.assert_allclose(output.torque, before.torque, atol=1e-6)
 
 
+def test_what_comes_from_outside_may_be_lists_other_types_or_views():
+    """Compiled code reads the arrays of a tick as they are in memory."""
+    _, q, v, _ = tick(0.3)
+    now, sensed = reference(0.3), touch(0.3)
+    odd = now._replace(
+        centre=now.centre.tolist(),
+        feet=now.feet._replace(values=np.asfortranarray(now.feet.values)),
+        contacts=now.contacts._replace(until_lift=now.contacts.until_lift.astype(">f8")),
+        posture=now.posture._replace(v=np.repeat(now.posture.v, 2)[::2]),
+    )
+    lists = Touch(sensed.contact.astype(int).tolist(), sensed.normal_force.astype(np.float32), sensed.age)
+    expected = controller().update(State(0.3, q, v), sensed, now)
+    for given in (now, odd):
+        output = controller().update(State(0.3, q.tolist(), v[None]), lists, given)
+        np.testing.assert_array_equal(output.torque, expected.torque)
+    with pytest.raises(ValueError, match="shape"):
+        controller().update(State(0.3, q[:-1], v), sensed, now)
+
+
 def test_ticks_do_not_depend_on_what_was_kept_of_earlier_outputs():
     """Outputs own their arrays: a later tick must not write into them."""
     it, q, v, output = tick(0.3)

@@ -17,6 +17,7 @@ from ampm.control.controller import TrackingController
 from ampm.control.joint_pd import JointPD
 from ampm.exceptions import InputError
 from ampm.walk import LIMITED
+from validation.store.record import load_record
 from validation.study.sweep.design import dump_sweep, parse_sweep
 from validation.study.sweep.task import Task, walk_task
 from validation.trial import users
@@ -119,6 +120,9 @@ def test_tsid_that_cannot_walk_says_why(with_tsid, monkeypatch):
         (lambda output: output._replace(torque=output.torque + np.inf), "torque of .* is inf"),
         (lambda output: output._replace(rate=output.torque * np.nan), "rate of .* is nan"),
         (lambda output: output._replace(torque=output.torque[:3]), r"torque of shape \(3,\), not \(34,\)"),
+        (lambda output: output._replace(status=300), "status 300"),
+        (lambda output: output._replace(iterations=2**40), "iterations 1099511627776"),
+        (lambda output: 1 / 0, "division by zero.* in test_controllers.py, line [0-9]+"),
     ],
 )
 def test_torques_that_cannot_be_applied_end_the_walk_and_keep_its_record(spoil, words):
@@ -144,7 +148,7 @@ def test_a_reference_that_a_controller_followed_may_be_of_lists_but_of_the_right
     run = ampm.load_run("normal", **QUICK)
     record, plain = val.walk(run, controller=Lists).record, val.walk(run).record
     assert record.outcome.name == "crashed"
-    assert "controller Lists failed (ValueError" in record.outcome.cause
+    assert re.search(r"Lists failed \(ValueError: .*\(5, 3\)\) in simulate.py", record.outcome.cause)
     np.testing.assert_array_equal(record.command_com, plain.command_com[: record.steps])
 
 
@@ -206,3 +210,14 @@ def test_two_controllers_without_a_second_gait_walk_the_first(ampm):
     assert answer.json["parameters"] == {"controller.name": ["ampm", "joint-pd"]}
     sides = [(answer.json[side]["name"], answer.json[side]["outcome"]) for side in "ab"]
     assert sides == [("normal-ampm", "completed"), ("normal-joint-pd", "fell")]
+
+
+def test_a_crash_in_mid_walk_keeps_the_run(ampm, tmp_path):
+    settings = [word for text in SETTINGS for word in ("--set", text)]
+    words = "validate", "normal", *settings, "--controller", "tests.test_api:Late", "--out", tmp_path / "run"
+    answer = ampm(*map(str, words), "--json", "--debug")
+    assert answer.status == 3
+    assert answer.json["outcome"] == "crashed"
+    assert "Late failed (KeyError: 'late')" in answer.json["end"]["cause"]
+    assert 'raise KeyError("late")' in answer.err
+    assert load_record(tmp_path / "run").steps == 26

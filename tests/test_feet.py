@@ -242,6 +242,14 @@ def test_no_instant_undercuts_the_least_margin(plan):
         plan.least_zmp_margin(plan.duration + 1.0)
 
 
+def test_contact_alone_is_that_of_the_samples():
+    plan = planned(PAPER[next(iter(PAPER))])
+    times = np.sort(np.r_[np.linspace(0.0, plan.duration, 500), plan.feet.left.start, plan.feet.right.start])
+    times = times[(times >= 0.0) & (times <= plan.duration)]
+    for foot, sample in enumerate(plan.feet.sample(times)):
+        np.testing.assert_array_equal(plan.feet.contact(times)[:, foot], sample.contact)
+
+
 # ------------------------------------------------------------------------------------- the paper's swing
 
 

@@ -395,6 +395,11 @@ def test_a_controller_and_pushes_of_ones_own_walk_every_run(tmp_path):
     assert (row["outcome"], row["reason"]) == ("crashed", "UsersError")
     assert "Broken" in row["cause"]
     assert "Traceback" in trace
+    late = parse_sweep(OWN.format(name="Late"))
+    row, trace = task.walk_task(task.Task.of(late, 0, tmp_path, wall_clock=None))
+    assert (row["outcome"], row["reason"]) == ("crashed", "UsersError")
+    assert "Late failed (KeyError: 'late') in test_api.py" in row["cause"]
+    assert "Traceback" in trace
 
 
 def test_a_controller_and_pushes_are_part_of_the_sweeps_identity(direct, tmp_path, monkeypatch, capsys):

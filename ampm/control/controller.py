@@ -15,7 +15,7 @@ import numpy as np
 
 from ampm import admm
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
-from ampm.compiled import Bundle, bound, records, strided
+from ampm.compiled import Bundle, Inputs, bound, records
 from ampm.control.bias import sense_bias
 from ampm.control.forces import ANGULAR, share_forces, without_closed
 from ampm.control.limited_qp import LimitedForm, acceleration_bounds
@@ -130,9 +130,11 @@ class TrackingController:
             **dict(zip(parts.split(), self._reference, strict=True)),
         )  # fmt: skip
         own, output = (self._own,), (np.zeros(robot.nu), np.zeros((count, 3)))
-        measured = strided(robot.nq), strided(robot.nv), strided(count), strided(count, np.bool_)
-        self._observe = bound(observe, own, *measured, 0.0, True)
-        given = *(strided(part.shape, part.dtype) for part in self._reference), 0.0, True, 0.0, 0.0
+        state, touch = ((robot.nq, float), (robot.nv, float)), ((count, float), (count, bool))
+        self._measured = Inputs(*state, *touch)
+        self._observe = bound(observe, own, *self._measured.examples, 0.0, True)
+        self._given = Inputs(*((part.shape, part.dtype) for part in self._reference))
+        given = *self._given.examples, 0.0, True, 0.0, 0.0
         self._prepare = bound(prepare, own, *given)
         self._respond = bound(respond, own, True, True, *output)
         if isinstance(qp.backend, AdmmBackend):
@@ -189,16 +191,15 @@ class TrackingController:
         if self._live is not None:
             self._motion[V], self._sensed[:] = state.v, touch.normal_force
             self._sense_bias(float(touch.age), first)
-        measured = np.asarray(state.q, np.float64), np.asarray(state.v, np.float64)
-        sensed = np.asarray(touch.normal_force, np.float64), np.asarray(touch.contact, np.bool_)
-        self._observe(*measured, *sensed, state.velocity_lag, first)
+        measured = state.q, state.v, touch.normal_force, touch.contact
+        self._observe(*self._measured(measured), state.velocity_lag, first)
         if self._live is not None:
             reference = self._live.reference(state.time, reference)
         body = reference.posture
         given = reference.centre, reference.feet.values, *reference.contacts, *body[:4]
         now = touch.age, first, reference.right_load, body.tilt_window
         torque, point_force = np.empty(self.robot.nu), np.empty((len(self._points), 3))
-        solution, status = self._solve(still, torque, point_force, *given, *now)
+        solution, status = self._solve(still, torque, point_force, *self._given(given), *now)
         self._first = False
         command = self._command.copy()
         return ControlOutput(
@@ -228,7 +229,7 @@ class TrackingController:
             prepared = self._prepare(*given)
         if not prepared:
             return self._hold_last_command(still, torque, point_force), UNSOLVED
-        if self._whole is None or qp_end == admm.REFUSED:  # which raises the error
+        if self._whole is None or qp_end == admm.REFUSED:  # solved again, to raise its error
             solution = self.condensed.solve()
         else:
             solution = QPSolution(self._answer, ADMM_STATUS[qp_end], *answer)

@@ -72,9 +72,10 @@ def call(arguments: Sequence[str]) -> int:
     debug = "--debug" in arguments
     arguments = [argument for argument in arguments if argument != "--debug"]
     command = typer.main.get_command(app)
+    log, shown = logging.getLogger("ampm"), logging.StreamHandler()
     if debug:
-        logging.basicConfig()
-        logging.getLogger("ampm").setLevel(logging.DEBUG)
+        log.addHandler(shown)
+        log.setLevel(logging.DEBUG)
     try:
         with command.make_context("ampm", list(arguments)) as context:
             status = int(command.invoke(context) or 0)
@@ -102,3 +103,7 @@ def call(arguments: Sequence[str]) -> int:
             text += f"; {keep_traceback(error)}, please report it."
         print(f"ampm: {text}", file=sys.stderr)  # noqa: T201
         return status
+    finally:
+        if debug:
+            log.removeHandler(shown)
+            log.setLevel(logging.NOTSET)

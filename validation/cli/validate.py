@@ -48,7 +48,7 @@ app = typer.Typer()
 
 EPILOG = (
     "Exit status: 0 pass, 1 out of tolerance, 2 bad input or refused, 3 did not complete (fell, diverged, "
-    "infeasible), 4 crash of ampm itself, 130 interrupted."
+    "infeasible, crashed), 4 crash of ampm itself, 130 interrupted."
 )
 
 

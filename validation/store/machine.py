@@ -51,13 +51,16 @@ def set_variables(variables: Mapping[str, str]) -> Iterator[None]:
     Processes inherit them before they load any library. A nanny's own setting yields to a variable that the
     shell has set, or comes when numpy is loaded already.
     """
-    before = dict(os.environ)
+    before = {name: os.environ.get(name) for name in variables}
     os.environ.update(variables)
     try:
         yield
     finally:
-        os.environ.clear()
-        os.environ.update(before)
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 def memory_peak() -> float | None:

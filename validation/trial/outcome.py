@@ -26,7 +26,7 @@ class OutcomeName(StrEnum):
             OutcomeName.FELL: "The body fell.",
             OutcomeName.DIVERGED: "The numbers of the simulation diverged.",
             OutcomeName.INFEASIBLE: "The controller's QP stayed unsolved.",
-            OutcomeName.CRASHED: "A controller or disturbance raised an error.",
+            OutcomeName.CRASHED: "A controller, disturbance or planner failed.",
             OutcomeName.INTERRUPTED: "The run was stopped from outside.",
         }[self]
 

@@ -105,7 +105,8 @@ class Restart:
         if not len(rows):
             data.qpos[:], data.qvel[:] = inputs.q[0], inputs.qd[0]
             log.start(data)
-        steps, kept = list(self._steps(rows)), 0
+        steps, kept = self._steps(rows), 0
+        self.at = -1  # until all are taken
         with quiet_mujoco():
             for start in range(0, len(steps), _STEPS):
                 part = steps[start : start + _STEPS]
@@ -118,14 +119,17 @@ class Restart:
                     if here:
                         log.keep(kept, data)
                         kept += 1
+        self.at = steps[-1] + 1 if steps else -1
         return log
 
-    def _steps(self, rows: NDArray[np.intp]) -> Iterator[int]:
+    def _steps(self, rows: NDArray[np.intp]) -> list[int]:
         """Steps to take, to these rows from where the data are or from the last restart before."""
+        at, steps = self.at, list[int]()
         for row in rows.tolist():
             near = row - row % self.inputs.every
-            yield from range(self.at if near < self.at <= row else near, row + 1)
-            self.at = row + 1
+            steps += range(at if near < at <= row else near, row + 1)
+            at = row + 1
+        return steps
 
     def _begin(self, k: int, torque: Array) -> None:
         """First half of a step, from the recorded state if there is one."""

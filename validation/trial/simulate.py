@@ -23,7 +23,7 @@ from ampm.exceptions import InputError, SolverError
 from ampm.parameters import steps_per_tick
 from ampm.planner.heights import uneven
 from ampm.vectors import put, turned, vector
-from ampm.walk import LIMITED, SOLVED, ControlOutput, State, Timing, Touch
+from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, State, Timing, Touch
 from validation.trial import spill
 from validation.trial.bridge import to_mujoco
 from validation.trial.controllers import find_controller, name_of
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _PROGRESS_STEPS = 50
+_MOST_ITERATIONS = 2**31 - 1
 _TICKS = 16_384  # of a table of references
 _BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
 
@@ -103,7 +104,7 @@ def sense(own: Any, log: Any, contacts: int) -> None:
     """Read which sole points touch, and the state in Pinocchio's coordinates, after ``mj_step1``.
 
     Args:
-        own: see :attr:`ClosedLoop.own`.
+        own: see :class:`ClosedLoop`.
         log: see :func:`validation.trial.log.keep_step`.
         contacts: how many there are.
     """
@@ -137,14 +138,17 @@ def act(
 
 @compiled
 def finish(own: Any, log: Any, k: int, contacts: int, efc_force: Array) -> bool:
-    """Keep a step, and let the torque go on if no tick follows; whether the body stands and MuJoCo goes on.
+    """Keep a step, and set the torques of the next one if no tick does.
 
     Args:
-        own: see :attr:`ClosedLoop.own`.
+        own: see :class:`ClosedLoop`.
         log: see :func:`validation.trial.log.keep_step`.
         k: step.
         contacts: how many there are.
         efc_force: forces of all constraints.
+
+    Returns:
+        Whether the walk may go on: the body stands, and MuJoCo has warned of nothing.
     """
     keep_step(log, k, contacts, efc_force)
     since = (k + 1) % log.substeps
@@ -246,8 +250,17 @@ def _references(plan: WalkPlan, times: Array, timing: Timing) -> Iterator[Refere
     """One reference for each tick, from tables of a part of the walk, to bound the memory."""
     for start in range(0, len(times), _TICKS):
         before = min(start, 1)  # rates of change need the ticks on both sides
-        table = plan.table(times[start - before : start + _TICKS + 1], timing)
+        with UsersCode("planner", type(plan.posture)):
+            table = plan.table(times[start - before : start + _TICKS + 1], timing)
         yield from table[before : before + _TICKS]
+
+
+def _numbers(what: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Finite numbers of a shape, from a user's class."""
+    array = np.asarray(value, np.float64)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(f"{what} has shape {array.shape}, or is not finite; it must have {shape}")
+    return array
 
 
 class ClosedLoop:
@@ -262,6 +275,9 @@ class ClosedLoop:
         total: simulation steps.
         progress: called with (simulation steps done, all) now and then.
         disturbances: external forces.
+
+    Attributes:
+        own: views of the simulation for compiled functions, with the last tick's torque, rate and plan.
     """
 
     def __init__(
@@ -306,7 +322,7 @@ class ClosedLoop:
         """Step to the end of the run; an interrupt or a user's error ends it, and the record is kept.
 
         Raises:
-            UsersError: the class fails in the first step.
+            InputError: a user's class fails in the first step, or for lack of memory or files.
         """
         done, end = 0, None
         try:
@@ -324,11 +340,12 @@ class ClosedLoop:
         except SolverError as error:
             refused = done * self.physics.time_step
             end = End(OutcomeName.INFEASIBLE, f"the solver refused the QP at {refused:.3f} s: {error}")
-        except UsersError as error:
-            if not done:  # nothing is lost
+        except InputError as error:
+            # In the first step nothing is lost. The machine's faults are none of the walk.
+            if not done or isinstance(error.__cause__, MemoryError | OSError):
                 raise
             logging.getLogger("ampm").debug("The walk ends.", exc_info=True)
-            end = End(OutcomeName.CRASHED, str(error))
+            end = End(OutcomeName.CRASHED, error.fault if isinstance(error, UsersError) else str(error))
         except KeyboardInterrupt:
             end = End(OutcomeName.INTERRUPTED, "the run was interrupted by the user")
         time = done * self.physics.time_step
@@ -407,14 +424,19 @@ class ClosedLoop:
             if (value := getattr(output, name)) is not None:
                 known[name] = np.empty(size)
                 known[name][:] = value
-        if (own := output.reference) is not None:
-            parts = np.empty((5, 3)), np.empty((3, 3)), np.empty((2, 27))
-            for part, value in zip(parts, (own.centre, own.posture.trunk, own.feet.values), strict=True):
-                part[:] = value
-            posture, feet = own.posture._replace(trunk=parts[1]), own.feet._replace(values=parts[2])
-            known["reference"] = own._replace(centre=parts[0], posture=posture, feet=feet)
-        known |= {"status": int(output.status), "residual": float(output.residual)}
-        known |= {"iterations": int(output.iterations), "seconds": float(output.seconds)}
+        if (followed := output.reference) is not None:
+            centre = _numbers("centre of its reference", followed.centre, (5, 3))
+            trunk = _numbers("trunk of its reference", followed.posture.trunk, (3, 3))
+            feet = followed.feet._replace(
+                values=_numbers("feet of its reference", followed.feet.values, (2, 27))
+            )
+            posture = followed.posture._replace(trunk=trunk)
+            known["reference"] = followed._replace(centre=centre, posture=posture, feet=feet)
+        status, iterations = int(output.status), int(output.iterations)
+        if status not in (SOLVED, LIMITED, UNSOLVED) or not 0 <= iterations <= _MOST_ITERATIONS:
+            raise ValueError(f"status {status} or iterations {iterations} are none")
+        known |= {"status": status, "iterations": iterations}
+        known |= {"residual": float(output.residual), "seconds": float(output.seconds)}
         return output._replace(**known)
 
     def _worst_joint(self, output: ControlOutput) -> str:

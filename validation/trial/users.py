@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import traceback
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -12,9 +13,16 @@ from typing import Any
 
 from ampm.exceptions import AmpmError, InputError
 
+_WAY_OUT = "; correct it, --debug shows the traceback."
+
 
 class UsersError(InputError):
     """An error in a user's class."""
+
+    @property
+    def fault(self) -> str:
+        """The sentence without its way out."""
+        return str(self).removesuffix(_WAY_OUT)
 
 
 class UsersCode:
@@ -38,9 +46,10 @@ class UsersCode:
         """Raise an error that names the class."""
         if isinstance(error, Exception | SystemExit) and not isinstance(error, AmpmError):
             name = getattr(self.thing, "__qualname__", None) or type(self.thing).__name__
+            frames = traceback.extract_tb(trace)[1:2]  # the first one is that of the call
+            place = "".join(f" in {Path(frame.filename).name}, line {frame.lineno}" for frame in frames)
             raise UsersError(
-                f"the {self.what} {name} failed ({type(error).__name__}: {error}); correct it, --debug shows "
-                "the traceback."
+                f"the {self.what} {name} failed ({type(error).__name__}: {error}){place}{_WAY_OUT}"
             ) from error
 
 

@@ -33,6 +33,7 @@ from validation.study.sweep.design import SweepDefinition
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import clean_text, error_columns, make_row, walk_columns
 from validation.study.sweep.store import RECORDINGS, disk_full
+from validation.trial.users import UsersError
 
 if TYPE_CHECKING:
     from validation.run.trial import Trial
@@ -177,6 +178,8 @@ def _trial(task: Task, timing: dict[str, float]) -> Row:
             timing["motion"] = motion
     cpu = time.thread_time()
     walked = task.walk(planned, {"planning": timing["planning"]})
+    if walked.record.outcome.name == "crashed":  # no result about the gait, as if at once
+        raise UsersError(walked.record.outcome.cause)
     timing |= {**walked.timing, "cpu_walk": time.thread_time() - cpu}
     del timing["simulated"]  # outcome_time has it
     row = parameter_values(planned.run) | walk_columns(walked)
