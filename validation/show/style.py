@@ -132,13 +132,14 @@ def into_file(
         InputError: the file cannot be written.
     """
 
-    @wraps(make)
+    @wraps(make, assigned=("__module__", "__name__", "__qualname__", "__doc__"))
     def draw(drawn: Drawn, path: Path, *more: More.args, **named: More.kwargs) -> None:
         with output_file(path) as work, file_style():
-            # Without date and version equal figures give equal files.
+            # Without date and version equal figures give equal SVG files.
             metadata = {"Date": None, "Creator": None} if path.suffix == ".svg" else None
             make(drawn, *more, **named).savefig(work, metadata=metadata)
 
+    del draw.__dict__["__wrapped__"]  # its signature has no path
     return draw
 
 
