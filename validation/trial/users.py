@@ -11,8 +11,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import ampm
 from ampm.exceptions import AmpmError, InputError
 
+_OURS = Path(ampm.__file__).parent, Path(__file__).parents[1], Path(traceback.__file__).parent
 _WAY_OUT = "; correct it, --debug shows the traceback."
 
 
@@ -46,8 +48,9 @@ class UsersCode:
         """Raise an error that names the class."""
         if isinstance(error, Exception | SystemExit) and not isinstance(error, AmpmError):
             name = getattr(self.thing, "__qualname__", None) or type(self.thing).__name__
-            frames = traceback.extract_tb(trace)[1:2]  # the first one is that of the call
-            place = "".join(f" in {Path(frame.filename).name}, line {frame.lineno}" for frame in frames)
+            frames = [(Path(frame.filename), frame.lineno) for frame in traceback.extract_tb(trace)]
+            own = [(path.name, line) for path, line in frames if not any(map(path.is_relative_to, _OURS))]
+            place = "".join(f" in {file}, line {line}" for file, line in own[-1:])
             raise UsersError(
                 f"the {self.what} {name} failed ({type(error).__name__}: {error}){place}{_WAY_OUT}"
             ) from error
