@@ -119,11 +119,11 @@ class Inputs:
     """
 
     def __init__(self, *kinds: tuple[int | tuple[int, ...], Any]) -> None:
-        self.examples = [strided(*kind) for kind in kinds]
-        self._own = [np.zeros(*kind) for kind in kinds]
+        self.examples = tuple(strided(*kind) for kind in kinds)
+        self._own = tuple(np.zeros(*kind) for kind in kinds)
         self._dtypes, self._ndims = list(map(_dtype, self._own)), list(map(_ndim, self._own))
 
-    def __call__(self, given: Sequence[Any]) -> Sequence[Any]:
+    def __call__(self, given: tuple[Any, ...]) -> tuple[Any, ...]:
         """The arrays that are given; copies, valid until the next call, if one has another type or rank.
 
         Raises:

@@ -134,7 +134,7 @@ class TrackingController:
         self._measured = Inputs(*state, *touch)
         self._observe = bound(observe, own, *self._measured.examples, 0.0, True)
         self._given = Inputs(*((part.shape, part.dtype) for part in self._reference))
-        given = *self._given.examples, 0.0, True, 0.0, 0.0
+        given = self._given.examples, 0.0, True, 0.0, 0.0
         self._prepare = bound(prepare, own, *given)
         self._respond = bound(respond, own, True, True, *output)
         if isinstance(qp.backend, AdmmBackend):
@@ -199,7 +199,7 @@ class TrackingController:
         given = reference.centre, reference.feet.values, *reference.contacts, *body[:4]
         now = touch.age, first, reference.right_load, body.tilt_window
         torque, point_force = np.empty(self.robot.nu), np.empty((len(self._points), 3))
-        solution, status = self._solve(still, torque, point_force, *self._given(given), *now)
+        solution, status = self._solve(still, torque, point_force, self._given(given), *now)
         self._first = False
         command = self._command.copy()
         return ControlOutput(

@@ -83,23 +83,13 @@ def observe(
 
 
 @compiled
-def prepare(
-    own: Any,
-    centre: Array,
-    feet_values: Array,
-    planned: Any,
-    due: Any,
-    until_lift: Array,
-    posture_q: Array,
-    posture_v: Array,
-    posture_a: Array,
-    trunk: Array,
-    age: float,
-    first: bool,
-    right_load: float,
-    tilt_window: float,
-) -> bool:
-    """One tick from the body to the QP, which it fills in; false if that has no solution or no finite one."""
+def prepare(own: Any, reference: Any, age: float, first: bool, right_load: float, tilt_window: float) -> bool:
+    """One tick from the body to the QP, which it fills in; false if that has no solution or no finite one.
+
+    The nine arrays of the reference are centre, feet, contact planned, due and until lift-off, and q, v,
+    acceleration and trunk of the posture.
+    """
+    centre, feet_values, planned, due, until_lift, posture_q, posture_v, posture_a, trunk = reference
     own.centre[:], own.feet_values[:], own.until_lift[:] = centre, feet_values, until_lift
     own.planned[:], own.due[:], own.posture_trunk[:] = planned, due, trunk
     own.posture_q[:], own.posture_v[:], own.posture_a[:] = posture_q, posture_v, posture_a
@@ -174,15 +164,7 @@ def whole(
     still: bool,
     torque: Array,
     point_force: Array,
-    centre: Array,
-    feet_values: Array,
-    planned: Any,
-    due: Any,
-    until_lift: Array,
-    posture_q: Array,
-    posture_v: Array,
-    posture_a: Array,
-    trunk: Array,
+    reference: Any,
     age: float,
     first: bool,
     right_load: float,
@@ -193,9 +175,7 @@ def whole(
     Returns:
         How the tick ended; of the QP how it ended, the residual, the iterations and the time [s].
     """
-    posture = posture_q, posture_v, posture_a, trunk
-    now = age, first, right_load, tilt_window
-    if not prepare(own, centre, feet_values, planned, due, until_lift, *posture, *now):
+    if not prepare(own, reference, age, first, right_load, tilt_window):
         return NO_QP, admm.UNSOLVED, np.inf, 0, 0.0
     start = clock()
     problem = own.P, own.gradient, own.A, own.lower, own.upper
