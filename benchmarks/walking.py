@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
+from unittest import mock
 
 import mujoco
 import numpy as np
 
-from ampm.body.robot import Robot
-from ampm.control.controller import TrackingController
 from ampm.geometry import Array
 from ampm.parameters import RunParameters, steps_per_tick
-from ampm.walk import LIMITED, UNSOLVED, ControlOutput, WalkPlan
+from ampm.walk import LIMITED, UNSOLVED, WalkPlan
 from benchmarks.clock import Line, least
 from models.scene import BodyModel
 from validation.trial.outcome import OutcomeName
 from validation.trial.record import SimulationRecord
-from validation.trial.simulate import simulate
+from validation.trial.simulate import ClosedLoop, simulate
+from validation.trial.watch import End
 
 
 def time_walk(
@@ -34,7 +35,8 @@ def time_walk(
     records: list[SimulationRecord] = []
     for one in ticks:
         start = time.perf_counter()
-        records.append(simulate(plan, run, body, controller=one.controller, progress=progress))
+        with one.timed():
+            records.append(simulate(plan, run, body, progress=progress))
         whole.append(time.perf_counter() - start)
         if records[-1].outcome.name == OutcomeName.INTERRUPTED:  # Ctrl-C raises no exception there
             raise KeyboardInterrupt
@@ -97,23 +99,23 @@ def time_physics(record: SimulationRecord, run: RunParameters, body: BodyModel) 
 
 
 class _Ticks:
-    """Makes a controller that records when it is called and how long it takes."""
+    """When each control tick of a walk begins and how long it takes, with sensing and acting [s]."""
 
     def __init__(self) -> None:
         self.starts: list[float] = []
         self.spans: list[float] = []
 
-    def controller(self, robot: Robot, run: RunParameters) -> TrackingController:
-        """A controller that is timed."""
-        controller = TrackingController(robot, run)
-        update, clock = controller.update, time.perf_counter
+    @contextlib.contextmanager
+    def timed(self) -> Iterator[None]:
+        """Time the ticks of the walks made meanwhile."""
+        tick, clock = ClosedLoop.tick, time.perf_counter
 
-        def timed(*state: Any) -> ControlOutput:
+        def timed(*step: Any) -> End | None:
             start = clock()
-            output = update(*state)
+            end = tick(*step)
             self.spans.append(clock() - start)
             self.starts.append(start)
-            return output
+            return end
 
-        setattr(controller, "update", timed)  # noqa: B010  # which a type checker would not let pass otherwise
-        return controller
+        with mock.patch.object(ClosedLoop, "tick", timed):
+            yield

@@ -15,7 +15,7 @@ from ampm.control.forces import ANGULAR
 from ampm.control.limited_qp import acceleration_bounds, limit_broken
 from ampm.control.records import TIP
 from ampm.control.tasks import STANCE, SWING
-from ampm.control.tick import ALPHA, NO_QP, POSTURE, WANTED, torques
+from ampm.control.tick import ALPHA, POSTURE, WANTED, torques
 from ampm.control.wrench_qp import LEAST_LOAD, TANGENT_COST, YAW_COST
 from ampm.planners import periodic_walk
 from ampm.qp import BACKENDS
@@ -261,7 +261,7 @@ def test_torque_map_is_affine_and_exact():
     for _ in range(3):
         alpha, phi = rng.normal(size=40), rng.normal(size=18)
         it._motion[ALPHA] = it.robot.gravity * alpha
-        torques(it._own, phi, direct, force)
+        torques(it.own, phi, direct, force)
         np.testing.assert_allclose(
             torque_map @ np.concatenate([alpha, phi]) + bias, direct, rtol=0.0, atol=1e-9
         )
@@ -304,7 +304,7 @@ def test_a_state_that_is_no_number_gives_no_torque_and_is_told():
 def test_dependent_rows_hold_the_last_command(monkeypatch):
     it, q, v, before = tick(0.3)
     phi, acceleration, prepare = it.phi.copy(), it.acceleration.copy(), it._prepare
-    monkeypatch.setattr(it, "_whole", lambda *given: (NO_QP, prepare(*given[3:]), np.inf, 0, 0.0))
+    monkeypatch.setattr(it, "_prepare", lambda *given: prepare(*given) and False)
     output = it.update(State(0.302, q, v), touch(0.3), reference(0.3, 1))
     assert output.status == UNSOLVED
     np.testing.assert_allclose(it.phi, phi, rtol=0.0, atol=1e-12)

@@ -12,8 +12,8 @@ import pytest
 from ampm.control import limited_qp, wrench_qp
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
-from ampm.qp import QPSolution, QPStatus, make_backend
-from ampm.walk import LIMITED, SOLVED, UNSOLVED
+from ampm.qp import BACKENDS, QPSolution, QPStatus, make_backend
+from ampm.walk import LIMITED, SOLVED, UNSOLVED, ReferenceTable, WalkPlan
 from models.scene import BodyModel
 from tests.records import first_difference, stored
 from tests.solved import COARSE, body_of, motion_of, walk_of
@@ -356,17 +356,31 @@ def test_an_interrupt_keeps_whole_steps(monkeypatch, spoil, tmp_path, where, at)
     check_interrupted(walk(progress=progress), at, tmp_path)
 
 
-def test_a_tick_is_the_same_in_one_call_and_in_parts():
-    """Also where the QP is not solved, and where its answer breaks a limit."""
+class InParts(TrackingController):
+    """Our controller through its ``update``."""
 
-    def in_parts(robot, run):
-        controller = TrackingController(robot, run)
-        controller._whole = None
-        return controller
 
-    settings = "solver.max_iterations=60", "solver.tolerance=3e-4"
-    one, other = (walk(*settings, body=weaker(0.8), controller=it) for it in (None, in_parts))
-    assert {UNSOLVED, LIMITED, SOLVED} <= set(one.qp_status.tolist())
+def missing_for_a_tick(table):
+    """References of a planner whose acceleration is no number at .2 s."""
+
+    def spoilt(plan, times, timing):
+        rows = table(plan, times, timing).rows
+        acceleration = rows.posture.acceleration.copy()
+        acceleration[np.abs(rows.time - 0.2) < 1e-4] = np.nan
+        return ReferenceTable(rows._replace(posture=rows.posture._replace(acceleration=acceleration)))
+
+    return spoilt
+
+
+@pytest.mark.parametrize("solver", BACKENDS)
+def test_our_own_tick_is_that_of_update(monkeypatch, solver):
+    """Also across tables, where there is no QP, or no solution, and where its answer breaks a limit."""
+    monkeypatch.setattr(WalkPlan, "table", missing_for_a_tick(WalkPlan.table))
+    settings = f"solver.qp={solver}", "solver.max_iterations=60", "solver.tolerance=3e-4"
+    monkeypatch.setattr(simulation, "_TICKS", 37)
+    one, other = (walk(*settings, body=weaker(0.8), controller=it) for it in (None, InParts))
+    assert one.qp_status[100] == UNSOLVED
+    assert {LIMITED, SOLVED} <= set(one.qp_status.tolist())
     assert first_difference(one, other) is None
 
 
@@ -376,14 +390,11 @@ def test_a_fall_between_control_ticks_is_noticed():
     assert record.steps % 25 > 1  # neither at a tick nor at the step after it
 
 
-def test_a_qp_that_the_solver_refuses_ends_the_walk_and_keeps_its_record(monkeypatch):
-    def refuse(self, state, touch, reference):
-        if reference.time > 0.1:
-            raise SolverError("not convex")
-        return update(self, state, touch, reference)
+def test_a_qp_that_the_solver_refuses_ends_the_walk_and_keeps_its_record(spoil):
+    def refuse(_):
+        raise SolverError("not convex")
 
-    update = TrackingController.update
-    monkeypatch.setattr(TrackingController, "update", refuse)
+    spoil(refuse, range(51, 10_000))
     record = walk()
     assert record.outcome.name == OutcomeName.INFEASIBLE
     assert "not convex" in record.outcome.cause

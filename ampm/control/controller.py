@@ -9,11 +9,10 @@ The controller is independent of the simulator.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ampm import admm
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.compiled import Bundle, Inputs, bound, records
 from ampm.control.bias import sense_bias
@@ -24,13 +23,11 @@ from ampm.control.masses import scale_of
 from ampm.control.records import LINE, PHI, feet_of, gains_of, points_of
 from ampm.control.tick import (
     ALPHA,
-    DONE,
     HIGH,
     LAST,
     LIMIT,
     LOW,
     MISSING,
-    NO_QP,
     PASSIVE,
     POSTURE,
     RATE,
@@ -44,11 +41,10 @@ from ampm.control.tick import (
     prepare,
     respond,
     torques,
-    whole,
 )
 from ampm.control.trunk import LONGEST
 from ampm.control.wrench_qp import CondensedForm
-from ampm.qp import ADMM_STATUS, AdmmBackend, QPSettings, QPSolution, QPStatus
+from ampm.qp import QPSettings, QPSolution, QPStatus
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput
 
 if TYPE_CHECKING:
@@ -115,32 +111,27 @@ class TrackingController:
             np.zeros((5, 3)), np.zeros((len(self._feet), 27)), *flags, lines,
             np.zeros(robot.nq), *np.zeros((2, robot.nv)), np.zeros((3, 3)),
         )  # fmt: skip
-        self._forces, self._answer = np.zeros(qp.forces), np.zeros(len(qp.q))
+        self._forces = np.zeros(qp.forces)
         self._tree = body.tree.copy()  # a stabiliser may find other masses
         parts = "centre feet_values planned due until_lift posture_q posture_v posture_a posture_trunk"
-        self._own = Bundle(
+        self.own = Bundle(
             tree=self._tree, link=body.link, feet=self._feet, trunk=body.trunk, points=self._points,
             lines=self._lines, gains=self._gains, gravity=robot.gravity, armature=body.armature,
             root_weight=self._root_weight, passive=robot.passive, q=self._q, motion=self._motion,
             tasks=self._tasks, hinges=self._hinges, columns=body.columns, com=self._com, share=self._share,
             scaled=self._scaled, system=np.zeros((rows, rows + 7)), phi=self._phi, wrench=self._wrench,
             forces=self._forces, P=qp.P, gradient=qp.q, A=qp.A, lower=qp.lower, upper=qp.upper,
-            answer=self._answer, command=self._command, past=tilts[0], memory=tilts[1],
+            answer=qp.answer, command=self._command, past=tilts[0], memory=tilts[1],
             extrapolates=self._extrapolates, sensed=self._sensed, touching=self._touching,
             **dict(zip(parts.split(), self._reference, strict=True)),
         )  # fmt: skip
-        own, output = (self._own,), (np.zeros(robot.nu), np.zeros((count, 3)))
+        own, output = (self.own,), (np.zeros(robot.nu), np.zeros((count, 3)))
         state, touch = ((robot.nq, float), (robot.nv, float)), ((count, float), (count, bool))
         self._measured = Inputs(*state, *touch)
         self._observe = bound(observe, own, *self._measured.examples, 0.0, True)
         self._given = Inputs(*((part.shape, part.dtype) for part in self._reference))
-        given = self._given.examples, 0.0, True, 0.0, 0.0
-        self._prepare = bound(prepare, own, *given)
+        self._prepare = bound(prepare, own, self._given.examples, 0.0, True, 0.0, 0.0)
         self._respond = bound(respond, own, True, True, *output)
-        if isinstance(qp.backend, AdmmBackend):
-            self._whole = bound(whole, (self._own, qp.backend.own), True, *output, *given)
-        else:
-            self._whole = None
 
     @property
     def acceleration(self) -> Array | None:
@@ -185,7 +176,7 @@ class TrackingController:
             touch: readings of the soles.
             reference: what is planned at this instant.
         """
-        first, still = self._first, bool(reference.jumps)
+        first = self._first
         if first:
             self._motion[LAST] = reference.posture.acceleration
         if self._live is not None:
@@ -198,10 +189,24 @@ class TrackingController:
         body = reference.posture
         given = reference.centre, reference.feet.values, *reference.contacts, *body[:4]
         now = touch.age, first, reference.right_load, body.tilt_window
+        has_qp = self._prepare(self._given(given), *now)
+        return self.complete(self.condensed.solve() if has_qp else None, reference)
+
+    @property
+    def makes_references(self) -> bool:
+        """Whether it may follow other references than those given."""
+        return self._live is not None
+
+    def complete(self, solution: QPSolution | None, reference: Reference) -> ControlOutput:
+        """The rest of a tick after its QP.
+
+        Args:
+            solution: of the QP; None if it has none.
+            reference: of the tick.
+        """
         torque, point_force = np.empty(self.robot.nu), np.empty((len(self._points), 3))
-        solution, status = self._solve(still, torque, point_force, self._given(given), *now)
-        self._first = False
-        command = self._command.copy()
+        solution, status = self._find_torques(solution, bool(reference.jumps), torque, point_force)
+        self._first, command = False, self._command.copy()
         return ControlOutput(
             torque,
             command[0:3],
@@ -218,21 +223,12 @@ class TrackingController:
 
     # ------------------------------------------------------------------ parts
 
-    def _solve(self, still: bool, torque: Array, point_force: Array, *given: Any) -> tuple[QPSolution, int]:
-        """Forces, accelerations and torques of the QP, or of that with limits; solution and status."""
-        if self._whole is not None:
-            end, qp_end, *answer = self._whole(still, torque, point_force, *given)
-            if end == DONE:
-                return QPSolution(self._answer, QPStatus.SOLVED, *answer), SOLVED
-            prepared = end != NO_QP
-        else:
-            prepared = self._prepare(*given)
-        if not prepared:
+    def _find_torques(
+        self, solution: QPSolution | None, still: bool, torque: Array, point_force: Array
+    ) -> tuple[QPSolution, int]:
+        """Torques of a solution, or of the QP with limits if they break one; solution and status."""
+        if solution is None:
             return self._hold_last_command(still, torque, point_force), UNSOLVED
-        if self._whole is None or qp_end == admm.REFUSED:  # solved again, to raise its error
-            solution = self.condensed.solve()
-        else:
-            solution = QPSolution(self._answer, ADMM_STATUS[qp_end], *answer)
         status, forces = SOLVED if solution.solved else UNSOLVED, solution.x[: self.condensed.forces]
         if not solution.solved and (
             solution.status == QPStatus.INFEASIBLE or not np.isfinite(solution.x).all()
@@ -246,8 +242,8 @@ class TrackingController:
             nv = self.robot.nv
             self._motion[ALPHA] = self.robot.gravity * limited.x[:nv]
             forces = limited.x[nv : nv + self.condensed.forces]
-            torques(self._own, forces, torque, point_force)
-        keep(self._own, forces, still, self._first, torque)
+            torques(self.own, forces, torque, point_force)
+        keep(self.own, forces, still, self._first, torque)
         return _both(solution, limited), max(status, LIMITED if limited.solved else UNSOLVED)
 
     def _hold_last_command(self, still: bool, torque: Array, point_force: Array) -> QPSolution:
@@ -255,10 +251,10 @@ class TrackingController:
         self._motion[ALPHA] = self._motion[LAST]
         share_forces(len(self._feet), self._points, self.phi, False)
         forces = without_closed(len(self._feet), self._points, self.phi)
-        torques(self._own, forces, torque, point_force)
+        torques(self.own, forces, torque, point_force)
         if not np.isfinite(torque).all():
             torque[:] = 0.0
-        keep(self._own, forces, still, self._first, torque)
+        keep(self.own, forces, still, self._first, torque)
         return QPSolution(forces, QPStatus.UNSOLVED, math.inf, 0, 0.0)
 
     def _torque_map(self) -> tuple[Array, Array]:
@@ -269,7 +265,7 @@ class TrackingController:
             by_unknown, np.eye(nv + count + 1), strict=True
         ):  # the last one is none of them
             self._motion[ALPHA] = self.robot.gravity * unit[:nv]
-            torques(self._own, unit[nv:-1], column, point_force)
+            torques(self.own, unit[nv:-1], column, point_force)
         self._motion[:] = kept
         return (by_unknown[:-1] - by_unknown[-1]).T, by_unknown[-1]
 

@@ -1,5 +1,5 @@
-"""One control tick as compiled functions: :func:`prepare` before the QP, :func:`respond` after it; with the
-compiled QP solver all in one, :func:`whole`.
+"""One control tick as compiled functions: :func:`observe` and :func:`prepare` before the QP, :func:`respond`
+after it.
 
 :class:`ampm.control.controller.TrackingController` owns the arrays, ``own``, and calls them.
 """
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ampm import admm
 from ampm.body.rigid_body import (
     joint_torques,
     passive_torques,
@@ -18,7 +17,7 @@ from ampm.body.rigid_body import (
     place_of,
     task_drift,
 )
-from ampm.compiled import clock, compiled
+from ampm.compiled import compiled
 from ampm.control.contact_gate import land, update_gate
 from ampm.control.forces import point_forces, share_forces, wrench_map
 from ampm.control.hold import update_rate
@@ -47,11 +46,6 @@ side of the elimination."""
 
 LIMIT, LOW, HIGH, TORQUE, RATE = range(5)
 """Rows of ``hinges``, shape (5, nu): torque limit [N m], range [rad], last torque [N m], its rate [N m/s]."""
-
-
-DONE, NO_QP, NOT_SOLVED, NOT_WITHIN = range(4)
-"""How a whole tick ended: with torques; its QP has no solution or no finite one; the QP was not solved; its
-answer breaks a limit."""
 
 
 @compiled
@@ -155,37 +149,6 @@ def prepare(own: Any, reference: Any, age: float, first: bool, right_load: float
     qp = own.P, own.gradient, own.A, own.lower, own.upper
     fill_qp(len(feet), points, wrench, momentum, right_load, *yaw, gain.friction, *qp)
     return True
-
-
-@compiled
-def whole(
-    own: Any,
-    qp: Any,
-    still: bool,
-    torque: Array,
-    point_force: Array,
-    reference: Any,
-    age: float,
-    first: bool,
-    right_load: float,
-    tilt_window: float,
-) -> tuple[int, int, float, int, float]:
-    """:func:`prepare`, the QP by :func:`ampm.admm.solve` with ``qp``, and :func:`respond`.
-
-    Returns:
-        How the tick ended; of the QP how it ended, the residual, the iterations and the time [s].
-    """
-    if not prepare(own, reference, age, first, right_load, tilt_window):
-        return NO_QP, admm.UNSOLVED, np.inf, 0, 0.0
-    start = clock()
-    problem = own.P, own.gradient, own.A, own.lower, own.upper
-    status, residual, iterations = admm.solve(qp, *problem, own.answer)
-    seconds, solution = clock() - start, (status, residual, iterations)
-    if status != admm.SOLVED:
-        return NOT_SOLVED, *solution, seconds
-    own.forces[:] = own.answer[: len(own.forces)]
-    within = respond(own, still, first, torque, point_force)
-    return DONE if within else NOT_WITHIN, *solution, seconds
 
 
 @compiled

@@ -1,15 +1,15 @@
-"""A walk far from the world's origin: references moved there, and its record moved back to be compared."""
+"""A walk far from the world's origin: a table moved there, and its record moved back to be compared."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ampm.walk import ReferenceTable
+
 if TYPE_CHECKING:
-    from ampm.walk import Reference
     from validation.trial.record import SimulationRecord
 
 _PLACES = (
@@ -18,15 +18,15 @@ _PLACES = (
 """Arrays of a record whose last axis begins with x."""
 
 
-def moved_references(references: Iterator[Reference], along: float) -> Iterator[Reference]:
+def moved_table(table: ReferenceTable, along: float) -> ReferenceTable:
     """References of which all places are moved along x [m]."""
-    for reference in references:
-        centre, values, q = reference.centre.copy(), reference.feet.values.copy(), reference.posture.q.copy()
-        centre[0, 0] += along
-        values[:, 0] += along
-        q[0] += along
-        feet, posture = reference.feet._replace(values=values), reference.posture._replace(q=q)
-        yield reference._replace(centre=centre, feet=feet, posture=posture)
+    rows = table.rows
+    centre, values, q = rows.centre.copy(), rows.feet.values.copy(), rows.posture.q.copy()
+    centre[:, 0, 0] += along
+    values[:, :, 0] += along
+    q[:, 0] += along
+    feet, posture = rows.feet._replace(values=values), rows.posture._replace(q=q)
+    return ReferenceTable(rows._replace(centre=centre, feet=feet, posture=posture))
 
 
 def moved_record(record: SimulationRecord, along: float) -> SimulationRecord:

@@ -17,33 +17,33 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from ampm.compiled import Bundle, bound, compiled, strided
+from ampm.compiled import Bundle, bound, strided
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import steps_per_tick
 from ampm.planner.heights import uneven
-from ampm.vectors import put, turned, vector
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, State, Timing, Touch
 from validation.trial import spill
 from validation.trial.bridge import to_mujoco
 from validation.trial.controllers import find_controller, name_of
 from validation.trial.disturbances import Disturbance, Plant, Push, pushes_of
 from validation.trial.faults import FaultyController, behind_faults, started
-from validation.trial.log import RunLog, SolePoints, gap_of, keep_command, keep_step, read_touch
-from validation.trial.origin import moved_references
+from validation.trial.log import RunLog, SolePoints
+from validation.trial.origin import moved_table
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import FLOOR, SimulationRecord
-from validation.trial.restart import carry_on, quiet_mujoco
+from validation.trial.restart import quiet_mujoco
 from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
+from validation.trial.tick import OwnTick, act, finish, sense
 from validation.trial.users import UsersCode, UsersError
-from validation.trial.watch import End, Stance, Watch, stands
+from validation.trial.watch import End, Stance, Watch
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ampm.parameters import RunParameters
-    from ampm.walk import Controller, ControllerFactory, Reference, WalkPlan
+    from ampm.walk import Controller, ControllerFactory, Reference, ReferenceTable, WalkPlan
     from models.scene import BodyModel
 
     Array = NDArray[np.float64]
@@ -97,68 +97,6 @@ class Physics:
         """Set the state from Pinocchio's coordinates."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = to_mujoco(q, v)
-
-
-@compiled
-def sense(own: Any, log: Any, contacts: int) -> None:
-    """Read which sole points touch, and the state in Pinocchio's coordinates, after ``mj_step1``.
-
-    Args:
-        own: see :class:`ClosedLoop`.
-        log: see :func:`validation.trial.log.keep_step`.
-        contacts: how many there are.
-    """
-    read_touch(log, contacts)
-    qpos, qvel, q, v = own.qpos, own.qvel, own.q, own.v
-    q[:] = qpos
-    q[3], q[4], q[5], q[6] = qpos[4], qpos[5], qpos[6], qpos[3]
-    v[:] = qvel
-    put(v[0:3], turned(own.root_rotation.T, vector(qvel[0:3])))
-
-
-@compiled
-def act(
-    own: Any, log: Any, k: int, centre: Array, trunk: Array, feet: Array, torque: Array, rate: Array,
-    zmp: Array, force: Array, momentum: Array, status: int, residual: float, iterations: int, seconds: float,
-) -> float:  # fmt: skip
-    """Let the torque of a tick act, keep its command, and take over the planned COM, trunk axis and soles.
-
-    Returns:
-        Distance of the ZMP of the step before from the commanded one [m].
-    """
-    solution = status, residual, iterations, seconds
-    keep_command(log, k, centre[0], rate, zmp, force, momentum, *solution)
-    for j in range(len(torque)):
-        own.ctrl[j], own.torque[j], own.rate[j] = torque[j], torque[j], rate[j]
-    for axis in range(3):
-        own.planned[0, axis], own.planned[1, axis] = centre[0, axis], trunk[axis, 2]
-        own.planned[2, axis], own.planned[3, axis] = feet[0, axis], feet[1, axis]
-    return gap_of(log, k)
-
-
-@compiled
-def finish(own: Any, log: Any, k: int, contacts: int, efc_force: Array) -> bool:
-    """Keep a step, and set the torques of the next one if no tick does.
-
-    Args:
-        own: see :class:`ClosedLoop`.
-        log: see :func:`validation.trial.log.keep_step`.
-        k: step.
-        contacts: how many there are.
-        efc_force: forces of all constraints.
-
-    Returns:
-        Whether the walk may go on: the body stands, and MuJoCo has warned of nothing.
-    """
-    keep_step(log, k, contacts, efc_force)
-    since = (k + 1) % log.substeps
-    if since:
-        carry_on(own.torque, own.rate, own.limit, own.ctrl, since * own.time_step)
-    planned = own.planned[0], own.planned[1], own.planned[2:]
-    going = k % log.substeps == 0 or stands(own.com, own.trunk, own.soles, *planned, own.scale)
-    for warning in own.warnings:  # MuJoCo has reset the state instead of stepping it
-        going = going and warning == 0
-    return going
 
 
 def simulate(
@@ -216,11 +154,11 @@ def simulate(
         hold=(physics.substeps - 1) * dt,
         slope=physics.substeps * dt if gains.hold == "first-order" else 0.0,
     )
-    references = _references(plan, np.arange(0, total, physics.substeps, dtype=np.float64) * dt, timing)
+    tables = _tables(plan, np.arange(0, total, physics.substeps, dtype=np.float64) * dt, timing)
     if run.disturbance.origin:
-        references = moved_references(references, run.disturbance.origin)
-    first = next(references)
-    start = first.posture
+        tables = (moved_table(table, run.disturbance.origin) for table in tables)
+    first = next(tables)
+    start = first[0].posture
     q = start.q.copy()
     # The soles carry weight from the first instant.
     q[2] += run.disturbance.floor_height - run.simulation.start_depth
@@ -234,7 +172,7 @@ def simulate(
             follower.follow(plan, timing)
         follower = behind_faults(follower, run, known)
     loop = ClosedLoop(
-        physics, follower, chain([first], references), run, step_ends, total, progress, disturbances
+        physics, follower, chain([first], tables), run, step_ends, total, progress, disturbances
     )
     if uneven(plan.contacts.footsteps):
         heights = sorted({step.position[2] for step in plan.contacts.footsteps})
@@ -246,13 +184,13 @@ def simulate(
     return replace(record, metadata=metadata) if metadata else record
 
 
-def _references(plan: WalkPlan, times: Array, timing: Timing) -> Iterator[Reference]:
-    """One reference for each tick, from tables of a part of the walk, to bound the memory."""
+def _tables(plan: WalkPlan, times: Array, timing: Timing) -> Iterator[ReferenceTable]:
+    """References of all ticks, a part of the walk at a time, to bound the memory."""
     for start in range(0, len(times), _TICKS):
         before = min(start, 1)  # rates of change need the ticks on both sides
         with UsersCode("planner", type(plan.posture)):
             table = plan.table(times[start - before : start + _TICKS + 1], timing)
-        yield from table[before : before + _TICKS]
+        yield table[before : before + _TICKS]
 
 
 def _numbers(what: str, value: Any, shape: tuple[int, ...]) -> Array:
@@ -269,7 +207,7 @@ class ClosedLoop:
     Args:
         physics: placed at the start.
         controller: at its first tick.
-        references: one for each control tick.
+        tables: references, one for each control tick.
         run: parameters.
         step_ends: when each step ends, to count those completed, shape (steps,) [s].
         total: simulation steps.
@@ -284,7 +222,7 @@ class ClosedLoop:
         self,
         physics: Physics,
         controller: Controller,
-        references: Iterable[Reference],
+        tables: Iterable[ReferenceTable],
         run: RunParameters,
         step_ends: NDArray[np.float64],
         total: int,
@@ -294,7 +232,10 @@ class ClosedLoop:
         self.disturbances = [(item, UsersCode("disturbance", item)) for item in disturbances]
         self.plant = Plant(physics.model, physics.data, physics.robot.description)
         self.plant.segment(run.disturbance.push_segment)  # refused also without a force
-        self.physics, self.controller, self.references = physics, controller, iter(references)
+        self.physics, self.controller, self.tables = physics, controller, iter(tables)
+        self.table = next(self.tables)
+        self.references = chain(self.table, chain.from_iterable(self.tables))
+        self.own_tick: OwnTick | None = None
         behind = controller.controller if isinstance(controller, FaultyController) else controller
         self.is_ours = type(behind) is TrackingController
         self.users_code = UsersCode("controller", behind)
@@ -311,7 +252,8 @@ class ClosedLoop:
             torque=torque, rate=rate, limit=limit, ctrl=data.ctrl, planned=planned, com=physics.com,
             trunk=physics.trunk, soles=physics.soles, scale=scale, warnings=self.warnings,
             time_step=physics.time_step, qpos=data.qpos, qvel=data.qvel, q=physics.q, v=physics.v,
-            root_rotation=physics.root_rotation,
+            root_rotation=physics.root_rotation, point_force=np.zeros((len(physics.points.names), 3)),
+            no_rate=np.full(physics.robot.nu, np.nan),
         )  # fmt: skip
         own, row, table = (self.own, self.log.own), strided(1), strided((2, 2))
         self.sense = bound(sense, own, 0)
@@ -366,7 +308,7 @@ class ClosedLoop:
             if self.disturbances:
                 self._disturb(k, time)
             if not since:
-                end = self._tick(k, time)
+                end = self.tick(k, time)
             mujoco.mj_step2(model, data)
         if k % spill.ROWS == 0:
             spill.release()
@@ -384,19 +326,20 @@ class ClosedLoop:
                 disturbance.apply(time, self.plant)
         self.log.keep_pushes(k, self.plant.pushes)
 
-    def _tick(self, k: int, time: float) -> End | None:
+    def tick(self, k: int, time: float) -> End | None:
         """One control tick; whether the walk is over."""
-        physics = self.physics
-        self.sense(physics.data.ncon)
-        reference = next(self.references)
-        state = State(time, physics.q, physics.v, 0.5 * physics.time_step)
-        touch = Touch(self.log.touching.copy(), self.log.normal_force.copy(), physics.time_step)
-        if self.is_ours:
-            output = self.controller.update(state, touch, reference)
+        if self.own_tick is None:
+            reference = next(self.references)
+            output = self._update(time, reference)
+            if k == 0 and not self.log.metadata:
+                self.own_tick = OwnTick.of(self.controller, self.own, self.log.own, self.table, self.tables)
         else:
-            with self.users_code:
-                output = self._checked(self.controller.update(state, touch, reference))
-        reference = reference if output.reference is None else output.reference
+            answer = self.own_tick(k, self.physics.data.ncon)
+            if isinstance(answer, float):
+                return self.watch.check(time, self.stance, SOLVED, gap=answer)
+            output, reference = answer
+        if output.reference is not None:
+            reference = output.reference
         command = self.log.command(k, output)
         planned = reference.centre, reference.posture.trunk, reference.feet.values
         status, residual = output.status, output.residual
@@ -404,6 +347,17 @@ class ClosedLoop:
         gap = self.act(k, *planned, output.torque, *command, *solution)
         limit = self._worst_joint(output) if status == LIMITED else ""
         return self.watch.check(time, self.stance, status, gap=gap, residual=residual, limit=limit)
+
+    def _update(self, time: float, reference: Reference) -> ControlOutput:
+        """A tick of any controller."""
+        physics, log = self.physics, self.log
+        self.sense(physics.data.ncon)
+        state = State(time, physics.q, physics.v, 0.5 * physics.time_step)
+        touch = Touch(log.touching.copy(), log.normal_force.copy(), physics.time_step)
+        if self.is_ours:
+            return self.controller.update(state, touch, reference)
+        with self.users_code:
+            return self._checked(self.controller.update(state, touch, reference))
 
     def _checked(self, output: ControlOutput) -> ControlOutput:
         """Output of a user's controller, if it can be applied."""

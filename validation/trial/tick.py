@@ -1,0 +1,244 @@
+"""A control tick as compiled functions: what lies between ``mj_step1`` and ``mj_step2``, and after them.
+
+Any controller's tick is :func:`sense`, its ``update`` in Python, and :func:`act`. For our own controller
+:class:`OwnTick` takes these together, with the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ampm import admm
+from ampm.compiled import Bundle, bound, clock, compiled
+from ampm.control.controller import TrackingController
+from ampm.control.tick import RATE, observe, prepare, respond
+from ampm.qp import ADMM_STATUS, AdmmBackend, QPSolution
+from ampm.vectors import put, turned, vector
+from ampm.walk import SOLVED
+from validation.trial.log import gap_of, keep_command, keep_step, read_touch
+from validation.trial.restart import carry_on
+from validation.trial.watch import stands
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ampm.walk import Controller, ControlOutput, Reference, ReferenceTable
+
+    Array = NDArray[np.float64]
+
+
+@compiled
+def sense(own: Any, log: Any, contacts: int) -> None:
+    """Read which sole points touch, and the state in Pinocchio's coordinates, after ``mj_step1``.
+
+    Args:
+        own: see :class:`ClosedLoop`.
+        log: see :func:`validation.trial.log.keep_step`.
+        contacts: how many there are.
+    """
+    read_touch(log, contacts)
+    qpos, qvel, q, v = own.qpos, own.qvel, own.q, own.v
+    q[:] = qpos
+    q[3], q[4], q[5], q[6] = qpos[4], qpos[5], qpos[6], qpos[3]
+    v[:] = qvel
+    put(v[0:3], turned(own.root_rotation.T, vector(qvel[0:3])))
+
+
+@compiled
+def act(
+    own: Any, log: Any, k: int, centre: Array, trunk: Array, feet: Array, torque: Array, rate: Array,
+    zmp: Array, force: Array, momentum: Array, status: int, residual: float, iterations: int, seconds: float,
+) -> float:  # fmt: skip
+    """Let the torque of a tick act, keep its command, and take over the planned COM, trunk axis and soles.
+
+    Returns:
+        Distance of the ZMP of the step before from the commanded one [m].
+    """
+    solution = status, residual, iterations, seconds
+    keep_command(log, k, centre[0], rate, zmp, force, momentum, *solution)
+    for j in range(len(torque)):
+        own.ctrl[j], own.torque[j], own.rate[j] = torque[j], torque[j], rate[j]
+    for axis in range(3):
+        own.planned[0, axis], own.planned[1, axis] = centre[0, axis], trunk[axis, 2]
+        own.planned[2, axis], own.planned[3, axis] = feet[0, axis], feet[1, axis]
+    return gap_of(log, k)
+
+
+@compiled
+def finish(own: Any, log: Any, k: int, contacts: int, efc_force: Array) -> bool:
+    """Keep a step, and set the torques of the next one if no tick does.
+
+    Args:
+        own: see :class:`ClosedLoop`.
+        log: see :func:`validation.trial.log.keep_step`.
+        k: step.
+        contacts: how many there are.
+        efc_force: forces of all constraints.
+
+    Returns:
+        Whether the walk may go on: the body stands, and MuJoCo has warned of nothing.
+    """
+    keep_step(log, k, contacts, efc_force)
+    since = (k + 1) % log.substeps
+    if since:
+        carry_on(own.torque, own.rate, own.limit, own.ctrl, since * own.time_step)
+    planned = own.planned[0], own.planned[1], own.planned[2:]
+    going = k % log.substeps == 0 or stands(own.com, own.trunk, own.soles, *planned, own.scale)
+    for warning in own.warnings:  # MuJoCo has reset the state instead of stepping it
+        going = going and warning == 0
+    return going
+
+
+@compiled
+def begin(own: Any, log: Any, control: Any, table: Any, row: int, contacts: int) -> bool:
+    """Sense, and a tick of our own controller up to its QP; false if that has no solution.
+
+    Args:
+        own: see :class:`~validation.trial.simulate.ClosedLoop`.
+        log: see :func:`validation.trial.log.keep_step`.
+        control: see :mod:`ampm.control.tick`.
+        table: references, see :func:`_rows`.
+        row: that of this tick.
+        contacts: how many there are.
+    """
+    sense(own, log, contacts)
+    observe(control, own.q, own.v, log.normal_force, log.touching, 0.5 * own.time_step, False)
+    reference = (
+        table.centre[row], table.feet[row], table.planned[row], table.due[row], table.until_lift[row],
+        table.q[row], table.v[row], table.acceleration[row], table.trunk[row],
+    )  # fmt: skip
+    return prepare(control, reference, own.time_step, False, table.right_load[row], table.tilt_window[row])
+
+
+@compiled
+def finish_tick(
+    own: Any, log: Any, control: Any, table: Any, row: int, k: int, x: Array, residual: float,
+    iterations: int, seconds: float,
+) -> tuple[bool, float]:  # fmt: skip
+    """Torques of the QP's solution, which then act; arguments as in :func:`begin` and :func:`act`.
+
+    Returns:
+        Whether they are within all limits, else nothing is done; the distance of :func:`act`.
+    """
+    control.forces[:] = x[: len(control.forces)]
+    if not respond(control, table.jumps[row], False, own.torque, own.point_force):
+        return False, 0.0
+    command, rate = control.command, own.no_rate
+    if control.extrapolates:
+        rate = control.hinges[RATE]
+    planned = table.centre[row], table.trunk[row], table.feet[row]
+    wrench = command[9:11], command[0:3], command[6:9]
+    return True, act(own, log, k, *planned, own.torque, rate, *wrench, SOLVED, residual, iterations, seconds)
+
+
+@compiled
+def whole(
+    own: Any, log: Any, control: Any, table: Any, qp: Any, row: int, k: int, contacts: int
+) -> tuple[bool, float, bool, int, float, int, float]:
+    """:func:`begin`, the QP by :func:`ampm.admm.solve`, and :func:`finish_tick`.
+
+    Returns:
+        What :func:`finish_tick` returns; whether there is a QP; how it ended, its residual, iterations and
+        time [s].
+    """
+    if not begin(own, log, control, table, row, contacts):
+        return False, 0.0, False, admm.UNSOLVED, np.inf, 0, 0.0
+    start, x = clock(), control.answer
+    problem = control.P, control.gradient, control.A, control.lower, control.upper
+    status, residual, iterations = admm.solve(qp, *problem, x)
+    seconds, done, gap = clock() - start, False, 0.0
+    if status == admm.SOLVED:
+        done, gap = finish_tick(own, log, control, table, row, k, x, residual, iterations, seconds)
+    return done, gap, True, status, residual, iterations, seconds
+
+
+def _rows(table: ReferenceTable) -> Bundle:
+    """The arrays of T references as compiled functions take them, with a leading axis of T."""
+    rows, count = table.rows, len(table)
+    parts = {
+        "centre": rows.centre, "feet": rows.feet.values, "right_load": rows.right_load,
+        "until_lift": rows.contacts.until_lift, "q": rows.posture.q, "v": rows.posture.v,
+        "acceleration": rows.posture.acceleration, "trunk": rows.posture.trunk,
+        "tilt_window": np.broadcast_to(rows.posture.tilt_window, count),
+    }  # fmt: skip
+    flags = {"planned": rows.contacts.planned, "due": rows.contacts.due, "jumps": rows.jumps}
+    arrays = {name: np.ascontiguousarray(part, np.float64) for name, part in parts.items()}
+    arrays |= {name: np.ascontiguousarray(part, np.bool_) for name, part in flags.items()}
+    views = {name: array.view() for name, array in arrays.items()}
+    for view in views.values():
+        view.setflags(write=False)
+    return Bundle(**views)
+
+
+class OwnTick:
+    """Ticks of our own controller from the sensors to the record, without objects of Python.
+
+    Args:
+        controller: which has made its first tick.
+        own: see :class:`~validation.trial.simulate.ClosedLoop`.
+        log: see :func:`validation.trial.log.keep_step`.
+        table: whose first reference was followed by the first tick.
+        tables: those that follow it.
+    """
+
+    def __init__(
+        self,
+        controller: TrackingController,
+        own: Any,
+        log: Any,
+        table: ReferenceTable,
+        tables: Iterator[ReferenceTable],
+    ) -> None:
+        self.controller, self._tables, self._fixed = controller, tables, (own, log, controller.own)
+        self._row, self._answer = 0, controller.condensed.answer
+        self._bind(table)
+
+    def _bind(self, table: ReferenceTable) -> None:
+        """Take the arrays of a table."""
+        qp, fixed, self._table = self.controller.condensed.backend, (*self._fixed, _rows(table)), table
+        if isinstance(qp, AdmmBackend):
+            self._whole = bound(whole, (*fixed, qp.own), 0, 0, 0)
+        else:
+            self._whole = None
+            self._begin = bound(begin, fixed, 0, 0)
+            self._finish = bound(finish_tick, fixed, 0, 0, self._answer, 0.0, 0, 0.0)
+
+    @classmethod
+    def of(cls, controller: Controller, *loop: Any) -> OwnTick | None:
+        """For a controller that is ours and follows the references given; None for any other."""
+        if type(controller) is not TrackingController or "update" in vars(controller):
+            return None
+        return None if controller.makes_references else cls(controller, *loop)
+
+    def __call__(self, k: int, contacts: int) -> float | tuple[ControlOutput, Reference]:
+        """A tick at step k.
+
+        Returns:
+            The distance of :func:`act`; or output and reference of a tick whose QP was not solved, or whose
+            torques would break a limit: it has yet to act.
+        """
+        self._row += 1
+        if self._row == len(self._table):
+            table, self._row = next(self._tables), 0
+            if table is not self._table:
+                self._bind(table)
+        solution, row, controller = None, self._row, self.controller
+        if self._whole is not None:
+            done, gap, has_qp, status, *answer = self._whole(row, k, contacts)
+            if done:
+                return gap
+            if status == admm.REFUSED:  # solved again, to raise its error
+                solution = controller.condensed.solve()
+            elif has_qp:
+                solution = QPSolution(self._answer, ADMM_STATUS[status], *answer)
+        elif self._begin(row, contacts):
+            solution = controller.condensed.solve()
+            if solution.solved:
+                done, gap = self._finish(row, k, solution.x, *solution[2:])
+                if done:
+                    return gap
+        reference = self._table[row]
+        return controller.complete(solution, reference), reference
