@@ -241,7 +241,7 @@ class _Writer:
         height = com_height / (table.HIP_HEIGHT + table.COM_OVER_HIP)
         root = new_scene("body", height, contact, simulation)
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
-        add(next(root.iter("option")), "flag", eulerdamp="disable")
+        next(root.iter("flag")).set("eulerdamp", "disable")
         bodies: list[Element] = []
         for i, segment in enumerate(tree.segments):
             parent = bodies[segment.parent] if i else next(root.iter("worldbody"))
