@@ -51,9 +51,8 @@ def benchmark(
 ) -> int:
     """Time planning, whole-body motion, control and physics of one gait.
 
-    With each solver the same walk is made several times without timers, for the times of whole ticks, and
-    several times with timers in the controller, for their parts; then its physics is stepped alone. The work
-    is the same every time and on one thread, so the least time of each tick counts. The default takes about a
+    With each solver the same walk is made several times; then its physics is stepped alone. The work is the
+    same every time and on one thread, so the least time of each tick counts. The default takes about a
     minute.
     """
     if context.invoked_subcommand is not None:

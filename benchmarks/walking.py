@@ -31,30 +31,36 @@ def time_walk(
         How the walk went; its times, of every tick the least of several equal walks.
     """
     whole: list[float] = []
-    ticks = [_Ticks() for _ in range(walks)]
-    records: list[SimulationRecord] = []
-    for one in ticks:
+    solves: list[Array] = []
+
+    def walk(one: _Ticks) -> SimulationRecord:
         start = time.perf_counter()
         with one.timed():
-            records.append(simulate(plan, run, body, progress=progress))
+            record = simulate(plan, run, body, progress=progress)
         whole.append(time.perf_counter() - start)
-        if records[-1].outcome.name == OutcomeName.INTERRUPTED:  # Ctrl-C raises no exception there
+        solves.append(record.qp_time)
+        if record.outcome.name == OutcomeName.INTERRUPTED:  # Ctrl-C raises no exception there
             raise KeyboardInterrupt
-    first, period = records[0], 1.0 / run.controller.frequency
-    alone = [time_physics(first, run, body) for _ in range(walks)]
+        return record
+
+    ticks = [_Ticks() for _ in range(walks)]
+    record, same, period = walk(ticks[0]), True, 1.0 / run.controller.frequency
+    for one in ticks[1:]:  # no more than two records at a time, for the memory
+        last, record = record, walk(one)
+        same &= np.array_equal(last.q, record.q) and np.array_equal(last.torque, record.torque)
+    alone = [time_physics(record, run, body) for _ in range(walks)]
     between = [np.diff(one.starts) for one in ticks]
     loops, physics = least(between), least([spans for spans, _ in alone])
     loop = float(np.median(loops))
-    unsolved, limited = (int(np.count_nonzero(first.qp_status == status)) for status in (UNSOLVED, LIMITED))
-    same = all(np.array_equal(first.q, one.q) and np.array_equal(first.torque, one.torque) for one in records)
+    unsolved, limited = (int(np.count_nonzero(record.qp_status == status)) for status in (UNSOLVED, LIMITED))
     notes = {
-        f"{first.outcome.steps_completed} steps": True,
-        str(first.outcome.name): first.outcome.name != OutcomeName.COMPLETED,
+        f"{record.outcome.steps_completed} steps": True,
+        str(record.outcome.name): record.outcome.name != OutcomeName.COMPLETED,
         f"{unsolved} QPs unsolved": unsolved,
         f"{limited} ticks at a torque or joint limit": limited,
         "NOT the same walk each time": not (same and all(same_states for _, same_states in alone)),
     }
-    spans, solves = [one.spans for one in ticks], [record.qp_time for record in records]
+    spans = [one.spans for one in ticks]
     in_loop = {
         "closed loop, one control period": loops,
         "control tick": least(spans),
@@ -62,7 +68,7 @@ def time_walk(
         "QP: update and solve": least(solves),
         "physics alone, one control period": physics,
     }
-    simulated = float(first.time[-1] - first.time[0])
+    simulated = float(record.time[-1] - record.time[0])
     speeds = {
         "closed loop, times real time": max(period * spans.size / spans.sum() for spans in between),
         "the same with set-up and record": simulated / min(whole),
@@ -71,7 +77,7 @@ def time_walk(
     }
     return ", ".join(note for note, there in notes.items() if there), [
         *(Line.of(name, spans, loop=loop) for name, spans in in_loop.items()),
-        Line.of("QP: iterations", first.qp_iterations, "1"),
+        Line.of("QP: iterations", record.qp_iterations, "1"),
         *(Line.of(name, speed, "1") for name, speed in speeds.items()),
     ]
 
