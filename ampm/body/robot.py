@@ -121,10 +121,9 @@ class Robot:
             self.passive[self.velocity_indices((item.joint,)) - 6] = own
         limits = model.lowerPositionLimit[7:], model.upperPositionLimit[7:], model.effortLimit[6:]
         self.lower, self.upper, self.torque_limit = map(np.array, limits)
-        for name, value in vars(self).items():
-            # Compiled functions take the terms of the hinges as they are.
+        for value in vars(self).values():
             for array in value if isinstance(value, tuple) else (value,):
-                if isinstance(array, np.ndarray) and name != "passive":
+                if isinstance(array, np.ndarray):
                     array.setflags(write=False)
 
     # ------------------------------------------------------------------ names
