@@ -203,10 +203,16 @@ class ReferenceTable(Sequence[Reference]):
 
     Args:
         rows: a reference whose arrays have a leading axis of T; they become read-only.
+
+    Raises:
+        ValueError: an array is shorter or longer; compiled functions would read beyond its end.
     """
 
     def __init__(self, rows: Reference) -> None:
-        self.rows = read_only(rows)
+        *plain, feet, contacts, posture = self.rows = read_only(rows)
+        lengths = set(map(len, (*plain, *feet, *contacts, *posture)))
+        if len(lengths) > 1:
+            raise ValueError(f"arrays of {' and '.join(map(str, sorted(lengths)))} instants in one table")
 
     def __len__(self) -> int:
         return len(self.rows.centre)

@@ -5,7 +5,6 @@ Every trial plans its gait here.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -14,6 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import platformdirs
 
 from ampm.brief import Brief
@@ -344,9 +344,11 @@ def plan_walk(
 def _check_posture(plan: WalkPlan, robot: Robot) -> None:
     """Refuse a posture whose first state is none of the body."""
     state = plan.at(0.0).posture
-    for name, size in (("q", robot.nq), ("v", robot.nv), ("acceleration", robot.nv)):
-        values = list(getattr(state, name))
-        if len(values) != size or not all(map(math.isfinite, values)):
+    shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}
+    for name, shape in shapes.items():
+        values = getattr(state, name)
+        if np.shape(values) != shape or not np.isfinite(values).all():
+            size = " x ".join(map(str, shape))
             raise ValueError(f"'{name}' of its posture at 0 s must be {size} finite numbers")
 
 
