@@ -384,6 +384,17 @@ def test_our_own_tick_is_that_of_update(monkeypatch, solver):
     assert first_difference(one, other) is None
 
 
+def test_a_replaced_update_makes_every_tick(monkeypatch):
+    calls, update = [], TrackingController.update
+
+    def counted(*given):
+        calls.append(given)
+        return update(*given)
+
+    monkeypatch.setattr(TrackingController, "update", counted)
+    assert walk(steps=1).tick_time.size == len(calls)
+
+
 def test_a_fall_between_control_ticks_is_noticed():
     record = walk("controller.frequency=20", "controller.hold=zero-order")
     assert record.outcome.name == OutcomeName.FELL

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+_UPDATE = TrackingController.update
+
 
 @compiled
 def sense(own: Any, log: Any, contacts: int) -> None:
@@ -209,9 +211,10 @@ class OwnTick:
     @classmethod
     def of(cls, controller: Controller, *loop: Any) -> OwnTick | None:
         """For a controller that is ours and follows the references given; None for any other."""
-        if type(controller) is not TrackingController or "update" in vars(controller):
+        if type(controller) is not TrackingController or controller.makes_references:
             return None
-        return None if controller.makes_references else cls(controller, *loop)
+        replaced = getattr(controller.update, "__func__", None) is not _UPDATE
+        return None if replaced else cls(controller, *loop)
 
     def __call__(self, k: int, contacts: int) -> float | tuple[ControlOutput, Reference]:
         """A tick at step k.
