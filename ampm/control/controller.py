@@ -70,6 +70,7 @@ class TrackingController:
     Attributes:
         condensed: the QP of every tick.
         limited: the QP of a tick that would break a limit.
+        own: all arrays of a tick, as compiled functions take them.
     """
 
     def __init__(self, robot: Robot, run: RunParameters) -> None:
@@ -121,7 +122,7 @@ class TrackingController:
             tasks=self._tasks, hinges=self._hinges, columns=body.columns, com=self._com, share=self._share,
             scaled=self._scaled, system=np.zeros((rows, rows + 7)), phi=self._phi, wrench=self._wrench,
             forces=self._forces, P=qp.P, gradient=qp.q, A=qp.A, lower=qp.lower, upper=qp.upper,
-            answer=qp.answer, command=self._command, past=tilts[0], memory=tilts[1],
+            answer=np.zeros(len(qp.q)), command=self._command, past=tilts[0], memory=tilts[1],
             extrapolates=self._extrapolates, sensed=self._sensed, touching=self._touching,
             **dict(zip(parts.split(), self._reference, strict=True)),
         )  # fmt: skip

@@ -184,7 +184,6 @@ class CondensedForm:
         base[self.normals] = np.where(lines.ravel() == TIP, TIP_COST, NORMAL_COST)
         base[self._tangents] = TANGENT_COST
         self.P, self.q, self.A = np.diag(base), np.zeros(size), np.zeros((rows, size))
-        self.answer = np.zeros(size)  # of a compiled tick
         self.lower, self.upper = np.full(rows, -np.inf), np.zeros(rows)
         self._right = slice(unknowns, unknowns + per_foot)
         self.P[self._right, self._right] += LOAD_COST

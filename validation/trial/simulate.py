@@ -331,7 +331,7 @@ class ClosedLoop:
         if self.own_tick is None:
             reference = next(self.references)
             output = self._update(time, reference)
-            if k == 0 and not self.log.metadata:
+            if k == 0 and not self.log.metadata:  # on stones, its ZMP is shifted in Python
                 self.own_tick = OwnTick.of(self.controller, self.own, self.log.own, self.table, self.tables)
         else:
             answer = self.own_tick(k, self.physics.data.ncon)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _UPDATE = TrackingController.update
+_FLAGS = "jumps", "planned", "due"
 
 
 @compiled
@@ -37,7 +38,7 @@ def sense(own: Any, log: Any, contacts: int) -> None:
     """Read which sole points touch, and the state in Pinocchio's coordinates, after ``mj_step1``.
 
     Args:
-        own: see :class:`ClosedLoop`.
+        own: see :class:`~validation.trial.simulate.ClosedLoop`.
         log: see :func:`validation.trial.log.keep_step`.
         contacts: how many there are.
     """
@@ -74,7 +75,7 @@ def finish(own: Any, log: Any, k: int, contacts: int, efc_force: Array) -> bool:
     """Keep a step, and set the torques of the next one if no tick does.
 
     Args:
-        own: see :class:`ClosedLoop`.
+        own: see :class:`~validation.trial.simulate.ClosedLoop`.
         log: see :func:`validation.trial.log.keep_step`.
         k: step.
         contacts: how many there are.
@@ -159,20 +160,15 @@ def whole(
 
 def _rows(table: ReferenceTable) -> Bundle:
     """The arrays of T references as compiled functions take them, with a leading axis of T."""
-    rows, count = table.rows, len(table)
+    rows = table.rows
     parts = {
-        "centre": rows.centre, "feet": rows.feet.values, "right_load": rows.right_load,
-        "until_lift": rows.contacts.until_lift, "q": rows.posture.q, "v": rows.posture.v,
-        "acceleration": rows.posture.acceleration, "trunk": rows.posture.trunk,
-        "tilt_window": np.broadcast_to(rows.posture.tilt_window, count),
+        "centre": rows.centre, "feet": rows.feet.values, "right_load": rows.right_load, "jumps": rows.jumps,
+        **rows.contacts._asdict(), **rows.posture._asdict(),
     }  # fmt: skip
-    flags = {"planned": rows.contacts.planned, "due": rows.contacts.due, "jumps": rows.jumps}
-    arrays = {name: np.ascontiguousarray(part, np.float64) for name, part in parts.items()}
-    arrays |= {name: np.ascontiguousarray(part, np.bool_) for name, part in flags.items()}
-    views = {name: array.view() for name, array in arrays.items()}
-    for view in views.values():
-        view.setflags(write=False)
-    return Bundle(**views)
+    for name, part in parts.items():
+        parts[name] = np.ascontiguousarray(part, np.bool_ if name in _FLAGS else np.float64).view()
+        parts[name].setflags(write=False)  # one type, whether it is a copy or not
+    return Bundle(**parts)
 
 
 class OwnTick:
@@ -195,7 +191,7 @@ class OwnTick:
         tables: Iterator[ReferenceTable],
     ) -> None:
         self.controller, self._tables, self._fixed = controller, tables, (own, log, controller.own)
-        self._row, self._answer = 0, controller.condensed.answer
+        self._row, self._answer = 0, controller.own.answer
         self._bind(table)
 
     def _bind(self, table: ReferenceTable) -> None:
