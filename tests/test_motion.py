@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 from ampm.body.motion import WholeBodyMotion
-from ampm.body.motion_cache import find_motion, keep_motion
+from ampm.body.motion_cache import find_motion, keep_motion, motion_key
 from ampm.exceptions import InputError
 from tests.solved import COARSE, motion_of, walk_of
 
@@ -120,6 +120,13 @@ def test_what_is_damaged_or_of_something_else_is_not_found(motion, tmp_path, dam
     assert find_motion(tmp_path, "other") is None
     np.savez(path, a=np.zeros(3))
     assert find_motion(tmp_path, "key") is None
+
+
+def test_a_motion_solved_in_plain_python_is_another(robot, monkeypatch):
+    asked = walk_of(COARSE)
+    key = motion_key(asked.plan, asked.run, robot)
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    assert motion_key(asked.plan, asked.run, robot) != key
 
 
 def test_writers_do_not_disturb_each_other_or_a_reader(motion, tmp_path):

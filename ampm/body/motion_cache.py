@@ -81,6 +81,7 @@ def motion_key(plan: StepPlan, run: RunParameters, robot: Robot) -> str:
     sections = {
         "code": _code_hash(),
         "versions": [np.__version__, pin.__version__, *map(metadata.version, ("osqp", "numba"))],
+        "plain": os.environ.get("NUMBA_DISABLE_JIT", "0"),  # plain Python rounds in other places
         "gait": run.gait.model_dump(exclude={"steps"}),
         "body": run.body.model_dump(),
         "foot": run.foot.model_dump(),
