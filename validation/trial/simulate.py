@@ -35,7 +35,7 @@ from validation.trial.record import FLOOR, SimulationRecord
 from validation.trial.restart import quiet_mujoco
 from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
-from validation.trial.tick import OwnTick, act, finish, sense
+from validation.trial.tick import OwnTick, act, end_step, sense
 from validation.trial.users import UsersCode, UsersError
 from validation.trial.watch import End, Stance, Watch
 
@@ -258,7 +258,7 @@ class ClosedLoop:
         own, row, table = (self.own, self.log.own), strided(1), strided((2, 2))
         self.sense = bound(sense, own, 0)
         self.act = bound(act, own, 0, *[table] * 3, *[row] * 5, 0, 0.0, 0, 0.0)
-        self.finish = bound(finish, own, 0, 0, data.efc_force)
+        self.end_step = bound(end_step, own, 0, 0, data.efc_force)
 
     def run(self) -> SimulationRecord:
         """Step to the end of the run; an interrupt or a user's error ends it, and the record is kept.
@@ -312,7 +312,7 @@ class ClosedLoop:
             mujoco.mj_step2(model, data)
         if k % spill.ROWS == 0:
             spill.release()
-        if self.finish(k, data.ncon, data.efc_force):
+        if self.end_step(k, data.ncon, data.efc_force):
             return end
         if self.warnings.any():
             return self.watch.blown_up(time)

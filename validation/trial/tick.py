@@ -71,7 +71,7 @@ def act(
 
 
 @compiled
-def finish(own: Any, log: Any, k: int, contacts: int, efc_force: Array) -> bool:
+def end_step(own: Any, log: Any, k: int, contacts: int, efc_force: Array) -> bool:
     """Keep a step, and set the torques of the next one if no tick does.
 
     Args:
@@ -96,7 +96,7 @@ def finish(own: Any, log: Any, k: int, contacts: int, efc_force: Array) -> bool:
 
 
 @compiled
-def begin(own: Any, log: Any, control: Any, table: Any, row: int, contacts: int) -> bool:
+def begin_tick(own: Any, log: Any, control: Any, table: Any, row: int, contacts: int) -> bool:
     """Sense, and a tick of our own controller up to its QP; false if that has no solution.
 
     Args:
@@ -117,11 +117,11 @@ def begin(own: Any, log: Any, control: Any, table: Any, row: int, contacts: int)
 
 
 @compiled
-def finish_tick(
+def end_tick(
     own: Any, log: Any, control: Any, table: Any, row: int, k: int, x: Array, residual: float,
     iterations: int, seconds: float,
 ) -> tuple[bool, float]:  # fmt: skip
-    """Torques of the QP's solution, which then act; arguments as in :func:`begin` and :func:`act`.
+    """Torques of the QP's solution, which then act; arguments as in :func:`begin_tick` and :func:`act`.
 
     Returns:
         Whether they are within all limits, else nothing is done; the distance of :func:`act`.
@@ -138,23 +138,23 @@ def finish_tick(
 
 
 @compiled
-def whole(
+def whole_tick(
     own: Any, log: Any, control: Any, table: Any, qp: Any, row: int, k: int, contacts: int
 ) -> tuple[bool, float, bool, int, float, int, float]:
-    """:func:`begin`, the QP by :func:`ampm.admm.solve`, and :func:`finish_tick`.
+    """:func:`begin_tick`, the QP by :func:`ampm.admm.solve`, and :func:`end_tick`.
 
     Returns:
-        What :func:`finish_tick` returns; whether there is a QP; how it ended, its residual, iterations and
+        What :func:`end_tick` returns; whether there is a QP; how it ended, its residual, iterations and
         time [s].
     """
-    if not begin(own, log, control, table, row, contacts):
+    if not begin_tick(own, log, control, table, row, contacts):
         return False, 0.0, False, admm.UNSOLVED, np.inf, 0, 0.0
     start, x = clock(), control.answer
     problem = control.P, control.gradient, control.A, control.lower, control.upper
     status, residual, iterations = admm.solve(qp, *problem, x)
     seconds, done, gap = clock() - start, False, 0.0
     if status == admm.SOLVED:
-        done, gap = finish_tick(own, log, control, table, row, k, x, residual, iterations, seconds)
+        done, gap = end_tick(own, log, control, table, row, k, x, residual, iterations, seconds)
     return done, gap, True, status, residual, iterations, seconds
 
 
@@ -198,11 +198,11 @@ class OwnTick:
         """Take the arrays of a table."""
         qp, fixed, self._table = self.controller.condensed.backend, (*self._fixed, _rows(table)), table
         if isinstance(qp, AdmmBackend):
-            self._whole = bound(whole, (*fixed, qp.own), 0, 0, 0)
+            self._whole = bound(whole_tick, (*fixed, qp.own), 0, 0, 0)
         else:
             self._whole = None
-            self._begin = bound(begin, fixed, 0, 0)
-            self._finish = bound(finish_tick, fixed, 0, 0, self._answer, 0.0, 0, 0.0)
+            self._begin = bound(begin_tick, fixed, 0, 0)
+            self._end = bound(end_tick, fixed, 0, 0, self._answer, 0.0, 0, 0.0)
 
     @classmethod
     def of(cls, controller: Controller, *loop: Any) -> OwnTick | None:
@@ -236,7 +236,7 @@ class OwnTick:
         elif self._begin(row, contacts):
             solution = controller.condensed.solve()
             if solution.solved:
-                done, gap = self._finish(row, k, solution.x, *solution[2:])
+                done, gap = self._end(row, k, solution.x, *solution[2:])
                 if done:
                     return gap
         reference = self._table[row]
