@@ -87,6 +87,43 @@ def test_our_iteration_is_osqps(tolerance, rho, adaptive):
         assert found.residual == pytest.approx(expected.residual, abs=atol)
 
 
+def without_point(seed):
+    """Bounds that contradict each other: the last row is a sum of others, and must exceed their largest."""
+    rng = np.random.default_rng(seed)
+    P, q, A, lower, upper, _ = problem(seed)
+    rows, weight = rng.choice(M - 2, 5, replace=False), rng.normal(size=5)
+    A[-1] = weight @ A[rows]
+    most = (weight * np.where(weight > 0.0, upper[rows], lower[rows])).sum()
+    lower[-1], upper[-1] = most + 10.0 ** rng.uniform(-1, 1), np.inf
+    return P, q, A, lower, upper
+
+
+def without_end(seed):
+    """A cost that falls for ever along a direction, which one row leaves open."""
+    rng = np.random.default_rng(seed)
+    P, q, A, lower, upper, x = problem(seed)
+    along = rng.normal(size=N)
+    along /= np.linalg.norm(along)
+    flat = np.eye(N) - np.outer(along, along)
+    A[:-1] = A[:-1] @ flat
+    A[-1] = along
+    lower[:-1], upper[:-1] = np.minimum(lower[:-1], A[:-1] @ x), np.maximum(upper[:-1], A[:-1] @ x)
+    lower[-1], upper[-1] = along @ x - 1.0, np.inf
+    return flat @ P @ flat, flat @ q - along, A, lower, upper
+
+
+@pytest.mark.parametrize("broken", [without_point, without_end])
+@pytest.mark.parametrize("tolerance", [3e-4, 1e-9])
+def test_our_certificates_are_osqps(broken, tolerance):
+    settings = QPSettings(tolerance, max_iterations=20_000, adaptive_rho=False)
+    one, other = (backend(name, settings) for name in ("osqp", "admm"))
+    for seed in range(20):
+        numbers = [np.round(v, 9) for v in broken(seed)]
+        expected, found = one.solve(*numbers), other.solve(*numbers)
+        assert found.status == expected.status == QPStatus.INFEASIBLE
+        assert found.iterations == expected.iterations
+
+
 def test_a_cost_without_a_least_value_is_infeasible():
     one = backend("admm", n=2, m=2)
     flat = np.diag([1.0, 0.0]), np.array([0.0, -1.0])

@@ -61,7 +61,7 @@ def tree(request):
 
 
 def close(actual, expected):
-    np.testing.assert_allclose(actual, expected, atol=1e-12 * max(1.0, np.abs(expected).max()))
+    np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-12 * max(1.0, np.abs(expected).max()))
 
 
 def test_places_are_pinocchios(tree):
