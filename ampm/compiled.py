@@ -231,7 +231,7 @@ class _Compilation(event.Listener):
         if not self._announced and module.startswith(("ampm.", "validation.")):
             self._announced = True
             logging.getLogger("ampm").warning(
-                "Compiling what is used for the first time on this machine; a first walk takes 30 s more."
+                "Compiling what is used for the first time on this machine; a first walk takes a minute more."
             )
 
     def on_end(self, event: Any) -> None:
