@@ -14,7 +14,6 @@ import logging
 import os
 import time
 from functools import cache, partial
-from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -100,43 +99,6 @@ def _clock() -> Any:
         return float(now[0] + 1e-9 * now[1])
 
     return seconds
-
-
-def strided(shape: int | tuple[int, ...], kind: Any = np.float64) -> Any:
-    """Example for :func:`bound` of an array with any steps in memory."""
-    sizes = 2 * np.maximum(np.atleast_1d(shape), 2)  # numba takes a single entry for one in order
-    return np.zeros(sizes, kind)[(slice(None, None, 2),) * len(sizes)]
-
-
-_dtype, _ndim = attrgetter("dtype"), attrgetter("ndim")
-
-
-class Inputs:
-    """Arrays from outside as a function of :func:`bound` needs them, which checks no types and shapes.
-
-    Args:
-        kinds: shape and type of each array.
-    """
-
-    def __init__(self, *kinds: tuple[int | tuple[int, ...], Any]) -> None:
-        self.examples = tuple(strided(*kind) for kind in kinds)
-        self._own = tuple(np.zeros(*kind) for kind in kinds)
-        self._dtypes, self._ndims = list(map(_dtype, self._own)), list(map(_ndim, self._own))
-
-    def __call__(self, given: tuple[Any, ...]) -> tuple[Any, ...]:
-        """The arrays that are given; copies, valid until the next call, if one has another type or rank.
-
-        Raises:
-            ValueError: a shape does not fit.
-        """
-        try:
-            if list(map(_dtype, given)) == self._dtypes and list(map(_ndim, given)) == self._ndims:
-                return given  # numba compares lengths itself
-        except AttributeError:  # a list
-            pass
-        for own, one in zip(self._own, given, strict=True):
-            own[...] = one
-        return self._own
 
 
 class Bundle(SimpleNamespace):

@@ -9,12 +9,12 @@ The controller is independent of the simulator.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
-from ampm.compiled import Bundle, Inputs, bound, records
+from ampm.compiled import Bundle, bound, records
 from ampm.control.bias import sense_bias
 from ampm.control.forces import ANGULAR, share_forces, without_closed
 from ampm.control.limited_qp import LimitedForm, acceleration_bounds
@@ -48,7 +48,7 @@ from ampm.qp import QPSettings, QPSolution, QPStatus
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from ampm.body.robot import Robot
     from ampm.parameters import RunParameters
@@ -126,12 +126,10 @@ class TrackingController:
             extrapolates=self._extrapolates, sensed=self._sensed, touching=self._touching,
             **dict(zip(parts.split(), self._reference, strict=True)),
         )  # fmt: skip
+        self._measured = self._q, self._motion[V], self._sensed, self._touching
         own, output = (self.own,), (np.zeros(robot.nu), np.zeros((count, 3)))
-        state, touch = ((robot.nq, float), (robot.nv, float)), ((count, float), (count, bool))
-        self._measured = Inputs(*state, *touch)
-        self._observe = bound(observe, own, *self._measured.examples, 0.0, True)
-        self._given = Inputs(*((part.shape, part.dtype) for part in self._reference))
-        self._prepare = bound(prepare, own, self._given.examples, 0.0, True, 0.0, 0.0)
+        self._observe = bound(observe, own, 0.0)
+        self._prepare = bound(prepare, own, 0.0, True, 0.0, 0.0)
         self._respond = bound(respond, own, True, True, *output)
 
     @property
@@ -183,14 +181,13 @@ class TrackingController:
         if self._live is not None:
             self._motion[V], self._sensed[:] = state.v, touch.normal_force
             self._sense_bias(float(touch.age), first)
-        measured = state.q, state.v, touch.normal_force, touch.contact
-        self._observe(*self._measured(measured), state.velocity_lag, first)
+        _copy((state.q, state.v, touch.normal_force, touch.contact), self._measured)
+        self._observe(state.velocity_lag)
         if self._live is not None:
             reference = self._live.reference(state.time, reference)
         body = reference.posture
-        given = reference.centre, reference.feet.values, *reference.contacts, *body[:4]
-        now = touch.age, first, reference.right_load, body.tilt_window
-        has_qp = self._prepare(self._given(given), *now)
+        _copy((reference.centre, reference.feet.values, *reference.contacts, *body[:4]), self._reference)
+        has_qp = self._prepare(touch.age, first, reference.right_load, body.tilt_window)
         return self.complete(self.condensed.solve() if has_qp else None, reference)
 
     @property
@@ -290,6 +287,16 @@ class TrackingController:
             low,
             high,
         )
+
+
+def _copy(given: tuple[ArrayLike, ...], own: tuple[NDArray[Any], ...]) -> None:
+    """Copy what comes from outside, of any type and layout, to where compiled functions read it.
+
+    Raises:
+        ValueError: a shape does not fit.
+    """
+    for array, one in zip(own, given, strict=True):
+        array[...] = one
 
 
 def _both(first: QPSolution, second: QPSolution) -> QPSolution:

@@ -49,16 +49,12 @@ LIMIT, LOW, HIGH, TORQUE, RATE = range(5)
 
 
 @compiled
-def observe(
-    own: Any, measured_q: Array, measured_v: Array, force: Array, contact: Any, lag: float, first: bool
-) -> None:
-    """The body of this tick: places, task Jacobian and rates."""
+def observe(own: Any, lag: float) -> None:
+    """The body of this tick: places, task Jacobian and rates, of a velocity that is so old [s]."""
     tree, link, feet, points, q, motion = own.tree, own.link, own.feet, own.points, own.q, own.motion
     tasks, columns, com = own.tasks, own.columns, own.com
     v, now, last, still = motion[V], motion[NOW], motion[LAST], motion[STILL]
     rates, drift = tasks[RATES], tasks[DRIFT]
-    q[:], v[:] = measured_q, measured_v
-    own.sensed[:], own.touching[:] = force, contact
     for j in range(len(v)):
         now[j] = v[j] + lag * last[j]
     place_body(tree, link, feet, q, columns)
@@ -77,16 +73,8 @@ def observe(
 
 
 @compiled
-def prepare(own: Any, reference: Any, age: float, first: bool, right_load: float, tilt_window: float) -> bool:
-    """One tick from the body to the QP, which it fills in; false if that has no solution or no finite one.
-
-    The nine arrays of the reference are centre, feet, contact planned, due and until lift-off, and q, v,
-    acceleration and trunk of the posture.
-    """
-    centre, feet_values, planned, due, until_lift, posture_q, posture_v, posture_a, trunk = reference
-    own.centre[:], own.feet_values[:], own.until_lift[:] = centre, feet_values, until_lift
-    own.planned[:], own.due[:], own.posture_trunk[:] = planned, due, trunk
-    own.posture_q[:], own.posture_v[:], own.posture_a[:] = posture_q, posture_v, posture_a
+def prepare(own: Any, age: float, first: bool, right_load: float, tilt_window: float) -> bool:
+    """One tick from the body to the QP, which it fills in; false if that has no solution or no finite one."""
     link, feet, points, lines, gains = own.link, own.feet, own.points, own.lines, own.gains
     gravity, root_weight, q, motion, tasks = own.gravity, own.root_weight, own.q, own.motion, own.tasks
     columns, share, scaled, system, phi = own.columns, own.share, own.scaled, own.system, own.phi

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from ampm.compiled import Bundle, bound, strided
+from ampm.compiled import Bundle, bound
 from ampm.control.controller import TrackingController
 from ampm.exceptions import InputError, SolverError
 from ampm.parameters import steps_per_tick
@@ -250,12 +250,13 @@ class ClosedLoop:
         self.stance = Stance(physics.com, physics.trunk, physics.soles, planned[0], planned[1], planned[2:])
         self.own = Bundle(
             torque=torque, rate=rate, limit=limit, ctrl=data.ctrl, planned=planned, com=physics.com,
-            trunk=physics.trunk, soles=physics.soles, scale=scale, warnings=self.warnings,
+            trunk=physics.trunk, scale=scale, warnings=self.warnings,
             time_step=physics.time_step, qpos=data.qpos, qvel=data.qvel, q=physics.q, v=physics.v,
             root_rotation=physics.root_rotation, point_force=np.zeros((len(physics.points.names), 3)),
             no_rate=np.full(physics.robot.nu, np.nan),
         )  # fmt: skip
-        own, row, table = (self.own, self.log.own), strided(1), strided((2, 2))
+        own, row, table = (self.own, self.log.own), np.zeros(1), np.zeros((1, 1))
+        table.setflags(write=False)  # as those of a plan
         self.sense = bound(sense, own, 0)
         self.act = bound(act, own, 0, *[table] * 3, *[row] * 5, 0, 0.0, 0, 0.0)
         self.end_step = bound(end_step, own, 0, 0, data.efc_force)
@@ -340,11 +341,12 @@ class ClosedLoop:
             output, reference = answer
         if output.reference is not None:
             reference = output.reference
-        command = self.log.command(k, output)
         planned = reference.centre, reference.posture.trunk, reference.feet.values
+        given = *planned, output.torque, *self.log.command(k, output)
+        arrays = [np.ascontiguousarray(part, np.float64) for part in given]
         status, residual = output.status, output.residual
         solution = status, residual, output.iterations, output.seconds
-        gap = self.act(k, *planned, output.torque, *command, *solution)
+        gap = self.act(k, *arrays, *solution)
         limit = self._worst_joint(output) if status == LIMITED else ""
         return self.watch.check(time, self.stance, status, gap=gap, residual=residual, limit=limit)
 

@@ -14,7 +14,7 @@ import numpy as np
 from ampm import admm
 from ampm.compiled import Bundle, bound, clock, compiled
 from ampm.control.controller import TrackingController
-from ampm.control.tick import RATE, observe, prepare, respond
+from ampm.control.tick import RATE, V, observe, prepare, respond
 from ampm.qp import ADMM_STATUS, AdmmBackend, QPSolution
 from ampm.vectors import put, turned, vector
 from ampm.walk import SOLVED
@@ -85,18 +85,19 @@ def end_step(own: Any, log: Any, k: int, contacts: int, efc_force: Array) -> boo
         Whether the walk may go on: the body stands, and MuJoCo has warned of nothing.
     """
     keep_step(log, k, contacts, efc_force)
+    soles = log.places[k, len(log.sites) - 2 :]
     since = (k + 1) % log.substeps
     if since:
         carry_on(own.torque, own.rate, own.limit, own.ctrl, since * own.time_step)
     planned = own.planned[0], own.planned[1], own.planned[2:]
-    going = k % log.substeps == 0 or stands(own.com, own.trunk, own.soles, *planned, own.scale)
+    going = k % log.substeps == 0 or stands(own.com, own.trunk, soles, *planned, own.scale)
     for warning in own.warnings:  # MuJoCo has reset the state instead of stepping it
         going = going and warning == 0
     return going
 
 
 @compiled
-def begin_tick(own: Any, log: Any, control: Any, table: Any, row: int, contacts: int) -> bool:
+def begin_tick(own: Any, log: Any, control: Any, table: Any, row: int, k: int, contacts: int) -> bool:
     """Sense, and a tick of our own controller up to its QP; false if that has no solution.
 
     Args:
@@ -105,15 +106,19 @@ def begin_tick(own: Any, log: Any, control: Any, table: Any, row: int, contacts:
         control: see :mod:`ampm.control.tick`.
         table: references, see :func:`_rows`.
         row: that of this tick.
+        k: its step.
         contacts: how many there are.
     """
     sense(own, log, contacts)
-    observe(control, own.q, own.v, log.normal_force, log.touching, 0.5 * own.time_step, False)
-    reference = (
-        table.centre[row], table.feet[row], table.planned[row], table.due[row], table.until_lift[row],
-        table.q[row], table.v[row], table.acceleration[row], table.trunk[row],
-    )  # fmt: skip
-    return prepare(control, reference, own.time_step, False, table.right_load[row], table.tilt_window[row])
+    control.q[:], control.motion[V] = own.q, own.v
+    control.sensed[:], control.touching[:] = log.normal_force, log.touching
+    control.centre[:], control.feet_values[:] = table.centre[row], table.feet[row]
+    control.planned[:], control.due[:] = table.planned[row], table.due[row]
+    control.until_lift[:], control.posture_trunk[:] = table.until_lift[row], table.trunk[row]
+    control.posture_q[:], control.posture_v[:] = table.q[row], table.v[row]
+    control.posture_a[:] = table.acceleration[row]
+    observe(control, 0.5 * own.time_step)
+    return prepare(control, own.time_step, k == 0, table.right_load[row], table.tilt_window[row])
 
 
 @compiled
@@ -127,7 +132,7 @@ def end_tick(
         Whether they are within all limits, else nothing is done; the distance of :func:`act`.
     """
     control.forces[:] = x[: len(control.forces)]
-    if not respond(control, table.jumps[row], False, own.torque, own.point_force):
+    if not respond(control, table.jumps[row], k == 0, own.torque, own.point_force):
         return False, 0.0
     command, rate = control.command, own.no_rate
     if control.extrapolates:
@@ -147,7 +152,7 @@ def whole_tick(
         What :func:`end_tick` returns; whether there is a QP; how it ended, its residual, iterations and
         time [s].
     """
-    if not begin_tick(own, log, control, table, row, contacts):
+    if not begin_tick(own, log, control, table, row, k, contacts):
         return False, 0.0, False, admm.UNSOLVED, np.inf, 0, 0.0
     start, x = clock(), control.answer
     problem = control.P, control.gradient, control.A, control.lower, control.upper
@@ -201,7 +206,7 @@ class OwnTick:
             self._whole = bound(whole_tick, (*fixed, qp.own), 0, 0, 0)
         else:
             self._whole = None
-            self._begin = bound(begin_tick, fixed, 0, 0)
+            self._begin = bound(begin_tick, fixed, 0, 0, 0)
             self._end = bound(end_tick, fixed, 0, 0, self._answer, 0.0, 0, 0.0)
 
     @classmethod
@@ -233,7 +238,7 @@ class OwnTick:
                 solution = controller.condensed.solve()
             elif has_qp:
                 solution = QPSolution(self._answer, ADMM_STATUS[status], *answer)
-        elif self._begin(row, contacts):
+        elif self._begin(row, k, contacts):
             solution = controller.condensed.solve()
             if solution.solved:
                 done, gap = self._end(row, k, solution.x, *solution[2:])

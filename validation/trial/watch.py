@@ -157,7 +157,9 @@ class Stance(NamedTuple):
 
     def fallen(self, scale: float = 1.0) -> str:
         """How the body has fallen, in words; empty if it stands. ``scale`` is its size over 1.70 m."""
-        height, apart, upright = posture(*self)
+        # One layout, however the sites of the soles lie in memory.
+        here = self._replace(soles=np.ascontiguousarray(self.soles))
+        height, apart, upright = posture(*here)
         if abs(height - 1.0) > FALL_SHARE:
             over = height * (self.planned_com[2] - self.planned_soles[:, 2].min())
             return f"the COM {'sank' if height < 1.0 else 'rose'} to {over:.2f} m over the soles"
