@@ -47,7 +47,7 @@ def solve(
             ``rho``, the penalty, and whether it adapts; ``alpha``, over-relaxation; ``check_every``,
             iterations between two tests; ``slack_rows``, rows of the slacks, the last unknowns. Where to
             start, overwritten by where to start next: ``x``, shape (n,), ``z``, of ``A x``, and ``y``, of
-            the multipliers, shapes (m,).
+            the multipliers, shapes (m,). The other arrays have no meaning between calls.
         P: symmetric, positive semidefinite, shape (n, n).
         q: shape (n,).
         A: shape (m, n).
@@ -79,14 +79,13 @@ def iterate(own: Any, P: Array, q: Array, A: Array, lower: Array, upper: Array) 
     """The iteration itself, see :func:`solve`; x, z, y are the last iterates."""
     x, z, y, rho, slack_rows = own.x, own.z, own.y, own.rho, own.slack_rows
     n, m, free = len(q), len(z), len(q) - len(slack_rows)
-    penalty, inverse, columns = np.empty(m), np.empty((free, free)), A.T.copy()
-    diagonal = np.empty(n - free)  # of the slacks, in the matrix
+    penalty, inverse, columns, diagonal = own.penalty, own.inverse, own.columns, own.diagonal
+    right, Ax, Px, Aty, guess = own.right, own.Ax, own.Px, own.Aty, own.guess
+    pull, x_step, y_step, primal = own.pull, own.x_step, own.y_step, math.inf
+    columns[:] = A.T
     if not factor(P, A, lower, upper, rho, slack_rows, penalty, diagonal, inverse):
         return REFUSED, math.inf, 0
     alpha, tolerance = own.alpha, own.tolerance
-    right, Ax, Px, Aty = np.empty(n), np.empty(m), np.empty(n), np.empty(n)
-    pull, x_step, y_step, primal = np.empty(m), np.empty(n), np.empty(m), math.inf
-    guess = np.empty(n)
     for iteration in range(1, own.max_iterations + 1):
         for i in range(m):
             pull[i] = penalty[i] * z[i] - y[i]

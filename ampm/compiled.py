@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 import os
 import time
 from functools import cache, partial
@@ -28,6 +29,8 @@ from platformdirs import user_cache_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
 
     Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -99,6 +102,14 @@ def _clock() -> Any:
         return float(now[0] + 1e-9 * now[1])
 
     return seconds
+
+
+def zeros(*shape: int) -> NDArray[np.float64]:
+    """Zeros that begin at a cache line: elsewhere, half of all loads of a vector may touch two."""
+    size = math.prod(shape)
+    memory = np.zeros(size + 7)
+    start = -memory.ctypes.data % 64 // memory.itemsize
+    return memory[start : start + size].reshape(shape)
 
 
 class Bundle(SimpleNamespace):

@@ -19,7 +19,7 @@ import osqp
 import scipy.sparse as sparse
 
 from ampm import admm
-from ampm.compiled import Bundle, bound, compiled
+from ampm.compiled import Bundle, bound, compiled, zeros
 from ampm.exceptions import InputError, SolverError
 
 if TYPE_CHECKING:
@@ -276,10 +276,14 @@ class AdmmBackend:
             if len(mine) != 1 or mine[0] in slack_rows or P_mask[j].sum() != 1:
                 break
             slack_rows.insert(0, int(mine[0]))
+        free = size - len(slack_rows)
         self.own = Bundle(
             tolerance=s.tolerance, max_iterations=s.max_iterations, rho=s.rho, adaptive=s.adaptive_rho,
             alpha=s.alpha, check_every=s.check_every, slack_rows=np.array(slack_rows, dtype=np.intp),
-            x=np.zeros(size), z=np.zeros(rows), y=np.zeros(rows),
+            x=zeros(size), z=zeros(rows), y=zeros(rows), x_step=zeros(size), y_step=zeros(rows),
+            penalty=zeros(rows), inverse=zeros(free, free), columns=zeros(size, rows),
+            diagonal=zeros(size - free), right=zeros(size), guess=zeros(size), pull=zeros(rows),
+            Ax=zeros(rows), Px=zeros(size), Aty=zeros(size),
         )  # fmt: skip
         problem = np.zeros((size, size)), np.zeros(size), np.zeros((rows, size)), *np.zeros((2, rows))
         self._solve = bound(admm.solve, (self.own,), *problem, np.zeros(size))
