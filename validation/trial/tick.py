@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-_UPDATE = TrackingController.update
+_UPDATE = TrackingController.update  # as it is here, to notice a replaced one
 _FLAGS = "jumps", "planned", "due"
 
 
@@ -118,6 +118,7 @@ def begin_tick(own: Any, log: Any, control: Any, table: Any, row: int, k: int, c
     control.posture_q[:], control.posture_v[:] = table.q[row], table.v[row]
     control.posture_a[:] = table.acceleration[row]
     observe(control, 0.5 * own.time_step)
+    # This is never the first tick, but a function is compiled once more for a constant.
     return prepare(control, own.time_step, k == 0, table.right_load[row], table.tilt_window[row])
 
 
