@@ -1,4 +1,4 @@
-"""The one table of results: a terminal prints it, a page shows it, docs and recordings have it as Markdown."""
+"""The one table of results: printed on a terminal, shown on a page, written as Markdown."""
 
 import html
 from collections.abc import Iterable, Sequence
