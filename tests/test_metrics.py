@@ -10,6 +10,7 @@ import math
 import sys
 from dataclasses import replace
 
+import cloudpickle
 import pyarrow.parquet as pq
 import pytest
 
@@ -21,9 +22,9 @@ from validation.cli.app import call
 from validation.judge.metrics import (
     METRICS,
     Metric,
-    dump_added,
+    add_metrics,
+    added_metrics,
     evaluate,
-    load_added,
     register,
     unregister,
 )
@@ -59,10 +60,10 @@ def test_profiles_verdict_summary_and_worker_processes(drop):
     assert (entry["value"], entry["first_step"]) == (pytest.approx(0.015), pytest.approx(0.015))
     assert entry["display"]["tolerance"] == 10.0
     assert verdict_of(comparison, WIDE).passed
-    data = dump_added()
+    data = cloudpickle.dumps(added_metrics())
     unregister(drop.name)
-    load_added(data)  # as in a worker process
-    load_added(data)
+    add_metrics(cloudpickle.loads(data))  # as in a worker process
+    add_metrics(cloudpickle.loads(data))
     assert METRICS[drop.name].compute(comparison) == pytest.approx(0.015)
 
 

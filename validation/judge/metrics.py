@@ -31,7 +31,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, overload
 
-import cloudpickle
 import numpy as np
 
 from ampm.body.feasibility import CLEARANCE
@@ -159,14 +158,14 @@ def unregister(name: str) -> None:
     del _METRICS[name]
 
 
-def dump_added() -> bytes:
-    """The metrics that :func:`register` added, for a worker process; empty if there are none."""
-    return bytes(cloudpickle.dumps([_METRICS[name] for name in _ADDED])) if _ADDED else b""
+def added_metrics() -> list[Metric]:
+    """The metrics that :func:`register` added."""
+    return [_METRICS[name] for name in _ADDED]
 
 
-def load_added(data: bytes) -> None:
-    """Register what :func:`dump_added` of another process holds, unless this one has it."""
-    for metric in cloudpickle.loads(data) if data else ():
+def add_metrics(metrics: Iterable[Metric]) -> None:
+    """Register metrics of another process, unless this one has them."""
+    for metric in metrics:
         if metric.name not in _METRICS:
             register(metric)
 

@@ -26,7 +26,7 @@ from distributed.comm import resolve_address
 from distributed.scheduler import KilledWorker
 
 from ampm.exceptions import InputError
-from validation.judge.metrics import dump_added, load_added
+from validation.judge.metrics import add_metrics, added_metrics
 from validation.store.machine import THREAD_VARIABLES, cores, hidden_main, set_variables
 from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.schema import WORKER_DIED, one_line
@@ -187,7 +187,7 @@ class WorkerPool:
         self.client, self._cluster, self._wanted = client, cluster, wanted
         self._size, self._counted = 0, -_COUNT_EVERY
         self._complete = self._alive = time.monotonic()  # when all workers, and when any were there last
-        if metrics := dump_added():
+        if metrics := added_metrics():
             client.register_plugin(_Registered(metrics))
         if cluster is not None:
             cluster.scale(wanted)
@@ -235,11 +235,11 @@ class _Registered(WorkerPlugin):
 
     name = "ampm-metrics"
 
-    def __init__(self, metrics: bytes) -> None:
+    def __init__(self, metrics: Any) -> None:
         self._metrics = metrics
 
     def setup(self, worker: Worker) -> None:
-        load_added(self._metrics)
+        add_metrics(self._metrics)
 
 
 @contextmanager

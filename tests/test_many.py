@@ -1,0 +1,113 @@
+"""The engine of many walks: every task once, whatever ends a worker or the program."""
+
+import json
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from ampm.exceptions import InputError
+from validation.study.many import Task, study_folder, walk_many
+from validation.study.row_file import ROWS, RowFile, read_rows
+
+
+def square(number: int) -> dict[str, object]:
+    return {"outcome": "completed", "square": number**2}
+
+
+def fail(number: int) -> dict[str, object]:
+    if number == 0:
+        raise ValueError("no square")
+    if number == 1:
+        os._exit(0)
+    time.sleep(1000.0)
+    return {}
+
+
+def tasks(count: int) -> list[Task]:
+    return [Task(str(n), square, {"number": n}) for n in range(count)]
+
+
+def doubling(least: int) -> object:
+    """A search: doubles a number until its square is beyond 1000."""
+    row = {"square": 0}
+    number = least
+    while row["square"] < 1000:
+        row = yield Task(f"search {number}", square, {"number": number})
+        number *= 2
+
+
+def squares(folder: Path | None, items: object) -> dict[str, int]:
+    return {row["key"]: row["square"] for row in walk_many(items, folder, workers=0)}
+
+
+def test_finished_runs_are_not_walked_again(tmp_path, monkeypatch):
+    assert squares(tmp_path, tasks(3)) == {"0": 0, "1": 1, "2": 4}
+    monkeypatch.setattr("validation.study.pool._columns", lambda work, options: pytest.fail("walked again"))
+    assert squares(tmp_path, tasks(3)) == {"0": 0, "1": 1, "2": 4}
+
+
+def test_other_options_are_another_run(tmp_path):
+    squares(tmp_path, [Task("a", square, {"number": 2})])
+    assert squares(tmp_path, [Task("a", square, {"number": 3})]) == {"a": 9}
+    assert len(list(read_rows(tmp_path))) == 2
+
+
+def test_search_is_sent_stored_rows(tmp_path):
+    first = squares(tmp_path, [doubling(3)])
+    assert first["search 48"] == 2304
+    lines = (tmp_path / ROWS).read_text().splitlines(keepends=True)
+    (tmp_path / ROWS).write_text("".join(lines[:2]))
+    assert squares(tmp_path, [doubling(3)]) == first
+    assert len(list(read_rows(tmp_path))) == len(first)
+
+
+def test_known_rows_need_no_walk(tmp_path):
+    refused = Task("no", fail, {"number": 0}, known={"outcome": "refused", "square": -1})
+    assert squares(tmp_path, [refused, *tasks(1)]) == {"no": -1, "0": 0}
+
+
+def test_cut_line_is_removed(tmp_path):
+    squares(tmp_path, tasks(2))
+    with (tmp_path / ROWS).open("a") as file:
+        file.write('{"key": "2", "dig')
+    assert squares(tmp_path, tasks(3))["2"] == 4
+    assert [json.loads(line)["key"] for line in (tmp_path / ROWS).read_text().splitlines()] == ["0", "1", "2"]
+
+
+def test_damaged_line_is_named(tmp_path):
+    squares(tmp_path, tasks(1))
+    (tmp_path / ROWS).write_text("no row\n")
+    with pytest.raises(InputError, match="line 1 of"):
+        squares(tmp_path, tasks(1))
+
+
+def test_two_programs_exclude_each_other(tmp_path):
+    first = RowFile(tmp_path)
+    with pytest.raises(InputError, match="another program"):
+        RowFile(tmp_path)
+    first.close()
+    RowFile(tmp_path).close()
+
+
+def test_folder_of_others_is_refused(tmp_path):
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(InputError, match="holds no study"):
+        study_folder(tmp_path, resume=True)
+    with pytest.raises(InputError, match="not empty"):
+        study_folder(tmp_path, resume=False)
+
+
+def test_bad_runs_are_rows_and_the_others_go_on(tmp_path):
+    items = [*(Task(f"bad {n}", fail, {"number": n}) for n in range(3)), *tasks(4)]
+    rows = {row["key"]: row for row in walk_many(items, tmp_path, workers=2, limit=5.0)}
+    assert [rows[f"bad {n}"]["outcome"] for n in range(3)] == ["crashed", "crashed", "timed_out"]
+    assert [rows[f"bad {n}"]["reason"] for n in range(3)] == ["ValueError", "worker_died", "wall_clock"]
+    assert "test_many.py" in rows["bad 0"]["traceback"]
+    assert [rows[str(n)]["square"] for n in range(4)] == [0, 1, 4, 9]
+    # What lies in the machine is no result.
+    stored = RowFile(tmp_path)
+    assert stored.get("bad 0", items[0].digest)
+    assert not stored.get("bad 1", items[1].digest)
+    stored.close()

@@ -1,0 +1,239 @@
+"""Many walks by one engine: every task once, on this machine or on any dask scheduler, resumable.
+
+A finished run is one line of ``rows.jsonl``, written before it is reported. To resume is to call
+:func:`walk_many` again: a task whose row is there is not walked. A *search* is a generator that yields a task
+and is sent its row, stored or new. It decides on the next task, and needs no code to resume.
+"""
+
+import hashlib
+import inspect
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sized
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from ampm.exceptions import InputError
+from validation.judge.metrics import added_metrics
+from validation.progress import Progress, Stage, interruption
+from validation.show.text import format_duration
+from validation.store.folders import check_target, disk_is_full
+from validation.store.identity import code_hash
+from validation.study.exceptions import StudyStopped
+from validation.study.pool import open_pool
+from validation.study.row_file import ROWS, Row, RowFile
+
+_LEAST = 3  # walks after which a rate is known
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run: ``work(**options)`` returns the columns of its row, which JSON can write.
+
+    Attributes:
+        key: unique in the study.
+        work: function of a module, called on a worker.
+        options: its arguments: parameters, plain values, and classes or objects of a user.
+        known: columns of a run that needs no walk, such as a refusal by formula.
+    """
+
+    key: str
+    work: Callable[..., Row]
+    options: Mapping[str, Any] = field(default_factory=dict)
+    known: Row | None = None
+
+    @cached_property
+    def digest(self) -> str:
+        """Hash of all that decides on the row: options, code, and the sources of a user's classes."""
+        text = "\n".join(map(_identity, (self.work, self.options, added_metrics(), code_hash())))
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+Search = Generator[Task, Row, None]
+
+
+def _identity(value: Any) -> str:
+    """Text that is equal for equal values, in every process."""
+    if isinstance(value, BaseModel):
+        return f"{type(value).__name__}{value.model_dump_json()}"
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key!r}: {_identity(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_identity, value)) + "]"
+    if inspect.isroutine(value) or inspect.isclass(value):
+        thing: Any = value
+        return f"{thing.__module__}:{thing.__qualname__} {_source_hash(thing)}"
+    if value is None or isinstance(value, str | bytes | bool | int | float | Path):
+        return repr(value)
+    if hasattr(value, "__dict__"):
+        return f"{_identity(type(value))} {_identity(vars(value))}"
+    return f"{_identity(type(value))} {value!r}"
+
+
+@cache
+def _source_hash(thing: Any) -> str:
+    """Hash of the file that defines a class or function; empty for one without a file."""
+    with suppress(OSError, TypeError):
+        return hashlib.sha256(Path(inspect.getfile(thing)).read_bytes()).hexdigest()[:16]
+    return ""
+
+
+def study_folder(out: str | Path | None, *, resume: bool) -> Path | None:
+    """Folder of a study, checked before anything is walked; None if nothing is to be written.
+
+    Args:
+        out: the folder.
+        resume: whether to go on with the study that is there.
+
+    Raises:
+        InputError: there is no study to go on with, or the folder is used otherwise.
+    """
+    if out is None:
+        if resume:
+            raise InputError("--resume needs the folder of the study; give --out DIR.")
+        return None
+    check_target(
+        Path(out), None, force=resume, what="study", marks=(ROWS,), way_out="--resume to go on with its study"
+    )
+    return Path(out)
+
+
+def walk_many(
+    tasks: Iterable[Task | Search],
+    folder: Path | None = None,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    limit: float | None = None,
+    label: str = "walks",
+    progress: Progress | None = None,
+) -> Iterator[Row]:
+    """Walk every task once; yield its row, with ``key`` and ``digest``, as soon as it is there.
+
+    A run that raises, that ends its worker's process again and again, or that exceeds the limit is a row
+    like any other, with an ``outcome`` (refused, crashed, timed_out), a ``reason`` and a ``cause``.
+
+    Args:
+        tasks: runs and searches, taken one by one as workers get free.
+        folder: of the rows; None keeps them in a temporary file.
+        workers: processes of this machine; None for one a core, 0 to walk in this very process.
+        scheduler: address of a dask scheduler or its scheduler file; its workers are used instead.
+        limit: wall-clock time of a run [s]; none in this very process.
+        label: what is done, for the progress.
+        progress: where to report.
+
+    Raises:
+        InputError: bad options, or the folder is in use.
+        StudyStopped: a full disk, a lost scheduler, a worker that cannot work; finished runs are kept.
+        KeyboardInterrupt: Ctrl-C; finished runs are kept.
+    """
+    if workers is not None and workers < 0:
+        raise InputError(f"--workers {workers} must not be negative; give the number of processes.")
+    if workers is not None and scheduler is not None:
+        raise InputError("--workers and --scheduler exclude each other: a scheduler has its own workers.")
+    progress = progress or Progress()
+    rows = RowFile(folder)
+    source, ready = iter(tasks), deque[tuple[Search, Task]]()
+
+    def advance(search: Search, row: Row | None = None) -> Iterator[Row]:
+        """Send a search its row, and all rows that are known, until it wants a walk or ends."""
+        with suppress(StopIteration):
+            while True:
+                task = next(search) if row is None else search.send(row)
+                row = rows.get(task.key, task.digest)
+                if row is None and task.known is not None:
+                    row = {"key": task.key, "digest": task.digest, **task.known}
+                    rows.append(row)
+                if row is None:
+                    ready.append((search, task))
+                    return
+                report.count(row)
+                yield row
+
+    try:
+        with progress.stage(label, "runs") as stage:
+            report = _Report(stage, len(tasks) if isinstance(tasks, Sized) else 0)
+            for item in source:
+                yield from advance(_as_search(item))
+                if ready:
+                    break
+            if not ready:
+                return
+            with open_pool(workers, scheduler, limit, progress.say) as pool:
+                flying: dict[str, tuple[Search, Task]] = {}
+                while True:
+                    while len(flying) < pool.size():
+                        if ready:
+                            search, task = ready.popleft()
+                            flying[pool.send(task.work, task.options)] = search, task
+                        elif following := next(source, None):
+                            yield from advance(_as_search(following))
+                        else:
+                            break
+                    if not (flying or ready):
+                        return
+                    report.show(waiting=not pool.size())
+                    for name, columns in pool.wait():
+                        search, task = flying.pop(name)
+                        row = {"key": task.key, "digest": task.digest, **columns}
+                        rows.append(row)
+                        report.count(row, walked=True)
+                        yield row
+                        yield from advance(search, row)
+                    interruption.check()
+    except OSError as error:
+        if disk_is_full(error):
+            raise StudyStopped(f"the disk is full ({error})", "free some space") from error
+        raise
+    finally:
+        rows.close()
+
+
+def _as_search(item: Task | Search) -> Search:
+    """A single task is a search that ends after its row."""
+    if not isinstance(item, Task):
+        return item
+
+    def single() -> Search:
+        yield item
+
+    return single()
+
+
+class _Report:
+    """Progress of a study: how its runs ended, how fast, and for how long still.
+
+    Args:
+        stage: where to report.
+        total: number of runs; 0 if it is not known, because searches decide on it.
+    """
+
+    def __init__(self, stage: Stage, total: int) -> None:
+        self._stage, self._total = stage, total
+        self._outcomes: Counter[str] = Counter()
+        self._walked, self._start = 0, time.monotonic()
+
+    def count(self, row: Row, *, walked: bool = False) -> None:
+        """Count a finished run."""
+        self._outcomes[str(row.get("outcome", "finished")).replace("_", " ")] += 1
+        self._walked += walked
+
+    def show(self, *, waiting: bool) -> None:
+        """Report the present state."""
+        done = self._outcomes.total()
+        parts = [f"{number} {word}" for word, number in self._outcomes.most_common()]
+        if self._walked >= _LEAST:
+            rate = self._walked / max(time.monotonic() - self._start, 1e-9)
+            parts.append(f"{rate:.3g}/s" if rate >= 1.0 else f"{60.0 * rate:.3g}/min")
+            if self._total > done:
+                parts.append(f"{format_duration((self._total - done) / rate)} left")
+        if waiting:
+            parts.append("waiting for workers")
+        if self._total:
+            self._stage.advance(done, self._total)
+        self._stage.note(", ".join(parts))

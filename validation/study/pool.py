@@ -1,0 +1,420 @@
+"""Worker processes of a study, on this machine or on any dask scheduler.
+
+dask starts workers again that die, and gives their runs to others. Two things it does not do are done here:
+a run that hangs ends its process by a timer of C, and the client learns when a run has begun.
+"""
+
+import errno
+import faulthandler
+import logging
+import math
+import os
+import queue
+import re
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any, Protocol
+from uuid import uuid4
+
+import cloudpickle
+
+from ampm.exceptions import InputError, RefusedGait
+from validation.judge.metrics import add_metrics, added_metrics
+from validation.store.folders import disk_is_full
+from validation.store.identity import code_hash
+from validation.store.machine import THREAD_VARIABLES, cores, hidden_main, set_variables
+from validation.study.exceptions import StudyStopped
+from validation.study.row_file import UNFINISHED, Row
+from validation.study.users_modules import send_by_value
+from validation.trial.users import UsersError
+
+STARTED = "ampm-run-started"
+"""Topic of dask's events by which a worker says that it begins a run."""
+GRACE = 3.0
+"""Time after the limit at which a worker ends itself, so that the client knows first [s]."""
+NO_WORKER = 120.0
+"""Time without any worker after which a study on this machine stops [s]."""
+_WAIT, _CONNECT = 0.5, 30.0  # for a result, for a scheduler [s]
+_SETTINGS: Mapping[str, Any] = {
+    # A run whose worker dies six times is the cause. With 3, innocent runs were blamed under many kills.
+    "distributed.scheduler.allowed-failures": 5,
+    # A run that hangs in C sends no heartbeat. Its own timer ends it.
+    "distributed.scheduler.worker-ttl": None,
+    # A worker above these shares of its memory would spill or pause. A paused worker halts the study.
+    **{f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")},
+    # Memory that is given back after every array doubles the time of a measurement.
+    "distributed.nanny.pre-spawn-environ": {
+        "MALLOC_MMAP_THRESHOLD_": str(2**25),
+        "MALLOC_TRIM_THRESHOLD_": str(2**27),
+    },
+    "distributed.worker.profile.enabled": False,
+}
+"""What differs from dask's defaults, and why."""
+_ONE_THREAD = {
+    **dict.fromkeys(THREAD_VARIABLES, "1"),
+    **dict.fromkeys(("MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"),
+    "MUJOCO_GL": "disable",
+}
+_one_at_a_time = threading.Lock()  # a worker with several threads still walks one run after the other
+
+Done = tuple[str, Row]
+"""Name of a run, as :meth:`Pool.send` gave it, and its columns."""
+
+
+class Pool(Protocol):
+    """Where runs are walked."""
+
+    def size(self) -> int:
+        """Workers at present."""
+
+    def send(self, work: Callable[..., Row], options: Mapping[str, Any]) -> str:
+        """Have a run walked; returns its name."""
+
+    def wait(self) -> Iterator[Done]:
+        """Runs that have ended; none after a while."""
+
+
+# ------------------------------------------------------------------------------------------- on a worker
+
+
+def call(data: bytes, limit: float | None, client_code: str) -> Row:
+    """Walk one run on a worker.
+
+    Args:
+        data: cloudpickle's bytes of work, options and added metrics.
+        limit: wall-clock time after which the process is ended [s]; None for no limit.
+        client_code: hash of the client's code, which this process must have, too.
+
+    Raises:
+        StudyStopped: the run cannot be walked here: other code, missing modules, a full disk.
+    """
+    if client_code != code_hash():
+        raise StudyStopped("a worker has other code or versions of ampm", "install the same on both")
+    with _one_at_a_time:
+        worker = _worker()
+        if worker is not None:
+            worker.log_event(STARTED, (worker.get_current_task(), worker.address))
+        nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  # open until the timer is cancelled
+        if limit is not None and worker is not None:
+            faulthandler.dump_traceback_later(limit + GRACE, exit=True, file=nowhere)
+        try:
+            work, options = _load(data)
+            return {"worker": "" if worker is None else str(worker.name), **_columns(work, options)}
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+            nowhere.close()
+
+
+def _worker() -> Any:
+    """This process's dask worker; None in the client's own process."""
+    from distributed import get_worker  # slow to load
+
+    try:
+        return get_worker()
+    except ValueError:
+        return None
+
+
+def _load(data: bytes) -> tuple[Callable[..., Row], Mapping[str, Any]]:
+    try:
+        work, options, metrics = cloudpickle.loads(data)
+        add_metrics(metrics)
+    except Exception as error:
+        raise StudyStopped(
+            f"a worker cannot load a class or module of yours ({type(error).__name__}: {one_line(error)})",
+            "install what it needs on every worker",
+        ) from error
+    return work, options
+
+
+def _columns(work: Callable[..., Row], options: Mapping[str, Any]) -> Row:
+    start, cpu = time.perf_counter(), time.thread_time()
+    try:
+        columns = work(**options)
+    except StudyStopped:
+        raise
+    except (Exception, SystemExit) as error:
+        if disk_is_full(error):
+            raise StudyStopped(f"the disk is full ({one_line(error)})", "free some space") from error
+        columns = error_columns(error)
+    times = {"timing_total": time.perf_counter() - start, "timing_cpu_total": time.thread_time() - cpu}
+    return {**columns, **times}
+
+
+def error_columns(error: BaseException) -> Row:
+    """Columns of a run that an error ended: refused by a refusal, crashed by anything else."""
+    cause = one_line(error)
+    fault = _machine_fault(error)
+    refused = isinstance(error, RefusedGait | InputError) and not isinstance(error, UsersError)
+    if refused and fault is None:
+        return {"outcome": "refused", "reason": getattr(error, "reason", "bad_parameter"), "cause": cause}
+    text = "".join(traceback.format_exception(error))[-4000:]
+    return {
+        "outcome": "crashed",
+        "reason": fault or type(error).__name__,
+        "cause": cause,
+        "traceback": text.encode("utf-8", "backslashreplace").decode(),
+    }
+
+
+def _machine_fault(error: BaseException | None) -> str | None:
+    """Fault of the machine behind an error, one of :data:`UNFINISHED`; libraries wrap errors."""
+    for _ in range(20):
+        if isinstance(error, MemoryError):
+            return "MemoryError"
+        if isinstance(error, OSError) and (name := errno.errorcode.get(error.errno or 0)) in UNFINISHED:
+            return name
+        error = error and (error.__cause__ or error.__context__)
+    return None
+
+
+_ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
+_PATH = re.compile(r"(?<![\w.])(?:/[^\s/'\":,]+)+/([^\s/'\":,]+)")
+
+
+def one_line(error: BaseException) -> str:
+    """An error's text without addresses and folders, which differ between processes."""
+    try:
+        text = " ".join(str(error).split())
+    except Exception:
+        return f"{type(error).__name__}, whose text cannot be read"
+    text = _PATH.sub(r"\1", _ADDRESS.sub("0x...", text)).encode("utf-8", "backslashreplace").decode()
+    return text if len(text) <= 400 else f"{text[:397]}..."
+
+
+# ------------------------------------------------------------------------------------------- in the client
+
+
+@contextmanager
+def open_pool(
+    workers: int | None, scheduler: str | None, limit: float | None, say: Callable[[str], None]
+) -> Iterator[Pool]:
+    """Workers of this machine, of a scheduler, or this very process.
+
+    Args:
+        workers: processes, None for one a core, 0 for this very process.
+        scheduler: address of a dask scheduler, or its scheduler file.
+        limit: wall-clock time of a run [s].
+        say: called with warnings.
+
+    Raises:
+        InputError: nothing answers at that address.
+        StudyStopped: no worker can be started.
+    """
+    if workers == 0:
+        yield _ThisProcess()
+        return
+    import dask  # slow to load
+
+    _silence()
+    with dask.config.set(_SETTINGS):
+        clients = _local(workers or cores()) if scheduler is None else _remote(scheduler, say)
+        with clients as client:
+            yield _Workers(client, limit, NO_WORKER if scheduler is None else None)
+
+
+def packed(work: Callable[..., Row], options: Mapping[str, Any]) -> bytes:
+    """Work, options and added metrics; modules that workers may not have are sent by value."""
+    send_by_value()
+    return bytes(cloudpickle.dumps((work, dict(options), added_metrics())))
+
+
+class _ThisProcess:
+    """This very process, for tests, debuggers and single walks. It has no limit of time."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[str, Callable[..., Row], Mapping[str, Any]]] = []
+
+    def size(self) -> int:
+        """One."""
+        return 1
+
+    def send(self, work: Callable[..., Row], options: Mapping[str, Any]) -> str:
+        """Remember a run."""
+        name = uuid4().hex
+        self._waiting.append((name, work, options))
+        return name
+
+    def wait(self) -> Iterator[Done]:
+        """Walk the run."""
+        for name, work, options in self._waiting:
+            yield name, {"worker": "", **_columns(work, options)}
+        self._waiting.clear()
+
+
+class _Workers:
+    """Workers of a dask client, one run each at a time.
+
+    Args:
+        client: of dask.
+        limit: wall-clock time of a run [s].
+        patience: time without any worker after which the study stops [s]; None to wait for ever.
+    """
+
+    def __init__(self, client: Any, limit: float | None, patience: float | None) -> None:
+        self._client, self._limit, self._patience = client, limit, patience
+        self._flying: dict[str, Any] = {}  # futures by name
+        self._started: dict[str, tuple[str, float]] = {}  # worker and time at which an attempt began
+        self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._addresses: frozenset[str] = frozenset()
+        self._counted, self._alive = -math.inf, time.monotonic()
+        client.subscribe_topic(STARTED, self._note)
+
+    def _note(self, event: tuple[float, tuple[str, str]]) -> None:
+        name, address = event[1]
+        self._started[name] = address, time.monotonic()
+
+    def size(self) -> int:
+        """Workers at present, counted once a second.
+
+        Raises:
+            StudyStopped: the scheduler is gone, or no worker came up for a long time.
+        """
+        now = time.monotonic()
+        if self._client.status in ("closed", "closing", "failed"):
+            raise StudyStopped("the dask scheduler is gone", "start it again")
+        if now - self._counted > 1.0:
+            with suppress(OSError, TimeoutError):
+                self._addresses, self._counted = frozenset(self._client.nthreads()), now
+        if self._addresses:
+            self._alive = now
+        elif self._patience is not None and now - self._alive > self._patience:
+            raise StudyStopped(
+                "no worker process comes up on this machine", "find out what ends them (memory?)"
+            )
+        return len(self._addresses)
+
+    def send(self, work: Callable[..., Row], options: Mapping[str, Any]) -> str:
+        """Submit a run."""
+        name = f"ampm-{uuid4().hex}"
+        data = packed(work, options)
+        future = self._client.submit(call, data, self._limit, code_hash(), key=name, pure=False)
+        self._flying[name] = future
+        future.add_done_callback(self._done.put)
+        return name
+
+    def wait(self) -> Iterator[Done]:
+        """Runs that have ended, or have exceeded the limit."""
+        with suppress(queue.Empty):
+            future = self._done.get(timeout=_WAIT)
+            if self._flying.pop(future.key, None) is not None:
+                self._started.pop(future.key, None)
+                yield future.key, self._result(future)
+        now = time.monotonic()
+        for name, future in list(self._flying.items()):
+            address, began = self._started.get(name, ("", math.inf))
+            if self._limit is not None and now - began > self._limit and address in self._addresses:
+                del self._flying[name], self._started[name]
+                future.cancel()  # its worker ends itself
+                cause = f"the run had not ended after {self._limit:g} s"
+                yield name, {"outcome": "timed_out", "reason": "wall_clock", "cause": cause}
+
+    def _result(self, future: Any) -> Row:
+        from distributed.scheduler import KilledWorker
+
+        try:
+            row: Row = future.result()
+        except KilledWorker:
+            cause = "the worker's process died in every attempt"
+            return {"outcome": "crashed", "reason": "worker_died", "cause": cause}
+        except StudyStopped:
+            raise
+        except CancelledError as error:
+            raise StudyStopped("the dask scheduler is gone", "start it again") from error
+        except Exception as error:
+            raise StudyStopped(
+                f"a worker could not take a run ({type(error).__name__}: {one_line(error)})",
+                "install this version of ampm on every worker",
+            ) from error
+        return row
+
+
+@contextmanager
+def _local(workers: int) -> Iterator[Any]:
+    """Client of processes of this machine, which end with it."""
+    from distributed import Client, LocalCluster  # slow to load
+
+    if workers > 1:
+        from validation.run.walk import compile_once  # loads simulator and controller
+
+        compile_once()
+    with ExitStack() as stack:
+        stack.enter_context(set_variables(_ONE_THREAD))  # to the end: a worker that dies is started again
+        stack.enter_context(hidden_main())
+        # Ctrl-C reaches every process of a terminal. Threads and processes that are started here inherit the
+        # blocked signal, so that only the client ends.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            cluster = LocalCluster(
+                n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+            )
+            client = Client(cluster, set_as_default=False)
+        except RuntimeError as error:
+            raise StudyStopped(
+                f"a worker process ended while it started ({one_line(error)})",
+                "find out what ends it (memory?)",
+            ) from error
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        try:
+            yield client
+        finally:
+            for nanny in list(cluster.workers.values()):  # closing would wait for runs that are not finished
+                with suppress(Exception):
+                    nanny.close_gracefully()
+                    if nanny.pid:
+                        os.kill(nanny.pid, signal.SIGKILL)
+            for opened in (client, cluster):
+                with suppress(Exception):
+                    opened.close(timeout=10.0)
+
+
+@contextmanager
+def _remote(address: str, say: Callable[[str], None]) -> Iterator[Any]:
+    """Client of a scheduler that is running already."""
+    from distributed import Client  # slow to load
+    from distributed.comm import resolve_address
+
+    where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
+    try:
+        if "scheduler_file" in where:
+            if not Path(address).is_file():  # a client would wait for it for ever
+                raise OSError("there is no such file")
+        else:
+            resolve_address(address)  # a client of an address that is none waits for a minute
+        client = Client(**where, timeout=_CONNECT, set_as_default=False)
+    except (OSError, ValueError, TypeError, KeyError, TimeoutError) as error:
+        raise InputError(
+            f"no dask scheduler answers at --scheduler {address} ({one_line(error)}); start one with 'dask "
+            "scheduler', or leave the option out to run on this machine."
+        ) from None
+    with client:
+        with suppress(Exception):  # a worker without ampm, which its first run will report
+            if max(client.run(blas_threads).values(), default=1) > 1:
+                say(
+                    "ampm: a worker has several BLAS threads; walks are slower so, and may differ in their "
+                    "last bits: start workers with OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1."
+                )
+        yield client
+
+
+def blas_threads() -> int:
+    """Number of this process's BLAS threads, by the variables that BLAS read when it was loaded."""
+    for name in THREAD_VARIABLES:
+        value = os.environ.get(name, "").partition(",")[0]
+        if value.isdecimal() and int(value):
+            return int(value)
+    return cores()
+
+
+def _silence() -> None:
+    """Silence dask's logs; users get warnings of one sentence."""
+    names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    for name in (*names, "distributed", "tornado", "asyncio"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -1,0 +1,129 @@
+"""Finished runs of a study, one line of JSON each, in ``rows.jsonl``."""
+
+import errno
+import fcntl
+import json
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from ampm.exceptions import InputError
+
+Row = dict[str, Any]
+
+ROWS = "rows.jsonl"
+UNFINISHED = frozenset(
+    {"worker_died", "wall_clock", "MemoryError", "EMFILE", "ENFILE", "ENOMEM", "EIO", "EAGAIN"}
+)
+"""Reasons that lie in the machine: such a row is no result, and its run is walked again on resume."""
+_SYNC_EVERY = 1.0  # of the disk [s]
+
+
+class RowFile:
+    """Rows of a folder, or of a temporary file. One process at a time may have a folder open.
+
+    A row is found by its key and its digest, so rows of other parameters or other code do not count. Only
+    the places of the lines are kept in memory.
+
+    Args:
+        folder: of the study; None for a temporary file.
+
+    Raises:
+        InputError: another program has the folder open, or its file is damaged.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self._lines: dict[tuple[str, str], int] = {}  # where the last line of a row begins
+        self._synced = 0.0
+        if folder is None:
+            self._file: Any = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  # closed by close()
+            return
+        folder.mkdir(parents=True, exist_ok=True)
+        self._file = (folder / ROWS).open("a+b", buffering=0)
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._file.close()
+            raise InputError(f"another program is writing {folder}; wait until it has ended.") from None
+        try:
+            self._read(folder / ROWS)
+        except InputError:
+            self._file.close()
+            raise
+
+    def _read(self, path: Path) -> None:
+        start = 0
+        with path.open("rb") as lines:
+            for number, line in enumerate(lines, start=1):
+                if not line.endswith(b"\n"):  # cut off by a kill or a full disk
+                    self._file.truncate(start)
+                    return
+                try:
+                    row = json.loads(line)
+                    place = row["key"], row["digest"]
+                except (ValueError, KeyError, TypeError):
+                    raise InputError(
+                        f"line {number} of {path} is damaged; remove it, or give another folder."
+                    ) from None
+                if row.get("reason") in UNFINISHED:
+                    self._lines.pop(place, None)
+                else:
+                    self._lines[place] = start
+                start += len(line)
+
+    def __len__(self) -> int:
+        return len(self._lines)
+
+    def get(self, key: str, digest: str) -> Row | None:
+        """The row of a task, None if it has not finished."""
+        start = self._lines.get((key, digest))
+        if start is None:
+            return None
+        self._file.seek(start)
+        row: Row = json.loads(self._line())
+        return row
+
+    def _line(self) -> bytes:
+        parts = []
+        while part := self._file.read(65_536):
+            line, end, _ = part.partition(b"\n")
+            parts.append(line)
+            if end:
+                break
+        return b"".join(parts)
+
+    def append(self, row: Row) -> None:
+        """Add a row. It survives a kill when this returns, and a power cut a second later.
+
+        Raises:
+            OSError: the disk is full; no part of the row stays.
+        """
+        start = self._file.seek(0, os.SEEK_END)
+        line = json.dumps(row).encode() + b"\n"
+        if self._file.write(line) != len(line):
+            self._file.truncate(start)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._file.name))
+        self._lines[row["key"], row["digest"]] = start
+        if time.monotonic() - self._synced > _SYNC_EVERY:
+            self.sync()
+
+    def sync(self) -> None:
+        """Wait until the disk has all rows."""
+        os.fsync(self._file)
+        self._synced = time.monotonic()
+
+    def close(self) -> None:
+        """Close the file, which other programs may then open."""
+        self.sync()
+        self._file.close()
+
+
+def read_rows(folder: Path) -> Iterator[Row]:
+    """Whole rows of a folder, as they were written; a later row of a key replaces an earlier one."""
+    with (folder / ROWS).open("rb") as lines:
+        for line in lines:
+            if line.endswith(b"\n"):
+                yield json.loads(line)
