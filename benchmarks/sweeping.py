@@ -15,7 +15,6 @@ import time
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +24,10 @@ from ampm.exceptions import InputError
 from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.store.machine import set_variables
+from validation.study.pool import ONE_THREAD
+from validation.study.row_file import read_rows
 from validation.study.sweep.design import SweepDefinition, parse_sweep
 from validation.study.sweep.run import sweep
-from validation.study.sweep.workers import ONE_THREAD
 from validation.trial.plan import Request, plan_walk
 
 RATIO, OVERHEAD, MEMORY = 1.85, 0.03, 500.0
@@ -69,8 +69,8 @@ def time_sweep(gait: str, steps: int, runs: int, progress: Progress) -> dict[str
     with progress.stage(f"{runs} bare runs"):
         bare = bare_runs([requests])
     with tempfile.TemporaryDirectory(prefix="ampm-benchmark-") as folder:
-        one, steady, peaks = _swept(definition, Path(folder) / "one", 1, progress)
-        two, _, more = _swept(definition, Path(folder) / "two", 2, progress)
+        one, peaks = _swept(definition, Path(folder) / "one", 1, progress)
+        two, more = _swept(definition, Path(folder) / "two", 2, progress)
     with progress.stage(f"{runs} bare runs in two processes"):
         pair = bare_runs([requests[0::2], requests[1::2]])
     peaks += more
@@ -84,7 +84,6 @@ def time_sweep(gait: str, steps: int, runs: int, progress: Progress) -> dict[str
         "ratio": one / two,
         "machine_ratio": 2.0 * bare / pair,
         "overhead": one / runs / bare - 1.0,
-        "overhead_steady": steady / bare - 1.0,
         "memory_peak": max(max(item) for item in peaks),
         "memory_growth": max(item[-1] - item[min(_WARM, len(item)) - 1] for item in peaks),
         "load": load,
@@ -104,7 +103,6 @@ def rows(timing: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         ("throughput, 2 workers over 1", f"{timing['ratio']:.3f}", f">= {RATIO}"),
         ("the same of two bare processes", f"{timing['machine_ratio']:.3f}", ""),
         ("overhead per run, everything", f"{timing['overhead']:.2%}", f"<= {OVERHEAD:.0%}"),
-        ("overhead per run, between first and last row", f"{timing['overhead_steady']:.2%}", ""),
         ("memory of a worker, peak", f"{timing['memory_peak']:.0f} MB", f"< {MEMORY:g} MB"),
         ("growth of that after 16 runs", f"{timing['memory_growth']:.1f} MB", ""),
         ("a bare run", f"{timing['bare']:.3f} s", ""),
@@ -140,14 +138,12 @@ def _walk_all(requests: Sequence[Request]) -> list[float]:
 
 def _swept(
     definition: SweepDefinition, folder: Path, workers: int, progress: Progress
-) -> tuple[float, float, list[list[float]]]:
-    """Time of a sweep; time per run from the first row to the last; peaks of every worker [MB]."""
+) -> tuple[float, list[list[float]]]:
+    """Time of a sweep [s], and peaks of the memory of every worker in the order of its runs [MB]."""
     start = time.perf_counter()
-    table = sweep(definition, folder, workers=workers, progress=progress).table
+    sweep(definition, folder, workers=workers, progress=progress)
     whole = time.perf_counter() - start
-    rows = sorted(table.to_pylist(), key=lambda row: row["environment_time"])
-    first, last = (datetime.fromisoformat(rows[place]["environment_time"]) for place in (0, -1))
     peaks = defaultdict(list)
-    for row in rows:
-        peaks[row["environment_worker"]].append(row["environment_memory_peak"])
-    return whole, (last - first).total_seconds() / (len(rows) - 1), list(peaks.values())
+    for row in read_rows(folder):
+        peaks[row["worker"]].append(row["memory_peak"])
+    return whole, list(peaks.values())

@@ -11,13 +11,13 @@ import typer
 from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError
 from validation.cli.options import Status
 from validation.store.folders import disk_is_full
-from validation.study.sweep.exceptions import SweepStopped
+from validation.study.exceptions import StudyStopped
 
 _STATUSES: tuple[tuple[type[BaseException], Status], ...] = (
     (KeyboardInterrupt, Status.INTERRUPTED),
     (typer.Abort, Status.INTERRUPTED),
     (typer.TyperException, Status.REFUSED),
-    (SweepStopped, Status.STOPPED),
+    (StudyStopped, Status.STOPPED),
     (SolverError, Status.NOT_COMPLETED),
     (AmpmError, Status.REFUSED),
 )
@@ -34,7 +34,7 @@ _KINDS = {
 def describe_error(error: BaseException) -> dict[str, Any]:
     """JSON object of an error: ``{"error": {"kind", "message"}}``.
 
-    ``kind`` is ``input``, ``mathematical``, ``bodily``, ``solver``, ``stopped`` (a sweep, from outside),
+    ``kind`` is ``input``, ``mathematical``, ``bodily``, ``solver``, ``stopped`` (a study, from outside),
     ``interrupted`` or ``crash``; the two refusals of a gait add ``reason``, ``value``, ``limit``, ``unit``
     and ``way_out``; bad input adds those known of ``key``, ``value``, ``limit``, ``way_out`` and ``nearest``.
     """

@@ -5,7 +5,6 @@ Commands import what they run: simulator, Pinocchio and NumPy take long to load.
 
 from __future__ import annotations
 
-import json
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ampm.exceptions import InputError
-from validation.cli.console import Narrator
+from validation.cli.console import Narrator, print_json
 from validation.cli.options import (
     PROFILES,
     AsIs,
@@ -33,23 +32,22 @@ from validation.cli.options import (
     option,
     with_short,
 )  # fmt: skip
-from validation.show.text import format_duration, judged, print_line, print_table, print_verdict
+from validation.show.text import judged, print_line, print_table, print_verdict
 from validation.store.folders import check_output_file, output_file
-from validation.store.machine import cores
+from validation.table import print_tables
 
 if TYPE_CHECKING:
     from validation.study.compare.pair import Pair
     from validation.study.convergence.result import Convergence
     from validation.study.people.compare import People
-    from validation.study.sweep.forecast import Forecast
     from validation.study.sweep.table import SweepTable
 
 app = typer.Typer()
 
 SWEEP_EPILOG = (
     "Exit status: 0 every run that walked passed, 1 some are out of tolerance, 2 bad input, or every run was "
-    "refused, 3 some did not complete, 4 some crashed, 5 stopped from outside (full disk, lost scheduler): "
-    "--resume goes on, 130 interrupted: --resume goes on. --dry-run: 0, or 2 if it is sure that every run is "
+    "refused, 3 some did not complete, 4 some crashed, 5 stopped from outside (full disk, lost scheduler, a worker that "
+    "cannot load a class): --resume goes on, 130 interrupted: --resume goes on. --dry-run: 0, or 2 if it is sure that every run is "
     "refused."
 )
 DIFF_EPILOG = "Exit status: 0 no regression beyond tolerance, 1 some, 2 bad input."
@@ -72,52 +70,43 @@ def sweep(
     scheduler: Scheduler = None,
     resume: Resume = False,
     dry_run: Annotated[
-        bool, option("--dry-run", "Count runs and refusals; walk one run to measure its time.")
-    ] = False,
-    retry: Annotated[
-        str | None,
-        option(
-            "--retry",
-            "With --resume: also walk again what crashed, timed_out, fell, ...: --retry crashed.",
-            "OUTCOME,...",
-        ),
-    ] = None,
-    force: Annotated[
-        bool, option("--force", "With --resume: go on although code or versions have changed since.")
+        bool, option("--dry-run", "Count runs and refusals by formula; walk one run to measure its time.")
     ] = False,
     as_json: Json = False,
 ) -> int:
     """Walk many runs, headless, on all cores or a cluster; keep every finished result.
 
     FILE defines the runs: grids, lists, Latin hypercubes or Sobol points over any parameter. Every finished
-    run is on the disk at once; after a kill, a full disk or Ctrl-C, --resume walks exactly what is missing,
+    run is on the disk at once. After a kill, a full disk or Ctrl-C, --resume walks exactly what is missing,
     and the table is the same to the bit.
     """
+    from validation.study.sweep.run import forecast  # loads simulator and measurement
+    from validation.study.sweep.run import sweep as walk_sweep
+
     if dry_run:
         from validation.study.sweep.design import load_sweep
-        from validation.study.sweep.forecast import forecast  # loads simulator and measurement
 
-        expected = forecast(load_sweep(file), cores() if workers is None else workers, progress=Narrator())
-        answer(expected, type(expected).as_dict, print_forecast, as_json=as_json)
+        expected = forecast(load_sweep(file), workers, progress=Narrator())
+        if as_json:
+            print_json(expected.as_dict())
+        else:
+            print_tables([expected.table()])
         return Status.REFUSED if expected.all_refused else Status.PASS
-    from validation.study.sweep.run import sweep as walk_sweep  # loads NumPy and pyarrow
-    from validation.study.sweep.store import SUMMARY, is_sweep
-
-    words = tuple(word.strip().replace("-", "_") for word in (retry or "").split(",") if word.strip())
     if out is None:
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
     try:
         found = walk_sweep(
-            file, out, workers=workers, scheduler=scheduler, resume=resume, force=force, retry=words,
-            progress=Narrator(),
-        )  # fmt: skip
+            file, out, workers=workers, scheduler=scheduler, resume=resume, progress=Narrator()
+        )
     except KeyboardInterrupt as error:
-        if is_sweep(out):
-            again = shlex.join(["ampm", "sweep", str(file), "--out", str(out), "--resume"])
-            error.add_note(f"every finished row is kept; go on with the same options and --resume: {again}")
+        again = shlex.join(["ampm", "sweep", str(file), "--out", str(out), "--resume"])
+        error.add_note(f"every finished row is kept; go on with the same options and --resume: {again}")
         raise
-    summary = {**json.loads((out / SUMMARY).read_text(encoding="utf-8")), "directory": str(out)}
-    answer(found, lambda _: summary, _print_sweep, as_json=as_json)
+    if as_json:
+        print_json({**found.summary(), "directory": str(out)})
+    else:
+        print_tables([found.result()])
+        print_line(str(out))
     return _sweep_status(found)
 
 
@@ -133,48 +122,6 @@ def _sweep_status(found: SweepTable) -> int:
     if ended == {State.REFUSED}:
         return Status.REFUSED
     return Status.PASS if ended <= {State.PASS, State.REFUSED} else Status.OUT_OF_TOLERANCE
-
-
-def _print_sweep(found: SweepTable) -> None:
-    summary = found.summary()
-    rows = [(name.replace("_", " "), str(number)) for name, number in summary["states"].items()]
-    rows += [(f"  {reason}", str(number)) for reason, number in summary["refusals"].items()]
-    print_table(f"sweep {found.name}", ("state", ">runs"), rows)
-    if summary["failed"]:
-        failed = list(summary["failed"].items())[:10]
-        print_line(f"out of tolerance: {', '.join(f'{name} {number}' for name, number in failed)}")
-    if summary["unfinished"]:
-        print_line(f"runs without a result: {summary['unfinished']}; --resume walks them again")
-    print_line(found.source)
-
-
-def print_forecast(found: Forecast) -> None:
-    """Print the forecast of a sweep."""
-    definition = found.definition
-    rows = [("runs", f"{found.runs:,}", f"of {definition.gait}, {definition.steps} steps each")]
-    rows += [(f"refused: {item.reason}", f"{item.runs:,}", item.example) for item in found.refused]
-    sample = "" if found.exact else f" (of {found.checked} of {found.gaits:,} gaits)"
-    for item in found.body_refused:
-        rows.append((f"the body refuses{sample}: {item.reason}", f"{item.runs:,}", item.example))
-    rows.append(("can walk, at most", f"{'' if found.exact else 'about '}{found.walking:,}", ""))
-    title = f"dry run of {definition.name}: {', '.join(definition.keys)}"
-    print_table(title, ("", ">runs", "for example"), rows)
-    if found.all_refused:
-        print_line("every run is refused: nothing would walk")
-    elif found.seconds is None or found.wall_clock is None:
-        print_line("no run that was tried could be walked, so its time is unknown")
-    else:
-        print_line(
-            f"one run takes about {format_duration(found.seconds)}, the sweep "
-            f"{format_duration(found.wall_clock)} with {found.workers} workers"
-        )
-        if found.kept and found.keeping is not None:
-            some = {"all": "every run", "worst": f"the worst {found.kept}"}
-            which = some.get(definition.recordings, f"up to {found.kept} failures")
-            print_line(f"recording and report of {which} take up to {format_duration(found.keeping)} more")
-    for text in found.motion_refused:
-        print_line(f"tried to time it, and refused: {text}")
-    print_line("not checked: motions that do not close or reach a joint limit, and falls")
 
 
 @app.command(epilog=DIFF_EPILOG)

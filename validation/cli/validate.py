@@ -183,7 +183,7 @@ def report(
     directory: Annotated[Path, typer.Argument(help="Folder of a run or of a sweep.", metavar="DIR")],
 ) -> int:
     """Write the report.html of a run or a sweep again from its saved files."""
-    from validation.study.sweep.store import is_sweep
+    from validation.study.sweep.table import is_sweep
 
     with Narrator().stage("report"):
         if is_sweep(directory):

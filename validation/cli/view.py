@@ -114,7 +114,7 @@ def choose(targets: Sequence[Path], runs: str | None) -> tuple[list[Source], lis
     Raises:
         InputError: a target has no recording, or ``runs`` without a sweep.
     """
-    from validation.study.sweep.store import is_sweep
+    from validation.study.sweep.table import is_sweep
 
     sweeps = sum(is_sweep(target) for target in targets)
     if sweeps == 0 and runs is not None:
@@ -174,7 +174,7 @@ def _of_sweep(folder: Path, runs: str | None) -> tuple[list[Source], list[str]]:
     if runs is None:
         if not kept:
             raise InputError(
-                f'the sweep in {folder} has kept no recording; set recordings = "worst" or "all" in its '
+                f'the sweep in {folder} has kept no recording; set recordings = "worst" in its '
                 "definition, or walk a run by itself: its row in report.html has the command."
             )
         chosen = _worst_and_median(sweep, kept)
@@ -187,7 +187,7 @@ def _of_sweep(folder: Path, runs: str | None) -> tuple[list[Source], list[str]]:
             others = ", ".join(str(numbers[row]) for row in sorted(kept)[:12]) or "no run"
             raise InputError(
                 f"run {run} of {folder} has no recording, but {others}{', ...' if len(kept) > 12 else ''} "
-                'has; walk it by itself (its row in report.html has the command), or set recordings = "all".'
+                "has; walk it by itself: its row in report.html has the command."
             )
         sources.append(kept[numbers.index(run)])
     return sources, []

@@ -16,6 +16,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import BaseModel
 
 from ampm.exceptions import InputError
@@ -59,8 +60,10 @@ Search = Generator[Task, Row, None]
 
 def _identity(value: Any) -> str:
     """Text that is equal for equal values, in every process."""
-    if isinstance(value, BaseModel):
-        return f"{type(value).__name__}{value.model_dump_json()}"
+    if isinstance(value, BaseModel):  # with the keys that count as given
+        return f"{type(value).__name__}{value.model_dump_json()}{value.model_dump_json(exclude_unset=True)}"
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype}{value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key!r}: {_identity(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):

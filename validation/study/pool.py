@@ -56,7 +56,7 @@ _SETTINGS: Mapping[str, Any] = {
     "distributed.worker.profile.enabled": False,
 }
 """What differs from dask's defaults, and why."""
-_ONE_THREAD = {
+ONE_THREAD = {
     **dict.fromkeys(THREAD_VARIABLES, "1"),
     **dict.fromkeys(("MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"),
     "MUJOCO_GL": "disable",
@@ -345,7 +345,7 @@ def _local(workers: int) -> Iterator[Any]:
 
         compile_once()
     with ExitStack() as stack:
-        stack.enter_context(set_variables(_ONE_THREAD))  # to the end: a worker that dies is started again
+        stack.enter_context(set_variables(ONE_THREAD))  # to the end: a worker that dies is started again
         stack.enter_context(hidden_main())
         # Ctrl-C reaches every process of a terminal. Threads and processes that are started here inherit the
         # blocked signal, so that only the client ends.

@@ -21,7 +21,6 @@ import tomli_w
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ampm.arithmetic import exp
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN, RunParameters, keys
 from ampm.planner.zmp_laws import STEP_PLANNERS
@@ -38,7 +37,7 @@ Column = NDArray[Any]
 Value = float | int | str
 """A value of a key."""
 
-MOST_CASES = 10_000_000
+MOST_CASES = 1_000_000
 """Runs of one sweep at most."""
 MOST_POINTS = 1_000_000
 """Points of one sampled block at most: 8 MB for every key."""
@@ -181,7 +180,7 @@ def _scaled(info: KeyInfo, value: Range, unit: NDArray[np.float64]) -> Column:
     start, stop = (value.start - 0.5, value.stop + 0.5) if whole else (value.start, value.stop)
     if value.scale == "log":
         low, high = math.log(start), math.log(stop)
-        values = exp(low + unit * (high - low))
+        values = np.exp(low + unit * (high - low))
     else:
         values = start + unit * (stop - start)
     if whole:
@@ -205,13 +204,10 @@ class SweepDefinition(Section, section="sweep"):
     tune: bool = Field(False, description="find the values that every run leaves open; otherwise keep them")
     seed: int = Field(1, description="of the sampled blocks", ge=0, le=2**63 - 1)
     profile: str = Field("default", description="tolerance profile that judges the runs")
-    recordings: Literal["none", "failures", "worst", "all"] = Field(
+    recordings: Literal["none", "failures", "worst"] = Field(
         "failures", description="which runs keep a recording"
     )
-    worst: int = Field(
-        10, description="how many runs keep one if recordings = failures or worst", ge=1, le=10_000
-    )
-    instrument: str | None = Field(None, description="model of the sensors that measure beside the truth")
+    worst: int = Field(10, description="how many runs keep one at most, the worst first", ge=1, le=10_000)
     push: tuple[str, ...] = Field(
         (), description="pushes of every run, each SEGMENT,FX,FY,FZ,AT,DURATION", strict=False
     )
@@ -367,11 +363,6 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
     head = dict(table.get("sweep", {}))
     for word in head.keys() & set(_TABLES):
         raise unknown(f"sweep.{word}", [f"sweep.{known}" for known in _HEAD])
-    if isinstance(head.get("instrument"), str):
-        from validation.measure.instruments.model import load_instrument  # loads all that measures
-
-        head["instrument"] = _beside(folder, head["instrument"])
-        load_instrument(head["instrument"])
     with _place("[set]"):
         fixed = {key: key_info(key).convert(value) for key, value in _flat(table.get("set", {})).items()}
     fixed |= {key: _beside(folder, str(fixed[key])) for key in (BODY_KEY, PLANNER_KEY) if key in fixed}
@@ -390,7 +381,7 @@ def _sweep_of(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinit
     if any(BODY_KEY in block.keys for block in blocks):
         raise InputError(
             f"{BODY_KEY} cannot be varied, as every body has a gait of its own; make a sweep of each body, "
-            f"with {BODY_KEY} under [set], and compare them with 'ampm diff'.",
+            f"with {BODY_KEY} under [set], and compare them with 'ampm compare'.",
             key=BODY_KEY,
         )
     for controller in definition.controllers:

@@ -1,16 +1,13 @@
-"""The report of a sweep: one self-contained HTML page, made from the saved table alone.
+"""The report of a sweep: one self-contained HTML page, made from the folder's table alone.
 
-Its size is bounded for any number of runs. All text is escaped; nothing is fetched; without scripts only the
-choice of the map's axes is missing.
+All text is escaped. Pictures and scripts are in the page, see :mod:`validation.study.sweep.figures`.
 """
 
 from __future__ import annotations
 
-import json
-import re
 import shlex
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,31 +16,19 @@ from markupsafe import Markup
 
 from ampm.presets import PRESETS
 from ampm.run_file import load_run
-from validation.judge.metrics import METRICS, metric_label
+from validation.judge.metrics import metric_label
 from validation.show.page import render_page
 from validation.show.text import format_duration, format_value, limit_with_unit, number, with_unit
+from validation.store.folders import output_file
 from validation.store.identity import parameter_values
-from validation.store.saved import RECORDING_FILE, REPORT_FILE
-from validation.study.sweep import figures, store
-from validation.study.sweep.influence import Target, analyse, correlated
-from validation.study.sweep.table import BROKEN, STATES, State, SweepTable, read_sweep
+from validation.study.sweep import figures
+from validation.study.sweep.table import BROKEN, REPORT, STATES, State, SweepTable, read_sweep
+from validation.table import Table
 
-WORST = 10
-"""Rows of a table of worst runs."""
+WORST = 12
+"""Runs in each of both tables of the worst."""
 MOST_SHOWN = 8
 """Parameters of a run in a table; the command that repeats it has all."""
-IDLE = 0.01
-"""Median share of its tolerance below which a metric is rounding, and influences on it are not computed
-[1]."""
-_MIXED = "mixed: "
-_REFUSED, _FAILS = "is refused", "fails, if it walks"
-_PER_RUN = ("environment_worker", "environment_attempts", "environment_memory_peak", "environment_time")
-"""Columns of the environment that always differ between runs."""
-
-_KEPT = {"report": REPORT_FILE, "recording": RECORDING_FILE}
-"""Files of a run that is kept."""
-
-Row = tuple[str, ...]
 
 
 def write_sweep_report(directory: Path) -> Path:
@@ -58,10 +43,10 @@ def write_sweep_report(directory: Path) -> Path:
     Raises:
         InputError: the folder holds no sweep, or no result yet.
     """
-    path = Path(directory) / REPORT_FILE
+    path = Path(directory) / REPORT
     text = render(read_sweep(directory))
-    with store.durable(path) as file:
-        file.write(text.encode())
+    with output_file(path) as file:
+        file.write_text(text, encoding="utf-8")
     return path
 
 
@@ -71,66 +56,44 @@ def render(sweep: SweepTable) -> str:
     Returns:
         A complete HTML document; its only references are relative links to kept runs.
     """
-    varied = {key: sweep.values(key) for key in sweep.varied}
-    targets = analyse(varied, targets_of(sweep)) if varied else []
-    keys = by_strength(sweep.varied, targets)
-    lost, furthest = (
-        [row for row in sweep.worst if sweep.measured[row] == ended][:WORST] for ended in (False, True)
-    )
-    still, data = _map(sweep, keys, [*lost, *furthest])
+    walked = [row for row in sweep.worst if not sweep.measured[row]][:WORST]
+    furthest = [row for row in sweep.worst if sweep.measured[row]][:WORST]
     judged = [name for name in sweep.judged if np.isfinite(sweep.shown(name)[0]).any()]
-    own = [name for name in judged if name in METRICS and METRICS[name].kind == "instrument"]
-    walked = [name for name in judged if name not in own]
-    environment = environment_rows(sweep)
+    links = links_of(sweep)
+    still, scatter, parallel, vega = Markup(), Markup(), Markup(), Markup()
+    if sweep.varied:
+        rows = figures.drawn_rows(sweep, [*walked, *furthest])
+        spec = figures.scatter(sweep, rows, links)
+        still = figures.svg({**spec, "width": 640}, "Outcome of runs over two quantities")
+        scatter, parallel = (figures.as_json(item) for item in (spec, figures.parallel(sweep, rows)))
+        vega = figures.vega_script()
     verdict = judge_sweep(sweep)
     return render_page(
         "sweep.html.j2",
         f"{sweep.name}: {verdict[1]}",
         styles=["report.css", "sweep.css"],
-        scripts=["sweep.js"],
-        vega=figures.vega_script() if data else "",
         sweep=sweep,
         verdict=verdict,
         share=share,
         still=still,
-        data=data,
-        pictures=[figures.distribution(*sweep.shown(name), metric_label(name)) for name in walked],
-        metrics=[
-            (title, [metric_row(sweep, name) for name in names])
-            for title, names in (("", walked), ("The instrument itself", own))
-        ],
+        scatter=scatter,
+        parallel=parallel,
+        vega=vega,
+        most_points=figures.MOST_POINTS,
+        pictures=[figures.distribution(*sweep.shown(name), metric_label(name)) for name in judged],
+        metrics=metric_table(sweep, judged),
         worst=[
-            ("Did not complete, the earliest end first", run_rows(sweep, lost, keys)),
-            ("Out of tolerance, or closest to it", run_rows(sweep, furthest, keys)),
+            ("Did not complete, the earliest end first", run_rows(sweep, walked, links)),
+            ("Out of tolerance, or closest to it", run_rows(sweep, furthest, links)),
         ],
-        targets=targets,
-        correlated=[(a, b, number(rho, 2)) for a, b, rho in correlated(varied)[:6]],
-        unwalked=unwalked_rows(sweep),
+        unwalked=unwalked_table(sweep),
         computing_time=format_duration(float(np.nansum(sweep.numbers("timing_total")))),
-        varied_rows=varied_rows(sweep),
-        fixed_rows=[
-            (key, with_unit(format_value(sweep.table.column(key)[0].as_py()), sweep.unit(key)))
-            for key in sweep.parameters
-            if key not in sweep.varied
-        ],
-        timing_rows=timing_rows(sweep),
-        environment_rows=environment,
-        mixed=[name for name, text in environment if text.startswith(_MIXED)],
-        modified="True" in sweep.words("environment_modified"),
-        reason_rows=[(metric_label(n), _limit(sweep, n), limit.reason) for n, limit in sweep.limits.items()],
+        varied=varied_table(sweep),
+        fixed=fixed_table(sweep),
+        timing=timing_table(sweep),
+        environment=environment_table(sweep),
+        reasons=reason_table(sweep),
     )
-
-
-def _map(sweep: SweepTable, keys: Sequence[str], keep: Sequence[int]) -> tuple[Markup, Markup]:
-    """Still picture and data of the map; empty without a parameter that varies."""
-    if not keys:
-        return Markup(), Markup()
-    axes = [figures.parameter_axis(sweep, key) for key in keys] + figures.metric_axes(sweep)
-    data = figures.map_data(sweep, axes, links_of(sweep), repeat_command(sweep), keep)
-    text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    # "<" is escaped: no text in the data can end the script element.
-    still = figures.still_map(data, "Outcome of runs over two parameters")
-    return still, Markup(text.replace("<", "\\u003c"))
 
 
 # ------------------------------------------------------------------------------------------------ runs
@@ -156,30 +119,26 @@ def _setting(key: str, value: Any) -> str:
     return shlex.join(["--set", f"{key}={value}"])
 
 
-def links_of(sweep: SweepTable) -> dict[int, list[tuple[str, str]]]:
-    """Text and address, relative to the page, of the files of every kept run."""
-    found = {}
-    for row, name in enumerate(sweep.words("recording")):
-        if re.fullmatch(rf"{store.RECORDINGS}/\w+", name):  # only files beside the page
-            kept = [(text, f"{name}/{file}") for text, file in _KEPT.items()]
-            if sweep.directory is not None:
-                kept = [item for item in kept if (sweep.directory / item[1]).is_file()]
-            found[row] = kept
-    return {row: kept for row, kept in found.items() if kept}
+def links_of(sweep: SweepTable) -> dict[int, str]:
+    """Row to the address of its report, relative to the page, of every kept run."""
+    if sweep.directory is None:
+        return {}
+    addresses = {row: f"{name}/{REPORT}" for row, name in enumerate(sweep.words("recording")) if name}
+    return {row: address for row, address in addresses.items() if (sweep.directory / address).is_file()}
 
 
-def run_rows(sweep: SweepTable, rows: Sequence[int], keys: Sequence[str]) -> list[dict[str, Any]]:
-    """Rows of a table of runs, each with its first :data:`MOST_SHOWN` parameters of ``keys``."""
-    links, names, repeat, found = links_of(sweep), sweep.words("name"), repeat_command(sweep), []
+def run_rows(sweep: SweepTable, rows: Sequence[int], links: Mapping[int, str]) -> list[dict[str, Any]]:
+    """Rows of a table of runs, each with its first :data:`MOST_SHOWN` varied parameters."""
+    names, repeat, found = sweep.words("name"), repeat_command(sweep), []
     for row in rows:
-        varied = [(key, sweep.table.column(key)[row].as_py()) for key in keys]
+        varied = [(key, sweep.table.column(key)[row].as_py()) for key in sweep.varied]
         settings = [_setting(key, value) for key, value in varied if value is not None]
         found.append(
             {
                 "name": names[row],
                 "state": sweep.state(row),
                 "why": _why(sweep, row),
-                "links": links.get(row, []),
+                "link": links.get(row, ""),
                 "parameters": [(key, format_value(value)) for key, value in varied[:MOST_SHOWN]],
                 "repeat": " ".join([repeat[0], *settings, repeat[1]]),
             }
@@ -201,18 +160,21 @@ def _why(sweep: SweepTable, row: int) -> str:
     return f"{metric_label(worst)}: {_amount(values[row], unit)}, limit {_limit(sweep, worst, row)}{more}"
 
 
-# --------------------------------------------------------------------------------------------- metrics
+# ---------------------------------------------------------------------------------------------- tables
 
 
-def metric_row(sweep: SweepTable, metric: str) -> tuple[str, str, list[Row]]:
-    """Label of a metric, how many runs are over its tolerance, and names and values of the other cells."""
-    values, _, unit = sweep.shown(metric)
-    known = values[np.isfinite(values)]
-    over = int((sweep.used(metric) > 1.0).sum())
-    quantiles = {"median": 0.5, "95 % below": 0.95, "largest": 1.0}
-    cells: list[Row] = [(name, _amount(np.quantile(known, part), unit)) for name, part in quantiles.items()]
-    counted = f"{over:,} ({share(over, known.size)})" if over else ""
-    return metric_label(metric), counted, [*cells, ("tolerance", _limit(sweep, metric))]
+def metric_table(sweep: SweepTable, metrics: Sequence[str]) -> Table:
+    """How many runs are over a metric's tolerance, and the distribution of its values."""
+    rows = []
+    for metric in metrics:
+        values, _, unit = sweep.shown(metric)
+        known = values[np.isfinite(values)]
+        over = int((sweep.used(metric) > 1.0).sum())
+        counted = f"{over:,} ({share(over, known.size)})" if over else "0"
+        quantiles = [_amount(np.quantile(known, part), unit) for part in (0.5, 0.95, 1.0)]
+        rows.append((metric_label(metric), counted, *quantiles, _limit(sweep, metric)))
+    columns = ("metric", ">over", ">median", ">95 % below", ">largest", ">tolerance")
+    return Table("Metrics of the completed runs", columns, rows)
 
 
 def _amount(value: float, unit: str) -> str:
@@ -234,91 +196,69 @@ def _limit(sweep: SweepTable, metric: str, row: int | None = None) -> str:
     return f"{number(low, 3)} ... {limit_with_unit(float(number(high, 3)), unit)}"
 
 
-def targets_of(sweep: SweepTable) -> dict[str, figures.Array]:
-    """Targets of the influence analysis: refusal, failure of a walk, every metric above rounding."""
-    known, refused = ~sweep.is_state(*BROKEN), sweep.is_state(State.REFUSED)
-    events = {_REFUSED: (known, refused), _FAILS: (known & ~refused, ~sweep.is_state(State.PASS))}
-    found = {
-        name: np.where(among, which, np.nan)
-        for name, (among, which) in events.items()
-        if 0 < which[among].sum() < among.sum()
-    }
-    for metric in sweep.judged:
-        used = sweep.used(metric)
-        if np.isfinite(used).any() and np.nanmedian(used) >= IDLE:
-            found[metric_label(metric)] = np.where(np.isfinite(used), used, np.nan)
-    return found
-
-
-def by_strength(keys: Sequence[str], targets: Sequence[Target]) -> list[str]:
-    """Parameters by their strongest significant influence, on outcomes before metrics."""
-    score = {key: [0.0, 0.0] for key in keys}
-    for target in targets:
-        place = target.name not in (_REFUSED, _FAILS)
-        for item in target.drivers:
-            score[item.parameter][place] = max(score[item.parameter][place], item.strength)
-    return sorted(keys, key=lambda key: score[key], reverse=True)
-
-
-# ----------------------------------------------------------------------------------------- this sweep
-
-
-def unwalked_rows(sweep: SweepTable) -> list[dict[str, Any]]:
+def unwalked_table(sweep: SweepTable) -> Table:
     """Refusals, crashes, hangs and interruptions by reason, each with its first run as an example."""
-    reasons, causes, names = (sweep.words(name) for name in ("reason", "cause", "name"))
-    found = []
+    reasons, causes, names = (np.array(sweep.words(name)) for name in ("reason", "cause", "name"))
+    traces, rows = sweep.words("traceback"), []
     for state in (State.REFUSED, *BROKEN):
-        rows = np.flatnonzero(sweep.is_state(state)).tolist()
-        for reason, count in Counter(reasons[row] for row in rows).most_common():
-            row = next(row for row in rows if reasons[row] == reason)
-            trace = f"{store.CRASHES}/{Path(names[row]).name}.txt"
-            kept = sweep.directory is not None and (sweep.directory / trace).is_file()
-            found.append(
-                {
-                    "state": state,
-                    "reason": reason.replace("_", " "),
-                    "runs": f"{count:,} ({share(count, len(sweep))})",
-                    "example": f"run {names[row]}: {causes[row] or 'no cause was kept'}",
-                    "traceback": trace if kept else "",
-                }
-            )
-    return found
+        among = np.flatnonzero(sweep.is_state(state))
+        for reason, count in Counter(reasons[among].tolist()).most_common():
+            row = int(among[reasons[among] == reason][0])
+            last = traces[row].strip().splitlines()[-3:-1]  # file, line and statement
+            where = f" ({'; '.join(line.strip() for line in last)})" if last else ""
+            example = f"run {names[row]}: {causes[row] or 'no cause was kept'}{where}"
+            counted = f"{count:,} ({share(count, len(sweep))})"
+            rows.append((state.label, reason.replace("_", " "), counted, example))
+    return Table("Refusals, crashes, hangs", ("outcome", "reason", ">runs", "for example"), rows)
 
 
-def varied_rows(sweep: SweepTable) -> list[Row]:
+def varied_table(sweep: SweepTable) -> Table:
     """Parameters that vary: key, lowest and highest value, number of values, meaning."""
-    found = []
+    rows = []
     for key in sweep.varied:
         values = np.unique(sweep.values(key))
         ends = [with_unit(format_value(value.item()), sweep.unit(key)) for value in (values[0], values[-1])]
-        found.append((key, *ends, f"{len(values):,}", sweep.describe(key)))
-    return found
+        rows.append((key, *ends, f"{len(values):,}", sweep.describe(key)))
+    return Table("What varies", ("parameter", ">from", ">to", ">values", "meaning"), rows)
 
 
-def timing_rows(sweep: SweepTable) -> list[Row]:
+def fixed_table(sweep: SweepTable) -> Table:
+    """Parameters that all runs share."""
+    rows = [
+        (key, with_unit(format_value(sweep.table.column(key)[0].as_py()), sweep.unit(key)))
+        for key in sweep.parameters
+        if key not in sweep.varied
+    ]
+    return Table("Parameters that all runs share", ("parameter", ">value"), rows)
+
+
+def timing_table(sweep: SweepTable) -> Table:
     """Median and largest of every time, and the workers' memory."""
-    rows: list[Row] = []
-    times = [name for name in sweep.table.column_names if name.startswith("timing_")]
-    for name in (*times, "environment_memory_peak", "environment_attempts"):
+    rows = []
+    for name in (*(name for name in sweep.table.column_names if name.startswith("timing_")), "memory_peak"):
         values = sweep.numbers(name)[np.isfinite(sweep.numbers(name))]
         if values.size:
-            middle, high = (with_unit(float(f(values)), sweep.unit(name)) for f in (np.median, np.max))
-            rows.append((name.partition("_")[2].replace("_", " "), f"{middle}, up to {high}"))
-    return [*rows, ("workers", f"{len(sweep.distinct('environment_worker'))}")]
+            ends = [with_unit(float(of(values)), sweep.unit(name)) for of in (np.median, np.max)]
+            rows.append((name.removeprefix("timing_").replace("_", " "), *ends))
+    workers = f"{len(sweep.distinct('worker'))} workers"
+    return Table("Time and memory of a run", ("", ">median", ">largest"), rows, [workers])
 
 
-def environment_rows(sweep: SweepTable) -> list[Row]:
-    """Versions and platform: name, and value or, where runs differ in it, values and their runs."""
-    rows: list[Row] = []
-    for column in sweep.table.column_names:
-        if not column.startswith("environment_") or column in _PER_RUN:
-            continue
-        if counted := Counter(filter(None, sweep.words(column))).most_common():
-            text = _MIXED + ", ".join(f"{word} ({n:,} runs)" for word, n in counted[:6])
-            label = column.removeprefix("environment_").removeprefix("version_").replace("_", " ")
-            rows.append((label, text if len(counted) > 1 else counted[0][0]))
-    times = sweep.distinct("environment_time")
-    return [*rows, ("walked from, to (UTC)", f"{times[0]}, {times[-1]}")] if times else rows
+def environment_table(sweep: SweepTable) -> Table:
+    """Versions and platform."""
+    environment = dict(sweep.metadata["environment"])
+    versions = environment.pop("versions", {})
+    rows = [(name, str(value)) for name, value in {**environment, **versions}.items()]
+    return Table("Versions and platform", ("", ">value"), rows)
+
+
+def reason_table(sweep: SweepTable) -> Table:
+    """Why the tolerances are what they are."""
+    rows = [(metric_label(name), _limit(sweep, name), limit.reason) for name, limit in sweep.limits.items()]
+    return Table("Why these tolerances", ("metric", ">tolerance", "reason"), rows)
+
+
+# --------------------------------------------------------------------------------------------- verdict
 
 
 def judge_sweep(sweep: SweepTable) -> tuple[str, str, str]:
@@ -350,4 +290,4 @@ def share(part: int, whole: int) -> str:
         text = f"{percent:.0f}" if part in (0, whole) or 1.0 <= percent < 99.5 else f"{percent:.1f}"
     else:
         text = "< 0.1" if percent < 50.0 else "> 99.9"
-    return f"{text} %"
+    return f"{text} %"

@@ -2,51 +2,51 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
-from collections import Counter
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 
-from ampm.exceptions import InputError
-from validation.progress import Progress, Stage, interruption
+from ampm.exceptions import InputError, RefusedGait
+from ampm.planner.zmp_laws import STEP_PLANNERS
+from validation.judge.profiles import profile as find_profile
+from validation.progress import Progress
+from validation.run.trial import Trial
 from validation.show.text import format_duration
-from validation.store.folders import check_target
+from validation.store.folders import output_file
 from validation.store.identity import parameter_values
-from validation.store.json import dump_json
+from validation.store.json import write_json
 from validation.store.machine import cores
-from validation.study.sweep.design import SweepDefinition, load_sweep
-from validation.study.sweep.forecast import ACCEPTED, refusal, screen
-from validation.study.sweep.schema import error_columns, make_row
-from validation.study.sweep.store import (
-    CRASHES,
+from validation.study.many import Task, study_folder, walk_many
+from validation.study.pool import error_columns
+from validation.study.row_file import Row
+from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep
+from validation.study.sweep.schema import walk_columns
+from validation.study.sweep.table import (
     DEFINITION,
-    LOCK,
+    RECORDINGS,
     REPORT,
+    RESULTS,
     SUMMARY,
-    Store,
-    is_sweep,
-    open_store,
+    State,
+    SweepTable,
+    TableWriter,
+    key_of,
+    wrap_table,
 )
-from validation.study.sweep.table import STATES, State, SweepTable, read_sweep, wrap_table
-from validation.study.sweep.task import Result, Row, Task
+from validation.study.walk_options import users_classes
+from validation.table import Table
+from validation.trial.disturbances import Push, parse_push
+from validation.trial.plan import Request, check_formula, plan_walk
+from validation.trial.users import UsersError
 
-if TYPE_CHECKING:
-    from validation.study.sweep.workers import WorkerPool
-
-    Pool = Callable[[int], AbstractContextManager[WorkerPool]]
-
-_COMPLETED = (State.PASS, State.OUT_OF_TOLERANCE, State.NOT_MEASURED)
-RETRIED = tuple(state.value for state in State if state not in _COMPLETED)
-"""Outcomes that can be walked again on request."""
-FLUSH = 1.0
-"""Time after which a finished row is on the disk at the latest [s]."""
-_LEAST = 3  # walks after which there is a rate
+CHECKED = 1000
+"""Runs whose refusals a dry run counts at most."""
+_TRIED = 8  # runs that a dry run tries until one of them can be walked
 
 
 def sweep(
@@ -56,8 +56,6 @@ def sweep(
     workers: int | None = None,
     scheduler: str | None = None,
     resume: bool = False,
-    force: bool = False,
-    retry: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> SweepTable:
     """Walk many runs; ``sweep("slopes.toml").table.to_pandas()``, with the extra pandas, gives a row per run.
@@ -65,209 +63,264 @@ def sweep(
     Args:
         definition: TOML file, or a loaded definition.
         out: folder of the sweep; without one only the table is kept, and no recording.
-        workers: processes of this machine, one per core by default.
+        workers: processes of this machine, one per core by default, 0 to walk in this very process.
         scheduler: address of a dask scheduler to run on instead, or its scheduler file.
-        resume: continue in the folder: walk runs without a row, or with a row that is no result.
-        force: continue although the code has changed.
-        retry: outcomes of finished runs that are walked again, of :data:`RETRIED`.
+        resume: go on in the folder: walk the runs that have no row of this definition and this code.
         progress: where to report; silent by default.
 
     Raises:
         InputError: bad options, a bad definition, or a folder that cannot be used.
-        SweepStopped: a full disk, a lost scheduler, no workers; finished runs are kept.
+        StudyStopped: a full disk, a lost scheduler, no workers; finished runs are kept.
         KeyboardInterrupt: Ctrl-C; finished runs are kept.
     """
     if not isinstance(definition, SweepDefinition):
         definition = load_sweep(definition)
-    if workers is not None and workers < 1:
-        raise InputError(f"--workers {workers} must be at least 1.")
-    if workers is not None and scheduler is not None:
-        raise InputError("--workers and --scheduler exclude each other: a scheduler has its own workers.")
-    if (force or retry) and not resume:
-        raise InputError("--force and --retry go with --resume: no sweep is ever replaced; add it.")
-    for name in retry:
-        if name not in RETRIED:
-            raise InputError(f"--retry {name!r} must be of {', '.join(RETRIED)}; correct it.")
-    progress = progress or Progress()
-    if out is None:
-        with tempfile.TemporaryDirectory(prefix="ampm-sweep-") as folder:
-            unkept = definition.model_copy(update={"recordings": "none"})
-            found = sweep(
-                unkept, Path(folder) / "out", workers=workers, scheduler=scheduler, progress=progress
-            )
-            return replace(found, directory=None, source=definition.name)
-
-    def pool(walks: int) -> AbstractContextManager[WorkerPool]:
-        from validation.study.sweep.workers import local_pool, remote_pool  # load dask
-
-        return (
-            remote_pool(scheduler, progress.say) if scheduler else local_pool(min(workers or cores(), walks))
-        )
-
-    start, out = time.monotonic(), Path(out)
-    way_out = "resume (--resume) to go on with its sweep"
-    check_target(out, None, force=resume, what="sweep", marks=(DEFINITION, LOCK), way_out=way_out)
-    if scheduler and not is_sweep(out):
-        with pool(1):  # first, so that no folder is left if the scheduler does not answer
-            pass
-    with open_store(out) as store:
-        if not store.begin(definition, force=force) and resume:
-            progress.say(f"nothing to resume in {out}; starting the sweep")
-        _walk_missing(definition, store, pool, retry, progress)
-        if definition.recordings in ("failures", "worst"):
-            _keep_worst(definition, store, pool, progress)
-        store.finish()
-        found = read_sweep(out)
-        summary = found.summary(time.monotonic() - start)
-        if summary["environments"] > 1:
-            progress.say("ampm: the table mixes rows of different code; environment_code has which")
-        store.write_text(SUMMARY, dump_json(summary) + "\n")
-        with progress.stage("report"):
-            from validation.study.sweep.report import write_sweep_report  # loads Vega's JavaScript engine
-
-            write_sweep_report(out)
+    progress, start = progress or Progress(), time.monotonic()
+    folder = study_folder(out, resume=resume)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / RESULTS).unlink(missing_ok=True)
+        (folder / DEFINITION).write_text(dump_sweep(definition), encoding="utf-8")
+    table = TableWriter(definition)
+    many: Any = {"workers": workers, "scheduler": scheduler, "progress": progress}
+    limit = definition.wall_clock
+    for row in walk_many(_Runs(definition), folder, limit=limit, label="sweep", **many):
+        table.add(row)
+    found = wrap_table(table.finish(), folder, definition.name)
+    if folder is None:
         return found
+    kept = _keep_worst(definition, found, folder, many)
+    found = replace(found, table=found.with_column("recording", kept))
+    with output_file(folder / RESULTS) as file:
+        pq.write_table(found.table, file, compression="zstd")
+    write_json(folder / SUMMARY, found.summary(time.monotonic() - start))
+    with progress.stage("report"):
+        from validation.study.sweep.report import write_sweep_report  # loads Vega's JavaScript engine
+
+        write_sweep_report(folder)
+    return found
 
 
-def _walk_missing(
-    definition: SweepDefinition, store: Store, pool: Pool, retry: Sequence[str], progress: Progress
-) -> None:
-    """Walk the runs without a row, with a row that is no result, or with an outcome to retry."""
-    found = wrap_table(store.rows(), store.folder)
-    again = found.unanswered | np.isin(np.array(found.words("outcome"), dtype=object), list(retry))
-    missing = np.ones(len(definition), dtype=bool)
-    missing[found.table["run"].to_numpy()[~again]] = False
-    if not missing.any():
-        return
-    accepted = screen(definition) == ACCEPTED
-    refused, walked = (np.flatnonzero(missing & rows).tolist() for rows in (~accepted, accepted))
-    counts = Counter(STATES[state] for state in found.states[~again])
-    with progress.stage("sweep", "runs") as stage:
-        keeper = _Keeper(store, stage, progress, len(definition), len(walked), counts)
-        try:
-            for run in refused:
-                keeper.take((_refused(definition, run), ""))
-            if walked:
-                _walk(definition, walked, store, pool, keeper.take)
-        finally:
-            keeper.flush()
-    progress.say(f"sweep: {keeper.done} of {len(definition)} runs, {keeper.text()}")
-    interruption.check()
+class _Runs:
+    """Tasks of a sweep, made one by one."""
+
+    def __init__(self, definition: SweepDefinition) -> None:
+        self._definition = definition
+
+    def __len__(self) -> int:
+        return len(self._definition)
+
+    def __iter__(self) -> Iterator[Task]:
+        for run in range(len(self)):
+            yield task_of(self._definition, run)
 
 
-def _refused(definition: SweepDefinition, run: int) -> Row:
-    """Row of a run without a plan, or with a parameter beyond its bounds."""
-    error = refusal(definition, run)
-    if error is None:
-        raise ValueError(f"run {run} is not refused")
-    values = parameter_values(definition.shared) | definition.varied(run)
-    return make_row(run, definition.name_of(run), values, error_columns(error, None))
+def task_of(definition: SweepDefinition, run: int) -> Task:
+    """One run of a sweep; what bounds or formula refuse needs no walk."""
+    key = key_of(definition, run)
+    try:
+        options = _options(definition, run)
+        if options["request"].run.gait.planner in STEP_PLANNERS:
+            check_formula(options["request"])
+    except (InputError, RefusedGait) as error:
+        return Task(key, walk_run, {"varied": definition.varied(run)}, error_columns(error))
+    return Task(key, walk_run, options)
 
 
-def _walk(
-    definition: SweepDefinition,
-    runs: Sequence[int],
-    store: Store,
-    pool: Pool,
-    take: Callable[[Result | None, int], None],
-    **changes: Any,
-) -> None:
-    """Walk runs; ``take`` is called with every result, or None in between, and the number of workers."""
-    from validation.study.sweep.workers import execute  # loads dask
+def _options(definition: SweepDefinition, run: int) -> dict[str, Any]:
+    """Arguments of :func:`walk`.
 
-    folder = store.folder.resolve()
-    with pool(len(runs)) as found:
-        for result in execute(found, runs, lambda run: Task.of(definition, run, folder, **changes)):
-            take(result, found.size())
+    Raises:
+        InputError: a parameter is beyond its bounds.
+    """
+    request = Request(definition.name_of(run), definition.parameters(run), definition.varied(run))
+    pushes = [parse_push(text) for text in definition.push]
+    return {"request": request, "profile": definition.profile, "pushes": pushes, **users_classes(request.run)}
 
 
-class _Keeper:
-    """Stores rows and tracebacks in the folder, and reports progress.
+def walk_run(**options: Any) -> Row:
+    """Walk one run on a worker; the options are those of :func:`walk`."""
+    trial = walk(**options)
+    if trial.record.outcome.name == "crashed":  # an error of the user's code is no result about the gait
+        raise UsersError(trial.record.outcome.cause)
+    requested, found = (parameter_values(run) for run in (options["request"].run, trial.run))
+    return {**{key: found[key] for key in found if found[key] != requested[key]}, **walk_columns(trial)}
+
+
+def walk(
+    request: Request,
+    profile: str,
+    pushes: Sequence[Push],
+    controller: Any = None,
+    planner: Any = None,
+    progress: Progress | None = None,
+) -> Trial:
+    """Plan, walk and judge one run.
 
     Args:
-        store: of the sweep.
-        stage: of the walks.
-        progress: where to report messages.
-        total: runs of the sweep.
-        walks: number of runs to walk in this call.
-        counts: runs of earlier calls, by state.
+        request: parameters and name.
+        profile: name of the tolerance profile.
+        pushes: of every run.
+        controller: class or function of a user's own that makes the controller; that of the run by default.
+        planner: of a user's own; that of the run by default.
+        progress: where to report.
+    """
+    from validation.run.walk import timed, walk_planned  # loads the simulator
+
+    seconds: dict[str, float] = {}
+    with timed(seconds, "planning"):
+        planned = plan_walk(request, progress, planner=planner)
+    return walk_planned(
+        planned, find_profile(profile), controller=controller, disturbances=list(pushes), seconds=seconds
+    )
+
+
+# ------------------------------------------------------------------------------------------ kept folders
+
+
+def keep_run(folder: str, **options: Any) -> Row:
+    """Walk one run again, to the same bits, and write its folder as ``ampm validate`` does."""
+    walk(**options).save(folder, force=True)
+    return {"outcome": "kept"}
+
+
+def _keep_worst(
+    definition: SweepDefinition, found: SweepTable, folder: Path, many: Mapping[str, Any]
+) -> list[str | None]:
+    """Keep the folders of the worst runs, or of the worst failures; returns the column ``recording``."""
+    passed, numbers = found.is_state(State.PASS), found.table["run"].to_pylist()
+    rows = [row for row in found.worst if definition.recordings == "worst" or not passed[row]]
+    rows = [] if definition.recordings == "none" else rows[: definition.worst]
+    names = {row: f"{RECORDINGS}/{definition.name_of(numbers[row])}" for row in rows}
+    tasks = [
+        Task(name, keep_run, {"folder": str(folder.resolve() / name), **_options(definition, numbers[row])})
+        for row, name in names.items()
+    ]
+    for row in walk_many(tasks, folder / RECORDINGS, label="recordings of the worst runs", **many):
+        if row["outcome"] != "kept":
+            raise InputError(f"{folder / row['key']} cannot be written: {row['cause']}")
+    return [
+        name if name and (folder / name / REPORT).is_file() else None
+        for name in map(names.get, range(len(found)))
+    ]
+
+
+# --------------------------------------------------------------------------------------------- dry run
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a sweep would walk.
+
+    Attributes:
+        definition: the sweep.
+        checked: runs whose bounds and formula were checked: all, or a random sample.
+        refused: refusals among them, by reason, each with its number and an example.
+        seconds: wall-clock time of one run, from a walk; None if the tried runs cannot be walked [s].
+        tried: sentences of the runs that were tried and refused.
+        workers: processes.
     """
 
-    def __init__(
-        self,
-        store: Store,
-        stage: Stage,
-        progress: Progress,
-        total: int,
-        walks: int,
-        counts: Counter[State],
-    ) -> None:
-        self._store, self._stage, self._progress = store, stage, progress
-        self._total, self._walks, self._counts = total, walks, counts
-        self._rows: list[Row] = []
-        self._start = self._flushed = time.monotonic()
-        self._walked = self._workers = 0
+    definition: SweepDefinition
+    checked: int
+    refused: Mapping[str, tuple[int, str]]
+    seconds: float | None
+    tried: tuple[str, ...]
+    workers: int
 
     @property
-    def done(self) -> int:
-        """Number of finished runs, including earlier calls."""
-        return sum(self._counts.values())
+    def walking(self) -> int:
+        """Runs that can walk, at most; estimated from the checked ones."""
+        refused = sum(count for count, _ in self.refused.values())
+        return round(len(self.definition) * (1.0 - refused / self.checked))
 
-    def take(self, result: Result | None, workers: int = 0) -> None:
-        """Store a result; report, and handle Ctrl-C."""
-        self._workers = workers
-        if result is not None:
-            row, trace = result
-            self._rows.append(row)
-            self._counts[State.of(row["outcome"], row["verdict"])] += 1
-            self._walked += row["environment_attempts"] > 0
-            if trace:
-                self._progress.say(f"run {row['name']} crashed: {trace.strip().rpartition(chr(10))[2]}")
-                self._store.write_text(f"{CRASHES}/{row['name']}.txt", trace)
-        if time.monotonic() - self._flushed > FLUSH:
-            self.flush()
-        interruption.check()
-        self._stage.advance(self.done, self._total)
-        self._stage.note(self.text())
+    @property
+    def all_refused(self) -> bool:
+        """Whether it is certain that nothing walks."""
+        return self.checked == len(self.definition) and self.walking == 0
 
-    def flush(self) -> None:
-        """Make rows durable."""
-        rows, self._rows = self._rows, []
-        self._store.append(rows)
-        self._flushed = time.monotonic()
+    @property
+    def wall_clock(self) -> float | None:
+        """Estimated duration of the sweep [s]; None if no walk was timed."""
+        return None if self.seconds is None else self.seconds * -(-self.walking // self.workers)
 
-    def text(self) -> str:
-        """Counts, rate and time left."""
-        parts = [f"{number} {state.label}" for state in State if (number := self._counts[state])]
-        left = self._walks - self._walked
-        if self._walked >= _LEAST:
-            rate = self._walked / max(time.monotonic() - self._start, 1e-9)
-            parts.append(f"{rate:.3g}/s" if rate >= 1.0 else f"{60.0 * rate:.3g}/min")
-            if left > 0:
-                parts.append(f"{format_duration(left / rate)} left")
-        if not self._workers and left > 0:
-            parts.append("waiting for workers")
-        return ", ".join(parts)
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, times in s."""
+        return {
+            "sweep": self.definition.name,
+            "varied": list(self.definition.keys),
+            "runs": len(self.definition),
+            "checked": self.checked,
+            "refused": {reason: count for reason, (count, _) in self.refused.items()},
+            "walking": self.walking,
+            "seconds": self.seconds,
+            "wall_clock": self.wall_clock,
+            "workers": self.workers,
+        }
+
+    def table(self) -> Table:
+        """Numbers of runs, with examples of the refusals."""
+        definition, runs = self.definition, len(self.definition)
+        of = "" if self.checked == runs else f" (of {self.checked:,} drawn ones)"
+        rows = [("runs", f"{runs:,}", f"of {definition.gait}, {definition.steps} steps each")]
+        rows += [
+            (f"refused{of}: {reason.replace('_', ' ')}", f"{count:,}", example)
+            for reason, (count, example) in self.refused.items()
+        ]
+        rows.append(("can walk, at most", f"{self.walking:,}", ""))
+        notes = [f"tried to time it, and refused: {text}" for text in self.tried]
+        if self.all_refused:
+            notes.append("every run is refused: nothing would walk")
+        elif self.seconds is None or self.wall_clock is None:
+            notes.append("no run that was tried can be walked, so the time is unknown")
+        else:
+            notes.append(
+                f"one run takes about {format_duration(self.seconds)}, the sweep about "
+                f"{format_duration(self.wall_clock)} with {self.workers} workers"
+            )
+        title = f"dry run of {definition.name}: {', '.join(definition.keys)}"
+        return Table(title, ("", ">runs", "for example"), rows, notes)
 
 
-def _keep_worst(definition: SweepDefinition, store: Store, pool: Pool, progress: Progress) -> None:
-    """Walk the worst runs, or the worst failures, again, to the same bits, and keep their folders."""
-    found = wrap_table(store.rows(), store.folder)
-    passed = found.is_state(State.PASS)
-    every = definition.recordings == "worst"
-    chosen = [row for row in found.worst if every or not passed[row]][: definition.worst]
-    runs, kept = found.table["run"].to_numpy(), found.words("recording")
-    others = np.setdiff1d(np.flatnonzero(kept), chosen)
-    store.append([{**row, "recording": None} for row in found.table.take(others).to_pylist()])
-    wanted = [row for row in chosen if not (kept[row] and (store.folder / kept[row] / REPORT).is_file())]
+def forecast(
+    definition: SweepDefinition, workers: int | None = None, *, progress: Progress | None = None
+) -> Forecast:
+    """Count runs and refusals by formula, and time one walk.
 
-    def take(result: Result | None, workers: int) -> None:
-        interruption.check()
-        if result and result[0]["recording"]:
-            store.append([result[0]])
+    Args:
+        definition: the sweep.
+        workers: processes that it would have, one per core by default.
+        progress: where to report stages.
+    """
+    progress = progress or Progress()
+    numbers = np.random.default_rng(definition.seed).permutation(len(definition))[:CHECKED].tolist()
+    refused: dict[str, tuple[int, str]] = {}
+    walking = []
+    with progress.stage("refusals by formula", "runs") as stage:
+        for done, run in enumerate(numbers, start=1):
+            stage.advance(done, len(numbers))
+            known = task_of(definition, run).known
+            if known is None:
+                walking.append(run)
+            else:
+                count, example = refused.get(known["reason"], (0, known["cause"]))
+                refused[known["reason"]] = count + 1, example
+    seconds, tried = _time_walk(definition, walking[:_TRIED], progress)
+    return Forecast(definition, len(numbers), refused, seconds, tried, workers or cores())
 
-    if wanted:
-        with progress.stage(f"recordings of the worst runs ({len(wanted)})"):
-            # Without time limit: they ended before.
-            _walk(definition, runs[wanted].tolist(), store, pool, take, keep=True, wall_clock=None)
-        interruption.check()
+
+def _time_walk(
+    definition: SweepDefinition, runs: Sequence[int], progress: Progress
+) -> tuple[float | None, tuple[str, ...]]:
+    """Wall-clock time of the first of these runs that can be walked [s], and the refusals before it."""
+    tried: list[str] = []
+    for run in runs:
+        with progress.stage(f"walk of run {definition.name_of(run)}, to time it"):
+            start = time.perf_counter()
+            try:
+                walk(**_options(definition, run))
+            except (InputError, RefusedGait) as error:
+                tried.append(str(error))
+                continue
+            return time.perf_counter() - start, tuple(tried)
+    return None, tuple(tried)

@@ -1,6 +1,7 @@
 """A sweep's table: state of every run, varied parameters, metrics with their limits, worst runs, verdict.
 
-Everything is read from the saved table, so that a report or a comparison can be made again later.
+Everything is read from the saved table, so that a report or a comparison can be made again later. While a
+sweep is not finished, its table is made from the rows that are there.
 """
 
 from __future__ import annotations
@@ -16,20 +17,34 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
-from validation.judge.metrics import display_unit
+from validation.judge.metrics import display_unit, metric_label
 from validation.judge.profiles import Tolerance
+from validation.judge.profiles import profile as find_profile
 from validation.judge.sizes import BODY_WEIGHT
-from validation.study.sweep import store
-from validation.study.sweep.schema import MACHINE_FAULTS
+from validation.store.environment import describe_environment
+from validation.store.identity import code_hash, parameter_values, run_key
+from validation.study.row_file import ROWS, UNFINISHED, Row, read_rows
+from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep
+from validation.study.sweep.schema import columns, schema
+from validation.table import Table
 
+DEFINITION = "sweep.toml"
+RESULTS = "results.parquet"
+SUMMARY = "sweep.json"
+REPORT = "report.html"
+RECORDINGS = "recordings"
+TABLE_METADATA = b"ampm_sweep"
+"""Schema metadata of a table: JSON, see :func:`table_metadata`."""
 METRIC = "metric_"
 _SHOWN = 10
+_BATCH = 1000  # rows that are turned into columns at a time
 
 
 class State(StrEnum):
@@ -150,8 +165,7 @@ class SweepTable(Brief):
     @cached_property
     def unanswered(self) -> NDArray[np.bool_]:
         """Rows that ``--resume`` walks again, as the host may have ended the run, shape (N,)."""
-        faults = np.isin(np.array(self.words("reason"), dtype=object), list(MACHINE_FAULTS))
-        return self.is_state(State.TIMED_OUT, State.INTERRUPTED) | (self.is_state(State.CRASHED) & faults)
+        return np.isin(np.array(self.words("reason"), dtype=object), list(UNFINISHED))
 
     @cached_property
     def worst(self) -> list[int]:
@@ -173,6 +187,12 @@ class SweepTable(Brief):
         ]
 
     # -------------------------------------------------------------------------- columns
+
+    def with_column(self, name: str, values: list[Any]) -> pa.Table:
+        """The table with other values in a column."""
+        place = self.table.schema.get_field_index(name)
+        field = self.table.schema.field(name)
+        return self.table.set_column(place, field, pa.array(values, field.type))
 
     def numbers(self, name: str) -> Array:
         """A column of numbers, shape (N,), read-only; NaN where there is none, or no such column."""
@@ -314,6 +334,22 @@ class SweepTable(Brief):
 
     # -------------------------------------------------------------------------- the whole sweep
 
+    def result(self) -> Table:
+        """How many runs ended how, for a reader."""
+        summary = self.summary()
+        rows = [(name.replace("_", " "), f"{number:,}") for name, number in summary["states"].items()]
+        rows += [
+            (f"  {name.replace('_', ' ')}", f"{number:,}") for name, number in summary["refusals"].items()
+        ]
+        notes = []
+        if summary["failed"]:
+            failed = list(summary["failed"].items())[:_SHOWN]
+            words = ", ".join(f"{metric_label(name)} ({number:,})" for name, number in failed)
+            notes.append(f"out of tolerance: {words}")
+        if summary["unfinished"]:
+            notes.append(f"runs without a result: {summary['unfinished']:,}; --resume walks them again")
+        return Table(f"sweep {self.name}", ("state", ">runs"), rows, notes)
+
     def summary(self, seconds: float | None = None) -> dict[str, Any]:
         """Contents of ``sweep.json``.
 
@@ -321,8 +357,9 @@ class SweepTable(Brief):
             seconds: wall-clock time of this call [s].
         """
         names = Counter(name for words in self.words("failed") for name in words.split(",") if name)
-        reasons = (self.words("reason")[row] for row in np.flatnonzero(self.is_state(State.REFUSED)))
-        memory = self.numbers("environment_memory_peak")
+        words = np.array(self.words("reason"), dtype=object)
+        reasons = words[self.is_state(State.REFUSED)].tolist()
+        memory = self.numbers("memory_peak")
         worst = self.table.select(["run", "name", "outcome", "verdict", "failed", "recording"])
         return {
             "name": self.name,
@@ -334,8 +371,7 @@ class SweepTable(Brief):
             "failed": dict(names.most_common()),
             "worst": worst.take(np.array(self.worst[:_SHOWN], dtype=np.int64)).to_pylist(),
             "unfinished": int(self.unanswered.sum()) + self.planned - len(self),
-            "revisions": sorted(set(self.words("environment_revision"))),
-            "environments": len(set(self.words("environment_code"))),
+            "environment": self.metadata["environment"],
             "timing": {
                 "wall": seconds,
                 "workers": float(np.nansum(self.numbers("timing_total"))),
@@ -343,6 +379,89 @@ class SweepTable(Brief):
             },
             "memory_peak": {"value": np.fmax.reduce(memory, initial=np.nan), "unit": "MB"},
         }
+
+
+# ------------------------------------------------------------------------------------------ from rows
+
+
+def key_of(definition: SweepDefinition, run: int) -> str:
+    """Key of a run among the rows of a folder: its number, and a hash of its parameters."""
+    return f"{definition.name_of(run)}-{run_key(_values(definition, run))}"
+
+
+def _values(definition: SweepDefinition, run: int) -> dict[str, Any]:
+    """Every parameter of a run, also of one with a value beyond its bounds."""
+    return parameter_values(definition.shared) | definition.varied(run)
+
+
+class TableWriter:
+    """Makes the table from the rows of the engine, with little memory.
+
+    Args:
+        definition: of the sweep.
+    """
+
+    def __init__(self, definition: SweepDefinition) -> None:
+        self._definition = definition
+        self._schema = schema()
+        self._rows: list[dict[str, Any]] = []
+        self._batches: list[pa.RecordBatch] = []
+
+    def add(self, row: Row) -> None:
+        """Add the row of a run."""
+        name = row["key"].partition("-")[0]
+        run = int(name)
+        values = _values(self._definition, run)
+        found = {**values, **row, "run": run, "name": name, "key": run_key(values)}
+        self._rows.append({name: found.get(name) for name in self._schema.names})
+        if len(self._rows) == _BATCH:
+            self._pack()
+
+    def _pack(self) -> None:
+        self._batches.append(pa.RecordBatch.from_pylist(self._rows, schema=self._schema))
+        self._rows = []
+
+    def finish(self) -> pa.Table:
+        """The table, sorted by run."""
+        self._pack()
+        table = pa.Table.from_batches(self._batches, self._schema).sort_by("run").combine_chunks()
+        metadata = json.dumps(table_metadata(self._definition)).encode()
+        return table.replace_schema_metadata({TABLE_METADATA: metadata})
+
+
+def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
+    """Description of a table, JSON-ready.
+
+    ``definition`` (TOML), ``name``, ``seed``, ``steps``, ``runs``, ``varied`` (keys), ``profile``,
+    ``options`` (of ``ampm validate``, beside ``--set``, that walk one of the runs),
+    ``tolerances`` (metric to ``limit``, ``unit`` and ``reason``; forces in body weights), ``columns``
+    (name to ``unit`` and ``words``) and ``environment`` (versions, platform, and the hash of the code).
+    """
+    profile = find_profile(definition.profile)
+    return {
+        "definition": dump_sweep(definition),
+        "name": definition.name,
+        "seed": definition.seed,
+        "steps": definition.steps,
+        "runs": len(definition),
+        "varied": list(definition.keys),
+        "profile": profile.name,
+        "options": [word for push in definition.push for word in ("--push", push)],
+        "tolerances": {
+            item.metric: {"limit": item.limit, "unit": item.unit, "reason": item.reason}
+            for item in profile.tolerances
+        },
+        "columns": {item.name: {"unit": item.unit, "words": item.words} for item in columns()},
+        "environment": {**describe_environment(), "code": code_hash()},
+    }
+
+
+# -------------------------------------------------------------------------------------------- reading
+
+
+def is_sweep(folder: Path) -> bool:
+    """Whether a folder is one of a sweep."""
+    return (folder / DEFINITION).is_file()
 
 
 def read_sweep(path: Path | str) -> SweepTable:
@@ -356,20 +475,45 @@ def read_sweep(path: Path | str) -> SweepTable:
     """
     path = Path(path)
     if not path.exists():
-        raise InputError(f"there is no {path}; give the folder of a sweep, or its {store.RESULTS}.")
+        raise InputError(f"there is no {path}; give the folder of a sweep, or its {RESULTS}.")
     if not path.is_dir():
-        return wrap_table(store.read_table(path), None, str(path))
-    if not store.is_sweep(path):
-        raise InputError(f"{path} holds no sweep; give the --out folder of one, or its {store.RESULTS}.")
-    table, complete = store.read_rows(path)
-    if table is None or not table.num_rows:
+        return wrap_table(_read_table(path), None, str(path))
+    if not is_sweep(path):
+        raise InputError(f"{path} holds no sweep; give the --out folder of one, or its {RESULTS}.")
+    if (path / RESULTS).is_file():
+        return wrap_table(_read_table(path / RESULTS), path)
+    definition = load_sweep(path / DEFINITION)
+    keys = {key_of(definition, run) for run in range(len(definition))}
+    places = {row["key"]: row for row in (read_rows(path) if (path / ROWS).is_file() else ())}
+    table = TableWriter(definition)
+    for key, row in places.items():
+        if key in keys:
+            table.add(row)
+    found = table.finish()
+    if not found.num_rows:
         raise InputError(f"the sweep in {path} has no result yet; wait for its first rows.")
-    return wrap_table(table, path, complete=complete)
+    return wrap_table(found, path, complete=False)
+
+
+def _read_table(path: Path) -> pa.Table:
+    """A sweep's Parquet table.
+
+    Raises:
+        InputError: it cannot be read, or is no table of a sweep.
+    """
+    try:
+        table = pq.read_table(path, use_threads=False)
+    except (pa.ArrowException, OSError) as error:
+        line = str(error).partition("\n")[0]
+        raise InputError(f"{path} is no Parquet file that can be read ({line}).") from error
+    if TABLE_METADATA not in (table.schema.metadata or {}):
+        raise InputError(f"{path} is no table of a sweep: it lacks the metadata {TABLE_METADATA.decode()!r}.")
+    return table
 
 
 def wrap_table(
     table: pa.Table, directory: Path | None, source: str = "", *, complete: bool = True
 ) -> SweepTable:
     """A sweep from its table and the table's metadata."""
-    metadata = json.loads(table.schema.metadata[store.TABLE_METADATA])
+    metadata = json.loads(table.schema.metadata[TABLE_METADATA])
     return SweepTable(table, metadata, directory, source or str(directory), complete)
