@@ -90,10 +90,12 @@ def scatter(sweep: SweepTable, rows: Sequence[int], links: Mapping[int, str]) ->
         for (name, value), words in zip(chosen.items(), ("right:", "up:"), strict=True)
     ]
     transform = [{"calculate": f"datum[{name}]", "as": f"at_{name}"} for name in chosen]
+    scale = {"zero": False, "padding": 12}
     encoding = {
-        name: {"field": f"at_{name}", "type": "quantitative", "title": None, "scale": {"zero": False}}
+        name: {"field": f"at_{name}", "type": "quantitative", "title": None, "scale": scale}
         for name in chosen
     }
+    colour = _colour(sweep)
     fields = ["run", "outcome", *labels[: len(sweep.varied)]]
     tooltip = [{"field": _escaped(field), "title": field} for field in fields]
     return {
@@ -104,8 +106,8 @@ def scatter(sweep: SweepTable, rows: Sequence[int], links: Mapping[int, str]) ->
         "mark": {"type": "point", "filled": True, "size": 55, "opacity": 0.8},
         "encoding": {
             **encoding,
-            "color": _colour(sweep),
-            "shape": {"field": "outcome", "type": "nominal"},
+            "color": colour,
+            "shape": {**colour, "scale": {"domain": colour["scale"]["domain"]}},
             "href": {"field": "link"},
             "tooltip": tooltip,
         },
