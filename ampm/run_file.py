@@ -7,6 +7,7 @@ import operator
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -15,7 +16,7 @@ import tomli_w
 from ampm.exceptions import InputError
 from ampm.parameters import OPEN_KEYS, SECTIONS, RunParameters, assign, keys, unknown_key
 from ampm.presets import PRESETS
-from ampm.section import check_table, parse_toml, read_source, unit_of, unknown
+from ampm.section import check_table, nearest, parse_toml, read_toml, unit_of, unknown
 
 
 def load_run(
@@ -41,7 +42,7 @@ def load_run(
     """
     table: dict[str, Any] = {}
     own: dict[str, Any] = {}  # of the user
-    _merge(table, {} if source is None else read_source(source, PRESETS, "ampm", "a preset"))
+    _merge(table, {} if source is None else _read_source(source))
     if source is not None and source not in PRESETS:
         _place_files(table, Path(source).parent)
     for setting in [settings] if isinstance(settings, str) else settings:
@@ -50,6 +51,24 @@ def load_run(
     about = _keys_of(table) - set(OPEN_KEYS if source in PRESETS else ())
     _merge(table, own)
     return RunParameters(**table).giving(about | _keys_of(own))
+
+
+def _read_source(source: str | Path) -> dict[str, Any]:
+    """Table of a preset or of a TOML file.
+
+    Raises:
+        InputError: there is neither; or what is there is no readable TOML.
+    """
+    if source in PRESETS:
+        return read_toml(resources.files("ampm").joinpath("presets", f"{source}.toml"))
+    try:
+        return read_toml(Path(source))
+    except (FileNotFoundError, NotADirectoryError):
+        similar = nearest(str(source), PRESETS)
+        hint = f"did you mean {similar['nearest']!r}? " if similar else ""
+        known = ", ".join(PRESETS)
+        message = f"there is neither a preset nor a file {str(source)!r}; {hint}known are {known}."
+        raise InputError(message, value=str(source), **similar) from None
 
 
 def changes(run: RunParameters) -> dict[str, Any]:

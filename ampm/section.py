@@ -1,7 +1,6 @@
 """Base of everything that is read from TOML: frozen, validated, with errors of one sentence.
 
-Run files, sweep definitions and instrument files are made of sections, so that all give the same error
-messages.
+Run files and sweep definitions are made of sections, so that both give the same error messages.
 """
 
 from __future__ import annotations
@@ -11,9 +10,7 @@ import math
 import reprlib
 import tomllib
 from collections.abc import Iterable, Mapping
-from importlib import resources
 from importlib.resources.abc import Traversable
-from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -118,9 +115,6 @@ def input_error(error: ValidationError, model: type[Section]) -> InputError:
     location = [str(part) for part in detail["loc"]]
     key = ".".join([model.section, *location] if model.section else location)
     kind, value, context = detail["type"], detail.get("input"), detail.get("ctx", {})
-    if kind == "union_tag_invalid":
-        key, limit = context["discriminator"].strip("'"), f"must be one of {context['expected_tags']}"
-        return InputError(f"{key} = {context['tag']!r} {limit}.", key=key, value=context["tag"], limit=limit)
     known = {field.alias or name: field for name, field in model.model_fields.items()}
     if kind == "extra_forbidden":
         return unknown(key, [f"{model.section}.{name}".lstrip(".") for name in known])
@@ -183,29 +177,6 @@ def parse_toml(text: str, what: str) -> dict[str, Any]:
         raise InputError(f"{what} is nested too deeply; write plain tables and keys.") from None
     except ValueError as error:  # TOMLDecodeError, and integers of thousands of digits
         raise InputError(f"{what} is no valid TOML: {error}; correct that line.") from None
-
-
-def read_source(source: str | Path, presets: Iterable[str], package: str, noun: str) -> dict[str, Any]:
-    """Table of a preset or of a TOML file.
-
-    Args:
-        source: name of a preset, or path of a file.
-        presets: names of those that there are, as ``presets/<name>.toml`` in the package.
-        package: which has them.
-        noun: what they are called, with its article.
-
-    Raises:
-        InputError: there is neither; or what is there is no readable TOML.
-    """
-    if isinstance(source, str) and source in presets:
-        return read_toml(resources.files(package).joinpath("presets", f"{source}.toml"))
-    try:
-        return read_toml(Path(source))
-    except (FileNotFoundError, NotADirectoryError):
-        found = nearest(str(source), presets)
-        hint = f"did you mean {found['nearest']!r}? " if found else ""
-        message = f"there is neither {noun} nor a file {str(source)!r}; {hint}known are {', '.join(presets)}."
-        raise InputError(message, value=str(source), **found) from None
 
 
 def check_table(name: str, value: Any) -> Mapping[str, Any]:

@@ -213,7 +213,7 @@ def walk_sweep(folder: Path, text: str) -> Values:
 def sweep(folder: Path) -> Values:
     """A grid, of which one corner is refused, crossed with a sampled block."""
     text = """
-        sweep = { gait = "normal", steps = 3, profile = "wide", recordings = "none", instrument = "foot-ft" }
+        sweep = { gait = "normal", steps = 3, profile = "wide", recordings = "none" }
         [[vary]]
         method = "grid"
         gait.c_s = [0.9, 1.2]
@@ -257,20 +257,8 @@ def compare(folder: Path) -> Values:
     return values_of("compare", "normal", "ipm", "--steps", "3", "--out", folder / "pair")
 
 
-def instruments(folder: Path) -> Values:
-    ampm("validate", "normal", "--steps", "3", "--out", folder / "run")
-    found: Values = {}
-    for name in ("force-plate", "foot-ft", "imu"):
-        table = folder / f"{name}.parquet"
-        _, said = ampm("instrument", folder / "run", "--instrument", name, "--out", table)
-        figures = text_digest(said.pop("figures"))
-        found[name] = {**leaves(said), "figures": figures, "table": text_digest(columns(table))}
-    return found
-
-
 PARTS: dict[str, Callable[[Path], Values]] = {
     "sweep": sweep, "audit": audit, "convergence": convergence, "diff": diff, "compare": compare,
-    "instruments": instruments,
 }  # fmt: skip
 
 

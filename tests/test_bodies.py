@@ -171,7 +171,6 @@ def test_folder_has_the_body(ampm, tmp_path: Path) -> None:
     assert (tmp_path / "run" / "recording.rrd").is_file()
     assert "40.6\u00a0kg, biped" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert ampm("replay", tmp_path / "run").status == 0
-    assert ampm("instrument", tmp_path / "run", "--instrument", "foot-ft").status == 0
 
 
 def test_names_of_known_bodies() -> None:

@@ -119,7 +119,6 @@ def test_other_commands_than_the_trial_take_a_body(ampm):
         ("validate normal --push chest,1,2 --out out", "SEGMENT"),
         ("validate normal --push chest,1,2,x,1,1 --out out", "SEGMENT"),
         ("validate normal --push chest,10,0,0,-0.5,-0.1 --out out", "-0.5"),
-        ("validate normal --instrument imuu --out out", "did you mean 'imu'"),
         ("validate normal --footsteps walk.csv --planner dcm --out out", "dcm does not plan footsteps"),
         (
             "validate normal --footsteps walk.csv --steps 4 --out out",
@@ -137,8 +136,6 @@ def test_other_commands_than_the_trial_take_a_body(ampm):
         ("convergence normal --profile lenient", "use one of default"),
         ("convergence normal --set simulation.time_step=0.0015", "must be a whole number"),
         ("tour normal --seeds 0", "--seeds 0: give a number of at least 1"),
-        ("instrument .", "run.toml"),
-        ("instrument . --instrument imuu", "did you mean 'imu'"),
         ("replay nothing", "nothing"),
         ("report nothing", "nothing"),
         ("view nothing", "nothing"),

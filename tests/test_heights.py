@@ -212,7 +212,6 @@ def test_heights_of_a_file_are_kept_and_replayed(tmp_path, ampm):
     saved = load_saved_run(out)
     assert routes.footsteps_of(saved.parameters) == (footsteps, landings)
     assert ampm("replay", out).status == 0
-    assert ampm("instrument", out, "--json").status == 0
     path.write_text(FILE.replace("0.05", "high"), encoding="utf-8")
     with pytest.raises(InputError, match="line 5: z = 'high' is no finite number"):
         routes.read_footsteps(path)

@@ -85,7 +85,6 @@ run = ampm.load_run('momentum', gait={'c_y': 0.6, 'steps': 10})
 assert ampm.plan(run).sample([0.1, 0.2]).zmp.shape == (2, 2)
 """
 TRIAL = "validation.run.validate, validation.run.walk, validation.trial.plan, validation.study.sweep.task"
-INSTRUMENTS = "validation.measure.instruments.model, validation.measure.instruments.names"
 
 
 @pytest.mark.parametrize(
@@ -96,7 +95,6 @@ INSTRUMENTS = "validation.measure.instruments.model, validation.measure.instrume
         ("import validation.cli.app", "numpy mujoco pinocchio pyarrow pydantic rerun numba"),
         ("import ampm.planners, models.human", "osqp daqp scipy numba dm_control"),
         (f"import {TRIAL}", "rerun matplotlib"),
-        (f"import {INSTRUMENTS}", "mujoco pinocchio scipy rerun matplotlib"),
         ("import ampm, validation", "numpy mujoco pinocchio scipy matplotlib rerun rich typer pyarrow numba"),
         ("import validation.pytest_plugin", "numpy mujoco pinocchio pyarrow pydantic cloudpickle"),
     ],
@@ -106,7 +104,6 @@ INSTRUMENTS = "validation.measure.instruments.model, validation.measure.instrume
         "command line",
         "known motion",
         "trial",
-        "schema of a sweep",
         "public API",
         "pytest plugin",
     ],

@@ -109,7 +109,6 @@ RENDERERS = {
     "plan": told("plan", "normal"),
     "motion": told("motion", "flat"),
     "tune": told("tune", "flat"),
-    "instrument": told("instrument", "{run}", "--instrument", "imu"),
     "result": lambda _: print_result(summary_with(KNOWN), Path("run")),
     "report": of("saved", render_run),
     "verdict": of("saved", verdict_markdown),

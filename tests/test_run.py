@@ -16,7 +16,7 @@ import pytest
 from ampm.run_file import dump_run, load_run
 from tests.records import first_difference
 from validation.cli.app import Status, call
-from validation.store.folders import INSTRUMENT_FILE, RUN_FILES
+from validation.store.folders import RUN_FILES
 from validation.store.record import RECORD_FILES, TICKS_FILE, load_record
 
 STEPS = 2
@@ -35,7 +35,7 @@ def walked(tmp_path_factory):
 def test_a_trial_fills_its_folder_and_prints_its_summary_alone(walked):
     out, answer = walked
     assert answer.returncode == Status.PASS, answer.stderr
-    assert {path.name for path in out.iterdir()} == RUN_FILES - {INSTRUMENT_FILE, "external.parquet"}
+    assert {path.name for path in out.iterdir()} == RUN_FILES - {"external.parquet"}
     assert "Traceback" not in answer.stderr
     assert "simulation" in answer.stderr
     summary = json.loads((out / "summary.json").read_text())
@@ -97,7 +97,7 @@ def test_a_damaged_or_changed_folder_is_refused(walked, tmp_path, capsys, file, 
     shutil.copytree(walked[0], copy)
     damage(copy / file)
     # A replay reads the record alone.
-    for command in ["report", "instrument", *(["replay"] if file in RECORD_FILES else [])]:
+    for command in ["report", *(["replay"] if file in RECORD_FILES else [])]:
         assert call([command, str(copy)]) == Status.REFUSED
         err = capsys.readouterr().err
         assert file in err

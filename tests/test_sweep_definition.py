@@ -240,7 +240,6 @@ def test_every_definition_reads_back(listed, ends, count, scale, method, seed, f
         ('[sweep]\ngait = "nromal"', ["nromal", "normal"]),
         ('[sweep]\nprofile = "strct"\n' + GRID + "gait.c_y = [1.0]", ["strct", "strict"]),
         ('[sweep]\nrecordings = "some"\n' + GRID + "gait.c_y = [1.0]", ["some", "failures", "worst"]),
-        ('[sweep]\ninstrument = "force-plat"\n', ["force-plat", "force-plate"]),
         (GRID + 'controller.name = ["ampm", "mine"]', ["controller.name", "joint-pd", "MODULE:CLASS"]),
         ('[sweep]\npush = ["chest,1"]\n' + GRID + "gait.c_y = [1.0]", ["chest,1", "SEGMENT"]),
         ("[set]\ngait.c_x = 1\n", ["gait.c_x", "gait.c_y"]),

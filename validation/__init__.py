@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from validation.judge.metrics import register as register
     from validation.judge.metrics import unregister as unregister
     from validation.judge.uncertainty import load_uncertainty as load_uncertainty
-    from validation.measure.instruments.observe import observe_folder as observe_folder
     from validation.progress import Progress as Progress
     from validation.run.replay import replay as replay
     from validation.run.trial import Trial as Trial
@@ -39,7 +38,6 @@ _HOMES = {
     "Trial": "run.trial.Trial",
     "load": "store.saved.load_saved_run",
     "load_uncertainty": "judge.uncertainty.load_uncertainty",
-    "observe_folder": "measure.instruments.observe.observe_folder",
     "people": "study.people.compare.people",
     "register": "judge.metrics.register",
     "replay": "run.replay.replay",
@@ -53,10 +51,25 @@ _HOMES = {
 }
 
 __all__ = [
-    "Disturbance", "Metric", "Plant", "Progress", "Push", "Trial", "load", "load_uncertainty",
-    "observe_folder", "people", "register", "replay", "report", "robustness", "sweep", "tour", "unregister",
-    "view", "walk",
-]  # fmt: skip
+    "Disturbance",
+    "Metric",
+    "Plant",
+    "Progress",
+    "Push",
+    "Trial",
+    "load",
+    "load_uncertainty",
+    "people",
+    "register",
+    "replay",
+    "report",
+    "robustness",
+    "sweep",
+    "tour",
+    "unregister",
+    "view",
+    "walk",
+]
 
 
 def __getattr__(name: str) -> Any:

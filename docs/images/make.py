@@ -1,8 +1,8 @@
-"""Draw the pictures of the documentation again: ``python docs/images/make.py MOMENTUM TIME NORMAL RUN RUN``.
+"""Draw the pictures of the documentation again: ``python docs/images/make.py MOMENTUM TIME RUN RUN``.
 
-The first two folders are runs of these presets, for recording and instrument; the time is the end of a single
-support of the first [s]. The last two are overlaid: ``normal`` with 8 steps and ``controller.hold``
-``zero-order`` and ``first-order``. ``sweep-report.png`` is a browser's picture of a sweep's page.
+The first folder is a run of this preset; the time is the end of a single support of it [s]. The other two are
+overlaid: ``normal`` with 8 steps and ``controller.hold`` ``zero-order`` and ``first-order``.
+``sweep-report.png`` is a browser's picture of a sweep's page.
 
 Needs a Vulkan driver; Mesa's software one will do (``mesa-vulkan-drivers`` on Debian).
 """
@@ -18,10 +18,7 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from validation.cli.view import choose, write_sources
-from validation.measure.instruments.model import load_instrument
-from validation.measure.instruments.observe import observe_folder
 from validation.progress import Progress
-from validation.show.instrument import draw
 from validation.show.plan import plot_plan
 from validation.show.rerun.views import PHASE
 from validation.trial.plan import load_request, plan_walk
@@ -69,15 +66,6 @@ def picture_of_overlay(folders: list[Path], phase: float, target: Path) -> None:
         picture_of_recording(merged, phase, target, timeline=PHASE, port=9912)
 
 
-def picture_of_instrument(run_dir: Path, target: Path) -> None:
-    """Save the picture of ``ampm instrument --plot``, in few colours."""
-    with tempfile.TemporaryDirectory() as folder:
-        drawn = Path(folder) / "instrument.png"
-        draw(observe_folder(run_dir, load_instrument("force-plate")), drawn)
-        image = Image.open(drawn).convert("RGB")
-        image.quantize(64, dither=Image.Dither.NONE).save(target, optimize=True)
-
-
 def picture_of_plan(gait: str, target: Path) -> None:
     """Save the picture that ``ampm plan --plot`` draws, in few colours."""
     with tempfile.TemporaryDirectory() as folder:
@@ -89,7 +77,6 @@ def picture_of_plan(gait: str, target: Path) -> None:
 
 if __name__ == "__main__":
     picture_of_plan("momentum", HERE / "plan.png")
-    momentum, normal, *overlaid = (Path(argument) for argument in (sys.argv[1], *sys.argv[3:]))
+    momentum, *overlaid = (Path(argument) for argument in (sys.argv[1], *sys.argv[3:]))
     picture_of_recording(momentum / "recording.rrd", float(sys.argv[2]), HERE / "recording.png")
-    picture_of_instrument(normal, HERE / "instrument.png")
     picture_of_overlay(overlaid, 4.3, HERE / "overlay.png")

@@ -1,14 +1,11 @@
-"""``ampm validate``, and the commands on a run's folder: ``replay``, ``report`` and ``instrument``.
+"""``ampm validate``, and the commands on a run's folder: ``replay`` and ``report``.
 
 Commands import what they run: simulator, Pinocchio and NumPy take long to load.
 """
 
-from __future__ import annotations
-
-import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.text import Text
@@ -31,18 +28,12 @@ from validation.cli.options import (
     Status,
     Steps,
     Uncertainty,
-    answer,
-    check_picture,
     option,
     with_footsteps,
     with_short,
-)  # fmt: skip
+)
 from validation.progress import interruption
 from validation.show.text import ABSENT, format_number, judged, print_line, print_table, print_verdict
-from validation.store.folders import check_output_file, output_file
-
-if TYPE_CHECKING:
-    from validation.measure.instruments.observe import Observation
 
 app = typer.Typer()
 
@@ -83,14 +74,6 @@ def validate(
             "SEGMENT,FX,FY,FZ,AT,DURATION",
         ),
     ] = None,
-    instrument: Annotated[
-        str | None,
-        option(
-            "--instrument",
-            "Also show the ZMP as force-plate, foot-ft, imu or an instrument of your own (TOML) would.",
-            "NAME|FILE",
-        ),
-    ] = None,
 ) -> int:
     """Plan, walk, measure and judge: the trial. Leaves a verdict, a recording and a report.
 
@@ -104,7 +87,6 @@ def validate(
     from ampm.run_file import changes
     from validation.judge import profiles
     from validation.judge.uncertainty import load_uncertainty, matching
-    from validation.measure.instruments.model import load_instrument
     from validation.run import validate as run
     from validation.trial.disturbances import parse_push
     from validation.trial.plan import complete, load_requests
@@ -123,7 +105,6 @@ def validate(
     for request in requests if known else ():  # before any walks
         if not changes(request.run):
             matching(known, request)
-    sensors = None if instrument is None else load_instrument(instrument)
     pushes = [parse_push(text) for text in push or ()]
     targets = run.targets(requests, out, force=force)
     narrator = Narrator()
@@ -133,9 +114,14 @@ def validate(
         try:
             request = complete(request, narrator) if known else request
             summary = run.validate(
-                request, target, judge, force=force, instrument=sensors, disturbances=pushes,
-                uncertainty=matching(known, request) if known else None, progress=narrator,
-            )  # fmt: skip
+                request,
+                target,
+                judge,
+                force=force,
+                disturbances=pushes,
+                uncertainty=matching(known, request) if known else None,
+                progress=narrator,
+            )
         except RefusedGait as error:  # the other gaits may still walk
             narrator.say(f"ampm: {request.name}: {explain(error)[1]}")
             answers.append({"gait": request.name, **describe_error(error)})
@@ -196,68 +182,6 @@ def report(
             path = write_report(directory)
     print_line(str(path))
     return Status.PASS
-
-
-@app.command()
-def instrument(
-    directory: RunFolder,
-    name: Annotated[
-        str,
-        option("--instrument", "force-plate, foot-ft, imu, or a TOML file of your own.", "NAME|FILE"),
-    ] = "force-plate",
-    plot: Annotated[Path | None, option("--plot", "Draw the ZMP, its error, its causes.", "FILE.png")] = None,
-    out: Annotated[
-        Path | None, option("--out", "Write truth and readings at every step.", "FILE.parquet|.csv")
-    ] = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> int:
-    """Apply the model of an instrument to a finished run; show the error it adds, and by which fault.
-
-    Models of force plates, foot force/torque sensors or an IMU are compared with the simulator's true values:
-    noise, bias, cross-talk, low-pass, sampling, delay, range and resolution. Nothing is simulated or judged:
-    the exit status is 0.
-    """
-    from validation.measure.instruments.model import load_instrument
-    from validation.measure.instruments.observe import Observation, observe_folder
-    from validation.store.tables import write_columns
-    from validation.trial.columns import check_suffix
-
-    if plot is not None:
-        check_picture(plot)
-    if out is not None:
-        check_suffix(out)
-        check_output_file(out, force=force)
-    observed = observe_folder(directory, load_instrument(name))
-    if out is not None:
-        with output_file(out, force=force) as work:
-            write_columns(observed.signal_columns(), work)
-    if plot is not None:
-        from validation.show.instrument import draw  # loads matplotlib
-
-        draw(observed, plot)
-    answer(observed, Observation.as_dict, print_observation, as_json=as_json)
-    Narrator().wrote(out, plot)
-    return Status.PASS
-
-
-def print_observation(observed: Observation) -> None:
-    """Print the error and its causes."""
-    from validation.show.instrument import cause_rows, error_rows
-
-    name, found, columns = (
-        observed.instrument.name,
-        observed.as_dict(),
-        ("", ">RMSE x", ">y", ">largest x", ">y"),
-    )
-    print_table(f"{name}: error that it adds to the ZMP, mm", columns, error_rows(found))
-    print_table("each cause alone, whole walk, mm", columns, cause_rows(found))
-    print_line(f"  latency           {1e3 * observed.latency:.3g} ms")
-    error = observed.errors["run"]
-    if error.unmeasured:
-        print_line(f"  no ZMP            at {error.unmeasured} of {error.count + error.unmeasured} instants")
-    for note in observed.notes:
-        print_line(f"  {note}")
 
 
 # ------------------------------------------------------------------------------------- a trial for a reader
@@ -334,12 +258,6 @@ def _cost(summary: Mapping[str, Any]) -> dict[str, str]:
         lines["QP"] = "none, so failed_qp does not apply"
     if summary["effort"]["zmp"] == [None, None]:
         lines["feedback"] = "not measured: no command was reported after the first step"
-    if observed := summary.get("instrument"):
-        sizes = {cause: windows["run"]["rmse"] for cause, windows in observed["causes"].items()}
-        known = {cause: math.hypot(*rmse) for cause, rmse in sizes.items() if None not in rmse}
-        most = f", most of it by {max(known, key=known.__getitem__).replace('_', ' ')}" if known else ""
-        off = _millimetres(observed["zmp_error"]["run"]["rmse"], 3)
-        lines["instrument"] = f"{observed['name']} shows the ZMP x y {off} mm off (RMS){most}"
     return lines
 
 

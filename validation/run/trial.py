@@ -19,11 +19,10 @@ from validation.judge.metrics import MetricValue
 from validation.judge.signals import kept_rows, signals_table
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import Verdict, build_summary
-from validation.measure.instruments.model import Instrument
 from validation.measure.measure import MeasuredGait
 from validation.progress import Progress
 from validation.store.environment import describe_environment
-from validation.store.folders import INSTRUMENT_FILE, run_folder
+from validation.store.folders import run_folder
 from validation.store.json import write_json
 from validation.store.machine import memory_peak
 from validation.store.record import save_record
@@ -98,21 +97,13 @@ class Trial:
         """Contents of ``summary.json``, without entries that only a folder has."""
         return results_of(self, describe_environment())
 
-    def save(
-        self,
-        folder: str | Path,
-        *,
-        force: bool = False,
-        recording: bool = True,
-        instrument: Instrument | None = None,
-    ) -> Path:
+    def save(self, folder: str | Path, *, force: bool = False, recording: bool = True) -> Path:
         """Keep the trial in a folder, as ``ampm validate`` does.
 
         Args:
             folder: that is to hold it.
             force: replace an earlier run there.
             recording: write ``recording.rrd`` and ``report.html`` too.
-            instrument: shown beside the simulator's truth.
 
         Returns:
             The folder.
@@ -125,7 +116,7 @@ class Trial:
             environment = describe_environment()
             write_inputs(work, self.planned, environment)
             save_record(self.record, work)
-            write_results(work, self, environment, instrument)
+            write_results(work, self, environment)
             if recording:
                 draw_run(work)
         self._folders[:] = [target]
@@ -174,16 +165,13 @@ def write_inputs(folder: Path, planned: PlannedWalk, environment: Mapping[str, A
     write_json(folder / ENVIRONMENT_FILE, environment)
 
 
-def write_results(
-    folder: Path, trial: Trial, environment: Mapping[str, Any], instrument: Instrument | None = None
-) -> dict[str, Any]:
-    """Write signals, readings of an instrument and, last, the summary with the digests of all files.
+def write_results(folder: Path, trial: Trial, environment: Mapping[str, Any]) -> dict[str, Any]:
+    """Write signals and, last, the summary with the digests of all files.
 
     Args:
         folder: of the run; inputs and record are there already.
         trial: the run.
         environment: where it ran.
-        instrument: shown beside the simulator's truth.
 
     Returns:
         The contents of ``summary.json``.
@@ -191,15 +179,6 @@ def write_results(
     rows = kept_rows(trial.record.steps, trial.record.time_step)
     save_signals(signals_table(trial.comparison, rows), folder / SIGNALS_FILE)
     summary = results_of(trial, environment)
-    if instrument is not None:
-        # Imported here: needed only with an instrument.
-        from validation.measure.instruments.observe import observe_walk
-        from validation.store.tables import write_columns
-
-        observed = observe_walk(instrument, trial.planned, trial.record)
-        if observed is not None:
-            write_columns(observed.signal_columns(), folder / INSTRUMENT_FILE)
-            summary["instrument"] = observed.as_dict()
     summary["files"] = digests(folder, summary)
     write_json(folder / SUMMARY_FILE, summary)
     return summary

@@ -17,7 +17,6 @@ from typing import Any
 from ampm.exceptions import InputError
 from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.uncertainty import Uncertainty
-from validation.measure.instruments.model import Instrument
 from validation.progress import Progress, interruption
 from validation.run.trial import draw_run, write_inputs, write_results
 from validation.run.walk import timed, walk_planned
@@ -65,7 +64,6 @@ def validate(
     force: bool = False,
     recording: bool = True,
     uncertainty: Uncertainty | None = None,
-    instrument: Instrument | None = None,
     disturbances: Sequence[Disturbance] = (),
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -81,7 +79,6 @@ def validate(
         force: replace an earlier run in the same folder.
         recording: write ``recording.rrd`` and ``report.html``; both can be written later from the folder.
         uncertainty: of the metrics, from a convergence study; None judges the values as they are.
-        instrument: shown beside the simulator's truth, see :mod:`validation.measure.instruments`.
         disturbances: as :func:`validation.walk` takes them.
         progress: where to report stages.
 
@@ -119,7 +116,7 @@ def validate(
                 seconds=seconds,
                 keep=keep,
             )
-            summary = write_results(folder, trial, environment, instrument)
+            summary = write_results(folder, trial, environment)
             del trial  # drawing needs the memory
         finally:
             interruption.holding = False

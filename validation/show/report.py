@@ -17,7 +17,6 @@ from ampm.planner.support import StepPlan
 from ampm.run_file import describe_keys
 from validation.judge.compare import PARTS, SIGNALS
 from validation.judge.metrics import METRICS, cost_entry, display_unit
-from validation.show.instrument import instrument_section
 from validation.show.page import render_page
 from validation.show.run_figures import RunFigures
 from validation.show.style import style, without_collection
@@ -143,7 +142,6 @@ def render(saved: SavedRun) -> str:
         windows=list(_window_rows(summary)),
         split=_split_rows(summary["zmp_error_split"]),
         solver=list(_solver_rows(summary["solver"])),
-        instrument=instrument_section(saved) if "instrument" in summary else None,
         motion=list(_plain_rows(summary["motion"])),
         parameters=_parameters(saved.parameters),
         environment=list(_plain_rows(summary["environment"])),

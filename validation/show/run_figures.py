@@ -8,8 +8,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -40,7 +38,6 @@ from validation.show.style import (
     legend,
     new_figure,
 )  # fmt: skip
-from validation.store.folders import INSTRUMENT_FILE
 from validation.store.saved import SavedRun
 from validation.store.signals import Signals
 from validation.trial.shapes import REACH, Shapes
@@ -138,10 +135,6 @@ class RunFigures:
         if np.isfinite(self.signals["command_zmp_x"]).any():  # nor report a command
             title, label = "Feedback: commanded − planned ZMP", "Commanded minus planned ZMP"
             found["cost"].append(self.difference("command_zmp", "plan_zmp", "xy", title, label))
-        path = self.saved.directory / INSTRUMENT_FILE
-        if path.is_file():
-            table = pq.read_table(path)
-            found["instrument"] = [self.instrument(table, axis) for axis in "xy"]
         return found
 
     def tracking(
@@ -384,21 +377,6 @@ class RunFigures:
         _finish(upper, title, "[mm]", xlabel="")
         self._finish_run(lower, "", "error [mm]")
         return self._picture(figure, f"ZMP {axis} of the first steps")
-
-    def instrument(self, table: pa.Table, axis: str) -> Picture:
-        """Error that an instrument adds to the ZMP, over one stride."""
-        figure, (axes,) = new_figure(2.4)
-        shade_double_support(axes, self.signals, self.window)
-        axes.axhline(0.0, color=FAINT, linewidth=0.7)
-        time = self.signals.time[self.window]
-        for name, label, color in (
-            ("instrument_zmp", "as read", MEASURED),
-            ("instrument_zmp_compensated", "latency taken out", PLAN),
-        ):
-            error = 1e3 * (table[f"{name}_{axis}"].to_numpy() - table[f"true_zmp_{axis}"].to_numpy())
-            axes.plot(time, error[self.window], color=color, linewidth=0.9, label=label)
-        _finish(axes, f"ZMP {axis}: instrument − truth", "[mm]")
-        return self._picture(figure, f"Error that the instrument adds to the ZMP in {axis}")
 
     def _picture(self, figure: Figure, label: str, caption: str = "", *, wide: bool = False) -> Picture:
         return style.picture(figure, f"f{next(self._count)}", label, caption, wide=wide)

@@ -20,16 +20,21 @@ from uuid import uuid4
 
 from ampm.exceptions import InputError
 
-INSTRUMENT_FILE = "instrument.parquet"
-"""Readings of an instrument; only there if one was given."""
-
 RUN_FILES = frozenset(
     {
-        "run.toml", "model.xml", "body.json", "environment.json", "summary.json", "signals.parquet",
-        "joints.parquet", "ticks.parquet", "external.parquet", "recording.rrd", "report.html",
-        INSTRUMENT_FILE,
+        "run.toml",
+        "model.xml",
+        "body.json",
+        "environment.json",
+        "summary.json",
+        "signals.parquet",
+        "joints.parquet",
+        "ticks.parquet",
+        "external.parquet",
+        "recording.rrd",
+        "report.html",
     }
-)  # fmt: skip
+)
 """All files that a run folder may hold; a folder with other files is never replaced."""
 
 RECORDED = "joints.parquet"
