@@ -62,7 +62,7 @@ UPWARD = (
     (0.65, 1.4, (1.6, 1.7)),
     (0.7, 1.4, (1.3, 1.4, 1.5)),
 )
-"""Step length, v0 and the c_s that are tried, all other choices found by ``ampm tune``."""
+"""Step length, v0 and the c_s that are tried, all other choices found."""
 DOWNWARD = (0.5, 0.4, 0.33, 0.315, 0.31)
 """c_s below that of pitch-low."""
 

@@ -88,7 +88,7 @@ def _drawn(draw: SweepDefinition, number: int) -> tuple[str, ...]:
     run, start = draw.parameters(number), time.process_time()
     row = (str(number), *(f"{run.value(key):.3f}" for key in DRAWN))
     try:
-        planned, tuned = tune_walk(Request(str(number), run))
+        planned = tune_walk(Request(str(number), run))
     except ampm.AmpmError as refusal:
         row += ("refused", "", "", "", f"{time.process_time() - start:.1f}", str(refusal))
     else:
@@ -96,7 +96,7 @@ def _drawn(draw: SweepDefinition, number: int) -> tuple[str, ...]:
         summary = walk_planned(planned).summary
         rmse, *_ = agreement(summary["metrics"]) if summary["outcome"] == "completed" else ("",)
         unsolved = str(summary["solver"]["unsolved"])
-        row += (summary["outcome"], rmse, unsolved, f"{tuned.worst():.2f}", seconds, "")
+        row += (summary["outcome"], rmse, unsolved, f"{planned.tuned.worst():.2f}", seconds, "")
     print(*row, file=sys.stderr, flush=True)  # noqa: T201
     return row
 

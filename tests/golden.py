@@ -173,8 +173,8 @@ def leaves(value: Any) -> Values:
 
 def preset(name: str, folder: Path) -> Values:
     steps, run = f"gait.steps={STEPS}", folder / "run"
-    plan = values_of("plan", name, "--set", steps, "--samples", folder / "plan.parquet")
-    motion = values_of("motion", name, "--out", folder / "motion.parquet")
+    samples, motion = folder / "plan.parquet", folder / "motion.parquet"
+    plan = values_of("plan", name, "--set", steps, "--samples", samples, "--motion", motion)
     status, said = ampm("validate", name, "--set", steps, "--out", run)
     saved = json.loads((run / "summary.json").read_text(encoding="utf-8"))
     for entry in (*saved["metrics"].values(), *said["metrics"].values()):
@@ -184,8 +184,8 @@ def preset(name: str, folder: Path) -> Values:
         raise RuntimeError(f"{name}: summary.json is not what validate --json says")
     return {
         "plan": plan,
-        "plan table": columns(folder / "plan.parquet"),
-        "motion": motion | {"table": text_digest(columns(folder / "motion.parquet"))},
+        "plan table": columns(samples),
+        "motion table": text_digest(columns(motion)),
         "summary": {"status": status, **summary},
         "files": {file: text_digest((run / file).read_text("utf-8")) for file in ("run.toml", "model.xml")},
         "record": record_values(run),

@@ -36,7 +36,7 @@ def run_of(source: str) -> RunParameters:
         try:
             metadata.distribution(package)
         except metadata.PackageNotFoundError:
-            pytest.skip(f"{package} is not installed")
+            pytest.skip(f"needs {package}: .venv/bin/pip install {package}")
     return RunParameters(body=BodyParameters(source=source))
 
 
@@ -144,7 +144,7 @@ def test_shipped_body_walks_thirty_steps(source: str, schedule: str) -> None:
 def test_passive_torques_are_overcome_by_the_controller() -> None:
     """The suite's humanoid has springs and dampers; a controller that does not know of them falls."""
     settings = ["body.source=suite-humanoid", "foot.schedule=flat", "gait.steps=2"]
-    planned, _ = tune_walk(load_request(None, settings))
+    planned = tune_walk(load_request(None, settings))
     body = planned.body.model.description
     assert {item.stiffness for item in body.passive} >= {10.0, 20.0}
 

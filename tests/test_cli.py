@@ -124,9 +124,12 @@ def test_other_commands_than_the_trial_take_a_body(ampm):
             "validate normal --footsteps walk.csv --steps 4 --out out",
             "--steps counts the steps of a",
         ),
-        ("tune --out gait.txt", ".toml"),
-        ("tune ipm", "gait.model = 'ipm' cannot be tuned"),
-        ("tune --set gait.c_y=-1", "gait.c_y = -1 must be greater than 0"),
+        ("plan --save gait.txt", ".toml"),
+        ("plan --save bad.toml", "--force"),
+        ("plan --motion motion.txt", ".parquet"),
+        ("plan --motion motion.csv --no-body", "--motion is of a periodic gait of a body"),
+        ("plan --motion motion.csv --footsteps walk.csv", "--motion is of a periodic gait of a body"),
+        ("plan --set gait.c_y=-1", "gait.c_y = -1 must be greater than 0"),
         (f"convergence normal {SLOW}", "too slow"),
         ("convergence normal --steps 1", "walk 2 at least"),
         ("convergence normal --levels 2", "choose 3"),
@@ -287,7 +290,7 @@ def test_console_script():
     assert json.loads(answer.stdout)["error"]["reason"] == "switching_velocity_too_low"
     answer = script("--help", env={**os.environ, "TERM": "dumb"})
     assert answer.returncode == 0
-    for command in ("plan", "motion", "validate", "replay", "view", "report"):
+    for command in ("plan", "validate", "replay", "view", "report"):
         assert command in answer.stdout
     assert "heading [m, rad]" in " ".join(script("plan", "--help").stdout.replace("│", " ").split())
     assert "Missing command" in script("body").stderr

@@ -8,12 +8,14 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pinocchio as pin
+import pyarrow.parquet as pq
 import pytest
 
 from ampm.body.motion import WholeBodyMotion
 from ampm.body.motion_cache import find_motion, keep_motion, motion_key
 from ampm.exceptions import InputError
 from tests.solved import COARSE, motion_of, walk_of
+from validation.trial.plan import load_request, plan_walk
 
 
 @pytest.fixture(scope="module")
@@ -160,3 +162,15 @@ def test_a_failed_write_leaves_nothing_behind(motion, tmp_path, monkeypatch, err
     with contextlib.suppress(KeyboardInterrupt):
         keep_motion(motion, tmp_path, "key")
     assert not list(tmp_path.iterdir())
+
+
+def test_plan_writes_one_step_of_every_joint(ampm, tmp_path):
+    path = tmp_path / "step.parquet"
+    answer = ampm("plan", "flat", "--motion", path)
+    assert answer.status == 0, answer.err
+    assert all(f" {name} " in answer.out for name in ("multipliers", "joint_limit_margin", "evaluations"))
+    motion = plan_walk(load_request("flat")).motion
+    written = pq.read_table(path)
+    assert written.column_names == [*motion.table()]
+    for name, values in motion.table().items():
+        np.testing.assert_array_equal(written[name].to_numpy(), values)

@@ -107,8 +107,6 @@ def told(*words):
 
 RENDERERS = {
     "plan": told("plan", "normal"),
-    "motion": told("motion", "flat"),
-    "tune": told("tune", "flat"),
     "result": lambda _: print_result(summary_with(KNOWN), Path("run")),
     "report": of("saved", render_run),
     "verdict": of("saved", verdict_markdown),

@@ -250,20 +250,27 @@ def test_a_good_walk_with_a_fast_swing_does_not_fail_by_the_instrument():
 # ------------------------------------------------------------------ commands
 
 
-def test_tune_writes_a_run_that_reads_back(ampm, tmp_path):
-    path = tmp_path / "gait.toml"
-    status, out, _ = ampm("tune", "normal", "--set", "gait.steps=4", "--out", path, "--json")
-    assert status == Status.PASS
-    answer = json.loads(out)
-    assert answer["found"].keys() == set(OPEN_KEYS)
-    assert answer["margins"].keys() == LIMITS.keys() - {"speed"}
-    run = load_run(path)
-    assert run.model_dump() == answer["parameters"]
-    assert path.read_text().startswith("# normal")
-    for arguments, words in ((("normal", "--out", path), "--force"), ((path,), "nothing to find")):
-        status, _, err = ampm("tune", *arguments)
-        assert status == Status.REFUSED
-        assert words in err
+def test_a_saved_plan_is_walked_with_the_values_found(ampm, tmp_path):
+    path, out = tmp_path / "gait.toml", tmp_path / "run"
+    changed = ("plan", "--set", "gait.step_length=0.5", "--steps", 2)
+    answer = ampm(*changed, "--save", path)
+    assert answer.status == Status.PASS
+    assert "gait.a_s" in answer.out
+    assert "tightest margins" in answer.out
+    planned = json.loads(ampm(*changed, "--save", path, "--force", "--json").out)
+    assert planned["found"].keys() == set(OPEN_KEYS)
+    assert planned["margins"].keys() == LIMITS.keys() - {"speed"}
+    assert path.read_text().startswith("# normal, gait.step_length 0.5\n")
+    assert load_run(path).model_dump() == planned["parameters"]
+    for as_is in ((), ("--as-is",)):
+        assert json.loads(ampm("plan", path, *as_is, "--json").out) == {
+            **planned,
+            "gait": "gait",
+            "found": None,
+            "margins": None,
+        }
+    assert ampm("validate", path, "--as-is", "--out", out).status == Status.PASS
+    assert load_run(out / "run.toml").model_dump() == planned["parameters"]
 
 
 def test_validate_finds_what_is_left_open(ampm, tmp_path):

@@ -84,9 +84,7 @@ class MotionReport:
 
 
 MOTION_UNITS: Mapping[str, str] = {
-    "step_duration": "s",
-    "step_length": "m",
-    **{item.name: item.metadata["unit"] for item in fields(MotionReport) if item.metadata["unit"] != "1"},
+    item.name: item.metadata["unit"] for item in fields(MotionReport) if item.metadata["unit"] != "1"
 }
 """Units of the reported quantities; those not listed are names or plain numbers."""
 

@@ -1,11 +1,10 @@
-"""``ampm plan``, ``motion``, ``keys`` and ``tune``: commands that simulate nothing.
+"""``ampm plan`` and ``ampm keys``: commands that simulate nothing.
 
 Commands import what they run: NumPy, Pinocchio and matplotlib take long to load.
 """
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,36 +13,35 @@ import typer
 
 from ampm.exceptions import InputError
 from ampm.presets import PRESETS
-from validation.cli.console import Narrator
+from validation.cli.console import Narrator, print_json
 from validation.cli.options import (
     AsIs,
     Body,
     Footsteps,
-    Force,
     Gait,
-    Gaits,
     Json,
     PlannerName,
     Settings,
     Status,
+    Steps,
     answer,
     check_picture,
     option,
     with_footsteps,
     with_short,
 )
-from validation.show.text import format_number, format_value, print_line, print_table
+from validation.show.text import format_number, format_value, print_table
 from validation.store.folders import check_folder_of, check_output_file, output_file
+from validation.table import Table, print_tables
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from ampm.planner.centroidal import CentroidalPlan
     from ampm.tune.tuning import Tuned
     from validation.trial.plan import PlannedWalk, Request
 
 app = typer.Typer()
-
-MOTION_METADATA = "ampm_motion"
-"""Schema metadata of a motion's Parquet file: JSON, gait to the report of its orbit."""
 
 _PRESET_LINES = "\n\n".join(f"{name}: {meaning}" for name, meaning in PRESETS.items())
 _SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
@@ -57,71 +55,102 @@ def plan(
     no_body: Annotated[
         bool, option("--no-body", "Closed form alone: no soles, no joints, mean L_y zero; implies --as-is.")
     ] = False,
+    steps: Steps = None,
     planner: PlannerName = None,
     body: Body = None,
+    footsteps: Footsteps = None,
     as_json: Json = False,
+    save: Annotated[
+        Path | None, option("--save", "Write the complete gait, with the values found.", "FILE.toml")
+    ] = None,
+    force: Annotated[bool, option("--force", "Replace an earlier gait at --save.")] = False,
     samples: Annotated[
         Path | None, option("--samples", "Write the plan's signals at k / rate.", "FILE.csv|.parquet")
     ] = None,
     rate: Annotated[float | None, option("--rate", "Samples per second; 200 if not given.", "HZ")] = None,
+    motion: Annotated[
+        Path | None,
+        option("--motion", "Write every joint over one step of the whole-body motion.", "FILE.csv|.parquet"),
+    ] = None,
     plot: Annotated[Path | None, option("--plot", "Draw the plan.", "FILE.png")] = None,
-    footsteps: Footsteps = None,
 ) -> int:
-    """Plan a gait in closed form: constants, residuals, samples, a picture.
+    """Plan a gait: constants, residuals, open values, the whole-body motion, samples, a picture.
 
     With a body (the default) the plan is checked against its soles, legs and joints, and the constant of L_y
-    is the one that makes the body's motion periodic.
+    is the one that makes the body's motion periodic. Where a preset's gait or body is changed, what it leaves
+    open is found on plan and motion alone, and printed with the tightest margins; what is given stays. It is
+    the plan that 'ampm validate' walks, refusals included.
 
     With --footsteps the gait gives height, slopes of the force line and durations of the supports. The first
     two rows of the file are where both feet stand, the one that swings first at the head; then left and right
-    land in turn. It is the plan that 'ampm validate' walks, refusals included.
+    land in turn.
     """
     from ampm.planner.periodic import plan_gait
+    from ampm.run_file import dump_run
     from validation.store.tables import plan_table, sample_times, write_columns
     from validation.trial.columns import check_suffix
     from validation.trial.plan import check_formula, load_request, plan_walk
 
-    extra = with_short(settings, body=body, planner=planner)
-    request = load_request(gait, extra, as_is=as_is or no_body, sections=with_footsteps(footsteps))
+    extra = with_short(settings, body=body, steps=steps, planner=planner)
+    sections = with_footsteps(footsteps, steps)
+    request = load_request(gait, extra, as_is=as_is or no_body, sections=sections)
     run = request.run
     if rate is not None and samples is None:
         raise InputError("--rate is that of the samples; give --samples FILE, too, or leave it out.")
     rate = 200.0 if rate is None else rate
-    if samples is not None:  # refuse paths that cannot be written before computing
-        check_folder_of(samples)
-        check_suffix(samples)
+    # Files that cannot be written are refused before anything is computed.
+    for table in (samples, motion):
+        if table is not None:
+            check_folder_of(table)
+            check_suffix(table)
+            check_output_file(table, force=True)
+    if samples is not None:
         check_formula(request)
         count = len(run.footsteps) or run.gait.steps
         sample_times(count * run.gait.step_length / run.gait.switching_velocity, rate)
     if plot is not None:
         check_picture(plot)
+    if save is not None:
+        if save.suffix != ".toml":
+            raise InputError(f"{save} must end in .toml; a gait is read from such a file.")
+        check_folder_of(save)
+        check_output_file(save, force=force)
     if no_body and (run.gait.planner != "ampm" or run.footsteps):
         raise InputError("another planner, or footsteps, need a body; leave out --no-body.")
+    if motion is not None and (no_body or run.footsteps):
+        raise InputError("--motion is of a periodic gait of a body; leave out --no-body and footsteps.")
     narrator = Narrator()
     walk = None if no_body else plan_walk(request, narrator)
     planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walk is None else walk.plan
     sole = walk.plan.feet.sole if walk is not None and run.footsteps else None
     request = request if walk is None else walk.request
+    if save is not None:
+        notes = [request.title, *(() if walk is None or walk.tuned is None else _margins(walk.tuned))]
+        with output_file(save, force=force) as work:
+            lines = "".join(f"# {note}\n" for note in notes)
+            work.write_text(lines + dump_run(request.run), encoding="utf-8")
     if samples is not None:
         with output_file(samples) as work:
             write_columns(plan_table(planned, sample_times(planned.duration, rate)), work)
+    if motion is not None and walk is not None:
+        with output_file(motion) as work:
+            write_columns(walk.motion.table(), work)
     if plot is not None:
         from validation.show.plan import plot_plan
 
         title = f"plan of {request.title}" + ("" if footsteps is None else f" over {footsteps.name}")
         plot_plan(planned, plot, title=title, sole=sole)
-    answer(
-        planned,
-        lambda planned: describe_plan(request, planned, walk),
-        lambda planned: print_plan(request, planned, walk),
-        as_json=as_json,
-    )
-    narrator.wrote(samples, plot)
+    if as_json:
+        print_json(describe_plan(request, planned, walk))
+    else:
+        print_tables(plan_tables(request, planned, walk, whole_motion=motion is not None))
+    narrator.wrote(save, samples, motion, plot)
     return Status.PASS
 
 
 def describe_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | None = None) -> dict[str, Any]:
-    """A plan as a JSON object: parameters, derived constants, residuals, and with a body its margins."""
+    """A plan as a JSON object: parameters, constants, residuals, and with a body motion and margins."""
+    tuned = None if walk is None else walk.tuned
     return {
         "gait": request.name,
         "parameters": request.run.model_dump(),
@@ -131,94 +160,82 @@ def describe_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | No
         "residuals": plan.residuals(),
         "zmp_margin": None if walk is None else walk.zmp_margin,
         "motion": None if walk is None else walk.plan.posture.report(),
+        "found": None if tuned is None else dict(tuned.found),
+        "margins": None if tuned is None else _described_margins(tuned),
     }
 
 
-def print_plan(request: Request, plan: CentroidalPlan, walk: PlannedWalk | None = None) -> None:
-    """Print a plan for a reader."""
+def plan_tables(
+    request: Request, plan: CentroidalPlan, walk: PlannedWalk | None, *, whole_motion: bool
+) -> list[Table]:
+    """A plan for a reader: constants, the values found, and the whole report of the motion if asked for."""
     rows = []
     for field in fields(plan.constants):
         unit, meaning = field.metadata["unit"], field.metadata["meaning"]
         value = format_number(getattr(plan.constants, field.name), 6)
-        rows.append((field.name, value, "" if unit == "1" else str(unit), meaning))
-    print_table(f"plan of {request.title}", ("constant", ">value", "unit", "meaning"), rows)
-    print_line(f"{plan.contacts.steps} steps in {plan.duration:.2f} s")
-    print_line(f"largest jump at a switch, relative: {format_number(plan.residuals().largest, 2)}")
+        rows.append((field.name, value, "" if unit == "1" else str(unit), str(meaning)))
+    notes = [
+        f"{plan.contacts.steps} steps in {plan.duration:.2f} s",
+        f"largest jump at a switch, relative: {format_number(plan.residuals().largest, 2)}",
+    ]
+    report = {} if walk is None else walk.plan.posture.report()
     if walk is not None:
-        print_line(f"planned ZMP margin, to the edge of the planned support: {1000 * walk.zmp_margin:.1f} mm")
-    if walk is not None and walk.plan.posture.report():
-        report = walk.motion.report
-        print_line(f"least flexion of a knee: {report.knee_minimum.value:.3f} rad")
-        closest = report.clearance
-        print_line(f"closest parts of the body: {1000 * closest.value:.1f} mm ({closest.where})")
+        margin = 1000 * walk.zmp_margin
+        notes.append(f"planned ZMP margin, to the edge of the planned support: {margin:.1f} mm")
+    if report and not whole_motion:
+        knee, clearance = report["knee_minimum"], report["clearance"]
+        notes.append(f"least flexion of a knee: {knee['value']:.3f} rad")
+        notes.append(f"closest parts of the body: {1000 * clearance['value']:.1f} mm ({clearance['where']})")
+    tables = [Table(f"plan of {request.title}", ("constant", ">value", "unit", "meaning"), rows, notes)]
+    if walk is not None and walk.tuned is not None:
+        found = [(key, format_value(value)) for key, value in walk.tuned.found.items()]
+        notes = ["tightest margins:", *(f"  {text}" for text in _margins(walk.tuned)[:4])]
+        tables.append(Table(f"found for {request.name}", ("key", ">value"), found, notes))
+    if whole_motion:
+        tables.append(_motion_table(request.name, report))
+    return tables
 
 
-@app.command()
-def motion(
-    gaits: Gaits = None,
-    settings: Settings = None,
-    as_is: AsIs = False,
-    out: Annotated[
-        Path | None, option("--out", "Write one step's joints, all gaits in one.", "FILE.parquet|.csv")
-    ] = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> int:
-    """Solve the periodic whole-body motion of one step: the motion of every joint."""
-    from validation.trial.columns import check_suffix
-    from validation.trial.plan import load_requests, plan_walk
-
-    if out is not None:
-        check_suffix(out)
-        check_output_file(out, force=force)
-    requests = load_requests(gaits or [None], settings or (), as_is=as_is)
-    narrator = Narrator()
-    walks = [plan_walk(request, narrator) for request in requests]
-    if out is not None:
-        write_motions(walks, out, force=force)
-    answer([describe_motion(walk) for walk in walks], list, print_motions, as_json=as_json)
-    narrator.wrote(out)
-    return Status.PASS
-
-
-def describe_motion(walk: PlannedWalk) -> dict[str, Any]:
-    """The report of a motion as a JSON object."""
-    step = {"step_duration": walk.motion.step_duration, "step_length": walk.motion.step_length}
-    return {"gait": walk.name, **step, **walk.motion.report.as_dict()}
-
-
-def print_motions(motions: list[dict[str, Any]]) -> None:
-    """Print the reports of motions, see :func:`describe_motion`."""
+def _motion_table(name: str, report: Mapping[str, Any]) -> Table:
+    """Every quantity of the report of a periodic motion."""
     from ampm.body.motion import MOTION_UNITS
 
-    for described in motions:
-        rows = []
-        for name, value in described.items():
-            if name == "multipliers":
-                text = ", ".join(f"{re:.4g}{im:+.2g}i" if im else f"{re:.4g}" for re, im in value[:4])
-            elif isinstance(value, dict):
-                text = f"{format_number(value['value'], 5)} at {value['time']:.3f} s ({value['where']})"
-            else:
-                text = format_value(value)
-            rows.append((name, text, MOTION_UNITS.get(name, "")))
-        # The first row is the gait.
-        print_table(f"motion of {described['gait']}, one step", ("quantity", "value", "unit"), rows[1:])
+    rows = []
+    for quantity, value in report.items():
+        if quantity == "multipliers":
+            text = ", ".join(f"{re:.4g}{im:+.2g}i" if im else f"{re:.4g}" for re, im in value[:4])
+        elif isinstance(value, dict):
+            text = f"{format_number(value['value'], 5)} at {value['time']:.3f} s ({value['where']})"
+        else:
+            text = format_value(value)
+        rows.append((quantity, text, MOTION_UNITS.get(quantity, "")))
+    return Table(f"motion of {name}, one step", ("quantity", "value", "unit"), rows)
 
 
-def write_motions(walks: list[PlannedWalk], path: Path, *, force: bool) -> None:
-    """Write one step of every motion into one table, whose column ``gait`` names them."""
-    import numpy as np
+def _margins(tuned: Tuned) -> list[str]:
+    """Every margin as text, the tightest first."""
+    from ampm.tune.gait_limits import LIMITS
 
-    from validation.store.tables import write_columns
+    items = sorted(tuned.margins.items(), key=lambda item: LIMITS[item[0]].margin(item[1]))
+    return [f"{LIMITS[n].what}: {LIMITS[n].quantity(value, 3)}, {LIMITS[n].rule()}" for n, value in items]
 
-    tables = []
-    for walk in walks:
-        table = walk.motion.table()
-        tables.append({"gait": np.full(len(table["time"]), walk.name, dtype=object), **table})
-    columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
-    reports = json.dumps({walk.name: describe_motion(walk) for walk in walks})
-    with output_file(path, force=force) as work:
-        write_columns(columns, work, {MOTION_METADATA: reports})
+
+def _described_margins(tuned: Tuned) -> dict[str, dict[str, Any]]:
+    """Every margin as a JSON object."""
+    from ampm.tune.gait_limits import LIMITS
+
+    described = {}
+    for name, value in tuned.margins.items():
+        limit = LIMITS[name]
+        described[name] = {
+            "what": limit.what,
+            "value": value,
+            "unit": limit.unit,
+            "bound": limit.bound,
+            "target": limit.target,
+            "margin": limit.margin(value),
+        }
+    return described
 
 
 @app.command()
@@ -263,80 +280,3 @@ def print_keys(request: Request) -> None:
         own = [item for item in described if item["key"].startswith(f"{section}.")]
         rows = [[str(value) for value in item.values()] for item in own]
         print_table(f"{section} of {request.name}", list(own[0]), rows)
-
-
-@app.command()
-def tune(
-    gait: Gait = None,
-    settings: Settings = None,
-    out: Annotated[
-        Path | None, option("--out", "Write the complete run, for 'ampm validate'.", "FILE.toml")
-    ] = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> int:
-    """Find what a gait leaves open: share of single support, roll, heights, foot timing and angles, lean.
-
-    Values that the file or --set gives are kept, and so are step, speed, c_s, c_y and body of a preset.
-    Commands that plan a changed gait do the same; this one also shows the margins. An optimiser evaluates
-    plan and whole-body motion; nothing is simulated. If no choice can be walked, the refusal names the limit
-    and the best value found.
-    """
-    from ampm.run_file import dump_run
-    from validation.trial.plan import load_request, tune_walk
-
-    if out is not None:
-        if out.suffix != ".toml":
-            raise InputError(f"{out} must end in .toml; a gait is read from such a file.")
-        check_output_file(out, force=force)
-    narrator = Narrator()
-    walk, tuned = tune_walk(load_request(gait, settings or ()), narrator)
-    if out is not None:
-        margins = "".join(f"# {text}\n" for text in _margins(tuned))
-        with output_file(out, force=force) as work:
-            head = f"# {walk.name}, found: {', '.join(tuned.found)}.\n{margins}"
-            work.write_text(head + dump_run(walk.run), encoding="utf-8")
-    answer(
-        tuned,
-        lambda tuned: describe_tuned(walk.name, tuned),
-        lambda tuned: print_tuned(walk.name, tuned),
-        as_json=as_json,
-    )
-    narrator.wrote(out)
-    return Status.PASS
-
-
-def describe_tuned(name: str, tuned: Tuned) -> dict[str, Any]:
-    """A tuned gait as a JSON object."""
-    from ampm.tune.gait_limits import LIMITS
-
-    margins = {}
-    for key, value in tuned.margins.items():
-        limit = LIMITS[key]
-        facts = {"what": limit.what, "value": value, "unit": limit.unit, "bound": limit.bound}
-        margins[key] = facts | {"target": limit.target, "margin": limit.margin(value)}
-    return {
-        "gait": name,
-        "found": dict(tuned.found),
-        "margins": margins,
-        "tried": tuned.tried,
-        "parameters": tuned.run.model_dump(),
-    }
-
-
-def print_tuned(name: str, tuned: Tuned) -> None:
-    """Print the choices and the tightest margins for a reader."""
-    rows = [(key, format_value(value)) for key, value in tuned.found.items()]
-    print_table(f"found for {name}", ("key", ">value"), rows)
-    count = "1 choice" if tuned.tried == 1 else f"{tuned.tried} choices"
-    print_line(f"{count} tried; smallest margins:")
-    for text in _margins(tuned)[:4]:
-        print_line(f"  {text}")
-
-
-def _margins(tuned: Tuned) -> list[str]:
-    """Every margin as text, the tightest first."""
-    from ampm.tune.gait_limits import LIMITS
-
-    items = sorted(tuned.margins.items(), key=lambda item: LIMITS[item[0]].margin(item[1]))
-    return [f"{LIMITS[n].what}: {LIMITS[n].quantity(value, 3)}, {LIMITS[n].rule()}" for n, value in items]

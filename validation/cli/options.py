@@ -130,10 +130,16 @@ def with_short(settings: list[str] | None, **options: str | int | None) -> list[
     return found
 
 
-def with_footsteps(path: Path | None) -> dict[str, Any]:
-    """Sections of a run with the footsteps of a file, or none."""
+def with_footsteps(path: Path | None, steps: int | None) -> dict[str, Any]:
+    """Sections of a run with the footsteps of a file, or none.
+
+    Raises:
+        InputError: the file is not usable, or a number of steps is given, too.
+    """
     if path is None:
         return {}
+    if steps is not None:
+        raise InputError("--steps counts the steps of a periodic gait; leave it out, or --footsteps.")
     from ampm.planner.routes import as_rows, read_footsteps  # imported here: NumPy is slow to load
 
     return {"footsteps": as_rows(*read_footsteps(path))}

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.text import Text
 
-from ampm.exceptions import InputError, RefusedGait
+from ampm.exceptions import RefusedGait
 from validation.cli.console import Narrator, print_json
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import (
@@ -91,10 +91,8 @@ def validate(
     from validation.trial.disturbances import parse_push
     from validation.trial.plan import complete, load_requests
 
-    if steps is not None and footsteps is not None:
-        raise InputError("--steps counts the steps of a periodic gait; leave it out, or --footsteps.")
     extra = with_short(settings, body=body, steps=steps, planner=planner, qp=qp, controller=controller)
-    requests = load_requests(gaits or [None], extra, as_is=as_is, sections=with_footsteps(footsteps))
+    requests = load_requests(gaits or [None], extra, as_is=as_is, sections=with_footsteps(footsteps, steps))
     judges = [
         profiles.own_profile(gait, footsteps=bool(request.run.footsteps))
         if profile is None

@@ -85,7 +85,7 @@ def check(
     refusal = ""
     try:
         request = load_request(None, [f"body.source='{source}'", *settings])
-        walk, _ = tune_walk(request, progress)
+        walk = tune_walk(request, progress)
         torque = _torque_shares(walk)
         keys = "step_length", "switching_velocity", "com_height", "step_width"
         gait = {key: float(walk.run.value(f"gait.{key}")) for key in keys}

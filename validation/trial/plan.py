@@ -92,12 +92,14 @@ class PlannedWalk(Brief):
         plan: COM, momentum, feet and posture.
         body: that walks.
         planner: name of the planner that made the plan, empty for the default one.
+        tuned: the values that were found, with their margins; None if nothing was searched for.
     """
 
     request: Request
     plan: WalkPlan
     body: Body
     planner: str = ""
+    tuned: Tuned | None = None
 
     @property
     def name(self) -> str:
@@ -121,7 +123,7 @@ class PlannedWalk(Brief):
         if isinstance(self.plan.posture, PeriodicPosture):
             return self.plan.posture.motion
         kind = type(self.plan.posture).__name__
-        raise InputError(f"{self.name} walks with {kind}, which has no periodic motion; plan it without.")
+        raise InputError(f"{self.name} walks with {kind}, not with a periodic motion; plan a periodic gait.")
 
     @cached_property
     def zmp_margin(self) -> float:
@@ -307,7 +309,7 @@ def plan_walk(
     if planner is None and run.footsteps:
         planner = AmpmFootsteps()
         if run.body.source != HUMAN and changes(run):  # height and feet are those of the body's own gait
-            request = tune_walk(replace(request, run=run.replace({}, footsteps=())), progress)[0].request
+            request = tune_walk(replace(request, run=run.replace({}, footsteps=())), progress).request
             request = replace(request, run=request.run.replace({}, footsteps=run.footsteps))
             run = request.run
     name = "" if planner is None else planner_name(planner)
@@ -321,7 +323,7 @@ def plan_walk(
     body = None
     if name in ("", *PLANNERS):
         if changes(run):
-            found = tune_walk(request, progress)[0]
+            found = tune_walk(request, progress)
             if not name:
                 return found
             request, run, body = found.request, found.run, found.body
@@ -352,7 +354,7 @@ def _check_posture(plan: WalkPlan, robot: Robot) -> None:
             raise ValueError(f"'{name}' of its posture at 0 s must be {size} finite numbers")
 
 
-def tune_walk(request: Request, progress: Progress | None = None) -> tuple[PlannedWalk, Tuned]:
+def tune_walk(request: Request, progress: Progress | None = None) -> PlannedWalk:
     """Find the values that a request leaves open, changed or not; given values are kept.
 
     Args:
@@ -360,7 +362,7 @@ def tune_walk(request: Request, progress: Progress | None = None) -> tuple[Plann
         progress: where to report stages and the values found.
 
     Returns:
-        The walk with the values found, and its margins.
+        The walk with the values found; its ``tuned`` is there.
 
     Raises:
         InputError: nothing is open.
@@ -380,7 +382,7 @@ def tune_walk(request: Request, progress: Progress | None = None) -> tuple[Plann
         tuned = tune(run, body.robot, progress=stage.note, cache=motion_cache())
     if changed := changes(run):
         progress.say(f"{request.name}: {_found(run, tuned, changed)}")
-    return PlannedWalk(replace(request, run=tuned.run), tuned.plan, body), tuned
+    return PlannedWalk(replace(request, run=tuned.run), tuned.plan, body, tuned=tuned)
 
 
 def complete(request: Request, progress: Progress | None = None) -> Request:
@@ -389,7 +391,7 @@ def complete(request: Request, progress: Progress | None = None) -> Request:
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: as :func:`tune_walk`.
     """
-    return tune_walk(request, progress)[0].request if changes(request.run) else request
+    return tune_walk(request, progress).request if changes(request.run) else request
 
 
 def _found(run: RunParameters, tuned: Tuned, changed: Mapping[str, Any]) -> str:
