@@ -19,7 +19,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help validate test lint types docs bench install clean
+.PHONY: help validate test test-all lint types docs bench install clean
 
 help:  ## List the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## */  make \1\t/' | expand -t 18
@@ -29,6 +29,9 @@ validate: $(INSTALLED)  ## Plan, walk and judge normal and momentum (GAITS=... A
 
 test: $(INSTALLED_TEST) lint types docs  ## Lint, types, documentation, and every test that is not marked slow
 	@$(BIN)/pytest -n $(JOBS) $(ARGS)
+
+test-all: $(INSTALLED_TEST) lint types docs  ## The same with every test, those marked slow included
+	@$(BIN)/pytest -n $(JOBS) -m '' $(ARGS)
 
 lint: $(INSTALLED_TEST)  ## ruff: rules and formatting
 	@$(BIN)/ruff check .

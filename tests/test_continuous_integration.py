@@ -13,6 +13,7 @@ import pytest
 import typer
 import yaml
 
+from tests.browser import browser
 from tests.sweep_table import make_table, replaced, write_sweep
 from validation.cli.app import app
 from validation.study.sweep.design import load_sweep
@@ -37,6 +38,17 @@ def commands(text: str) -> list[list[str]]:
     joined = re.sub(r"\\\n\s*", " ", text)
     found = re.findall(r"(?:^|[\s/`])ampm ([a-z][^|`#\n]*)", joined, re.MULTILINE)
     return [line.split() for line in found]
+
+
+@pytest.mark.parametrize(
+    ("value", "ends_with"),
+    [("", pytest.skip.Exception), ("false", pytest.skip.Exception), ("true", pytest.fail.Exception)],
+)
+def test_a_missing_browser_is_a_skip_and_under_ci_a_failure(monkeypatch, value, ends_with):
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setenv("CI", value)
+    with pytest.raises(ends_with, match="apt-get install chromium"):
+        browser()
 
 
 def test_workflow_is_one():

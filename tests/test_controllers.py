@@ -91,7 +91,7 @@ def with_tsid(monkeypatch):
 
 def test_tsid_walks_on_flat_feet(with_tsid):
     if with_tsid.tsid is None:
-        pytest.skip("the extra tsid is not installed")
+        pytest.skip("needs the extra tsid, in an environment of its own: pip install -e '.[tsid]'")
     run = ampm.load_run("flat", gait={"steps": 3}, simulation={"time_step": 0.001})
     trial = val.walk(run, controller=with_tsid.TsidController)
     assert trial.record.outcome.name == "completed"

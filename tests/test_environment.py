@@ -123,8 +123,8 @@ def test_the_body_can_be_another():
 
 
 def test_a_policy_in_an_onnx_file_walks_like_the_same_law_in_python(tmp_path, monkeypatch):
-    pytest.importorskip("onnx")
-    pytest.importorskip("onnxruntime")
+    for package in ("onnx", "onnxruntime"):
+        pytest.importorskip(package, reason=f"needs {package}: .venv/bin/pip install {package}")
     monkeypatch.setattr(sys, "argv", ["toy_policy.py", str(tmp_path / "toy.onnx")])
     runpy.run_path(str(EXAMPLES / "toy_policy.py"), run_name="__main__")
     monkeypatch.syspath_prepend(EXAMPLES)

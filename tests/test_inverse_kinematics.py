@@ -62,7 +62,7 @@ def test_acceleration_meets_the_constraints_and_is_the_minimiser(solved, node):
 @pytest.mark.parametrize("node", NODES[:2])
 def test_minimiser_at_a_joint_limit(solved, node):
     """An arm that runs at its limit is braked and the constraints hold: as an active-set solver finds it."""
-    daqp = pytest.importorskip("daqp")
+    daqp = pytest.importorskip("daqp", reason="needs daqp: .venv/bin/pip install daqp")
     ik, reference, motion = solved
     q, v = motion.q[node].copy(), motion.v[node].copy()
     joint = ik.robot.arm_joints[0]
