@@ -35,7 +35,7 @@ RELATIVE, ABSOLUTE = 1e-6, 1e-9  # on another processor; the second is for what 
 CORE = {"OPENBLAS_CORETYPE": "Haswell", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 CORE |= {"MUJOCO_GL": "disable"}
 """Of the environment: one kernel of linear algebra for all x86 machines, one thread, no display."""
-VERSIONS = ("numpy", "scipy", "mujoco", "pin", "osqp", "daqp", "numba", "sympy")
+VERSIONS = ("numpy", "scipy", "mujoco", "pin", "osqp", "daqp", "numba")
 RECORD_FILES = ("joints.parquet", "ticks.parquet")
 NOT_REPRODUCIBLE = tuple(
     "qp_time time_median time_p timing seconds memory_peak environment directory revision source "
@@ -239,15 +239,6 @@ def diff(folder: Path) -> Values:
     return values_of("diff", folder / "a" / "out", folder / "b" / "out")
 
 
-def audit(folder: Path) -> Values:
-    status, said = ampm("audit")
-    found: Values = {"status": status, "counts": said["counts"]}
-    for number, row in enumerate(said["rows"]):
-        numbers = [item for path, item in flat(row) if path.endswith("value") and isinstance(item, float)]
-        found[f"row {number}"] = {"verdict": row["verdict"], "row": text_digest(row), "numbers": numbers}
-    return found
-
-
 def convergence(folder: Path) -> Values:
     options = "--steps 2 --levels 4 --study time_step --workers 2"
     return values_of("convergence", "normal", *options.split())
@@ -258,8 +249,11 @@ def compare(folder: Path) -> Values:
 
 
 PARTS: dict[str, Callable[[Path], Values]] = {
-    "sweep": sweep, "audit": audit, "convergence": convergence, "diff": diff, "compare": compare,
-}  # fmt: skip
+    "sweep": sweep,
+    "convergence": convergence,
+    "diff": diff,
+    "compare": compare,
+}
 
 
 # --------------------------------------------------------------------------------------- checking, writing

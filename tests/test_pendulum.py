@@ -1,4 +1,4 @@
-"""Laws of one phase and planes of a gait against numerical integration; the audit proves the errata."""
+"""Laws of one phase and planes of a gait against numerical integration."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""``ampm sweep``, ``diff``, ``compare``, ``people``, ``convergence``, ``audit``, ``figures``: several walks.
+"""``ampm sweep``, ``diff``, ``compare``, ``people``, ``convergence``: several walks.
 
 Commands import what they run: simulator, Pinocchio and NumPy take long to load.
 """
@@ -354,37 +354,3 @@ def print_convergence(result: Convergence) -> None:
     for note in result.notes:
         print_line(f"  note: {note}")
     print_verdict(result.request.name, result.verdict.name, result.verdict.reason)
-
-
-@app.command()
-def audit(as_json: Json = False) -> int:
-    """Check every equation and claim of the paper, and report errors and their size.
-
-    The status is 0 if every corrected form passes its checks.
-    """
-    from validation.paper.audit import audit as audit_paper
-
-    narrator = Narrator()
-    rows = audit_paper(narrator)
-    from validation.paper.audit.table import describe, print_rows  # after the check for sympy
-
-    answer(rows, describe, print_rows, as_json=as_json)
-    failed = [row for row in rows if not row.consistent]
-    for row in failed:
-        narrator.say(f"section {row.section}, {row.place}: the corrected form fails its checks")
-    return Status.OUT_OF_TOLERANCE if failed else Status.PASS
-
-
-@app.command()
-def figures(
-    out: Annotated[Path, option("--out", "Folder to write SVG and PNG into.", "DIR")],
-    steps: Annotated[int, option("--steps", "Steps walked for a figure.", "N")] = 12,
-    only: Annotated[str | None, option("--only", "Of 4, 5, 7, 8, 9, 10, 11, 12, human.", "8,9")] = None,
-    force: Force = False,
-) -> int:
-    """Draw the paper's figures from data: plan, inverse kinematics and simulation on the same axes."""
-    from validation.paper.figures import make_figures
-
-    for path in make_figures(out, only, steps, force=force, stages=Narrator()):
-        print_line(str(path))
-    return Status.PASS

@@ -1,1 +1,0 @@
-"""Audit and figures of the paper."""
