@@ -421,11 +421,11 @@ def continued(steps, constant):
     """Mean trunk pitch of each step after the periodic one [rad]; ``constant`` of L_y by those so far."""
     at = walk()
     ik, reference = InverseKinematics(at.robot, at.run), step_reference(at.plan, step_grid(at.plan, 0.004))
-    q, v, pitches = at.motion.q[0], at.motion.v[0], []
+    q, v = at.motion.q[0], at.motion.v[0]
+    pitches: list[float] = []
     for _ in range(steps):
         step = ik.integrate(reference, q, v, constant(pitches), draft=True)
-        q = at.robot.mirror_q(step.q[-1], -at.motion.step_length)
-        v = at.robot.mirror_v(step.v[-1])
+        q, v = at.robot.mirror_q(step.q[-1], -at.motion.step_length), at.robot.mirror_v(step.v[-1])
         pitches.append(float(np.trapezoid(step.trunk_pitch, reference.time) / reference.time[-1]))
     return np.array(pitches)
 

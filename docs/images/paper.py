@@ -411,7 +411,7 @@ def forces(axes):
             axis.fill_between(at, mean - spread, mean + spread, color=BAND, alpha=0.5, linewidth=0)
             axis.plot(at, mean, line, color=INK, label=f"people, {end.replace('p', '.')} m/s")
         axis.plot(100.0 * share, ours.mean(axis=0), color=MEASURED, label="simulation")
-        axis.set(title=f"{name} force on one foot [body weight]", xlabel="share of the stance [%]")
+        axis.set(title=f"{name} force on one foot / weight", xlabel="share of the stance [%]")
         rows.append((name, *(f"{curve.min():.2f} to {curve.max():.2f}" for curve in (*means, ours))))
         if name == "vertical":
             middle = (np.array_split(curve, 3)[1].min() for curve in (*means, ours.mean(axis=0)))
