@@ -15,9 +15,9 @@ from ampm.qp import BACKENDS
 from validation.cli.console import Narrator
 from validation.cli.errors import explain
 from validation.cli.options import Status, option
-from validation.show.text import print_table
 from validation.store.folders import check_output_file, output_file
 from validation.store.json import dump_json
+from validation.table import Table, print_tables
 
 app = typer.Typer(
     name="benchmarks",
@@ -59,7 +59,7 @@ def benchmark(
         return Status.PASS
     # Imported here so that '--help' loads neither simulator nor Pinocchio.
     from benchmarks.run import run_benchmarks
-    from benchmarks.table import print_result, update_document
+    from benchmarks.table import table, update_document
 
     solvers = BACKENDS if qp == "all" else (qp,)
     if qp not in (*BACKENDS, "all"):
@@ -74,7 +74,7 @@ def benchmark(
     if alone:
         print(dump_json(result))
     else:
-        print_result(result)
+        print_tables([table(result)])
         _write(json_file, result, force=force)
     if to_document:
         update_document(result)
@@ -98,7 +98,7 @@ def sweep(
 
     timing = time_sweep(gait, steps, runs, Narrator())
     title = f"{runs} runs of {gait}, {steps} steps each, load {timing['load']:.1f} at the start"
-    print_table(title, ("", ">measured", ">target"), rows(timing))
+    print_tables([Table(title, ("", ">measured", ">target"), rows(timing))])
     _write(json_file, timing, force=True)
     return Status.PASS if is_met(timing) else Status.OUT_OF_TOLERANCE
 
@@ -167,7 +167,7 @@ def scaling(
     sizes = Sizes()
     counts = [count for count in sizes.steps if count < most]
     rows = measure_scaling(gait, sizes._replace(steps=[*counts, most]), narrator)
-    print_table(f"scaling of {gait}", ("", "at", "", ">measured"), table(rows))
+    print_tables([table(gait, rows)])
     if to_document:
         write_data(rows, DATA)
         draw(rows, PICTURE)

@@ -27,6 +27,7 @@ from benchmarks.recording import run_alone
 from benchmarks.sweeping import bare_runs
 from validation.progress import Progress
 from validation.show.style import into_file
+from validation.table import Table
 from validation.trial.plan import Request, load_request, plan_walk
 from validation.trial.simulate import simulate
 
@@ -310,9 +311,10 @@ def _draw_panel(axis: Axes, rows: Sequence[Row], title: str, *, log: bool) -> No
     axis.legend(fontsize=7)
 
 
-def table(rows: Sequence[Row]) -> list[tuple[str, ...]]:
-    """Rows for the terminal."""
-    return [(row.series, f"{row.x:g} {row.x_unit}", row.y_unit, f"{row.y:.4g}") for row in rows]
+def table(gait: str, rows: Sequence[Row]) -> Table:
+    """The measurements of a gait."""
+    cells = [(row.series, f"{row.x:g} {row.x_unit}", row.y_unit, f"{row.y:.4g}") for row in rows]
+    return Table(f"scaling of {gait}", ("", "at", "", ">measured"), cells)
 
 
 # ------------------------------------------------------------------------------------------ helpers

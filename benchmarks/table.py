@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rich.text import Text
-
 from benchmarks.run import BenchmarkResult
-from validation.show.text import markdown_table, print_line, print_table, replace_between
+from validation.show.text import replace_between
+from validation.table import Table
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
 MARK = "benchmark table, written by python -m benchmarks --markdown"
 """Between the marks of this name the page has the table."""
 
-HEADER = ("", "median", "p99", "maximum", "of the loop")
+HEADER = ("", ">median", ">p99", ">maximum", ">of the loop")
 _NO_CELLS = ("",) * (len(HEADER) - 1)
 
 
@@ -30,21 +29,12 @@ def conditions(result: BenchmarkResult) -> str:
     )
 
 
-def print_result(result: BenchmarkResult) -> None:
-    """Print the table on stdout."""
-    rows: list[tuple[str | Text, ...]] = []
-    for heading, lines in result.sections.items():
-        rows += [(Text(heading, "bold"), *_NO_CELLS), *(line.cells() for line in lines)]
-    print_table("benchmark", [HEADER[0], *(f">{name}" for name in HEADER[1:])], rows)
-    print_line(conditions(result))
-
-
-def markdown(result: BenchmarkResult) -> str:
-    """The table for the documentation, with its conditions below."""
+def table(result: BenchmarkResult) -> Table:
+    """The table, with the conditions of the measurement as its note."""
     rows: list[tuple[str, ...]] = []
     for heading, lines in result.sections.items():
-        rows += [(f"**{heading}**", *_NO_CELLS), *(line.cells() for line in lines)]
-    return f"{markdown_table(HEADER, rows)}\n\n{conditions(result)}"
+        rows += [(heading, *_NO_CELLS), *(line.cells() for line in lines)]
+    return Table("benchmark", HEADER, rows, [conditions(result)])
 
 
 def update_document(result: BenchmarkResult, document: Path = DOCUMENT) -> None:
@@ -54,4 +44,4 @@ def update_document(result: BenchmarkResult, document: Path = DOCUMENT) -> None:
         ValueError: the file has no marks.
     """
     text = document.read_text(encoding="utf-8")
-    document.write_text(replace_between(text, MARK, f"\n{markdown(result)}\n"), encoding="utf-8")
+    document.write_text(replace_between(text, MARK, f"\n{table(result).markdown()}\n"), encoding="utf-8")

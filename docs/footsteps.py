@@ -20,7 +20,8 @@ import validation as val
 from ampm.parameters import RunParameters
 from ampm.planner import routes
 from ampm.planner.contacts import Footstep
-from validation.show.text import markdown_table, replace_between
+from validation.show.text import replace_between
+from validation.table import Table
 from validation.trial.plan import complete, load_request
 
 PAGE = Path(__file__).with_name("footsteps.md")
@@ -79,7 +80,8 @@ def _errors(rows: list[tuple[str, ...]]) -> str:
     """Table of the page: the RMSE of every walk, a column for each gait."""
     found = {tuple(row[0].split(", ", 1)): row[COLUMNS.index(ERROR)] for row in rows}
     titles, names = (list(dict.fromkeys(part)) for part in zip(*found, strict=True))
-    return markdown_table([ERROR, *titles], [[name, *(found[t, name] for t in titles)] for name in names])
+    rows = [[name, *(found[title, name] for title in titles)] for name in names]
+    return Table("", [ERROR, *titles], rows).markdown()
 
 
 def _row(name: str, run: RunParameters, footsteps: list[Footstep]) -> tuple[str, ...]:

@@ -15,12 +15,13 @@ from pathlib import Path
 
 from ampm.run_file import describe_keys
 from validation.cli.console import Narrator
-from validation.show.text import markdown_table, replace_between
+from validation.show.text import replace_between
 from validation.study.robustness.cells import PUSHES, REPLICAS, other_cells
 from validation.study.robustness.picture import draw
 from validation.study.robustness.result import Robustness
 from validation.study.robustness.run import robustness
 from validation.study.robustness.text import PUSH_HEADER, other_rows, push_rows
+from validation.table import Table
 
 PAGE = Path(__file__).with_name("footsteps.md")
 DATA = PAGE.parent / "data" / "robustness.csv"
@@ -62,14 +63,14 @@ def with_tables(page: str, studies: Studies) -> str:
         )
         for fixed, stepping in zip(*(push_rows(studies[name][0]) for name in STABILIZERS), strict=True)
     ]
-    page = replace_between(page, "pushes", markdown_table(PUSH_HEADER, pushes))
+    page = replace_between(page, "pushes", Table("", PUSH_HEADER, pushes).markdown())
     fixed, stepping = (studies[name][1] for name in STABILIZERS)
     others = [
         (*one[:4], *other[2:4])
         for one, other, item in zip(other_rows(fixed), other_rows(stepping), fixed.others, strict=True)
         if not item.cell.fixed
     ]
-    return replace_between(page, "others", markdown_table(OTHER, others))
+    return replace_between(page, "others", Table("", OTHER, others).markdown())
 
 
 def write(studies: Studies) -> None:

@@ -17,8 +17,9 @@ from pathlib import Path
 from trials import write_rows
 
 from validation.cli.console import Narrator
-from validation.show.text import markdown_table, replace_between
+from validation.show.text import replace_between
 from validation.study.tour import HEADER, Tours, Walked, tour
+from validation.table import Table
 
 PAGE = Path(__file__).with_name("footsteps.md")
 KEPT = PAGE.parents[1] / "build" / "tour"
@@ -37,8 +38,9 @@ def walk(body: str, share: float, seeds: int) -> Tours:
 
 def write(found: Sequence[tuple[str, Tours]]) -> None:
     """Rewrite the table of the page, and the data file."""
-    table = markdown_table(("body", *HEADER), [(body, *tours.row()) for body, tours in found])
-    PAGE.write_text(replace_between(PAGE.read_text(encoding="utf-8"), "tour", table), encoding="utf-8")
+    table = Table("", ("body", *HEADER), [(body, *tours.row()) for body, tours in found])
+    page = replace_between(PAGE.read_text(encoding="utf-8"), "tour", table.markdown())
+    PAGE.write_text(page, encoding="utf-8")
     names = [field.name for field in fields(Walked)]
     rows = [
         (body, f"{tours.share:.3g}", tours.stabilizer, *(_cell(getattr(walk, name)) for name in names))

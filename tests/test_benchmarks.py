@@ -18,6 +18,7 @@ from validation.cli.options import Status
 from validation.progress import Progress
 from validation.show.text import format_duration
 from validation.study.sweep.design import parse_sweep
+from validation.table import print_tables
 from validation.trial.plan import load_request
 
 STEPS = 2
@@ -52,7 +53,7 @@ def test_everything_is_measured(result):
 
 
 def test_the_table_shows_every_line(result, capsys, tmp_path):
-    table.print_result(result)
+    print_tables([table.table(result)])
     shown = capsys.readouterr().out
     for heading, lines in result.sections.items():
         assert heading in shown
@@ -62,7 +63,7 @@ def test_the_table_shows_every_line(result, capsys, tmp_path):
     for _ in range(2):
         table.update_document(result, document)
     text = document.read_text(encoding="utf-8")
-    assert table.markdown(result) in text
+    assert table.table(result).markdown() in text
     assert f"| **walk with OSQP, {STEPS} steps** |" in text
     assert text.splitlines()[0] == table.DOCUMENT.read_text(encoding="utf-8").splitlines()[0]
 

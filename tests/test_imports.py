@@ -18,7 +18,9 @@ ORDER = {
         "exceptions brief presets arithmetic geometry compiled vectors linear description admm qp section "
         "disturbance parameters run_file planner walk body control planners tune __main__"
     ).split(),
-    "validation": ("progress trial store measure judge show run study cli environment pytest_plugin").split(),
+    "validation": (
+        "progress table trial store measure judge show run study cli environment pytest_plugin"
+    ).split(),
 }
 """Rooms of a package, each of which may import itself and those before it. The package itself comes last."""
 

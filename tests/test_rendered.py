@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from validation.study.sweep.forecast import Forecast, Refused
 
 from tests.saved_run import make_run
 from tests.sweep_table import ENVIRONMENT, make_table, replaced, sweep_of
@@ -30,7 +31,6 @@ from validation.study.sweep import figures
 from validation.study.sweep.design import parse_sweep
 from validation.study.sweep.diff import compare_sweeps
 from validation.study.sweep.diff_text import print_diff, write_page
-from validation.study.sweep.forecast import Forecast, Refused
 from validation.study.sweep.report import render as render_sweep
 
 FOLDER = Path(__file__).parent / "rendered"

@@ -148,7 +148,7 @@ def assert_within(request: pytest.FixtureRequest) -> Callable[..., None]:
                     f"{_title(trial)}: {verdict.name.replace('_', ' ')} ({verdict.profile}). {verdict.reason}"
                 )
                 wrong += [
-                    f"    {item.name} {item}, limit {item.displayed(item.tolerance):.3g}"
+                    f"    {item.label}: {item}, limit {item.displayed(item.tolerance):.3g}"
                     for item in verdict.failed
                 ]
         if wrong:

@@ -1,8 +1,9 @@
 """The one table of results: printed on a terminal, shown on a page, written as Markdown."""
 
-import html
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from typing import Literal
 
 from rich.console import Console, ConsoleOptions, RenderResult
@@ -10,7 +11,15 @@ from rich.table import Table as TerminalTable
 from rich.text import Text
 
 COLORS = {"pass": "green", "better": "green", "fail": "red", "worse": "red", "undecided": "yellow"}
-"""Colour of a cell on a terminal, by its whole text in lower case."""
+"""Colour of a cell on a terminal and on a page, by its whole text in lower case."""
+ABSENT = "–"
+"""Stands for a number that is absent or not defined."""
+BODY_WEIGHT = "% BW"
+"""Percent of body weight, short for tables."""
+USED = ">used"
+"""Header of a column of percentages that a page also shows as bars."""
+_LONG = 34
+"""Characters from which a cell of a page may break its line."""
 _FILE_WIDTH = 160
 """Columns of a table that is written to a file or a pipe."""
 
@@ -18,6 +27,8 @@ _FILE_WIDTH = 160
 @dataclass(frozen=True)
 class Table:
     """Rows of texts under a title.
+
+    A row of which only the first cell has a text is a heading.
 
     Attributes:
         title: line above; empty for none.
@@ -48,7 +59,8 @@ class Table:
     def markdown(self) -> str:
         """Table and notes in Markdown, without the title and without a line break at the end."""
         marks = ["---:" if self.is_right(column) else "---" for column in range(len(self.columns))]
-        lines = [_markdown_row(cells) for cells in (self.headers, marks, *self.rows)]
+        body = [[f"**{row[0]}**", *row[1:]] if is_heading(row) else row for row in self.rows]
+        lines = [_markdown_row(cells) for cells in (self.headers, marks, *body)]
         return "\n".join(lines) + "".join(f"\n\n{note}" for note in self.notes)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
@@ -56,9 +68,10 @@ class Table:
         table = TerminalTable()
         for number, header in enumerate(self.headers):
             justify: Literal["left", "right"] = "right" if self.is_right(number) else "left"
-            table.add_column(Text(header), justify=justify, no_wrap=justify == "right" or number == 0)
+            table.add_column(Text(header), justify=justify, no_wrap=justify == "right")
         for row in self.rows:
-            table.add_row(*(Text(cell, COLORS.get(cell.lower(), "")) for cell in row))
+            style = "bold" if is_heading(row) else ""
+            table.add_row(*(Text(cell, COLORS.get(cell.lower(), style)) for cell in row))
         if self.title:
             yield Text(self.title, style="bold")
         if self.rows:
@@ -66,15 +79,66 @@ class Table:
         for note in self.notes:
             yield Text(note)
 
-    def _repr_html_(self) -> str:
-        """For notebooks."""
-        header = "".join(f"<th>{html.escape(text)}</th>" for text in self.headers)
-        rows = "".join(
-            f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in self.rows
+    def __html__(self) -> str:
+        """For pages and notebooks; empty without rows and notes."""
+        title = f"<h3>{escape(self.title)}</h3>" if self.title else ""
+        header = "".join(
+            f"<th{self._html_class(number)}>{escape(text)}</th>" for number, text in enumerate(self.headers)
         )
-        notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
-        title = f"<caption>{html.escape(self.title)}</caption>"
-        return f"<table>{title}<thead><tr>{header}</tr></thead><tbody>{rows}</tbody></table>{notes}"
+        head = f"<thead><tr>{header}</tr></thead>" if any(self.headers) else ""
+        rows = "\n".join(f"<tr>{self._html_row(row)}</tr>" for row in self.rows)
+        table = f'<div class="scroll"><table>{head}<tbody>\n{rows}\n</tbody></table></div>' if rows else ""
+        notes = "".join(f'<p class="note">{escape(note)}</p>' for note in self.notes)
+        return f"{title}{table}{notes}" if rows or notes else ""
+
+    _repr_html_ = __html__
+
+    def _html_row(self, row: Sequence[str]) -> str:
+        if is_heading(row):
+            return f'<th colspan="{len(row)}" class="group">{escape(row[0])}</th>'
+        cells = [
+            f"<td{self._html_class(number, cell)}>{escape(cell)}{self._bar(number, cell)}</td>"
+            for number, cell in enumerate(row)
+        ]
+        first = cells[0].removeprefix("<td").removesuffix("</td>")
+        return f'<th scope="row"{first}</th>{"".join(cells[1:])}'
+
+    def _html_class(self, column: int, cell: str = "") -> str:
+        names = ["n"] * self.is_right(column) + ["long"] * (len(cell) > _LONG)
+        if color := COLORS.get(cell.lower()):
+            names.append(color)
+        return f' class="{" ".join(names)}"' if names else ""
+
+    def _bar(self, column: int, cell: str) -> str:
+        """A bar below a percentage."""
+        if self.columns[column] != USED or not cell.endswith("%"):
+            return ""
+        percent = float(cell.removesuffix("%").removeprefix(">"))
+        kind = "bar over" if percent > 100.0 else "bar"
+        return f'<div class="{kind}"><i style="width:{min(max(percent, 0.0), 100.0):.0f}%"></i></div>'
+
+
+def is_heading(row: Sequence[str]) -> bool:
+    """Whether a row has a text in the first of several cells only."""
+    return len(row) > 1 and bool(row[0]) and not any(row[1:])
+
+
+def format_number(value: float | None, digits: int = 4) -> str:
+    """A number for a table: significant digits, or a dash where there is none."""
+    return ABSENT if value is None or math.isnan(value) else f"{value:.{digits}g}"
+
+
+def format_share(value: float | None, limit: float | None) -> str:
+    """How much of a limit a value uses, for a column :data:`USED`; empty where there is none."""
+    if value is None or math.isnan(value) or not limit:
+        return ""
+    share = value / limit
+    return f"{100.0 * share:.0f} %" if share < 100.0 else "> 10000 %"
+
+
+def short_unit(unit: str) -> str:
+    """A unit of a run's summary, short for tables."""
+    return unit.replace("% of body weight", BODY_WEIGHT)
 
 
 def print_tables(tables: Iterable[Table]) -> None:

@@ -10,7 +10,6 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from rich.text import Text
 
 from ampm.geometry import Array
 from benchmarks.clock import Samples
@@ -19,8 +18,9 @@ from benchmarks.peers.qpset import accuracy, load_set
 from benchmarks.peers.solve import SOLVERS
 from benchmarks.table import DOCUMENT
 from validation.progress import Progress
-from validation.show.text import format_duration, print_line, print_table, replace_between
+from validation.show.text import format_duration, replace_between
 from validation.store.environment import describe_environment
+from validation.table import Table, print_tables
 from validation.trial.plan import load_request, plan_walk
 
 MARK = "what the peers show, written by python -m benchmarks peers --markdown"
@@ -220,13 +220,11 @@ def conditions() -> str:
 
 def print_sections(sections: Sequence[Section]) -> None:
     """Print the table on stdout."""
-    rows: list[tuple[str | Text, ...]] = []
+    rows: list[tuple[str, ...]] = []
     for section in sections:
-        rows += [(Text(section.title, "bold"), *[""] * 6), *section.rows()]
-    print_table("peers", ["", "", *(f">{name}" for name in HEADER[2:6]), ""], rows)
-    for section in sections:
-        print_line(section.remark())
-    print_line(conditions())
+        rows += [(section.title, *[""] * 6), *section.rows()]
+    notes = [*filter(None, (section.remark() for section in sections)), conditions()]
+    print_tables([Table("peers", ["", "", *(f">{name}" for name in HEADER[2:6]), ""], rows, notes)])
 
 
 def update_document(sections: Sequence[Section]) -> None:

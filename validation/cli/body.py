@@ -12,7 +12,8 @@ import typer
 
 from validation.cli.console import Narrator
 from validation.cli.options import Json, Settings, Status, answer, option
-from validation.show.text import format_number, format_value, print_line, print_table
+from validation.show.text import format_value, print_line
+from validation.table import Table, format_number, print_tables
 
 if TYPE_CHECKING:
     from validation.run.body_check import BodyCheck
@@ -55,18 +56,16 @@ def check(
 
 def print_check(found: BodyCheck) -> None:
     """Print a check for a reader."""
-    rows = [
-        (name, format_number(value, 4), "" if unit == "1" else unit)
+    facts = [
+        (name, format_number(value), "" if unit == "1" else unit)
         for name, (value, unit) in found.facts.items()
     ]
-    print_table(f"body {found.name}", ("quantity", ">value", "unit"), rows)
-    for note in found.notes:
-        print_line(f"  {note}")
+    tables = [Table(f"body {found.name}", ("quantity", ">value", "unit"), facts, found.notes)]
     if found.torque:
         title = "largest torque over its limit, in the best periodic step found"
-        print_table(
-            title, ("joints", ">share"), [(name, f"{share:.2f}") for name, share in found.torque.items()]
-        )
+        shares = [(name, f"{share:.2f}") for name, share in found.torque.items()]
+        tables.append(Table(title, ("joints", ">share"), shares))
+    print_tables(tables)
     if found.refusal:
         print_line(f"  It cannot walk a gait of its size: {found.refusal}")
     else:

@@ -6,6 +6,7 @@ Commands import what they run: NumPy, Pinocchio and matplotlib take long to load
 from __future__ import annotations
 
 from dataclasses import asdict, fields
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,9 +31,9 @@ from validation.cli.options import (
     with_footsteps,
     with_short,
 )
-from validation.show.text import format_number, format_value, print_table
+from validation.show.text import format_value
 from validation.store.folders import check_folder_of, check_output_file, output_file
-from validation.table import Table, print_tables
+from validation.table import Table, format_number, print_tables
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -276,7 +277,6 @@ def describe_keys(request: Request) -> list[dict[str, Any]]:
 def print_keys(request: Request) -> None:
     """Print all parameters, section by section."""
     described = describe_keys(request)
-    for section in dict.fromkeys(item["key"].partition(".")[0] for item in described):
-        own = [item for item in described if item["key"].startswith(f"{section}.")]
-        rows = [[str(value) for value in item.values()] for item in own]
-        print_table(f"{section} of {request.name}", list(own[0]), rows)
+    for section, items in groupby(described, lambda item: item["key"].partition(".")[0]):
+        rows = [[str(value) for value in item.values()] for item in items]
+        print_tables([Table(f"{section} of {request.name}", list(described[0]), rows)])

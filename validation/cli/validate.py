@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.text import Text
 
 from ampm.exceptions import RefusedGait
 from validation.cli.console import Narrator, print_json
@@ -33,7 +32,8 @@ from validation.cli.options import (
     with_short,
 )
 from validation.progress import interruption
-from validation.show.text import ABSENT, format_number, judged, print_line, print_table, print_verdict
+from validation.show.text import print_line, print_verdict
+from validation.table import print_tables
 
 app = typer.Typer()
 
@@ -192,76 +192,12 @@ def print_result(summary: Mapping[str, Any], folder: Path) -> None:
         summary: contents of the file.
         folder: that holds it.
     """
-    from validation.trial.plan import gait_title
+    from validation.show.cost_table import cost_table
+    from validation.store.metric_table import metric_table, summary_title
 
-    title = gait_title(summary["gait"], summary.get("changed", {}), summary.get("planner", ""))
-    whole = all(item["first_step"] is None for item in summary["metrics"].values())
-    print_table(
-        f"{title}: measured against plan{'' if whole else ', without the first step'} "
-        f"(profile {summary['profile']})",
-        ("metric", ">value", ">limit", "unit", ""),
-        [_row(name, item) for name, item in summary["metrics"].items() if item["tolerance"] is not None],
-    )
-    for name, text in _cost(summary).items():
-        print_line(f"  {name:<18}{text}")
-    print_verdict(title, summary["verdict"], summary["reason"])
-    if known := summary.get("uncertainty"):
-        inside = " + ".join(known.get("studies") or ())
-        text = f"± numerical uncertainty{f' ({inside})' if inside else ''} of a convergence study of "
-        text += f"{known['steps']} steps; a value closer to its limit than that is undecided"
-        if lacking := known.get("not_studied"):
-            text += f"; not studied, so nothing is decided: {', '.join(lacking)}"
-        print_line(f"  {text}")
+    print_tables([metric_table(summary), cost_table(summary)])
+    print_verdict(summary_title(summary), summary["verdict"], summary["reason"])
     for file, what in (("recording.rrd", f"ampm view {folder}"), ("report.html", "open in a browser")):
         if (folder / file).is_file():
             print_line(f"  {folder / file}  ({what})")
     print_line()
-
-
-def _row(name: str, metric: Mapping[str, Any]) -> tuple[str | Text, ...]:
-    shown = metric["display"]
-    mark = "undecided" if metric.get("undecided") else {True: "pass", False: "FAIL"}.get(metric["pass"])
-    value = format_number(shown["value"], 3)
-    if metric.get("not_studied"):
-        known = shown["uncertainty_at_least"]
-        value += " ± not studied" if known is None else f" ± ≥ {format_number(float(known), 2)}"
-    elif "uncertainty" in shown:
-        value += f" ± {format_number(float(shown['uncertainty']), 2)}"
-    unit = shown["unit"].replace("% of body weight", "% of weight")  # a terminal has 80 columns
-    return name, value, format_number(shown["tolerance"], 3), unit, judged(mark) if mark else "not judged"
-
-
-def _cost(summary: Mapping[str, Any]) -> dict[str, str]:
-    """Cost of the walk, by name."""
-    margins, solver, timing = summary["margins"], summary["solver"], summary["timing"]
-    torque, support = margins["torque"], margins["measured_polygon"]["value"]
-    gap = margins["clearance"]
-    simulated, friction = format_number(timing["simulated"]), format_number(margins["friction"]["value"], 2)
-    lines = {
-        "outcome": f"{summary['outcome']}, {summary['steps_completed']} steps in {simulated} s",
-        "feedback": f"command minus plan, RMS: ZMP x y {_millimetres(summary['effort']['zmp'], 2)} mm",
-        "torque": f"{_scaled(torque['value'], 100, ' %')} of a motor's limit at most ({torque['where']})",
-        "friction": f"{friction} used of {format_number(margins['friction_available'], 2)}",
-        "ZMP margin": f"measured, at least {_scaled(support, 1000, ' mm', 1)}",
-        "knee": f"bent by {format_number(margins['knee']['value'], 3)} rad at least",
-        "clearance": "not judged, as the model has no shapes"
-        if gap["value"] is None
-        else f"{_scaled(gap['value'], 1000, ' mm', 1)} at least ({gap['where']})",
-        "QP": f"{solver['ticks']} ticks, {solver['unsolved']} unsolved, "
-        f"{_scaled(solver['time_median'], 1e6, ' us')} median, "
-        f"{_scaled(solver['time_p99'], 1e6, ' us')} at the 99th percentile",
-        "speed": f"closed loop at {format_number(timing['real_time_factor'], 3)} times real time",
-    }
-    if solver["unsolved"] is None:
-        lines["QP"] = "none, so failed_qp does not apply"
-    if summary["effort"]["zmp"] == [None, None]:
-        lines["feedback"] = "not measured: no command was reported after the first step"
-    return lines
-
-
-def _millimetres(values: list[float | None], digits: int) -> str:
-    return " ".join(format_number(None if value is None else 1000 * value, digits) for value in values)
-
-
-def _scaled(value: float | None, scale: float, unit: str, decimals: int = 0) -> str:
-    return ABSENT if value is None else f"{scale * value:.{decimals}f}{unit}"

@@ -64,6 +64,11 @@ class MetricResult:
     not_studied: tuple[str, ...]
 
     @property
+    def label(self) -> str:
+        """Readable name."""
+        return METRICS[self.name].label
+
+    @property
     def value(self) -> float:
         """Measured value, in SI units."""
         return self.of.value
@@ -95,7 +100,7 @@ class MetricResult:
             "tolerance": self.displayed(self.tolerance),
         }
         entry: dict[str, Any] = {
-            "label": METRICS[self.name].label,
+            "label": self.label,
             "kind": METRICS[self.name].kind,
             "value": self.value,
             "unit": self.of.unit,
@@ -216,7 +221,7 @@ def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int
     """Verdict and its reason."""
 
     def against(item: MetricResult) -> str:
-        return f"{item.name}: {item}, limit {item.displayed(item.tolerance):.3g}"
+        return f"{item.label}: {item}, limit {item.displayed(item.tolerance):.3g}"
 
     failed = [item for item in results if item.passed is False]
     undecided = [item for item in results if item.undecided]
@@ -229,7 +234,8 @@ def _conclude(results: tuple[MetricResult, ...], missing: list[str], limits: int
         reason = f"{len(failed)} of {limits} tolerances not met; the furthest is {against(worst)}."
         return VerdictName.FAIL, reason + (f" {len(undecided)} undecided: {why}." if undecided else "")
     if missing:
-        reason = f"Not measured: {', '.join(missing)}; a run must last longer than its first step."
+        labels = "; ".join(METRICS[name].label for name in missing)
+        reason = f"Not measured: {labels}. A run must last longer than its first step."
         return VerdictName.NOT_MEASURED, reason
     if undecided:
         least = max(undecided, key=lambda item: (item.uncertainty or 0.0) / (item.tolerance or math.inf))

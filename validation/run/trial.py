@@ -25,6 +25,7 @@ from validation.store.environment import describe_environment
 from validation.store.folders import run_folder
 from validation.store.json import write_json
 from validation.store.machine import memory_peak
+from validation.store.metric_table import metric_table
 from validation.store.record import save_record
 from validation.store.saved import (
     ENVIRONMENT_FILE,
@@ -36,6 +37,7 @@ from validation.store.saved import (
     save_description,
 )  # fmt: skip
 from validation.store.signals import SIGNALS_FILE, save_signals
+from validation.table import Table
 from validation.trial.plan import PlannedWalk
 from validation.trial.record import SimulationRecord
 from validation.trial.scene import disturbed_model
@@ -96,6 +98,10 @@ class Trial:
     def summary(self) -> dict[str, Any]:
         """Contents of ``summary.json``, without entries that only a folder has."""
         return results_of(self, describe_environment())
+
+    def table(self) -> Table:
+        """Every judged metric with its limit."""
+        return metric_table(self.summary)
 
     def save(self, folder: str | Path, *, force: bool = False, recording: bool = True) -> Path:
         """Keep the trial in a folder, as ``ampm validate`` does.

@@ -4,41 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any, Literal
+from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
-BODY_WEIGHT = "% BW"
-"""Percent of body weight, short for tables."""
-ABSENT = "–"
-"""Stands for a number that is absent or not defined."""
-_FILE_WIDTH = 160
-"""Columns of a table that is written to a file or a pipe."""
+from validation.table import ABSENT as ABSENT
+from validation.table import BODY_WEIGHT as BODY_WEIGHT
+from validation.table import COLORS, Table, print_tables, short_unit
+from validation.table import format_number as format_number
 
 
 def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> None:
-    """Print a table on stdout.
-
-    Args:
-        title: line above.
-        columns: header of each column; a ``>`` before it aligns the column to the right.
-        rows: cells; texts are printed as they are.
-    """
-    table = Table()
-    for number, header in enumerate(columns):
-        right = header.startswith(">")
-        justify: Literal["left", "right"] = "right" if right else "left"
-        table.add_column(Text(header.removeprefix(">")), justify=justify, no_wrap=right or number == 0)
-    for row in rows:
-        table.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
-    console = Console(highlight=False)
-    if not console.is_terminal:  # a file or a pipe has no width
-        console.width = max(console.width, _FILE_WIDTH)
-    # Otherwise the title is padded with blanks to the table's width.
-    console.print(Text(title, style="bold"), soft_wrap=True)
-    console.print(table)
+    """Print a table on stdout, see :class:`Table`."""
+    print_tables([Table(title, columns, [[str(cell) for cell in row] for row in rows])])
 
 
 def print_line(text: str | Text = "", style: str = "") -> None:
@@ -48,18 +27,13 @@ def print_line(text: str | Text = "", style: str = "") -> None:
 
 def judged(verdict: str) -> Text:
     """The word of a verdict in its colour: green, red, or yellow if undecided."""
-    return Text(verdict, {"pass": "green", "fail": "red", "": ""}.get(verdict.lower(), "yellow"))
+    return Text(verdict, COLORS.get(verdict.lower(), "yellow" if verdict else ""))
 
 
 def print_verdict(name: str, verdict: str, reason: str) -> None:
     """Print a verdict on one line, with its reason."""
     word = f"{name}: {verdict.replace('_', ' ').upper()}"
     print_line(Text.assemble((word, f"bold {judged(verdict).style}"), f"  {reason}"))
-
-
-def format_number(value: float | None, digits: int = 4) -> str:
-    """A number for a table: significant digits, or a dash where there is none."""
-    return ABSENT if value is None or math.isnan(value) else f"{value:.{digits}g}"
 
 
 def format_value(value: Any) -> str:
@@ -90,7 +64,7 @@ def number(value: Any, digits: int = 3) -> str:
 def with_unit(value: Any, unit: str, digits: int = 3) -> str:
     """A number and its unit, with a non-breaking space."""
     text = number(value, digits)
-    unit = BODY_WEIGHT if unit == "% of body weight" else unit
+    unit = short_unit(unit)
     return text if text == ABSENT or unit in ("", "1") else f"{text} {unit}".replace(" ", "\u00a0")
 
 
@@ -102,8 +76,7 @@ def limit_with_unit(limit: float, unit: str) -> str:
 
 def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table in Markdown, without a line break at its end."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+    return Table("", header, list(rows)).markdown()
 
 
 def replace_between(page: str, name: str, text: str) -> str:

@@ -26,10 +26,11 @@ from ampm.planner.zmp_laws import STEP_PLANNERS
 from ampm.run_file import load_run
 from validation.store.folders import RUN_FILES
 from validation.store.json import dump_json
+from validation.store.metric_table import metric_table, summary_title
 from validation.store.record import MODEL_FILE as MODEL_FILE
 from validation.store.record import StoredRecord
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
-from validation.trial.plan import gait_title
+from validation.table import Table
 
 _DESCRIPTION = TypeAdapter(BodyDescription)
 
@@ -76,8 +77,11 @@ class SavedRun:
     @property
     def title(self) -> str:
         """Name of the gait, what was changed in it, and its planner if it is not the default one."""
-        summary = self.summary
-        return gait_title(summary["gait"], summary.get("changed", {}), summary.get("planner", ""))
+        return summary_title(self.summary)
+
+    def table(self) -> Table:
+        """Every judged metric with its limit."""
+        return metric_table(self.summary)
 
     def plan(self) -> StepPlan | None:
         """Evaluate the plan of COM and feet again.

@@ -242,22 +242,15 @@ def _stride(step: float, least: float) -> int:
 def verdict_markdown(saved: SavedRun) -> str:
     """The verdict and its metrics as Markdown, for the recording's first panel."""
     summary = saved.summary
-    lines = [f"# {summary['verdict']} ({saved.record.outcome.name})", "", summary["reason"], ""]
-    lines += ["| | value | tolerance | |", "|---|---|---|---|"]
-    for name, metric in summary["metrics"].items():
-        shown = metric["display"]
-        if shown["tolerance"] is None:
-            continue
-        value = "not measured" if shown["value"] is None else f"{shown['value']:.3g} {shown['unit']}"
-        passed = {True: "pass", False: "**FAIL**", None: ""}[metric["pass"]]
-        lines.append(f"| {name.replace('_', ' ')} | {value} | {shown['tolerance']:.3g} | {passed} |")
     step = f"{1e3 * saved.record.time_step:g} ms"
-    lines += [
-        "",
-        "Curves: one sample every 2 ms at most, and both sides of every switch of phase or contact.",
+    parts = [
+        f"# {summary['verdict']} ({saved.record.outcome.name})",
+        summary["reason"],
+        saved.table().markdown(),
+        "Curves: one sample every 2 ms at most, and both sides of every switch of phase or contact. "
         f"Every time step ({step}) is in `signals.parquet`.",
     ]
-    return plain_text("\n".join(lines) + "\n")
+    return plain_text("\n\n".join(parts) + "\n")
 
 
 def plain_text(text: str) -> str:

@@ -1,0 +1,88 @@
+"""The tables of what a walk cost, and of all that is not judged, made from its ``summary.json``."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from validation.judge.metrics import METRICS, Metric, cost_entry, display_unit
+from validation.table import USED, Table, format_number, format_share, short_unit
+
+_SHARES = ("margin_torque", "margin_saturated")
+"""Costs that are shown as percentages."""
+_SHOWN = (
+    "effort_zmp_x",
+    "effort_zmp_y",
+    *_SHARES,
+    "margin_friction",
+    "margin_measured_polygon",
+    "margin_slip",
+    "margin_knee",
+    "margin_joint",
+    "margin_clearance",
+    "energy_cost_of_transport",
+)
+"""Costs beside the agreement; the others are in :func:`reported_table`."""
+
+
+def cost_table(summary: Mapping[str, Any]) -> Table:
+    """Effort of a walk, and what was left to its limits, beside which agreement must be read.
+
+    Args:
+        summary: contents of ``summary.json``.
+    """
+    rows = [_row(summary, METRICS[name]) for name in _SHOWN]
+    columns = ("cost", ">value", ">limit", "unit", USED, "where")
+    return Table("effort and margins", columns, rows, [_sentence(summary)])
+
+
+def reported_table(summary: Mapping[str, Any]) -> Table:
+    """Metrics without a limit, and the costs that :func:`cost_table` leaves out."""
+    rows = [
+        (item["label"], format_number(item["display"]["value"]), short_unit(item["display"]["unit"]), "")
+        for item in summary["metrics"].values()
+        if item["tolerance"] is None
+    ]
+    rest: Iterable[Metric] = (item for item in METRICS.values() if item.section and item.name not in _SHOWN)
+    for metric in rest:
+        label, value, _, unit, _, where = _row(summary, metric)
+        rows.append((label, value, unit, where))
+    return Table("", ("", ">value", "unit", "where"), rows)
+
+
+def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:
+    value, where = cost_entry(summary, metric), ""
+    if isinstance(value, Mapping):
+        at = "" if value["time"] is None else f", {value['time']:.2f} s"
+        where = f"{value['where'].replace('_', ' ')}{at}".removeprefix(", ")
+        value = value["value"]
+    scale, unit = display_unit(metric.unit, summary["scales"]["body_weight"])
+    if metric.name in _SHARES:
+        scale, unit = 100.0, "%"
+    elif metric.section == "energy":  # a way of metres
+        scale, unit = 1.0, metric.unit.removesuffix("1")
+    limits = {"margin_torque": 1.0, "margin_friction": summary["margins"]["friction_available"]}
+    limit = limits.get(metric.name)
+    if value is None:
+        return metric.label, format_number(None), "", "", "", where
+    return (
+        metric.label,
+        format_number(scale * value, 3),
+        "" if limit is None else format_number(scale * limit),
+        short_unit(unit),
+        format_share(value, limit),
+        where,
+    )
+
+
+def _sentence(summary: Mapping[str, Any]) -> str:
+    """Length of the walk, and how its QPs were solved."""
+    solver, timing = summary["solver"], summary["timing"]
+    walked = f"{summary['outcome']}, {summary['steps_completed']} steps in {timing['simulated']:.4g} s"
+    factor = f"the closed loop at {format_number(timing['real_time_factor'], 3)} times real time"
+    if solver["unsolved"] is None:
+        return f"{walked}, {factor}; no QP was reported."
+    times = f"{_microseconds(solver['time_median'])} us median, {_microseconds(solver['time_p99'])} us 99 %"
+    return f"{walked}, {factor}; {solver['ticks']} QPs, {solver['unsolved']} unsolved, {times}."
+
+
+def _microseconds(seconds: float | None) -> str:
+    return format_number(None if seconds is None else 1e6 * seconds, 3)

@@ -1,0 +1,71 @@
+"""The table of a run's metrics, made from its ``summary.json``."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from validation.table import BODY_WEIGHT, USED, Table, format_number, format_share, short_unit
+from validation.trial.plan import gait_title
+
+
+def summary_title(summary: Mapping[str, Any]) -> str:
+    """Name of the gait, what was changed in it, and its planner if it is not the default one."""
+    return gait_title(summary["gait"], summary.get("changed", {}), summary.get("planner", ""))
+
+
+def metric_table(summary: Mapping[str, Any]) -> Table:
+    """Every judged metric with its limit; those that check the measurement itself come last.
+
+    Args:
+        summary: contents of ``summary.json``. Labels are read from it, as other processes may not have a
+            user's metric.
+    """
+    judged = [item for item in summary["metrics"].values() if item["tolerance"] is not None]
+    rows = [_row(item) for item in judged if item["kind"] != "instrument"]
+    checks = [_row(item) for item in judged if item["kind"] == "instrument"]
+    if checks:
+        rows += [("Checks of the measurement", *[""] * 5), *checks]
+    first = "" if all(item["first_step"] is None for item in judged) else ", without the first step"
+    return Table(
+        f"{summary_title(summary)}: measured against plan{first} (profile {summary['profile']})",
+        ("metric", ">value", ">limit", "unit", USED, ""),
+        rows,
+        _notes(summary, rows),
+    )
+
+
+def _row(metric: Mapping[str, Any]) -> tuple[str, ...]:
+    shown = metric["display"]
+    value, limit = shown["value"], shown["tolerance"]
+    verdict = {True: "pass", False: "FAIL", None: "not judged"}[metric["pass"]]
+    return (
+        metric["label"],
+        format_number(value, 3) + _spread(metric),
+        format_number(limit),
+        short_unit(shown["unit"]),
+        format_share(value, limit),
+        "undecided" if metric.get("undecided") else verdict,
+    )
+
+
+def _spread(metric: Mapping[str, Any]) -> str:
+    """Numerical uncertainty of a value, empty if none is known."""
+    shown = metric["display"]
+    if metric.get("not_studied"):
+        least = shown["uncertainty_at_least"]
+        return " ± not studied" if least is None else f" ± ≥ {format_number(float(least), 2)}"
+    known = shown.get("uncertainty")
+    return "" if known is None else f" ± {format_number(float(known), 2)}"
+
+
+def _notes(summary: Mapping[str, Any], rows: list[tuple[str, ...]]) -> list[str]:
+    notes = ["BW: body weight."] if any(BODY_WEIGHT in row for row in rows) else []
+    if known := summary.get("uncertainty"):
+        studies = " + ".join(known["studies"])
+        inside = f" ({studies})" if studies else ""
+        notes.append(
+            f"±: numerical uncertainty{inside} by a convergence study of {known['gait']}, {known['steps']} "
+            "steps a level. A value closer to its limit than that is undecided."
+        )
+        if known["not_studied"]:
+            notes.append(f"Not studied, so nothing is decided: {', '.join(known['not_studied'])}.")
+    return notes
