@@ -1,18 +1,31 @@
-"""The one table of results, in its forms."""
+"""The one table of results: its forms, and the tables of a run from one summary."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from validation.table import Table, print_tables
+from tests.test_report import Page
+from validation.cli.validate import print_result
+from validation.judge.metrics import METRICS
+from validation.show.cost_table import cost_table, reported_table
+from validation.show.rerun.record import verdict_markdown
+from validation.store.metric_table import metric_table
+from validation.table import Table, format_share, print_tables
 
 TABLE = Table(
-    "walk", ["metric", ">value", ""], [["zmp [mm]", "0.59", "pass"], ["a|b", "2", "FAIL"]], ["A note."]
+    "walk",
+    ["metric", ">value", ""],
+    [["signals", "", ""], ["zmp [mm]", "0.59", "pass"], ["a|<b>", "2", "FAIL"]],
+    ["A note."],
 )
 
 
-def test_markdown_has_alignment_escapes_and_notes():
+def test_markdown_has_alignment_headings_escapes_and_notes():
     lines = TABLE.markdown().splitlines()
-    assert lines[:2] == ["| metric | value |  |", "| --- | ---: | --- |"]
-    assert lines[3] == "| a\\|b | 2 | FAIL |"
+    assert lines[:3] == ["| metric | value |  |", "| --- | ---: | --- |", "| **signals** |  |  |"]
+    assert lines[4] == "| a\\|<b> | 2 | FAIL |"
     assert lines[-1] == "A note."
 
 
@@ -24,10 +37,117 @@ def test_terminal_prints_cells_as_they_are(capsys):
     assert out.splitlines()[-1] == "A note."
 
 
-def test_html_escapes():
-    assert "<td>&lt;b&gt;</td>" in Table("t", ["x"], [["<b>"]])._repr_html_()
+def test_page_has_headings_colours_and_escapes():
+    html = TABLE.__html__()
+    assert Page(html).open == []
+    assert '<th colspan="3" class="group">signals</th>' in html
+    assert '<th scope="row">a|&lt;b&gt;</th><td class="n">2</td><td class="red">FAIL</td>' in html
+    assert Table("t", ["x"], []).__html__() == ""
 
 
 def test_rows_must_fit():
     with pytest.raises(ValueError, match="2 cells for 1 columns"):
         Table("t", ["x"], [["1", "2"]])
+
+
+@pytest.mark.parametrize(
+    ("value", "limit", "text"),
+    [(0.6, 2.5, "24 %"), (3.0, 2.0, "150 %"), (1e9, 1.0, "> 10000 %"), (1.0, 0.0, ""), (None, 1.0, "")],
+)
+def test_share_of_a_limit(value, limit, text):
+    assert format_share(value, limit) == text
+    html = Table("", ["x", ">used"], [["x", text]]).__html__()
+    assert ('class="bar over"' in html) == (bool(text) and value > limit)
+
+
+# ------------------------------------------------------------------------------ tables of a run
+
+
+def metric(name, value, tolerance, unit, passed, **more):
+    known = METRICS[name]
+    display = {"value": value, "tolerance": tolerance, "unit": unit, **more.pop("display", {})}
+    return {
+        "label": known.label, "kind": known.kind, "unit": known.unit, "value": value, "tolerance": tolerance,
+        "pass": passed, "first_step": 0.1, "display": display, "reason": "Why.", **more,
+    }  # fmt: skip
+
+
+def summary():
+    """Contents of a ``summary.json`` with a metric of every kind of verdict."""
+    extreme = {"value": 0.5, "time": 1.25, "where": "left_knee_pitch"}
+    margins = {item.name.partition("_")[2]: extreme for item in METRICS.values() if item.section == "margins"}
+    energy = {item.name.partition("_")[2]: 2.0 for item in METRICS.values() if item.section == "energy"}
+    unknown = {"value": None, "time": None, "where": ""}
+    return {
+        "gait": "normal", "profile": "default", "outcome": "completed", "verdict": "fail",
+        "reason": "One is not met.", "steps_completed": 6,
+        "metrics": {
+            "zmp_x_rmse": metric("zmp_x_rmse", 0.586, 2.5, "mm", True, display={"uncertainty": 0.083}),
+            "failed_qp": metric("failed_qp", 3.0, 0.0, "", False),
+            "force_x_rmse": metric("force_x_rmse", 0.9, 0.8, "% of body weight", None, undecided=True,
+                not_studied=["qp_tolerance"], display={"uncertainty_at_least": "inf"}),
+            "zmp_y_rmse": metric("zmp_y_rmse", None, 1.5, "mm", None),
+            "com_x_rmse": metric("com_x_rmse", 0.03, None, "mm", None),
+        },
+        "margins": {**margins, "clearance": unknown, "friction_available": 0.8},
+        "effort": {name: [0.001, None, 0.003] for name in ("force", "zmp", "angular_momentum")},
+        "energy": energy,
+        "solver": {"ticks": 100, "unsolved": 3, "time_median": 8e-6, "time_p99": 3.2e-5},
+        "timing": {"simulated": 4.0, "real_time_factor": 3.9},
+        "scales": {"body_weight": 600.0},
+        "uncertainty": {"gait": "normal", "steps": 6, "studies": ["time_step"],
+            "not_studied": ["qp_tolerance"]},
+    }  # fmt: skip
+
+
+def test_metrics_of_a_run():
+    table = metric_table(summary())
+    assert table.title == "normal: measured against plan, without the first step (profile default)"
+    assert table.rows == [
+        ("ZMP x, RMSE", "0.586 ± 0.083", "2.5", "mm", "23 %", "pass"),
+        ("force Fx, RMSE", "0.9 ± ≥ inf", "0.8", "% BW", "112 %", "undecided"),
+        ("ZMP y, RMSE", "–", "1.5", "mm", "", "not judged"),
+        ("Checks of the measurement", "", "", "", "", ""),
+        ("unsolved QPs", "3", "0", "", "", "FAIL"),
+    ]
+    body_weight, study, lacking = table.notes
+    assert body_weight == "BW: body weight."
+    assert "a convergence study of normal, 6 steps a level" in study
+    assert lacking.endswith("qp_tolerance.")
+
+
+def test_cost_of_a_run():
+    table = cost_table(summary())
+    rows = {row[0]: row[1:] for row in table.rows}
+    assert rows["largest torque, of the motor's limit"] == (
+        "50",
+        "100",
+        "%",
+        "50 %",
+        "left knee pitch, 1.25 s",
+    )
+    assert rows["feedback on the ZMP x, RMS"] == ("1", "", "mm", "", "")
+    assert rows["feedback on the ZMP y, RMS"] == ("–", "", "", "", "")
+    assert rows["least distance of two parts of the body"] == ("–", "", "", "", "")
+    (note,) = table.notes
+    assert note.startswith("completed, 6 steps in 4 s, the closed loop at 3.9 times real time; ")
+    assert note.endswith("100 QPs, 3 unsolved, median 8 us, 99th percentile 32 us.")
+    others = {row[0] for row in reported_table(summary()).rows}
+    assert "COM x, RMSE" in others
+    assert {item.label for item in METRICS.values() if item.section} <= others | rows.keys()
+
+
+def test_terminal_and_recording_show_the_tables(capsys):
+    said = summary()
+    print_result(said, Path("run"))
+    out = capsys.readouterr().out
+    shown = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if "│" in line]
+    tables = metric_table(said), cost_table(said)
+    assert shown == [list(row) for table in tables for row in table.rows]
+    assert "normal: FAIL  One is not met." in out
+    record = SimpleNamespace(outcome=SimpleNamespace(name="completed"), time_step=5e-4)
+    saved: Any = SimpleNamespace(summary=said, table=lambda: tables[0], record=record)
+    text = verdict_markdown(saved)
+    assert "| unsolved QPs | 3 | 0 |  |  | FAIL |" in text
+    assert "| force Fx, RMSE | 0.9 ± >= inf | 0.8 | % BW | 112 % | undecided |" in text
+    assert "Every time step (0.5 ms) is in `signals.parquet`." in text

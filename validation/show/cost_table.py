@@ -80,7 +80,8 @@ def _sentence(summary: Mapping[str, Any]) -> str:
     factor = f"the closed loop at {format_number(timing['real_time_factor'], 3)} times real time"
     if solver["unsolved"] is None:
         return f"{walked}, {factor}; no QP was reported."
-    times = f"{_microseconds(solver['time_median'])} us median, {_microseconds(solver['time_p99'])} us 99 %"
+    median, most = (_microseconds(solver[key]) for key in ("time_median", "time_p99"))
+    times = f"median {median} us, 99th percentile {most} us"
     return f"{walked}, {factor}; {solver['ticks']} QPs, {solver['unsolved']} unsolved, {times}."
 
 
