@@ -18,7 +18,7 @@ from validation.judge.metrics import display_unit
 from validation.show.cost_table import cost_table, reported_table
 from validation.show.page import render_page
 from validation.show.run_figures import RunFigures
-from validation.show.style import style, without_collection
+from validation.show.style import style
 from validation.show.text import format_value
 from validation.store.folders import output_file
 from validation.store.saved import REPORT_FILE, SavedRun, load_saved_run, run_events
@@ -80,7 +80,7 @@ def render(saved: SavedRun) -> str:
     lost = outcome.name not in (OutcomeName.COMPLETED, OutcomeName.INTERRUPTED)
     headline = "out of tolerance" if verdict == "fail" else verdict.replace("_", " ")
     headline = headline if outcome.completed else f"{outcome.name}, {headline}"
-    with style(), without_collection():
+    with style():
         pictures = RunFigures(saved, plan).sections() if len(saved.signals) > 1 else {}
     return render_page(
         "report.html.j2",

@@ -37,7 +37,7 @@ from validation.show.style import (
     decimate,
     legend,
     new_figure,
-)  # fmt: skip
+)
 from validation.store.saved import SavedRun
 from validation.store.signals import Signals
 from validation.trial.shapes import REACH, Shapes
@@ -95,7 +95,8 @@ class RunFigures:
         found = {
             "zmp": [
                 self.tracking(
-                    "zmp_x", *self._about("x"),
+                    "zmp_x",
+                    *self._about("x"),
                     caption="Green band: plus and minus the tolerance of the RMSE. Dashed, where the axis "
                     "reaches so far: the largest error allowed.",
                 ),
@@ -116,13 +117,15 @@ class RunFigures:
             ],
             "check": [
                 self.difference(
-                    "measured_zmp_momentum", "measured_zmp", "xy", "ZMP by momentum − ZMP by contact",
+                    "measured_zmp_momentum",
+                    "measured_zmp",
+                    "xy",
+                    "ZMP by momentum − ZMP by contact",
                     "Difference of the two measured ZMPs",
                 )
             ],
             "cost": [self.torque_use(), self.clearance()],
-            "first": [self.first_steps(axis) for axis in "xy"],
-        }  # fmt: skip
+        }
         if np.isfinite(self.signals["motion_angular_momentum_z"]).any():
             caption = "AMPM does not plan it; the reference is the whole-body motion."
             found["momentum"].append(
@@ -131,7 +134,7 @@ class RunFigures:
                 )
             )
         if np.isfinite(self.saved.record.qp_time).any():  # a user's controller may have no QP
-            found["cost"].append(self.qp_statistics())
+            found["cost"].append(self.qp_residual())
         if np.isfinite(self.signals["command_zmp_x"]).any():  # nor report a command
             title, label = "Feedback: commanded − planned ZMP", "Commanded minus planned ZMP"
             found["cost"].append(self.difference("command_zmp", "plan_zmp", "xy", title, label))
@@ -328,55 +331,23 @@ class RunFigures:
         label = "Least distance of two parts of the body over the run, and its limit"
         return self._picture(figure, label, f"{caption} Closest: {closest}." if closest else caption)
 
-    def qp_statistics(self) -> Picture:
-        """Wall-clock time of the controller's QP, and its residual at every tick."""
+    def qp_residual(self) -> Picture:
+        """Residual of the controller's QP at every tick."""
         record = self.saved.record
-        figure, (upper, lower) = new_figure(3.9, 2, gap=0.6)
-        micro = 1e6 * record.qp_time[np.isfinite(record.qp_time)]  # a user's controller may solve none
-        # Few ticks are interrupted by other processes: the last bar counts them.
-        top = max(min(float(micro.max()), 5.0 * float(np.median(micro))), 1e-3)
-        upper.hist(np.minimum(micro, top), bins=60, range=(0.0, top), color=PLAN, linewidth=0)
-        marks = {name: float(np.percentile(micro, share)) for share, name in ((50, "median"), (99, "99 %"))}
-        for at in marks.values():
-            if at <= top:
-                upper.axvline(at, color=INK, linewidth=0.9, linestyle=":")
-        shown = ", ".join(f"{name} {at:.0f} µs" for name, at in marks.items())
-        upper.set(title=f"The controller's QP: {shown}", xlabel="time of a solve [µs]", ylabel="ticks")
-        finite = np.where(record.qp_residual > 0, record.qp_residual, np.nan)
-        if np.isfinite(finite).any():
-            lower.plot(*decimate(record.tick_time, finite), color=PLAN, linewidth=0.7)
-            lower.set_yscale("log")
-            lower.yaxis.set_major_formatter("{x:g}")  # powers of ten take longer than the rest of a figure
-            lower.yaxis.set_minor_formatter("")
+        figure, (axis,) = new_figure(2.3)
+        residual = np.where(record.qp_residual > 0, record.qp_residual, np.nan)
+        if np.isfinite(residual).any():
+            axis.plot(*decimate(record.tick_time, residual), color=PLAN, linewidth=0.7)
+            axis.set_yscale("log")
+            axis.yaxis.set_major_formatter("{x:g}")  # powers of ten take longer than the rest of a figure
+            axis.yaxis.set_minor_formatter("")
         for status, color, label in ((1, COMMAND, "limits active"), (2, BAD, "unsolved")):
-            rows = record.qp_status == status
-            if rows.any():
-                lower.plot(
-                    record.tick_time[rows], np.full(rows.sum(), 0.04), ".", color=color, markersize=4,
-                    transform=lower.get_xaxis_transform(), label=label,
-                )  # fmt: skip
-        _finish(lower, "", "residual [1]")
-        return self._picture(figure, "Time and residual of the QP")
-
-    def first_steps(self, axis: str) -> Picture:
-        """ZMP of the first step and the two after it, with its error."""
-        figure, (upper, lower) = new_figure(3.3, 2, ratios=[3, 2])
-        signals, starts = self.signals, self.signals.switches()
-        part = slice(0, int(starts[6]) if len(starts) > 6 else len(signals))
-        time = signals.time[part]
-        title, _, _, about = self._about(axis)
-        base = signals[about][part] if about else 0.0
-        for panel in (upper, lower):
-            shade_double_support(panel, signals, part)
-        for kind, color, width in _KINDS:
-            values = 1e3 * (signals[f"{kind}_zmp_{axis}"][part] - base)
-            upper.plot(time, values, color=color, linewidth=width, label=kind)
-        error = 1e3 * (signals[f"measured_zmp_{axis}"] - signals[f"plan_zmp_{axis}"])[part]
-        lower.axhline(0.0, color=FAINT, linewidth=0.7)
-        lower.plot(time, error, color=MEASURED, linewidth=0.9)
-        _finish(upper, title, "[mm]", xlabel="")
-        self._finish_run(lower, "", "error [mm]")
-        return self._picture(figure, f"ZMP {axis} of the first steps")
+            time = record.tick_time[record.qp_status == status]
+            if len(time):
+                height = axis.get_xaxis_transform()
+                axis.plot(time, np.full(len(time), 0.04), ".", color=color, transform=height, label=label)
+        _finish(axis, "The controller's QP", "residual [1]")
+        return self._picture(figure, "Residual of the QP")
 
     def _picture(self, figure: Figure, label: str, caption: str = "", *, wide: bool = False) -> Picture:
         return style.picture(figure, f"f{next(self._count)}", label, caption, wide=wide)

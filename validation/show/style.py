@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import gc
 import io
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import wraps
 from html import escape
 from pathlib import Path
@@ -65,16 +63,14 @@ def figure_style(ink: str, faint: str, grid: str) -> dict[str, Any]:
     }
 
 
-# Unique placeholder colours; `picture` replaces each by the CSS variable of its name.
-INK, FAINT, GRID, SHADE = "#010101", "#010102", "#010103", "#010104"
-PLAN, COMMAND, MEASURED = "#010105", "#010106", "#010107"
-LEFT, RIGHT, GOOD, BAD = "#010108", "#010109", "#01010a", "#01010b"
-PARTS = ("#01010c", "#01010d", "#01010e", "#01010f")
-_VARIABLES: Mapping[str, str] = {
-    INK: "ink", FAINT: "faint", GRID: "grid", SHADE: "shade", PLAN: "plan", COMMAND: "command",
-    MEASURED: "measured", LEFT: "left", RIGHT: "right", GOOD: "good", BAD: "bad",
-    **{color: f"part-{index + 1}" for index, color in enumerate(PARTS)},
-}  # fmt: skip
+_VARIABLES = (
+    *("ink", "faint", "grid", "shade", "plan", "command", "measured", "left", "right", "good", "bad"),
+    *("part-1", "part-2", "part-3", "part-4"),
+)
+_COLORS = tuple(f"#0101{number:02x}" for number in range(1, 1 + len(_VARIABLES)))
+"""Unique placeholder colours; :func:`picture` replaces each by the CSS variable of its name."""
+INK, FAINT, GRID, SHADE, PLAN, COMMAND, MEASURED, LEFT, RIGHT, GOOD, BAD, *_PARTS = _COLORS
+PARTS = tuple(_PARTS)
 
 WIDTH = 5.2
 """Width of an ordinary figure [in]: 500 px, so that its 9 pt text stays readable on a telephone."""
@@ -101,18 +97,6 @@ def style() -> Any:
     """Context in which figures for pages are drawn and written."""
     own: Any = {"svg.fonttype": "none", "axes.titlesize": 9, "lines.linewidth": 1.3}
     return mpl.rc_context(figure_style(INK, FAINT, GRID) | own)
-
-
-@contextmanager
-def without_collection() -> Iterator[None]:
-    """Collect no garbage meanwhile: figures are many small objects, and it takes a fifth of their time."""
-    collects = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collects:
-            gc.enable()
 
 
 def file_style() -> Any:
@@ -171,9 +155,12 @@ def new_figure(
     inner = (height - top - 0.42 - gap * (rows - 1)) / rows
     axes = figure.subplots(rows, 1, squeeze=False, height_ratios=ratios)[:, 0]
     figure.subplots_adjust(
-        left=left / width, right=1.0 - 0.12 / width, bottom=0.42 / height, top=1.0 - top / height,
+        left=left / width,
+        right=1.0 - 0.12 / width,
+        bottom=0.42 / height,
+        top=1.0 - top / height,
         hspace=gap / inner,
-    )  # fmt: skip
+    )
     figure.patch.set_alpha(0.0)
     for axis in axes:
         axis.patch.set_alpha(0.0)
@@ -201,7 +188,7 @@ def picture(figure: Figure, name: str, label: str, caption: str = "", *, wide: b
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     for reference in (' id="', "url(#", 'xlink:href="#'):
         text = text.replace(reference, f"{reference}{name}-")
-    text = re.sub("#0101[0-9a-f]{2}", lambda color: f"var(--{_VARIABLES[color[0]]})", text)
+    text = re.sub("#0101[0-9a-f]{2}", lambda color: f"var(--{_VARIABLES[_COLORS.index(color[0])]})", text)
     # The page's own type; matplotlib lists every font of the family it was configured with.
     text = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1", text)
     width, height = (72 * size for size in figure.get_size_inches())
@@ -227,16 +214,9 @@ def decimate(time: Array, value: Array, buckets: int = _BUCKETS) -> tuple[Array,
     count = len(time)
     if count <= 2 * buckets:
         return time, value
-    size, longer = divmod(count, buckets)  # the first buckets are longer by one
-    turn = longer * (size + 1)
-    picked = []
-    for start, stop, width in ((0, turn, size + 1), (turn, count, size)):
-        part = value[start:stop].reshape(-1, width)
-        first = start + width * np.arange(len(part))
-        least = np.where(np.isnan(part), np.inf, part).argmin(axis=1)
-        most = np.where(np.isnan(part), -np.inf, part).argmax(axis=1)
-        picked += [first + least, first + most]
-    rows = np.unique(np.concatenate(picked))
+    low, high = (np.where(np.isnan(value), empty, value) for empty in (np.inf, -np.inf))
+    parts = np.array_split(np.arange(count), buckets)
+    rows = np.unique([(part[low[part].argmin()], part[high[part].argmax()]) for part in parts])
     return time[rows], value[rows]
 
 
@@ -246,8 +226,14 @@ def legend(axis: Axes, columns: int = 5, **spacing: float) -> None:
     if labels:
         lengths = {"handlelength": 1.2, "columnspacing": 1.0, "handletextpad": 0.4, **spacing}
         axis.legend(
-            handles, labels, loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, borderaxespad=0.1,
-            borderpad=0.1, **lengths,
-        )  # fmt: skip
+            handles,
+            labels,
+            loc="lower left",
+            bbox_to_anchor=(-0.01, 1.0),
+            ncols=columns,
+            borderaxespad=0.1,
+            borderpad=0.1,
+            **lengths,
+        )
         lines = -(-len(labels) // columns)
         axis.set_title(axis.get_title(loc="left"), pad=6 + 13 * lines)

@@ -33,9 +33,13 @@ FAINT: Color = (130, 140, 155, 90)
 GROUND: Color = (24, 27, 33, 255)
 
 RUN_COLORS: Mapping[str, Color] = {
-    "blue": (86, 180, 233, 255), "orange": (255, 138, 61, 255), "green": (120, 220, 120, 255),
-    "violet": (230, 140, 255, 255), "yellow": (255, 213, 79, 255), "pink": (240, 98, 146, 255),
-}  # fmt: skip
+    "blue": (86, 180, 233, 255),
+    "orange": (255, 138, 61, 255),
+    "green": (120, 220, 120, 255),
+    "violet": (230, 140, 255, 255),
+    "yellow": (255, 213, 79, 255),
+    "pink": (240, 98, 146, 255),
+}
 """Colours of overlaid runs."""
 
 TITLES = {
