@@ -12,7 +12,7 @@ from validation.judge.metrics import METRICS
 from validation.show.cost_table import cost_table, reported_table
 from validation.show.rerun.record import verdict_markdown
 from validation.store.metric_table import metric_table
-from validation.table import Table, format_share, print_tables
+from validation.table import Table, format_number, format_share, print_tables
 
 TABLE = Table(
     "walk",
@@ -48,6 +48,14 @@ def test_page_has_headings_colours_and_escapes():
 def test_rows_must_fit():
     with pytest.raises(ValueError, match="2 cells for 1 columns"):
         Table("t", ["x"], [["1", "2"]])
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.58649, "0.586"), (10186.2, "10186"), (1.234e-9, "1.23e-09"), (1e12, "1e+12"), (None, "–")],
+)
+def test_numbers_have_no_powers_of_ten_where_they_are_short(value, text):
+    assert format_number(value, 3) == text
 
 
 @pytest.mark.parametrize(

@@ -96,12 +96,12 @@ class Table:
     def _html_row(self, row: Sequence[str]) -> str:
         if is_heading(row):
             return f'<th colspan="{len(row)}" class="group">{escape(row[0])}</th>'
-        cells = [
-            f"<td{self._html_class(number, cell)}>{escape(cell)}{self._bar(number, cell)}</td>"
-            for number, cell in enumerate(row)
-        ]
-        first = cells[0].removeprefix("<td").removesuffix("</td>")
-        return f'<th scope="row"{first}</th>{"".join(cells[1:])}'
+        return "".join(self._html_cell(number, cell) for number, cell in enumerate(row))
+
+    def _html_cell(self, column: int, cell: str) -> str:
+        tag, scope = ("td", "") if column else ("th", ' scope="row"')
+        content = f"{escape(cell)}{self._bar(column, cell)}"
+        return f"<{tag}{scope}{self._html_class(column, cell)}>{content}</{tag}>"
 
     def _html_class(self, column: int, cell: str = "") -> str:
         names = ["n"] * self.is_right(column) + ["long"] * (len(cell) > _LONG)
@@ -125,7 +125,10 @@ def is_heading(row: Sequence[str]) -> bool:
 
 def format_number(value: float | None, digits: int = 4) -> str:
     """A number for a table: significant digits, or a dash where there is none."""
-    return ABSENT if value is None or math.isnan(value) else f"{value:.{digits}g}"
+    if value is None or math.isnan(value):
+        return ABSENT
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e+0" in text else text
 
 
 def format_share(value: float | None, limit: float | None) -> str:
