@@ -1,7 +1,5 @@
 """One table of a benchmark, for the terminal and for the documentation."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from benchmarks.run import BenchmarkResult

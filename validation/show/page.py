@@ -1,7 +1,5 @@
 """HTML pages from templates, with style sheets and scripts inlined."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pictures of a plan."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """All pictures of a run's report, from its files."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import count, pairwise
 from typing import Any

@@ -1,7 +1,5 @@
 """Style of all figures: of pages, whose colours follow the page, and of picture files."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable, Sequence

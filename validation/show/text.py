@@ -1,7 +1,5 @@
 """Text tables and numbers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any

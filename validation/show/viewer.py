@@ -1,7 +1,5 @@
 """Rerun's viewer, started on this machine and reachable from it only."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

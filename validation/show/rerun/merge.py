@@ -5,8 +5,6 @@ prefix (``a/world/...``). Their contents stay unchanged: recordings of two revis
 entities, nothing else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Meshes of a model for a recording."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import rerun as rr

@@ -10,8 +10,6 @@ whatever their durations, so that touch-downs and lift-offs of different gaits c
 step: Rerun has no timeline without a unit.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Iterable, Iterator, Mapping

@@ -3,8 +3,6 @@
 A layout is of one run, of several beside each other, or of several revisions of one gait over each other.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
