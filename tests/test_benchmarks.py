@@ -21,7 +21,7 @@ from validation.study.sweep.design import parse_sweep
 from validation.trial.plan import load_request
 
 STEPS = 2
-SOLVERS = ("osqp", "admm")
+SOLVERS = ("osqp", "daqp")
 
 
 @pytest.fixture(scope="module")

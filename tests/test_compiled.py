@@ -35,7 +35,7 @@ import ampm, numpy
 from validation.measure import standing
 from validation.trial.plan import make_body
 standing.DURATION = 0.04
-run = ampm.load_run("normal", ["solver.qp=admm"])
+run = ampm.load_run("normal")
 numpy.save(sys.argv[1], standing.stand(run, make_body(run).model).torque)
 """
 

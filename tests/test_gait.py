@@ -364,7 +364,7 @@ def check_plan_or_refusal(parameters):
         refusal = caught
     else:
         with np.errstate(all="ignore"):
-            bound = Gaits.of(parameters).arrays.rounding
+            bound = Gaits.of(parameters).rounding
         residuals = plan.residuals()
         if parameters.model == "ipm":  # its acceleration and ZMP jump at every switch
             residuals = replace(residuals, acceleration=0.0, zmp=0.0)

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from ampm.arithmetic import arctan2, asinh, cosh, hypot, maximum, sqrt, tanh, where
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.pendulum import EPSILON, AffineLaw, double_support_root
 
@@ -66,14 +65,13 @@ class FrontalPlane:
 
 @dataclass(frozen=True)
 class Gaits:
-    """Parameters of one gait as numbers, or of n gaits as arrays (n,), and what follows from them.
+    """Parameters of one or of n gaits as arrays of shape () or (n,), and what follows from them.
 
     Attributes:
         model: ``ampm`` or ``ipm``.
 
-    All others: see :class:`ampm.parameters.GaitParameters`. What follows is numbers or arrays as these are.
-    Numbers of too different size raise ArithmeticError or ValueError; arrays then have infinities or NaN,
-    which the last rule refuses.
+    All others: see :class:`ampm.parameters.GaitParameters`. From numbers of too different size infinities or
+    NaN follow, which the last rule refuses.
     """
 
     model: Any
@@ -90,12 +88,7 @@ class Gaits:
     @classmethod
     def of(cls, gait: GaitParameters) -> Gaits:
         """One gait."""
-        return cls(*(getattr(gait, field.name) for field in fields(cls)))
-
-    @property
-    def arrays(self) -> Gaits:
-        """One gait as arrays of shape ()."""
-        return Gaits(*(np.asarray(getattr(self, field.name)) for field in fields(self)))
+        return cls(*(np.asarray(getattr(gait, field.name)) for field in fields(cls)))
 
     def part(self, which: slice) -> Gaits:
         """Some of n gaits."""
@@ -125,13 +118,13 @@ class Gaits:
     def least_velocity(self) -> Any:
         """``l_s / T_s``, above which the COM passes over the foot [m/s]."""
         l_s = 0.5 * self.step_length * self.single_support_ratio
-        return l_s / sqrt(self.com_height / (self.bracket * GRAVITY))
+        return l_s / np.sqrt(self.com_height / (self.bracket * GRAVITY))
 
     @cached_property
     def mid_stance_velocity(self) -> Any:
         """Speed of the COM over the foot [m/s]."""
         v0, least = self.switching_velocity, self.least_velocity
-        return sqrt((v0 - least) * (v0 + least))
+        return np.sqrt((v0 - least) * (v0 + least))
 
     @property
     def least_mid_stance_velocity(self) -> Any:
@@ -166,29 +159,29 @@ class Gaits:
         ratio = l_s / l_d
         # Written from 1, so that c_s = 1 leaves c_d exactly 1 and the moment exactly zero.
         c_d = 1.0 - (self.c_s - 1.0) * ratio
-        inverse_a_d = where(plain, 1.0, 1.0 + (1.0 - self.inverse_a_s) * ratio)
+        inverse_a_d = np.where(plain, 1.0, 1.0 + (1.0 - self.inverse_a_s) * ratio)
         # By both continuity conditions the brackets of single and double support have opposite signs.
         rate_s = GRAVITY / self.com_height * self.bracket
         rate_d = -rate_s * ratio
-        k_s, k_d = sqrt(rate_s), sqrt(-rate_d)
+        k_s, k_d = np.sqrt(rate_s), np.sqrt(-rate_d)
         reach_s, reach_d = v0 / k_s, v0 / k_d  # v0 T_s, v0 T_d
-        odd_s = sqrt((reach_s - l_s) * (reach_s + l_s))
-        duration_s = 2.0 / k_s * asinh(l_s / odd_s)
-        duration_d = where(plain, 2.0 * l_d / v0, 2.0 / k_d * arctan2(l_d, reach_d))
-        odd_d = where(plain, v0, hypot(l_d, reach_d))
+        odd_s = np.sqrt((reach_s - l_s) * (reach_s + l_s))
+        duration_s = 2.0 / k_s * np.arcsinh(l_s / odd_s)
+        duration_d = np.where(plain, 2.0 * l_d / v0, 2.0 / k_d * np.arctan2(l_d, reach_d))
+        odd_d = np.where(plain, v0, np.hypot(l_d, reach_d))
         return SagittalPlane(
             l_s=l_s,
             l_d=l_d,
             a_d=1.0 / inverse_a_d,
             c_d=c_d,
             single=AffineLaw(rate_s, self.inverse_a_s, self.c_s, duration_s, 0.0, odd_s),
-            double=AffineLaw(where(plain, 0.0, rate_d), inverse_a_d, c_d, duration_d, 0.0, odd_d),
+            double=AffineLaw(np.where(plain, 0.0, rate_d), inverse_a_d, c_d, duration_d, 0.0, odd_d),
         )
 
     @cached_property
     def time_constants(self) -> Any:
         """Duration of single support over the time constant of the lateral pendulum [1]."""
-        return sqrt(self.c_y * GRAVITY / self.com_height) * self.sagittal.single.duration
+        return np.sqrt(self.c_y * GRAVITY / self.com_height) * self.sagittal.single.duration
 
     @cached_property
     def frontal(self) -> FrontalPlane:
@@ -199,33 +192,33 @@ class Gaits:
         """
         plain, c_y = self.plain, self.c_y
         t_ss, t_ds = self.sagittal.single.duration, self.sagittal.double.duration
-        k = sqrt(c_y * GRAVITY / self.com_height)  # 1 / T_l
+        k = np.sqrt(c_y * GRAVITY / self.com_height)  # 1 / T_l
         h = 0.5 * k * t_ss
-        tau = tanh(h)
+        tau = np.tanh(h)
         rho = double_support_root(tau, 0.5 * k * t_ds)
         drift = 0.5 * k * t_ds * tau  # beta / s of the plain pendulum
-        s = 0.5 * self.step_width / (1.0 + where(plain, drift, rho * rho))
+        s = 0.5 * self.step_width / (1.0 + np.where(plain, drift, rho * rho))
         velocity = s * k * tau
         slope = 1.0 / (rho * rho)  # s / beta
         return FrontalPlane(
             s=s,
-            beta=where(plain, s * drift, s * rho * rho),
+            beta=np.where(plain, s * drift, s * rho * rho),
             velocity=velocity,
             single=AffineLaw(
-                rate=where(plain, GRAVITY / self.com_height, k * k),
+                rate=np.where(plain, GRAVITY / self.com_height, k * k),
                 zmp_slope=0.0,
                 force_slope=c_y,
                 duration=t_ss,
-                even=-s / cosh(np.minimum(h, _LARGEST_COSH)),
+                even=-s / np.cosh(np.minimum(h, _LARGEST_COSH)),
                 odd=0.0,
             ),
             double=AffineLaw(
-                rate=where(plain, 0.0, -k * k * slope),
-                zmp_slope=where(plain, 1.0, 1.0 + slope),
-                force_slope=where(plain, 1.0, 1.0 + (1.0 - c_y) * slope),
+                rate=np.where(plain, 0.0, -k * k * slope),
+                zmp_slope=np.where(plain, 1.0, 1.0 + slope),
+                force_slope=np.where(plain, 1.0, 1.0 + (1.0 - c_y) * slope),
                 duration=t_ds,
                 even=0.0,
-                odd=where(plain, -velocity, -s * rho * hypot(rho, tau)),
+                odd=np.where(plain, -velocity, -s * rho * np.hypot(rho, tau)),
             ),
         )
 
@@ -241,15 +234,15 @@ class Gaits:
         far, near = (self.steps + 1) * self.step_length, 0.5 * self.step_width
         worst: Any = 0.0
         for law, origin, sway in (
-            (sagittal.single, far, v0 / sqrt(sagittal.single.rate)),
+            (sagittal.single, far, v0 / np.sqrt(sagittal.single.rate)),
             (sagittal.double, far, abs(sagittal.double.odd)),
             (frontal.single, near, frontal.s),
             (frontal.double, near, abs(frontal.double.odd)),
         ):
-            k = sqrt(abs(law.rate))
+            k = np.sqrt(abs(law.rate))
             uniform = law.rate == 0.0  # then ``odd`` is a velocity
-            speed = where(uniform, sway, k * sway)
-            sway = where(uniform, sway * law.duration, sway)
+            speed = np.where(uniform, sway, k * sway)
+            sway = np.where(uniform, sway * law.duration, sway)
             arm = (abs(law.force_slope) + 1.0) * sway
             jumps = abs(law.rate) * sway / GRAVITY, (origin + abs(law.zmp_slope) * sway) / height
             for term in (
@@ -257,10 +250,10 @@ class Gaits:
                 speed / v0,
                 arm / height,
                 arm * law.duration * GRAVITY / (height * v0),
-                where(self.plain, 0.0, maximum(*jumps)),
+                np.where(self.plain, 0.0, np.maximum(*jumps)),
             ):
-                worst = maximum(worst, term * (1.0 + 0.5 * k * law.duration))  # a NaN stays one
-        return where(worst >= 0.0, _ROUNDING * worst, math.inf)  # infinite for NaN
+                worst = np.maximum(worst, term * (1.0 + 0.5 * k * law.duration))  # a NaN stays one
+        return np.where(worst >= 0.0, _ROUNDING * worst, math.inf)  # infinite for NaN
 
 
 def _rounded_up(value: float) -> str:
