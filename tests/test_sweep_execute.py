@@ -14,6 +14,8 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+from validation.study.sweep.exceptions import SweepStopped
+from validation.study.sweep.store import ROWS
 
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import RunParameters
@@ -24,10 +26,8 @@ from validation.store import identity
 from validation.study.sweep import report, schema, store, task, workers
 from validation.study.sweep import run as sweep_run
 from validation.study.sweep.design import parse_sweep
-from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.report import repeat_command
 from validation.study.sweep.run import sweep
-from validation.study.sweep.store import ROWS
 from validation.study.sweep.table import read_sweep
 
 SWEEP = """

@@ -1,6 +1,6 @@
 """Parameters of one gait, or of arrays of gaits, and the closed form that follows from them.
 
-All numbers of a plan and of the rules of refusal are computed here, for one gait or for arrays of gaits.
+All numbers of a plan and of the rules of refusal are computed here.
 """
 
 from __future__ import annotations
@@ -89,10 +89,6 @@ class Gaits:
     def of(cls, gait: GaitParameters) -> Gaits:
         """One gait."""
         return cls(*(np.asarray(getattr(gait, field.name)) for field in fields(cls)))
-
-    def part(self, which: slice) -> Gaits:
-        """Some of n gaits."""
-        return Gaits(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
 
     @cached_property
     def plain(self) -> Any:
