@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import GaitParameters
+from ampm.planner.closed_form import ClosedForm
 from ampm.planner.contacts import Contacts, Footstep, Phase
-from ampm.planner.gaits import Gaits
 from ampm.planner.periodic import plan_gait
 from ampm.planner.rules import RESIDUAL_LIMIT, RULES
 
@@ -338,7 +338,7 @@ BOUNDED = "com_height step_length switching_velocity single_support_ratio a_s c_
 
 
 def gaits(*bounds, steps, **fixed):
-    """Gaits with parameters between bounds, ``a_s`` infinite as well."""
+    """ClosedForm with parameters between bounds, ``a_s`` infinite as well."""
     drawn = {name: st.floats(*pair) for name, pair in zip(BOUNDED, bounds, strict=True)}
     drawn["a_s"] = st.one_of(st.just(math.inf), drawn["a_s"])
     return st.builds(GaitParameters, **drawn, steps=st.integers(1, steps), **fixed)
@@ -364,7 +364,7 @@ def check_plan_or_refusal(parameters):
         refusal = caught
     else:
         with np.errstate(all="ignore"):
-            bound = Gaits.of(parameters).rounding
+            bound = ClosedForm.of(parameters).rounding
         residuals = plan.residuals()
         if parameters.model == "ipm":  # its acceleration and ZMP jump at every switch
             residuals = replace(residuals, acceleration=0.0, zmp=0.0)
@@ -385,7 +385,7 @@ def test_gaits_at_every_threshold_are_refused_by_every_rule():
     enough = least / math.sqrt(1.0 - 0.2**2)
     ulps = range(-3, 4)
     longest = {"c_s": 0.251, "switching_velocity": 0.024}
-    angle = Gaits.of(changed(**longest, c_y=1.0)).time_constants
+    angle = ClosedForm.of(changed(**longest, c_y=1.0)).time_constants
     edges: list[dict[str, Any]] = [
         {"switching_velocity": s + k * math.ulp(s)} for s in (least, enough) for k in ulps
     ]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.exceptions import MathematicalRefusal
-from ampm.planner.gaits import LEAST_MID_STANCE_SHARE, Gaits
+from ampm.planner.closed_form import LEAST_MID_STANCE_SHARE, ClosedForm
 
 Array = NDArray[np.float64]
 
@@ -26,12 +26,12 @@ class Rule:
 
     Attributes:
         reason: short name; several rules may share it.
-        value: what is limited, an attribute of :class:`Gaits`.
+        value: what is limited, an attribute of :class:`ClosedForm`.
         passes: comparison of value and limit that a valid gait meets; false for NaN.
-        limit: a number or an attribute of :class:`Gaits`.
+        limit: a number or an attribute of :class:`ClosedForm`.
         unit: SI unit of value and limit.
         message, way_out: sentence about gait ``g``, ``value`` and ``limit``, as templates.
-        exempt: attribute of :class:`Gaits`, true where the rule does not apply; None: it applies to all.
+        exempt: attribute of :class:`ClosedForm`, true where the rule does not apply; None: it applies to all.
     """
 
     reason: str
@@ -43,15 +43,15 @@ class Rule:
     way_out: str
     exempt: str | None = None
 
-    def _limit(self, gait: Gaits) -> Any:
+    def _limit(self, gait: ClosedForm) -> Any:
         return getattr(gait, self.limit) if isinstance(self.limit, str) else self.limit
 
-    def met(self, gait: Gaits) -> Any:
+    def met(self, gait: ClosedForm) -> Any:
         """Whether a gait keeps the rule."""
         passed = self.passes(getattr(gait, self.value), self._limit(gait))
         return passed if self.exempt is None else passed | getattr(gait, self.exempt)
 
-    def refusal(self, gait: Gaits) -> MathematicalRefusal:
+    def refusal(self, gait: ClosedForm) -> MathematicalRefusal:
         """Message for one gait that breaks the rule."""
         value, limit = float(getattr(gait, self.value)), float(self._limit(gait))
         texts = [text.format(g=gait, value=value, limit=limit) for text in (self.message, self.way_out)]
@@ -114,6 +114,6 @@ RULES: tuple[Rule, ...] = (
 """All rules, in the order in which they are applied: a gait is refused by the first that it breaks."""
 
 
-def refusal_of(gait: Gaits) -> MathematicalRefusal | None:
+def refusal_of(gait: ClosedForm) -> MathematicalRefusal | None:
     """The refusal of one gait by the first rule that it breaks; None if it has a plan."""
     return next((rule.refusal(gait) for rule in RULES if not rule.met(gait)), None)

@@ -25,8 +25,8 @@ from ampm.body.feasibility import (
 from ampm.body.rigid_body import passive_torques
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.closed_form import LEAST_MID_STANCE_SHARE
 from ampm.planner.feet import HEEL
-from ampm.planner.gaits import LEAST_MID_STANCE_SHARE
 from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:
