@@ -1,8 +1,5 @@
 """Functions that numba compiles once per machine; plain Python under ``NUMBA_DISABLE_JIT=1``.
 
-No function is compiled with ``fastmath``: sums keep their order, and no product is contracted with a sum, so
-every x86-64 processor computes the same bits.
-
 numba looks for changes of a function in its own file only, not in those of the functions that it calls. The
 compiled code is therefore kept in a folder named after all source files that it may come from.
 """
@@ -11,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import math
 import os
 import time
 from functools import cache, partial
@@ -30,13 +26,10 @@ from platformdirs import user_cache_path
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
     Function = TypeVar("Function", bound=Callable[..., Any])
 
 _SOURCES = (
     "ampm/compiled.py",
-    "ampm/admm.py",
     "ampm/linear.py",
     "ampm/qp.py",
     "ampm/vectors.py",
@@ -83,33 +76,6 @@ def bound(function: Any, fixed: Sequence[Any], *example: Any) -> Any:
     if not config.DISABLE_JIT:
         function = function.compile(tuple(map(numba.typeof, (*fixed, *example))))
     return partial(function, *fixed)
-
-
-def clock() -> float:
-    """``time.perf_counter``, which compiled functions can call, too [s]."""
-    return time.perf_counter()
-
-
-_read_clock = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.voidptr))
-_CLOCK = int(time.CLOCK_MONOTONIC)
-
-
-@extending.overload(clock)
-def _clock() -> Any:
-    def seconds() -> float:
-        now = np.empty(2, np.int64)
-        _read_clock(_CLOCK, now.ctypes)
-        return float(now[0] + 1e-9 * now[1])
-
-    return seconds
-
-
-def zeros(*shape: int) -> NDArray[np.float64]:
-    """Zeros that begin at a cache line: elsewhere, half of all loads of a vector may touch two."""
-    size = math.prod(shape)
-    memory = np.zeros(size + 7)
-    start = -memory.ctypes.data % 64 // memory.itemsize
-    return memory[start : start + size].reshape(shape)
 
 
 class Bundle(SimpleNamespace):

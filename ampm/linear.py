@@ -1,4 +1,4 @@
-"""Small systems of equations, compiled: symmetric ones with their right-hand sides beside them, and bands."""
+"""Small systems of equations, compiled: symmetric ones with their right-hand sides beside them."""
 
 from __future__ import annotations
 
@@ -68,59 +68,3 @@ def substitute(system: Array) -> None:
                 right[d] -= factor * other[d]
         for d in range(width - count):
             right[d] /= system[c, c]
-
-
-@compiled
-def factorise_band(band: Array, width: int) -> Array:
-    """LU factors of a band matrix in place, with row interchanges.
-
-    Args:
-        band: entry (i, j) at [i, j - i + width], shape (n, 3 width + 1); the last ``width`` columns are zero.
-        width: entries beyond this distance from the diagonal are zero.
-
-    Returns:
-        Row interchanged with each one, shape (n,), as numbers.
-    """
-    count, wide = band.shape
-    swapped = np.zeros(count)
-    for c in range(count):
-        last = min(c + width, count - 1)
-        best = c
-        for r in range(c + 1, last + 1):
-            if abs(band[r, c - r + width]) > abs(band[best, c - best + width]):
-                best = r
-        swapped[c] = best
-        # Row c begins with column c from here on, the rows below with their own first column.
-        top = wide - width
-        for d in range(top):
-            upper = band[c, d + width]
-            if best != c:
-                band[c, d + width] = band[best, d + c - best + width]
-                band[best, d + c - best + width] = upper
-        pivot = band[c, width]
-        for r in range(c + 1, last + 1):
-            shift = c - r + width
-            factor = band[r, shift] / pivot
-            band[r, shift] = factor
-            if factor != 0.0:
-                for d in range(1, top):
-                    band[r, d + shift] -= factor * band[c, d + width]
-    return swapped
-
-
-@compiled
-def solve_band(factors: Array, swapped: Array, width: int, right: Array) -> None:
-    """Turn a right-hand side, shape (n,), into the solution, with what :func:`factorise_band` left."""
-    count, wide = factors.shape
-    for c in range(count):
-        other = int(swapped[c])
-        value = right[other]
-        right[other] = right[c]
-        right[c] = value
-        for r in range(c + 1, min(c + width, count - 1) + 1):
-            right[r] -= factors[r, c - r + width] * value
-    for c in range(count - 1, -1, -1):
-        value = right[c]
-        for d in range(1, min(wide - width, count - c)):
-            value -= factors[c, d + width] * right[c + d]
-        right[c] = value / factors[c, width]

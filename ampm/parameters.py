@@ -264,9 +264,7 @@ class SimulationParameters(Section, section="simulation"):
 class SolverParameters(Section, section="solver"):
     """Numerical solvers and grids."""
 
-    qp: Literal["osqp", "admm", "daqp"] = parameter(
-        "admm", "solver of the controller's quadratic programme", "1"
-    )
+    qp: Literal["osqp", "daqp"] = parameter("osqp", "solver of the controller's quadratic programme", "1")
     tolerance: Real = parameter(
         5e-5, "tolerance of the controller's QP, forces in body weights", "1", gt=0, le=1e-2
     )

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ampm.body.feasibility import check_body, check_motion
+from ampm.body.feasibility import check_body
 from ampm.body.motion import PeriodicPosture, WholeBodyMotion
-from ampm.body.motion_cache import known_motion
 from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import RunParameters
@@ -33,13 +32,11 @@ class WalkRequest:
         run: parameters of gait, body, feet and controller.
         robot: the body.
         progress: called with a line of text now and then; None: no progress.
-        cache: folder that keeps solved motions; None keeps nothing.
     """
 
     run: RunParameters
     robot: Robot
     progress: Callable[[str], None] | None = None
-    cache: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -95,14 +92,10 @@ def periodic_motion(steps: StepPlan, request: WalkRequest) -> WholeBodyMotion:
     """
     run, robot = request.run, request.robot
     check_body(steps, robot.description)
-    motion = known_motion(steps, run, robot, request.cache)
-    if motion is None:
-        # Imported here: SciPy and the solver are loaded only where a motion is not known.
-        from ampm.body.orbit import solve_motion
+    # Imported here, as the inverse kinematics is compiled.
+    from ampm.body.orbit import solve_motion
 
-        motion = solve_motion(steps, run, robot, progress=request.progress, cache=request.cache)
-    check_motion(motion.report, robot.description)
-    return motion
+    return solve_motion(steps, run, robot, progress=request.progress)
 
 
 class IpmPeriodic(AmpmPeriodic):

@@ -1,9 +1,8 @@
 """Convex quadratic programs ``min 1/2 x'Px + q'x  s.t.  l <= A x <= u`` behind one small interface.
 
 A :class:`QPBackend` keeps its workspace between calls: the sparsity pattern is fixed when it is made, and a
-call only passes new numbers. :class:`OsqpBackend` takes any problem. :class:`AdmmBackend`, the controller's
-default, is the same iteration, compiled for small problems; :class:`DaqpBackend` is an active-set solver for
-cross-checks. No backend has a time limit: the same numbers give the same answer.
+call only passes new numbers. :class:`OsqpBackend`, the default, is an ADMM; :class:`DaqpBackend` is an exact
+active-set solver. No backend has a time limit: the same numbers give the same answer.
 """
 
 from __future__ import annotations
@@ -18,8 +17,7 @@ import numpy as np
 import osqp
 import scipy.sparse as sparse
 
-from ampm import admm
-from ampm.compiled import Bundle, bound, compiled, zeros
+from ampm.compiled import Bundle, bound, compiled
 from ampm.exceptions import InputError, SolverError
 
 if TYPE_CHECKING:
@@ -27,7 +25,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-BACKENDS = ("osqp", "admm", "daqp")
+BACKENDS = ("osqp", "daqp")
 """Names that :func:`make_backend` accepts."""
 
 
@@ -45,14 +43,6 @@ _OSQP_STATUS = {
     int(osqp.SolverStatus.OSQP_MAX_ITER_REACHED): QPStatus.UNSOLVED,
 }
 """All others are certificates of infeasibility."""
-
-ADMM_STATUS = {
-    admm.SOLVED: QPStatus.SOLVED,
-    admm.UNSOLVED: QPStatus.UNSOLVED,
-    admm.INFEASIBLE: QPStatus.INFEASIBLE,
-    admm.REFUSED: QPStatus.UNSOLVED,
-}
-"""Status by how :func:`ampm.admm.solve` ended."""
 
 _INTERRUPTED = int(osqp.SolverStatus.OSQP_SIGINT)
 _INFINITY = 1e30  # OSQP's infinity
@@ -83,7 +73,7 @@ class QPSolution(NamedTuple):
 
 @dataclass(frozen=True)
 class QPSettings:
-    """Settings of the ADMM solver; all tolerances are in the units of the scaled problem.
+    """Settings of OSQP; all tolerances are in the units of the scaled problem.
 
     Attributes:
         tolerance: absolute and relative tolerance.
@@ -259,51 +249,6 @@ class OsqpBackend:
         return solver._solver
 
 
-class AdmmBackend:
-    """OSQP's iteration on dense matrices, see :mod:`ampm.admm`; without equilibration.
-
-    Args:
-        P_mask: pattern of the symmetric cost matrix, shape (n, n).
-        A_mask: pattern of the constraint matrix, shape (m, n).
-        settings: tolerances and penalties.
-    """
-
-    def __init__(self, P_mask: NDArray[np.bool_], A_mask: NDArray[np.bool_], settings: QPSettings) -> None:
-        s, (rows, size) = settings, A_mask.shape
-        slack_rows: list[int] = []
-        for j in reversed(range(size)):  # the last unknowns, as long as each has a cost and a row of its own
-            (mine,) = np.nonzero(A_mask[:, j])
-            if len(mine) != 1 or mine[0] in slack_rows or P_mask[j].sum() != 1:
-                break
-            slack_rows.insert(0, int(mine[0]))
-        free = size - len(slack_rows)
-        self.own = Bundle(
-            tolerance=s.tolerance, max_iterations=s.max_iterations, rho=s.rho, adaptive=s.adaptive_rho,
-            alpha=s.alpha, check_every=s.check_every, slack_rows=np.array(slack_rows, dtype=np.intp),
-            x=zeros(size), z=zeros(rows), y=zeros(rows), x_step=zeros(size), y_step=zeros(rows),
-            penalty=zeros(rows), inverse=zeros(free, free), columns=zeros(size, rows),
-            diagonal=zeros(size - free), right=zeros(size), guess=zeros(size), pull=zeros(rows),
-            Ax=zeros(rows), Px=zeros(size), Aty=zeros(size),
-        )  # fmt: skip
-        problem = np.zeros((size, size)), np.zeros(size), np.zeros((rows, size)), *np.zeros((2, rows))
-        self._solve = bound(admm.solve, (self.own,), *problem, np.zeros(size))
-
-    def solve(self, P: Array, q: Array, A: Array, lower: Array, upper: Array) -> QPSolution:
-        """See :class:`QPBackend`; warm-started from the last answer.
-
-        Raises:
-            SolverError: the cost is not convex.
-        """
-        start = time.perf_counter()
-        x = np.empty(len(q))
-        problem = [np.ascontiguousarray(part, np.float64) for part in (P, q, A, lower, upper)]
-        status, residual, iterations = self._solve(*problem, x)
-        if status == admm.REFUSED and np.isfinite(P).all() and np.isfinite(A).all():
-            raise SolverError("the problem cannot be solved; is its cost convex?")
-        seconds = time.perf_counter() - start
-        return QPSolution(x, ADMM_STATUS[status], residual, iterations, seconds)
-
-
 class DaqpBackend:
     """DAQP, a dual active-set solver (Arnström et al. 2022); exact, needs ``pip install -e '.[daqp]'``.
 
@@ -351,10 +296,6 @@ def make_backend(
     """
     if name == "osqp":
         return OsqpBackend(P_mask, A_mask, settings)
-    if name == "admm":
-        if settings.scaling:  # a problem of mixed scales, solved in few ticks
-            return OsqpBackend(P_mask, A_mask, settings)
-        return AdmmBackend(P_mask, A_mask, settings)
     if name == "daqp":
         return DaqpBackend(A_mask.shape[1], A_mask.shape[0])
     raise InputError(f"there is no QP solver {name!r}; choose one of {', '.join(BACKENDS)}.")

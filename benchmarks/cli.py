@@ -40,7 +40,7 @@ def benchmark(
     walks: Annotated[
         int, typer.Option("--walks", min=1, help="Equal walks; of every tick the least time counts.")
     ] = 3,
-    qp: Annotated[str, option("--qp", "QP solver of the controller.", "osqp|admm|daqp|all")] = "all",
+    qp: Annotated[str, option("--qp", "QP solver of the controller.", "osqp|daqp|all")] = "all",
     json_file: Annotated[
         Path | None, option("--json", "Write everything as JSON as well; - for stdout alone.", "FILE")
     ] = None,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -48,7 +47,7 @@ def time_recording(run: RunParameters, rounds: int) -> list[Line]:
 
 
 def run_alone(run: RunParameters) -> dict[str, float]:
-    """Make a trial in a fresh process, without a known motion.
+    """Make a trial in a fresh process.
 
     Returns:
         Seconds by stage, sizes of recording and folder [byte], memory peak [MB].
@@ -61,7 +60,6 @@ def run_alone(run: RunParameters) -> dict[str, float]:
         file.write_text(dump_run(run), encoding="utf-8")
         done = subprocess.run(
             [sys.executable, "-m", "benchmarks.recording", str(file), str(Path(folder) / "run")],
-            env={**os.environ, "XDG_CACHE_HOME": folder},
             cwd=Path(__file__).resolve().parents[1],
             capture_output=True,
             text=True,

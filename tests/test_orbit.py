@@ -13,7 +13,6 @@ import pytest
 from ampm.body import feasibility, orbit, return_map
 from ampm.body.inverse_kinematics import Unreachable
 from ampm.body.motion import MotionReport
-from ampm.body.motion_cache import find_motion
 from ampm.body.orbit import solve_motion
 from ampm.body.step_reference import step_reference
 from ampm.exceptions import BodilyRefusal, InputError
@@ -239,60 +238,21 @@ def test_stiff_gains_search_on_a_finer_grid():
     assert offset == pytest.approx(motion_of(COARSE).report.angular_momentum_y_offset, abs=5e-3)
 
 
-def test_joints_beyond_their_limits_are_refused_and_that_is_kept(tmp_path, monkeypatch):
+def test_joints_beyond_their_limits_are_refused():
     """A low COM asks more of the ankle than it can bend."""
-    for _ in range(2):
-        with pytest.raises(BodilyRefusal, match="ankle") as caught:
-            solve(COARSE, "gait.com_height=0.7", cache=tmp_path)
-        assert caught.value.reason == "joint_limits"
-        assert caught.value.value < 0.0
-        assert "raise gait.com_height" in caught.value.way_out
-        monkeypatch.setattr(orbit._Search, "solve", None)
+    with pytest.raises(BodilyRefusal, match="ankle") as caught:
+        solve(COARSE, "gait.com_height=0.7")
+    assert caught.value.reason == "joint_limits"
+    assert caught.value.value < 0.0
+    assert "raise gait.com_height" in caught.value.way_out
 
 
-# -------------------------------------------------------------------------- cache
+def test_the_same_inputs_give_the_same_bits():
+    assert same(solve(COARSE), motion_of(COARSE))
+    assert same(solve(COARSE, "gait.steps=9"), motion_of(COARSE))  # one step is one step
 
 
-@pytest.fixture(scope="module")
-def filled(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("motions")
-    solve(COARSE, cache=folder)
-    return folder
-
-
-@pytest.fixture
-def no_search(monkeypatch):
-    def refuse(*_):
-        raise RuntimeError("solved again")
-
-    monkeypatch.setattr(orbit._Search, "solve", refuse)
-
-
-def test_cached_motion_is_the_same_to_the_last_bit(filled, no_search):
-    assert same(solve(COARSE, cache=filled), motion_of(COARSE))
-    assert same(solve(COARSE, "gait.steps=9", cache=filled), motion_of(COARSE))  # one step is one step
-    (entry,) = filled.iterdir()
-    assert same(find_motion(filled, entry.stem.removeprefix("motion-")), motion_of(COARSE))
-
-
-@pytest.mark.parametrize(
-    "change", ["gait.c_y=0.9", "body.lean=0.01", "foot.swing_height=0.06", "solver.ik_time_step=0.003"]
-)
-def test_other_inputs_are_other_motions(filled, no_search, change):
-    with pytest.raises(RuntimeError, match="solved again"):
-        solve(COARSE, change, cache=filled)
-
-
-def test_damaged_entries_and_folders_that_cannot_be_made_do_no_harm(filled, tmp_path):
-    entry = tmp_path / next(filled.iterdir()).name
-    entry.write_bytes(b"PK\x03\x04 rubbish")
-    assert same(solve(COARSE, cache=tmp_path), motion_of(COARSE))
-    assert entry.read_bytes() == next(filled.iterdir()).read_bytes()  # mended
-    assert list(tmp_path.iterdir()) == [entry]
-    assert same(solve(COARSE, cache=entry / "motions"), motion_of(COARSE))
-
-
-def test_cached_motions_are_refused_like_new_ones(filled, no_search, monkeypatch):
+def test_a_straight_knee_is_refused(monkeypatch):
     monkeypatch.setattr(feasibility, "KNEE_MINIMUM", 3.0)
     with pytest.raises(BodilyRefusal, match="knee straightens"):
-        solve(COARSE, cache=filled)
+        solve(COARSE)

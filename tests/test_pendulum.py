@@ -10,7 +10,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 from ampm.parameters import GaitParameters
-from ampm.planner.gaits import Gaits
+from ampm.planner.closed_form import ClosedForm
 from ampm.planner.pendulum import (
     AffineLaw,
     double_support_root,
@@ -26,7 +26,7 @@ MASS = 60.0
 
 def sagittal_plane(**changed):
     golden = {"com_height": H, "step_length": 0.6, "single_support_ratio": 0.7, "a_s": 4.0, "c_s": 1.2}
-    return Gaits.of(GaitParameters(**{**golden, **changed})).sagittal
+    return ClosedForm.of(GaitParameters(**{**golden, **changed})).sagittal
 
 
 # --- the laws ---

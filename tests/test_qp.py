@@ -57,36 +57,6 @@ def test_known_solutions(name):
         assert solution.seconds > 0.0
 
 
-@pytest.mark.parametrize("tolerance", [3e-4, 1e-9])
-@pytest.mark.parametrize(("rho", "adaptive"), [(1.0, False), (1.0, True), (1e-3, True)])
-def test_our_iteration_is_osqps(tolerance, rho, adaptive):
-    """On problems with slacks, warm-started: as many iterations.
-
-    An adapted rho is the root of a ratio of residuals near zero: it differs; both are within the tolerance.
-    """
-    atol = max(tolerance, 1e-5) if adaptive else 1e-11
-    mask, rows = np.ones((M, N), dtype=bool), np.arange(4)
-    mask[:, -4:] = False
-    mask[rows, N - 4 + rows] = True
-    costs = np.ones((N, N), dtype=bool)
-    costs[-4:], costs[:, -4:] = False, False
-    costs |= np.eye(N, dtype=bool)
-    settings = QPSettings(tolerance, max_iterations=20_000, rho=rho, adaptive_rho=adaptive)
-    one, other = (make_backend(name, costs, mask, settings) for name in ("osqp", "admm"))
-    for seed in range(12):
-        P, q, A, *_, x = problem(seed)
-        A[rows, N - 4 + rows] = 0.3
-        A, room = np.where(mask, A, 0.0), np.random.default_rng(seed).uniform(0.0, 0.5, M)
-        room[:3] = 0.0
-        # Rounded, so that the problems are the same on every processor: their products come from a BLAS.
-        numbers = [np.round(v, 9) for v in (np.where(costs, P, 0.0), 3.0 * q, A, A @ x - room, A @ x + room)]
-        expected, found = one.solve(*numbers), other.solve(*numbers)
-        assert expected.solved
-        assert (found.status, found.iterations) == (expected.status, expected.iterations)
-        np.testing.assert_allclose(found.x, expected.x, atol=atol)
-        assert found.residual == pytest.approx(expected.residual, abs=atol)
-
-
 def without_point(seed):
     """Bounds that contradict each other: the last row is a sum of others, and must exceed their largest."""
     rng = np.random.default_rng(seed)
@@ -114,28 +84,16 @@ def without_end(seed):
 
 @pytest.mark.parametrize("broken", [without_point, without_end])
 @pytest.mark.parametrize("tolerance", [3e-4, 1e-9])
-def test_our_certificates_are_osqps(broken, tolerance):
-    settings = QPSettings(tolerance, max_iterations=20_000, adaptive_rho=False)
-    one, other = (backend(name, settings) for name in ("osqp", "admm"))
+def test_problems_without_a_solution_are_infeasible(broken, tolerance):
+    solver = backend("osqp", QPSettings(tolerance, max_iterations=20_000, adaptive_rho=False))
     for seed in range(20):
-        numbers = [np.round(v, 9) for v in broken(seed)]
-        expected, found = one.solve(*numbers), other.solve(*numbers)
-        assert found.status == expected.status == QPStatus.INFEASIBLE
-        assert found.iterations == expected.iterations
+        assert solver.solve(*broken(seed)).status == QPStatus.INFEASIBLE
 
 
-def test_a_cost_without_a_least_value_is_infeasible():
-    one = backend("admm", n=2, m=2)
-    flat = np.diag([1.0, 0.0]), np.array([0.0, -1.0])
-    bounded = np.array([[1.0, 0.0], [1.0, 0.0]]), -np.ones(2), np.ones(2)
-    assert one.solve(*flat, *bounded).status == QPStatus.INFEASIBLE
-
-
-@pytest.mark.parametrize("name", ["osqp", "admm"])
-def test_the_same_calls_give_the_same_bits(name):
+def test_the_same_calls_give_the_same_bits():
     answers = []
     for _ in range(2):
-        solver = backend(name, QPSettings())
+        solver = backend("osqp", QPSettings())
         answers.append([solver.solve(*problem(seed)[:5]).x for seed in range(8)])
     np.testing.assert_array_equal(answers[0], answers[1])
 
@@ -165,9 +123,8 @@ def test_contradicting_bounds_are_infeasible(name, used):
     assert solver.solve(P, q, A, np.ones(2), np.ones(2)).solved
 
 
-@pytest.mark.parametrize("name", ["osqp", "admm"])
-def test_running_out_of_iterations_gives_the_last_iterate(name):
-    solver = backend(name, QPSettings(tolerance=1e-12, max_iterations=10))
+def test_running_out_of_iterations_gives_the_last_iterate():
+    solver = backend("osqp", QPSettings(tolerance=1e-12, max_iterations=10))
     solution = solver.solve(*problem(3)[:5])
     assert solution.status == QPStatus.UNSOLVED
     assert not solution.solved
@@ -175,10 +132,9 @@ def test_running_out_of_iterations_gives_the_last_iterate(name):
     assert solution.iterations == 10
 
 
-@pytest.mark.parametrize("name", ["osqp", "admm"])
 @pytest.mark.parametrize("used", [False, True], ids=["fresh", "used"])
-def test_a_nan_is_not_a_solution(name, used):
-    solver = backend(name)
+def test_a_nan_is_not_a_solution(used):
+    solver = backend("osqp")
     P, q, A, lower, upper, x = problem(4)
     if used:
         solver.solve(P, q, A, lower, upper)
@@ -204,14 +160,13 @@ def test_interrupt_during_a_solve_is_raised():
     assert solver.solve(np.eye(1), np.zeros(1), np.eye(1), np.ones(1), np.ones(1)).solved
 
 
-@pytest.mark.parametrize("name", ["osqp", "admm"])
-def test_a_cost_that_is_not_convex_is_refused(name, capfd):
+def test_a_cost_that_is_not_convex_is_refused(capfd):
     with pytest.raises(SolverError, match="convex"):
-        backend(name, n=2, m=2).solve(-9.0 * np.eye(2), np.zeros(2), np.eye(2), -np.ones(2), np.ones(2))
+        backend("osqp", n=2, m=2).solve(-9.0 * np.eye(2), np.zeros(2), np.eye(2), -np.ones(2), np.ones(2))
 
 
 def test_unknown_and_missing_backends(monkeypatch):
     monkeypatch.setitem(sys.modules, "daqp", None)
-    for name, words in (("simplex", "osqp, admm, daqp"), ("daqp", r"pip install -e \.\[daqp\]")):
+    for name, words in (("simplex", "osqp, daqp"), ("daqp", r"pip install -e \.\[daqp\]")):
         with pytest.raises(InputError, match=words):
             backend(name)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import json
-import os
 import shlex
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
@@ -15,6 +14,8 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+from validation.study.sweep.exceptions import SweepStopped
+from validation.study.sweep.store import ROWS
 
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import RunParameters
@@ -25,10 +26,8 @@ from validation.store import identity
 from validation.study.sweep import report, schema, store, task, workers
 from validation.study.sweep import run as sweep_run
 from validation.study.sweep.design import parse_sweep
-from validation.study.sweep.exceptions import SweepStopped
 from validation.study.sweep.report import repeat_command
 from validation.study.sweep.run import sweep
-from validation.study.sweep.store import ROWS
 from validation.study.sweep.table import read_sweep
 
 SWEEP = """
@@ -323,17 +322,6 @@ def test_a_refusal_of_the_body_still_has_the_plan():
     assert (row["outcome"], row["reason"], row["cause"]) == ("refused", "leg_too_short", "no; bend.")
     assert row["plan_l_s"] == pytest.approx(0.1185)
     assert row["plan_angular_momentum_y_offset"] is None
-
-
-def test_the_cache_keeps_the_newest(tmp_path, monkeypatch):
-    names = ["motion-a.npz", "motion-b.npz", "other.json"]
-    for age, name in enumerate(names):
-        (tmp_path / name).touch()
-        os.utime(tmp_path / name, (age, age))
-    monkeypatch.setattr("validation.trial.plan.motion_cache", lambda: tmp_path)
-    monkeypatch.setattr(task, "KEPT", 1)
-    task._trim_cache()
-    assert {path.name for path in tmp_path.iterdir()} == {"motion-b.npz", "other.json"}
 
 
 def test_words_for_errors_name_no_place():

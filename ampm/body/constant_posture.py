@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ampm.arithmetic import cos, sin
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.return_map import standing
 from ampm.body.robot import Robot
@@ -82,8 +81,8 @@ class ConstantPosture:
         trunk = np.tile(self.trunk, (n, 1, 1))
         if len(self.turns) > 1 or self.turns[0, 2]:
             heading, v[:, 5], acceleration[:, 5] = self.heading(t)
-            q[:, 5], q[:, 6] = sin(0.5 * heading), cos(0.5 * heading)
-            c, s = cos(heading)[:, None], sin(heading)[:, None]
+            q[:, 5], q[:, 6] = np.sin(0.5 * heading), np.cos(0.5 * heading)
+            c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
             trunk[:, 0], trunk[:, 1] = (
                 c * self.trunk[0] - s * self.trunk[1],
                 s * self.trunk[0] + c * self.trunk[1],

@@ -20,14 +20,11 @@ from ampm.body.continuation import Continuation
 from ampm.body.feasibility import LESS, check_motion
 from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory, Unreachable
 from ampm.body.motion import Extreme, MotionReport, WholeBodyMotion
-from ampm.body.motion_cache import find_motion, keep_motion, motion_key
 from ampm.body.return_map import Orbit, StepMap, leading_multipliers, newton, standing
 from ampm.body.step_reference import StepReference, step_grid, step_reference
 from ampm.exceptions import BodilyRefusal, InputError
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from ampm.body.robot import Robot
     from ampm.geometry import Array
     from ampm.parameters import RunParameters
@@ -52,7 +49,6 @@ def solve_motion(
     robot: Robot,
     *,
     progress: Callable[[str], None] | None = None,
-    cache: Path | None = None,
 ) -> WholeBodyMotion:
     """Solve the periodic whole-body motion of a plan.
 
@@ -61,7 +57,6 @@ def solve_motion(
         run: posture gains, lean, the choice for L_z, the grid.
         robot: the body.
         progress: called with a line of text after every Newton step.
-        cache: folder that keeps orbits by their inputs; None keeps nothing.
 
     Returns:
         One step whose mirrored end is its start.
@@ -70,12 +65,7 @@ def solve_motion(
         BodilyRefusal: no orbit, a knee too straight, or a joint beyond its limits.
         InputError: the grid is too coarse for the posture's gains.
     """
-    key = "" if cache is None else motion_key(plan, run, robot)
-    motion = None if cache is None else find_motion(cache, key)
-    if motion is None:
-        motion = _Search(plan, run, robot, progress).solve()
-        if cache is not None:
-            keep_motion(motion, cache, key)
+    motion = _Search(plan, run, robot, progress).solve()
     check_motion(motion.report, robot.description)
     return motion
 

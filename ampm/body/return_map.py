@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from ampm.arithmetic import product
 from ampm.body.inverse_kinematics import InverseKinematics, StepTrajectory, Unreachable
 from ampm.body.step_reference import StepReference
 
@@ -226,7 +225,7 @@ def _approximate_inverse(step_map: StepMap, z: Array, value: Array) -> _BroydenI
         known = basis[:used]
         direction = following
         for _ in range(2):  # orthogonalised twice because of rounding
-            direction = direction - product(known.T, product(known, direction))
+            direction = direction - known.T @ (known @ direction)
         norm = _length(direction)
         if norm < 1e-12:
             break
@@ -248,7 +247,7 @@ def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, f
         moved[:-1] += _DIFFERENCE * basis[k]
         image = (step_map.returned(step_map.step(moved), offset) - base)[:-1] / _DIFFERENCE
         for j in range(k + 1):
-            hessenberg[j, k] = product(basis[j], image)
+            hessenberg[j, k] = basis[j] @ image
             image = image - hessenberg[j, k] * basis[j]
         rest = _length(image)
         hessenberg[k + 1, k] = rest
@@ -265,7 +264,7 @@ def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, f
 
 
 def _length(a: Array) -> float:
-    return math.sqrt(product(a, a))
+    return math.sqrt(a @ a)
 
 
 class _BroydenInverse:
@@ -284,12 +283,12 @@ class _BroydenInverse:
     def __call__(self, value: Array) -> Array:
         out = -value
         for left, right in self._updates:
-            out = out + left * product(right, out)
+            out = out + left * (right @ out)
         return out
 
     def update(self, step: Array, change: Array) -> None:
         """Make the inverse map ``change`` to ``step``."""
         image = self(change)
-        denominator = float(product(step, image))
+        denominator = float(step @ image)
         if abs(denominator) > 1e-300:
             self._updates.append(((step - image) / denominator, step))

@@ -364,12 +364,6 @@ def joint_torques(
         here, force, point = link[points[i].joint], vector(forces[i]), place_of(link, points[i])
         put(here.force, minus(vector(here.force), force))
         put(here.moment, minus(vector(here.moment), cross(point, force)))
-    hinge_torques(tree, armature, link, qdd, torque)
-
-
-@compiled
-def hinge_torques(tree: Records, armature: Array, link: Records, qdd: Array, torque: Array) -> None:
-    """Sum the links' forces inwards, and take the torques of the hinges from them, shape (nv - 6,) [N m]."""
     sum_forces(tree, link)
     for i in range(1, len(tree)):
         here = link[i]

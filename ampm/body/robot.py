@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 import pinocchio as pin
 
-from ampm.arithmetic import product
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription
 from ampm.exceptions import InputError
 
@@ -245,7 +244,7 @@ class Robot:
             Shape (6,) [N, N m].
         """
         turn = terms.jacobian[6:9, :3]
-        force, moment = product(turn, torque[:3]), product(turn, torque[3:6])
+        force, moment = turn @ torque[:3], turn @ torque[3:6]
         return np.concatenate([force, moment - np.cross(terms.sole[foot] - q[:3], force)])
 
     def trunk_rotations(self, q: Array) -> Array:

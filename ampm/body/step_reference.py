@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -67,19 +66,19 @@ class StepReference:
     def turned(self, heading: ArrayLike) -> StepReference:
         """The same tasks in axes that are turned about the vertical by one or n + 1 angles [rad]."""
         angle = np.reshape(heading, -1)
-        cos, sin = map(math.cos, angle), map(math.sin, angle)
-        back = np.array([[[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]] for c, s in zip(cos, sin, strict=True)])
-
-        def turn(vectors: Array) -> Array:
-            return np.asarray((vectors[..., None, :] * back[:, None]).sum(axis=-1))
-
+        back = np.zeros((len(angle), 3, 3))
+        back[:, 0, 0] = back[:, 1, 1] = np.cos(angle)
+        back[:, 1, 0] = np.sin(angle)
+        back[:, 0, 1] = -back[:, 1, 0]
+        back[:, 2, 2] = 1.0
         velocity, acceleration = self.velocity.copy(), self.acceleration.copy()
         for rows in (velocity, acceleration):
-            rows[:, :TASK_ROWS] = turn(rows[:, :TASK_ROWS].reshape(len(rows), -1, 3)).reshape(len(rows), -1)
+            vectors = rows[:, :TASK_ROWS].reshape(len(rows), -1, 3)
+            rows[:, :TASK_ROWS] = (vectors @ back).reshape(len(rows), -1)
         feet = self.heading - angle[:, None]
         return replace(
             self,
-            position=turn(self.position),
+            position=self.position @ back,
             velocity=velocity,
             acceleration=acceleration,
             heading=feet,

@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ampm.arithmetic import cos, sin
 from ampm.body.constant_posture import ConstantPosture
 from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.body.return_map import standing
@@ -83,8 +82,8 @@ class SwayingPosture(ConstantPosture):
         about_x, about_y = (np.interp(t, self._times, angle)[:, None] for angle in self.sway.T)
         state = super().sample(times)
         x, y, z = np.moveaxis(state.trunk, 1, 0)
-        y, z = cos(about_x) * y - sin(about_x) * z, sin(about_x) * y + cos(about_x) * z
-        x, z = cos(about_y) * x + sin(about_y) * z, cos(about_y) * z - sin(about_y) * x
+        y, z = np.cos(about_x) * y - np.sin(about_x) * z, np.sin(about_x) * y + np.cos(about_x) * z
+        x, z = np.cos(about_y) * x + np.sin(about_y) * z, np.cos(about_y) * z - np.sin(about_y) * x
         return state._replace(trunk=np.stack([x, y, z], axis=1))
 
 

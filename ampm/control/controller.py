@@ -15,11 +15,9 @@ import numpy as np
 
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.compiled import Bundle, bound, records
-from ampm.control.bias import sense_bias
 from ampm.control.forces import ANGULAR, share_forces, without_closed
 from ampm.control.limited_qp import LimitedForm, acceleration_bounds
 from ampm.control.live import LiveReference
-from ampm.control.masses import scale_of
 from ampm.control.records import LINE, PHI, feet_of, gains_of, points_of
 from ampm.control.tick import (
     ALPHA,
@@ -27,8 +25,6 @@ from ampm.control.tick import (
     LAST,
     LIMIT,
     LOW,
-    MISSING,
-    PASSIVE,
     POSTURE,
     RATE,
     RATES,
@@ -82,7 +78,7 @@ class TrackingController:
         weights = robot.by_group(POSTURE_WEIGHTS)
         self._root_weight = np.sqrt(weights)
         rows = body.columns.shape[1]
-        self._q, self._motion, self._tasks = np.zeros(robot.nq), np.zeros((8, robot.nv)), np.zeros((6, rows))
+        self._q, self._motion, self._tasks = np.zeros(robot.nq), np.zeros((7, robot.nv)), np.zeros((6, rows))
         self._tasks[SCALE] = 1.0
         self._tasks[SCALE, 3:6] = ANGULAR
         self._hinges = np.zeros((5, robot.nu))
@@ -113,16 +109,15 @@ class TrackingController:
             np.zeros(robot.nq), *np.zeros((2, robot.nv)), np.zeros((3, 3)),
         )  # fmt: skip
         self._forces = np.zeros(qp.forces)
-        self._tree = body.tree.copy()  # a stabiliser may find other masses
         parts = "centre feet_values planned due until_lift posture_q posture_v posture_a posture_trunk"
         self.own = Bundle(
-            tree=self._tree, link=body.link, feet=self._feet, trunk=body.trunk, points=self._points,
+            tree=body.tree, link=body.link, feet=self._feet, trunk=body.trunk, points=self._points,
             lines=self._lines, gains=self._gains, gravity=robot.gravity, armature=body.armature,
             root_weight=self._root_weight, passive=robot.passive, q=self._q, motion=self._motion,
             tasks=self._tasks, hinges=self._hinges, columns=body.columns, com=self._com, share=self._share,
             scaled=self._scaled, system=np.zeros((rows, rows + 7)), phi=self._phi, wrench=self._wrench,
             forces=self._forces, P=qp.P, gradient=qp.q, A=qp.A, lower=qp.lower, upper=qp.upper,
-            answer=np.zeros(len(qp.q)), command=self._command, past=tilts[0], memory=tilts[1],
+            command=self._command, past=tilts[0], memory=tilts[1],
             extrapolates=self._extrapolates, sensed=self._sensed, touching=self._touching,
             **dict(zip(parts.split(), self._reference, strict=True)),
         )  # fmt: skip
@@ -155,17 +150,6 @@ class TrackingController:
             described = self.robot.description
             shape = described.scale, 2.0 * described.sole.half_width
             self._live = LiveReference(plan, timing, *own, *body, *shape, self._share)
-            rigid, motion = self.robot.rigid_body, self._motion
-            self._sense_bias = bound(
-                sense_bias,
-                (
-                    self._tree, rigid.link, self._points, self.robot.gravity, rigid.armature, body[-1],
-                    timing.hold if self._extrapolates else 0.0, self._q, motion[V], self._hinges,
-                    motion[PASSIVE, 6:], motion[MISSING, 6:], np.zeros((8, self.robot.nv)),
-                    self._sensed, scale_of(self._tree, self.robot.gravity, plan.com_height),
-                ),
-                0.0, True,
-            )  # fmt: skip
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One control tick.
@@ -178,9 +162,6 @@ class TrackingController:
         first = self._first
         if first:
             self._motion[LAST] = reference.posture.acceleration
-        if self._live is not None:
-            self._motion[V], self._sensed[:] = state.v, touch.normal_force
-            self._sense_bias(float(touch.age), first)
         _copy((state.q, state.v, touch.normal_force, touch.contact), self._measured)
         self._observe(state.velocity_lag)
         if self._live is not None:

@@ -31,7 +31,7 @@ class LimitedForm:
 
     Args:
         backend: name of the solver.
-        settings: of the ADMM solver.
+        settings: of the solver.
         weights: posture weights, shape (nv,).
         rows: of the tasks.
         condensed: supplies the force part of cost and constraints.

@@ -35,10 +35,10 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-V, NOW, LAST, STILL, POSTURE, ALPHA, PASSIVE, MISSING = range(8)
-"""Rows of ``motion``, shape (8, nv): measured velocity, the same at the instant of q, the last tick's
+V, NOW, LAST, STILL, POSTURE, ALPHA, PASSIVE = range(7)
+"""Rows of ``motion``, shape (7, nv): measured velocity, the same at the instant of q, the last tick's
 acceleration [m/s^2], zeros, wanted acceleration in the metric of the posture [g], this tick's [m/s^2], torque
-that overcomes the passive ones and those found to act beside the commanded ones [N m], the latter [N m]."""
+that overcomes the passive ones [N m]."""
 
 SCALE, RATES, DRIFT, WANTED, SOFTNESS, RHS = range(6)
 """Rows of ``tasks``, shape (6, R): scale in the QP, rate, drift, wanted acceleration, softness, right-hand
@@ -84,7 +84,6 @@ def prepare(own: Any, age: float, first: bool, right_load: float, tilt_window: f
     for i in range(len(points)):
         points[i].sensed, points[i].touching = own.sensed[i], own.touching[i]
     passive_torques(own.passive, q, v, own.posture_v, motion[PASSIVE, 6:])
-    motion[PASSIVE] -= motion[MISSING]
     mass, com = link[0].mass, vector(own.com)
 
     # What is wanted.

@@ -168,7 +168,7 @@ class CondensedForm:
 
     Args:
         backend: name of the solver.
-        settings: of the ADMM solver.
+        settings: of the solver.
         friction: coefficient that the forces may use [1].
         lines: of every point, by foot, shape (F, k).
     """

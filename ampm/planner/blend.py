@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ampm.arithmetic import cos, cosh, sin, sinh, where
 from ampm.planner.pendulum import LawState
 
 
@@ -46,18 +45,18 @@ def shape(rate: Any, duration: Any, time: Any) -> Shape:
     """
     half, middle = 0.5 * rate * duration, time - 0.5 * duration
     linear = rate == 0.0
-    k, sine = where(linear, 1.0, rate), where(linear, 1.0, sin(half))
-    value = where(linear, middle / duration, 0.5 * sin(rate * middle) / sine)
-    slope = where(linear, 1.0 / duration, 0.5 * k * cos(rate * middle) / sine)
-    integral = where(
+    k, sine = np.where(linear, 1.0, rate), np.where(linear, 1.0, np.sin(half))
+    value = np.where(linear, middle / duration, 0.5 * np.sin(rate * middle) / sine)
+    slope = np.where(linear, 1.0 / duration, 0.5 * k * np.cos(rate * middle) / sine)
+    integral = np.where(
         linear,
         -0.5 * time * (duration - time) / duration,
-        -sin(0.5 * rate * time) * sin(0.5 * rate * (duration - time)) / (k * sine),
+        -np.sin(0.5 * rate * time) * np.sin(0.5 * rate * (duration - time)) / (k * sine),
     )
-    double = where(
+    double = np.where(
         linear,
         time * time * (2.0 * time - 3.0 * duration) / (12.0 * duration),
-        0.5 * time * cos(half) / (k * sine) - (value + 0.5) / (k * k),
+        0.5 * time * np.cos(half) / (k * sine) - (value + 0.5) / (k * k),
     )
     return Shape(value, slope, integral, double)
 
@@ -93,7 +92,7 @@ class BlendLaw:
         gain = omega**2 / (omega**2 + self.rate**2) * (r1 - r0)
         offset = self.position - 0.5 * (r0 + r1) - gain * begin.value
         speed = self.velocity - gain * begin.rate
-        c, s = cosh(omega * time), sinh(omega * time)
+        c, s = np.cosh(omega * time), np.sinh(omega * time)
         position = 0.5 * (r0 + r1) + gain * at.value + offset * c + speed / omega * s
         return LawState(
             position=position,

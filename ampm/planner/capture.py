@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from ampm.arithmetic import cos, sin
 from ampm.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -90,7 +89,7 @@ def push_instant(
     if not after:
         raise InputError(f"no single support follows a push in step {step}; take an earlier one.", value=step)
     heading = contacts.headings[index]
-    along = np.array([float(cos(heading)), float(sin(heading))])
+    along = np.array([float(np.cos(heading)), float(np.sin(heading))])
     side = 1.0 if after[0].stance == "left" else -1.0
     across = side * np.array([-along[1], along[0]])
     vector = {"forward": along, "backward": -along, "narrower": across, "wider": -across}[direction]
@@ -231,7 +230,7 @@ def largest_velocity_change(
     feet = [path.position[0] for path in plan.feet.sample(np.array([time]))]
     own, swing = feet if stance == "left" else feet[::-1]
     heading = contacts.headings[max(index, 0)]
-    along = np.array([float(cos(heading)), float(sin(heading))])
+    along = np.array([float(np.cos(heading)), float(np.sin(heading))])
     across = np.array([-along[1], along[0]])
     dcm = state.com[0, :2] + state.com_velocity[0, :2] / omega - own[:2]
     apart = (swing - own)[:2]

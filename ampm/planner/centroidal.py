@@ -17,7 +17,6 @@ from typing import Any, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ampm.arithmetic import cos, sin
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.planner.contacts import PHASE_NAMES, STANCE_NAMES, Contacts
@@ -168,7 +167,7 @@ class PlanSample(Brief):
     @property
     def right_load(self) -> Array:
         """Share of the right foot, by the ZMP between the centre lines of both feet, shape (N,) [1]."""
-        across = np.stack([-sin(self.heading), cos(self.heading)], axis=1)
+        across = np.stack([-np.sin(self.heading), np.cos(self.heading)], axis=1)
         left, right, zmp = (
             (place * across).sum(axis=1) for place in (self.left_placement, self.right_placement, self.zmp)
         )
@@ -248,7 +247,7 @@ class CentroidalPlan(Brief):
     def _axes(self) -> Array | None:
         """Axes of the laws in world, by columns, shape (P, 2, 2); None if no phase has a heading."""
         heading = np.array([phase.heading for phase in self.phases])
-        c, s = cos(heading), sin(heading)
+        c, s = np.cos(heading), np.sin(heading)
         return np.moveaxis(np.array([[c, -s], [s, c]]), 2, 0) if heading.any() else None
 
     @cached_property

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ampm.arithmetic import cos, sin
 from ampm.brief import Brief
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
@@ -157,8 +156,8 @@ class FeetPlan(Brief):
 def foot_rotation(heading: Array, pitch: Array) -> Array:
     """Rotation of a foot to world, (..., 3, 3), by its heading and its pitch (...) [rad]."""
     rotation = np.zeros((*pitch.shape, 3, 3))
-    rotation[..., 0, 0] = rotation[..., 2, 2] = cos(pitch)
-    rotation[..., 0, 2] = sin(pitch)
+    rotation[..., 0, 0] = rotation[..., 2, 2] = np.cos(pitch)
+    rotation[..., 0, 2] = np.sin(pitch)
     rotation[..., 2, 0] = -rotation[..., 0, 2]
     rotation[..., 1, 1] = 1.0
     return _turned(heading, rotation.swapaxes(-1, -2)).swapaxes(-1, -2) if heading.any() else rotation
@@ -179,7 +178,7 @@ def _turned(heading: Array, vectors: Array) -> Array:
     """Vectors (..., 3), or (..., n, 3), turned about the vertical by (...) [rad]."""
     turned = vectors.copy()
     extra = (1,) * (vectors.ndim - 1 - heading.ndim)
-    c, s = (part.reshape(*heading.shape, *extra) for part in (cos(heading), sin(heading)))
+    c, s = (part.reshape(*heading.shape, *extra) for part in (np.cos(heading), np.sin(heading)))
     turned[..., 0] = c * vectors[..., 0] - s * vectors[..., 1]
     turned[..., 1] = s * vectors[..., 0] + c * vectors[..., 1]
     return turned
@@ -204,7 +203,7 @@ def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
     pitch, pitch_velocity, pitch_acceleration = _evaluate(path.pitch[index], local)
     toe, toe_velocity, toe_acceleration = _evaluate(path.toe[index], local)
     x = np.where(path.pivot[index] == PIVOT_HEEL, sole.heel_x, sole.ball_x)
-    c, s = cos(pitch), sin(pitch)
+    c, s = np.cos(pitch), np.sin(pitch)
     zero = np.zeros_like(c)
     arm = np.stack([x * c, zero, -x * s], axis=1)
     arm_first = np.stack([-x * s, zero, -x * c], axis=1)  # d arm / d pitch
@@ -253,7 +252,7 @@ def _sole_points(sole: SoleGeometry, c: Array, s: Array, toes_pitch: Array) -> A
     ``c`` and ``s`` are of the pitch. Shape (N, 6, 3) [m].
     """
     points = np.empty((len(c), 6, 3))
-    ct, st = cos(toes_pitch), sin(toes_pitch)
+    ct, st = np.cos(toes_pitch), np.sin(toes_pitch)
     toes = sole.tip_x - sole.ball_x
     for group, half_width in enumerate((sole.heel_half_width, sole.ball_half_width, sole.tip_half_width)):
         x = (sole.heel_x, sole.ball_x, sole.ball_x)[group]

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from ampm.arithmetic import arctan2, cos, sin, tanh
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.geometry import hull_distance
 from ampm.parameters import GRAVITY, GaitParameters
@@ -201,7 +200,7 @@ def supports_of(footsteps: Sequence[Footstep], contacts: Contacts, gait: GaitPar
     # Rates of the paper's double support of these durations.
     share, rate = gait.single_support_ratio, w * math.sqrt(gait.c_y)
     along = w * math.sqrt((gait.c_s - 1.0 / gait.a_s) * share / (1.0 - share))
-    across = rate / double_support_root(tanh(0.5 * rate * single[:-1]), 0.5 * rate * double)
+    across = rate / double_support_root(np.tanh(0.5 * rate * single[:-1]), 0.5 * rate * double)
     blend = np.stack([np.full_like(double, along), across], axis=1)
     return Supports(
         place=np.array([step.position[:2] for step in standing]),
@@ -221,7 +220,7 @@ def _mean_heading(heading: Array) -> Array:
 
 def _axes(heading: Array) -> Array:
     """Axes along and across headings, by columns, shape (n, 2, 2)."""
-    c, s = cos(heading), sin(heading)
+    c, s = np.cos(heading), np.sin(heading)
     return np.moveaxis(np.array([[c, -s], [s, c]]), 2, 0)
 
 
@@ -336,7 +335,7 @@ def _as_phases(
 ) -> list[CentroidalPhase]:
     """Phases of laws, with the angular momentum at their begin."""
     momentum = mass * GRAVITY * np.stack([J[:, 1], -J[:, 0]], axis=1)
-    heading = arctan2(axes[:, 1, 0], axes[:, 0, 0])
+    heading = np.arctan2(axes[:, 1, 0], axes[:, 0, 0])
     rows = zip(*(value.tolist() for value in (start, duration, origin, momentum, heading)), laws, strict=True)
     return [
         CentroidalPhase(t, T, tuple(place), x, y, tuple(L), turn) for t, T, place, L, turn, (x, y) in rows

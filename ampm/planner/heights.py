@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.arithmetic import exp
 from ampm.description import SoleGeometry
 from ampm.exceptions import BodilyRefusal
 from ampm.parameters import GRAVITY
@@ -74,7 +73,11 @@ def vertical_laws(
     points[1, [1, 2], [1, 0]] = points[2, [-3, -2], [1, 0]] = 1.0
     # The part z + z'/w grows, and is known at the end; z - z'/w fades, and is known at the begin.
     mean, way = points.mean(axis=2), w**2 / (w**2 + rate**2) * np.diff(points, axis=2)[..., 0]
-    begin, end, fade = shape(rate, duration, np.zeros(n)), shape(rate, duration, duration), exp(-w * duration)
+    begin, end, fade = (
+        shape(rate, duration, np.zeros(n)),
+        shape(rate, duration, duration),
+        np.exp(-w * duration),
+    )
     grows, fades = np.empty((2, 3, n + 1))
     grows[:, n], fades[:, 0] = points[:, -1, 1], points[:, 0, 0]
     for k in range(n):

@@ -27,8 +27,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.arithmetic import arctan2, cos, cosh, sin, sinh, sqrt, where
-
 Array = NDArray[np.float64]
 
 EPSILON = float(np.finfo(np.float64).eps)
@@ -108,13 +106,13 @@ def solution(rate: Any, even: Any, odd: Any, time: Any) -> tuple[Array, Array]:
     Returns:
         Position [m] and velocity [m/s].
     """
-    k = sqrt(abs(rate))
+    k = np.sqrt(abs(rate))
     angle = k * time
     hyperbolic, uniform = rate > 0.0, rate == 0.0
-    safe = where(hyperbolic, angle, 0.0)
-    c = where(hyperbolic, cosh(safe), cos(angle))
-    s = where(hyperbolic, sinh(safe), where(uniform, time, sin(angle)))
-    return even * c + odd * s, where(uniform, 1.0, k) * (np.sign(rate) * even * s + odd * c)
+    safe = np.where(hyperbolic, angle, 0.0)
+    c = np.where(hyperbolic, np.cosh(safe), np.cos(angle))
+    s = np.where(hyperbolic, np.sinh(safe), np.where(uniform, time, np.sin(angle)))
+    return even * c + odd * s, np.where(uniform, 1.0, k) * (np.sign(rate) * even * s + odd * c)
 
 
 def position_integral(rate: Any, even: Any, odd: Any, start: Any, end: Any) -> Array:
@@ -124,12 +122,12 @@ def position_integral(rate: Any, even: Any, odd: Any, start: Any, end: Any) -> A
     ``(2/k) sinh(k (end - start)/2) u((start + end)/2)``, with sin for a negative rate and
     ``(end - start) u((start + end)/2)`` for none.
     """
-    k = sqrt(abs(rate))
+    k = np.sqrt(abs(rate))
     half = 0.5 * k * (end - start)
     hyperbolic, uniform = rate > 0.0, rate == 0.0
-    width = where(hyperbolic, sinh(where(hyperbolic, half, 0.0)), sin(half))
+    width = np.where(hyperbolic, np.sinh(np.where(hyperbolic, half, 0.0)), np.sin(half))
     middle, _ = solution(rate, even, odd, 0.5 * (start + end))
-    return where(uniform, end - start, 2.0 * width / where(uniform, 1.0, k)) * middle
+    return np.where(uniform, end - start, 2.0 * width / np.where(uniform, 1.0, k)) * middle
 
 
 def odd_double_integral(rate: float, odd: float, duration: float) -> float:
@@ -172,14 +170,14 @@ def double_support_root(tau: Any, half_angle: Any) -> Array:
         rho, same shape [1], to machine precision.
     """
     q = half_angle
-    rho = q / math.pi + sqrt((q / math.pi) * (q / math.pi) + q * tau)
+    rho = q / math.pi + np.sqrt((q / math.pi) * (q / math.pi) + q * tau)
     # Converged elements stay unchanged, so that a root is independent of the rest of its array.
     moving: Any = True
     for _ in range(30):
-        angle = arctan2(rho, tau)
+        angle = np.arctan2(rho, tau)
         step = (rho * angle - q) / (angle + rho * tau / (tau * tau + rho * rho))
-        rho = where(moving, rho - step, rho)
+        rho = np.where(moving, rho - step, rho)
         moving = moving & (abs(step) > 4.0 * EPSILON * rho)
-        if not (moving if isinstance(moving, bool) else moving.any()):
+        if not np.any(moving):
             break
     return rho

@@ -12,8 +12,8 @@ import numpy as np
 from ampm.exceptions import InputError
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
+from ampm.planner.closed_form import ClosedForm
 from ampm.planner.contacts import Contacts, Footstep, Phase
-from ampm.planner.gaits import Gaits
 from ampm.planner.pendulum import AffineLaw, odd_double_integral, position_integral
 from ampm.planner.rules import refusal_of
 
@@ -39,13 +39,9 @@ def plan_with_next_step(gait: GaitParameters, mass: float) -> tuple[CentroidalPl
     """:func:`plan_gait`, and the contacts of the walk with one more step."""
     if not (math.isfinite(mass) and mass > 0.0):
         raise InputError(f"the mass is {mass:g} kg; it must be a finite number greater than 0 kg.")
-    one = Gaits.of(gait)
-    try:
+    one = ClosedForm.of(gait)
+    with np.errstate(all="ignore"):  # what overflows is refused by the last rule
         refusal = refusal_of(one)
-    except (ArithmeticError, ValueError):  # numbers of too different size; as arrays they give infinities
-        one = one.arrays
-        with np.errstate(all="ignore"):  # what overflows is refused by the last rule
-            refusal = refusal_of(one)
     if refusal:
         raise refusal
     return _assemble(gait, float(mass), one)
@@ -63,7 +59,7 @@ def _mirrored(law: AffineLaw) -> AffineLaw:
     )
 
 
-def _assemble(gait: GaitParameters, mass: float, one: Gaits) -> tuple[CentroidalPlan, Contacts]:
+def _assemble(gait: GaitParameters, mass: float, one: ClosedForm) -> tuple[CentroidalPlan, Contacts]:
     """Plan of the closed form over its footsteps."""
     sagittal, frontal = one.sagittal, one.frontal
     single_x, double_x, single, double = map(

@@ -19,10 +19,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from ampm.arithmetic import cos, cosh, sin, sinh, where
 from ampm.planner.blend import shape
 
 Array = NDArray[np.float64]
@@ -102,8 +100,8 @@ def single_maps(problem: Problem, inverse_a: Array, duration: Array) -> tuple[Ar
     rate = square * np.stack([c[:, 0] - inverse_a, c[:, 1]], axis=1)
     T = np.broadcast_to(duration[:, None], rate.shape)
     k = np.sqrt(np.abs(rate))
-    ch = where(rate > 0.0, cosh(k * T), cos(k * T))
-    sh = where(rate > 0.0, sinh(k * T), sin(k * T)) / k
+    ch = np.where(rate > 0.0, np.cosh(k * T), np.cos(k * T))
+    sh = np.where(rate > 0.0, np.sinh(k * T), np.sin(k * T)) / k
     lever, zero, one = c - 1.0, np.zeros_like(rate), np.ones_like(rate)
     once, twice = (ch - 1.0) / rate, (sh - T) / rate  # integrals of ch, twice and thrice
     offset = square * once, square * sh, square * twice, square * (once - 0.5 * T * T) / rate
@@ -131,7 +129,7 @@ def _blend_maps(frequency: float, rate: Array, duration: Array) -> Array:
     """
     T, w = np.broadcast_to(duration[:, None], rate.shape), frequency
     end, middle = shape(rate, T, T), shape(rate, T, 0.5 * T)
-    ch, sh, gain = cosh(w * T), sinh(w * T) / w, w**2 / (w**2 + rate**2)
+    ch, sh, gain = np.cosh(w * T), np.sinh(w * T) / w, w**2 / (w**2 + rate**2)
     zero, one = np.zeros_like(T), np.ones_like(T)
     # COM and velocity per mean and per difference of r.
     mean = 1.0 - ch, -(w**2) * sh
@@ -162,8 +160,8 @@ def _quarters(problem: Problem, point: Array, arm: Array) -> Array:
     step = _blend_maps(problem.frequency, np.zeros((1, 2)), np.array([0.25 * SETTLING]))[0, 0, :4]
     state = np.hstack([np.eye(4), np.zeros((4, point.shape[1]))])
     for i in range(4):
-        state = _product(step[:, :4], state)
-        state[:, 4:] += _product(step[:, 4:], np.stack([point[i], arm[i], point[i + 1], arm[i + 1]]))
+        state = step[:, :4] @ state
+        state[:, 4:] += step[:, 4:] @ np.stack([point[i], arm[i], point[i + 1], arm[i + 1]])
     return np.asarray(np.kron(state, np.eye(2)), dtype=np.float64)
 
 
@@ -177,11 +175,6 @@ def in_world(maps: Array, axes: Array) -> Array:
     n, _, a, b = maps.shape
     along = axes.swapaxes(1, 2)[:, :, None, :, None, None] * axes.swapaxes(1, 2)[:, :, None, None, None, :]
     return np.asarray((maps[:, :, :, None, :, None] * along).sum(axis=1).reshape(n, 2 * a, 2 * b))
-
-
-def _product(a: Array, b: Array) -> Array:
-    """Products of matrices, with the same bits on every processor."""
-    return np.asarray(np.einsum("...ij,...jk->...ik", a, b))
 
 
 def times(matrices: Array, vectors: Array) -> Array:
@@ -198,14 +191,14 @@ def solve(supports: Supports, problem: Problem, inverse_a: Array) -> Solution:
     moved[:, :2] += place
     begun[:, :2] += place
     ended = begun + times(signal[:, :, :8], moved)
-    leaving = _product(signal[:, :, :8], move)
+    leaving = signal[:, :, :8] @ move
     leaving[:, :, 8:] += signal[:, :, 8:]
 
     # From a support to the next: eight equations of the motion, two of Theta in the middle.
     blend = in_world(_blend_maps(problem.frequency, supports.blend, supports.double), supports.between)
     from_, rising, to = blend[:, :, :8], blend[:, :, 8:12], blend[:, :, 12:]
-    before = _product(from_, move[:-1]) + _product(rising, leaving[:-1])
-    after = _product(to, signal[1:])
+    before = from_ @ move[:-1] + rising @ leaving[:-1]
+    after = to @ signal[1:]
     after[:, :8, :8] -= np.eye(8)
     known = times(from_, moved[:-1]) + times(rising, ended[:-1]) + times(to, begun[1:])
     for part in (before, after, known):
@@ -225,7 +218,7 @@ def solve(supports: Supports, problem: Problem, inverse_a: Array) -> Solution:
         np.array([q, 0.5 * (q + one), one, two, none]),
     )
     first = np.zeros((10, 10))
-    first[:8] = _product(up[:, 8:12], signal[0]) - np.eye(8, 10)
+    first[:8] = up[:, 8:12] @ signal[0] - np.eye(8, 10)
     half = 0.5 * float(supports.double[0]) if n > 1 else 0.0  # Theta is zero in the middle of double support
     first[8:, 6:8], first[8:, 4:6] = np.eye(2) / problem.theta, -half / problem.theta * np.eye(2)
     first_known = times(up[:, :2] + up[:, 18:], problem.ends[0]) + times(up[:, 8:12], begun[0])
@@ -235,7 +228,7 @@ def solve(supports: Supports, problem: Problem, inverse_a: Array) -> Solution:
         given = problem.begin.ravel()
         first, first_known = -np.eye(10), given[:8].copy()
         entered = np.eye(8, 6, -2) * ([1.0] * 2 + [0.0] * 4)
-    last = _product(down[:, :8], move[-1]) + _product(down[:, 8:12], leaving[-1])
+    last = down[:, :8] @ move[-1] + down[:, 8:12] @ leaving[-1]
     last_known = times(down[:, :8], moved[-1]) + times(down[:, 8:12], ended[-1])
     last_known += times(down[:, 18:] - np.eye(8, 2), problem.ends[1])
 
@@ -280,30 +273,24 @@ class _Banded:
     """Largest distance of an entry from the diagonal."""
 
     def __init__(self, size: int) -> None:
-        self.band, self.right = np.zeros((size, 3 * self.WIDTH + 1)), np.zeros(size)
+        self.band, self.right = np.zeros((2 * self.WIDTH + 1, size)), np.zeros(size)
 
     def put(self, row: Any, column: Any, blocks: Array, right: Array | None = None) -> None:
         """Put blocks of B, (k, a, b), with their first rows and columns, and their right sides, (k, a)."""
         _, a, b = blocks.shape
         rows = np.broadcast_to(np.reshape(row, (-1, 1, 1)) + np.arange(a)[:, None], blocks.shape)
         columns = np.broadcast_to(np.reshape(column, (-1, 1, 1)) + np.arange(b), blocks.shape)
-        self.band[rows, self.WIDTH + columns - rows] = blocks
-        self.band[columns, self.WIDTH + rows - columns] = blocks
+        self.band[self.WIDTH + rows - columns, columns] = blocks
+        self.band[self.WIDTH + columns - rows, rows] = blocks
         if right is not None:
             self.right[rows[:, :, 0]] = right
 
     def diagonal(self, at: NDArray[np.intp], value: float) -> None:
         """Put entries of D or -I."""
-        self.band[at, self.WIDTH] = value
+        self.band[self.WIDTH, at] = value
 
     def solve(self) -> Array:
-        """The solution, refined once."""
-        from ampm.linear import factorise_band, solve_band  # imported here: numba is slow to load
+        """The solution."""
+        from scipy.linalg import solve_banded  # imported here: SciPy is slow to load
 
-        width, factors, x = self.WIDTH, self.band.copy(), self.right.copy()
-        swapped = factorise_band(factors, width)
-        solve_band(factors, swapped, width, x)
-        around = sliding_window_view(np.pad(x, width), 2 * width + 1)
-        error = self.right - (self.band[:, : 2 * width + 1] * around).sum(axis=1)
-        solve_band(factors, swapped, width, error)
-        return x + error
+        return np.asarray(solve_banded((self.WIDTH, self.WIDTH), self.band, self.right))

@@ -1,4 +1,4 @@
-"""Rules that refuse a gait: one table, for one gait or arrays of gaits."""
+"""Rules that refuse a gait: one table."""
 
 from __future__ import annotations
 
@@ -12,14 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.exceptions import MathematicalRefusal
-from ampm.planner.gaits import LEAST_MID_STANCE_SHARE, Gaits
+from ampm.planner.closed_form import LEAST_MID_STANCE_SHARE, ClosedForm
 
 Array = NDArray[np.float64]
 
 RESIDUAL_LIMIT = 1e-9
 """Largest relative jump at a switch that rounding may cause."""
-
-_CHUNK = 16_384  # gaits at a time: their arrays stay in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -28,12 +26,12 @@ class Rule:
 
     Attributes:
         reason: short name; several rules may share it.
-        value: what is limited, an attribute of :class:`Gaits`.
+        value: what is limited, an attribute of :class:`ClosedForm`.
         passes: comparison of value and limit that a valid gait meets; false for NaN.
-        limit: a number or an attribute of :class:`Gaits`.
+        limit: a number or an attribute of :class:`ClosedForm`.
         unit: SI unit of value and limit.
         message, way_out: sentence about gait ``g``, ``value`` and ``limit``, as templates.
-        exempt: attribute of :class:`Gaits`, true where the rule does not apply; None: it applies to all.
+        exempt: attribute of :class:`ClosedForm`, true where the rule does not apply; None: it applies to all.
     """
 
     reason: str
@@ -45,15 +43,15 @@ class Rule:
     way_out: str
     exempt: str | None = None
 
-    def _limit(self, gaits: Gaits) -> Any:
-        return getattr(gaits, self.limit) if isinstance(self.limit, str) else self.limit
+    def _limit(self, gait: ClosedForm) -> Any:
+        return getattr(gait, self.limit) if isinstance(self.limit, str) else self.limit
 
-    def met(self, gaits: Gaits) -> Any:
-        """Which gaits keep the rule."""
-        passed = self.passes(getattr(gaits, self.value), self._limit(gaits))
-        return passed if self.exempt is None else passed | getattr(gaits, self.exempt)
+    def met(self, gait: ClosedForm) -> Any:
+        """Whether a gait keeps the rule."""
+        passed = self.passes(getattr(gait, self.value), self._limit(gait))
+        return passed if self.exempt is None else passed | getattr(gait, self.exempt)
 
-    def refusal(self, gait: Gaits) -> MathematicalRefusal:
+    def refusal(self, gait: ClosedForm) -> MathematicalRefusal:
         """Message for one gait that breaks the rule."""
         value, limit = float(getattr(gait, self.value)), float(self._limit(gait))
         texts = [text.format(g=gait, value=value, limit=limit) for text in (self.message, self.way_out)]
@@ -115,29 +113,7 @@ RULES: tuple[Rule, ...] = (
 )  # fmt: skip
 """All rules, in the order in which they are applied: a gait is refused by the first that it breaks."""
 
-REASONS = ("accepted", *dict.fromkeys(rule.reason for rule in RULES))
-"""Results of :func:`screen`; a code is an index into this."""
 
-
-def refusal_of(gait: Gaits) -> MathematicalRefusal | None:
+def refusal_of(gait: ClosedForm) -> MathematicalRefusal | None:
     """The refusal of one gait by the first rule that it breaks; None if it has a plan."""
     return next((rule.refusal(gait) for rule in RULES if not rule.met(gait)), None)
-
-
-def screen(gaits: Gaits) -> NDArray[np.int8]:
-    """Apply the rules of :func:`plan_gait` to n gaits, a million in seconds.
-
-    Args:
-        gaits: arrays of shape (n,), each value within its parameter's bounds.
-
-    Returns:
-        Of every gait the place of its refusal in :data:`REASONS`, 0 if it has a plan, shape (n,).
-    """
-    code = np.zeros(len(gaits.model), dtype=np.int8)
-    with np.errstate(all="ignore"):  # what overflows is refused by the last rule
-        for start in range(0, len(code), _CHUNK):
-            which = slice(start, start + _CHUNK)
-            part, found = gaits.part(which), code[which]
-            for rule in RULES:
-                found[(found == 0) & ~rule.met(part)] = REASONS.index(rule.reason)
-    return code

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
-from ampm.arithmetic import cos, sin
 from ampm.description import SoleGeometry
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import FootParameters
@@ -182,12 +181,12 @@ def _rolls(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, step_
     # Distance ahead of the front foot in every double support, along the mean heading.
     between = contacts.headings[0::2]
     ahead = np.diff(place, axis=0)
-    spread = cos(between) * ahead[:, 0] + sin(between) * ahead[:, 1]
+    spread = np.cos(between) * ahead[:, 0] + np.sin(between) * ahead[:, 1]
     share = np.clip((spread / step_length - _FLAT) / (1.0 - _FLAT), 0.0, _MOST)
     if foot.schedule == "flat":
         share[:] = 0.0
     # ZMP on the standing foot, along it, at the begin and the end of every single support.
-    along = np.stack([cos(heading[1:-1]), sin(heading[1:-1])], axis=1)
+    along = np.stack([np.cos(heading[1:-1]), np.sin(heading[1:-1])], axis=1)
     begin, end = (
         ((plan.sample(times).zmp - place[1:-1]) * along).sum(axis=1) for times in (starts[1::2], starts[2::2])
     )
@@ -208,7 +207,7 @@ def _rolls(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, step_
     share_of_time = np.linspace(0.0, foot.full_contact, _GRID)
     times = (starts[2::2, None] + share_of_time * double[1:, None]).ravel()
     zmp = plan.sample(np.minimum(times, plan.duration)).zmp.reshape(n, _GRID, 2) - place[2:, None]
-    landing = np.stack([cos(heading[2:]), sin(heading[2:])], axis=1)
+    landing = np.stack([np.cos(heading[2:]), np.sin(heading[2:])], axis=1)
     before = (zmp * landing[:, None]).sum(axis=2) <= sole.heel_x
     down = foot.full_contact * np.clip((before.sum(axis=1) - 1) / (_GRID - 1), _QUICKEST, 1.0)
     angle, rate = lift * foot.toe_off_angle * (1.0 - wait / (1.0 + late)), lift * foot.toe_off_rate
@@ -231,8 +230,8 @@ def _curves(
     """Curves of swing, heel rise before it and roll on the heel after it, each (n, 6, 9)."""
     n = len(single)
     behind, ahead, was, now = place[:n], place[2:], heading[:n], heading[2:]
-    along = np.stack([cos(now), sin(now)], axis=1)
-    x, c, s = sole.ball_x - sole.heel_x, cos(roll.strike), -sin(roll.strike)
+    along = np.stack([np.cos(now), np.sin(now)], axis=1)
+    x, c, s = sole.ball_x - sole.heel_x, np.cos(roll.strike), -np.sin(roll.strike)
     rate = roll.strike_rate
     # Value, rate and acceleration at both ends; it arrives turning about the heel that has just landed.
     begin, end = np.zeros((2, 3, 6, n))
@@ -280,7 +279,7 @@ def _curves(
 
 def _ball(sole: SoleGeometry, place: Array, heading: Array | float) -> Array:
     """The middle of the ball of a flat foot, shape (..., 3) [m]."""
-    ahead = np.stack([cos(heading), sin(heading), np.zeros_like(heading)], axis=-1)
+    ahead = np.stack([np.cos(heading), np.sin(heading), np.zeros_like(heading)], axis=-1)
     return np.asarray(place + sole.ball_x * ahead)
 
 

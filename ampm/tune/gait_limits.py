@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from ampm.arithmetic import product
 from ampm.body.feasibility import (
     CLEARANCE,
     KNEE_MINIMUM,
@@ -26,8 +25,8 @@ from ampm.body.feasibility import (
 from ampm.body.rigid_body import passive_torques
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
+from ampm.planner.closed_form import LEAST_MID_STANCE_SHARE
 from ampm.planner.feet import HEEL
-from ampm.planner.gaits import LEAST_MID_STANCE_SHARE
 from ampm.planner.support import StepPlan
 
 if TYPE_CHECKING:
@@ -247,7 +246,7 @@ def step_torques(
             x, y, z = places[foot] - reference[foot][0], y - reference[foot][1], -reference[foot][2]
             fx, fy, fz = force
             load = [fx, fy, fz, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx + part * yaw]
-            rest -= product(soles[foot][:, 6:].T, load)
+            rest -= np.asarray(load) @ soles[foot][:, 6:]
             if robot.description.sole.has_toes:
                 toe = robot.toe_joints[foot] - 6
                 axis = reference[foot][0] + robot.description.sole.ball_x * math.cos(feet[foot].pitch[k])

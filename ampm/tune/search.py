@@ -14,12 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from ampm.arithmetic import log, product
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.return_map import Orbit, StepMap, newton, standing
 from ampm.body.step_reference import StepReference, phase_grid, step_reference
 from ampm.exceptions import InputError, RefusedGait
-from ampm.linear import substitute, triangular
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune.gait_limits import LIMITS, least, orbit_margins, plan_margins
 
@@ -218,7 +216,7 @@ class ChoiceSearch:
         if near is None:
             return self.orbits.solve(plan, run)
         step = (x - near.x) / self.space.slack
-        shift = None if self.slopes is None else product(self.slopes[len(near.detail) :], step)
+        shift = None if self.slopes is None else self.slopes[len(near.detail) :] @ step
         return self.orbits.solve(plan, run, near.orbit, shift)
 
     def minimise(
@@ -270,8 +268,8 @@ class ChoiceSearch:
             gain = (before - cost(trial)) / expected
             self.report(f"worst margin {trial.worst():.2f} after {len(self.candidates)} choices")
             if gain > -1.0:
-                missed = self._change(here, trial) - product(self.slopes, step)
-                self.slopes = self.slopes + np.outer(missed, step / product(step, step))  # Broyden
+                missed = self._change(here, trial) - self.slopes @ step
+                self.slopes = self.slopes + np.outer(missed, step / (step @ step))  # Broyden
             if gain > 0.75:
                 radius *= 2.0
             elif gain < 0.25:
@@ -342,27 +340,24 @@ def _linear_step(
     """Step within bounds with the least residuals where margins are linear, and how much less (Levenberg)."""
 
     def residuals(step: Array) -> Array:
-        return np.concatenate([_missing(margins + product(slopes, step), wanted), away + pull * step])
+        return np.concatenate([_missing(margins + slopes @ step, wanted), away + pull * step])
 
     low, high = bounds
     step, damping = np.zeros(len(low)), 1e-3
     r = first = residuals(step)
     for _ in range(40):
-        slope = _slope(margins + product(slopes, step), wanted)
+        slope = _slope(margins + slopes @ step, wanted)
         columns = np.vstack([slope[:, None] * slopes, pull * np.eye(len(low))]).T
-        down = -product(columns, r)
+        down = -columns @ r
         free = ~((step <= low) & (down < 0.0) | (step >= high) & (down > 0.0))
         if not free.any():
             break
         part, moved = columns[free], step.copy()
-        damped = product(part[:, None], part) + damping * np.eye(len(part))
-        system = np.column_stack([damped, down[free]])
-        triangular(system)
-        substitute(system)
-        moved[free] += system[:, -1]
+        damped = part @ part.T + damping * np.eye(len(part))
+        moved[free] += np.linalg.solve(damped, down[free])
         moved = np.clip(moved, low, high)
         new = residuals(moved)
-        before, after = product(r, r), product(new, new)
+        before, after = r @ r, new @ new
         if after < before:
             small = after > 0.999 * before
             step, r, damping = moved, new, 0.3 * damping
@@ -372,13 +367,13 @@ def _linear_step(
             damping *= 5.0
             if damping > 1e3:
                 break
-    return step, float(product(first, first) - product(r, r))
+    return step, float(first @ first - r @ r)
 
 
 def _missing(margins: Array, wanted: float) -> Array:
     """Shortfall of margins; it grows slowly far from the limit, so that one limit does not dominate."""
     short = np.maximum(0.0, wanted - margins)
-    return np.where(short < 2.0, 0.5 * short * (1.0 + short), 3.0 + log(np.maximum(short - 1.0, 1.0)))
+    return np.where(short < 2.0, 0.5 * short * (1.0 + short), 3.0 + np.log(np.maximum(short - 1.0, 1.0)))
 
 
 def _slope(margins: Array, wanted: float) -> Array:

@@ -33,8 +33,6 @@ from ampm.tune.refusal import NoFeasibleChoice, no_feasible_choice, way_out
 from ampm.tune.search import ENOUGH, Approach, Candidate, ChoiceSearch, RoughOrbits
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from ampm.body.robot import Robot
 
     Report = Callable[[str], None]
@@ -77,7 +75,6 @@ def tune(
     robot: Robot,
     *,
     progress: Callable[[str], None] | None = None,
-    cache: Path | None = None,
 ) -> Tuned:
     """Find what a gait leaves open.
 
@@ -85,7 +82,6 @@ def tune(
         run: what is given of it stays (:attr:`ampm.parameters.RunParameters.given`).
         robot: the body.
         progress: called with a line of text now and then.
-        cache: folder of solved motions.
 
     Returns:
         The complete run, its plan and its motion.
@@ -106,11 +102,11 @@ def tune(
         plan_gait(run.gait, run.body.mass)  # refuses it, with a better message than a failed search
     space = FreeChoices(run, run.given, robot.description)
     _check_pace(space)
-    own = _own(space, robot, cache)
+    own = _own(space, robot)
     if own is not None and own.worst() >= _SPARE:
         return own
     try:
-        found = _searched(space, robot, report, cache)
+        found = _searched(space, robot, report)
     except RefusedGait as error:
         if own is not None and own.worst() >= -_GRID:
             return own
@@ -147,7 +143,7 @@ def _check_pace(space: FreeChoices) -> None:
     )
 
 
-def _searched(space: FreeChoices, robot: Robot, report: Report, cache: Path | None) -> Tuned:
+def _searched(space: FreeChoices, robot: Robot, report: Report) -> Tuned:
     """The best choice of the first strategy that finds one.
 
     Raises:
@@ -158,13 +154,13 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, cache: Path | No
     twists = free and search.near is not None and search.near.margins()["twist"] < ENOUGH
 
     def plain() -> Tuned:
-        return _confirmed(search, _best(search), cache)
+        return _confirmed(search, _best(search))
 
     def balanced() -> Tuned:
         """With arms that balance the legs about the vertical, which takes from the feet's twisting moment."""
         zero = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description)
         here = _begun(zero, robot, report, _BUDGET - search.orbits.ik.integrations)
-        return _confirmed(here, _best(here), cache)
+        return _confirmed(here, _best(here))
 
     first, second = (balanced, plain) if twists else (plain, balanced)
     try:
@@ -298,11 +294,11 @@ def _minimise(search: ChoiceSearch, start: Candidate, enough: float = ENOUGH) ->
     return max(best, harder, key=Candidate.worst)
 
 
-def _confirmed(search: ChoiceSearch, best: Candidate, cache: Path | None) -> Tuned:
+def _confirmed(search: ChoiceSearch, best: Candidate) -> Tuned:
     """The choice with its plan over all steps and its motion on the fine grid, which may refuse it."""
     space, run = search.space, best.run
     try:
-        plan = AmpmPeriodic().plan(WalkRequest(run, search.orbits.robot, cache=cache))
+        plan = AmpmPeriodic().plan(WalkRequest(run, search.orbits.robot))
     except BodilyRefusal as error:
         tried = len(search.candidates)
         raise NoFeasibleChoice(
@@ -319,11 +315,11 @@ def _confirmed(search: ChoiceSearch, best: Candidate, cache: Path | None) -> Tun
     return Tuned(run.as_is(), plan, space.found(run), best.values, len(search.candidates))
 
 
-def _own(space: FreeChoices, robot: Robot, cache: Path | None) -> Tuned | None:
+def _own(space: FreeChoices, robot: Robot) -> Tuned | None:
     """The gait with the values that it has, a preset's own or defaults, if the body accepts the plan."""
     run, orbits = space.run, RoughOrbits(robot, space.run)
     try:
-        plan = AmpmPeriodic().plan(WalkRequest(run, robot, cache=cache))
+        plan = AmpmPeriodic().plan(WalkRequest(run, robot))
         orbit = orbits.solve(plan, run, motion=plan.posture.motion)
     except (RefusedGait, InputError, Unreachable):
         return None

@@ -127,8 +127,8 @@ def compare_solvers(install: bool, progress: Progress) -> Section:
             title = name if mode == "None" else f"{name}, {float(mode):g}"
             entries.append(Entry.of(title, str(found["version"]), text, warm, float(np.median(cold))))
     why = (
-        "A new workspace takes ours .3 ms, once in a walk. Where contact switches, ADMM takes more "
-        "iterations; the others' work grows little. A kept DAQP has the shortest tail, and exact answers."
+        "Where contact switches, OSQP takes more iterations; the others' work grows little. "
+        "A kept DAQP has the shortest tail, and exact answers."
     )
     return Section(f"{len(problems['q'])} control QPs", tuple(entries), why)
 

@@ -52,9 +52,9 @@ class Solver:
 
 
 class Own(Solver):
-    """The project's backends."""
+    """OSQP as the controller calls it."""
 
-    package, backend = "numba", "admm"
+    package = "osqp"
 
     def solve(self, form: Any) -> Any:
         from ampm.qp import QPSettings, make_backend
@@ -62,18 +62,11 @@ class Own(Solver):
         if self.work is None:
             most = 400 if self.tolerance == LOOSE else _MOST
             settings = QPSettings(tolerance=float(self.tolerance or 0.0), max_iterations=most)
-            self.work = make_backend(self.backend, *self.patterns, settings)
+            self.work = make_backend("osqp", *self.patterns, settings)
         return self.work.solve(*form)
 
     def answer(self, form: Any, found: Any) -> Answer:
-        y = self.work.own.y if self.backend == "admm" else self.work._solver.solution.y
-        return found.x, y, found.solved
-
-
-class OwnOsqp(Own):
-    """OSQP as the controller calls it."""
-
-    package, backend = "osqp", "osqp"
+        return found.x, self.work._solver.solution.y, found.solved
 
 
 class Osqp(Solver):
@@ -268,8 +261,7 @@ class Quadprog(OneSided):
 
 
 SOLVERS: dict[str, type[Solver]] = {
-    "ADMM": Own,
-    "OSQP": OwnOsqp,
+    "OSQP": Own,
     "OSQP, its defaults": Osqp,
     "DAQP": Daqp,
     "ProxQP": ProxQp,

@@ -51,7 +51,7 @@ def validate(
     steps: Steps = None,
     body: Body = None,
     profile: OwnProfile = None,
-    qp: Annotated[str | None, option("--qp", "Short for solver.qp.", "osqp|admm|daqp")] = None,
+    qp: Annotated[str | None, option("--qp", "Short for solver.qp.", "osqp|daqp")] = None,
     out: Annotated[
         Path | None,
         option(

@@ -16,7 +16,6 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ampm.arithmetic import cos, sin
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array, polygon_margin
@@ -322,7 +321,7 @@ def _step_back(q: Array, qd: Array, dt: float) -> Array:
     back[:, 7:] -= dt * qd[:, 6:]
     turn = -dt * qd[:, 3:6]  # rotation vector in the root's axes
     angle = np.linalg.norm(turn, axis=1)
-    cosine, sine = cos(0.5 * angle), sin(0.5 * angle)
+    cosine, sine = np.cos(0.5 * angle), np.sin(0.5 * angle)
     x, y, z = (turn * np.where(angle > 0.0, sine / np.where(angle > 0.0, angle, 1.0), 0.5)[:, None]).T
     w0, x0, y0, z0 = q[:, 3:7].T
     back[:, 3] = w0 * cosine - x0 * x - y0 * y - z0 * z

@@ -183,7 +183,7 @@ def compile_once() -> None:
     run = load_run("normal", gait={"steps": 1})
     body = make_body(run)
     plan = plan_steps(run.gait, run.body.mass, run.foot, body.model.description.sole)
-    solve_motion(plan, run, body.robot, cache=None)
+    solve_motion(plan, run, body.robot)
     push = {"disturbance.push_y": 40.0, "disturbance.push_at": 0.1}  # the walk leaves its plan
     for changes in ({}, {"controller.stabilizer": "stepping", **push}):
         walk(run.replace(changes))

@@ -14,7 +14,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import platformdirs
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError, RefusedGait
@@ -332,7 +331,7 @@ def plan_walk(
         with progress.stage(f"{request.name}: body"):
             body = make_body(run)
     with progress.stage(f"{request.name}: whole-body motion") as stage:
-        wanted = WalkRequest(run.undisturbed, body.robot, stage.note, motion_cache())
+        wanted = WalkRequest(run.undisturbed, body.robot, stage.note)
         own = type(planner) is AmpmFootsteps or name in ("", *PLANNERS)
         with _way_out(run) if own else UsersCode("planner", planner):
             plan = planner.plan(wanted)
@@ -379,7 +378,7 @@ def tune_walk(request: Request, progress: Progress | None = None) -> PlannedWalk
         )
     with progress.stage(f"{request.name}: what is left open") as stage:
         body = make_body(run)
-        tuned = tune(run, body.robot, progress=stage.note, cache=motion_cache())
+        tuned = tune(run, body.robot, progress=stage.note)
     if changed := changes(run):
         progress.say(f"{request.name}: {_found(run, tuned, changed)}")
     return PlannedWalk(replace(request, run=tuned.run), tuned.plan, body, tuned=tuned)
@@ -409,13 +408,3 @@ def _found(run: RunParameters, tuned: Tuned, changed: Mapping[str, Any]) -> str:
     if not found:
         return f"{begin}: what is left open fits as it is"
     return f"{begin}: found {', '.join(found)}; --as-is keeps the values in brackets"
-
-
-def motion_cache() -> Path | None:
-    """Folder of solved motions in the user's cache; None if it cannot be written."""
-    folder = platformdirs.user_cache_path("ampm") / "motions"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return None
-    return folder

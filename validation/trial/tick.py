@@ -11,11 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ampm import admm
-from ampm.compiled import Bundle, bound, clock, compiled
+from ampm.compiled import Bundle, bound, compiled
 from ampm.control.controller import TrackingController
 from ampm.control.tick import RATE, V, observe, prepare, respond
-from ampm.qp import ADMM_STATUS, AdmmBackend, QPSolution
 from ampm.vectors import put, turned, vector
 from ampm.walk import SOLVED
 from validation.trial.log import gap_of, keep_command, keep_step, read_touch
@@ -143,27 +141,6 @@ def end_tick(
     return True, act(own, log, k, *planned, own.torque, rate, *wrench, SOLVED, residual, iterations, seconds)
 
 
-@compiled
-def whole_tick(
-    own: Any, log: Any, control: Any, table: Any, qp: Any, row: int, k: int, contacts: int
-) -> tuple[bool, float, bool, int, float, int, float]:
-    """:func:`begin_tick`, the QP by :func:`ampm.admm.solve`, and :func:`end_tick`.
-
-    Returns:
-        What :func:`end_tick` returns; whether there is a QP; how it ended, its residual, iterations and
-        time [s].
-    """
-    if not begin_tick(own, log, control, table, row, k, contacts):
-        return False, 0.0, False, admm.UNSOLVED, np.inf, 0, 0.0
-    start, x = clock(), control.answer
-    problem = control.P, control.gradient, control.A, control.lower, control.upper
-    status, residual, iterations = admm.solve(qp, *problem, x)
-    seconds, done, gap = clock() - start, False, 0.0
-    if status == admm.SOLVED:
-        done, gap = end_tick(own, log, control, table, row, k, x, residual, iterations, seconds)
-    return done, gap, True, status, residual, iterations, seconds
-
-
 def _rows(table: ReferenceTable) -> Bundle:
     """The arrays of T references as compiled functions take them, with a leading axis of T."""
     rows = table.rows
@@ -197,18 +174,14 @@ class OwnTick:
         tables: Iterator[ReferenceTable],
     ) -> None:
         self.controller, self._tables, self._fixed = controller, tables, (own, log, controller.own)
-        self._row, self._answer = 0, controller.own.answer
+        self._row = 0
         self._bind(table)
 
     def _bind(self, table: ReferenceTable) -> None:
         """Take the arrays of a table."""
-        qp, fixed, self._table = self.controller.condensed.backend, (*self._fixed, _rows(table)), table
-        if isinstance(qp, AdmmBackend):
-            self._whole = bound(whole_tick, (*fixed, qp.own), 0, 0, 0)
-        else:
-            self._whole = None
-            self._begin = bound(begin_tick, fixed, 0, 0, 0)
-            self._end = bound(end_tick, fixed, 0, 0, self._answer, 0.0, 0, 0.0)
+        fixed, self._table = (*self._fixed, _rows(table)), table
+        self._begin = bound(begin_tick, fixed, 0, 0, 0)
+        self._end = bound(end_tick, fixed, 0, 0, np.empty(len(self.controller.condensed.q)), 0.0, 0, 0.0)
 
     @classmethod
     def of(cls, controller: Controller, *loop: Any) -> OwnTick | None:
@@ -231,15 +204,7 @@ class OwnTick:
             if table is not self._table:
                 self._bind(table)
         solution, row, controller = None, self._row, self.controller
-        if self._whole is not None:
-            done, gap, has_qp, status, *answer = self._whole(row, k, contacts)
-            if done:
-                return gap
-            if status == admm.REFUSED:  # solved again, to raise its error
-                solution = controller.condensed.solve()
-            elif has_qp:
-                solution = QPSolution(self._answer, ADMM_STATUS[status], *answer)
-        elif self._begin(row, k, contacts):
+        if self._begin(row, k, contacts):
             solution = controller.condensed.solve()
             if solution.solved:
                 done, gap = self._end(row, k, solution.x, *solution[2:])

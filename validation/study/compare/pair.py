@@ -35,7 +35,7 @@ from validation.store.identity import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import RUN_FILE, SUMMARY_FILE, SavedRun, load_saved_run
 from validation.study.compare.metrics import GRIDS, Quantity, metric_values, quantities, switch_values
-from validation.trial.plan import Request, check_formula, complete, load_request, make_body, motion_cache
+from validation.trial.plan import Request, check_formula, complete, load_request, make_body
 
 REPORT, NUMBERS, PICTURE = "report.html", "comparison.json", "switches.svg"
 EVEN = 1.25
@@ -314,8 +314,7 @@ def load_side(label: str, folder: Path, stages: Progress) -> Side:
         body = make_body(run)
         plan = plan_steps(run.gait, run.body.mass, run.foot, body.model.description.sole)
         finer = [run.replace({"solver.ik_time_step": step}) for step in GRIDS]
-        options: dict[str, Any] = {"progress": stage.note, "cache": motion_cache()}
-        motions = [solve_motion(plan, run, body.robot, **options) for run in finer]
+        motions = [solve_motion(plan, run, body.robot, progress=stage.note) for run in finer]
     return Side(label, saved, plan, joint_jumps(motions, body.robot), str(saved.record.outcome.name))
 
 

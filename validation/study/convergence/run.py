@@ -70,7 +70,7 @@ def study_gait(
     found = studies(request.run, only, levels=levels)
     # Halving the time step does not correct a control period that is no multiple of it.
     steps_per_tick(request.run.controller.frequency, request.run.simulation.time_step)
-    if runner is walk_level:  # refuse before any worker starts, and fill the cache with the motion
+    if runner is walk_level:  # refuse before any worker starts
         request = plan_walk(request, progress).request
         found = studies(request.run, only, levels=levels)  # of the values that were found
     runs = [request.run, *(run for study in found for run in study.runs)]

@@ -1,6 +1,6 @@
-"""Parameters of one gait, or of arrays of gaits, and the closed form that follows from them.
+"""Parameters of a gait, and the closed form that follows from them.
 
-All numbers of a plan and of the rules of refusal are computed here, for one gait or for arrays of gaits.
+All numbers of a plan and of the rules of refusal are computed here.
 """
 
 from __future__ import annotations
@@ -8,11 +8,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from ampm.arithmetic import arctan2, asinh, cosh, hypot, maximum, sqrt, tanh, where
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.pendulum import EPSILON, AffineLaw, double_support_root
 
@@ -37,10 +35,10 @@ class SagittalPlane:
         double: law of double support, from the midpoint of both feet's reference points.
     """
 
-    l_s: Any
-    l_d: Any
-    a_d: Any
-    c_d: Any
+    l_s: float
+    l_d: float
+    a_d: float
+    c_d: float
     single: AffineLaw
     double: AffineLaw
 
@@ -57,95 +55,86 @@ class FrontalPlane:
         double: law of the double support after it, from the midline.
     """
 
-    s: Any
-    beta: Any
-    velocity: Any
+    s: float
+    beta: float
+    velocity: float
     single: AffineLaw
     double: AffineLaw
 
 
 @dataclass(frozen=True)
-class Gaits:
-    """Parameters of one gait as numbers, or of n gaits as arrays (n,), and what follows from them.
+class ClosedForm:
+    """Parameters of a gait, and what follows from them.
 
     Attributes:
         model: ``ampm`` or ``ipm``.
 
-    All others: see :class:`ampm.parameters.GaitParameters`. What follows is numbers or arrays as these are.
-    Numbers of too different size raise ArithmeticError or ValueError; arrays then have infinities or NaN,
-    which the last rule refuses.
+    All others: see :class:`ampm.parameters.GaitParameters`. They are NumPy's numbers: those of too different
+    size give infinities or NaN, which the last rule refuses.
     """
 
-    model: Any
-    com_height: Any
-    step_length: Any
-    switching_velocity: Any
-    single_support_ratio: Any
-    a_s: Any
-    c_s: Any
-    c_y: Any
-    step_width: Any
-    steps: Any
+    model: str
+    com_height: float
+    step_length: float
+    switching_velocity: float
+    single_support_ratio: float
+    a_s: float
+    c_s: float
+    c_y: float
+    step_width: float
+    steps: float
 
     @classmethod
-    def of(cls, gait: GaitParameters) -> Gaits:
-        """One gait."""
-        return cls(*(getattr(gait, field.name) for field in fields(cls)))
-
-    @property
-    def arrays(self) -> Gaits:
-        """One gait as arrays of shape ()."""
-        return Gaits(*(np.asarray(getattr(self, field.name)) for field in fields(self)))
-
-    def part(self, which: slice) -> Gaits:
-        """Some of n gaits."""
-        return Gaits(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
+    def of(cls, gait: GaitParameters) -> ClosedForm:
+        """The closed form of a gait."""
+        model, *numbers = (getattr(gait, field.name) for field in fields(cls))
+        return cls(model, *map(np.float64, numbers))
 
     @cached_property
-    def plain(self) -> Any:
+    def plain(self) -> bool:
         """Whether it is the plain inverted pendulum."""
         return self.model == "ipm"
 
     @cached_property
-    def ampm(self) -> Any:
+    def ampm(self) -> bool:
         """Whether it is the AMPM."""
         return self.model != "ipm"
 
     @cached_property
-    def inverse_a_s(self) -> Any:
+    def inverse_a_s(self) -> float:
         """``1/a_s`` [1]."""
         return 1.0 / self.a_s
 
     @cached_property
-    def bracket(self) -> Any:
+    def bracket(self) -> float:
         """``c_s - 1/a_s`` [1]."""
         return self.c_s - self.inverse_a_s
 
     @cached_property
-    def least_velocity(self) -> Any:
+    def least_velocity(self) -> float:
         """``l_s / T_s``, above which the COM passes over the foot [m/s]."""
         l_s = 0.5 * self.step_length * self.single_support_ratio
-        return l_s / sqrt(self.com_height / (self.bracket * GRAVITY))
+        return l_s / np.sqrt(self.com_height / (self.bracket * GRAVITY))
 
     @cached_property
-    def mid_stance_velocity(self) -> Any:
+    def mid_stance_velocity(self) -> float:
         """Speed of the COM over the foot [m/s]."""
         v0, least = self.switching_velocity, self.least_velocity
-        return sqrt((v0 - least) * (v0 + least))
+        return np.sqrt((v0 - least) * (v0 + least))
 
     @property
-    def least_mid_stance_velocity(self) -> Any:
+    def least_mid_stance_velocity(self) -> float:
         """Speed over the foot below which the pendulum nearly stops [m/s]."""
         return LEAST_MID_STANCE_SHARE * self.switching_velocity
 
     @property
     def sufficient_velocity(self) -> str:
-        """Switching velocity of one gait from which the COM passes over the foot fast enough [m/s]."""
+        """Switching velocity from which the COM passes over the foot fast enough [m/s]."""
         return _rounded_up(float(self.least_velocity) / math.sqrt(1.0 - LEAST_MID_STANCE_SHARE**2))
 
     @property
     def sufficient_a_s(self) -> str:
-        """The a_s above which one gait is driven off the stance foot, if there is one, as a way out."""
+        """The a_s above which the COM is driven off the stance foot, if there is one, as a way out."""
         return f" or gait.a_s above {1.0 / self.c_s:.6g}" if self.c_s > 0.0 else ""
 
     @cached_property
@@ -166,29 +155,29 @@ class Gaits:
         ratio = l_s / l_d
         # Written from 1, so that c_s = 1 leaves c_d exactly 1 and the moment exactly zero.
         c_d = 1.0 - (self.c_s - 1.0) * ratio
-        inverse_a_d = where(plain, 1.0, 1.0 + (1.0 - self.inverse_a_s) * ratio)
+        inverse_a_d = 1.0 if plain else 1.0 + (1.0 - self.inverse_a_s) * ratio
         # By both continuity conditions the brackets of single and double support have opposite signs.
         rate_s = GRAVITY / self.com_height * self.bracket
         rate_d = -rate_s * ratio
-        k_s, k_d = sqrt(rate_s), sqrt(-rate_d)
+        k_s, k_d = np.sqrt(rate_s), np.sqrt(-rate_d)
         reach_s, reach_d = v0 / k_s, v0 / k_d  # v0 T_s, v0 T_d
-        odd_s = sqrt((reach_s - l_s) * (reach_s + l_s))
-        duration_s = 2.0 / k_s * asinh(l_s / odd_s)
-        duration_d = where(plain, 2.0 * l_d / v0, 2.0 / k_d * arctan2(l_d, reach_d))
-        odd_d = where(plain, v0, hypot(l_d, reach_d))
+        odd_s = np.sqrt((reach_s - l_s) * (reach_s + l_s))
+        duration_s = 2.0 / k_s * np.arcsinh(l_s / odd_s)
+        duration_d = 2.0 * l_d / v0 if plain else 2.0 / k_d * np.arctan2(l_d, reach_d)
+        odd_d = v0 if plain else np.hypot(l_d, reach_d)
         return SagittalPlane(
             l_s=l_s,
             l_d=l_d,
             a_d=1.0 / inverse_a_d,
             c_d=c_d,
             single=AffineLaw(rate_s, self.inverse_a_s, self.c_s, duration_s, 0.0, odd_s),
-            double=AffineLaw(where(plain, 0.0, rate_d), inverse_a_d, c_d, duration_d, 0.0, odd_d),
+            double=AffineLaw(0.0 if plain else rate_d, inverse_a_d, c_d, duration_d, 0.0, odd_d),
         )
 
     @cached_property
-    def time_constants(self) -> Any:
+    def time_constants(self) -> float:
         """Duration of single support over the time constant of the lateral pendulum [1]."""
-        return sqrt(self.c_y * GRAVITY / self.com_height) * self.sagittal.single.duration
+        return np.sqrt(self.c_y * GRAVITY / self.com_height) * self.sagittal.single.duration
 
     @cached_property
     def frontal(self) -> FrontalPlane:
@@ -199,38 +188,38 @@ class Gaits:
         """
         plain, c_y = self.plain, self.c_y
         t_ss, t_ds = self.sagittal.single.duration, self.sagittal.double.duration
-        k = sqrt(c_y * GRAVITY / self.com_height)  # 1 / T_l
+        k = np.sqrt(c_y * GRAVITY / self.com_height)  # 1 / T_l
         h = 0.5 * k * t_ss
-        tau = tanh(h)
-        rho = double_support_root(tau, 0.5 * k * t_ds)
+        tau = np.tanh(h)
+        rho = np.float64(double_support_root(tau, 0.5 * k * t_ds))
         drift = 0.5 * k * t_ds * tau  # beta / s of the plain pendulum
-        s = 0.5 * self.step_width / (1.0 + where(plain, drift, rho * rho))
+        s = 0.5 * self.step_width / (1.0 + (drift if plain else rho * rho))
         velocity = s * k * tau
         slope = 1.0 / (rho * rho)  # s / beta
         return FrontalPlane(
             s=s,
-            beta=where(plain, s * drift, s * rho * rho),
+            beta=s * (drift if plain else rho * rho),
             velocity=velocity,
             single=AffineLaw(
-                rate=where(plain, GRAVITY / self.com_height, k * k),
+                rate=GRAVITY / self.com_height if plain else k * k,
                 zmp_slope=0.0,
                 force_slope=c_y,
                 duration=t_ss,
-                even=-s / cosh(np.minimum(h, _LARGEST_COSH)),
+                even=-s / np.cosh(np.minimum(h, _LARGEST_COSH)),
                 odd=0.0,
             ),
             double=AffineLaw(
-                rate=where(plain, 0.0, -k * k * slope),
-                zmp_slope=where(plain, 1.0, 1.0 + slope),
-                force_slope=where(plain, 1.0, 1.0 + (1.0 - c_y) * slope),
+                rate=0.0 if plain else -k * k * slope,
+                zmp_slope=1.0 if plain else 1.0 + slope,
+                force_slope=1.0 if plain else 1.0 + (1.0 - c_y) * slope,
                 duration=t_ds,
                 even=0.0,
-                odd=where(plain, -velocity, -s * rho * hypot(rho, tau)),
+                odd=-velocity if plain else -s * rho * np.hypot(rho, tau),
             ),
         )
 
     @cached_property
-    def rounding(self) -> Any:
+    def rounding(self) -> float:
         """Bound on the jumps at a switch that rounding can cause, in the scales of ``PlanResiduals`` [1].
 
         The closed form is continuous, so that every jump is rounding. Every law is purely even or purely odd:
@@ -239,17 +228,17 @@ class Gaits:
         height, v0 = self.com_height, self.switching_velocity
         sagittal, frontal = self.sagittal, self.frontal
         far, near = (self.steps + 1) * self.step_length, 0.5 * self.step_width
-        worst: Any = 0.0
+        worst: float = 0.0
         for law, origin, sway in (
-            (sagittal.single, far, v0 / sqrt(sagittal.single.rate)),
+            (sagittal.single, far, v0 / np.sqrt(sagittal.single.rate)),
             (sagittal.double, far, abs(sagittal.double.odd)),
             (frontal.single, near, frontal.s),
             (frontal.double, near, abs(frontal.double.odd)),
         ):
-            k = sqrt(abs(law.rate))
+            k = np.sqrt(abs(law.rate))
             uniform = law.rate == 0.0  # then ``odd`` is a velocity
-            speed = where(uniform, sway, k * sway)
-            sway = where(uniform, sway * law.duration, sway)
+            speed = sway if uniform else k * sway
+            sway = sway * law.duration if uniform else sway
             arm = (abs(law.force_slope) + 1.0) * sway
             jumps = abs(law.rate) * sway / GRAVITY, (origin + abs(law.zmp_slope) * sway) / height
             for term in (
@@ -257,10 +246,10 @@ class Gaits:
                 speed / v0,
                 arm / height,
                 arm * law.duration * GRAVITY / (height * v0),
-                where(self.plain, 0.0, maximum(*jumps)),
+                0.0 if self.plain else np.maximum(*jumps),
             ):
-                worst = maximum(worst, term * (1.0 + 0.5 * k * law.duration))  # a NaN stays one
-        return where(worst >= 0.0, _ROUNDING * worst, math.inf)  # infinite for NaN
+                worst = np.maximum(worst, term * (1.0 + 0.5 * k * law.duration))  # a NaN stays one
+        return _ROUNDING * worst if worst >= 0.0 else math.inf  # infinite for NaN
 
 
 def _rounded_up(value: float) -> str:
