@@ -33,12 +33,13 @@ from validation.store.folders import output_file
 from validation.store.json import json_ready, write_json
 from validation.study.many import Task, study_folder, walk_many
 from validation.study.robustness.study import cause_of
-from validation.study.row_file import Row
+from validation.study.row_file import Row, crash_notes
 from validation.study.walk_options import users_classes
 from validation.table import Table
 from validation.trial.disturbances import Push
 from validation.trial.plan import PlannedWalk, Request, complete, load_request, plan_walk
 from validation.trial.record import SimulationRecord
+from validation.trial.simulate import simulate
 
 TARGETS, RADIUS, WINDOW = 18, 1.0, 5.0
 """Targets; radius of the disc [m]; time between punches [s]."""
@@ -81,9 +82,15 @@ class Tours(Brief):
         """Tours that were walked to the end, and whose legs did not meet."""
         return sum(not walk["cause"] for walk in self.walks)
 
+    @property
+    def crashes(self) -> list[str]:
+        """Tours that an error of program or machine ended, with its cause; they count as not completed."""
+        return crash_notes(self.walks)
+
     def known(self, name: str) -> list[float]:
-        """A number of the tours that have it."""
-        values = (walk.get(name, math.nan) for walk in self.walks)
+        """A number of the tours that have it; a tour that was refused lasted 0 s and reached no target."""
+        absent = 0.0 if name in ("time", "reached") else math.nan
+        values = (walk.get(name, absent) for walk in self.walks)
         return [value for value in values if not math.isnan(value)]
 
     def mean(self, name: str) -> float:
@@ -113,8 +120,7 @@ class Tours(Brief):
         title = (
             f"Tour of {self.gait}, body {self.body}, controller {self.controller} ({self.stabilizer}){arms}"
         )
-        crashes = [f"{walk['key']}: {walk['cause']}" for walk in self.walks if "traceback" in walk]
-        return Table(title, [*cells], [[*cells.values()]], crashes)
+        return Table(title, [*cells], [[*cells.values()]], self.crashes)
 
 
 def _kind(cause: str) -> str:
@@ -253,8 +259,6 @@ def walk_tour(
     Raises:
         RefusedGait: no way to the targets can be walked.
     """
-    from validation.trial.simulate import simulate  # loads the simulator
-
     planned = plan_tour(seed, given, count, planner)
     model = planned.body.model.compile()
     hinged = [model.body(int(i)).name for i in dict.fromkeys(model.jnt_bodyid[1:].tolist())]

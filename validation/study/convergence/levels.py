@@ -9,6 +9,7 @@ from ampm.parameters import RunParameters
 from validation.judge.compare import Comparison
 from validation.judge.metrics import METRICS, evaluate
 from validation.judge.signals import signals_table
+from validation.run.walk import walk_planned
 from validation.store.identity import parameter_values
 from validation.store.machine import memory_peak
 from validation.store.signals import Signals
@@ -157,8 +158,6 @@ def walk_level(request: Request, controller: Any = None, planner: Any = None) ->
         ``outcome`` and ``cause``; ``values`` of all studied quantities in SI units; ``scales``, reference
         quantities of the walk; ``memory``, the largest of the process so far [MB].
     """
-    from validation.run.walk import walk_planned  # loads the simulator
-
     walk = walk_planned(plan_walk(request, planner=planner), controller=controller).comparison
     end = walk.record.outcome
     return {

@@ -16,6 +16,7 @@ from ampm.planner.capture import DIRECTIONS, PUSH_PHASES, Reach, largest_velocit
 from models.scene import BodyModel
 from validation.judge import profiles
 from validation.progress import Progress
+from validation.run.walk import walk_planned
 from validation.show.text import ABSENT
 from validation.store.folders import output_file
 from validation.store.json import json_ready, write_json
@@ -34,12 +35,13 @@ from validation.study.robustness.cells import (
     other_cells,
     push_cells,
 )
-from validation.study.row_file import Row
+from validation.study.row_file import Row, crash_notes
 from validation.study.walk_options import users_classes
 from validation.table import Table, markdown_page
 from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.shapes import Shapes
+from validation.trial.simulate import simulate
 
 RESULT, MARKDOWN = "robustness.json", "robustness.md"
 PICTURES = ("robustness.svg", "robustness.png")
@@ -70,9 +72,6 @@ def walk_replica(request: Request, profile: str | None, controller: Any = None, 
         ``outcome`` and ``cause``, which is empty for a walk that survived; ``passed``, whether it kept the
         tolerances; ``zmp``, the RMSE along x and y [m], NaN if it is not measured.
     """
-    from validation.run.walk import walk_planned  # loads the simulator, as does the next one
-    from validation.trial.simulate import simulate
-
     name, run = request.name, request.run.undisturbed
     planned = _planned(name, run) if planner is None else plan_walk(Request(name, run), planner=planner)
     passed, zmp = False, [math.nan, math.nan]
@@ -373,7 +372,7 @@ def robustness(
     searches = [climb(cell, replicas, task, levels[cell.name]) for cell in cells]
     label = f"{request.name}: robustness"
     rows = walk_many(searches, folder, workers=workers, scheduler=scheduler, label=label, progress=progress)
-    crashes = tuple(f"{row['key']}: {row['cause']}" for row in rows if "traceback" in row)
+    crashes = tuple(crash_notes(rows))
     bounds = _bounds(cells, planned)
     found = Robustness(
         gait=request.title,
