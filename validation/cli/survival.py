@@ -29,8 +29,8 @@ from validation.table import print_tables
 app = typer.Typer()
 
 EPILOG = (
-    "Exit status: 0 the study is done, 2 bad input or refused, 4 an error of program or machine ended a walk, 5 "
-    "stopped from outside: --resume goes on, 130 interrupted: --resume goes on."
+    "Exit status: 0 the study is done, 2 bad input or refused, 4 an error ended a walk, "
+    "5 stopped from outside: --resume goes on, 130 interrupted: --resume goes on."
 )
 
 

@@ -143,6 +143,15 @@ def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVE
     return [study for study in found if len(study.values) > 1]
 
 
+def runs_of(run: RunParameters, found: Sequence[Study]) -> dict[str, RunParameters]:
+    """Complete parameters of every level, by task; one thing changes at a time."""
+    runs = {OWN: run}
+    for study in found:
+        for task, value in zip(study.tasks, study.values, strict=True):
+            runs.setdefault(task, run.replace({study.key: value}))
+    return runs
+
+
 def numerical_studies(qp: str) -> tuple[str, ...]:
     """Names of the studies that a numerical uncertainty is the sum of, with the run's QP solver."""
     return tuple(study.name for study in STUDIES if study.numerical and study.applies(qp))

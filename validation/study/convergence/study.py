@@ -26,6 +26,7 @@ from validation.study.convergence.levels import (
     StudiedQuantity,
     Study,
     numerical_studies,
+    runs_of,
     studied_quantities,
     studies,
     walk_level,
@@ -319,10 +320,7 @@ def convergence(
     users = users_classes(request.run)
     request = plan_walk(request, progress, planner=users.get("planner")).request  # with all values
     found = studies(request.run, only, levels=levels)
-    runs = {OWN: request.run}
-    for study in found:
-        for task, value in zip(study.tasks, study.values, strict=True):
-            runs.setdefault(task, request.run.replace({study.key: value}))
+    runs = runs_of(request.run, found)
     # The finest steps take longest. Started first, they leave no worker idle at the end.
     order = sorted(runs, key=lambda task: runs[task].simulation.time_step)
     tasks = [
