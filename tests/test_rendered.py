@@ -12,11 +12,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from validation.study.sweep.forecast import Forecast, Refused
 
 from tests.saved_run import make_run
 from tests.sweep_table import ENVIRONMENT, make_table, replaced, sweep_of
-from tests.test_convergence import study, summary_with
-from validation.cli.studies import _print_sweep, print_convergence, print_forecast, print_pair
+from tests.test_convergence import summary_with
+from validation.cli.studies import _print_sweep, print_forecast, print_pair
 from validation.cli.validate import print_result
 from validation.judge.uncertainty import Uncertainty
 from validation.progress import Progress
@@ -25,12 +26,10 @@ from validation.show.rerun.record import verdict_markdown
 from validation.store.saved import load_saved_run
 from validation.study.compare.pair import load_side, pair_of
 from validation.study.compare.report import render as render_pair
-from validation.study.convergence.text import markdown
 from validation.study.sweep import figures
 from validation.study.sweep.design import parse_sweep
 from validation.study.sweep.diff import compare_sweeps
 from validation.study.sweep.diff_text import print_diff, write_page
-from validation.study.sweep.forecast import Forecast, Refused
 from validation.study.sweep.report import render as render_sweep
 
 FOLDER = Path(__file__).parent / "rendered"
@@ -112,8 +111,6 @@ RENDERERS = {
     "verdict": of("saved", verdict_markdown),
     "comparison": of("pair", print_pair),
     "comparison-page": of("pair", render_pair),
-    "convergence": lambda _: print_convergence(study()),
-    "convergence-page": lambda _: markdown(study()),
     "sweep": lambda _: _print_sweep(sweep_of(make_table(200))),
     "sweep-page": lambda _: render_sweep(sweep_of(make_table(200))),
     "forecast": lambda _: print_forecast(FORECAST),

@@ -12,9 +12,10 @@ from ampm.exceptions import InputError
 from docs.robustness import KEYS, keys_table
 from tests.solved import body_of
 from validation.cli.app import Status
+from validation.study.many import Task
 from validation.study.robustness import study as robustness
 from validation.study.robustness.cells import Cell, chosen, needed, other_cells, push_cells
-from validation.study.robustness.study import CellResult, Robustness, climb
+from validation.study.robustness.study import CellResult, Level, Robustness, climb
 from validation.study.row_file import read_rows
 from validation.trial.shapes import Shapes
 
@@ -34,13 +35,14 @@ def row(cause="", passed=True, zmp=(2e-3, 1e-3)):
 
 def climbed(cell, replicas, answer):
     """Levels of a cell whose walks are answered by a function of value and replica, and what was walked."""
-    levels, walked = [], []
-    search = climb(cell, replicas, lambda _, value, replica: (value, replica), levels)
-    asked = next(search)
+    levels: list[Level] = []
+    walked = []
+    search = climb(cell, replicas, lambda _, *place: Task("", row, {"place": place}), levels)
+    task = next(search)
     try:
         while True:
-            walked.append(asked)
-            asked = search.send(answer(*asked))
+            walked.append(task.options["place"])
+            task = search.send(answer(*walked[-1]))
     except StopIteration:
         return levels, walked
 
@@ -135,8 +137,8 @@ def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch,
     thrown, slid = found.cells
     assert (thrown.survived, len(thrown.levels)) == (None, 1)
     assert "first sign was a ZMP" in thrown.cause
-    assert 0.5 < thrown.bound < 1.0
-    assert slid.survived <= 0.5
+    assert thrown.bound == pytest.approx(0.53, abs=0.01)
+    assert slid.survived in (0.25, 0.5)
     assert slid.zmp[0] < 1e-3
     assert {row["outcome"] for row in read_rows(tmp_path)} == {"fell", "completed"}
     monkeypatch.setattr("validation.study.pool._columns", lambda work, options: pytest.fail("walked again"))

@@ -3,8 +3,9 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -358,15 +359,7 @@ def robustness(
     limits = profiles.own_profile(request.name) if profile is None else profiles.profile(profile)
     short = replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2}))
     planned = plan_walk(short, progress, planner=users.get("planner"))
-    complete = planned.run.as_is()
-
-    def task(cell: Cell, value: float, replica: int) -> Task:
-        changed = {**disturbance(cell, value, replica, planned), "disturbance.seed": replica}
-        steps = PUSH_STEP + 1 + AFTER if cell.is_push else STEPS
-        walk = Request(request.name, complete.replace({**changed, "gait.steps": steps}))
-        options = {"request": walk, "profile": None if cell.is_push else limits.name, **users}
-        return Task(f"{cell.name}, {value:g} {cell.unit}, {replica}", walk_replica, options)
-
+    task = partial(replica_task, planned=planned, profile=limits.name, users=users)
     cells = chosen([*push_cells(quick), *other_cells(_segments(planned), quick)], only)
     levels: Mapping[str, list[Level]] = {cell.name: [] for cell in cells}
     searches = [climb(cell, replicas, task, levels[cell.name]) for cell in cells]
@@ -389,6 +382,35 @@ def robustness(
     return found
 
 
+def replica_task(
+    cell: Cell,
+    value: float,
+    replica: int,
+    planned: PlannedWalk,
+    profile: str,
+    users: Mapping[str, Any] = MappingProxyType({}),
+) -> Task:
+    """The walk of one replica, see :func:`walk_replica`.
+
+    Args:
+        cell: the disturbance.
+        value: of the cell.
+        replica: its number, from 0.
+        planned: the gait, with at least ``PUSH_STEP + 2`` steps.
+        profile: name of the tolerances, by which walks with a push are not judged.
+        users: see :func:`validation.study.walk_options.users_classes`.
+    """
+    steps = PUSH_STEP + 1 + AFTER if cell.is_push else STEPS
+    settings = {
+        **disturbance(cell, value, replica, planned),
+        "disturbance.seed": replica,
+        "gait.steps": steps,
+    }
+    request = Request(planned.name, planned.run.as_is().replace(settings))
+    options = {"request": request, "profile": None if cell.is_push else profile, **users}
+    return Task(f"{cell.name}, {value:g} {cell.unit}, {replica}", walk_replica, options)
+
+
 def disturbance(cell: Cell, value: float, replica: int, planned: PlannedWalk) -> dict[str, Any]:
     """Settings of one walk: the first replica as planned, others with an error at the start, and a shift.
 
@@ -398,9 +420,9 @@ def disturbance(cell: Cell, value: float, replica: int, planned: PlannedWalk) ->
         replica: its number, from 0.
         planned: the walk, for the times of pushes.
     """
-    start = {"disturbance.start_velocity": START} if replica else {}
+    apart = {"disturbance.seed": replica, "disturbance.start_velocity": START if replica else 0.0}
     if not cell.is_push:
-        return {**cell.fixed, cell.key: value, **start}
+        return {**cell.fixed, cell.key: value, **apart}
     shift, step = SHIFTS[replica % len(SHIFTS)], PUSH_STEP + replica % 2
     instant = push_instant(planned.plan.contacts, cell.direction, cell.phase, step, DURATION, shift)
     x, y = (planned.plan.mass * value / DURATION * instant.direction).tolist()
@@ -410,7 +432,7 @@ def disturbance(cell: Cell, value: float, replica: int, planned: PlannedWalk) ->
         "disturbance.push_y": y,
         "disturbance.push_at": instant.time,
         "disturbance.push_duration": DURATION,
-        **start,
+        **apart,
     }
 
 
