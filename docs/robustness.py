@@ -78,7 +78,7 @@ def write(studies: Studies) -> None:
         table.writerow(("stabilizer", *names))
         for name, (pushes, others) in studies.items():
             for item in (*pushes.pushes, *others.others):
-                values = item.cell.name, item.cell.unit, item.survived, item.within, item.bound, *item.zmp
+                values = item.cell.name, item.unit, item.survived, item.within, item.bound, *item.zmp
                 table.writerow((name, *values, item.cause))
 
 

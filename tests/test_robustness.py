@@ -54,14 +54,14 @@ def test_values_are_climbed_until_too_many_replicas_failed():
     levels, walked = climbed(FRICTION, 5, answer)
     assert [value for value, _ in walked] == [0.8] * 5 + [0.6] * 5 + [0.4] * 2  # the rest need not be walked
     assert [(level.walked, level.passed) for level in levels] == [(5, 5), (4, 0), (0, 0)]
-    found = CellResult(FRICTION, levels, 5)
+    found = CellResult.of(FRICTION, levels, 5)
     assert (found.survived, found.within, found.cause, found.complete) == (0.6, 0.8, FELL, False)
     assert found.zmp == (2e-3, 1e-3)
     assert found.cells()[2:] == ("0.6", "0.8", "2.0, 1.0", "fell: the trunk leaned over by 60 degrees")
     every, _ = climbed(FRICTION, 1, lambda value, replica: row())
-    assert CellResult(FRICTION, every, 1).complete
+    assert CellResult.of(FRICTION, every, 1).complete
     none, _ = climbed(FRICTION, 3, lambda value, replica: {**row(FELL), "zmp": None})
-    assert (CellResult(FRICTION, none, 3).survived, len(none)) == (None, 1)
+    assert (CellResult.of(FRICTION, none, 3).survived, len(none)) == (None, 1)
     assert [needed(n) for n in (1, 2, 3, 5, 10)] == [1, 2, 3, 4, 8]
 
 
@@ -70,7 +70,7 @@ def found_by(*cells):
 
     def result(cell):
         levels, _ = climbed(cell, 1, lambda value, _: row("" if abs(value) <= 0.4 else FELL))
-        return CellResult(cell, levels, 1, 0.8 if cell.is_push else None)
+        return CellResult.of(cell, levels, 1, 0.8 if cell.is_push else None)
 
     return Robustness("normal", "human", "ampm", 1, tuple(map(result, cells)))
 

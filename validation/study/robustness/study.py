@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from itertools import takewhile
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -164,82 +165,60 @@ class CellResult:
 
     Attributes:
         cell: the disturbance.
+        unit: of its values.
         levels: in the order in which they were tried.
-        replicas: of each level.
         bound: of a push, what legs can capture [m/s]; None for all else.
+        survived: largest value survived with all smaller ones; None if there is none.
+        within: largest value that kept the tolerances with all smaller ones; None if there is none.
+        zmp: largest RMSE of the ZMP along x and y at ``survived`` [m]; NaN if there is none.
+        cause: how a walk of the first value that was not survived ended; empty if there is none.
     """
 
     cell: Cell
-    levels: Sequence[Level]
-    replicas: int
-    bound: float | None = None
+    unit: str
+    levels: tuple[Level, ...]
+    bound: float | None
+    survived: float | None
+    within: float | None
+    zmp: tuple[float, float]
+    cause: str
 
-    @property
-    def survived(self) -> float | None:
-        """Largest value survived with all smaller ones; None if there is none."""
-        last = self._last(lambda level: level.walked)
-        return None if last is None else last.value
-
-    @property
-    def within(self) -> float | None:
-        """Largest value that kept the tolerances with all smaller ones; None if there is none."""
-        last = self._last(lambda level: level.passed)
-        return None if last is None else last.value
-
-    def _last(self, count: Callable[[Level], int]) -> Level | None:
-        """Last level up to which enough replicas did it at every value."""
-        last = None
-        for level in self.levels:
-            if count(level) < needed(self.replicas):
-                break
-            last = level
-        return last
+    @classmethod
+    def of(
+        cls, cell: Cell, levels: Sequence[Level], replicas: int, bound: float | None = None
+    ) -> "CellResult":
+        """From its levels, of so many replicas each."""
+        least = needed(replicas)
+        survived = list(takewhile(lambda level: level.walked >= least, levels))
+        within = list(takewhile(lambda level: level.passed >= least, levels))
+        failed = levels[len(survived) :]
+        return cls(
+            cell=cell,
+            unit=cell.unit,
+            levels=tuple(levels),
+            bound=bound,
+            survived=survived[-1].value if survived else None,
+            within=within[-1].value if within else None,
+            zmp=survived[-1].zmp if survived else (math.nan, math.nan),
+            cause=failed[0].causes[0] if failed else "",
+        )
 
     @property
     def complete(self) -> bool:
         """Whether all values were survived, so that the limit is not known."""
-        return bool(self.levels) and self.survived == self.cell.values[-1]
-
-    @property
-    def cause(self) -> str:
-        """How a walk of the first value that was not survived ended; empty if there is none."""
-        failed = [level.causes for level in self.levels if level.walked < needed(self.replicas)]
-        return failed[0][0] if failed else ""
-
-    @property
-    def share(self) -> float | None:
-        """Share of the bound that was survived [1]."""
-        return (self.survived or 0.0) / self.bound if self.bound else None
-
-    @property
-    def zmp(self) -> tuple[float, float]:
-        """Largest RMSE of the ZMP at the largest value survived [m]; NaN if there is none."""
-        last = self._last(lambda level: level.walked)
-        return (math.nan, math.nan) if last is None else last.zmp
-
-    def as_dict(self) -> dict[str, Any]:
-        """Everything, for ``robustness.json``."""
-        return {
-            **vars(self),
-            "unit": self.cell.unit,
-            "survived": self.survived,
-            "within_tolerance": self.within,
-            "share_of_bound": self.share,
-            "cause": self.cause,
-            "zmp_rmse": self.zmp,
-        }
+        return self.survived == self.cell.values[-1]
 
     def push_text(self) -> str:
         """Survived of the bound, and the share of it; ``>`` where the end of the ladder was survived."""
         survived = f"{'> ' if self.complete else ''}{self.survived or 0.0:.2f}"
-        if self.bound is None or self.share is None:
+        if not self.bound:
             return survived
-        return f"{survived} of {self.bound:.2f} ({100.0 * self.share:.0f} %)"
+        return f"{survived} of {self.bound:.2f} ({100.0 * (self.survived or 0.0) / self.bound:.0f} %)"
 
     def cells(self) -> tuple[str, ...]:
         """Row of :meth:`Robustness.others_table`."""
         is_angle = self.cell.kind in ("slope_along", "slope_across")
-        unit, scale = ("degrees", 180.0 / math.pi) if is_angle else (self.cell.unit, 1.0)
+        unit, scale = ("degrees", 180.0 / math.pi) if is_angle else (self.unit, 1.0)
 
         def shown(value: float | None) -> str:
             return "none" if value is None else f"{scale * value:.4g}"
@@ -288,7 +267,7 @@ class Robustness(Brief):
 
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain values; values in the unit beside them."""
-        return dict(json_ready({**vars(self), "cells": [item.as_dict() for item in self.cells]}))
+        return dict(json_ready(vars(self)))
 
     def tables(self) -> list[Table]:
         """The table of pushes and that of all others, without an empty one."""
@@ -373,7 +352,7 @@ def robustness(
         controller=planned.run.controller.name,
         replicas=replicas,
         cells=tuple(
-            CellResult(cell, tuple(levels[cell.name]), replicas, bounds.get(cell.name)) for cell in cells
+            CellResult.of(cell, levels[cell.name], replicas, bounds.get(cell.name)) for cell in cells
         ),
         crashes=crashes,
     )
@@ -408,7 +387,7 @@ def replica_task(
     }
     request = Request(planned.name, planned.run.as_is().replace(settings))
     options = {"request": request, "profile": None if cell.is_push else profile, **users}
-    return Task(f"{cell.name}, {value:g} {cell.unit}, {replica}", walk_replica, options)
+    return Task(f"{cell.name} {value:g}, replica {replica}", walk_replica, options)
 
 
 def disturbance(cell: Cell, value: float, replica: int, planned: PlannedWalk) -> dict[str, Any]:
