@@ -6,8 +6,6 @@ One walk for each of 16 pushes at the centre of mass and of three other disturba
 the controller anew, in a process and a cache of its own: half an hour on one core.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -21,9 +19,10 @@ from numpy.typing import NDArray
 from trials import write_rows
 
 from ampm.planner.capture import DIRECTIONS
-from ampm.run_file import dump_run, load_run
-from validation.study.robustness.cells import PUSH_STEP, other_cells, push_cells
-from validation.study.robustness.walks import Level, walk_replica
+from ampm.run_file import load_run
+from validation.study.robustness.cells import PUSH_STEP, Cell, other_cells, push_cells
+from validation.study.robustness.study import replica_task
+from validation.study.row_file import Row
 from validation.trial.plan import Request, plan_walk
 
 PUSHES: Mapping[str, Sequence[float]] = {
@@ -63,18 +62,23 @@ def row(variant: str) -> list[str]:
         setattr(import_module(f"ampm.control.{module}"), constant, value)
     name = "fixed" if variant == "fixed" else "stepping"
     run = load_run("normal", controller={"stabilizer": name}, gait={"steps": PUSH_STEP + 2})
-    text = dump_run(plan_walk(Request("normal", run)).run)
+    planned = plan_walk(Request("normal", run))
+
+    def walk(cell: Cell, value: float, replica: int) -> Row:
+        task = replica_task(cell, value, replica, planned, "default")
+        return task.work(**task.options)
+
     count, walks = 0, []
     for cell in push_cells():
         if cell.height == "com":
             value = PUSHES[cell.phase][DIRECTIONS.index(cell.direction)]
-            count += not walk_replica(Level(cell, value, text, "normal", "default", 1), 0).cause
+            count += not walk(cell, value, 0)["cause"]
     for cell in other_cells():
         if cell.name in OTHERS:
             _, value = OTHERS[cell.name]
-            walk = walk_replica(Level(cell, value, text, "normal", "default", 1), 0)
-            x, y = walk.zmp
-            walks.append((cell.name, walk.cause.partition(":")[0] or f"{1e3 * x:.1f}, {1e3 * y:.1f}"))
+            row = walk(cell, value, 0)
+            x, y = row["zmp"]
+            walks.append((cell.name, row["cause"].partition(":")[0] or f"{1e3 * x:.1f}, {1e3 * y:.1f}"))
     found = dict(walks)
     return [str(count), *(found[name] for name in OTHERS)]
 

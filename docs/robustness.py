@@ -2,15 +2,14 @@
 
     python docs/robustness.py [--replicas N]
 
-Pushes are walked N times a value, all others once: half an hour on two cores with five. Levels are kept in
+Pushes are walked N times a value, all others once: half an hour on two cores with five. Walks are kept in
 build/robustness, so a study that was stopped goes on.
 """
-
-from __future__ import annotations
 
 import argparse
 import csv
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ampm.run_file import describe_keys
@@ -18,9 +17,7 @@ from validation.cli.console import Narrator
 from validation.show.text import replace_between
 from validation.study.robustness.cells import PUSHES, REPLICAS, other_cells
 from validation.study.robustness.picture import draw
-from validation.study.robustness.result import Robustness
-from validation.study.robustness.run import robustness
-from validation.study.robustness.text import PUSH_HEADER, other_rows, push_rows
+from validation.study.robustness.study import Robustness, robustness
 from validation.table import Table
 
 PAGE = Path(__file__).with_name("footsteps.md")
@@ -56,19 +53,16 @@ def write_keys() -> None:
 
 def with_tables(page: str, studies: Studies) -> str:
     """The page with the tables of both stabilisers; segments are in the file only."""
+    fixed, stepping = (studies[name][0].pushes_table() for name in STABILIZERS)
     pushes = [
-        (
-            *fixed[:2],
-            *(f"{a.partition(' of ')[0]}, {b}" for a, b in zip(fixed[2:], stepping[2:], strict=True)),
-        )
-        for fixed, stepping in zip(*(push_rows(studies[name][0]) for name in STABILIZERS), strict=True)
+        (*one[:2], *(f"{a.partition(' of ')[0]}, {b}" for a, b in zip(one[2:], other[2:], strict=True)))
+        for one, other in zip(fixed.rows, stepping.rows, strict=True)
     ]
-    page = replace_between(page, "pushes", Table("", PUSH_HEADER, pushes).markdown())
-    fixed, stepping = (studies[name][1] for name in STABILIZERS)
+    page = replace_between(page, "pushes", replace(fixed, rows=pushes, notes=()).markdown())
     others = [
-        (*one[:4], *other[2:4])
-        for one, other, item in zip(other_rows(fixed), other_rows(stepping), fixed.others, strict=True)
-        if not item.cell.fixed
+        (*one.cells()[:4], *other.cells()[2:4])
+        for one, other in zip(*(studies[name][1].others for name in STABILIZERS), strict=True)
+        if not one.cell.fixed
     ]
     return replace_between(page, "others", Table("", OTHER, others).markdown())
 
@@ -84,8 +78,21 @@ def write(studies: Studies) -> None:
         table.writerow(("stabilizer", *names))
         for name, (pushes, others) in studies.items():
             for item in (*pushes.pushes, *others.others):
-                values = item.cell.name, item.cell.unit, item.survived, item.within, item.bound, *item.zmp
+                values = item.cell.name, item.unit, item.survived, item.within, item.bound, *item.zmp
                 table.writerow((name, *values, item.cause))
+
+
+def study(name: str, part: str, only: Sequence[str], replicas: int) -> Robustness:
+    """One part of the study of a stabiliser; what was walked already is not walked again."""
+    return robustness(
+        "normal",
+        [f"controller.stabilizer={name}"],
+        only=only,
+        replicas=replicas,
+        out=KEPT / f"{name}-{part}",
+        resume=True,
+        progress=Narrator(),
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -93,20 +100,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--replicas", type=int, default=REPLICAS)
     given = parser.parse_args(arguments)
-    kinds = sorted({cell.key.removeprefix(SECTION) for cell in other_cells()})
-    parts = ("pushes", [PUSHES], given.replicas), ("others", kinds, 1)
-    studies = {}
-    for name in STABILIZERS:
-        settings = [f"controller.stabilizer={name}"]
-        pushes, others = (
-            robustness(
-                "normal", settings, only=only, replicas=count, out=KEPT / f"{name}-{part}", resume=True,
-                progress=Narrator(),
-            )
-            for part, only, count in parts
-        )  # fmt: skip
-        studies[name] = pushes, others
-    write(studies)
+    kinds = sorted({cell.kind for cell in other_cells()})
+    write(
+        {
+            name: (study(name, "pushes", [PUSHES], given.replicas), study(name, "others", kinds, 1))
+            for name in STABILIZERS
+        }
+    )
 
 
 if __name__ == "__main__":

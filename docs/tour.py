@@ -6,20 +6,17 @@ N tours without punches, and N of every force. They are kept in build/tour, so t
 on; a hundred of one kind take half an hour on one core.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import replace
 from pathlib import Path
 
 from trials import write_rows
 
 from validation.cli.console import Narrator
 from validation.show.text import replace_between
-from validation.study.tour import HEADER, Tours, Walked, tour
-from validation.table import Table
+from validation.study.tour import VALUES, Tours, tour
 
 PAGE = Path(__file__).with_name("footsteps.md")
 KEPT = PAGE.parents[1] / "build" / "tour"
@@ -38,19 +35,23 @@ def walk(body: str, share: float, seeds: int) -> Tours:
 
 def write(found: Sequence[tuple[str, Tours]]) -> None:
     """Rewrite the table of the page, and the data file."""
-    table = Table("", ("body", *HEADER), [(body, *tours.row()) for body, tours in found])
+    tables = [(body, tours.table()) for body, tours in found]
+    rows = [(body, *table.rows[0]) for body, table in tables]
+    table = replace(tables[0][1], columns=("body", *tables[0][1].columns), rows=rows, notes=())
     page = replace_between(PAGE.read_text(encoding="utf-8"), "tour", table.markdown())
     PAGE.write_text(page, encoding="utf-8")
-    names = [field.name for field in fields(Walked)]
-    rows = [
-        (body, f"{tours.share:.3g}", tours.stabilizer, *(_cell(getattr(walk, name)) for name in names))
+    names = ("seed", "outcome", *VALUES, "cause")
+    cells = [
+        (body, f"{tours.share:.3g}", tours.stabilizer, *(_cell(walk.get(name)) for name in names))
         for body, tours in found
         for walk in tours.walks
     ]
-    write_rows("tour", [("body", "force", "stabilizer", *names), *rows])
+    write_rows("tour", [("body", "force", "stabilizer", *names), *cells])
 
 
 def _cell(value: object) -> str:
+    if value is None:  # of a tour that was refused
+        return ""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 

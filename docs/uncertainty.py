@@ -4,33 +4,31 @@
 Each study is one ``ampm convergence GAIT``, half a minute on two idle cores.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from validation.show.text import replace_between
 from validation.study.convergence.picture import draw
-from validation.study.convergence.result import Convergence
-from validation.study.convergence.run import study_gait
-from validation.study.convergence.text import summary_table
+from validation.study.convergence.study import Convergence, convergence
 
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "convergence.svg"
 DATA = PAGE.parent / "data" / "uncertainty.csv"
 GAITS = ("normal", "momentum")
 SHOWN = (
-    "zmp_x_rmse", "zmp_y_rmse", "zmp_x_maximum", "force_x_rmse", "angular_momentum_y_rmse",
+    "zmp_x_rmse",
+    "zmp_y_rmse",
+    "zmp_x_maximum",
+    "force_x_rmse",
+    "angular_momentum_y_rmse",
     "zmp_agreement_rmse",
-)  # fmt: skip
+)
 """On the page."""
-INTEGRALS = (
-    "zmp_x_single_support_rmse", "zmp_x_double_support_rmse", "energy_positive_work",
-    "energy_cost_of_transport", "effort_zmp_x",
-)  # fmt: skip
+INTEGRALS = ("energy_positive_work", "energy_cost_of_transport", "effort_zmp_x")
 """In the file beside what is judged."""
 
 
@@ -38,9 +36,9 @@ def main() -> None:
     """Study every gait, and write its tables."""
     page, rows = PAGE.read_text(encoding="utf-8"), []
     for gait in GAITS:
-        found = study_gait(gait)
+        found = convergence(gait)
         print(gait, found.verdict.name, found.verdict.reason, file=sys.stderr, flush=True)  # noqa: T201
-        page = replace_between(page, gait, summary_table(found, [found.metrics[name] for name in SHOWN]))
+        page = replace_between(page, gait, replace(found.table(SHOWN), notes=()).markdown())
         rows += _levels(found)
         if gait == GAITS[0]:
             draw(found, PICTURE)
@@ -60,10 +58,10 @@ def _levels(found: Convergence) -> Iterator[tuple[str, ...]]:
             if study.numerical:
                 one = item.estimates[study.name]
                 orders, u = " ".join(f"{order:.2f}" for order in one.orders), one.uncertainty
-            levels = "; ".join(study.shown(value) for value in study.values)
+            levels = "; ".join(study.shown)
             values = " ".join(f"{value:.6g}" for value in item.levels[study.name])
             yield found.request.name, study.name, item.name, item.of.unit, levels, values, orders, f"{u:.3g}"
 
 
-if __name__ == "__main__":  # the workers of the studies import this file
+if __name__ == "__main__":
     main()

@@ -5,6 +5,7 @@ import os
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ampm.exceptions import InputError
@@ -111,3 +112,10 @@ def test_bad_runs_are_rows_and_the_others_go_on(tmp_path):
     assert stored.get("bad 0", items[0].digest)
     assert not stored.get("bad 1", items[1].digest)
     stored.close()
+
+
+def test_a_long_array_decides_on_the_digest():
+    one, other = np.zeros(5000), np.zeros(5000)
+    other[2500] = 1.0
+    digests = [Task("a", square, {"table": {"com_x": values}}).digest for values in (one, one.copy(), other)]
+    assert digests[0] == digests[1] != digests[2]

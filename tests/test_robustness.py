@@ -1,6 +1,4 @@
-"""A robustness study: ladders, replicas, resumption, tables; walks of its own at the end."""
-
-from __future__ import annotations
+"""A robustness study: ladders, replicas, tables, and short walks of its own."""
 
 import csv
 import json
@@ -9,160 +7,97 @@ import math
 import numpy as np
 import pytest
 
-import ampm
-import validation as val
+import ampm as planner
 from ampm.exceptions import InputError
 from docs.robustness import KEYS, keys_table
 from tests.solved import body_of
-from validation.cli.app import call
-from validation.study.robustness.cells import PUSHES, Cell, chosen, needed, other_cells, push_cells
-from validation.study.robustness.picture import draw
-from validation.study.robustness.result import CellResult
-from validation.study.robustness.run import robustness
-from validation.study.robustness.text import markdown, other_rows, push_rows
-from validation.study.robustness.walks import Level, LevelResult, walk_level
+from validation.cli.app import Status
+from validation.study.many import Task
+from validation.study.robustness import study as robustness
+from validation.study.robustness.cells import Cell, chosen, needed, other_cells, push_cells
+from validation.study.robustness.study import CellResult, Level, Robustness, climb
+from validation.study.row_file import read_rows
 from validation.trial.shapes import Shapes
 
-LIMITS = {"forward": 0.4, "backward": 0.3, "wider": 0.12, "narrower": 0.1}
-ONLY = ("pushes", "friction_factor", "slope_along")
+FRICTION = Cell("friction", "disturbance.friction_factor", (0.8, 0.6, 0.4, 0.2))
+FELL = "fell: the trunk leaned over by 60 degrees at 3 s; the first sign was it"
 
 
-def fake(level):
-    """Survives up to a limit, and keeps the tolerances up to half of it."""
-    cell = level.cell
-    if cell.key == PUSHES:
-        survives, passes = level.value <= LIMITS[cell.direction], False
-    else:
-        size = abs(level.value) if "slope" in cell.key else 1.0 - level.value
-        survives, passes = size <= 0.04, size <= 0.02
-    if not survives:
-        cause = "fell: the trunk leaned over by 60 degrees at 3 s; the first sign was it"
-        return LevelResult(1, 0, (cause,) * 2, (0.0, 0.0))
-    return LevelResult(level.replicas - 1, passes * (level.replicas - 1), ("fell",), (2e-3, 1e-3))
+def row(cause="", passed=True, zmp=(2e-3, 1e-3)):
+    return {
+        "key": "",
+        "outcome": "fell" if cause else "completed",
+        "cause": cause,
+        "passed": passed,
+        "zmp": zmp,
+    }
 
 
-def study(runner=fake, **options):
-    return robustness("normal", runner=runner, **{"only": ONLY, "quick": True, "workers": 1, **options})
+def climbed(cell, replicas, answer):
+    """Levels of a cell whose walks are answered by a function of value and replica, and what was walked."""
+    levels: list[Level] = []
+    walked = []
+    search = climb(cell, replicas, lambda _, *place: Task("", row, {"place": place}), levels)
+    task = next(search)
+    try:
+        while True:
+            walked.append(task.options["place"])
+            task = search.send(answer(*walked[-1]))
+    except StopIteration:
+        return levels, walked
 
 
-def test_the_largest_value_counts_with_all_smaller_ones():
-    cell = Cell("friction", "disturbance.friction_factor", (0.8, 0.6, 0.4, 0.2))
+def test_values_are_climbed_until_too_many_replicas_failed():
+    def answer(value, replica):
+        return row("" if (value > 0.5 and replica) or value > 0.7 else FELL, passed=value > 0.7)
 
-    def result(*walked):
-        levels = tuple(
-            (value, LevelResult(n, n - 1, () if n > 3 else ("fell", "fell"), (1e-3, 1e-3)))
-            for value, n in zip(cell.values, walked, strict=False)
-        )
-        return CellResult(cell, levels, 5)
-
-    assert result(5, 4, 3).survived == 0.6
-    assert result(5, 4, 3).within == 0.8
-    assert result(5, 4, 3).cause == "fell"
-    assert result(5, 3, 5).survived == 0.8
-    assert result(3).survived is None
-    assert result(5, 5, 5, 5).complete
-    assert not result(5, 5, 5).cause
+    levels, walked = climbed(FRICTION, 5, answer)
+    assert [value for value, _ in walked] == [0.8] * 5 + [0.6] * 5 + [0.4] * 2  # the rest need not be walked
+    assert [(level.walked, level.passed) for level in levels] == [(5, 5), (4, 0), (0, 0)]
+    found = CellResult.of(FRICTION, levels, 5)
+    assert (found.survived, found.within, found.cause, found.complete) == (0.6, 0.8, FELL, False)
+    assert found.zmp == (2e-3, 1e-3)
+    assert found.cells()[2:] == ("0.6", "0.8", "2.0, 1.0", "fell: the trunk leaned over by 60 degrees")
+    every, _ = climbed(FRICTION, 1, lambda value, replica: row())
+    assert CellResult.of(FRICTION, every, 1).complete
+    none, _ = climbed(FRICTION, 3, lambda value, replica: {**row(FELL), "zmp": None})
+    assert (CellResult.of(FRICTION, none, 3).survived, len(none)) == (None, 1)
     assert [needed(n) for n in (1, 2, 3, 5, 10)] == [1, 2, 3, 4, 8]
 
 
-def test_a_study_climbs_every_cell_to_its_limit():
-    found = study()
-    for item in found.pushes:
-        limit = LIMITS[item.cell.direction]
-        step = item.cell.values[0]
-        assert (item.survived or 0.0) == pytest.approx(step * math.floor(limit / step + 1e-9))
-        assert len(item.levels) == round((item.survived or 0.0) / step) + 1
-        assert item.bound > 0.3
-        assert item.share == pytest.approx((item.survived or 0.0) / item.bound)
-        assert "trunk" in item.cause
-    uphill = next(item for item in found.others if item.cell.name == "slope uphill")
-    assert uphill.survived == pytest.approx(math.radians(1.0))
-    assert uphill.within == uphill.survived
-    assert uphill.zmp == (2e-3, 1e-3)
-    chest, com = (found.push(height, "late", "forward").bound for height in ("chest", "com"))
-    assert 0.6 < chest / com < 0.8
-    with pytest.raises(KeyError):
-        found.push("com", "mid", "forward")
+def found_by(*cells):
+    """A study in which every push of 0.4 m/s and less is survived."""
+
+    def result(cell):
+        levels, _ = climbed(cell, 1, lambda value, _: row("" if abs(value) <= 0.4 else FELL))
+        return CellResult.of(cell, levels, 1, 0.8 if cell.is_push else None)
+
+    return Robustness("normal", "human", "ampm", 1, tuple(map(result, cells)))
 
 
-def test_tables_and_pictures_show_the_share_of_the_bound(tmp_path):
-    found = study()
-    row = push_rows(found)[0]
-    assert row[:2] == ("com", "12 % of single support")
-    bound = found.push("com", "early", "forward").bound
-    assert row[2] == f"0.40 of {bound:.2f} ({40 / bound:.0f} %)"
-    names = {row[0]: row for row in other_rows(found)}
-    assert names["slope uphill"][1:4] == ("degrees", "1", "1")
-    assert names["slope uphill"][5] == "fell: the trunk leaned over by 60 degrees"
-    assert "## " not in markdown(found)
-    assert "| com |" in markdown(found)
-    draw(found, tmp_path / "picture.svg")
-    assert "narrower" in (tmp_path / "picture.svg").read_text()
-
-
-def test_a_study_that_was_stopped_goes_on_with_what_is_missing(tmp_path):
-    out = tmp_path / "study"
-    walked: list[tuple[str, float]] = []
-
-    def stops(level):
-        if len(walked) == 5:
-            raise KeyboardInterrupt
-        walked.append((level.cell.name, level.value))
-        return fake(level)
-
-    with pytest.raises(KeyboardInterrupt):
-        study(stops, out=out)
-    journal = out / "levels.jsonl"
-    with journal.open("a") as file:
-        file.write('{"cell": "com ea')  # cut off by a kill
-    again = []
-
-    def goes_on(level):
-        again.append((level.cell.name, level.value))
-        return fake(level)
-
-    found = study(goes_on, out=out, resume=True)
-    assert not set(again) & set(walked)
-    assert found == study()
-    assert json.loads((out / "robustness.json").read_text()) == found.as_dict()
-    assert {path.name for path in out.iterdir()} == {
-        "robustness.json", "robustness.md", "robustness.svg", "robustness.png", "levels.jsonl",
-    }  # fmt: skip
-    again.clear()
-    assert study(goes_on, out=out, resume=True) == found
-    assert again == []
-    with pytest.raises(InputError, match="differs in replicas;"):
-        study(out=out, resume=True, replicas=3)
-    with pytest.raises(InputError, match="--force"):
-        study(out=out)
-
-
-def test_workers_find_the_same():
-    assert study(workers=2, only=("friction_factor", "slope_along")) == study(
-        only=("friction_factor", "slope_along")
-    )
-
-
-@pytest.mark.parametrize(
-    ("options", "word"),
-    [({"only": ("wind",)}, "'wind' is no .* friction_factor, .* pushes"),
-     ({"replicas": 0}, "--replicas 0"), ({"workers": 0}, "--workers 0"),
-     ({"resume": True}, "--out")],
-)  # fmt: skip
-def test_bad_requests_are_refused_before_anything_is_planned(options, word, monkeypatch):
-    monkeypatch.setattr("validation.study.robustness.run.plan_walk", lambda *_: pytest.fail("planned"))
-    with pytest.raises(InputError, match=word):
-        study(**options)
+def test_tables_and_pictures_show_the_share_of_the_bound(tmp_path, monkeypatch):
+    monkeypatch.setattr(robustness, "PICTURES", ("robustness.svg",))
+    found = found_by(*push_cells(quick=True), Cell("up", "disturbance.slope_along", (math.radians(1.0), 1.0)))
+    pushes, others = found.tables()
+    assert pushes.rows[0] == ("com", "12 % of single support", *["0.40 of 0.80 (50 %)"] * 4)
+    assert len(pushes.rows) == 2 * 2
+    assert others.rows[0][:3] == ("up", "degrees", "1")
+    robustness.write(found, tmp_path)
+    assert "narrower" in (tmp_path / "robustness.svg").read_text()
+    assert "| com |" in (tmp_path / robustness.MARKDOWN).read_text()
+    table = json.loads((tmp_path / robustness.RESULT).read_text())
+    assert table == found.as_dict()
+    assert table["cells"][0]["levels"][0]["walked"] == 1
+    assert found_by(FRICTION).tables()[0].rows
 
 
 def test_the_cells_cover_all_pushes_and_all_keys():
     pushes, others = push_cells(), other_cells(("thorax", "left_foot"))
     assert len({cell.name for cell in (*pushes, *others)}) == len(pushes) + len(others)
     assert len(pushes) == 2 * 4 * 4
-    keys = {cell.key.partition(".")[2] for cell in others}
-    known = set(ampm.load_run(None).disturbance.model_dump())
+    known = set(planner.load_run(None).disturbance.model_dump())
     apart = {"seed", "start_velocity", "step_number", "mass_segment"}
-    assert known - keys == apart | {name for name in known if name.startswith("push_")}
+    assert known - {cell.kind for cell in others} == apart | {name for name in known if name[:5] == "push_"}
     assert [cell.name for cell in others if "foot" in cell.name] == ["left_foot heavier", "left_foot lighter"]
     assert len(chosen(others, ["mass_change"])) == 6
     for cell in others:
@@ -174,32 +109,51 @@ def test_the_docs_have_every_key_with_its_unit():
     with KEYS.open(encoding="utf-8", newline="") as file:
         written = [tuple(row) for row in csv.reader(file)]
     assert written == keys_table()
-    assert "s" in next(row for row in written if row[0] == "disturbance.sensing_delay")
 
 
-def level(direction, value, height="com", replicas=1):
-    cell = next(item for item in push_cells() if item.name == f"{height} mid {direction}")
-    return Level(cell, value, ampm.dump_run(ampm.load_run("normal")), "normal", "default", replicas)
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"only": ("wind",)}, "'wind' is no .* friction_factor, .* pushes"),
+        ({"replicas": 0}, "--replicas 0"),
+        ({"resume": True}, "--out"),
+    ],
+)
+def test_bad_requests_are_refused_before_anything_is_planned(options, word, monkeypatch):
+    monkeypatch.setattr(robustness, "plan_walk", lambda *_, **__: pytest.fail("planned"))
+    with pytest.raises(InputError, match=word):
+        robustness.robustness("normal", **options)
 
 
-def test_a_weak_push_is_survived_in_all_replicas_a_strong_one_is_not():
-    weak = walk_level(level("forward", 0.1, replicas=2))
-    assert (weak.walked, weak.causes) == (2, ())
-    strong = walk_level(level("narrower", 2.0, "chest", replicas=5))
-    assert strong.walked == 0
-    assert len(strong.causes) == 2  # the others need not be walked
-    assert all("first sign was a ZMP" in cause for cause in strong.causes)
+def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch, ampm):
+    """A push that no body survives, and little friction over three steps."""
+    push = next(cell for cell in push_cells() if cell.name == "chest early narrower")
+    cells = (Cell(push.name, push.key, (2.0,), {}, push.direction, push.phase, push.height),)
+    monkeypatch.setattr(robustness, "push_cells", lambda quick=False: cells)
+    monkeypatch.setattr(robustness, "STEPS", 3)
+    only, settings = ("pushes", "friction_factor"), ("simulation.time_step=0.002",)
+    options = {"only": only, "quick": True, "replicas": 1, "workers": 0, "out": tmp_path}
+    found = robustness.robustness("normal", settings, **options)
+    thrown, slid = found.cells
+    assert (thrown.survived, len(thrown.levels)) == (None, 1)
+    assert "first sign was a ZMP" in thrown.cause
+    assert thrown.bound == pytest.approx(0.53, abs=0.01)
+    assert slid.survived in (0.25, 0.5)
+    assert slid.zmp[0] < 1e-3
+    assert {row["outcome"] for row in read_rows(tmp_path)} == {"fell", "completed"}
+    monkeypatch.setattr("validation.study.pool._columns", lambda work, options: pytest.fail("walked again"))
+    told = [*(word for kind in only for word in ("--only", kind)), "--quick", "--replicas", 1, "--workers", 0]
+    answer = ampm("robustness", "normal", "--set", *settings, *told, "--out", tmp_path, "--resume", "--json")
+    assert (answer.status, answer.json) == (Status.PASS, found.as_dict())
+    assert ampm("robustness", "normal", "--out", tmp_path).status == Status.REFUSED
 
 
-def test_the_command_and_the_api_find_the_same(capsys):
-    found = val.robustness("normal", only=("friction_factor",), quick=True, replicas=1, workers=1)
-    other = found.others[0]
-    assert other.survived is not None
-    assert other.survived <= 0.5
-    assert other.zmp[0] < 1e-3
-    arguments = ["--only", "friction_factor", "--quick", "--replicas", "1", "--workers", "1", "--json"]
-    assert call(["robustness", "normal", *arguments]) == 0
-    assert json.loads(capsys.readouterr().out) == found.as_dict()
+def test_an_error_of_the_program_is_told(monkeypatch):
+    monkeypatch.setattr(robustness, "walk_replica", lambda **_: 1 / 0)
+    monkeypatch.setattr(robustness, "PICTURES", ())
+    found = robustness.robustness("normal", only=["origin"], replicas=1, workers=0)
+    assert len(found.crashes) == 1
+    assert "division by zero" in found.tables()[0].notes[0]
 
 
 def test_legs_that_meet_are_seen_and_a_hand_on_a_thigh_is_not():

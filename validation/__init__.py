@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from validation.show.viewer import show_recording as view
     from validation.store.saved import load_saved_run as load
     from validation.study.people.compare import people as people
-    from validation.study.robustness.run import robustness as robustness
+    from validation.study.robustness.study import robustness as robustness
     from validation.study.sweep.run import sweep as sweep
     from validation.study.tour import tour as tour
     from validation.trial.disturbances import Disturbance as Disturbance
@@ -42,7 +42,7 @@ _HOMES = {
     "register": "judge.metrics.register",
     "replay": "run.replay.replay",
     "report": "show.report.write_report",
-    "robustness": "study.robustness.run.robustness",
+    "robustness": "study.robustness.study.robustness",
     "sweep": "study.sweep.run.sweep",
     "tour": "study.tour.tour",
     "unregister": "judge.metrics.unregister",

@@ -153,6 +153,11 @@ def print_tables(tables: Iterable[Table]) -> None:
         console.print(table)
 
 
+def markdown_page(tables: Iterable[Table]) -> str:
+    """Tables in Markdown, each under its title."""
+    return "\n".join(f"## {table.title}\n\n{table.markdown()}\n" for table in tables)
+
+
 def _markdown_row(cells: Sequence[str]) -> str:
     escaped = (cell.replace("|", "\\|").replace("\n", " ") for cell in cells)
     return f"| {' | '.join(escaped)} |"

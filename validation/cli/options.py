@@ -105,7 +105,9 @@ Scheduler = Annotated[
     option("--scheduler", "Run on this dask scheduler: tcp://HOST:8786, or its --scheduler-file.", "ADDRESS"),
 ]
 Resume = Annotated[bool, option("--resume", "Go on with what is missing in --out.")]
-Workers = Annotated[int | None, option("--workers", "Processes; one per core by default.", "N")]
+Workers = Annotated[
+    int | None, option("--workers", "Processes; one per core by default, 0 to walk in this very one.", "N")
+]
 Force = Annotated[bool, option("--force", "Replace an earlier result at --out.")]
 Json = Annotated[bool, option("--json", "Print JSON, and nothing else, on stdout.")]
 

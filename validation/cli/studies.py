@@ -32,13 +32,12 @@ from validation.cli.options import (
     option,
     with_short,
 )  # fmt: skip
-from validation.show.text import judged, print_line, print_table, print_verdict
+from validation.show.text import print_line, print_table
 from validation.store.folders import check_output_file, output_file
 from validation.table import print_tables
 
 if TYPE_CHECKING:
     from validation.study.compare.pair import Pair
-    from validation.study.convergence.result import Convergence
     from validation.study.people.compare import People
     from validation.study.sweep.table import SweepTable
 
@@ -54,7 +53,7 @@ DIFF_EPILOG = "Exit status: 0 no regression beyond tolerance, 1 some, 2 bad inpu
 CONVERGENCE_EPILOG = (
     "Exit status: 0 every metric is within its limit by more than its numerical uncertainty, 1 one is over "
     "it, undecided or not measured, 2 bad input or refused, 3 a walk of a numerical study did not complete, "
-    "4 crash of ampm itself, 130 interrupted."
+    "4 crash of ampm itself, 5 stopped from outside, 130 interrupted: --resume goes on."
 )
 _ENDED = {"completed": Status.PASS, "interrupted": Status.INTERRUPTED}
 _STUDIES = "time_step, ik_grid, qp_tolerance, contact_stiffness or contact_depth"
@@ -310,10 +309,11 @@ def convergence(
     ] = None,
     profile: Annotated[str, option("--profile", f"Tolerance profile: {PROFILES}.", "P")] = "default",
     workers: Workers = None,
+    scheduler: Scheduler = None,
     out: Annotated[
-        Path | None, option("--out", "Write convergence.json, a table and a picture.", "DIR")
+        Path | None, option("--out", "Write convergence.json, a table, a picture and every walk.", "DIR")
     ] = None,
-    force: Force = False,
+    resume: Resume = False,
     as_json: Json = False,
 ) -> int:
     """Measure how far a gait's metrics depend on time step, grids, tolerances and contact parameters.
@@ -323,34 +323,25 @@ def convergence(
     order, extrapolated value and numerical uncertainty, or "no asymptotic range"; 'ampm validate
     --uncertainty' quotes the uncertainty in its verdict.
     """
-    from validation.study.convergence.run import FILES, study_gait, write
+    from validation.study.convergence.study import Convergence
+    from validation.study.convergence.study import convergence as study
 
-    progress = Narrator()
-    result = study_gait(
-        gait, with_short(settings, body=body), as_is=as_is, steps=steps, levels=levels, only=only or (),
-        profile=profile, workers=workers, out=out, force=force, progress=progress,
-    )  # fmt: skip
-    answer(result, type(result).as_dict, print_convergence, as_json=as_json)
-    if out is not None:
-        write(result, out)
-        progress.wrote(*(out / name for name in FILES))
-    if not result.completed:
-        return Status.NOT_COMPLETED
-    return Status.PASS if result.verdict.passed else Status.OUT_OF_TOLERANCE
-
-
-def print_convergence(result: Convergence) -> None:
-    """Print the result of the studies: metrics with their uncertainty, and the verdict."""
-    from validation.study.convergence.text import cells, header, legend, shortlist
-
-    left = ("metric", "unit", "verdict", "observed order")
-    print_table(
-        f"{result.request.name}: value ± numerical uncertainty, {result.request.run.gait.steps} steps "
-        f"(profile {result.verdict.profile})",
-        [text if text in left else f">{text}" for text in header(result)],
-        [(*row[:4], judged(row[4]), *row[5:]) for row in map(cells, shortlist(result))],
+    found = study(
+        gait,
+        with_short(settings, body=body),
+        as_is=as_is,
+        steps=steps,
+        levels=levels,
+        only=only or (),
+        profile=profile,
+        workers=workers,
+        scheduler=scheduler,
+        out=out,
+        resume=resume,
+        progress=Narrator(),
     )
-    print_line(f"  {legend(result)}")
-    for note in result.notes:
-        print_line(f"  note: {note}")
-    print_verdict(result.request.name, result.verdict.name, result.verdict.reason)
+    answer(found, Convergence.as_dict, lambda found: print_tables([found.table()]), as_json=as_json)
+    Narrator().wrote(out)
+    if not found.completed:
+        return Status.NOT_COMPLETED
+    return Status.PASS if found.verdict.passed else Status.OUT_OF_TOLERANCE

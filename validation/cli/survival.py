@@ -3,10 +3,8 @@
 Commands import what they run: simulator, Pinocchio and NumPy take long to load.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -14,7 +12,6 @@ from validation.cli.console import Narrator
 from validation.cli.options import (
     Body,
     Controller,
-    Force,
     Gait,
     Json,
     OwnProfile,
@@ -27,15 +24,14 @@ from validation.cli.options import (
     option,
     with_short,
 )
-from validation.show.text import print_table
-
-if TYPE_CHECKING:
-    from validation.study.robustness.result import Robustness
-    from validation.study.tour import Tours
+from validation.table import print_tables
 
 app = typer.Typer()
 
-EPILOG = "Exit status: 0 the study is done, 2 bad input or refused, 130 interrupted: --resume goes on."
+EPILOG = (
+    "Exit status: 0 the study is done, 2 bad input or refused, 4 an error ended a walk, "
+    "5 stopped from outside: --resume goes on, 130 interrupted: --resume goes on."
+)
 
 
 @app.command(epilog=EPILOG)
@@ -56,10 +52,9 @@ def robustness(
     workers: Workers = None,
     scheduler: Scheduler = None,
     out: Annotated[
-        Path | None, option("--out", "Write robustness.json, a table, pictures, and every result.", "DIR")
+        Path | None, option("--out", "Write robustness.json, tables, pictures and every walk.", "DIR")
     ] = None,
     resume: Resume = False,
-    force: Force = False,
     as_json: Json = False,
 ) -> int:
     """Find the largest pushes and other disturbances that a gait survives with its body and controller.
@@ -67,27 +62,25 @@ def robustness(
     Pushes of 0.1 s by direction, phase and height, each beside the bound that legs set, and rising values of
     all keys of the section disturbance. A value counts if it and all smaller ones are survived.
     """
-    from validation.study.robustness.result import Robustness
-    from validation.study.robustness.run import robustness as study
+    from validation.study.robustness.study import Robustness
+    from validation.study.robustness.study import robustness as study
 
     found = study(
-        gait, with_short(settings, body=body, controller=controller), quick=quick,
-        only=only or (), replicas=replicas, profile=profile, workers=workers,
-        scheduler=scheduler, out=out, resume=resume, force=force, progress=Narrator(),
-    )  # fmt: skip
-    answer(found, Robustness.as_dict, print_robustness, as_json=as_json)
-    return Status.PASS
-
-
-def print_robustness(found: Robustness) -> None:
-    """Print the tables of a study for a reader."""
-    from validation.study.robustness import text
-
-    if found.pushes:
-        rows = text.push_rows(found)
-        print_table(f"{text.title(found)}; of the bound", [*text.PUSH_HEADER], rows)
-    if found.others:
-        print_table(text.title(found), [*text.OTHER_HEADER], text.other_rows(found))
+        gait,
+        with_short(settings, body=body, controller=controller),
+        quick=quick,
+        only=only or (),
+        replicas=replicas,
+        profile=profile,
+        workers=workers,
+        scheduler=scheduler,
+        out=out,
+        resume=resume,
+        progress=Narrator(),
+    )
+    answer(found, Robustness.as_dict, lambda found: print_tables(found.tables()), as_json=as_json)
+    Narrator().wrote(out)
+    return Status.CRASH if found.crashes else Status.PASS
 
 
 @app.command(epilog=EPILOG)
@@ -106,9 +99,8 @@ def tour(
     ] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    out: Annotated[Path | None, option("--out", "Write tour.json, and every result.", "DIR")] = None,
+    out: Annotated[Path | None, option("--out", "Write tour.json and every tour.", "DIR")] = None,
     resume: Resume = False,
-    force: Force = False,
     as_json: Json = False,
 ) -> int:
     """Walk tours over random targets under random punches, by the public protocol for the Unitree G1.
@@ -116,16 +108,22 @@ def tour(
     Both feet stand at one target after the other: each uniform in a disc of 1 m about the one before, with a
     random heading. In every 5 s a random segment is hit for 0.08 s in a random direction.
     """
-    from validation.study.tour import HEADER, Tours
+    from validation.study.tour import Tours
     from validation.study.tour import tour as study
 
-    def show(found: Tours) -> None:
-        print_table(found.title, HEADER, [found.row()])
-
     found = study(
-        gait, with_short(settings, body=body, controller=controller), share=punches, seeds=seeds,
-        count=targets, arms=arms, workers=workers, scheduler=scheduler, out=out, resume=resume, force=force,
+        gait,
+        with_short(settings, body=body, controller=controller),
+        share=punches,
+        seeds=seeds,
+        count=targets,
+        arms=arms,
+        workers=workers,
+        scheduler=scheduler,
+        out=out,
+        resume=resume,
         progress=Narrator(),
-    )  # fmt: skip
-    answer(found, Tours.as_dict, show, as_json=as_json)
-    return Status.PASS
+    )
+    answer(found, Tours.as_dict, lambda found: print_tables([found.table()]), as_json=as_json)
+    Narrator().wrote(out)
+    return Status.CRASH if found.crashes else Status.PASS

@@ -73,6 +73,8 @@ def _identity(value: Any) -> str:
         return f"{thing.__module__}:{thing.__qualname__} {_source_hash(thing)}"
     if value is None or isinstance(value, str | bytes | bool | int | float | Path):
         return repr(value)
+    if isinstance(value, np.ndarray):  # its text leaves rows out
+        return f"{value.dtype}{value.shape} {hashlib.sha256(repr(value.tolist()).encode()).hexdigest()}"
     if hasattr(value, "__dict__"):
         return f"{_identity(type(value))} {_identity(vars(value))}"
     return f"{_identity(type(value))} {value!r}"

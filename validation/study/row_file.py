@@ -6,7 +6,7 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +119,13 @@ class RowFile:
         """Close the file, which other programs may then open."""
         self.sync()
         self._file.close()
+
+
+def crash_notes(rows: Iterable[Row]) -> list[str]:
+    """Task and cause of every run that an error of the program or the machine ended."""
+    return [
+        f"{row['key']}: {row['cause']}" for row in rows if row["outcome"] == "crashed" and "reason" in row
+    ]
 
 
 def read_rows(folder: Path) -> Iterator[Row]:

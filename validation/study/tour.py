@@ -8,41 +8,38 @@ its steps need, and the punches go on to the end. Arms that move at random are m
 knows where they go; there they belong to nobody.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ampm.body.robot import Robot
 from ampm.brief import Brief
 from ampm.exceptions import InputError, RefusedGait
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner import routes
-from ampm.run_file import dump_run
+from ampm.walk import Posture, PostureState
+from validation.judge.margins import energy
 from validation.progress import Progress
 from validation.show.text import number
 from validation.store.folders import output_file
-from validation.store.identity import code_hash
 from validation.store.json import json_ready, write_json
-from validation.study.resumable import Journal, processes, study_folder, work_off
-from validation.trial.plan import Request, complete, load_request, plan_walk
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from ampm.body.robot import Robot
-    from ampm.geometry import Array
-    from ampm.walk import Posture, PostureState
-    from validation.trial.disturbances import Push
-    from validation.trial.plan import PlannedWalk
-    from validation.trial.record import SimulationRecord
+from validation.study.many import Task, study_folder, walk_many
+from validation.study.robustness.study import cause_of
+from validation.study.row_file import Row, crash_notes
+from validation.study.walk_options import users_classes
+from validation.table import Table
+from validation.trial.disturbances import Push
+from validation.trial.plan import PlannedWalk, Request, complete, load_request, plan_walk
+from validation.trial.record import SimulationRecord
+from validation.trial.simulate import simulate
 
 TARGETS, RADIUS, WINDOW = 18, 1.0, 5.0
 """Targets; radius of the disc [m]; time between punches [s]."""
@@ -56,38 +53,9 @@ SHORTER, TRIES = 0.85, 4
 EVERY, WANDER, MOST = 1.0, 0.3, 0.8
 """Time between two random angles of an arm's joint [s]; standard deviation of their difference, and largest
 distance from the posture [rad]."""
-RESULT, JOURNAL = "tour.json", "tours.jsonl"
-HEADER = (
-    "force", "completed", "mean survival, of planned [s]", "targets", "error at them [mm], [degrees]",
-    "median power [W]", "first sign of most falls",
-)  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Walked:
-    """One tour.
-
-    Attributes:
-        seed: of targets and punches.
-        completed: whether it was walked to the end, and the legs did not meet.
-        time: that it lasted [s].
-        planned: duration of the plan [s]; NaN if it was refused.
-        reached: targets whose time to stand there came.
-        error: mean distance of the middle of both soles from them at that time [m]; NaN if there is none.
-        turned: mean difference of the mean heading of both soles [rad]; NaN likewise.
-        power: mean positive power of the motors [W].
-        cause: of its end, empty if it completed.
-    """
-
-    seed: int
-    completed: bool
-    time: float
-    planned: float = math.nan
-    reached: int = 0
-    error: float = math.nan
-    turned: float = math.nan
-    power: float = math.nan
-    cause: str = ""
+RESULT = "tour.json"
+VALUES = ("time", "planned", "reached", "error", "turned", "power")
+"""Numbers of a tour, see :func:`walk_tour`."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +66,7 @@ class Tours(Brief):
         gait, body, controller, stabilizer: their names.
         share: of the protocol's force [1].
         arms: whether they move at random.
-        walks: by seed.
+        walks: by seed, see :func:`walk_tour`.
     """
 
     gait: str
@@ -107,24 +75,23 @@ class Tours(Brief):
     stabilizer: str
     share: float
     arms: bool
-    walks: tuple[Walked, ...]
-
-    @property
-    def title(self) -> str:
-        """What was walked."""
-        return (
-            f"Tour of {self.gait}, body {self.body}, controller {self.controller} ({self.stabilizer})"
-            f"{', arms at random' if self.arms else ''}"
-        )
+    walks: tuple[Row, ...]
 
     @property
     def completed(self) -> int:
-        """Tours that were completed."""
-        return sum(walk.completed for walk in self.walks)
+        """Tours that were walked to the end, and whose legs did not meet."""
+        return sum(not walk["cause"] for walk in self.walks)
+
+    @property
+    def crashes(self) -> list[str]:
+        """Tours that an error of program or machine ended, with its cause; they count as not completed."""
+        return crash_notes(self.walks)
 
     def known(self, name: str) -> list[float]:
-        """A number of :class:`Walked`, of the tours that have it."""
-        return [value for walk in self.walks if not math.isnan(value := getattr(walk, name))]
+        """A number of the tours that have it; a tour that was refused lasted 0 s and reached no target."""
+        absent = 0.0 if name in ("time", "reached") else math.nan
+        values = (walk.get(name, absent) for walk in self.walks)
+        return [value for value in values if not math.isnan(value)]
 
     def mean(self, name: str) -> float:
         """Mean of :meth:`known`, NaN if there is none."""
@@ -132,21 +99,28 @@ class Tours(Brief):
 
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain values in SI units."""
-        means = {name: self.mean(name) for name in ("time", "planned", "reached", "error", "turned", "power")}
-        return dict(json_ready({**asdict(self), "completed": self.completed, "mean": means}))
+        means = {name: self.mean(name) for name in VALUES}
+        return dict(json_ready({**vars(self), "completed": self.completed, "mean": means}))
 
-    def row(self) -> tuple[str, ...]:
-        """Cells of :data:`HEADER`."""
-        ends = Counter(_kind(walk.cause) for walk in self.walks if not walk.completed)
-        return (
-            f"{self.share:.3g}",
-            f"{self.completed} of {len(self.walks)}",
-            f"{self.mean('time'):.1f} of {self.mean('planned'):.1f}",
-            f"{self.mean('reached'):.1f}",
-            f"{number(1e3 * self.mean('error'))}, {number(math.degrees(self.mean('turned')))}",
-            number(float(np.median(power)) if (power := self.known("power")) else None),
-            "{} ({})".format(*ends.most_common(1)[0]) if ends else number(None),
+    def table(self) -> Table:
+        """Shares and means over all tours."""
+        ends = Counter(_kind(walk["cause"]) for walk in self.walks if walk["cause"])
+        power = self.known("power")
+        cells = {
+            "force": f"{self.share:.3g}",
+            "completed": f"{self.completed} of {len(self.walks)}",
+            "mean survival, of planned [s]": f"{self.mean('time'):.1f} of {self.mean('planned'):.1f}",
+            "targets": f"{self.mean('reached'):.1f}",
+            "error at them [mm], [degrees]": f"{number(1e3 * self.mean('error'))}, "
+            f"{number(math.degrees(self.mean('turned')))}",
+            "median power [W]": number(float(np.median(power)) if power else None),
+            "first sign of most falls": "{} ({})".format(*ends.most_common(1)[0]) if ends else number(None),
+        }
+        arms = ", arms at random" if self.arms else ""
+        title = (
+            f"Tour of {self.gait}, body {self.body}, controller {self.controller} ({self.stabilizer}){arms}"
         )
+        return Table(title, [*cells], [[*cells.values()]], self.crashes)
 
 
 def _kind(cause: str) -> str:
@@ -176,8 +150,6 @@ def punches(seed: int, share: float, segments: Sequence[str], until: float) -> l
         segments: that are hit.
         until: end of the tour [s].
     """
-    from validation.trial.disturbances import Push  # loads the simulator
-
     generator, found = np.random.default_rng([seed, 1]), []
     for window in range(math.ceil(until / WINDOW) if share else 0):
         at = WINDOW * (window + float(generator.uniform()))
@@ -232,13 +204,14 @@ class RestlessArms:
         return self._posture.report()
 
 
-def plan_tour(seed: int, given: Request, count: int) -> PlannedWalk:
+def plan_tour(seed: int, given: Request, count: int, planner: Any = None) -> PlannedWalk:
     """Plan the tour of a seed with the longest steps that the body can walk.
 
     Args:
         seed: of its targets.
         given: gait, all values found.
         count: of targets.
+        planner: a user's, see :func:`validation.study.walk_options.users_classes`.
 
     Raises:
         RefusedGait: it cannot walk short ones either.
@@ -246,20 +219,26 @@ def plan_tour(seed: int, given: Request, count: int) -> PlannedWalk:
     run, places = given.run, targets(seed, count)
     step = LENGTH * run.gait.step_length
     width = run.gait.step_width + WIDER * run.gait.step_length
-    for attempt in range(TRIES):
-        share = SHORTER**attempt
+    for share in [SHORTER**attempt for attempt in range(TRIES)]:
         footsteps = routes.visit(places, share * step, width, aside=share * ASIDE * step, turn=share * TURN)
+        way = run.replace({}, footsteps=routes.as_rows(footsteps)).as_is()
         try:
-            return plan_walk(
-                Request(given.name, run.replace({}, footsteps=routes.as_rows(footsteps)).as_is())
-            )
-        except RefusedGait:
-            if attempt == TRIES - 1:
-                raise
-    raise AssertionError  # pragma: no cover
+            return plan_walk(Request(given.name, way), planner=planner)
+        except RefusedGait as refusal:
+            last = refusal
+    raise last
 
 
-def walk_tour(seed: int, given: Request, count: int, share: float, *, arms: bool) -> Walked:
+def walk_tour(
+    seed: int,
+    given: Request,
+    count: int,
+    share: float,
+    *,
+    arms: bool,
+    controller: Any = None,
+    planner: Any = None,
+) -> Row:
     """Walk the tour of a seed.
 
     Args:
@@ -268,27 +247,40 @@ def walk_tour(seed: int, given: Request, count: int, share: float, *, arms: bool
         count: of targets.
         share: of the protocol's force [1].
         arms: whether they move at random.
-    """
-    from validation.judge.margins import energy  # loads the simulator, as do the next ones
-    from validation.study.robustness.walks import cause_of
-    from validation.trial.simulate import simulate
+        controller: a user's, see :func:`validation.study.walk_options.users_classes`.
+        planner: likewise.
 
-    try:
-        planned = plan_tour(seed, given, count)
-    except RefusedGait as refusal:
-        return Walked(seed, False, 0.0, cause=f"refused: {refusal}")
+    Returns:
+        ``outcome`` and ``cause``, which is empty for a tour that was completed; ``time`` that it lasted and
+        that ``planned`` [s]; ``reached``, targets whose time to stand there came; mean distance (``error``
+        [m]) and turn (``turned`` [rad]) of both soles from them, NaN without one; ``power``, mean positive
+        one of the motors [W].
+
+    Raises:
+        RefusedGait: no way to the targets can be walked.
+    """
+    planned = plan_tour(seed, given, count, planner)
     model = planned.body.model.compile()
     hinged = [model.body(int(i)).name for i in dict.fromkeys(model.jnt_bodyid[1:].tolist())]
     plan = planned.plan
     pushes = punches(seed, share, hinged, float(plan.contacts.step_ends[-1]))
     if arms:
         plan = replace(plan, posture=RestlessArms(plan.posture, planned.body.robot, seed, plan.duration))
-    record = simulate(plan, planned.run, planned.body.model, disturbances=pushes)
+    record = simulate(plan, planned.run, planned.body.model, controller=controller, disturbances=pushes)
     errors = _errors(planned, record, targets(seed, count))
     error, turned = errors.mean(axis=0).tolist() if len(errors) else (math.nan, math.nan)
-    power = energy(record, np.ones(len(record.torque), dtype=bool))["mean_power"]
-    cause, time = cause_of(record, planned), record.outcome.time
-    return Walked(seed, not cause, time, plan.duration, len(errors), error, turned, power, cause)
+    cause = cause_of(record, planned.body.model)
+    return {
+        "seed": seed,
+        "outcome": "completed" if not cause else cause.partition(":")[0],
+        "cause": cause,
+        "time": float(record.outcome.time),
+        "planned": float(plan.duration),
+        "reached": len(errors),
+        "error": error,
+        "turned": turned,
+        "power": float(energy(record, np.ones(len(record.torque), dtype=bool))["mean_power"]),
+    }
 
 
 def _errors(planned: PlannedWalk, record: SimulationRecord, places: Sequence[routes.Frame]) -> Array:
@@ -321,9 +313,7 @@ def tour(
     scheduler: str | None = None,
     out: str | Path | None = None,
     resume: bool = False,
-    force: bool = False,
     progress: Progress | None = None,
-    runner: Callable[..., Walked] = walk_tour,
 ) -> Tours:
     """Walk the tours of many seeds with a gait, its body and its controller.
 
@@ -334,50 +324,37 @@ def tour(
         share: of the protocol's force, at least 0 [1].
         count: targets of a tour.
         arms: whether they move at random.
-        workers: processes, None for one a core; one walks in this very process.
+        workers: processes; None for one a core, 0 for this very process.
         scheduler: address of a dask scheduler that is running already.
-        out: folder of results; None writes nothing.
+        out: folder of every tour and ``tour.json``; None writes nothing.
         resume: go on with what is in ``out``.
-        force: replace earlier tours there.
         progress: where to report it.
-        runner: what walks one tour.
 
     Raises:
-        InputError, RefusedGait: the request cannot be met, or ``out`` holds something else.
+        InputError, RefusedGait: the request cannot be met, or ``out`` is used otherwise.
+        StudyStopped: see :func:`validation.study.many.walk_many`.
     """
     for name, value, least in (("seeds", seeds, 1), ("targets", count, 1), ("punches", share, 0)):
         if not least <= value < math.inf:
             raise InputError(f"--{name} {value}: give a number of at least {least}.", value=value)
-    progress = progress or Progress()
-    processes(workers)
-    target = study_folder(out, (RESULT, JOURNAL), JOURNAL, what="tour", resume=resume, force=force)
+    folder = study_folder(out, resume=resume)
     request = complete(load_request(run, settings), progress)
     own = request.run
-    identity = {"run": dump_run(own), "share": share, "targets": count, "arms": arms, "code": code_hash()}
-    path = None if target is None else target / JOURNAL
-    with Journal(path, identity, resume=resume) as journal:
-        walks = {row["seed"]: _walked(row) for row in journal.rows}
-        waiting = [seed for seed in range(seeds) if seed not in walks]
-        walk = partial(runner, given=request, count=count, share=share, arms=arms)
-        with progress.stage(f"{request.name}: tours", "tours") as stage:
-            stage.advance(seeds - len(waiting), seeds)
-
-            def kept(seed: int, walked: Walked) -> None:
-                walks[seed] = walked
-                journal.keep(asdict(walked))
-                stage.advance(sum(number < seeds for number in walks), seeds)
-
-            work_off(waiting, walk, kept, workers=workers, scheduler=scheduler, report=progress.say)
+    options = {"given": request, "count": count, "share": share, "arms": arms, **users_classes(own)}
+    tasks = [Task(f"seed {seed}", walk_tour, {"seed": seed, **options}) for seed in range(seeds)]
+    label = f"{request.name}: tours"
+    rows = walk_many(tasks, folder, workers=workers, scheduler=scheduler, label=label, progress=progress)
+    walks = {row["key"]: row for row in rows}
     found = Tours(
-        request.title, own.body.source, own.controller.name, own.controller.stabilizer, share, arms,
-        tuple(walks[seed] for seed in range(seeds)),
-    )  # fmt: skip
-    if target is not None:
-        with output_file(target / RESULT, force=True) as file:
+        gait=request.title,
+        body=own.body.source,
+        controller=own.controller.name,
+        stabilizer=own.controller.stabilizer,
+        share=share,
+        arms=arms,
+        walks=tuple(walks[task.key] for task in tasks),
+    )
+    if folder is not None:
+        with output_file(folder / RESULT) as file:
             write_json(file, found.as_dict())
     return found
-
-
-def _walked(row: dict[str, Any]) -> Walked:
-    values: dict[str, Any] = {key: math.nan if value is None else value for key, value in row.items()}
-    return Walked(**values)

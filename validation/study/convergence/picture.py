@@ -1,7 +1,5 @@
 """Picture of the studies: change of each metric from level to level, on logarithmic axes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import matplotlib as mpl
@@ -11,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from validation.show.style import into_file
-from validation.study.convergence.result import Convergence, MetricStudy
-from validation.study.convergence.studies import Study
+from validation.study.convergence.levels import Study
+from validation.study.convergence.study import Convergence, MetricStudy
 
 _LEAST = 1e-9  # relative change below which it is rounding
 _LEFT_OUT = ("com_agreement_maximum", "angular_momentum_agreement_maximum", "standing_weight_error")
@@ -26,17 +24,13 @@ _STYLES = {
 
 @into_file
 def draw(result: Convergence) -> Figure:
-    """Draw all studies.
-
-    Solid, filled: in the asymptotic range, the distance to the extrapolated value. Dashed, hollow: no
-    asymptotic range, the change to the next finer level. Squares: a model parameter, no convergence.
-    """
+    """Draw all studies, and in the last cell the legend."""
     drawn = [
         item
         for item in result.metrics.values()
-        if item.tolerance is not None and not item.exact and item.name not in _LEFT_OUT
+        if item.tolerance is not None and not item.quantity.is_exact and item.name not in _LEFT_OUT
     ]
-    rows = -(-(len(result.studies) + 1) // 2)  # one cell is the legend's
+    rows = -(-(len(result.studies) + 1) // 2)
     # Figures are made without pyplot: no global state, no display, safe in any thread.
     figure = Figure(figsize=(12.4, 4.1 * rows + 0.5), dpi=110, layout="constrained")
     steps = result.request.run.gait.steps

@@ -1,7 +1,5 @@
 """What is tried: cells of one kind of disturbance, each with rising values."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -41,7 +39,8 @@ class Cell:
     Attributes:
         name: unique.
         key: that it sets, ``pushes`` for a push.
-        values: tried in this order until one is not survived, in the key's unit or [m/s].
+        values: tried in this order until one is not survived, in the key's unit; of a push its velocity
+            change [m/s].
         fixed: further keys and values.
         direction, phase, height: of a push.
     """
@@ -57,11 +56,17 @@ class Cell:
     @property
     def unit(self) -> str:
         """Of its values."""
-        return "m/s" if self.key == PUSHES else key_info(self.key).unit
+        return "m/s" if self.is_push else key_info(self.key).unit
 
-    def settings(self, value: float) -> dict[str, Any]:
-        """Keys and values of a run with this value; none for a push."""
-        return {} if self.key == PUSHES else {**self.fixed, self.key: value}
+    @property
+    def is_push(self) -> bool:
+        """Whether it is a kind of push."""
+        return self.key == PUSHES
+
+    @property
+    def kind(self) -> str:
+        """``pushes``, or the last part of the key."""
+        return self.key.rpartition(".")[2]
 
 
 def push_cells(quick: bool = False) -> tuple[Cell, ...]:
@@ -126,17 +131,17 @@ def other_cells(segments: Sequence[str] = (), quick: bool = False) -> tuple[Cell
 
 
 def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:
-    """The cells of some kinds: ``pushes``, or the last part of a key; all if none is named.
+    """The cells of some kinds; all if none is named.
 
     Raises:
         InputError: there is no such kind.
     """
-    kinds = {cell.key.rpartition(".")[2] for cell in cells}
+    kinds = {cell.kind for cell in cells}
     for name in only:
         if name not in kinds:
             known = ", ".join(sorted(kinds))
             raise InputError(f"{name!r} is no kind of disturbance; take some of {known}.", value=name)
-    return tuple(cell for cell in cells if not only or cell.key.rpartition(".")[2] in only)
+    return tuple(cell for cell in cells if not only or cell.kind in only)
 
 
 def needed(replicas: int) -> int:

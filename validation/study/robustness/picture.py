@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 
 from ampm.planner.capture import PUSH_PHASES
 from validation.show.style import into_file
-from validation.study.robustness.result import CellResult, Robustness
-from validation.study.robustness.text import PHASE_NAMES, title
+from validation.study.robustness.study import PHASE_NAMES, CellResult, Robustness
 
 _ANGLES = {"forward": 90.0, "wider": 180.0, "backward": 270.0, "narrower": 0.0}
 """Of the plot [degrees]: forward is up."""
@@ -25,7 +24,7 @@ def draw(found: Robustness) -> Figure:
     outer = max([item.bound or item.survived or 0.0 for item in found.pushes] + [0.1])
     size = _INCH * len(phases), (_INCH + 0.4) * len(heights) + 0.4
     figure = Figure(figsize=size, dpi=110, layout="constrained")
-    figure.suptitle(f"{title(found)}; velocity change of a push of 0.1 s [m/s]", fontsize=9)
+    figure.suptitle(f"{found.title}; velocity change of a push of 0.1 s [m/s]", fontsize=9)
     plots = figure.subplots(len(heights), len(phases), squeeze=False, subplot_kw={"projection": "polar"})
     for row, height in zip(plots, heights, strict=True):
         for axes, phase in zip(row, phases, strict=True):

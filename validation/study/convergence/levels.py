@@ -1,0 +1,214 @@
+"""Levels of the studies, one parameter at a time about the gait's own, and the walk of one level."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from ampm.exceptions import InputError
+from ampm.parameters import RunParameters
+from validation.judge.compare import Comparison
+from validation.judge.metrics import METRICS, evaluate
+from validation.judge.signals import signals_table
+from validation.run.walk import walk_planned
+from validation.store.identity import parameter_values
+from validation.store.machine import memory_peak
+from validation.store.signals import Signals
+from validation.study.compare.metrics import SWITCH, switch_values
+from validation.study.row_file import Row
+from validation.trial.plan import Request, plan_walk
+
+LEVELS = 4
+"""Levels of a numerical study by default: two triplets, the least that can confirm an order."""
+OWN = "own"
+"""Task of the walk at the gait's own values, which all studies share."""
+_SHOWN = {"s": (1e3, "ms"), "m": (1e3, "mm")}
+
+
+@dataclass(frozen=True)
+class Study:
+    """Levels of one parameter: a step or tolerance whose limit is zero, or a parameter of the model.
+
+    Attributes:
+        name: of the study.
+        key: of the parameter.
+        unit: SI unit of its values.
+        title: as text.
+        ratio: of neighbouring levels of a numerical study, 0 of a parameter of the model.
+        factors: on the own value, of a parameter of the model, the own one among them.
+        values: of the key. Those of a numerical study fall from the own value, those of a parameter of the
+            model ascend in stiffness.
+        own: index of the gait's own value.
+    """
+
+    name: str
+    key: str
+    unit: str
+    title: str
+    ratio: float = 0.0
+    factors: tuple[float, ...] = ()
+    values: tuple[float, ...] = ()
+    own: int = 0
+
+    @property
+    def numerical(self) -> bool:
+        """Whether its levels approach a limit."""
+        return self.ratio > 0.0
+
+    @property
+    def display(self) -> tuple[float, str]:
+        """Factor and unit for display."""
+        return _SHOWN.get(self.unit, (1.0, ""))
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """The values as texts, with their unit."""
+        factor, unit = self.display
+        return tuple(f"{factor * value:.4g} {unit}".rstrip() for value in self.values)
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """Task of each level."""
+        names = (f"{self.name} {text}" for text in self.shown)
+        return tuple(OWN if number == self.own else name for number, name in enumerate(names))
+
+    def applies(self, qp: str) -> bool:
+        """Whether it is a parameter of the run's QP solver: an active-set method has no tolerance."""
+        return self.name != "qp_tolerance" or qp != "daqp"
+
+    def of_run(self, run: RunParameters, levels: int) -> "Study":
+        """The study with the values about a run's own; those that a parameter cannot have are left out."""
+        own = parameter_values(run)[self.key]
+        if self.numerical:  # rounded, so that a tenth of 5e-5 is written as 5e-6
+            finer = (float(f"{own / self.ratio**level:.15g}") for level in range(1, levels))
+            return replace(self, values=(own, *finer))
+        values = tuple(own * factor for factor in self.factors if _is_allowed(run, self.key, own * factor))
+        return replace(self, values=values, own=values.index(own))
+
+
+def _is_allowed(run: RunParameters, key: str, value: float) -> bool:
+    try:
+        run.replace({key: value})
+    except InputError:
+        return False
+    return True
+
+
+_ROOT = 0.5**0.5
+STUDIES = (
+    Study("time_step", "simulation.time_step", "s", "time step of the physics", 2.0),
+    Study("ik_grid", "solver.ik_time_step", "s", "grid of the inverse kinematics", 2.0),
+    Study("qp_tolerance", "solver.tolerance", "1", "tolerance of the controller's QP", 10.0),
+    # The stiffness of MuJoCo's contact is proportional to the inverse square of the time constant.
+    Study(
+        "contact_stiffness",
+        "contact.time_constant",
+        "s",
+        "contact half and twice as stiff",
+        factors=(1.0 / _ROOT, 1.0, _ROOT),
+    ),
+    Study(
+        "contact_depth",
+        "contact.impedance_width",
+        "m",
+        "contact that hardens over twice and half the depth",
+        factors=(2.0, 1.0, 0.5),
+    ),
+)
+"""All studies, without values. Contact parameters belong to the model: their values approach no limit, so
+they give a sensitivity, an input uncertainty, and no convergence."""
+
+
+def studies(run: RunParameters, names: Sequence[str] = (), *, levels: int = LEVELS) -> list[Study]:
+    """Studies of a run, in the order of :data:`STUDIES`.
+
+    Args:
+        run: the gait's own parameters.
+        names: which, all by default.
+        levels: of every numerical study, 3 at least.
+
+    Raises:
+        InputError: an unknown study, or too few or too many levels.
+    """
+    known = [study.name for study in STUDIES]
+    for name in names:
+        if name not in known:
+            raise InputError(f"study {name!r} is unknown; use one of {', '.join(known)}.", value=name)
+    if not 3 <= levels <= 6:
+        raise InputError(
+            f"--levels {levels}: an observed order takes 3 levels, a confirmed one 4, and beyond 6 a record "
+            "does not fit into the memory; choose 3 ... 6."
+        )
+    chosen = [study for study in STUDIES if study.applies(run.solver.qp) and study.name in (names or known)]
+    found = [study.of_run(run, levels) for study in chosen]
+    return [study for study in found if len(study.values) > 1]
+
+
+def runs_of(run: RunParameters, found: Sequence[Study]) -> dict[str, RunParameters]:
+    """Complete parameters of every level, by task; one thing changes at a time."""
+    runs = {OWN: run}
+    for study in found:
+        for task, value in zip(study.tasks, study.values, strict=True):
+            runs.setdefault(task, run.replace({study.key: value}))
+    return runs
+
+
+def numerical_studies(qp: str) -> tuple[str, ...]:
+    """Names of the studies that a numerical uncertainty is the sum of, with the run's QP solver."""
+    return tuple(study.name for study in STUDIES if study.numerical and study.applies(qp))
+
+
+# ------------------------------------------------------------------------------------------- on a worker
+
+
+def walk_level(request: Request, controller: Any = None, planner: Any = None) -> Row:
+    """Plan and walk one level.
+
+    Returns:
+        ``outcome`` and ``cause``; ``values`` of all studied quantities in SI units; ``scales``, reference
+        quantities of the walk; ``memory``, the largest of the process so far [MB].
+    """
+    walk = walk_planned(plan_walk(request, planner=planner), controller=controller).comparison
+    end = walk.record.outcome
+    return {
+        "outcome": str(end.name),
+        "cause": end.cause,
+        "values": values_of(walk),
+        "scales": dict(walk.scales),
+        "memory": memory_peak(),
+    }
+
+
+class StudiedQuantity(NamedTuple):
+    """SI unit of a quantity, its nature and whether it is a self-check, all as of a metric."""
+
+    unit: str
+    nature: str = "mean"
+    is_self_check: bool = False
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether it is a count in the very run that it judges."""
+        return self.nature == "count"
+
+
+def studied_quantities() -> dict[str, StudiedQuantity]:
+    """All studied quantities: registered metrics, and those that are compared about the switches."""
+    found = {
+        name: StudiedQuantity(metric.unit, metric.nature, metric.is_self_check)
+        for name, metric in METRICS.items()
+    }
+    for item in SWITCH:
+        unit = item.si_unit(1.0)[1]
+        found[item.studied_name] = StudiedQuantity(unit, "extreme" if item.extreme else "mean")
+    return found
+
+
+def values_of(walk: Comparison) -> dict[str, float]:
+    """Values of all studied quantities, in SI units; those about the switches of a whole walk only."""
+    values = {name: metric.value for name, metric in evaluate(walk).items()}
+    if walk.record.outcome.completed:
+        table, weight = signals_table(walk), walk.record.mass * walk.record.gravity
+        signals = Signals({name: table.column(name).to_numpy() for name in table.column_names})
+        shown = switch_values(walk.plan, signals, walk.record)
+        values |= {item.studied_name: float(item.si_unit(weight)[0] * shown[item.name]) for item in SWITCH}
+    return values

@@ -1,0 +1,348 @@
+"""Convergence study of a gait: order, extrapolated value and uncertainty of every metric, and the verdict."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ampm.brief import Brief
+from ampm.exceptions import InputError
+from ampm.parameters import steps_per_tick
+from validation.judge import profiles
+from validation.judge.metrics import MetricValue
+from validation.judge.profiles import Profile
+from validation.judge.uncertainty import FILE, Uncertainty
+from validation.judge.verdict import MetricResult, Verdict, judge
+from validation.progress import Progress
+from validation.show.text import BODY_WEIGHT, format_number
+from validation.store.environment import describe_environment
+from validation.store.folders import output_file
+from validation.store.identity import parameter_values, run_key
+from validation.store.json import write_json
+from validation.study.convergence.levels import (
+    LEVELS,
+    OWN,
+    StudiedQuantity,
+    Study,
+    numerical_studies,
+    runs_of,
+    studied_quantities,
+    studies,
+    walk_level,
+)
+from validation.study.convergence.order import Estimate, estimate, input_uncertainty
+from validation.study.many import Task, study_folder, walk_many
+from validation.study.row_file import Row
+from validation.study.walk_options import users_classes
+from validation.table import Table, markdown_page
+from validation.trial.plan import Request, load_request, plan_walk
+
+STEPS = 6
+"""Walked at every level, by default: the gait is periodic, and a record grows as the time step shrinks."""
+MARKDOWN = "convergence.md"
+PICTURES = ("convergence.svg", "convergence.png")
+_NEVER = {"count": "a count", "extreme": "an extreme, never extrapolated"}
+_ALSO = ("energy_positive_work", "energy_negative_work", "energy_cost_of_transport")
+"""Integrals that the short table has beside what is judged."""
+_LEGEND = (
+    "u_num is the sum over the studies of time step, grid and tolerance; ≥ where one was not made.",
+    "u_input is of the contact's parameters, and not part of the verdict.",
+    "A value closer to its limit than u_num is undecided.",
+)
+
+
+@dataclass(frozen=True)
+class MetricStudy(MetricResult):
+    """One metric in all studies, judged with the uncertainty that they give it.
+
+    Attributes:
+        quantity: its unit and nature.
+        levels: study to the value at every level [SI unit], NaN where the walk did not complete.
+        estimates: numerical study to its estimate, that of the time step first.
+        inputs: input study to the largest deviation within it.
+    """
+
+    quantity: StudiedQuantity
+    levels: Mapping[str, tuple[float, ...]]
+    estimates: Mapping[str, Estimate]
+    inputs: Mapping[str, float]
+
+    @property
+    def input_uncertainty(self) -> float | None:
+        """Root of the sum of squares of ``inputs``; None without such a study."""
+        return math.hypot(*self.inputs.values()) if self.inputs else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``convergence.json``."""
+        return {
+            "value": self.value,
+            "unit": self.of.unit,
+            "tolerance": self.tolerance,
+            "pass": self.passed,
+            "undecided": self.undecided,
+            "uncertainty": None if self.not_studied else self.uncertainty,
+            "uncertainty_at_least": self.uncertainty,
+            "not_studied": self.not_studied,
+            "input_uncertainty": self.input_uncertainty,
+            "levels": self.levels,
+            "estimates": self.estimates,
+            "inputs": self.inputs,
+        }
+
+    def cells(self) -> tuple[str, ...]:
+        """Row of :meth:`Convergence.table`."""
+        last = order = extrapolated = ""
+        for study, first in list(self.estimates.items())[:1]:
+            last = self._shown(self.levels[study][-1])
+            order = str(first.kind) if first.order is None else f"{first.order:.2f}"
+            if first.extrapolated is not None:  # a value below its own uncertainty has no significant digits
+                is_small = abs(first.extrapolated) < first.finest
+                extrapolated = "0" if is_small else self._shown(first.extrapolated)
+        return (
+            self.name,
+            self.quoted,
+            self._shown(self.tolerance),
+            self.display_unit.replace("% of body weight", BODY_WEIGHT),
+            "undecided" if self.undecided else {True: "pass", False: "FAIL", None: ""}[self.passed],
+            last,
+            "exact" if self.quantity.is_exact else order,
+            extrapolated,
+            self._shown(self.input_uncertainty, 2),
+        )
+
+    def _shown(self, value: float | None, digits: int = 3) -> str:
+        if value is None:
+            return ""
+        return "∞" if math.isinf(value) else format_number(value * self.factor, digits)
+
+
+@dataclass(frozen=True)
+class Convergence(Brief):
+    """All studies of one gait.
+
+    Attributes:
+        request: the gait, with the steps that were walked.
+        studies: in order.
+        walks: task of a level to its row, see :func:`validation.study.convergence.levels.walk_level`.
+        uncertainty: numerical uncertainty by the studies.
+        metrics: by name; those with a tolerance first.
+        verdict: pass only where every metric is further from its limit than its uncertainty.
+    """
+
+    request: Request
+    studies: tuple[Study, ...]
+    walks: Mapping[str, Row]
+    uncertainty: Uncertainty
+    metrics: Mapping[str, MetricStudy]
+    verdict: Verdict
+
+    @property
+    def completed(self) -> bool:
+        """Whether every walk of the numerical studies completed."""
+        needed = {task for study in self.studies if study.numerical for task in study.tasks}
+        return all(self.walks[task]["outcome"] == "completed" for task in needed | {OWN})
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes on single levels."""
+        notes = []
+        for task, row in self.walks.items():
+            if row["outcome"] != "completed":
+                notes.append(f"{task}: {row['outcome']}, {row['cause'].rstrip('.') or 'no cause given'}.")
+            elif unsolved := row["values"].get("failed_qp"):
+                notes.append(f"{task}: {unsolved:.0f} of the controller's QPs unsolved.")
+        return notes
+
+    def as_dict(self) -> dict[str, Any]:
+        """Contents of ``convergence.json``."""
+        known = self.uncertainty
+        return {
+            "gait": known.gait,
+            "run": known.run,
+            "steps": known.steps,
+            "profile": self.verdict.profile,
+            "verdict": self.verdict.name,
+            "reason": self.verdict.reason,
+            "notes": self.notes,
+            "uncertainty_of": known.studies,
+            "not_studied": known.not_studied,
+            "levels": {study.name: {**vars(study), "tasks": study.tasks} for study in self.studies},
+            "walks": {
+                task: {name: value for name, value in row.items() if name != "values"}
+                for task, row in self.walks.items()
+            },
+            "metrics": {name: metric.as_dict() for name, metric in self.metrics.items()},
+            "parameters": known.parameters,
+            "environment": describe_environment(),
+        }
+
+    def table(self, names: Sequence[str] = ()) -> Table:
+        """Value, uncertainty, limit, order and extrapolated value.
+
+        Args:
+            names: of metrics; by default all that are judged, and the integrals.
+        """
+        items = [item for item in self.metrics.values() if item.tolerance is not None or item.name in _ALSO]
+        if names:
+            items = [self.metrics[name] for name in names]
+        run, verdict = self.request.run, self.verdict
+        finest = [study.shown[-1] for study in self.studies if study.numerical]
+        return Table(
+            f"Convergence of {self.request.name}: value ± numerical uncertainty, {run.gait.steps} steps a "
+            f"level, control at {run.controller.frequency:g} Hz, profile {verdict.profile}",
+            (
+                "metric",
+                ">value ± u_num",
+                ">limit",
+                "unit",
+                "verdict",
+                f">at {finest[0] if finest else 'last'}",
+                "observed order",
+                ">extrapolated",
+                ">± u_input",
+            ),
+            [item.cells() for item in items],
+            [
+                *_LEGEND,
+                *self.notes,
+                f"{self.request.name}: {verdict.name.replace('_', ' ').upper()}  {verdict.reason}",
+            ],
+        )
+
+
+def combine(
+    request: Request, profile: Profile, found: Sequence[Study], walks: Mapping[str, Row]
+) -> Convergence:
+    """Estimates of every metric from the walks of all levels, and the verdict.
+
+    The errors of time step, grids and tolerances are not random and may have one sign, so their bounds are
+    added. Contact parameters are independent inputs: their squares are added.
+    """
+    run, own, quantities = request.run, walks[OWN], studied_quantities()
+    every = numerical_studies(run.solver.qp)
+    own_values: Mapping[str, float] = own.get("values", {})
+    studied = {name: _studied(name, quantities[name], found, walks) for name in own_values}
+    values: dict[str, float] = {}
+    incomplete: dict[str, tuple[str, ...]] = {}
+    for name, value in own_values.items():
+        quantity, estimates = quantities[name], studied[name]["estimates"]
+        # The exact value of a self-check is zero: it measures the error of the time step.
+        skipped = every if quantity.is_exact else ("time_step",) if quantity.is_self_check else ()
+        needed = [study for study in every if study not in skipped]
+        counted = [estimates[study].uncertainty for study in needed if study in estimates]
+        if len(counted) < len(needed):
+            incomplete[name] = tuple(study for study in needed if study not in estimates)
+        if counted or not needed:  # what has no value has no bound
+            total = math.fsum(counted)
+            values[name] = math.inf if math.isnan(value + total) else total
+    made = tuple(study.name for study in found if study.numerical)
+    uncertainty = Uncertainty(
+        gait=request.name,
+        steps=run.gait.steps,
+        run=run_key(parameter_values(run)),
+        values=values,
+        parameters=run.model_dump(),
+        studies=made,
+        not_studied=tuple(study for study in every if study not in made),
+        incomplete=incomplete,
+    )
+    ended = ""
+    if own["outcome"] != "completed":
+        ended = f"The walk at the gait's own parameters {own['outcome']}: {own['cause']}"
+    measured = {name: MetricValue(value, quantities[name].unit) for name, value in own_values.items()}
+    verdict = judge(measured, profile, own.get("scales", {}), uncertainty, ended=ended)
+    metrics = {item.name: MetricStudy(**vars(item), **studied[item.name]) for item in verdict.metrics}
+    return Convergence(request, tuple(found), walks, uncertainty, metrics, verdict)
+
+
+def _studied(
+    name: str, quantity: StudiedQuantity, found: Sequence[Study], walks: Mapping[str, Row]
+) -> dict[str, Any]:
+    """Fields of :class:`MetricStudy` beyond those of the verdict."""
+    levels: dict[str, tuple[float, ...]] = {}
+    estimates: dict[str, Estimate] = {}
+    inputs: dict[str, float] = {}
+    for study in found:
+        rows = [walks[task] for task in study.tasks]
+        whole = [row["values"] if row["outcome"] == "completed" else {} for row in rows]
+        values = levels[study.name] = tuple(level.get(name, math.nan) for level in whole)
+        if study.numerical:
+            forbidden = _NEVER.get(quantity.nature, "")
+            estimates[study.name] = estimate(values, study.ratio, forbidden=forbidden)
+        else:
+            inputs[study.name] = input_uncertainty(values, study.own)
+    return {"quantity": quantity, "levels": levels, "estimates": estimates, "inputs": inputs}
+
+
+def convergence(
+    gait: str | None = None,
+    settings: Sequence[str] = (),
+    *,
+    as_is: bool = False,
+    steps: int = STEPS,
+    levels: int = LEVELS,
+    only: Sequence[str] = (),
+    profile: str = "default",
+    workers: int | None = None,
+    scheduler: str | None = None,
+    out: Path | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+) -> Convergence:
+    """Study one gait.
+
+    Args:
+        gait: preset or TOML file; normal by default.
+        settings: ``key=value`` texts.
+        as_is: find nothing that the gait leaves open.
+        steps: walked at every level.
+        levels: of every numerical study.
+        only: studies, all by default.
+        profile: name of the tolerance profile.
+        workers: processes; None for one a core, 0 for this very process.
+        scheduler: address of a dask scheduler that is running already.
+        out: folder of every walk, the table, pictures and ``convergence.json``; None writes nothing.
+        resume: go on with what is in ``out``.
+        progress: where to report it.
+
+    Raises:
+        InputError, RefusedGait: the request cannot be met, or ``out`` is used otherwise.
+        StudyStopped: see :func:`validation.study.many.walk_many`.
+    """
+    if steps < 2:
+        raise InputError(f"--steps {steps}: the first step is in no metric; walk 2 at least.", value=steps)
+    limits, folder = profiles.profile(profile), study_folder(out, resume=resume)
+    request = load_request(gait, [*settings, f"gait.steps={steps}"], as_is=as_is)
+    studies(request.run, only, levels=levels)  # refuse before anything is planned
+    # Halving the time step does not correct a control period that is no multiple of it.
+    steps_per_tick(request.run.controller.frequency, request.run.simulation.time_step)
+    users = users_classes(request.run)
+    request = plan_walk(request, progress, planner=users.get("planner")).request  # with all values
+    found = studies(request.run, only, levels=levels)
+    runs = runs_of(request.run, found)
+    # The finest steps take longest. Started first, they leave no worker idle at the end.
+    order = sorted(runs, key=lambda task: runs[task].simulation.time_step)
+    tasks = [
+        Task(task, walk_level, {"request": Request(request.name, runs[task]), **users}) for task in order
+    ]
+    label = f"{request.name}: convergence"
+    rows = walk_many(tasks, folder, workers=workers, scheduler=scheduler, label=label, progress=progress)
+    walks = {row["key"]: row for row in rows}
+    result = combine(request, limits, found, {task: walks[task] for task in runs})
+    if folder is not None:
+        write(result, folder)
+    return result
+
+
+def write(result: Convergence, folder: Path) -> None:
+    """Write table, pictures and, last, ``convergence.json``, which marks a complete study."""
+    from validation.study.convergence.picture import draw  # loads matplotlib
+
+    (folder / FILE).unlink(missing_ok=True)
+    with output_file(folder / MARKDOWN) as path:
+        path.write_text(markdown_page([result.table(list(result.metrics))]), encoding="utf-8")
+    for name in PICTURES:
+        draw(result, folder / name)
+    with output_file(folder / FILE) as path:
+        write_json(path, result.as_dict())
