@@ -316,7 +316,7 @@ class _Workers:
                 yield name, {"outcome": "timed_out", "reason": "wall_clock", "cause": cause}
 
     def _result(self, future: Any) -> Row:
-        from distributed.scheduler import KilledWorker
+        from distributed.scheduler import KilledWorker  # slow to load
 
         try:
             row: Row = future.result()
