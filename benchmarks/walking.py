@@ -92,8 +92,6 @@ def time_physics(record: SimulationRecord, run: RunParameters, body: BodyModel) 
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = record.q[0], record.qd[0]
     spans = np.empty(record.steps)
-    if record.steps:
-        data.qacc_warmstart[:] = record.warmstart[0]
     for k in range(record.steps):
         data.ctrl[:] = record.torque[k]
         start = time.perf_counter()

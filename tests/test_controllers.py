@@ -17,7 +17,7 @@ from ampm.control.controller import TrackingController
 from ampm.control.joint_pd import JointPD
 from ampm.exceptions import InputError
 from ampm.walk import LIMITED
-from validation.store.record import load_record
+from validation.store.record import StoredRecord
 from validation.study.sweep.design import dump_sweep, parse_sweep
 from validation.study.sweep.task import Task, walk_task
 from validation.trial import users
@@ -220,4 +220,4 @@ def test_a_crash_in_mid_walk_keeps_the_run(ampm, tmp_path):
     assert answer.json["outcome"] == "crashed"
     assert "Late failed (KeyError: 'late')" in answer.json["end"]["cause"]
     assert 'raise KeyError("late")' in answer.err
-    assert load_record(tmp_path / "run").steps == 26
+    assert StoredRecord(tmp_path / "run").steps == 26

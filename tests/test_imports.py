@@ -182,7 +182,6 @@ def test_only_the_simulation_side_owns_simulator_data():
         "models/tree.py",
         "validation/run/body_check.py",
         "validation/trial/simulate.py",
-        "validation/trial/restart.py",
         "validation/run/replay.py",
         "validation/trial/shapes.py",
         "validation/show/rerun/record.py",

@@ -1,10 +1,9 @@
-"""A record is lossless on disk, immutable in memory, and two records that differ say where."""
-
-from __future__ import annotations
+"""A record is lossless on disk and immutable in memory; what is damaged or of another run is refused."""
 
 import json
+import os
+import shutil
 from dataclasses import fields, replace
-from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -12,10 +11,13 @@ import pytest
 
 from ampm.exceptions import InputError
 from tests.records import first_difference, same_bits, stored
+from tests.saved_run import make_run
 from tests.solved import body_of, simulated
-from validation.store.record import RECORD_FILES, StoredRecord, load_record, save_record
+from validation.run.replay import replay
+from validation.store.record import CONSTANTS, RECORD_FILES, StoredRecord, save_record
+from validation.store.saved import load_saved_run
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.record import restart_steps
+from validation.trial.record import state_steps
 
 FINE = "simulation.time_step=0.0005"
 """Several steps of the physics per tick."""
@@ -26,97 +28,63 @@ def record():
     return simulated(FINE, steps=1)
 
 
-@pytest.fixture(scope="module")
-def model():
-    return body_of(FINE).xml
-
-
-def assert_equal(one, two):
-    """All fields have the same bits; those of ``tests.records`` and what they leave out."""
-    assert first_difference(one, two) is None
-    for name in ("qp_time", "torque_limit", "joint_range", "point_foot", "point_group"):
-        assert same_bits(getattr(one, name), getattr(two, name)), name
-    assert list(one.sensors) == list(two.sensors)
-    for name in ("metadata", "joint_names", "external_segments", "mass", "gravity", "time_step", "friction"):
-        assert repr(getattr(one, name)) == repr(getattr(two, name)), name
-
-
-def test_round_trip_is_bit_exact_though_few_states_are_kept(record, model, tmp_path):
+def test_what_is_stored_has_the_same_bits(record, tmp_path):
+    """A state and the contacts every 10 ms, the torques of every tick, and all constants."""
     assert record.substeps == 4
-    again = stored(record, model, tmp_path)
+    again = stored(record, body_of(FINE).xml, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {*RECORD_FILES, "model.xml"}
-    assert_equal(record, again)
-    assert pq.read_metadata(tmp_path / "joints.parquet").num_rows == -(-record.steps // 20) + 1
-    assert pq.read_metadata(tmp_path / "ticks.parquet").num_rows == record.tick_time.size
+    assert first_difference(record, again) is None
+    assert same_bits(again.torque, record.torque)
+    for name in CONSTANTS:
+        one, two = (getattr(each, name) for each in (record, again))
+        assert same_bits(one, two) if isinstance(one, np.ndarray) else one == two, name
+    rows = {name: pq.read_metadata(tmp_path / f"{name}.parquet").num_rows for name in ("joints", "contacts")}
+    assert rows == {"joints": -(-record.steps // 20) + 1, "contacts": -(-record.steps // 20)}
 
 
-def test_any_step_is_found_again_from_the_state_before(record, model, tmp_path):
-    stored(record, model, tmp_path)
-    kept = StoredRecord(tmp_path)
-    np.testing.assert_array_equal(kept.q, record.q[kept.state_rows])
-    rows = np.array([0, 3, 20, 41, 42, 299, record.steps - 1])
-    force, position = kept.contacts_at(rows)
-    np.testing.assert_array_equal(force, record.point_force[rows])
-    np.testing.assert_array_equal(position, record.point_position[rows])
-    np.testing.assert_array_equal(kept.torque, record.torque)
-    q = kept.q.copy()
-    q[2:, 0] += 1.0  # another processor would come to another state: the recorded one counts
-    vars(kept)["q"] = q
-    moved = kept.contacts_at(np.array([39, 40, 45]))[1] - record.point_position[[39, 40, 45]]
-    np.testing.assert_allclose(moved[:, :, 0], [[0.0] * 12, [1.0] * 12, [1.0] * 12], rtol=0.0, atol=1e-9)
+def test_columns_are_named_and_nothing_is_null(record, tmp_path):
+    save_record(record, tmp_path)
+    joint, point = record.joint_names[0], record.point_sites[0]
+    for name, columns in {
+        "joints": ["time", "q_root_qw", f"q_{joint}", "qd_root_wz"],
+        "contacts": ["time", f"force_{point}_z", f"position_{point}_x"],
+        "ticks": ["time", f"torque_{joint}", f"torque_rate_{joint}", "qp_iterations"],
+    }.items():
+        table = pq.read_table(tmp_path / f"{name}.parquet")
+        assert set(columns) <= set(table.column_names)
+        assert not any(column.null_count for column in table.columns)
+    header = pq.read_schema(tmp_path / "joints.parquet").metadata[b"ampm_record"]
+    json.loads(header, parse_constant=lambda name: pytest.fail(name))
 
 
-def test_torques_of_any_hold_are_kept(record, model, tmp_path):
-    """Rates that are not the torques' differences, and torques that are held."""
-    rate = record.torque_rate.copy()
-    rate[5], rate[6], rate[7, :4] = 1.5, np.nan, -0.0
-    stored(replace(record, torque_rate=rate), model, tmp_path)
-    assert same_bits(StoredRecord(tmp_path).torque_rate, rate)
-    table = pq.read_table(tmp_path / "ticks.parquet")
-    assert table.column(f"torque_rate_{record.joint_names[0]}").null_count > 0.9 * len(rate)
-
-
-def test_awkward_floats_are_kept(record, model, tmp_path):
+def test_awkward_floats_are_kept(record, tmp_path):
     awkward = np.array([0.0, -0.0, np.nan, -np.nan, np.inf, -np.inf, 5e-324, 1 + 2**-52, np.pi, 0.1])
-    q, every = record.q.copy(), restart_steps(record.time_step)
+    q, rate, every = record.q.copy(), record.torque_rate.copy(), state_steps(record.time_step)
     q[: 10 * every : every, 0] = awkward
     q[10 * every, 0] = np.array([0x7FF8000000000123], dtype=np.int64).view(np.float64)[0]
+    rate[5], rate[6], rate[7, :4] = 1.5, np.nan, -0.0
     limits = np.tile([-np.inf, np.inf], (len(record.joint_names), 1))
-    save_record(replace(record, q=q, friction=float("inf"), joint_range=limits), tmp_path)
-    kept = StoredRecord(tmp_path)
-    assert same_bits(kept.q, q[kept.state_rows])
+    changed = replace(record, q=q, torque_rate=rate, friction=float("inf"), joint_range=limits)
+    kept = stored(changed, "", tmp_path)
+    assert first_difference(changed, kept) is None
     assert kept.friction == float("inf")
     assert same_bits(kept.joint_range, limits)
 
 
-def test_interrupted_before_the_first_step_is_still_a_record(record, model, tmp_path):
-    whole = {item.name: getattr(record, item.name) for item in fields(record)}
-    empty: dict[str, Any] = {}
-    for name, value in whole.items():
-        if isinstance(value, np.ndarray) and name.startswith(("tick", "qp", "torque_rate", "warmstart")):
-            empty[name] = value[:0]
-        elif isinstance(value, np.ndarray) and value.shape[:1] == (record.steps + 1,):
-            empty[name] = value[:1]
-        elif isinstance(value, np.ndarray) and value.shape[:1] == (record.steps,):
-            empty[name] = value[:0]
-    empty["sensors"] = {name: value[:1] for name, value in record.sensors.items()}
+def test_interrupted_before_the_first_step_is_still_a_record(record, tmp_path):
+    empty = {}
+    for item in fields(record):
+        value = getattr(record, item.name)
+        if not isinstance(value, np.ndarray):
+            continue
+        if item.name.startswith(("tick", "qp", "torque_rate")) or len(value) == record.steps:
+            empty[item.name] = value[:0]
+        elif len(value) == record.steps + 1:
+            empty[item.name] = value[:1]
     stub = replace(record, **empty, outcome=Outcome(OutcomeName.INTERRUPTED, 0.0, "stopped by the user", 0))
-    again = stored(stub, model, tmp_path)
+    again = stored(stub, "", tmp_path)
     assert again.steps == 0
-    assert again.outcome == stub.outcome
-    np.testing.assert_array_equal(again.q, stub.q)
-
-
-def test_columns_are_named_and_the_last_warm_start_is_null(record, tmp_path):
-    save_record(record, tmp_path)
-    table = pq.read_table(tmp_path / "joints.parquet")
-    joint = record.joint_names[0]
-    assert {"time", "q_root_qw", f"q_{joint}", "qd_root_wz", f"warmstart_{joint}"} <= set(table.column_names)
-    assert table.column(f"warmstart_{joint}").null_count == 1
-    assert table.column(f"warmstart_{joint}")[-1].as_py() is None
-    ticks = pq.read_table(tmp_path / "ticks.parquet")
-    assert {"time", f"torque_{joint}", "command_force_z", "qp_iterations"} <= set(ticks.column_names)
-    json.loads(table.schema.metadata[b"ampm_record"], parse_constant=lambda name: pytest.fail(name))
+    assert first_difference(stub, again) is None
 
 
 def test_arrays_are_read_only_copies_but_of_what_nobody_can_write_to(record):
@@ -128,8 +96,6 @@ def test_arrays_are_read_only_copies_but_of_what_nobody_can_write_to(record):
     assert copied.q[0, 0] != 7.0
     with pytest.raises(ValueError, match="read-only"):
         copied.q[0, 0] = 1.0
-    with pytest.raises(TypeError):
-        copied.sensors["new"] = source
     source.setflags(write=False)
     assert replace(record, q=view).q is view
     assert replace(copied, friction=0.5).torque is copied.torque
@@ -138,17 +104,87 @@ def test_arrays_are_read_only_copies_but_of_what_nobody_can_write_to(record):
 def test_wrong_shapes_are_refused_by_name(record):
     with pytest.raises(InputError, match="torque has shape"):
         replace(record, torque=record.torque[:-1])
-    with pytest.raises(InputError, match="sensor 'gyro'"):
-        replace(record, sensors={"gyro": np.zeros((3, 3))})
     with pytest.raises(InputError, match="outcome 'tired'"):
         Outcome("tired", 0.0, "", 0)  # type: ignore[arg-type]
 
 
-def test_missing_and_foreign_files_are_input_errors(record, model, tmp_path):
-    with pytest.raises(InputError, match=r"joints\.parquet is missing"):
-        load_record(tmp_path)
+# ------------------------------------------------------------------------------ folders of other runs, damage
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return make_run(tmp_path_factory.mktemp("record") / "run", steps=1)
+
+
+def without(*names):
+    def change(path):
+        summary = json.loads(path.read_text())
+        path.write_text(json.dumps({name: value for name, value in summary.items() if name not in names}))
+
+    return change
+
+
+def with_files(files):
+    def change(path):
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"files": files}))
+
+    return change
+
+
+def rewritten(path, change):
+    table = pq.read_table(path)
+    pq.write_table(change(table), path)
+
+
+def older(table):
+    header = table.schema.metadata[b"ampm_record"]
+    return table.replace_schema_metadata({"ampm_record": header.replace(b'"format": 4', b'"format": 3')})
+
+
+def pipe(path):
+    path.unlink()
+    os.mkfifo(path)
+
+
+CHANGES = {
+    "a digest for none of the files": ("summary.json", with_files({}), "has no digest"),
+    "digests of another kind": ("summary.json", with_files([]), "no digests of files"),
+    "no summary": ("summary.json", lambda path: path.unlink(), "missing|has no"),
+    "a summary without metrics": ("summary.json", without("metrics"), "it has no metrics"),
+    "a changed number": ("ticks.parquet", lambda path: rewritten(path, lambda t: t.slice(1)), "has changed"),
+    "a file that was none of the run's": ("external.parquet", lambda path: path.touch(), "has no digest"),
+    "a missing file": ("contacts.parquet", lambda path: path.unlink(), "is missing"),
+    "a pipe": ("ticks.parquet", pipe, "no regular file"),
+}
+
+
+@pytest.mark.parametrize(("name", "change", "words"), CHANGES.values(), ids=CHANGES)
+def test_a_folder_that_was_changed_is_neither_read_nor_replayed(folder, tmp_path, name, change, words):
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    assert replay(copy).identical
+    change(copy / name)
+    for use in (replay, load_saved_run):
+        with pytest.raises(InputError, match=words) as caught:
+            use(copy)
+        assert name in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("joints", older, "format 3, this version reads 4; walk the gait again"),
+        ("joints", lambda table: table.replace_schema_metadata(), "no description"),
+        ("joints", lambda table: table.slice(0, 3), "has not"),
+        ("contacts", lambda table: table.drop_columns(table.column_names[3]), "no column"),
+        ("ticks", lambda table: table.set_column(1, table.column_names[1], [["x"] * len(table)]), "has not"),
+    ],
+)
+def test_files_that_cannot_be_a_record_are_refused(record, tmp_path, name, change, words):
     save_record(record, tmp_path)
-    (tmp_path / "ticks.parquet").write_bytes(b"no parquet")
-    (tmp_path / "model.xml").write_text(model, encoding="utf-8")
+    rewritten(tmp_path / f"{name}.parquet", change)
+    with pytest.raises(InputError, match=words):
+        first_difference(record, StoredRecord(tmp_path))
+    (tmp_path / f"{name}.parquet").write_bytes(b"no parquet")
     with pytest.raises(InputError, match="cannot be read"):
-        load_record(tmp_path)
+        first_difference(record, StoredRecord(tmp_path))

@@ -123,8 +123,9 @@ def test_the_walk_starts_on_the_orbit_and_is_recorded_without_a_copy():
         q - start.q[0], np.eye(41)[2] * -asked.run.simulation.start_depth, rtol=0.0, atol=1e-12
     )
     np.testing.assert_allclose(v, start.v[0], rtol=0.0, atol=1e-12)
-    arrays = [record.q, record.point_velocity, *record.sensors.values()]
-    assert all(array.base is not None and not array.base.flags.writeable for array in arrays)
+    for array in (record.q, record.point_place, record.com):
+        assert array.base is not None
+        assert not array.base.flags.writeable
 
 
 def test_commands_and_contacts_are_of_their_own_step():
@@ -139,20 +140,8 @@ def test_commands_and_contacts_are_of_their_own_step():
     # What the controller asks for is about what the floor gives, but while a foot lands.
     error = record.command_force[:, 2] - record.point_force[..., 2].sum(axis=1)
     assert np.median(np.abs(error[record.time[:-1] > 0.3])) < 2.0
-    speed = np.linalg.norm(record.point_velocity[touching], axis=1)
+    speed = np.linalg.norm(np.diff(record.point_place, axis=0)[touching], axis=1) / record.time_step
     assert np.median(speed) < 0.05  # a stance sole creeps, it does not slide
-    assert np.isfinite(record.point_velocity).all()
-
-
-def test_joint_sensors_read_what_the_simulator_reads():
-    record, model = plain(), body_of().compile()
-    data = mujoco.MjData(model)
-    for k in (0, 1, record.steps // 2, record.steps):
-        data.qpos[:], data.qvel[:] = record.q[k], record.qd[k]
-        mujoco.mj_forward(model, data)
-        for joint in record.joint_names:
-            for kind in ("position", "velocity"):
-                assert record.sensors[f"{joint}_{kind}"][k] == data.sensor(f"{joint}_{kind}").data
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 
 import numpy as np
 import pytest
@@ -150,6 +151,12 @@ def test_files_that_hold_no_plan(tmp_path, name, content, words):
         read(read_columns(path))
     with pytest.raises(InputError, match="cannot be read"):
         load_planner(str(tmp_path / f"missing-{name}"))
+
+
+def test_a_pipe_is_no_table(tmp_path):
+    os.mkfifo(tmp_path / "plan.csv")
+    with pytest.raises(InputError, match="no regular file"):
+        load_planner(str(tmp_path / "plan.csv"))
 
 
 def test_a_table_of_few_rows_is_told_how_many_it_needs(tmp_path):

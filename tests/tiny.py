@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.record import SimulationRecord, restart_steps
+from validation.trial.record import SimulationRecord
 
 MASS = 10.0
 ARM_MASS = 2.0
@@ -81,7 +81,6 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
         data.qvel[:] = spin
     log: dict[str, list] = defaultdict(list)
     geoms = [model.geom(f"p{i}").id for i in range(4)]
-    jacobian = np.zeros((3, model.nv))
 
     def keep(**values):
         for name, value in values.items():
@@ -89,14 +88,10 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
 
     for k in range(steps):
         data.ctrl[:] = torque(k * dt)
-        keep(q=data.qpos, qd=data.qvel, warmstart=data.qacc_warmstart, torque=data.ctrl)
-        velocity = data.qvel.copy()
+        keep(q=data.qpos, qd=data.qvel, torque=data.ctrl)
         mujoco.mj_step1(model, data)
         positions = data.geom_xpos[geoms].copy()
-        speeds = []
-        for i, geom in enumerate(geoms):
-            mujoco.mj_jac(model, data, jacobian, None, positions[i], model.geom_bodyid[geom])
-            speeds.append(jacobian @ velocity)
+        keep(point_place=positions)
         mujoco.mj_step2(model, data)
         force, depth = np.zeros((4, 3)), np.zeros(4)
         for index, contact in enumerate(data.contact):
@@ -106,13 +101,13 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
             force[i] = contact.frame.reshape(3, 3).T @ local[:3]
             positions[i] = contact.pos
             depth[i] = max(0.0, -contact.dist)
-        keep(point_force=force, point_position=positions, point_penetration=depth, point_velocity=speeds)
+        keep(point_force=force, point_position=positions, point_penetration=depth)
         keep(com=data.sensor("com").data, angular_momentum=data.sensor("momentum").data)
     keep(q=data.qpos, qd=data.qvel)
     mujoco.mj_forward(model, data)
     keep(com=data.sensor("com").data, angular_momentum=data.sensor("momentum").data)
+    keep(point_place=data.geom_xpos[geoms])
     arrays: dict[str, Any] = {name: np.array(values) for name, values in log.items()}
-    arrays["warmstart"] = arrays["warmstart"][:: restart_steps(dt)]
     q, force = arrays["q"], arrays["point_force"]
     ticks = np.arange(0, steps, 2)
     return SimulationRecord(
@@ -121,8 +116,7 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
         point_foot=np.array([0, 0, 1, 1], dtype=np.int8),
         point_group=np.array([0, 2, 0, 2], dtype=np.int8),
         foot_position=np.stack([q[:, :3], q[:, :3]], axis=1),
-        foot_rotation=np.stack([q[:, 3:7], q[:, 3:7]], axis=1),
-        sensors={"gyro": arrays["qd"][:, 3:6], "clock": np.arange(steps + 1.0)},
+        foot_forward=np.tile([1.0, 0.0, 0.0], (steps + 1, 2, 1)),
         command_com=arrays["com"][:-1],
         command_zmp=np.zeros((steps, 2)),
         command_force=force.sum(axis=1),

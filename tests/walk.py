@@ -16,7 +16,7 @@ from ampm.walk import UNSOLVED, PostureState, WalkPlan
 from validation.measure.measure import MeasuredGait, SelfChecks, StandingCheck, zmp_from_momentum
 from validation.run.trial import Trial
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.record import SimulationRecord, restart_steps
+from validation.trial.record import SimulationRecord
 
 MASS = 60.0
 STILL = StandingCheck(
@@ -67,7 +67,7 @@ def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
     contact = np.concatenate([np.repeat(foot.contact, 2, axis=1) for foot in (left, right)], axis=1)[:k]
     share = contact / np.maximum(contact.sum(axis=1, keepdims=True), 1)
     force = share[..., None] * sample.force[:k, None]
-    points = np.concatenate([left.sole_points, right.sole_points], axis=1)[:k]
+    places = np.concatenate([left.sole_points, right.sole_points], axis=1)
     momentum = np.column_stack([sample.angular_momentum, 0.5 * np.sin(3 * time)])
     name = OutcomeName.COMPLETED if k == whole else OutcomeName.FELL
     record = SimulationRecord(
@@ -76,18 +76,16 @@ def perfect_walk(steps=4, count=None, dt=0.002, gait="momentum"):
         qd=np.zeros((k + 1, 8)),
         torque=np.zeros((k, 2)),
         torque_rate=np.zeros((k, 2)),
-        warmstart=np.zeros((-(-k // restart_steps(dt)), 8)),
         point_force=force,
-        point_position=points,
+        point_position=places[:k],
         point_penetration=np.zeros((k, 12)),
-        point_velocity=np.zeros((k, 12, 3)),
+        point_place=places,
         point_foot=np.repeat([0, 1], 6),
         point_group=np.tile(np.repeat([0, 1, 2], 2), 2),
         com=sample.com,
         angular_momentum=momentum,
         foot_position=np.stack([left.position, right.position], axis=1),
-        foot_rotation=np.tile([1.0, 0.0, 0.0, 0.0], (k + 1, 2, 1)),
-        sensors={},
+        foot_forward=np.tile([1.0, 0.0, 0.0], (k + 1, 2, 1)),
         command_com=sample.com[:k],
         command_zmp=sample.zmp[:k],
         command_force=sample.force[:k],

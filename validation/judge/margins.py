@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ampm.geometry import polygon_margin
-from validation.trial.record import restart_steps
+from validation.trial.record import state_steps
 from validation.trial.spill import blocks, zeros
 
 if TYPE_CHECKING:
@@ -39,8 +39,8 @@ SATURATED = 0.999
 """Share of its limit from which a motor counts as saturated [1]."""
 
 CLEARANCE_ROWS = 2
-"""Restarts of the record, 10 ms apart, from one posture of which the clearance is measured to the next: at
-10 m/s^2 half a millimetre is lost in 20 ms."""
+"""States on disk, 10 ms apart, from one posture of which the clearance is measured to the next: at 10 m/s^2
+half a millimetre is lost in 20 ms."""
 
 
 @dataclass(frozen=True)
@@ -195,9 +195,9 @@ def _motors(record: SimulationRecord, steps: NDArray[np.intp], part: np.ufunc) -
 
 
 def clearance_over_time(record: SimulationRecord | StoredRecord, shapes: Shapes) -> tuple[Array, Gaps]:
-    """Instants [s], :data:`CLEARANCE_ROWS` restarts apart, and the closest parts of the body at each."""
+    """Instants [s], :data:`CLEARANCE_ROWS` states on disk apart, and the closest parts of the body then."""
     instants = record.state_rows
-    rows = instants % (CLEARANCE_ROWS * restart_steps(record.time_step)) == 0
+    rows = instants % (CLEARANCE_ROWS * state_steps(record.time_step)) == 0
     return instants[rows] * record.time_step, shapes.recorded_gaps(record.q[rows])
 
 

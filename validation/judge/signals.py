@@ -7,7 +7,7 @@ import pyarrow as pa
 
 from ampm.geometry import Array
 from validation.judge.compare import PARTS, Comparison
-from validation.trial.record import restart_steps
+from validation.trial.record import state_steps
 
 ALL = slice(None)
 MOST_ROWS = 70_000
@@ -19,7 +19,7 @@ def kept_rows(steps: int, time_step: float) -> slice:
 
     Every state on disk keeps its signals, if not every one has to go.
     """
-    between = restart_steps(time_step)
+    between = state_steps(time_step)
     apart = [n for n in range(1, between) if between % n == 0]
     least = next((n for n in apart if steps <= n * MOST_ROWS), -(-steps // (between * MOST_ROWS)) * between)
     return slice(None, None, least)

@@ -389,7 +389,8 @@ def _slip(record: SimulationRecord, foot_contact: NDArray[np.bool_]) -> Array:
     """Slip of each foot since its touch-down, shape (K, 2) [m]."""
     slip_speed, slip = np.zeros((record.steps, 2)), np.zeros((record.steps, 2))
     for part in blocks(record.steps):
-        speed = np.hypot(record.point_velocity[part, :, 0], record.point_velocity[part, :, 1])
+        x, y, _ = np.moveaxis(np.diff(record.point_place[part.start : part.stop + 1], axis=0), 2, 0)
+        speed = np.hypot(x, y) / record.time_step
         load = record.point_force[part, :, 2]
         load = np.where(load > 0.0, load, 0.0)
         for foot in (0, 1):

@@ -1,8 +1,8 @@
-"""Steps MuJoCo again from a recorded start with the recorded torques, and compares every bit. The controller
-is not used: a replay tests that the record holds everything that the physics depends on.
-"""
+"""Step MuJoCo again from a recorded start with the recorded torques, and compare every bit.
 
-from __future__ import annotations
+The controller is not used: a replay tests that the record holds everything that the physics depends on. The
+solver's warm start is none of it: a walk begins with that of new data, zero.
+"""
 
 import json
 from collections.abc import Callable
@@ -17,9 +17,9 @@ from ampm.exceptions import InputError
 from validation.progress import Progress
 from validation.store.environment import describe_environment
 from validation.store.record import StoredRecord, state_names
-from validation.store.saved import ENVIRONMENT_FILE
+from validation.store.saved import ENVIRONMENT_FILE, check_files
 from validation.trial.record import SimulationRecord
-from validation.trial.restart import quiet_mujoco
+from validation.trial.simulate import quiet_mujoco
 
 
 @dataclass(frozen=True)
@@ -60,16 +60,17 @@ def replay(directory: str | Path, *, progress: Progress | None = None) -> Replay
     """Replay a run folder.
 
     Args:
-        directory: holds ``model.xml`` and the record.
+        directory: of a finished run.
         progress: where to report stages.
 
     Raises:
-        InputError: a file is missing, damaged, or does not belong to the others.
+        InputError: a file is missing, damaged, or not what the run wrote.
     """
     directory = Path(directory)
     if not directory.is_dir():
         raise InputError(f"there is no folder {directory}; give the folder of a run.")
     record = StoredRecord(directory)
+    check_files(directory)
     model = record.model()
     with (progress or Progress()).stage("replay", "steps") as stage:
         found = step_again(model, record, stage.advance)
@@ -85,13 +86,11 @@ def step_again(
 
     Args:
         model: the model that was simulated.
-        record: start state, first warm start, torques and external forces.
+        record: start state, torques and external forces.
         advance: called with steps done and steps in all.
     """
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = record.q[0], record.qd[0]
-    if record.steps:
-        data.qacc_warmstart[:] = record.warmstart[0]
     pushed = [model.body(name).id for name in record.external_segments]
     with quiet_mujoco():
         for row, (start, end) in enumerate(pairwise(record.state_rows.tolist()), 1):

@@ -38,6 +38,7 @@ from validation.show.style import (
 )
 from validation.store.saved import SavedRun
 from validation.store.signals import Signals
+from validation.trial.record import state_steps
 from validation.trial.shapes import REACH, Shapes
 
 _DASHED = (0, (4, 3))
@@ -262,22 +263,24 @@ class RunFigures:
         return self._picture(figure, label, caption, wide=True)
 
     def contact_timeline(self) -> Picture:
-        """Contact of the parts of both soles: planned (line) and measured (bar), over one stride."""
-        record, rows = self.saved.record, self.window
-        time = self.signals.time[rows]
+        """Contact of the parts of both soles over one stride, every 10 ms: planned (line), measured (bar)."""
+        record, shown = self.saved.record, self.signals.time[self.window]
+        stored = record.state_rows[:-1] * record.time_step
+        rows = np.flatnonzero((stored >= shown.min(initial=np.inf)) & (stored <= shown.max(initial=-np.inf)))
+        time, apart = stored[rows], state_steps(record.time_step) * record.time_step
         figure, (axis,) = new_figure(2.6, left=0.85, top=0.28)
-        shade_double_support(axis, self.signals, rows)
+        shade_double_support(axis, self.signals, self.window)
 
         def bars(on: NDArray[np.bool_], at: float, height: float, color: str, alpha: float) -> None:
             edges = np.flatnonzero(np.diff(np.r_[False, on, False].astype(int))).reshape(-1, 2)
-            spans = [(float(time[a]), float(time[b - 1] - time[a] + time[1] - time[0])) for a, b in edges]
+            spans = [(float(time[a]), float((b - a) * apart)) for a, b in edges]
             axis.broken_barh(spans, (at - height / 2, height), linewidth=0, color=color, alpha=alpha)
 
         planned = None
         if self.plan is not None:
             planned = self.plan.feet.sample(np.minimum(time, self.plan.duration))
         ticks: dict[str, float] = {}
-        force, _ = record.contacts_at(np.round(time / record.time_step).astype(np.intp))
+        force = record.point_force[rows]
         for foot, (name, color) in enumerate(_FEET.items()):
             for group, region in enumerate(SOLE_POINT_GROUPS):
                 points = (record.point_foot == foot) & (record.point_group == group)

@@ -29,6 +29,7 @@ RUN_FILES = frozenset(
         "summary.json",
         "signals.parquet",
         "joints.parquet",
+        "contacts.parquet",
         "ticks.parquet",
         "external.parquet",
         "recording.rrd",

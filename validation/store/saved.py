@@ -4,8 +4,6 @@ Nothing is simulated or measured here. Only the plan of COM and feet is evaluate
 is exact, and the support polygons are cheaper to recompute than to store.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping
@@ -28,7 +26,7 @@ from validation.store.folders import RUN_FILES
 from validation.store.json import dump_json
 from validation.store.metric_table import metric_table, summary_title
 from validation.store.record import MODEL_FILE as MODEL_FILE
-from validation.store.record import StoredRecord
+from validation.store.record import RECORD_FILES, StoredRecord
 from validation.store.signals import SIGNALS_FILE, Signals, load_signals
 from validation.table import Table
 
@@ -40,6 +38,27 @@ ENVIRONMENT_FILE = "environment.json"
 SUMMARY_FILE = "summary.json"
 RECORDING_FILE = "recording.rrd"
 REPORT_FILE = "report.html"
+_SUMMARY = (
+    "gait",
+    "outcome",
+    "verdict",
+    "reason",
+    "profile",
+    "metrics",
+    "statistics",
+    "zmp_error_split",
+    "effort",
+    "margins",
+    "energy",
+    "solver",
+    "scales",
+    "timing",
+    "motion",
+    "environment",
+    "files",
+)
+"""Entries that every ``summary.json`` has."""
+_NEEDED = (RUN_FILE, MODEL_FILE, BODY_FILE, SIGNALS_FILE, SUMMARY_FILE)
 
 
 @dataclass(frozen=True)
@@ -51,7 +70,7 @@ class SavedRun:
         parameters: the resolved parameters.
         model_xml: the compiled model's source (MJCF).
         body: which joint, sole and segment of it is what.
-        record: states, torques and contact forces of every step, read when used.
+        record: states, contact forces and torques, read when used.
         signals: plan, command and measurement on the common clock.
         summary: ``summary.json``.
     """
@@ -111,10 +130,10 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
         InputError: the folder or one of its files is missing, damaged, or not what the run wrote.
     """
     directory = Path(directory)
-    needed = RUN_FILE, MODEL_FILE, BODY_FILE, SIGNALS_FILE, SUMMARY_FILE
-    missing = [name for name in needed if not (directory / name).is_file()]
+    missing = [name for name in _NEEDED if not (directory / name).is_file()]
     if missing:
         raise InputError(f"{directory} has no {', '.join(missing)}; give the folder of a finished run.")
+    record = StoredRecord(directory)  # refuses another format
     summary = _load_summary(directory / SUMMARY_FILE)
     if check:
         check_files(directory, summary)
@@ -123,7 +142,7 @@ def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
         parameters=load_run(directory / RUN_FILE, ()),
         model_xml=(directory / MODEL_FILE).read_text(encoding="utf-8"),
         body=load_description(directory),
-        record=StoredRecord(directory),
+        record=record,
         signals=load_signals(directory / SIGNALS_FILE),
         summary=summary,
     )
@@ -153,24 +172,37 @@ def check_files(directory: Path, summary: Mapping[str, Any] | None = None) -> No
     """Compare all files of a run with the digests in its summary.
 
     Raises:
-        InputError: a file is missing, or has changed since the run was judged.
+        InputError: a file is missing, has no digest, or has changed since the run was judged.
     """
     summary = summary or _load_summary(directory / SUMMARY_FILE)
     written, found = summary["files"], digests(directory, summary)
-    for name in written:
-        if found.get(name) != written[name]:
-            what = "has changed since the run was judged" if name in found else "is missing"
-            raise InputError(f"{directory / name} {what}; walk the gait again for a true verdict.")
+    for name in sorted({*_NEEDED, *RECORD_FILES, *written, *found}):
+        if name not in found:
+            what = "is missing"
+        elif name not in written:
+            what = f"has no digest in {SUMMARY_FILE}"
+        elif found[name] != written[name]:
+            what = "has changed since the run was judged"
+        else:
+            continue
+        raise InputError(f"{directory / name} {what}; walk the gait again for a true verdict.")
 
 
 def digests(directory: Path, summary: Mapping[str, Any]) -> dict[str, str]:
-    """SHA-256 of all files of a run, except those drawn from the others; of the summary without ``files``."""
+    """SHA-256 of all files of a run, except those drawn from the others; of the summary without ``files``.
+
+    Raises:
+        InputError: one of them is no regular file.
+    """
     rest = {name: value for name, value in summary.items() if name != "files"}
     found = {SUMMARY_FILE: hashlib.sha256(dump_json(rest).encode()).hexdigest()}
-    for path in sorted(directory.iterdir()):
-        if path.name in RUN_FILES - {SUMMARY_FILE, RECORDING_FILE, REPORT_FILE}:
+    for name in sorted(RUN_FILES - {SUMMARY_FILE, RECORDING_FILE, REPORT_FILE}):
+        path = directory / name
+        if path.is_file():
             with path.open("rb") as file:
-                found[path.name] = hashlib.file_digest(file, "sha256").hexdigest()
+                found[name] = hashlib.file_digest(file, "sha256").hexdigest()
+        elif path.exists():  # to open a pipe would wait for its writer
+            raise InputError(f"{path} is no regular file; give the folder of a finished run.")
     return found
 
 
@@ -178,14 +210,19 @@ def _load_summary(path: Path) -> dict[str, Any]:
     """Read ``summary.json``.
 
     Raises:
-        InputError: it is none.
+        InputError: there is none, or it is damaged.
     """
+    if not path.is_file():
+        raise InputError(f"{path} is missing, or no regular file; give the folder of a finished run.")
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no JSON ({error}); run the gait again.") from error
-    if not (isinstance(summary, dict) and isinstance(summary.get("files"), dict)):
-        raise InputError(f"{path} is damaged: it is no summary of a run; run the gait again.")
+        raise InputError(f"{path} is no JSON ({error}); walk the gait again.") from error
+    missing = [name for name in _SUMMARY if name not in summary] if isinstance(summary, dict) else _SUMMARY
+    if missing or not isinstance(summary["files"], dict):
+        raise InputError(
+            f"{path} is damaged: it has no {', '.join(missing) or 'digests of files'}; walk the gait again."
+        )
     return summary
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from validation.store.record import read_table, write_table
+from validation.store.record import read_table, write_tables
 
 SIGNALS_FILE = "signals.parquet"
 
@@ -121,7 +121,7 @@ def save_signals(table: pa.Table, path: str | Path) -> None:
         column = column_of(field.name)
         known = {"unit": column.unit, "frame": column.frame, "meaning": column.meaning}
         fields.append(field.with_metadata({key: text for key, text in known.items() if text}))
-    write_table(table.cast(pa.schema(fields)), path)
+    write_tables([table.cast(pa.schema(fields))], Path(path))
 
 
 def load_signals(path: str | Path) -> Signals:

@@ -294,8 +294,8 @@ def _errors(planned: PlannedWalk, record: SimulationRecord, places: Sequence[rou
         end = phase.start + phase.duration - 1e-9
         if math.dist(middle[:2], (x, y)) < 1e-9 and end <= record.time[-1]:
             row = int(np.searchsorted(record.time, end))
-            w, i, j, k = record.foot_rotation[row].T
-            turn = np.arctan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k)) - heading
+            forward = record.foot_forward[row]
+            turn = np.arctan2(forward[:, 1], forward[:, 0]) - heading
             away = math.dist(record.foot_position[row].mean(axis=0)[:2], (x, y))
             found.append((away, abs(math.atan2(np.sin(turn).sum(), np.cos(turn).sum()))))
     return np.array(found).reshape(-1, 2)

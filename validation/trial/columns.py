@@ -27,6 +27,8 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
     import pyarrow.parquet as pq
 
     check_suffix(path)
+    if path.exists() and not path.is_file():  # to open a pipe would wait for its writer
+        raise InputError(f"{path} is no regular file; give a table in a file.")
     try:
         table = pq.read_table(path) if path.suffix == ".parquet" else pyarrow.csv.read_csv(path)
         return {name: table[name].to_numpy() for name in table.column_names}

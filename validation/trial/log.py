@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from ampm.compiled import Bundle, bound, compiled
+from ampm.compiled import Bundle, compiled
 from ampm.vectors import put, vector
 from validation.trial import spill
-from validation.trial.record import INTEGERS, SHAPES, restart_steps, shape_of, support_height
+from validation.trial.record import INTEGERS, SHAPES, shape_of, support_height
 from validation.trial.watch import zmp_gap
 
 if TYPE_CHECKING:
@@ -49,19 +48,26 @@ def read_touch(own: Any, contacts: int) -> None:
 
 
 @compiled
-def copy_places(own: Any, k: int) -> None:
-    """Copy places of sole points and soles; arguments as in :func:`keep_step`."""
-    sites, site_rotation, rotation = own.sites, own.site_rotation, own.rotation
-    for i in range(len(sites)):  # a row copied as an array takes ten times as long
-        put(own.places[k, i], vector(own.site_place[sites[i]]))
+def keep_instant(own: Any, k: int) -> None:
+    """Copy the places of sole points and soles, COM and angular momentum at t_k.
+
+    Arguments as in :func:`keep_step`.
+    """
+    points = own.point_place.shape[1]
+    for i in range(points):  # a row copied as an array takes ten times as long
+        put(own.point_place[k, i], vector(own.site_place[own.sites[i]]))
     for i in range(2):
-        for j in range(9):
-            rotation[k, i, j] = site_rotation[sites[len(sites) - 2 + i], j]
+        sole = own.sites[points + i]
+        put(own.foot_position[k, i], vector(own.site_place[sole]))
+        for axis in range(3):
+            own.foot_forward[k, i, axis] = own.site_rotation[sole, 3 * axis]
+    put(own.com[k], vector(own.sensed_com))
+    put(own.angular_momentum[k], vector(own.sensed_momentum))
 
 
 @compiled
 def keep_step(own: Any, k: int, contacts: int, efc_force: Array) -> None:
-    """Copy contacts, places, sensors and torques of step k, and the state after it.
+    """Copy places, contacts and torques of step k, and the state after it.
 
     Args:
         own: arrays of the simulation, and of the log by step, under the names of a record. Others:
@@ -69,21 +75,18 @@ def keep_step(own: Any, k: int, contacts: int, efc_force: Array) -> None:
             first, a box last; ``of_geom``, sole point of every geom, -1 for none: a sphere, with one contact
             at most; ``address`` of the contacts' first force, along the normal, -1 for none: two along the
             tangents follow; ``frame`` of the contacts, normal and tangents; ``place`` [m]; ``distance``,
-            negative where they overlap [m]; ``normal_force`` [N] and ``touching`` by sole point; ``read``,
-            the numbers of the ``readings`` that are kept; ``every``, steps from one restart to the next;
-            ``sites`` of sole points and, last, of the two soles; their ``places`` and ``rotation``.
+            negative where they overlap [m]; ``normal_force`` [N] and ``touching`` by sole point; ``sites`` of
+            sole points and, last, of the two soles; ``sensed_com`` [m], ``sensed_momentum`` [N m s].
         k: step.
         contacts: how many there are.
         efc_force: forces of all constraints.
     """
-    copy_places(own, k)
+    keep_instant(own, k)
     of_geom, geom, address, frame = own.of_geom, own.geom, own.address, own.frame
-    point_force, point_position, places = own.point_force, own.point_position, own.places
-    normal_force, distance, read = own.normal_force, own.distance, own.read
+    point_force, point_position = own.point_force, own.point_position
+    normal_force, distance = own.normal_force, own.distance
     for p in range(len(normal_force)):
-        put(point_position[k, p], vector(places[k, p]))
-    for i in range(len(read)):
-        own.readings[k, i] = own.sensordata[read[i]]
+        put(point_position[k, p], vector(own.point_place[k, p]))
     own.torque[k] = own.ctrl
     normal_force[:] = 0.0
     for i in range(contacts):
@@ -102,9 +105,6 @@ def keep_step(own: Any, k: int, contacts: int, efc_force: Array) -> None:
             normal_force[p] = efc_force[first]
     own.q[k + 1] = own.qpos
     own.qd[k + 1] = own.qvel
-    following, left = divmod(k + 1, own.every)
-    if left == 0 and following < len(own.warmstart):
-        own.warmstart[following] = own.qacc_warmstart
 
 
 @compiled
@@ -164,13 +164,14 @@ class RunLog:
     qd: Array
     torque: Array
     torque_rate: Array
-    warmstart: Array
     point_force: Array
     point_position: Array
     point_penetration: Array
-    point_velocity: Array
+    point_place: Array
+    com: Array
+    angular_momentum: Array
     foot_position: Array
-    foot_rotation: Array
+    foot_forward: Array
     command_com: Array
     command_zmp: Array
     command_force: Array
@@ -188,88 +189,51 @@ class RunLog:
         points: SolePoints,
         substeps: int,
     ) -> None:
-        self.model, self.sites, self.substeps = model, points.sites, substeps
+        self.model, self.substeps = model, substeps
         self.metadata: dict[str, str] = {}
-        self.time_step = float(model.opt.timestep)
-        self.every = restart_steps(self.time_step)
         sizes = {
-            "K": steps, "K+1": steps + 1, "T": -(-steps // substeps), "P": len(points.names), "F": 2,
-            "C": -(-steps // self.every),
-            "nq": model.nq, "nv": model.nv, "nu": model.nu,
-        }  # fmt: skip
+            "K": steps,
+            "K+1": steps + 1,
+            "T": -(-steps // substeps),
+            "P": len(points.names),
+            "F": 2,
+            "nq": model.nq,
+            "nv": model.nv,
+            "nu": model.nu,
+        }
         for name in RunLog.__annotations__:
             setattr(self, name, spill.zeros(shape_of(name, sizes), INTEGERS.get(name, np.float64)))
-        self.places = spill.zeros((steps + 1, self.sites.size, 3))
-        self.rotation = spill.zeros((steps + 1, 2, 9))
         self.external: dict[str, Array] = {}
-        self._make_sensors(model, steps)
         # All that is read and written at every step, as views that are taken once.
         geom, address, frame, place, distance = _contact_views(data)
         self.touching = np.zeros(len(points.names), dtype=bool)
         self.normal_force = np.zeros(len(points.names))
+        recorded = {name: getattr(self, name) for name in RunLog.__annotations__}
         self.own = Bundle(
-            geom=geom, address=address, frame=frame, place=place, distance=distance, of_geom=points.of_geom,
-            point_force=self.point_force, point_penetration=self.point_penetration,
-            point_position=self.point_position, normal_force=self.normal_force, touching=self.touching,
-            sensordata=data.sensordata, read=self.read, readings=self.readings, ctrl=data.ctrl,
-            torque=self.torque, qpos=data.qpos, q=self.q, qvel=data.qvel, qd=self.qd,
-            qacc_warmstart=data.qacc_warmstart, warmstart=self.warmstart, every=self.every,
-            site_place=data.site_xpos, site_rotation=data.site_xmat, sites=self.sites, places=self.places,
-            rotation=self.rotation, substeps=substeps, torque_rate=self.torque_rate,
-            command_com=self.command_com, command_zmp=self.command_zmp, command_force=self.command_force,
-            command_angular_momentum=self.command_angular_momentum, qp_status=self.qp_status,
-            qp_residual=self.qp_residual, qp_iterations=self.qp_iterations, qp_time=self.qp_time,
-        )  # fmt: skip
-        self._keep_step = bound(keep_step, (self.own,), 0, 0, data.efc_force)
+            **recorded,
+            geom=geom,
+            address=address,
+            frame=frame,
+            place=place,
+            distance=distance,
+            of_geom=points.of_geom,
+            normal_force=self.normal_force,
+            touching=self.touching,
+            ctrl=data.ctrl,
+            qpos=data.qpos,
+            qvel=data.qvel,
+            site_place=data.site_xpos,
+            site_rotation=data.site_xmat,
+            sites=points.sites,
+            sensed_com=data.sensor("com").data,
+            sensed_momentum=data.sensor("angular_momentum").data,
+            substeps=substeps,
+        )
         self._unknown = np.full(max(model.nu, 3), np.nan)
-
-    def _make_sensors(self, model: mujoco.MjModel, steps: int) -> None:
-        """Arrays for readings; those of a joint's position or rate are views of the states."""
-        joints = {
-            int(mujoco.mjtSensor.mjSENS_JOINTPOS): ("q", model.jnt_qposadr),
-            int(mujoco.mjtSensor.mjSENS_JOINTVEL): ("qd", model.jnt_dofadr),
-        }
-        read: list[int] = []
-        columns: dict[str, tuple[str, int, int]] = {}
-        for i in range(model.nsensor):
-            start, size = int(model.sensor_adr[i]), int(model.sensor_dim[i])
-            state, addresses = joints.get(int(model.sensor_type[i]), ("", None))
-            if state and model.sensor_cutoff[i] == 0.0:
-                columns[model.sensor(i).name] = state, int(addresses[model.sensor_objid[i]]), 1
-            else:
-                columns[model.sensor(i).name] = "readings", len(read), size
-                read += range(start, start + size)
-        self.read = np.array(read, dtype=np.intp)
-        self.readings = spill.zeros((steps + 1, len(read)))
-        self.sensors = {
-            name: getattr(self, source)[:, at : at + size] for name, (source, at, size) in columns.items()
-        }
 
     def start(self, data: mujoco.MjData) -> None:
         """Copy the state from which the first step starts."""
         self.q[0], self.qd[0] = data.qpos, data.qvel
-        self.warmstart[:1] = data.qacc_warmstart
-
-    def _complete(self, start: int, step: int, instant: int) -> None:
-        """Add what follows from places and rotations, from a row up to a step and to an instant."""
-        steps, instants = slice(start, step), slice(start, instant)
-        places = self.places[start : step + 1, :-2]
-        self.foot_position[instants] = self.places[instants, -2:]
-        self.point_velocity[steps] = np.diff(places, axis=0) / self.time_step
-        turns = self.rotation[instants].reshape(-1, 3, 3)
-        xyzw = Rotation.from_matrix(turns, assume_valid=True).as_quat()
-        self.foot_rotation[instants] = xyzw.reshape(-1, 2, 4)[..., [3, 0, 1, 2]]
-
-    def keep(self, k: int, data: mujoco.MjData) -> None:
-        """Copy contacts, places, sensors and torques of step k, and the state from which the next one starts.
-
-        Args:
-            k: step.
-            data: after ``mj_step2``, which leaves contacts and places as they were at t_k.
-        """
-        self._keep_step(k, data.ncon, data.efc_force)
-        if k % spill.ROWS == 0:
-            spill.release()
 
     def command(self, k: int, output: ControlOutput) -> Iterable[Array]:
         """Rate, ZMP, force and angular momentum of the tick at step k, NaN where there is none.
@@ -304,12 +268,8 @@ class RunLog:
         data.xfrc_applied[:], data.qacc_warmstart[:] = 0.0, 0.0
         data.ctrl[:] = self.torque[done - 1] if done else 0.0
         mujoco.mj_forward(self.model, data)
-        copy_places(self.own, done)
-        data.sensordata.take(self.read, out=self.readings[done], mode="clip")
-        for part in spill.blocks(done + 1):
-            self._complete(part.start, min(part.stop, done), part.stop)
-        instants = slice(0, done + 1)
-        rows = {"K+1": done + 1, "K": done, "T": -(-done // self.substeps), "C": -(-done // self.every)}
+        keep_instant(self.own, done)
+        rows = {"K+1": done + 1, "K": done, "T": -(-done // self.substeps)}
         result: dict[str, Any] = {}
         for name in RunLog.__annotations__:
             array = getattr(self, name)
@@ -320,7 +280,4 @@ class RunLog:
             parts = {"force": pushes[..., :3], "moment": pushes[..., 3:6], "position": pushes[..., 6:]}
             result |= {f"external_{name}": part for name, part in parts.items()}
             result["external_segments"] = tuple(self.external)
-        for array in (self.readings, *self.sensors.values()):
-            array.setflags(write=False)
-        result["sensors"] = {name: array[instants] for name, array in self.sensors.items()}
         return result

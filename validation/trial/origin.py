@@ -13,8 +13,15 @@ if TYPE_CHECKING:
     from validation.trial.record import SimulationRecord
 
 _PLACES = (
-    "q", "com", "foot_position", "point_position", "command_com", "command_zmp", "external_position",
-)  # fmt: skip
+    "q",
+    "com",
+    "foot_position",
+    "point_position",
+    "point_place",
+    "command_com",
+    "command_zmp",
+    "external_position",
+)
 """Arrays of a record whose last axis begins with x."""
 
 

@@ -23,34 +23,61 @@ if TYPE_CHECKING:
 FEET = ("left", "right")
 
 SHAPES = {
-    "time": "K+1", "q": "K+1 nq", "qd": "K+1 nv", "torque": "K nu", "torque_rate": "T nu",
-    "warmstart": "C nv", "point_force": "K P 3", "point_position": "K P 3", "point_penetration": "K P",
-    "point_velocity": "K P 3", "point_foot": "P", "point_group": "P", "com": "K+1 3",
-    "angular_momentum": "K+1 3", "foot_position": "K+1 F 3", "foot_rotation": "K+1 F 4",
-    "command_com": "K 3", "command_zmp": "K 2", "command_force": "K 3",
-    "command_angular_momentum": "K 3", "tick_time": "T",
-    "qp_status": "T", "qp_residual": "T", "qp_iterations": "T", "qp_time": "T",
-    "torque_limit": "nu", "joint_range": "nu 2", "external_force": "K S 3",
-    "external_moment": "K S 3", "external_position": "K S 3",
-}  # fmt: skip
-"""Shape of every array: K steps, P sole points, T control ticks, C warm starts, S pushed segments."""
+    "time": "K+1",
+    "q": "K+1 nq",
+    "qd": "K+1 nv",
+    "torque": "K nu",
+    "torque_rate": "T nu",
+    "point_force": "K P 3",
+    "point_position": "K P 3",
+    "point_penetration": "K P",
+    "point_place": "K+1 P 3",
+    "point_foot": "P",
+    "point_group": "P",
+    "com": "K+1 3",
+    "angular_momentum": "K+1 3",
+    "foot_position": "K+1 F 3",
+    "foot_forward": "K+1 F 3",
+    "command_com": "K 3",
+    "command_zmp": "K 2",
+    "command_force": "K 3",
+    "command_angular_momentum": "K 3",
+    "tick_time": "T",
+    "qp_status": "T",
+    "qp_residual": "T",
+    "qp_iterations": "T",
+    "qp_time": "T",
+    "torque_limit": "nu",
+    "joint_range": "nu 2",
+    "external_force": "K S 3",
+    "external_moment": "K S 3",
+    "external_position": "K S 3",
+}
+"""Shape of every array: K steps, P sole points, T control ticks, S pushed segments."""
 
 INTEGERS: dict[str, Any] = {
-    "point_foot": np.int8, "point_group": np.int8, "qp_status": np.int8, "qp_iterations": np.int32
-}  # fmt: skip
+    "point_foot": np.int8,
+    "point_group": np.int8,
+    "qp_status": np.int8,
+    "qp_iterations": np.int32,
+}
 """Types of the arrays that are not float64."""
-
 
 FLOOR = "floor"
 """Key of the metadata that has the heights of a floor's surfaces, ascending, separated by spaces [m]."""
 
-RESTART_INTERVAL = 0.01
-"""Time between the states from which the physics can be started again [s]."""
+STATE_INTERVAL = 0.01
+"""Time between the states, and between the contacts, on disk [s]."""
 
 
-def restart_steps(time_step: float) -> int:
-    """Steps of the physics from one state of a restart to the next."""
-    return max(1, round(RESTART_INTERVAL / time_step))
+def state_steps(time_step: float) -> int:
+    """Steps of the physics from one state on disk to the next."""
+    return max(1, round(STATE_INTERVAL / time_step))
+
+
+def stored_rows(steps: int, time_step: float) -> NDArray[np.intp]:
+    """Instants of the states on disk: one every :data:`STATE_INTERVAL`, and the last one."""
+    return np.append(np.arange(0, steps, state_steps(time_step)), steps)
 
 
 def shape_of(name: str, sizes: Mapping[str, int]) -> tuple[int, ...]:
@@ -75,19 +102,16 @@ class SimulationRecord:
         torque: applied joint torque, actuator order, shape (K, nu) [N m].
         torque_rate: rate at which the torques of a tick go on until the next one, NaN where they are held,
             shape (T, nu) [N m/s].
-        warmstart: ``qacc_warmstart`` before every step that :func:`restart_steps` divides, needed for a
-            restart, shape (C, nv) [rad/s^2, m/s^2].
         point_force: force of the floor on the body at each sole point, shape (K, P, 3) [N].
         point_position: where it acts, shape (K, P, 3) [m].
         point_penetration: depth under the floor, >= 0, shape (K, P) [m].
-        point_velocity: velocity of the sole point, shape (K, P, 3) [m/s].
+        point_place: the sole points themselves, shape (K + 1, P, 3) [m].
         point_foot: foot of each point, 0 left, 1 right, shape (P,).
         point_group: 0 heel, 1 ball, 2 tip, shape (P,).
         com: COM as the simulator reports it, shape (K + 1, 3) [m].
         angular_momentum: about the COM, as the simulator reports it, shape (K + 1, 3) [N m s].
         foot_position: reference points of both soles, left first, shape (K + 1, 2, 3) [m].
-        foot_rotation: their orientation, wxyz, shape (K + 1, 2, 4).
-        sensors: sensor name to readings, shape (K + 1, d).
+        foot_forward: direction of their x axes, shape (K + 1, 2, 3).
         command_com: the controller's COM reference, held over the tick, shape (K, 3) [m].
         command_zmp: ZMP commanded, shape (K, 2) [m].
         command_force: net ground force commanded, shape (K, 3) [N].
@@ -110,7 +134,6 @@ class SimulationRecord:
         external_moment: moment on each of them, shape (K, S, 3) [N m].
         external_position: where the force acts, the segment's COM, shape (K, S, 3) [m].
         point_sites: sites of the sole points in the model, P names.
-        sole_sites: sites of both soles, left first.
         metadata: further identification of the run, text to text; :data:`FLOOR`, if the floor has steps.
     """
 
@@ -119,18 +142,16 @@ class SimulationRecord:
     qd: Array
     torque: Array
     torque_rate: Array
-    warmstart: Array
     point_force: Array
     point_position: Array
     point_penetration: Array
-    point_velocity: Array
+    point_place: Array
     point_foot: NDArray[np.int8]
     point_group: NDArray[np.int8]
     com: Array
     angular_momentum: Array
     foot_position: Array
-    foot_rotation: Array
-    sensors: Mapping[str, Array]
+    foot_forward: Array
     command_com: Array
     command_zmp: Array
     command_force: Array
@@ -153,7 +174,6 @@ class SimulationRecord:
     external_moment: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
     external_position: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
     point_sites: tuple[str, ...] = ()
-    sole_sites: tuple[str, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -163,10 +183,16 @@ class SimulationRecord:
         if q.ndim != 2 or qd.ndim != 2:
             raise InputError("q and qd must be two-dimensional: one row per instant.")
         sizes = {
-            "K+1": time.size, "K": time.size - 1, "nq": q.shape[1], "nv": qd.shape[1],
-            "P": len(self.point_foot), "F": 2, "T": len(self.tick_time), "nu": len(self.joint_names),
-            "S": len(self.external_segments), "C": -(-(time.size - 1) // restart_steps(self.time_step)),
-        }  # fmt: skip
+            "K+1": time.size,
+            "K": time.size - 1,
+            "nq": q.shape[1],
+            "nv": qd.shape[1],
+            "P": len(self.point_foot),
+            "F": 2,
+            "T": len(self.tick_time),
+            "nu": len(self.joint_names),
+            "S": len(self.external_segments),
+        }
         for name, symbols in SHAPES.items():
             shape, given = shape_of(name, sizes), getattr(self, name)
             if name.startswith("external_") and not sizes["S"]:
@@ -175,18 +201,8 @@ class SimulationRecord:
             if value.shape != shape:
                 raise InputError(f"record: {name} has shape {value.shape}, expected {symbols} = {shape}.")
             object.__setattr__(self, name, value)
-        sensors = {}
-        for name, given in self.sensors.items():
-            value = _frozen(given, np.float64)
-            value = value.reshape(-1, 1) if value.ndim == 1 else value
-            if value.ndim != 2 or len(value) != time.size:
-                raise InputError(
-                    f"record: sensor '{name}' has shape {value.shape}, expected ({time.size}, d)."
-                )
-            sensors[name] = value
-        object.__setattr__(self, "sensors", MappingProxyType(sensors))
         object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
-        for name in ("joint_names", "external_segments", "point_sites", "sole_sites"):
+        for name in ("joint_names", "external_segments", "point_sites"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         for name in ("mass", "gravity", "time_step", "friction"):
             object.__setattr__(self, name, float(getattr(self, name)))

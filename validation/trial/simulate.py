@@ -32,7 +32,6 @@ from validation.trial.log import RunLog, SolePoints
 from validation.trial.origin import moved_table
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import FLOOR, SimulationRecord
-from validation.trial.restart import quiet_mujoco
 from validation.trial.scene import disturbed_model
 from validation.trial.shapes import make_robot
 from validation.trial.tick import OwnTick, act, end_step, sense
@@ -52,6 +51,16 @@ _PROGRESS_STEPS = 50
 _MOST_ITERATIONS = 2**31 - 1
 _TICKS = 16_384  # of a table of references
 _BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
+
+
+@contextlib.contextmanager
+def quiet_mujoco() -> Iterator[None]:
+    """Keep MuJoCo from printing and from writing MUJOCO_LOG.TXT into the working folder."""
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)
 
 
 class Physics:
@@ -405,14 +414,10 @@ class ClosedLoop:
     def _record(self, done: int, outcome: Outcome) -> SimulationRecord:
         dt, robot = self.physics.time_step, self.physics.robot
         kept = self.log.close(done, self.physics.data)
-        sensors = kept.pop("sensors")
         return SimulationRecord(
             time=np.arange(done + 1, dtype=np.float64) * dt,
             point_foot=robot.point_foot,
             point_group=robot.point_group,
-            com=sensors.pop("com"),
-            angular_momentum=sensors.pop("angular_momentum"),
-            sensors=sensors,
             tick_time=np.arange(kept["qp_time"].size, dtype=np.float64) * (self.physics.substeps * dt),
             outcome=outcome,
             mass=robot.mass,
@@ -423,6 +428,5 @@ class ClosedLoop:
             joint_range=np.stack([robot.lower, robot.upper], axis=1),
             joint_names=robot.joint_names,
             point_sites=self.physics.points.names,
-            sole_sites=self.physics.points.sole_names,
             **kept,
         )

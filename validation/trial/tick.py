@@ -17,7 +17,6 @@ from ampm.control.tick import RATE, V, observe, prepare, respond
 from ampm.vectors import put, turned, vector
 from ampm.walk import SOLVED
 from validation.trial.log import gap_of, keep_command, keep_step, read_touch
-from validation.trial.restart import carry_on
 from validation.trial.watch import stands
 
 if TYPE_CHECKING:
@@ -69,6 +68,24 @@ def act(
 
 
 @compiled
+def carry_on(torque: Array, rate: Array, limit: Array, ctrl: Array, since: float) -> None:
+    """Let the torque go on with its rate, within the motors' limits.
+
+    Args:
+        torque: of the tick, shape (nu,) [N m].
+        rate: NaN holds the torque, shape (nu,) [N m/s].
+        limit: of the motors, shape (nu,) [N m].
+        ctrl: written, shape (nu,) [N m].
+        since: time since the tick [s].
+    """
+    for j in range(len(torque)):
+        if np.isnan(rate[j]):
+            ctrl[j] = torque[j]
+        else:
+            ctrl[j] = min(max(torque[j] + since * rate[j], -limit[j]), limit[j])
+
+
+@compiled
 def end_step(own: Any, log: Any, k: int, contacts: int, efc_force: Array) -> bool:
     """Keep a step, and set the torques of the next one if no tick does.
 
@@ -83,7 +100,7 @@ def end_step(own: Any, log: Any, k: int, contacts: int, efc_force: Array) -> boo
         Whether the walk may go on: the body stands, and MuJoCo has warned of nothing.
     """
     keep_step(log, k, contacts, efc_force)
-    soles = log.places[k, len(log.sites) - 2 :]
+    soles = log.foot_position[k]
     since = (k + 1) % log.substeps
     if since:
         carry_on(own.torque, own.rate, own.limit, own.ctrl, since * own.time_step)

@@ -209,13 +209,13 @@ class _Pictures(NamedTuple):
     """Instants that are drawn, N of them.
 
     Attributes:
-        steps: of the physics.
+        states: rows of the states and of the contacts.
         signals: rows of the signals.
         q: configurations, shape (N, nq).
         time: [s].
     """
 
-    steps: NDArray[np.intp]
+    states: NDArray[np.intp]
     signals: NDArray[np.intp]
     q: Array
     time: Array
@@ -227,9 +227,7 @@ def _pictures(saved: SavedRun) -> _Pictures:
     steps, rows, signals = np.intersect1d(states, saved.signal_steps, return_indices=True)
     least = max(1.0 / PICTURE_RATE, saved.record.outcome.time / MOST_PICTURES)
     part = slice(None, None, _stride(steps[1:2].sum() * saved.record.time_step, least))
-    return _Pictures(
-        steps[part], signals[part], saved.record.q[rows[part]], saved.signals.time[signals[part]]
-    )
+    return _Pictures(rows[part], signals[part], saved.record.q[rows[part]], saved.signals.time[signals[part]])
 
 
 def _stride(step: float, least: float) -> int:
@@ -339,7 +337,7 @@ def _log_ground(log: _Log, saved: SavedRun, frames: _Pictures, plan: StepPlan | 
     follow = np.column_stack([signals["plan_com_x"], np.zeros((len(times), 2))])
     log.columns("world/follow", times, rr.Transform3D.columns(translation=follow))
 
-    force, point = record.contacts_at(frames.steps)
+    force, point = record.point_force[frames.states], record.point_position[frames.states]
     floor = support_height(record.metadata, point[:, :, 2], force[:, :, 2])
     for foot, (name, color) in enumerate(_FEET.items()):
         mine = np.flatnonzero(record.point_foot == foot)
