@@ -91,7 +91,7 @@ def test_sweep_its_report_and_diff(drop, tmp_path, capsys):
     assert all(abs(row["metric_com_drop"]) < 0.1 for row in rows)
     assert drop.label in (out / "report.html").read_text()
     capsys.readouterr()
-    assert call(["diff", str(out), str(out), "--json"]) == 0
+    assert call(["compare", str(out), str(out), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["metrics"][drop.name]
     assert (found["unit"], found["worse"]) == ("m", 0)
 

@@ -1,13 +1,9 @@
-"""Two gaits side by side: what continuity buys, on real runs of both pendulums."""
-
-from __future__ import annotations
+"""Two walks side by side: jumps read from stored plans of any planner, and which differences count."""
 
 import json
 import math
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
-from xml.etree import ElementTree
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,206 +11,190 @@ import pytest
 from ampm.exceptions import InputError
 from ampm.run_file import load_run
 from tests.saved_run import make_study
-from validation.cli.app import call
 from validation.judge.uncertainty import Uncertainty
-from validation.progress import Progress
 from validation.store.json import json_ready
-from validation.study.compare.metrics import GRIDS, Quantity, quantities
-from validation.study.compare.pair import (
-    EVEN,
-    NUMBERS,
-    PICTURE,
-    REPORT,
-    Row,
-    compare_pair,
-    joint_jumps,
-    load_side,
-    pair_of,
-)
-from validation.study.compare.report import first_answer, largest_undecided, render
+from validation.store.signals import Signals
+from validation.study.compare.metrics import JUDGED, SWITCH, Quantity, plan_values
+from validation.study.compare.pair import SHARE, Row, Side, load_side, pair_of
+from validation.study.compare.report import NUMBERS, REPORT, render
+from validation.study.compare.walks import compare_pair
+
+FAST = ["--set", "simulation.time_step=0.002", "--steps", "3", "--workers", "0"]
 
 
 @pytest.fixture(scope="module")
 def folders(run_of):
-    return run_of("normal", steps=5), run_of("ipm", steps=5)
+    return run_of("normal", steps=4), run_of("normal", {"gait.planner": "ipm"}, steps=4)
 
 
 @pytest.fixture(scope="module")
-def pair(folders):
-    return pair_of(*(load_side(folder.name, folder, Progress()) for folder in folders))
+def sides(folders):
+    return [load_side(name, folder) for name, folder in zip(("smooth", "jumps"), folders, strict=True)]
 
 
-def rows_of(pair):
-    return {row.of.name: row for row in pair.rows}
+def signals_with(jump, rate, switch):
+    """Plan with a kink in every column at a switch; the ZMP along x and the moment about y jump there too."""
+    time = 5e-4 * np.arange(300)
+    after = np.maximum(time - switch, 0.0)
+    late = time >= switch
+    zero = np.zeros(300)
+    columns = {
+        "time": time,
+        "phase": np.where((time < 0.02) | (late), "single_support", "double_support"),
+        "stance": np.where(time < 0.01, "left", "right"),
+        "plan_zmp_x": 0.3 * time + 2.0 * after + jump * late,
+        "plan_zmp_y": 0.1 - 4.0 * after,
+        "plan_force_x": 100.0 * after,
+        "plan_force_y": zero,
+        "plan_force_z": zero + 600.0,
+        "plan_angular_momentum_x": 2.0 * time + 30.0 * after**2,
+        "plan_angular_momentum_y": rate * after,
+    }
+    return Signals(columns)
 
 
-def test_plan_joints_and_ground_of_one_side_jump_and_those_of_the_other_do_not(pair):
-    l_s, h = pair.b.plan.constants.l_s, pair.b.plan.com_height
-    rows = rows_of(pair)
-    assert rows["plan_acceleration"].a < 1e-11
-    assert rows["plan_acceleration"].b == pytest.approx(9.81 * l_s / h)
-    assert rows["plan_acceleration"].ratio is None  # the smooth one is rounding
-    assert rows["plan_zmp"].b == pytest.approx(1e3 * l_s)
-    assert rows["plan_force"].b == pytest.approx(100 * l_s / h)
-    assert rows["plan_moment"][1:3] == (pytest.approx(0.0, abs=1e-9), 0.0)
-    smooth, jump = pair.a.joints, pair.b.joints
-    assert smooth.grid == jump.grid == GRIDS
-    np.testing.assert_allclose(smooth.jump[1:], 0.5 * np.array(smooth.jump[:-1]), rtol=0.1)
-    assert smooth.limit < 0.1 * smooth.jump[-1]
-    assert jump.jump[-1] > 0.8 * jump.jump[-2]
-    assert jump.limit > 10.0
-    assert jump.limit == pytest.approx(jump.jump[-1], rel=0.2)
-    assert rows["measured_change"].ratio > 5.0
-    assert rows["measured_change"].b == pytest.approx(rows["planned_change"].b, rel=0.2)
-    for name in ("force_rate", "zmp_x_near", "zmp_y_near", "torque_rate_peak", "effort_zmp_near"):
-        assert rows[name].ratio > 2.0, name
+@pytest.mark.parametrize("switch", [0.1, 0.1002, 0.10049])
+def test_jumps_of_a_plan_are_found_between_its_samples_and_kinks_are_none(switch):
+    smooth = plan_values(signals_with(0.0, 0.0, switch), 60.0)
+    assert max(smooth.values()) < 1e-6
+    broken = plan_values(signals_with(0.235, 7.0, switch), 60.0)
+    assert broken["plan_zmp"] == pytest.approx(235.0, abs=1.1)  # less than a row's change by the kink
+    assert broken["plan_moment"] == pytest.approx(7.0, abs=0.1)
+    assert broken["plan_acceleration"] < 1e-6
+
+
+def test_finished_runs_of_another_planner_show_its_jumps(folders, tmp_path, ampm):
+    out = tmp_path / "both"
+    answer = ampm("compare", *folders, "--out", out, "--json")
+    found = answer.json
+    assert answer.status == 0
+    assert json.loads((out / NUMBERS).read_text(encoding="utf-8")) == found
+    zmp = found["quantities"]["plan_zmp"]
+    assert zmp["a"] < 0.01
+    assert 230.0 < zmp["b"] < 240.0
+    assert zmp["better"] == "a"
+    assert found["quantities"]["plan_acceleration"]["b"] == pytest.approx(2.66, abs=0.02)
+    assert found["parameters"] == {"gait.planner": ["ampm", "ipm"]}
+    assert f"{100 * SHARE:g} %" in found["a"]["differences_count_from"]
+    page = (out / REPORT).read_text(encoding="utf-8")
+    assert found["sentence"] in page
+    assert "http" not in page
+    assert ampm("compare", *folders, "--out", out).status == 2
+    told = ampm("compare", *folders, "--out", out, "--resume").out.splitlines()
+    assert told[0] == found["sentence"]
+
+
+def test_a_table_beside_our_planner_with_walks_at_half_the_time_step(tmp_path, ampm, monkeypatch):
+    table, out = tmp_path / "ipm.csv", tmp_path / "both"
+    samples = ["--samples", table, "--rate", "1000"]
+    assert ampm("plan", "flat", "--planner", "ipm", "--steps", "3", *samples).status == 0
+    command = ["compare", "flat", "--planner", "ampm", "--planner", table, *FAST, "--out", out, "--json"]
+    first = ampm(*command)
+    found = first.json
+    assert first.status == 0
+    assert (found["a"]["label"], found["b"]["label"]) == ("planner ampm", "planner ipm.csv")
+    assert found["sentence"].startswith("planner ampm is better in ")
+    assert found["quantities"]["plan_zmp"]["a"] < 0.01
+    assert found["quantities"]["plan_zmp"]["b"] > 100.0
+    assert "half the time step" in found["b"]["differences_count_from"]
+    assert found["quantities"]["plan_zmp"]["better"] == "a"
+    # With a control tick at every step the error after a jump depends on the step: nothing can be told.
+    rmse = found["quantities"]["zmp_x_rmse"]
+    assert 0.0 < rmse["b"] - rmse["a"] < rmse["counts_from"]
+    assert rmse["better"] == ""
+    monkeypatch.setattr("validation.study.compare.walks.walk_planned", lambda *_, **__: pytest.fail("walked"))
+    assert ampm(*command, "--resume").json == found
+
+
+def test_without_walks_at_half_the_step_two_equal_plans_agree(ampm):
+    answer = ampm("compare", "normal", "--planner", "ampm", "--planner", "dcm", *FAST, "--quick")
+    assert answer.out.splitlines()[0].startswith("planner ampm and planner dcm agree: no judged metric")
+    assert f"{100 * SHARE:g} %" in answer.out
 
 
 @pytest.mark.parametrize(
-    ("a", "b", "u_a", "u_b", "better"),
+    ("a", "b", "least", "better"),
+    [(1.0, 2.0, 0.5, "a"), (2.0, 1.0, 0.5, "b"), (1.0, 2.0, 1.0, ""), (1.0, 9.0, math.inf, "")],
+)
+def test_which_side_is_better(a, b, least, better):
+    quantity = Quantity(JUDGED, "zmp_x_rmse", "ZMP", "mm")
+    assert Row(quantity, a, b, least).better == better
+    assert Row(quantity, math.nan, b, least).better == ""
+
+
+def with_metrics(side: Side, **values: float) -> Side:
+    return replace(side, values={**side.values, **values})
+
+
+def test_one_sentence_says_who_is_better_and_where_most(sides):
+    a, b = sides[0], replace(sides[0], label="other")
+    assert pair_of(a, b).sentence.startswith("smooth and other agree: ")
+    worse = with_metrics(b, zmp_x_rmse=2.0, force_x_rmse=0.8, zmp_y_rmse=0.01)
+    words = "smooth is better in 2, other is better in 1 of 10 judged metrics by more than 10 %"
+    assert pair_of(a, worse).sentence.startswith(words)
+    assert "they differ most in force Fx, RMSE: 0.18" in pair_of(a, worse).sentence
+    fell = replace(b, summary={**b.summary, "outcome": "fell", "end": {"time": 2.3, "cause": ""}})
+    assert pair_of(a, fell).sentence == (
+        "smooth walked to the end, other did not walk to the end (fell after 2.30 s)."
+    )
+
+
+def test_a_study_or_a_walk_at_half_the_step_takes_the_place_of_the_share(sides):
+    near = next(item for item in SWITCH if item.name == "zmp_x_near")
+    side = sides[0]
+    value = side.values["zmp_x_near"]
+    assert side.change(near) == pytest.approx(SHARE * value)
+    halved = replace(side, halved={**side.values, "zmp_x_near": 0.9 * value})
+    assert halved.change(near) == pytest.approx(0.1 * value)
+    study = Uncertainty("a", 6, "", {"switch_zmp_x_near": 1e-3}, {})
+    assert replace(halved, study=study).change(near) == pytest.approx(1.0)
+    incomplete = replace(study, incomplete={"switch_zmp_x_near": ("ik_grid",)})
+    assert replace(halved, study=incomplete).change(near) == math.inf
+
+
+def test_a_study_must_be_of_both_gaits(folders, tmp_path, ampm):
+    parameters = json_ready(load_run(folders[0] / "run.toml").model_dump(mode="json"))
+    make_study(tmp_path, {"zmp_x_rmse": 1e-3}, parameters=parameters)
+    same = ampm("compare", folders[0], folders[0], "--uncertainty", tmp_path, "--json")
+    assert same.json["quantities"]["zmp_x_rmse"]["counts_from"] == pytest.approx(2.0)
+    assert [same.json[side]["label"][-4:] for side in "ab"] == [" (A)", " (B)"]
+    other = ampm("compare", *folders, "--uncertainty", tmp_path)
+    assert other.status == 2
+    assert "gait.planner" in other.err
+
+
+@pytest.mark.parametrize(
+    ("sources", "options", "why"),
     [
-        (1.0, 2.0, 0.0, 0.0, "a"),
-        (2.0, 1.0, 0.0, 0.0, "b"),
-        (1.0, 1.2, 0.0, 0.0, "even"),
-        (1.2, 1.0, 0.0, 0.0, "even"),
-        (1e-12, 0.09, 0.0, 0.0, "even"),  # both are noise
-        (1e-12, 1.0, 0.0, 0.0, "a"),
-        (math.nan, 1.0, 0.0, 0.0, ""),
-        (1.0, 2.0, 0.6, 0.5, ""),  # within the uncertainty of both
-        (1.0, 2.0, 0.4, 0.5, "a"),
-        (100.0, 102.0, 0.4, 0.5, "even"),  # a difference, and a small one
-        (1.0, 9.0, math.inf, 0.0, ""),
-        (1.0, 9.0, 0.0, math.nan, ""),
+        (("normal", "normal"), {}, "the same walk of normal"),
+        (("normal", None), {"choices": {"planner": ["dcm", "dcm"]}}, "the same walk of normal"),
+        (("normal", None), {"choices": {"planner": ["ampm", "dcm", "ipm"]}}, "--planner is given 3 times"),
+        (("normal", None), {"choices": {"planner": ["ampm", "dcm"], "body": ["a", "b"]}}, "give one option"),
+        (("RUN", "RUN"), {"settings": ["gait.steps=3"]}, "already walked"),
+        (("RUN", "RUN"), {"choices": {"controller": ["ampm"]}}, "already walked"),
+        (("RUN", "EMPTY"), {}, "no folder of a finished run"),
+        (("normal", "nowhere"), {}, "neither a preset nor a file"),
+        (("normal", None), {"choices": {"planner": ["ampm", "absent.csv"]}}, "absent.csv"),
+        (("RUN", "RUN"), {"uncertainty": [Path("absent.json")]}, "absent.json"),
     ],
 )
-def test_which_side_is_better(a, b, u_a, u_b, better):
-    row = Row(Quantity("group", "name", "label", "mm", 0.1), a, b, u_a, u_b)
-    assert row.better == better
-    assert row.ratio == (b / a if a >= 0.1 else None)  # none of rounding
+def test_what_cannot_be_compared_is_refused(folders, tmp_path, sources, options, why):
+    places = {"RUN": str(folders[0]), "EMPTY": str(tmp_path)}
+    with pytest.raises(InputError, match=why):
+        compare_pair(*(places.get(str(text), text) for text in sources), **options)
 
 
-def test_nothing_is_divided_by_zero():
-    """Also where a limit is zero, and both values are."""
-    for of in quantities(600.0):
-        row = Row(of, 0.0, 0.0, 0.0, 0.0)
-        assert (row.ratio, row.better) == (None, "even")
+def test_refused_and_fallen_walks_are_told_by_the_status(sides, ampm, monkeypatch):
+    refused = ampm("compare", "normal", "ipm", "--set", "gait.step_length=3", "--as-is", "--workers", "0")
+    assert refused.status == 2
+    assert refused.err.count("\n") <= 3
+    fell = replace(sides[1], summary={**sides[1].summary, "outcome": "fell"})
+    monkeypatch.setattr(
+        "validation.study.compare.walks.compare_pair", lambda *_, **__: pair_of(sides[0], fell)
+    )
+    assert ampm("compare").status == 3
 
 
-def test_without_a_study_only_what_is_not_walked_is_decided(pair):
-    better = {row.of.name: row.better for row in pair.rows}
-    assert {"plan_acceleration", "joint_limit"} <= {k for k, v in better.items() if v == "a"}
-    assert better["plan_moment"] == "even"
-    assert {row.better for row in pair.rows if row.of.walked} == {""}
-    assert pair.as_dict()["uncertainty"] is None
-    assert pair.parameters["gait.model"] == ("ampm", "ipm")
-    assert "body.mass" not in pair.parameters
-    assert "same body" in render(pair)
-    saved = pair.b.saved
-    heavy = replace(saved, parameters=saved.parameters.replace({"body.mass": 61.0}))
-    assert "same body" not in render(replace(pair, b=replace(pair.b, saved=heavy)))
-    walked = [row.ratio for row in pair.rows if row.of.walked and row.ratio]
-    counts = [sum(r < 1 / EVEN for r in walked), sum(r > EVEN for r in walked)]
-    (answer,) = first_answer(pair)
-    assert [int(word) for word in answer.split() if word.isdigit()][:3] == [len(walked), *counts]
-    largest = largest_undecided(pair)
-    ratios = [abs(math.log(row.ratio or math.nan)) for row in largest]
-    assert len(ratios) == 5
-    assert ratios == sorted(ratios, reverse=True)
-    assert all(row.better == "" for row in largest)
-
-
-def test_values_of_the_walks_are_better_only_beyond_the_studies_of_both(pair):
-    def rows(u, **more):
-        values = {"switch_zmp_x_near": u, "margin_slip": 1e-3, "force_x_rmse": 1.0}
-        known = Uncertainty("a", 6, "", values, {}, studies=("time_step",))
-        return rows_of(pair_of(pair.a, pair.b, studies=(replace(known, **more), known)))
-
-    found = rows(1e-3)
-    near = found["zmp_x_near"]
-    assert near.u_a + near.u_b == pytest.approx(2.0)  # mm
-    assert found["force_x_rmse"].u_a == pytest.approx(100.0 / (60.0 * 9.81), rel=1e-3)
-    assert near.better == ("a" if near.b - near.a > 2.0 else "")
-    assert found["zmp_y_near"].better == ""  # not in the studies
-    assert rows(0.1)["zmp_x_near"].better == ""
-    assert rows(1e-3, incomplete={"switch_zmp_x_near": ("ik_grid",)})["zmp_x_near"].better == ""
-
-
-def test_a_study_of_neither_gait_is_refused_before_anything_walks(folders, tmp_path, capfd):
-    parameters = load_run("normal", ["gait.steps=6"]).model_dump(mode="json")
-    lacking = ["ik_grid", "qp_tolerance"]
-    make_study(tmp_path, {"zmp_x_rmse": 1e-3}, parameters=json_ready(parameters), not_studied=lacking)
-    out = tmp_path / "both"
-    arguments = ["compare", "normal", "ipm", "--uncertainty", str(tmp_path), "--out", str(out)]
-    assert call(arguments) == 2
-    assert "ipm" in capfd.readouterr().err
-    assert not out.exists()
-    assert call(["compare", *[str(folders[0])] * 2, "--uncertainty", str(tmp_path)]) == 0
-    assert ", ".join(lacking) in capfd.readouterr().out
-
-
-def test_the_limit_of_joint_jumps_is_exact_for_a_jump_on_a_slope():
-    """q'' = 3 t before the switch and 3 t + 7 after it, in one joint of two."""
-
-    def motion(h):
-        time = np.concatenate([np.arange(0, 0.4 - h / 2, h), np.arange(0.4, 0.5 + h / 2, h)])
-        a = np.zeros((len(time), 8))
-        a[:, 6] = 3.0 * time + np.where(time >= 0.4 - 1e-9, 7.0, 0.0)
-        a[-1] = 0.0  # of the interval that ends with the step, only its start is used
-        a[0, 6] = a[-2, 6] + 3.0 * h
-        return SimpleNamespace(acceleration=a, time=time, double_support_start=0.4)
-
-    robot: Any = SimpleNamespace(mirror_joints=lambda x: x, joint_names=("knee", "hip"))
-    joints = joint_jumps([motion(h) for h in GRIDS], robot)
-    assert joints.limit == pytest.approx(7.0, abs=1e-9)
-    assert joints.jump == pytest.approx([7.0 + 3.0 * h for h in GRIDS])
-    assert joints.joint == "knee"
-
-
-def test_a_comparison_of_folders_is_written_and_read_back(folders, tmp_path, capfd):
-    out = tmp_path / "both"
-    arguments = ["compare", *map(str, folders), "--out", str(out)]
-    assert call([*arguments, "--json"]) == 0
-    answer = json.loads(capfd.readouterr().out)
-    assert json.loads((out / NUMBERS).read_text(encoding="utf-8")) == answer
-    assert answer["b"]["model"] == "ipm"
-    assert answer["quantities"]["zmp_x_near"]["better"] == ""
-    assert answer["quantities"]["plan_zmp"]["better"] == "a"
-    assert {entry.name for entry in out.iterdir()} == {REPORT, NUMBERS, PICTURE}
-    page = (out / REPORT).read_text(encoding="utf-8")
-    assert "http" not in page.replace("http://www.w3.org", "")
-    assert "#0101" not in page
-    ElementTree.parse(out / PICTURE)
-    assert call(arguments) == 2
-    assert "not empty" in capfd.readouterr().err
-    assert call([*arguments, "--force"]) == 0
-
-
-def test_what_cannot_be_compared_is_refused(folders, tmp_path):
-    normal, ipm = folders
-    for sources, options, why in (
-        (("normal", "normal"), {}, "both gaits are named 'normal'"),
-        ((normal, ipm), {"settings": ["gait.steps=3"]}, "--set and --controller have nothing"),
-        ((normal, ipm), {"controllers": ["ampm"]}, "--set and --controller have nothing"),
-        (("normal", "ipm"), {"controllers": ["ampm"] * 3}, "3 controllers"),
-        (("normal", "normal"), {"controllers": ["ampm", "ampm"]}, "both gaits are named 'normal'"),
-        ((normal, tmp_path), {}, "no folder of a finished run"),
-        ((normal, "nowhere"), {}, "neither a preset nor a file"),
-        ((normal, normal), {"out": ipm, "force": True}, "holds no comparison"),
-        ((normal, normal), {"out": normal / "run.toml"}, "is a file"),
-        ((normal, normal), {"uncertainty": [normal / "summary.json"]}, "no convergence study"),
-    ):
-        with pytest.raises(InputError, match=why):
-            compare_pair(*map(str, sources), **options)
-
-
-def test_two_folders_of_one_gait_are_told_apart(folders):
-    pair = compare_pair(str(folders[0]), str(folders[0]))
-    assert pair.a.label != pair.b.label
-    assert {row.better for row in pair.rows} == {"even", ""}
-
-
-@pytest.mark.parametrize(("outcome", "status"), [("completed", 0), ("fell", 3), ("interrupted", 130)])
-def test_a_walk_that_did_not_end_is_told_by_the_status(pair, outcome, status, monkeypatch):
-    ended = replace(pair, b=replace(pair.b, outcome=outcome))
-    monkeypatch.setattr("validation.study.compare.pair.compare_pair", lambda *args, **keywords: ended)
-    assert call(["compare", "--json"]) == status
+def test_a_page_escapes_names(sides):
+    page = render(pair_of(replace(sides[0], label="<script>"), sides[1]))
+    assert "<script>" not in page

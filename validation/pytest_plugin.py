@@ -161,7 +161,7 @@ def assert_within(request: pytest.FixtureRequest) -> Callable[..., None]:
 def assert_baseline(request: pytest.FixtureRequest) -> Callable[..., None]:
     """``assert_baseline(*trials)``: no judged metric is worse than in the baseline.
 
-    ``--ampm-update`` writes it. A metric may grow by a tenth of its limit, as in ``ampm diff``.
+    ``--ampm-update`` writes it. A metric may grow by a tenth of its limit, as in ``ampm compare`` of sweeps.
     """
 
     def check(*trials: Trial) -> None:
@@ -322,7 +322,8 @@ def _baseline(trial: Trial) -> dict[str, Any]:
 
 def _differences(before: Mapping[str, Any], trial: Trial) -> tuple[bool, list[str]]:
     """Whether a trial is worse than a baseline, and a line on every difference beyond rounding."""
-    from validation.study.sweep.diff import ABSOLUTE_FLOOR, RELATIVE_FLOOR, TOLERANCE  # loads SciPy
+    from validation.study.compare.metrics import rounding  # loads pyarrow
+    from validation.study.compare.sweeps import TOLERANCE  # loads pyarrow
 
     now, lines, worse = _baseline(trial), [], False
     ends = [(item["outcome"] == "completed", item["steps_completed"]) for item in (before, now)]
@@ -340,8 +341,7 @@ def _differences(before: Mapping[str, Any], trial: Trial) -> tuple[bool, list[st
                 worse = worse or new is None
                 lines.append(f"{name}: {'none' if old is None else old} -> {'none' if new is None else new}")
             continue
-        floor = max(RELATIVE_FLOOR * max(abs(old), abs(new)), ABSOLUTE_FLOOR.get(item.of.unit, 0.0))
-        if abs(new - old) > floor:
+        if abs(new - old) > rounding(max(abs(old), abs(new)), item.of.unit):
             limit = item.tolerance or 0.0
             grown = new - old > TOLERANCE * limit
             worse = worse or grown

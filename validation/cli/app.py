@@ -17,7 +17,7 @@ from typing import Annotated
 import typer
 
 import ampm
-from validation.cli import body, gaits, studies, survival, validate, view
+from validation.cli import body, compare, gaits, studies, survival, validate, view
 from validation.cli.console import print_json
 from validation.cli.errors import describe_error, explain, keep_traceback
 from validation.cli.options import Status, option
@@ -34,7 +34,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="rich",
 )
-for group in (gaits, validate, view, body, studies, survival):
+for group in (gaits, validate, view, body, studies, compare, survival):
     for command in group.app.registered_commands:
         # Typer joins the lines of a docstring's first paragraph only.
         paragraphs = str(command.callback.__doc__).split("\n\n")

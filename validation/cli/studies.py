@@ -1,4 +1,4 @@
-"""``ampm sweep``, ``diff``, ``compare``, ``people``, ``convergence``: several walks.
+"""``ampm sweep``, ``people``, ``convergence``: several walks.
 
 Commands import what they run: simulator, Pinocchio and NumPy take long to load.
 """
@@ -24,8 +24,6 @@ from validation.cli.options import (
     Scheduler,
     Settings,
     Status,
-    Steps,
-    Uncertainty,
     Workers,
     answer,
     check_picture,
@@ -33,11 +31,10 @@ from validation.cli.options import (
     with_short,
 )  # fmt: skip
 from validation.show.text import print_line, print_table
-from validation.store.folders import check_output_file, output_file
+from validation.store.folders import output_file
 from validation.table import print_tables
 
 if TYPE_CHECKING:
-    from validation.study.compare.pair import Pair
     from validation.study.people.compare import People
     from validation.study.sweep.table import SweepTable
 
@@ -49,13 +46,11 @@ SWEEP_EPILOG = (
     "worker that cannot load a class of yours): --resume goes on, 130 interrupted: --resume goes on. "
     "--dry-run: 0, or 2 if it is sure that every run is refused."
 )
-DIFF_EPILOG = "Exit status: 0 no regression beyond tolerance, 1 some, 2 bad input."
 CONVERGENCE_EPILOG = (
     "Exit status: 0 every metric is within its limit by more than its numerical uncertainty, 1 one is over "
     "it, undecided or not measured, 2 bad input or refused, 3 a walk of a numerical study did not complete, "
     "4 crash of ampm itself, 5 stopped from outside, 130 interrupted: --resume goes on."
 )
-_ENDED = {"completed": Status.PASS, "interrupted": Status.INTERRUPTED}
 _STUDIES = "time_step, ik_grid, qp_tolerance, contact_stiffness or contact_depth"
 
 
@@ -121,111 +116,6 @@ def _sweep_status(found: SweepTable) -> int:
     if ended == {State.REFUSED}:
         return Status.REFUSED
     return Status.PASS if ended <= {State.PASS, State.REFUSED} else Status.OUT_OF_TOLERANCE
-
-
-@app.command(epilog=DIFF_EPILOG)
-def diff(
-    a: Annotated[Path, typer.Argument(help="Sweep that is the reference: folder or table.", metavar="A")],
-    b: Annotated[Path, typer.Argument(help="Sweep that is compared with it.", metavar="B")],
-    tolerance: Annotated[
-        list[str] | None,
-        option(
-            "--tolerance",
-            "By which share of its limit a metric may grow (0.1 if not given); repeatable.",
-            "SHARE|METRIC=SHARE",
-        ),
-    ] = None,
-    uncertainty: Annotated[
-        Path | None,
-        option(
-            "--uncertainty",
-            "Numerical uncertainty of the metrics; smaller differences are ignored.",
-            "convergence.json",
-        ),
-    ] = None,
-    require_all: Annotated[
-        bool, option("--require-all", "Runs of A that B lacks are regressions, too.")
-    ] = False,
-    out: Annotated[Path | None, option("--out", "Write the comparison as a page.", "FILE.html")] = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> int:
-    """Compare two sweeps run by run: better, worse, newly failing, newly passing, missing.
-
-    Runs are matched by their parameters, whatever the revision. A difference below the noise is none: runs
-    repeat to the bit on one machine, so the noise is that of floating point, or of a convergence study.
-    """
-    from validation.study.sweep import diff_text
-    from validation.study.sweep.diff import compare_sweeps
-
-    if out is not None:
-        check_output_file(out, force=force)
-    found = compare_sweeps(a, b, tolerances=tolerance or (), uncertainty=uncertainty, require_all=require_all)
-    if out is not None:
-        diff_text.write_page(found, out, force=force)
-    answer(found, diff_text.describe_diff, diff_text.print_diff, as_json=as_json)
-    Narrator().wrote(out)
-    return Status.OUT_OF_TOLERANCE if found.regressions else Status.PASS
-
-
-@app.command()
-def compare(
-    a: Annotated[
-        str | None,
-        typer.Argument(help="Preset, TOML file, or run's folder; normal if none.", metavar="A"),
-    ] = None,
-    b: Annotated[
-        str | None,
-        typer.Argument(help="Likewise; if none, ipm, or A with two controllers.", metavar="B"),
-    ] = None,
-    settings: Settings = None,
-    as_is: AsIs = False,
-    steps: Steps = None,
-    body: Body = None,
-    controller: Annotated[
-        list[str] | None,
-        option("--controller", "Of both gaits; given twice, of A and of B.", "NAME|MODULE:CLASS"),
-    ] = None,
-    uncertainty: Uncertainty = None,
-    out: Annotated[Path | None, option("--out", "Keep the report, the numbers and the runs.", "DIR")] = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> int:
-    """Walk or load two gaits and compare them, mainly at the switches of support.
-
-    The default shows the effect of continuity up to the acceleration: the paper's gait beside the plain
-    inverted pendulum. No tolerances are judged: exit status 0 means that both walked to the end.
-    """
-    from validation.study.compare.pair import compare_pair
-
-    extra = with_short(settings, body=body, steps=steps)
-    b = b or (a if len(controller or ()) > 1 else "ipm")  # else gait and controller would differ
-    pair = compare_pair(
-        a, b, extra, as_is=as_is, controllers=controller or (), uncertainty=uncertainty or (), out=out,
-        force=force, stages=Narrator(),
-    )  # fmt: skip
-    answer(pair, type(pair).as_dict, print_pair, as_json=as_json)
-    if out is not None:
-        from validation.study.compare.report import write_pair  # loads matplotlib
-
-        write_pair(pair, out)
-    return max(_ENDED.get(side.outcome, Status.NOT_COMPLETED) for side in (pair.a, pair.b))
-
-
-def print_pair(pair: Pair) -> None:
-    """Print both sides for a reader."""
-    from validation.study.compare.report import facts, known, notes, tables  # loads matplotlib
-
-    columns = ["", f">{pair.a.label}", f">{pair.b.label}"]
-    print_table(f"{pair.a.label} and {pair.b.label}", columns, facts(pair))
-    if pair.parameters:
-        differ = [(key, str(one), str(two)) for key, (one, two) in pair.parameters.items()]
-        print_table("parameters that differ", columns, differ)
-    for group, rows in tables(pair).items():
-        short = [[text.replace("% of body weight", "% of weight") for text in row] for row in rows]
-        print_table(group, [*columns, "unit", ">ratio", "better"], short)
-    for line in (*notes(pair), known(pair)):
-        print_line(line)
 
 
 @app.command()

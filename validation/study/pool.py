@@ -211,6 +211,7 @@ def open_pool(
         yield _ThisProcess()
         return
     import dask  # slow to load
+    import distributed  # noqa: F401  # sets its defaults once: within `config.set` they would be lost at the end
 
     _silence()
     with dask.config.set(_SETTINGS):
@@ -352,7 +353,10 @@ def _local(workers: int) -> Iterator[Any]:
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+                n_workers=workers,
+                threads_per_worker=1,
+                dashboard_address="127.0.0.1:0",  # None would mean port 8787 of all interfaces
+                silence_logs=logging.CRITICAL,
             )
             client = Client(cluster, set_as_default=False)
         except RuntimeError as error:

@@ -1,21 +1,17 @@
-"""Quantities to compare two gaits by: about the switches of support, and metrics of the whole run.
+"""Quantities that two walks are compared by, all from stored signals: smaller is better.
 
-``ampm convergence`` studies the same quantities, so that a difference between two gaits can be compared with
-the numerical uncertainty of both.
+``ampm convergence`` studies those about the switches of support, too.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.geometry import Array
-from ampm.planner.support import StepPlan
 from validation.judge.metrics import METRICS, display_unit, rms
-from validation.judge.sizes import BODY_WEIGHT, DEFAULT_BODY, limit_in_si
 from validation.store.record import StoredRecord
 from validation.store.signals import Signals
 from validation.trial.record import SimulationRecord
@@ -24,30 +20,24 @@ WINDOW = 0.05
 """Half-width of the window about a switch [s]."""
 ACROSS = 0.02
 """Interval on either side of a switch over which the ground force is averaged for its change [s]."""
-GRIDS = (0.004, 0.002, 0.001)
-"""Largest steps of the inverse kinematics' grid on which the jump of joint accelerations is taken [s]."""
 
 
 class Quantity(NamedTuple):
-    """One quantity of both gaits; smaller is better.
+    """One quantity of a walk.
 
     Attributes:
         group: heading that it stands under.
         name: key in JSON; of a metric its name.
         label: in words.
         unit: as shown.
-        least: values below it are noise [unit].
         extreme: whether it is a largest value.
-        walked: whether it comes from a simulation; closed form and motion on a given grid do not.
     """
 
     group: str
     name: str
     label: str
     unit: str
-    least: float
     extreme: bool = False
-    walked: bool = True
 
     @property
     def studied_name(self) -> str:
@@ -70,107 +60,157 @@ class Quantity(NamedTuple):
         return table.get(self.unit, (1.0, self.unit))
 
 
-_PLAN, _JOINTS = "jump at a switch: the plan", "jump at a switch: joint accelerations of the motion"
-UNWALKED = tuple(
-    Quantity(*row, walked=False)
-    for row in (
-        (_PLAN, "plan_acceleration", "COM acceleration", "m/s²", 1e-9),
-        (_PLAN, "plan_force", "horizontal force", "% of body weight", 1e-9),
-        (_PLAN, "plan_zmp", "ZMP", "mm", 1e-9),
-        (_PLAN, "plan_moment", "moment about the COM", "N m", 1e-9),
-        *((_JOINTS, f"joint_{1e3 * h:g}ms", f"on a grid of {1e3 * h:g} ms", "rad/s²", 1.0) for h in GRIDS),
-        (_JOINTS, "joint_limit", "without a grid (extrapolated)", "rad/s²", 1.0),
-    )
+RELATIVE_FLOOR = 1e-6
+"""Share of a metric's value below which a difference is rounding [1].
+
+Perturbing the body's mass by 1e-15 to 1e-12 of itself moves every metric of `normal` and `momentum` that is
+not rounding itself by less than 1e-9 of its value; this is a thousand times that.
+"""
+ABSOLUTE_FLOOR: Mapping[str, float] = {"m": 1e-11, "N": 1e-8, "N m s": 1e-10, "1": 1e-12}
+"""The same in a metric's SI unit, for values near zero: ten times the largest observed effect of rounding."""
+
+
+def rounding(size: Array | float, unit: str) -> Any:
+    """Difference between two values that may be rounding.
+
+    Args:
+        size: of the values, in SI units.
+        unit: SI unit.
+    """
+    return np.fmax(RELATIVE_FLOOR * np.abs(size), ABSOLUTE_FLOOR.get(unit, 0.0))
+
+
+JUDGED, OTHER = "judged metrics", "cost"
+_COSTS = ("margin_torque", "margin_friction", "margin_slip", "energy_cost_of_transport")
+_PLAN = "jump of the plan at a switch, largest"
+PLAN = (
+    Quantity(_PLAN, "plan_acceleration", "COM acceleration", "m/s²", True),
+    Quantity(_PLAN, "plan_zmp", "ZMP", "mm", True),
+    Quantity(_PLAN, "plan_moment", "moment about the COM", "N m", True),
 )
+"""Quantities of the plan alone."""
 _NEAR = f"{1e3 * WINDOW:g} ms"
 _CHANGE = f"COM acceleration, mean of {1e3 * ACROSS:g} ms after less before"
-_FORCE = f"measured ground force, within {_NEAR} of a switch (median over switches)"
+_FORCE = f"ground force within {_NEAR} of a switch, median over switches"
 _ZMP, _TORQUE, _EFFORT = "ZMP error", "torque rates", "feedback: command minus plan"
 SWITCH = (
-    Quantity(_FORCE, "planned_change", f"{_CHANGE}: planned", "m/s²", 0.01),
-    Quantity(_FORCE, "measured_change", f"{_CHANGE}: measured", "m/s²", 0.01),
-    Quantity(_FORCE, "force_rate", "fastest change of the horizontal force", "body weights/s", 0.1, True),
-    Quantity(_FORCE, "vertical_force", "largest error of the vertical force", "% of body weight", 0.1, True),
-    Quantity(_ZMP, "zmp_x_near", f"x, RMSE within {_NEAR} of a switch", "mm", 0.05),
-    Quantity(_ZMP, "zmp_x_far", "x, RMSE elsewhere", "mm", 0.05),
-    Quantity(_ZMP, "zmp_y_near", f"y, RMSE within {_NEAR} of a switch", "mm", 0.05),
-    Quantity(_ZMP, "zmp_y_far", "y, RMSE elsewhere", "mm", 0.05),
-    Quantity(_TORQUE, "torque_rate_peak", f"fastest joint within {_NEAR} (median over switches)", "N m/ms",
-             0.1, True),
-    Quantity(_TORQUE, "torque_rate_near", f"RMS of all joints within {_NEAR}", "N m/ms", 0.01),
-    Quantity(_TORQUE, "torque_rate_far", "RMS of all joints elsewhere", "N m/ms", 0.01),
-    Quantity(_EFFORT, "effort_zmp_near", f"ZMP, RMS within {_NEAR}", "mm", 0.05),
-    Quantity(_EFFORT, "effort_zmp_far", "ZMP, RMS elsewhere", "mm", 0.05),
-    Quantity(_EFFORT, "effort_force_near", f"horizontal force, RMS within {_NEAR}", "% of body weight", 0.01),
-)  # fmt: skip
-"""Quantities of a walk that only a comparison reports."""
-_COSTS = {
-    "clearance_shortfall": 0.5e-3,
-    "speed_excess": 0.01,
-    "margin_torque": 0.01,
-    "margin_slip": 0.5e-3,
-    "margin_friction": 0.05,
-    "energy_cost_of_transport": 0.01,
-    "failed_qp": 1.0,
-}
-"""Metrics that have no limit or one of zero, and their noise [SI unit]."""
-_WHOLE = "the whole run"
-_NOISE = 0.02
-"""Share of a metric's default tolerance below which its value is noise [1]."""
+    Quantity(_FORCE, "planned_change", f"{_CHANGE}: planned", "m/s²"),
+    Quantity(_FORCE, "measured_change", f"{_CHANGE}: measured", "m/s²"),
+    Quantity(_FORCE, "force_rate", "fastest change of the horizontal force", "body weights/s", True),
+    Quantity(_FORCE, "vertical_force", "largest error of the vertical force", "% of body weight", True),
+    Quantity(_ZMP, "zmp_x_near", f"x, RMSE within {_NEAR} of a switch", "mm"),
+    Quantity(_ZMP, "zmp_x_far", "x, RMSE elsewhere", "mm"),
+    Quantity(_ZMP, "zmp_y_near", f"y, RMSE within {_NEAR} of a switch", "mm"),
+    Quantity(_ZMP, "zmp_y_far", "y, RMSE elsewhere", "mm"),
+    Quantity(_TORQUE, "torque_rate_peak", f"fastest joint within {_NEAR}, median", "N m/ms", True),
+    Quantity(_TORQUE, "torque_rate_near", f"RMS of all joints within {_NEAR}", "N m/ms"),
+    Quantity(_TORQUE, "torque_rate_far", "RMS of all joints elsewhere", "N m/ms"),
+    Quantity(_EFFORT, "effort_zmp_near", f"ZMP, RMS within {_NEAR}", "mm"),
+    Quantity(_EFFORT, "effort_zmp_far", "ZMP, RMS elsewhere", "mm"),
+    Quantity(_EFFORT, "effort_force_near", f"horizontal force, RMS within {_NEAR}", "% of body weight"),
+)
+"""Quantities about the switches that only a comparison reports."""
 
 
-def quantities(weight: float) -> Iterator[Quantity]:
-    """All compared quantities, in order: judged metrics of the walk, and its cost.
+def metric_entry(summary: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Value and tolerance of a metric in ``summary.json``; empty where it has none."""
+    section = METRICS[name].section
+    entry = summary.get(section or "metrics", {}).get(name.partition("_")[2] if section else name)
+    return entry if isinstance(entry, Mapping) else {"value": entry}
+
+
+def metric_limit(summary: Mapping[str, Any], name: str) -> float | None:
+    """Tolerance of a metric in ``summary.json``, as shown; None if it is not judged."""
+    limit: float | None = metric_entry(summary, name).get("display", {}).get("tolerance")
+    return limit
+
+
+def metric_quantities(weight: float, *summaries: Mapping[str, Any]) -> list[Quantity]:
+    """Metrics that one of the runs is judged by, and costs; without checks of the measurement itself.
 
     Args:
         weight: of the body [N].
+        summaries: contents of ``summary.json``.
     """
-    yield from UNWALKED
-    yield from SWITCH
-    for metric in METRICS.values():
-        factor, unit = display_unit(metric.unit, weight)
-        if metric.name in _COSTS:
-            least = factor * _COSTS[metric.name]
-        elif metric.kind != "instrument" and metric.tolerances:
-            # Limits on forces are shares of the body's weight, and so is their noise.
-            limit = metric.tolerances.get("default", max(metric.tolerances.values()))
-            own = metric.tolerance_unit
-            least = 100.0 * limit if own == BODY_WEIGHT else factor * limit_in_si(limit, own, DEFAULT_BODY)
-            least *= _NOISE
-        else:
-            continue
-        yield Quantity(_WHOLE, metric.name, metric.label, unit, least or 1e-12)  # a limit of zero
+    found = []
+    for name, metric in METRICS.items():
+        judged = any(metric_limit(summary, name) is not None for summary in summaries)
+        if name in _COSTS or (judged and metric.kind != "instrument"):
+            unit = display_unit(metric.unit, weight)[1]
+            group = JUDGED if judged else OTHER
+            found.append(Quantity(group, name, metric.label, unit, metric.nature == "extreme"))
+    return found
 
 
 def metric_values(summary: Mapping[str, Any], weight: float) -> dict[str, float]:
     """Values of all metrics in ``summary.json``, as shown; NaN where it has none."""
     found = {}
     for name, metric in METRICS.items():
-        section = summary.get(metric.section or "metrics", {})
-        entry = section.get(name.partition("_")[2] if metric.section else name)
-        value = entry.get("value") if isinstance(entry, Mapping) else entry
+        value = metric_entry(summary, name).get("value")
         found[name] = math.nan if value is None else display_unit(metric.unit, weight)[0] * value
     return found
 
 
-def switch_values(
-    plan: StepPlan, signals: Signals, record: SimulationRecord | StoredRecord
-) -> dict[str, float]:
+def switch_rows(signals: Signals) -> NDArray[np.intp]:
+    """First row after each planned switch of support, without the switches of the first step."""
+    return signals.switches()[2:]
+
+
+def plan_values(signals: Signals, mass: float) -> dict[str, float]:
+    """Quantities of :data:`PLAN`, from the stored samples of the plan; NaN without a switch.
+
+    Args:
+        signals: of the walk.
+        mass: of the body [kg].
+    """
+    rows = switch_rows(signals)
+    rows = rows[(rows >= 3) & (rows < len(signals) - 2)]
+    moment = np.diff(signals.vector("plan_angular_momentum", "xy"), axis=0) / np.diff(signals.time)[:, None]
+    return {
+        "plan_acceleration": _jump(signals.vector("plan_force") / mass, rows - 1, rows, 0.0),
+        "plan_zmp": 1e3 * _jump(signals.vector("plan_zmp", "xy"), rows - 1, rows, 0.0),
+        # Differences stand half a row later; that of the row before a switch mixes both sides.
+        "plan_moment": _jump(moment, rows - 2, rows, 0.5),
+    }
+
+
+def _jump(values: Array, last: NDArray[np.intp], first: NDArray[np.intp], reach: float) -> float:
+    """Largest jump of a sampled series between two rows, NaN without such rows.
+
+    The switch lies somewhere between the rows. Both sides are extrapolated, in straight lines, to both ends
+    of this interval. A continuous series has a zero between them, however its slope changes.
+
+    Args:
+        values: shape (n, axes).
+        last: rows before the jumps, shape (switches,).
+        first: rows after them.
+        reach: from ``last`` to the interval, and from the interval to ``first`` [rows].
+    """
+    if not last.size:
+        return math.nan
+    slope_before, slope_after = values[last] - values[last - 1], values[first + 1] - values[first]
+    begin = values[first] - (1.0 + reach) * slope_after - values[last] - reach * slope_before
+    end = values[first] - reach * slope_after - values[last] - (1.0 + reach) * slope_before
+    least = np.where(begin * end > 0.0, np.minimum(np.abs(begin), np.abs(end)), 0.0)
+    return float(least.max())
+
+
+def switch_values(signals: Signals, record: SimulationRecord | StoredRecord) -> dict[str, float]:
     """Quantities of :data:`SWITCH` in their shown units; NaN without a switch.
 
     Args:
-        plan: that was walked.
         signals: plan, command and measurement on one clock.
         record: of the walk.
     """
     time, weight = signals.time, record.mass * record.gravity
     steps = np.round(time / record.time_step).astype(np.intp)
     dt = int(steps[1] - steps[0]) * record.time_step
-    first = plan.constants.step_duration - 1e-9
-    switches = plan.contacts.switch_times
-    switches = switches[(switches >= first) & (switches < time[-1] - WINDOW)]
+    begin = signals.first_step()
+    rows = switch_rows(signals)
+    switches = time[rows[time[rows] < time[-1] - WINDOW]]
     distance = np.abs(time[:, None] - switches).min(axis=1, initial=np.inf)
-    rows = {"near": (time >= first) & (distance <= WINDOW), "far": (time >= first) & (distance > WINDOW)}
+    judged = np.arange(len(time)) >= begin
+    windows = {"near": judged & (distance <= WINDOW), "far": judged & (distance > WINDOW)}
 
     def peak(series: Array) -> float:
         """Largest value about a switch, median over switches."""
@@ -179,12 +219,12 @@ def switch_values(
 
     def change(force: Array) -> float:
         """Change of the horizontal force at a switch over the mass, median over switches."""
-        steps = []
+        changes = []
         for switch in switches - 1e-9:
             before = (time >= switch - ACROSS) & (time < switch)
             after = (time >= switch) & (time < switch + ACROSS)
-            steps.append(np.linalg.norm(force[after, :2].mean(axis=0) - force[before, :2].mean(axis=0)))
-        return float(np.median(steps)) / record.mass if steps else math.nan
+            changes.append(np.linalg.norm(force[after, :2].mean(axis=0) - force[before, :2].mean(axis=0)))
+        return float(np.median(changes)) / record.mass if changes else math.nan
 
     measured, planned = signals.vector("measured_force"), signals.vector("plan_force")
     force_rate = np.linalg.norm(np.diff(measured[:, :2], axis=0, append=measured[-1:, :2]), axis=1) / dt
@@ -202,7 +242,7 @@ def switch_values(
         "vertical_force": 100.0 * peak(np.abs(measured[:, 2] - planned[:, 2])) / weight,
         "torque_rate_peak": peak(torque_rate.max(axis=1)),
     }
-    for where, inside in rows.items():
+    for where, inside in windows.items():
         values |= {f"{name}_{where}": rms(series[inside]) for name, series in of_joints.items()}
         values |= {f"{name}_{where}": rms(series[inside]) * 2**0.5 for name, series in of_vectors.items()}
     return {item.name: values[item.name] for item in SWITCH}

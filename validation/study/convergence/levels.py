@@ -209,6 +209,6 @@ def values_of(walk: Comparison) -> dict[str, float]:
     if walk.record.outcome.completed:
         table, weight = signals_table(walk), walk.record.mass * walk.record.gravity
         signals = Signals({name: table.column(name).to_numpy() for name in table.column_names})
-        shown = switch_values(walk.plan, signals, walk.record)
+        shown = switch_values(signals, walk.record)
         values |= {item.studied_name: float(item.si_unit(weight)[0] * shown[item.name]) for item in SWITCH}
     return values

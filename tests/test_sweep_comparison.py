@@ -1,0 +1,209 @@
+"""Two canned sweeps compared: regressions are found, noise is none, and runs find their partners."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from ampm.exceptions import InputError
+from tests.saved_run import make_study
+from validation.judge.uncertainty import Uncertainty
+from validation.study.compare.metrics import ABSOLUTE_FLOOR
+from validation.study.compare.report import REPORT
+from validation.study.compare.sweeps import compare_sweeps
+from validation.study.sweep.table import METRIC, TABLE_METADATA, SweepTable
+
+LIMITS = {"zmp_x_rmse": 2.5e-3, "zmp_y_rmse": 1.5e-3, "failed_qp": 0.0}
+METADATA = {
+    "name": "canned",
+    "profile": "default",
+    "runs": 0,
+    "varied": ["gait.c_y"],
+    "tolerances": {name: {"limit": limit, "unit": "", "reason": ""} for name, limit in LIMITS.items()},
+    "columns": {METRIC + name: {"unit": "1" if name == "failed_qp" else "m"} for name in LIMITS},
+    "environment": {"processor": "one", "platform": "Linux", "versions": {"mujoco": "3.17.0"}},
+}
+
+
+def table(**changes) -> pa.Table:
+    """Ten completed runs; ``zmp_x_rmse=[...]`` replaces the first values of a column."""
+    numbers = np.arange(10)
+    columns: dict[str, Any] = {
+        "run": numbers,
+        "name": [f"{n:04d}" for n in numbers],
+        "key": [f"k{n}" for n in numbers],
+        "gait.c_y": 0.5 + 0.05 * numbers,
+        "body.mass": np.full(10, 60.0),
+        "outcome": ["completed"] * 10,
+        "verdict": ["pass"] * 10,
+        METRIC + "zmp_x_rmse": 1e-3 + 1e-5 * numbers,
+        METRIC + "zmp_y_rmse": np.full(10, 5e-4),
+        METRIC + "failed_qp": np.zeros(10),
+    }
+    for name, values in changes.items():
+        key = name if name in columns else METRIC + name
+        columns[key] = [*values, *list(columns[key])[len(values) :]]
+    metadata = {TABLE_METADATA: json.dumps(METADATA).encode()}
+    return pa.table({name: pa.array(values) for name, values in columns.items()}).replace_schema_metadata(
+        metadata
+    )
+
+
+def sweep(name: str = "A", rows: slice = slice(None), **changes) -> SweepTable:
+    found = table(**changes).take(np.arange(10)[rows])
+    return SweepTable(found, METADATA, None, name)
+
+
+def kinds(*sides, **options) -> list[str]:
+    return [change.kind for change in compare_sweeps(*sides, **options).changes]
+
+
+def test_equal_sweeps_have_no_difference_in_any_order():
+    found = compare_sweeps(sweep(), sweep("B", slice(None, None, -1)))
+    assert found.sentence == "No difference beyond noise in 10 matched runs."
+    assert [found.rows_b[row] for row in (0, 9)] == [9, 0]
+    assert not found.notes
+
+
+@pytest.mark.parametrize("factor", [1.0 + 1e-10, 1.0 - 5e-7])
+def test_rounding_is_no_difference(factor):
+    other = sweep("B", zmp_x_rmse=[1e-3 * factor], failed_qp=[0.1 * ABSOLUTE_FLOOR["1"]])
+    assert "No difference beyond noise" in compare_sweeps(sweep(), other).sentence
+
+
+def test_growth_is_a_regression_beyond_the_share_of_the_limit_that_is_allowed():
+    grown = sweep("B", zmp_x_rmse=[1e-3 + 0.15 * LIMITS["zmp_x_rmse"]])
+    for tolerances, changes in (
+        ((), ["worse_metrics"]),
+        (("0.2",), []),
+        (("zmp_x_rmse=0.2",), []),
+        (("0.2", "zmp_x_rmse=0"), ["worse_metrics"]),
+    ):
+        assert kinds(sweep(), grown, tolerances=tolerances) == changes
+    found = compare_sweeps(sweep(), grown)
+    assert found.sentence == "Regression in 10 matched runs: 1 with a metric worse beyond tolerance."
+    item = found.as_dict()["metrics"]["zmp_x_rmse"]
+    assert (item["better"], item["worse"], item["regressed"], item["worst"]["run"]) == (0, 1, 1, "0000")
+    assert kinds(sweep(), sweep("B", failed_qp=[1.0]), tolerances=["1e9"]) == [
+        "worse_metrics"
+    ]  # its limit is 0
+
+
+def test_a_lost_value_is_a_regression_and_a_found_one_is_none():
+    lost = sweep("B", zmp_x_rmse=[None, float("inf")])
+    assert kinds(sweep(), lost) == ["worse_metrics"] * 2
+    assert kinds(lost, sweep()) == []
+
+
+def test_no_difference_below_the_numerical_uncertainty_counts():
+    grown = sweep("B", zmp_x_rmse=[1.4e-3])
+    for bound, changes in ((3e-4, ["worse_metrics"]), (5e-4, []), (float("inf"), [])):
+        known = Uncertainty("normal", 6, "", {"zmp_x_rmse": bound}, {})
+        assert kinds(sweep(), grown, uncertainty=known) == changes
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "kind"),
+    [
+        (("completed", "pass"), ("fell", "not_measured"), "newly_failing"),
+        (("completed", "pass"), ("refused", None), "newly_failing"),
+        (("completed", "pass"), ("timed_out", None), "newly_failing"),
+        (("refused", None), ("fell", "not_measured"), "worse_outcome"),
+        (("fell", "not_measured"), ("refused", None), "better_outcome"),
+        (("fell", "not_measured"), ("crashed", None), "worse_outcome"),
+        (("fell", "not_measured"), ("diverged", "not_measured"), "other_change"),
+        (("fell", "not_measured"), ("completed", "pass"), "newly_passing"),
+        (("crashed", None), ("completed", "fail"), "better_outcome"),
+    ],
+)
+def test_outcomes(before, after, kind):
+    sides = (sweep(name, outcome=[end[0]], verdict=[end[1]]) for name, end in (("A", before), ("B", after)))
+    found = compare_sweeps(*sides)
+    assert [change.kind for change in found.changes] == [kind]
+    assert bool(found.regressions) == (kind in ("newly_failing", "worse_outcome"))
+
+
+def test_a_step_across_the_limit_counts_only_beyond_noise():
+    limit = LIMITS["zmp_y_rmse"]
+    below, above, far = (
+        sweep("B", zmp_y_rmse=[value], verdict=[verdict])
+        for value, verdict in (
+            (limit * (1 - 1e-8), "pass"),
+            (limit * (1 + 1e-8), "fail"),
+            (2 * limit, "fail"),
+        )
+    )
+    assert kinds(below, above) == kinds(above, below) == ["other_change"]
+    (change,) = compare_sweeps(sweep(), far).changes
+    assert (change.kind, change.metrics, change.parameters) == (
+        "newly_failing",
+        ("zmp_y_rmse",),
+        {"gait.c_y": 0.5},
+    )
+    assert kinds(far, sweep()) == ["newly_passing"]
+    assert kinds(sweep(), sweep("B", verdict=["fail"])) == [
+        "newly_failing"
+    ]  # a verdict without metrics counts
+
+
+def test_missing_runs_are_told_and_fail_if_all_are_required():
+    found = compare_sweeps(sweep(), sweep("B", slice(2, None)))
+    assert found.sentence.endswith("8 matched runs; 2 of the 10 runs of A are missing in B.")
+    assert not found.regressions
+    required = compare_sweeps(sweep(), sweep("B", slice(2, None)), require_all=True)
+    assert required.regressions == ["2 missing"]
+    assert not compare_sweeps(sweep("A", slice(2, None)), sweep("B"), require_all=True).regressions
+
+
+def test_a_parameter_that_was_changed_for_all_runs_is_noted():
+    heavy: dict[str, Any] = {"key": [f"h{n}" for n in range(10)], "body.mass": [70.0] * 10}
+    found = compare_sweeps(sweep(), sweep("B", **heavy))
+    assert len(found.rows_a) == 10
+    assert found.notes == ("body.mass is 60.0 in all runs of A, 70.0 in those of B",)
+    other: dict[str, Any] = {"gait.c_y": [0.1 + 0.01 * n for n in range(10)]}
+    with pytest.raises(InputError, match="no run of A is in B"):
+        compare_sweeps(sweep(), sweep("B", **heavy, **other))
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> list[str]:
+    """Tables of a sweep, and of one in which a run newly fails."""
+    paths = [tmp_path / "a.parquet", tmp_path / "b.parquet"]
+    for path, changes in zip(paths, ({}, {"zmp_y_rmse": [2e-3], "verdict": ["fail"]}), strict=True):
+        pq.write_table(table(**changes), path)
+    return [str(path) for path in paths]
+
+
+def test_command_line(folders, tmp_path, ampm):
+    a, b = folders
+    out = tmp_path / "both"
+    found = ampm("compare", a, b, "--out", out)
+    assert found.status == 1
+    assert found.out.splitlines()[0] == "Regression in 10 matched runs: 1 newly failing."
+    assert "1 newly failing" in (out / REPORT).read_text(encoding="utf-8")
+    assert ampm("compare", a, b, "--json").json["counts"]["newly_failing"] == 1
+    assert [ampm("compare", *pair).status for pair in ((b, a), (a, a))] == [0, 0]
+    study = make_study(tmp_path, {"zmp_y_rmse": 1.0})
+    assert ampm("compare", a, b, "--uncertainty", study).status == 0
+
+
+@pytest.mark.parametrize(
+    ("extra", "why"),
+    [
+        (["--tolerance", "much"], "--tolerance much"),
+        (["--tolerance", "nan"], "--tolerance nan"),
+        (["--tolerance", "zmp=0.1"], "--tolerance zmp=0.1"),
+        (["--uncertainty", "absent.json"], "absent.json"),
+        (["--planner", "dcm"], "without options of a gait"),
+        (["--out", "."], "not empty"),
+    ],
+)
+def test_bad_input(folders, extra, why, ampm):
+    found = ampm("compare", *folders, *extra)
+    assert (found.status, found.out, found.err.count("\n")) == (2, "", 1)
+    assert why in found.err
+    assert ampm("compare", folders[0], "normal").status == 2

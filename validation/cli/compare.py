@@ -1,0 +1,149 @@
+"""``ampm compare``: two gaits, two finished runs, or two sweeps."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ampm.exceptions import InputError
+from validation.cli.console import Narrator, print_json
+from validation.cli.options import (
+    AsIs,
+    Json,
+    Resume,
+    Settings,
+    Status,
+    Steps,
+    Uncertainty,
+    Workers,
+    option,
+    with_short,
+)
+from validation.show.text import print_line
+from validation.table import print_tables
+
+if TYPE_CHECKING:
+    from validation.study.compare.report import Result
+
+app = typer.Typer()
+
+EPILOG = (
+    "Exit status: 0 both walked to the end, or no regression; 1 a regression of a sweep, 2 bad input or "
+    "refused, 3 a walk did not complete, 4 crash of ampm itself, 5 stopped from outside: --resume goes on, "
+    "130 interrupted: --resume goes on."
+)
+
+
+@app.command(epilog=EPILOG)
+def compare(
+    a: Annotated[
+        str | None,
+        typer.Argument(help="Preset, TOML file, or folder of a run or sweep; normal if none.", metavar="A"),
+    ] = None,
+    b: Annotated[
+        str | None,
+        typer.Argument(help="Likewise; if none, ipm, or A where an option is given twice.", metavar="B"),
+    ] = None,
+    settings: Settings = None,
+    as_is: AsIs = False,
+    steps: Steps = None,
+    planner: Annotated[
+        list[str] | None,
+        option("--planner", "Of both; given twice, of A and of B.", "NAME|FILE.csv|.parquet|MODULE:CLASS"),
+    ] = None,
+    body: Annotated[
+        list[str] | None, option("--body", "Of both; given twice, of A and of B.", "NAME|FILE.toml")
+    ] = None,
+    controller: Annotated[
+        list[str] | None,
+        option("--controller", "Of both; given twice, of A and of B.", "NAME|MODULE:CLASS"),
+    ] = None,
+    quick: Annotated[bool, option("--quick", "Leave out the walks at half the time step.")] = False,
+    uncertainty: Uncertainty = None,
+    tolerance: Annotated[
+        list[str] | None,
+        option(
+            "--tolerance",
+            "Of sweeps: by which share of its limit a metric may grow (0.1 if not given); repeatable.",
+            "SHARE|METRIC=SHARE",
+        ),
+    ] = None,
+    require_all: Annotated[
+        bool, option("--require-all", "Of sweeps: runs of A that B lacks are regressions, too.")
+    ] = False,
+    workers: Workers = None,
+    out: Annotated[Path | None, option("--out", "Keep the page, the numbers and the runs.", "DIR")] = None,
+    resume: Resume = False,
+    as_json: Json = False,
+) -> int:
+    """Compare two gaits, which are walked, two finished runs, or two sweeps run by run.
+
+    The first line says which is better, in how many metrics, and where the difference is largest. Gaits walk
+    at half their time step, too: only a difference larger than the metrics change by that counts. Sweeps are
+    matched by the parameters of their runs, A is the reference, and a regression is told by the status.
+    """
+    from validation.study.compare.report import check_folder, write_comparison
+
+    if resume and out is None:
+        raise InputError("--resume needs the folder of the comparison; give --out DIR.")
+    if out is not None:
+        check_folder(out, resume=resume)
+    choices = {"planner": planner or [], "body": body or [], "controller": controller or []}
+    sweeps = [text for text in (a, b) if text and _is_sweep(Path(text))]
+    found: Result
+    if sweeps:
+        if len(sweeps) < 2 or settings or steps is not None or as_is or quick or any(choices.values()):
+            raise InputError(
+                f"{sweeps[0]} is a sweep; compare it with another sweep, without options of a gait."
+            )
+        if len(uncertainty or ()) > 1:
+            raise InputError("--uncertainty: of two sweeps one convergence study is enough; give one.")
+        from validation.study.compare.sweeps import compare_sweeps
+
+        known = uncertainty[0] if uncertainty else None
+        diff = compare_sweeps(*sweeps, tolerances=tolerance or (), uncertainty=known, require_all=require_all)
+        found, status = diff, Status.OUT_OF_TOLERANCE if diff.regressions else Status.PASS
+    else:
+        if tolerance or require_all:
+            raise InputError("--tolerance and --require-all are of sweeps; leave them out.")
+        from validation.study.compare.walks import compare_pair
+
+        extra = with_short(settings, steps=steps)
+        try:
+            pair = compare_pair(
+                a,
+                b,
+                extra,
+                choices=choices,
+                as_is=as_is,
+                half_step=not quick,
+                uncertainty=uncertainty or (),
+                folder=out,
+                workers=workers,
+                progress=Narrator(),
+            )
+        except KeyboardInterrupt as error:
+            if out is not None:
+                again = shlex.join(["ampm", *sys.argv[1:], *([] if resume else ["--resume"])])
+                error.add_note(f"finished runs are kept; go on with {again}")
+            raise
+        completed = {pair.a.outcome, pair.b.outcome} == {"completed"}
+        found, status = pair, Status.PASS if completed else Status.NOT_COMPLETED
+    if out is not None:
+        write_comparison(found, out)
+    if as_json:
+        print_json(found.as_dict())
+    else:
+        print_line(found.sentence, "bold")
+        print_tables(found.tables())
+    Narrator().wrote(out)
+    return status
+
+
+def _is_sweep(path: Path) -> bool:
+    """Whether a path names a sweep: its folder or its table."""
+    from validation.study.sweep.table import is_sweep  # loads pyarrow
+
+    return path.suffix == ".parquet" or is_sweep(path)

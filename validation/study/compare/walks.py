@@ -1,0 +1,207 @@
+"""The walks of a comparison: two gaits, or finished runs, with what differs between them as their names."""
+
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+from ampm.exceptions import InputError
+from ampm.run_file import load_run
+from validation.judge.profiles import own_profile
+from validation.judge.uncertainty import load_uncertainty, matching
+from validation.progress import Progress
+from validation.run.walk import walk_planned
+from validation.store.machine import cores
+from validation.store.saved import RUN_FILE, SUMMARY_FILE
+from validation.study.compare.pair import Pair, load_side, pair_of
+from validation.study.many import Task, walk_many
+from validation.study.row_file import Row
+from validation.study.walk_options import users_classes
+from validation.trial.outcome import OutcomeName
+from validation.trial.plan import Request, load_request, plan_walk
+from validation.trial.users import UsersError
+
+CHOICES = {"planner": "gait.planner", "body": "body.source", "controller": "controller.name"}
+"""Options of which one may be given twice, and their keys."""
+_HALF = "-half-step"
+
+
+def compare_pair(
+    a: str | None = None,
+    b: str | None = None,
+    settings: Sequence[str] = (),
+    *,
+    choices: Mapping[str, Sequence[str]] | None = None,
+    as_is: bool = False,
+    half_step: bool = True,
+    uncertainty: Sequence[Path] = (),
+    folder: Path | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Pair:
+    """Walk or load two gaits and compare them.
+
+    Args:
+        a: preset, TOML file, folder of a run, or None for `normal` or the own gait of another body.
+        b: likewise; None for ``a`` if an option is given twice, else for `ipm`.
+        settings: ``key=value`` texts for the gaits that are to be walked.
+        choices: option of :data:`CHOICES` to its value for both sides, or to one value for each.
+        as_is: find nothing that the gaits leave open.
+        half_step: walk every gait at half the time step, too.
+        uncertainty: ``convergence.json`` of both gaits; they take the place of these walks.
+        folder: keeps runs and rows, and what is there is not walked again; None keeps nothing.
+        workers: processes, one per core by default, 0 to walk in this very process.
+        progress: where to report.
+
+    Raises:
+        InputError, MathematicalRefusal, BodilyRefusal: a gait or folder cannot be used.
+        StudyStopped: a full disk, or workers that cannot work; finished runs are kept.
+        KeyboardInterrupt: Ctrl-C; finished runs are kept.
+    """
+    progress = progress or Progress()
+    sources = _sources(a, b, settings, choices or {}, as_is=as_is)
+    studies = [load_uncertainty(file) for file in uncertainty]
+    requests = {  # with the values that are found; a refused gait is named before the first walk
+        label: plan_walk(source, progress).request
+        for label, source in sources.items()
+        if isinstance(source, Request)
+    }
+    known = [
+        matching(studies, source if isinstance(source, Request) else _request(label, source))
+        if studies
+        else None
+        for label, source in ({**sources, **requests}).items()
+    ]
+    place = nullcontext(folder) if folder else tempfile.TemporaryDirectory(prefix="ampm-compare-")
+    with place as path:
+        at = Path(path)
+        names = dict(zip(sources, "ab", strict=True))
+        walks = {names[label]: request for label, request in requests.items()}
+        halves = _walk(walks, at, half_step=half_step and not studies, workers=workers, progress=progress)
+        sides = []
+        for (label, name), study in zip(names.items(), known, strict=True):
+            run = at / name if label in requests else Path(str(sources[label]))
+            sides.append(load_side(label, run, at / f"{name}{_HALF}" if name in halves else None, study))
+    return pair_of(*sides)
+
+
+def _sources(
+    a: str | None,
+    b: str | None,
+    settings: Sequence[str],
+    choices: Mapping[str, Sequence[str]],
+    *,
+    as_is: bool,
+) -> dict[str, Request | Path]:
+    """Gaits or folders of runs, by their name in tables.
+
+    Raises:
+        InputError: one cannot be used, both are the same, or an option is given too often.
+    """
+    twice = {option: len(values) for option, values in choices.items() if len(values) > 1}
+    if len(twice) > 1 or max(twice.values(), default=0) > 2:
+        times = ", ".join(f"--{option} is given {count} times" for option, count in twice.items())
+        raise InputError(f"{times}; give one option twice, for A and for B, and any other once, for both.")
+    sources: list[Request | Path] = []
+    for side, text in enumerate((a, b or (a if twice else "ipm"))):
+        if text and Path(text).is_dir():
+            if not (Path(text) / SUMMARY_FILE).is_file():
+                raise InputError(
+                    f"{text} is no folder of a finished run; give a preset, a TOML file, the folder of a "
+                    "run, or two sweeps."
+                )
+            sources.append(Path(text))
+        else:
+            own = (
+                _setting(CHOICES[key], values[-1 if side else 0]) for key, values in choices.items() if values
+            )
+            sources.append(load_request(text, [*settings, *own], as_is=as_is))
+    walked = [source for source in sources if isinstance(source, Request)]
+    if not walked and (settings or any(choices.values())):
+        raise InputError(
+            "both sides are runs that are already walked, so options of a gait have nothing to change; leave "
+            "them out."
+        )
+    if len(walked) == 2 and walked[0].run == walked[1].run:
+        raise InputError(
+            f"A and B are the same walk of {walked[0].name}; give another gait as B, or --planner, --body or "
+            "--controller twice."
+        )
+    return dict(zip(_labels(sources, named=bool(twice)), sources, strict=True))
+
+
+def _request(label: str, folder: Path) -> Request:
+    """The request of a finished run."""
+    return Request(label, load_run(folder / RUN_FILE, ()))
+
+
+def _setting(key: str, value: str) -> str:
+    """A setting of a text; a file's path is absolute."""
+    return f"{key}={json.dumps(str(Path(value).resolve()) if Path(value).is_file() else value)}"
+
+
+def _labels(sources: Sequence[Request | Path], *, named: bool) -> list[str]:
+    """Names of both sides, with the options that differ between them if they are equal or ``named``."""
+    labels = [item.name if isinstance(item, Request) else item.resolve().name for item in sources]
+    if named or labels[0] == labels[1]:
+        runs = [item.run if isinstance(item, Request) else load_run(item / RUN_FILE, ()) for item in sources]
+        differ = {key: [Path(str(run.value(CHOICES[key]))).name for run in runs] for key in CHOICES}
+        options = [(key, values) for key, values in differ.items() if values[0] != values[1]]
+        own = [", ".join(f"{key} {values[side]}" for key, values in options) for side in (0, 1)]
+        if labels[0] != labels[1]:
+            labels = [f"{label}, {text}" for label, text in zip(labels, own, strict=True)]
+        elif options:
+            labels = own
+    return labels if labels[0] != labels[1] else [f"{labels[0]} (A)", f"{labels[1]} (B)"]
+
+
+def walk_side(request: Request, folder: str, controller: Any = None, planner: Any = None) -> Row:
+    """Walk one side, on a worker, and keep the run in a folder."""
+    profile = own_profile(request.name, footsteps=bool(request.run.footsteps))
+    trial = walk_planned(plan_walk(request, planner=planner), profile, controller=controller)
+    if trial.record.outcome.name == OutcomeName.INTERRUPTED:
+        raise KeyboardInterrupt
+    trial.save(folder, force=True, recording=False)
+    return {"outcome": str(trial.record.outcome.name)}
+
+
+def _walk(
+    requests: Mapping[str, Request],
+    place: Path,
+    *,
+    half_step: bool,
+    workers: int | None,
+    progress: Progress,
+) -> list[str]:
+    """Walk all requests into folders of their names; returns those that completed at half the time step, too.
+
+    Raises:
+        InputError, UsersError: a walk was refused, or a user's class failed.
+        RuntimeError: a walk crashed.
+    """
+    tasks = []
+    for name, request in requests.items():
+        runs = {name: request.run}
+        if half_step:  # it takes longest, so it begins first
+            time_step = 0.5 * request.run.simulation.time_step
+            runs = {f"{name}{_HALF}": request.run.replace({"simulation.time_step": time_step}), **runs}
+        for key, run in runs.items():
+            options = {"request": Request(request.name, run, request.changed), "folder": str(place / key)}
+            tasks.append(Task(key, walk_side, {**options, **users_classes(run)}))
+    if not tasks:
+        return []
+    halves, count = [], min(cores() if workers is None else workers, len(tasks))
+    for row in walk_many(tasks, place, workers=count, label="walks", progress=progress):
+        name, cause = row["key"].removesuffix(_HALF), row.get("cause", "")
+        if row["key"] != name:
+            if row["outcome"] == OutcomeName.COMPLETED:
+                halves.append(name)
+            else:
+                progress.say(f"{name.upper()} at half the time step: {row['outcome']}. {cause}")
+        elif "reason" in row:
+            text = f"{requests[name].title}: {cause}"
+            kinds = {"refused": InputError, UsersError.__name__: UsersError}
+            raise kinds.get(row["outcome"], kinds.get(row["reason"], RuntimeError))(text)
+    return halves
